@@ -1,0 +1,185 @@
+//! The closed set of all that can happen to the engine. The DDS bridge, the operator's page,
+//! simulation, scenarios, recordings and tests all feed this one type.
+
+use std::ops::Range;
+
+use super::state::State;
+use super::time::Timestamp;
+
+/// One thing that happened. Handled by [`Engine::handle`](super::Engine::handle), nowhere else.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Input {
+    /// One `diagnostic_msgs/DiagnosticArray`.
+    Diagnostics(StatusArray),
+    /// A sample of a signal that the configuration names.
+    Signal { name: Box<str>, value: bool },
+    /// Something about the reception itself went wrong.
+    Reception(ReceptionTrouble),
+    /// An operator did something on the page.
+    Operator(OperatorAction),
+    /// Nothing but time passed.
+    Tick,
+}
+
+/// An input with the instant of its receipt on the monotonic clock.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stamped {
+    pub input: Input,
+    pub received: Timestamp,
+}
+
+/// A fault of the reception: counted for its topic and shown to the developer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ReceptionTrouble {
+    /// As ROS names it: `/diagnostics`.
+    pub topic: Box<str>,
+    pub kind: TroubleKind,
+    /// How many messages this one input stands for.
+    pub count: u64,
+    /// What was wrong, for a developer.
+    pub text: Box<str>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum TroubleKind {
+    /// The bytes are not what the type says.
+    Malformed,
+    /// A publisher offers the topic with another type.
+    WrongType,
+    /// Sequence numbers are missing.
+    Lost,
+}
+
+/// What an operator may do. Whether it is granted is the engine's answer, see [`Response`].
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum OperatorAction {
+    Login { name: Box<str> },
+    Logout,
+}
+
+/// The engine's answer to an input.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Response {
+    Done,
+    /// Nothing was changed; one reason for each check that failed.
+    Refused(Vec<Refusal>),
+}
+
+/// Why an operator's action was refused. The page puts it into words.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Refusal {
+    /// Logging out while the vehicle drives would leave it without a display.
+    LogoutWhileActive,
+}
+
+/// The statuses of one `diagnostic_msgs/DiagnosticArray`. All text lies in one buffer, so an
+/// array of a thousand statuses costs three allocations.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct StatusArray {
+    text: String,
+    statuses: Vec<StatusSpans>,
+    values: Vec<(Range<u32>, Range<u32>)>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct StatusSpans {
+    level: u8,
+    name: Range<u32>,
+    message: Range<u32>,
+    hardware_id: Range<u32>,
+    values: Range<u32>,
+}
+
+impl StatusArray {
+    pub fn with_capacity(statuses: usize, text_bytes: usize) -> StatusArray {
+        StatusArray {
+            text: String::with_capacity(text_bytes),
+            statuses: Vec::with_capacity(statuses),
+            values: Vec::new(),
+        }
+    }
+
+    /// Appends a status; the values pushed next belong to it.
+    pub fn push_status(&mut self, level: u8, name: &str, message: &str, hardware_id: &str) {
+        let name = self.append(name);
+        let message = self.append(message);
+        let hardware_id = self.append(hardware_id);
+        let first = self.values.len() as u32;
+        self.statuses.push(StatusSpans { level, name, message, hardware_id, values: first..first });
+    }
+
+    /// Appends a key and its value to the last status. Without a status it does nothing.
+    pub fn push_value(&mut self, key: &str, value: &str) {
+        if self.statuses.is_empty() {
+            return;
+        }
+        let pair = (self.append(key), self.append(value));
+        self.values.push(pair);
+        if let Some(status) = self.statuses.last_mut() {
+            status.values.end += 1;
+        }
+    }
+
+    pub fn len(&self) -> usize {
+        self.statuses.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.statuses.is_empty()
+    }
+
+    pub fn get(&self, index: usize) -> Status<'_> {
+        Status { array: self, spans: &self.statuses[index] }
+    }
+
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = Status<'_>> {
+        self.statuses.iter().map(move |spans| Status { array: self, spans })
+    }
+
+    fn append(&mut self, text: &str) -> Range<u32> {
+        let start = self.text.len() as u32;
+        self.text.push_str(text);
+        start..self.text.len() as u32
+    }
+
+    fn text(&self, range: &Range<u32>) -> &str {
+        &self.text[range.start as usize..range.end as usize]
+    }
+}
+
+/// One `diagnostic_msgs/DiagnosticStatus`, borrowed from its array.
+#[derive(Debug, Clone, Copy)]
+pub struct Status<'a> {
+    array: &'a StatusArray,
+    spans: &'a StatusSpans,
+}
+
+impl<'a> Status<'a> {
+    /// The level byte as it was received.
+    pub fn level(self) -> u8 {
+        self.spans.level
+    }
+
+    pub fn state(self) -> State {
+        State::from_level(self.spans.level)
+    }
+
+    pub fn name(self) -> &'a str {
+        self.array.text(&self.spans.name)
+    }
+
+    pub fn message(self) -> &'a str {
+        self.array.text(&self.spans.message)
+    }
+
+    pub fn hardware_id(self) -> &'a str {
+        self.array.text(&self.spans.hardware_id)
+    }
+
+    pub fn values(self) -> impl ExactSizeIterator<Item = (&'a str, &'a str)> {
+        let array = self.array;
+        array.values[self.spans.values.start as usize..self.spans.values.end as usize]
+            .iter()
+            .map(move |(key, value)| (array.text(key), array.text(value)))
+    }
+}

@@ -1,0 +1,238 @@
+//! What the configuration says, checked: the parts of the vehicle, what they depend on and when
+//! they matter. `config` makes it from files; tests make it by hand. It cannot be wrong: see
+//! [`Model::new`].
+
+use std::sync::Arc;
+
+use super::filter::Filter;
+use super::graph::{Cycle, Order};
+use super::state::State;
+use super::time::Span;
+
+/// Index of a group in [`Parts::groups`]. Parents stand before their children.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct GroupId(pub u32);
+
+/// Index of a module: declared modules in configuration order, then discovered ones in order of arrival.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ModuleId(pub u32);
+
+/// A group or a module.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum NodeId {
+    Group(GroupId),
+    Module(ModuleId),
+}
+
+/// A text in the languages of the HMI.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Text {
+    pub en: Arc<str>,
+    pub de: Arc<str>,
+}
+
+impl Text {
+    /// The same words in every language.
+    pub fn plain(text: &str) -> Text {
+        let text: Arc<str> = Arc::from(text);
+        Text { en: text.clone(), de: text }
+    }
+}
+
+/// Which stages the vehicle knows (`ENGINE.md` 9).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StageModel {
+    /// The shuttle's: locked until an operator logs in.
+    Shuttle,
+    /// A machine that is no shuttle: always active.
+    None,
+}
+
+/// Stage of the vehicle (paper, Sec. IV-B).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Stage {
+    Locked,
+    Localizing,
+    Standby,
+    Cleared,
+    Active,
+}
+
+impl Stage {
+    pub const ALL: [Stage; 5] =
+        [Stage::Locked, Stage::Localizing, Stage::Standby, Stage::Cleared, Stage::Active];
+
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Stage::Locked => "locked",
+            Stage::Localizing => "localizing",
+            Stage::Standby => "standby",
+            Stage::Cleared => "cleared",
+            Stage::Active => "active",
+        }
+    }
+
+    pub fn from_word(word: &str) -> Option<Stage> {
+        Stage::ALL.into_iter().find(|stage| stage.as_str() == word)
+    }
+}
+
+/// A named boolean of the vehicle, fed from a topic.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SignalSpec {
+    pub name: Box<str>,
+    pub source: FieldSource,
+    /// Older than this, it is unknown.
+    pub timeout: Option<Span>,
+    /// True for this long after each receipt, false before and after: for topics whose
+    /// message is an event (a goal), not a level.
+    pub present_for: Option<Span>,
+}
+
+/// A field of a ROS 2 topic.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FieldSource {
+    /// As ROS names it: `/mission/active`.
+    pub topic: Box<str>,
+    /// `package/msg/Name`.
+    pub type_name: Box<str>,
+    /// Path of the field, `data`.
+    pub field: Box<str>,
+}
+
+/// When a node is relevant. Every condition must hold.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct When {
+    /// Stages in which the node matters. Empty: every stage but `locked`.
+    pub stages: Vec<Stage>,
+    /// Index into [`Parts::signals`] and the value asked for.
+    pub signals: Vec<(usize, bool)>,
+}
+
+/// How a group folds its members.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Combine {
+    /// The worst member counts.
+    Worst,
+    /// Redundant members: the best one counts.
+    Any,
+}
+
+/// What a node needs in order to be judged.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Dependency {
+    pub on: DependsOn,
+    /// UNKNOWN masks too, not only ERROR.
+    pub masks_unknown: bool,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum DependsOn {
+    Node(NodeId),
+    /// A redundancy set: it blocks when every member does. Never empty.
+    AnyOf(Vec<NodeId>),
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct GroupSpec {
+    /// Path of ids, `a/b`.
+    pub path: Arc<str>,
+    pub name: Text,
+    pub parent: Option<GroupId>,
+    pub combine: Combine,
+    pub when: Option<When>,
+    pub depends_on: Vec<Dependency>,
+    /// Statuses that match any of these become modules of this group.
+    pub filters: Vec<Filter>,
+    /// Column and row of the tile on the operator's page, counted from 1; laid out by itself if absent.
+    pub tile: Option<(u8, u8)>,
+}
+
+/// How a module's reports become its own state (`ENGINE.md` 2).
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Policy {
+    /// Silence longer than this makes the module stale.
+    pub timeout: Span,
+    /// The state of a silent module: UNKNOWN, WARNING or ERROR.
+    pub stale: State,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModuleSpec {
+    /// `group/module`, with the whole path of the group.
+    pub id: Arc<str>,
+    pub name: Option<Text>,
+    /// What the operator should do about it.
+    pub help: Option<Text>,
+    pub group: GroupId,
+    pub policy: Policy,
+    pub when: Option<When>,
+    pub depends_on: Vec<Dependency>,
+    pub monitor: MonitorSpec,
+}
+
+/// What a module watches (`ENGINE.md` 7).
+#[derive(Debug, Clone, PartialEq)]
+pub enum MonitorSpec {
+    /// The level in the status of exactly this name.
+    SelfState { status: Arc<str> },
+}
+
+/// Bounds on everything that is fed from outside.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Limits {
+    /// Modules made at run time, and unmatched names remembered, in all.
+    pub discovered_modules: usize,
+    pub values_per_status: usize,
+    pub string_bytes: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Limits {
+        Limits { discovered_modules: 4096, values_per_status: 256, string_bytes: 4096 }
+    }
+}
+
+/// The parts of a vehicle and their relations, as written down; [`Model::new`] checks them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parts {
+    pub vehicle_id: Arc<str>,
+    pub vehicle_name: Text,
+    pub stages: StageModel,
+    pub signals: Vec<SignalSpec>,
+    pub groups: Vec<GroupSpec>,
+    pub modules: Vec<ModuleSpec>,
+    /// Policy of modules that are made at run time.
+    pub discovered: Policy,
+    pub limits: Limits,
+}
+
+/// Parts whose references exist and whose dependencies have an order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model {
+    parts: Parts,
+    pub(super) order: Order,
+}
+
+impl Model {
+    /// # Errors
+    /// The first cycle of dependencies, in configuration order (`ENGINE.md` 4).
+    ///
+    /// # Panics
+    /// If an id in `parts` points outside of it: ids are made by whoever made the parts.
+    pub fn new(parts: Parts) -> Result<Model, Cycle> {
+        let order = Order::of(&parts)?;
+        Ok(Model { parts, order })
+    }
+}
+
+impl std::ops::Deref for Model {
+    type Target = Parts;
+
+    fn deref(&self) -> &Parts {
+        &self.parts
+    }
+}
+
+/// The signal that the stage machine follows, when the model has it.
+pub const ACTIVE_SIGNAL: &str = "active";

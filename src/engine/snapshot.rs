@@ -1,0 +1,232 @@
+//! The immutable result: what every part of the vehicle shows at one instant, and why.
+//!
+//! A snapshot is cheap to make and to keep: parts that did not change are shared with the one before.
+
+use std::sync::Arc;
+
+use super::input::TroubleKind;
+use super::model::{DependsOn, GroupId, ModuleId, NodeId, Stage, Text};
+use super::persistent::PersistentVec;
+use super::state::State;
+use super::time::Timestamp;
+
+/// The state of the whole vehicle at one instant.
+#[derive(Debug, Clone)]
+pub struct Snapshot {
+    /// Grows by one with every input or deadline that changed what is shown.
+    pub seq: u64,
+    pub now: Timestamp,
+    pub stage: Stage,
+    /// The operator in the seat, if one is logged in.
+    pub operator: Option<Arc<str>>,
+    /// The fold of the top-level groups; IGNORE if all are ignored.
+    pub overall: State,
+    pub layout: Arc<Layout>,
+    /// By [`GroupId`].
+    pub groups: PersistentVec<GroupView>,
+    /// By [`ModuleId`].
+    pub modules: PersistentVec<ModuleView>,
+    /// Ranked, worst first (`ENGINE.md` 6).
+    pub roots: Arc<[RootCause]>,
+    /// Active or not acknowledged, by number.
+    pub alarms: Arc<[Alarm]>,
+    /// By position in the model's signals; `None` is unknown.
+    pub signals: Arc<[(Box<str>, Option<bool>)]>,
+    /// Faults of the reception by topic, in order of first appearance.
+    pub reception: Arc<[Reception]>,
+    pub counters: Counters,
+}
+
+impl Snapshot {
+    pub fn group(&self, id: GroupId) -> (&GroupInfo, &GroupView) {
+        (&self.layout.groups[id.0 as usize], &self.groups[id.0 as usize])
+    }
+
+    pub fn module(&self, id: ModuleId) -> (&ModuleInfo, &ModuleView) {
+        (&self.layout.modules[id.0 as usize], &self.modules[id.0 as usize])
+    }
+
+    /// The tiles: groups without a parent, but not `other`, in configuration order.
+    pub fn tiles(&self) -> impl Iterator<Item = GroupId> {
+        (0..self.layout.groups.len() as u32).map(GroupId).filter(|&id| {
+            let group = &self.layout.groups[id.0 as usize];
+            group.parent.is_none() && !group.is_other
+        })
+    }
+
+    /// The name of a node in paths and on the wire: `a/b` or `a/b/module`.
+    pub fn node_name(&self, node: NodeId) -> &Arc<str> {
+        match node {
+            NodeId::Group(id) => &self.layout.groups[id.0 as usize].path,
+            NodeId::Module(id) => &self.layout.modules[id.0 as usize].id,
+        }
+    }
+
+    /// Finds a node by the name of [`Snapshot::node_name`]. Walks all names: for pages and tests.
+    pub fn node(&self, name: &str) -> Option<NodeId> {
+        let group = self.layout.groups.iter().position(|group| &*group.path == name);
+        let module = || self.layout.modules.iter().position(|module| &*module.id == name);
+        group
+            .map(|index| NodeId::Group(GroupId(index as u32)))
+            .or_else(|| module().map(|index| NodeId::Module(ModuleId(index as u32))))
+    }
+
+    /// What a node shows, and why where that is IGNORE.
+    pub fn shown(&self, node: NodeId) -> (State, Option<&Reason>) {
+        match node {
+            NodeId::Group(id) => {
+                let view = &self.groups[id.0 as usize];
+                (view.state, view.reason.as_ref())
+            }
+            NodeId::Module(id) => {
+                let view = &self.modules[id.0 as usize];
+                (view.state, view.reason.as_ref())
+            }
+        }
+    }
+}
+
+/// Names and structure; the same for all snapshots until a module is discovered.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layout {
+    pub vehicle_id: Arc<str>,
+    pub vehicle_name: Text,
+    /// By [`GroupId`]; parents stand before their children, `other` is last.
+    pub groups: Vec<GroupInfo>,
+    /// By [`ModuleId`].
+    pub modules: Vec<Arc<ModuleInfo>>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct GroupInfo {
+    pub path: Arc<str>,
+    pub name: Text,
+    pub parent: Option<GroupId>,
+    pub groups: Vec<GroupId>,
+    pub modules: Vec<ModuleId>,
+    pub depends_on: Vec<DependsOn>,
+    pub tile: Option<(u8, u8)>,
+    /// The group of statuses that nothing claims: for developers, never counted.
+    pub is_other: bool,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModuleInfo {
+    pub id: Arc<str>,
+    pub name: Option<Text>,
+    pub help: Option<Text>,
+    pub group: GroupId,
+    pub depends_on: Vec<DependsOn>,
+    pub discovered: bool,
+    pub class: Class,
+}
+
+/// Where a diagnosis stands in the paper's classification (Sec. III-B).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Class {
+    /// `isolated` or `contextual`.
+    pub location: &'static str,
+    /// `content` or `meta`.
+    pub information: &'static str,
+    /// `sequential` or `parallel`, where data flows.
+    pub flow: Option<&'static str>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct GroupView {
+    /// What is shown.
+    pub state: State,
+    /// What its members report, as if nothing were masked.
+    pub own: State,
+    /// Since when it shows this state for this kind of reason.
+    pub since: Timestamp,
+    /// Direct members shown OK, of those not ignored.
+    pub ok: u32,
+    pub counted: u32,
+    pub reason: Option<Reason>,
+    /// For a group in ERROR or masked: from the group to each root, shortest, both ends included.
+    pub paths: Arc<[Path]>,
+}
+
+/// Nodes from a symptom to a root cause.
+pub type Path = Arc<[NodeId]>;
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModuleView {
+    pub state: State,
+    pub own: State,
+    pub since: Timestamp,
+    /// When its last status came; `None` if never.
+    pub received: Option<Timestamp>,
+    /// Nothing came for its timeout.
+    pub silent: bool,
+    pub reason: Option<Reason>,
+    pub report: Arc<Report>,
+}
+
+/// The words of a status, kept while they do not change.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Report {
+    pub message: Box<str>,
+    pub hardware_id: Box<str>,
+    pub values: Vec<(Box<str>, Box<str>)>,
+}
+
+/// Why a node shows IGNORE.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Reason {
+    /// A dependency fails; these are the root causes, ranked.
+    Masked { by: Arc<[NodeId]> },
+    /// The vehicle's state makes it pointless.
+    NotRelevant(NotRelevant),
+}
+
+/// The condition that does not hold.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NotRelevant {
+    /// The stage is this one.
+    Stage(Stage),
+    /// The signal has the value that was not asked for.
+    Signal { name: Box<str>, value: bool },
+}
+
+/// A visible failure that explains itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RootCause {
+    /// A module; a group only if it has no members.
+    pub node: NodeId,
+    /// How many modules and groups show IGNORE because of it.
+    pub masks: u32,
+    pub since: Timestamp,
+}
+
+/// A root cause that was raised (`ENGINE.md` 6). Its number lasts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alarm {
+    pub id: u64,
+    pub node: NodeId,
+    pub raised: Timestamp,
+    pub acknowledged: bool,
+    pub active: bool,
+}
+
+/// Faults of one kind on one topic, counted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reception {
+    pub topic: Box<str>,
+    pub kind: TroubleKind,
+    pub count: u64,
+    pub last: Timestamp,
+    pub last_text: Box<str>,
+}
+
+/// What was counted since the start; for developers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counters {
+    pub arrays: u64,
+    pub statuses: u64,
+    /// Statuses of new names past the limit of discovered modules.
+    pub dropped_names: u64,
+    /// Signals that the model does not name.
+    pub unknown_signals: u64,
+}

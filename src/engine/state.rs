@@ -1,0 +1,120 @@
+//! The five diagnostic states (paper, Sec. III-C) and how they fold.
+
+use std::fmt;
+
+/// A diagnostic state. The order is the order of badness that groups fold by:
+/// UNKNOWN stands above WARNING because it may hide an ERROR; IGNORE never takes part in a fold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum State {
+    Ignore,
+    Ok,
+    Warning,
+    Unknown,
+    Error,
+}
+
+impl State {
+    pub const ALL: [State; 5] = [State::Ignore, State::Ok, State::Warning, State::Unknown, State::Error];
+
+    /// The state of a `diagnostic_msgs/DiagnosticStatus` level byte. STALE (3) and every byte
+    /// that the message definition does not name are UNKNOWN; nowhere else is a level judged.
+    pub const fn from_level(level: u8) -> State {
+        match level {
+            0 => State::Ok,
+            1 => State::Warning,
+            2 => State::Error,
+            _ => State::Unknown,
+        }
+    }
+
+    /// The word used on the wire and in files: `ok`, `warning`, `error`, `ignore`, `unknown`.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            State::Ok => "ok",
+            State::Warning => "warning",
+            State::Error => "error",
+            State::Ignore => "ignore",
+            State::Unknown => "unknown",
+        }
+    }
+
+    /// The state which [`State::as_str`] names.
+    pub fn from_word(word: &str) -> Option<State> {
+        State::ALL.into_iter().find(|state| state.as_str() == word)
+    }
+
+    pub(crate) const fn index(self) -> usize {
+        self as usize
+    }
+}
+
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// How many members show each state. A group folds this instead of its members, so the cost of
+/// one changed member does not depend on how many there are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Tally([u32; 5]);
+
+impl Tally {
+    pub fn add(&mut self, state: State) {
+        self.0[state.index()] += 1;
+    }
+
+    pub fn remove(&mut self, state: State) {
+        self.0[state.index()] -= 1;
+    }
+
+    pub fn of(&self, state: State) -> u32 {
+        self.0[state.index()]
+    }
+
+    /// Members that are not ignored.
+    pub fn counted(&self) -> u32 {
+        self.0.iter().sum::<u32>() - self.of(State::Ignore)
+    }
+
+    /// The worst state of the members that are not ignored.
+    pub fn worst(&self) -> Option<State> {
+        State::ALL.into_iter().rev().find(|&state| state != State::Ignore && self.of(state) > 0)
+    }
+
+    /// The best state of the members that are not ignored.
+    pub fn best(&self) -> Option<State> {
+        State::ALL.into_iter().find(|&state| state != State::Ignore && self.of(state) > 0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_level_byte_has_a_state_and_only_zero_is_ok() {
+        for level in 0..=u8::MAX {
+            let state = State::from_level(level);
+            assert_eq!(state == State::Ok, level == 0);
+            assert_eq!(state == State::Unknown, level > 2);
+        }
+    }
+
+    #[test]
+    fn a_tally_folds_to_worst_and_best_without_ignore() {
+        let mut tally = Tally::default();
+        assert_eq!((tally.worst(), tally.best(), tally.counted()), (None, None, 0));
+        tally.add(State::Ignore);
+        assert_eq!((tally.worst(), tally.counted()), (None, 0));
+        tally.add(State::Warning);
+        tally.add(State::Unknown);
+        assert_eq!((tally.worst(), tally.best()), (Some(State::Unknown), Some(State::Warning)));
+        tally.add(State::Error);
+        tally.remove(State::Warning);
+        assert_eq!(
+            (tally.worst(), tally.best(), tally.counted()),
+            (Some(State::Error), Some(State::Unknown), 2)
+        );
+    }
+}

@@ -1,0 +1,13 @@
+//! Telltale: the operator HMI of an autonomous shuttle bus.
+
+#![forbid(unsafe_code)]
+
+pub mod cli;
+pub mod clock;
+pub mod config;
+pub mod engine;
+pub mod ros;
+pub mod runtime;
+pub mod sim;
+pub mod store;
+pub mod web;
