@@ -76,6 +76,14 @@ impl Names {
         route
     }
 
+    /// All names with their modules, in the order in which they were first seen.
+    pub(super) fn in_order(&self) -> Vec<(&str, &[ModuleId])> {
+        let mut names: Vec<(u32, &str)> = self.index.iter().map(|(name, &route)| (route, &**name)).collect();
+        names.sort_unstable();
+        let routed = |(route, name): (u32, _)| (name, &*self.routes[route as usize].modules);
+        names.into_iter().map(routed).collect()
+    }
+
     fn route(&mut self, name: &str) -> u32 {
         if let Some(route) = self.find(name) {
             return route;
