@@ -4,6 +4,7 @@
 mod filters;
 mod names;
 mod raw;
+mod raw_node;
 mod relations;
 mod resolve;
 mod units;
