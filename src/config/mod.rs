@@ -9,9 +9,6 @@ mod relations;
 mod resolve;
 mod units;
 
-#[cfg(test)]
-mod tests;
-
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -137,3 +134,6 @@ fn read_included(path: &Path, from: Span, sources: &mut Sources, log: &mut Log) 
     }
     Some((file, number))
 }
+
+#[cfg(test)]
+mod tests;
