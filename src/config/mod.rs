@@ -20,6 +20,9 @@ use crate::yaml::{FromNode, Log, Node, Problem, Problems, Sources, Span, Spanned
 /// More files than this are not included.
 const FILES_MAX: usize = 64;
 
+/// The JSON Schema of a configuration, for editors.
+pub const SCHEMA: &str = include_str!("schema.json");
+
 /// A configuration that was checked.
 #[derive(Debug, Clone)]
 pub struct Loaded {

@@ -1,4 +1,5 @@
 mod nodes;
+mod schema;
 
 use std::path::PathBuf;
 
