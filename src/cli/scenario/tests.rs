@@ -174,3 +174,22 @@ expect:
         &["2:29: unknown key `dependson` in a group (did you mean `depends_on`?)"],
     );
 }
+
+#[test]
+fn transitions_say_when_each_node_changed() {
+    let text = format!(
+        "{HEAD}steps: [{{ at: 1.5, status: {{ name: s, level: ok }} }}]\nexpect: [{{ at: 4, groups: {{ a: unknown }} }}]\n"
+    );
+    let file = scenario_file::parse("s", &text).unwrap();
+    let outcome = run_file(&file).unwrap();
+    let value: serde_json::Value = serde_json::from_str(&json(Path::new("s"), &file, &outcome)).unwrap();
+    let changes: Vec<String> = value["transitions"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|change| change["node"] == "a/m")
+        .map(|change| format!("{} {}", change["at_s"], change["state"].as_str().unwrap()))
+        .collect();
+    assert_eq!(changes, ["0.0 unknown", "1.5 ok", "3.5 unknown"]);
+    assert_eq!(value["ok"], true);
+}
