@@ -1,5 +1,8 @@
 //! Simulation: scenario files run through the engine in virtual time.
 
+mod expectation;
+pub mod figure;
 pub mod scenario;
 pub mod scenario_file;
 mod scenario_raw;
+pub mod strips;
