@@ -31,8 +31,10 @@ const OWN_HEIGHT: f64 = 5.0;
 const AXIS_HEIGHT: f64 = 44.0;
 const LEGEND_STEP: f64 = 24.0;
 /// What a letter of a word in a bar takes at most.
-const LETTER_WIDTH: f64 = 7.6;
+const LETTER_WIDTH: f64 = 7.9;
 const TICKS_MAX: u64 = 9;
+/// Longer labels lose their beginning; the whole name is in what a pointer tells.
+const LABEL_LETTERS: usize = 24;
 
 /// One figure of all panels, two in a row, each with a letter if there are several.
 pub fn draw(panels: &[Panel]) -> String {
@@ -115,7 +117,7 @@ impl Drawing<'_> {
     fn strip(&mut self, strip: &Strip, y: f64) {
         let (class, indent) = if strip.inner { ("inner", 12.0) } else { ("label", 0.0) };
         let (x, text_y) = (self.x + indent, y + 15.5);
-        let label = escaped(&strip.label);
+        let label = escaped(&ending(&strip.label, LABEL_LETTERS));
         let _ = writeln!(self.out, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{text_y:.1}\">{label}</text>");
         for segment in &strip.segments {
             self.segment(strip, segment, y);
@@ -368,6 +370,15 @@ fn relative(at: Timestamp, zero: Timestamp) -> String {
     };
     let text = format!("{}.{:09}", nanos / 1_000_000_000, nanos % 1_000_000_000);
     format!("{sign}{}", text.trim_end_matches('0').trim_end_matches('.'))
+}
+
+fn ending(text: &str, letters: usize) -> String {
+    let count = text.chars().count();
+    if count <= letters {
+        return text.to_owned();
+    }
+    let kept: String = text.chars().skip(count + 1 - letters).collect();
+    format!("\u{2026}{kept}")
 }
 
 fn escaped(text: &str) -> String {
