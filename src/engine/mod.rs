@@ -1,48 +1,386 @@
 //! The pure core: statuses, signals and operator actions in, snapshots out (`ENGINE.md`).
 //!
-//! No clock, no I/O, no async, no serde, no logging. Whoever feeds it says what time it is and
-//! when to call again is asked of [`Engine::next_deadline`].
+//! No clock, no I/O, no async, no serde, no logging. Whoever feeds it says what time it is, and
+//! asks [`Engine::next_deadline`] when to call again.
 
+mod alarm;
+mod causes;
+pub mod event;
 pub mod filter;
 pub mod graph;
 pub mod input;
+mod layout;
 pub mod model;
+mod module;
+mod names;
+mod net;
+mod node;
+mod overflow;
 pub mod persistent;
+mod relevance;
+mod reload;
+mod signals;
 pub mod snapshot;
 pub mod state;
+pub mod system;
 pub mod time;
+mod timers;
+mod vehicle;
+mod views;
+pub mod why;
 
 use std::sync::Arc;
 
-use input::{Input, Response};
-use model::Model;
-use snapshot::Snapshot;
+use alarm::Alarms;
+use causes::Causes;
+use event::{Event, Events, What};
+use input::{Input, OperatorAction, ReceptionTrouble, Refusal, Response, Status, StatusArray};
+use model::{ACTIVE_SIGNAL, Model, ModuleId, Stage};
+use names::Names;
+use net::{Change, Net};
+use node::ModuleKind;
+use overflow::Overflow;
+use signals::Signals;
+use snapshot::{Counters, Snapshot};
+use state::State;
+use system::{ReceptionCheck, SystemCheck};
 use time::Timestamp;
+use timers::{TimerKey, Timers};
+use vehicle::Vehicle;
+use views::Views;
 
 /// The aggregation engine of one vehicle.
 #[derive(Debug)]
 pub struct Engine {
     model: Arc<Model>,
+    now: Timestamp,
+    vehicle: Vehicle,
+    signals: Signals,
+    active_signal: Option<usize>,
+    names: Names,
+    net: Net,
+    causes: Causes,
+    alarms: Alarms,
+    timers: Timers,
+    overflow: Overflow,
+    reception: ReceptionCheck,
+    counters: Counters,
+    events: Events,
+    views: Views,
+    /// Names of the array in hand, kept to save allocations.
+    touched: Vec<u32>,
 }
 
 impl Engine {
-    pub fn new(model: Arc<Model>, _now: Timestamp) -> Engine {
-        Engine { model }
+    pub fn new(model: Arc<Model>, now: Timestamp) -> Engine {
+        let mut engine = Engine::build(model, now);
+        engine.settle();
+        engine
     }
 
-    /// Takes one input at `now`; an instant before the last one counts as the last one.
-    pub fn handle(&mut self, _input: &Input, _now: Timestamp) -> Response {
-        Response::Done
+    /// Everything in its place, nothing judged yet.
+    fn build(model: Arc<Model>, now: Timestamp) -> Engine {
+        let signals = Signals::new(&model.signals);
+        let mut engine = Engine {
+            now,
+            vehicle: Vehicle::new(model.stages),
+            active_signal: signals.index(ACTIVE_SIGNAL),
+            names: Names::new(&model),
+            net: Net::new(model.clone()),
+            causes: Causes::default(),
+            alarms: Alarms::default(),
+            timers: Timers::default(),
+            overflow: Overflow::default(),
+            reception: ReceptionCheck::default(),
+            counters: Counters::default(),
+            events: Events::default(),
+            views: Views::new(&model, now),
+            touched: Vec::new(),
+            signals,
+            model,
+        };
+        for check in SystemCheck::ALL {
+            engine.report_on_self(check, State::Ok, "");
+        }
+        engine
     }
 
-    /// What everything shows now. Cheap where little changed.
+    /// Takes one input at `now`; an instant before the last one counts as the last one. What time
+    /// alone changed up to `now` happens first, each at its own instant.
+    pub fn handle(&mut self, input: &Input, now: Timestamp) -> Response {
+        self.advance(now);
+        let mut response = Response::Done;
+        match input {
+            Input::Diagnostics(array) => self.take_array(array),
+            Input::Signal { name, value } => self.take_signal(name, *value),
+            Input::Reception(trouble) => self.take_trouble(trouble),
+            Input::Operator(action) => response = self.operate(action),
+            Input::Tick => return response,
+        }
+        self.settle();
+        response
+    }
+
+    /// What everything shows now. Parts that did not change are shared with the snapshot before.
     pub fn snapshot(&mut self) -> Arc<Snapshot> {
-        let _ = &self.model;
-        unreachable!("skeleton")
+        self.views.refresh_ages(&self.net);
+        Arc::new(self.views.snapshot(self.now, &self.vehicle, self.counters))
     }
 
-    /// When time alone changes something next: call [`Engine::handle`] with [`Input::Tick`] then.
+    /// Grows with every change of a state, a reason, a root cause, an alarm or the stage.
+    pub fn seq(&self) -> u64 {
+        self.views.seq
+    }
+
+    /// Grows with every change that a snapshot shows, words and values included.
+    pub fn revision(&self) -> u64 {
+        self.views.revision
+    }
+
+    /// Keeps events from now on, for [`Engine::take_events`].
+    pub fn keep_events(&mut self) {
+        self.events.keep();
+    }
+
+    /// What happened since the last call, in order. Past 65,536 the oldest are gone.
+    pub fn take_events(&mut self) -> Vec<Event> {
+        self.events.take()
+    }
+
+    /// When time alone may change something next: call [`Engine::handle`] with [`Input::Tick`] then.
     pub fn next_deadline(&self) -> Option<Timestamp> {
-        None
+        self.timers.next()
+    }
+
+    fn advance(&mut self, now: Timestamp) {
+        while let Some((due, key)) = self.timers.pop(now) {
+            self.now = self.now.max(due);
+            self.fire(key);
+            while let Some((_, key)) = self.timers.pop(self.now) {
+                self.fire(key);
+            }
+            self.settle();
+        }
+        self.now = self.now.max(now);
+    }
+
+    fn fire(&mut self, key: TimerKey) {
+        match key {
+            TimerKey::Module(index) => self.net.mark_module(ModuleId(index)),
+            TimerKey::Reception => self.judge_reception(),
+            TimerKey::Signal(index) => {
+                let changed = self.signals.refresh(index as usize, self.now);
+                self.signal_changed(index as usize, changed);
+            }
+        }
+    }
+
+    fn take_array(&mut self, array: &StatusArray) {
+        self.counters.arrays += 1;
+        self.counters.statuses += array.len() as u64;
+        let number = self.counters.arrays;
+        let mut touched = std::mem::take(&mut self.touched);
+        for (position, status) in array.iter().enumerate() {
+            let Some(index) = self.names.find(status.name()).or_else(|| self.discover(status.name())) else {
+                self.counters.dropped_names += 1;
+                continue;
+            };
+            let route = &mut self.names.routes[index as usize];
+            if route.array != number {
+                route.array = number;
+                route.position = position as u32;
+                touched.push(index);
+            } else if status.state() > array.get(route.position as usize).state() {
+                route.position = position as u32;
+            }
+        }
+        for index in touched.drain(..) {
+            let route = &self.names.routes[index as usize];
+            let status = array.get(route.position as usize);
+            let mut position = 0;
+            while let Some(module) = self.names.routes[index as usize].module(position) {
+                self.take_status(module, status);
+                position += 1;
+            }
+        }
+        self.touched = touched;
+    }
+
+    fn take_status(&mut self, id: ModuleId, status: Status<'_>) {
+        if self.net.report(id, status.state(), self.now) {
+            self.net.mark_module(id);
+        }
+        self.views.take_report(id, status, &self.model.limits);
+    }
+
+    /// Makes the modules of a new name; none if the limit is reached.
+    fn discover(&mut self, name: &str) -> Option<u32> {
+        let claim = self.names.claim(&self.model, name, self.net.other_group());
+        for group in claim.dropped_by {
+            let module = self.overflow.module(group).unwrap_or_else(|| {
+                self.views.discover(group, overflow::MODULE, self.now);
+                self.net.discover(group, ModuleKind::BuiltIn)
+            });
+            let message = self.overflow.count(group, module, self.model.limits.discovered_modules);
+            self.net.overflow(group);
+            self.net.report(module, State::Warning, self.now);
+            self.views.set_message(module, &message);
+        }
+        let mut route = None;
+        for group in claim.groups {
+            let module = self.net.discover(group, ModuleKind::Discovered);
+            self.views.discover(group, name, self.now);
+            route = Some(self.names.discovered(name, module));
+        }
+        route
+    }
+
+    fn take_signal(&mut self, name: &str, value: bool) {
+        let Some(index) = self.signals.index(name) else {
+            self.counters.unknown_signals += 1;
+            return;
+        };
+        let changed = self.signals.take(index, value, self.now);
+        self.signal_changed(index, changed);
+    }
+
+    fn signal_changed(&mut self, index: usize, changed: bool) {
+        if let Some(due) = self.signals.due(index).filter(|&due| due > self.now) {
+            self.timers.arm(TimerKey::Signal(index as u32), due);
+        }
+        if !changed {
+            return;
+        }
+        let value = self.signals.value(index);
+        self.events.push(self.now, What::Signal { index, value });
+        // An unknown Active changes no stage: the last word holds, and conditions on it are met.
+        if let Some(value) = self.signals.value(index).filter(|_| Some(index) == self.active_signal) {
+            let from = self.vehicle.stage;
+            self.vehicle.set_active(value);
+            self.stage_changed(from);
+        }
+        self.net.mark_conditions(self.vehicle.stage);
+        self.views.set_signals(&self.signals);
+    }
+
+    fn take_trouble(&mut self, trouble: &ReceptionTrouble) {
+        self.views.take_trouble(trouble, self.now);
+        self.reception.take(trouble, self.now);
+        self.judge_reception();
+    }
+
+    fn judge_reception(&mut self) {
+        let state = self.reception.state(self.now);
+        if let Some(due) = self.reception.due() {
+            self.timers.arm(TimerKey::Reception, due);
+        }
+        let message = std::mem::take(&mut self.reception.message);
+        self.report_on_self(SystemCheck::Reception, state, &message);
+        self.reception.message = message;
+    }
+
+    /// Sets what the diagnosis says of itself.
+    fn report_on_self(&mut self, check: SystemCheck, state: State, message: &str) {
+        let id = self.net.system_module(check);
+        if self.net.report(id, state, self.now) {
+            self.net.mark_module(id);
+        }
+        self.views.set_message(id, message);
+    }
+
+    fn operate(&mut self, action: &OperatorAction) -> Response {
+        let from = self.vehicle.stage;
+        let granted = match action {
+            OperatorAction::Reset { module } => self.reset(module).map_err(|reason| vec![reason]),
+            OperatorAction::Login { .. } | OperatorAction::Logout => self.vehicle.operate(action),
+        };
+        self.stage_changed(from);
+        match granted {
+            Ok(()) => {
+                self.net.mark_conditions(self.vehicle.stage);
+                Response::Done
+            }
+            Err(reasons) => Response::Refused(reasons),
+        }
+    }
+
+    fn stage_changed(&mut self, from: Stage) {
+        if from != self.vehicle.stage {
+            self.events.push(self.now, What::Stage { from, to: self.vehicle.stage });
+        }
+    }
+
+    fn reset(&mut self, name: &str) -> Result<(), Refusal> {
+        let id = self.views.module(name).ok_or_else(|| Refusal::NoSuchModule(name.into()))?;
+        let own = &mut self.net.modules[id.0 as usize].own;
+        if !own.latched() {
+            return Err(Refusal::NotLatched(name.into()));
+        }
+        if !own.reset() {
+            return Err(Refusal::StillInError(name.into()));
+        }
+        self.net.mark_module(id);
+        Ok(())
+    }
+
+    /// Brings everything to what follows from what was marked, at the present instant.
+    fn settle(&mut self) {
+        self.follow_changes();
+        if let Some(breach) = self.breach() {
+            self.report_on_self(SystemCheck::Invariants, State::Error, &breach);
+            self.follow_changes();
+        }
+        self.views.settle(&self.vehicle, &self.net);
+    }
+
+    fn follow_changes(&mut self) {
+        self.net.evaluate(self.vehicle.stage, &self.signals, self.now);
+        for id in self.net.rearm.drain(..).collect::<Vec<_>>() {
+            let due = self.net.modules[id.0 as usize].own.due(self.net.policy(id), self.now);
+            if let Some(due) = due {
+                self.timers.arm(TimerKey::Module(id.0), due);
+            }
+        }
+        let changes = std::mem::take(&mut self.net.changes);
+        for change in &changes {
+            self.causes.note(&self.net, change);
+            self.views.follow(&self.net, change, self.now);
+        }
+        if let Some(explained) = self.causes.explain(&self.net, self.now) {
+            let roots: Vec<_> = explained.roots.iter().map(|root| root.node).collect();
+            self.views.set_causes(explained);
+            let views = &self.views;
+            if self.alarms.follow(&roots, |node| views.masked_by(node), self.now, &mut self.events) {
+                self.views.set_alarms(self.alarms.list());
+            }
+        }
+        if self.events.wanted() {
+            self.keep_changes(&changes);
+        }
+        // The list is handed back empty: its room is used again.
+        self.net.changes = changes;
+        self.net.changes.clear();
+    }
+
+    fn keep_changes(&mut self, changes: &[Change]) {
+        for Change { node, before, after } in changes {
+            if (before.shown, before.own, before.masked) != (after.shown, after.own, after.masked) {
+                let cause = self.views.masked_by(*node).first().copied();
+                let (from, to, own) = (before.shown, after.shown, after.own);
+                self.events.push(self.now, What::Shown { node: *node, from, to, own, cause });
+            }
+        }
+    }
+
+    /// A contradiction in what is shown: a fault of this program, never of the vehicle.
+    fn breach(&self) -> Option<String> {
+        if let Some(node) = self.views.masked_by_nothing() {
+            return Some(format!("{node} is hidden and nothing explains it"));
+        }
+        if let Some(node) = self.views.masked_root() {
+            return Some(format!("{node} is a root cause and hidden"));
+        }
+        (self.net.own_errors > 0 && self.views.no_roots())
+            .then(|| format!("{} modules are in ERROR and none is shown", self.net.own_errors))
     }
 }

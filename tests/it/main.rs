@@ -1,4 +1,7 @@
-//! Tests at the boundaries of the program: foreign peers, the real server, the real browser.
+//! The integration tests, in one binary: it links once.
 
 mod dds;
+mod hostile;
 mod peer;
+mod properties;
+mod tidy;

@@ -1,0 +1,438 @@
+//! The living graph: what every group and module is now, and how a change of one reaches the
+//! others (`ENGINE.md` 3 to 5).
+//!
+//! Nothing is computed twice: groups fold tallies, dependencies count what blocks them, and a
+//! change walks upward in the order of [`Order`](super::graph), each node at most once.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeSet, BinaryHeap};
+use std::sync::Arc;
+
+use super::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId, Policy, Stage, When};
+use super::module::OwnState;
+use super::node::{Facts, GroupNode, ModuleKind, ModuleNode, Node, UNSEEN, new_node};
+use super::relevance::unmet;
+use super::signals::Signals;
+use super::snapshot::NotRelevant;
+use super::state::{State, Tally};
+use super::system::{self, SystemCheck};
+use super::time::Timestamp;
+
+/// A node whose facts changed in an evaluation: what it was and what it is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Change {
+    pub(super) node: NodeId,
+    pub(super) before: Facts,
+    pub(super) after: Facts,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Visit {
+    Enter(u32),
+    Module(u32),
+    Leave(u32),
+}
+
+#[derive(Debug)]
+pub(super) struct Net {
+    model: Arc<Model>,
+    pub(super) groups: Vec<GroupNode>,
+    pub(super) modules: Vec<ModuleNode>,
+    /// Tiles, folded.
+    pub(super) root: Tally,
+    /// States from this one on may mask: UNKNOWN only if some dependency says so.
+    pub(super) threshold: State,
+    locked: bool,
+    /// Relevant modules in ERROR by themselves, masked or not; `other` aside.
+    pub(super) own_errors: usize,
+    built_in_policy: Policy,
+    queue: BinaryHeap<Reverse<(u32, Visit)>>,
+    /// What changed since it was last taken, in order.
+    pub(super) changes: Vec<Change>,
+    /// Modules whose deadlines may have moved.
+    pub(super) rearm: Vec<ModuleId>,
+}
+
+impl Net {
+    pub(super) fn new(model: Arc<Model>) -> Net {
+        let masks_unknown = |needs: &[Dependency]| needs.iter().any(|need| need.masks_unknown);
+        let any_unknown = model.groups.iter().any(|group| masks_unknown(&group.depends_on))
+            || model.modules.iter().any(|module| masks_unknown(&module.depends_on));
+        let mut net = Net {
+            groups: Vec::new(),
+            modules: Vec::new(),
+            root: Tally::default(),
+            threshold: if any_unknown { State::Unknown } else { State::Error },
+            locked: true,
+            own_errors: 0,
+            built_in_policy: system::policy(),
+            queue: BinaryHeap::new(),
+            changes: Vec::new(),
+            rearm: Vec::new(),
+            model: model.clone(),
+        };
+        for group in &model.groups {
+            net.add_group(group.parent, &group.depends_on, false);
+        }
+        net.add_group(None, &[], true);
+        net.add_group(None, &[], false);
+        for (index, module) in model.modules.iter().enumerate() {
+            let rank = model.order.module[index];
+            net.add_module(module.group, &module.depends_on, rank, ModuleKind::Declared);
+        }
+        for _ in SystemCheck::ALL {
+            net.discover(net.system_group(), ModuleKind::BuiltIn);
+        }
+        net.link();
+        net
+    }
+
+    fn add_group(&mut self, parent: Option<GroupId>, needs: &[Dependency], is_other: bool) {
+        let id = GroupId(self.groups.len() as u32);
+        self.groups.push(GroupNode {
+            node: new_node(parent, needs),
+            told: UNSEEN,
+            members: Vec::new(),
+            shown: Tally::default(),
+            own: Tally::default(),
+            masked: BTreeSet::new(),
+            failing: BTreeSet::new(),
+            dirty_leave: false,
+            is_other,
+            overflowed: false,
+        });
+        match parent {
+            Some(parent) => self.add_member(parent, NodeId::Group(id)),
+            None if !is_other => self.root.add(UNSEEN.shown),
+            None => {}
+        }
+        self.mark_enter(id);
+    }
+
+    fn add_member(&mut self, group: GroupId, member: NodeId) {
+        let group = &mut self.groups[group.0 as usize];
+        group.members.push(member);
+        group.shown.add(UNSEEN.shown);
+        group.own.add(UNSEEN.own_share());
+    }
+
+    fn add_module(&mut self, group: GroupId, needs: &[Dependency], rank: u32, kind: ModuleKind) -> ModuleId {
+        let id = ModuleId(self.modules.len() as u32);
+        let node = new_node(Some(group), needs);
+        self.modules.push(ModuleNode { kind, node, own: OwnState::new(), rank });
+        self.add_member(group, NodeId::Module(id));
+        self.mark_module(id);
+        id
+    }
+
+    /// A module made at run time: it has no dependencies of its own, so it stands just before
+    /// its group in the order.
+    pub(super) fn discover(&mut self, group: GroupId, kind: ModuleKind) -> ModuleId {
+        let rank = self.leave_rank(group) - 1;
+        let id = self.add_module(group, &[], rank, kind);
+        self.mark_leave(group);
+        id
+    }
+
+    /// Takes a report of a module. Returns whether its own state may have changed.
+    pub(super) fn report(&mut self, id: ModuleId, state: State, now: Timestamp) -> bool {
+        let policy = match self.modules[id.0 as usize].kind {
+            ModuleKind::Declared => &self.model.modules[id.0 as usize].policy,
+            ModuleKind::Discovered => &self.model.discovered,
+            ModuleKind::BuiltIn => &self.built_in_policy,
+        };
+        self.modules[id.0 as usize].own.report(state, policy, now)
+    }
+
+    /// Notes that a group dropped statuses.
+    pub(super) fn overflow(&mut self, group: GroupId) {
+        self.groups[group.0 as usize].overflowed = true;
+        self.mark_leave(group);
+    }
+
+    fn link(&mut self) {
+        let groups = (0..self.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
+        let modules = (0..self.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
+        for dependent in groups.chain(modules).collect::<Vec<_>>() {
+            for index in 0..self.node(dependent).needs.len() {
+                for member in self.node(dependent).needs[index].members.clone() {
+                    self.node_mut(member).dependents.push((dependent, index as u32));
+                }
+            }
+        }
+    }
+
+    pub(super) fn node(&self, id: NodeId) -> &Node {
+        match id {
+            NodeId::Group(id) => &self.groups[id.0 as usize].node,
+            NodeId::Module(id) => &self.modules[id.0 as usize].node,
+        }
+    }
+
+    fn node_mut(&mut self, id: NodeId) -> &mut Node {
+        match id {
+            NodeId::Group(id) => &mut self.groups[id.0 as usize].node,
+            NodeId::Module(id) => &mut self.modules[id.0 as usize].node,
+        }
+    }
+
+    /// The group of what nothing claims.
+    pub(super) fn other_group(&self) -> GroupId {
+        GroupId(self.model.groups.len() as u32)
+    }
+
+    /// The group of what the diagnosis says of itself.
+    pub(super) fn system_group(&self) -> GroupId {
+        GroupId(self.model.groups.len() as u32 + 1)
+    }
+
+    pub(super) fn system_module(&self, check: SystemCheck) -> ModuleId {
+        ModuleId(self.model.modules.len() as u32 + check as u32)
+    }
+
+    pub(super) fn policy(&self, id: ModuleId) -> &Policy {
+        match self.modules[id.0 as usize].kind {
+            ModuleKind::Declared => &self.model.modules[id.0 as usize].policy,
+            ModuleKind::Discovered => &self.model.discovered,
+            ModuleKind::BuiltIn => &self.built_in_policy,
+        }
+    }
+
+    pub(super) fn enter_rank(&self, id: GroupId) -> u32 {
+        self.rank(&self.model.order.enter, id, 3)
+    }
+
+    pub(super) fn leave_rank(&self, id: GroupId) -> u32 {
+        self.rank(&self.model.order.leave, id, 1)
+    }
+
+    /// The two groups that no configuration names stand after all others.
+    fn rank(&self, ranks: &[u32], id: GroupId, below_max: u32) -> u32 {
+        let after_all = if id == self.other_group() { 0 } else { 4 };
+        ranks.get(id.0 as usize).copied().unwrap_or(u32::MAX - below_max - after_all)
+    }
+
+    pub(super) fn mark_module(&mut self, id: ModuleId) {
+        let module = &mut self.modules[id.0 as usize];
+        if !std::mem::replace(&mut module.node.dirty, true) {
+            self.queue.push(Reverse((module.rank, Visit::Module(id.0))));
+        }
+    }
+
+    fn mark_enter(&mut self, id: GroupId) {
+        let rank = self.enter_rank(id);
+        if !std::mem::replace(&mut self.groups[id.0 as usize].node.dirty, true) {
+            self.queue.push(Reverse((rank, Visit::Enter(id.0))));
+        }
+    }
+
+    fn mark_leave(&mut self, id: GroupId) {
+        let rank = self.leave_rank(id);
+        if !std::mem::replace(&mut self.groups[id.0 as usize].dirty_leave, true) {
+            self.queue.push(Reverse((rank, Visit::Leave(id.0))));
+        }
+    }
+
+    fn mark(&mut self, id: NodeId) {
+        match id {
+            NodeId::Group(id) => self.mark_enter(id),
+            NodeId::Module(id) => self.mark_module(id),
+        }
+    }
+
+    /// The stage or a signal changed: everything with a condition is looked at again. To be in a
+    /// stage other than locked is everybody's condition.
+    pub(super) fn mark_conditions(&mut self, stage: Stage) {
+        let locked = stage == Stage::Locked;
+        let everybody = std::mem::replace(&mut self.locked, locked) != locked;
+        let model = self.model.clone();
+        for index in 0..self.groups.len() {
+            if everybody || model.groups.get(index).is_some_and(|group| group.when.is_some()) {
+                self.mark_enter(GroupId(index as u32));
+            }
+        }
+        for index in 0..self.modules.len() {
+            if everybody || model.modules.get(index).is_some_and(|module| module.when.is_some()) {
+                self.mark_module(ModuleId(index as u32));
+            }
+        }
+    }
+
+    /// Brings every marked node, and whatever rests on it, to what it is at `now`.
+    pub(super) fn evaluate(&mut self, stage: Stage, signals: &Signals, now: Timestamp) {
+        while let Some(Reverse((_, visit))) = self.queue.pop() {
+            match visit {
+                Visit::Enter(id) => self.enter(GroupId(id), stage, signals),
+                Visit::Module(id) => self.visit_module(ModuleId(id), stage, signals, now),
+                Visit::Leave(id) => self.leave(GroupId(id)),
+            }
+        }
+    }
+
+    /// Why the node is not relevant: first what is around it, then its own condition.
+    fn not_relevant(
+        &self,
+        parent: Option<GroupId>,
+        when: Option<&When>,
+        stage: Stage,
+        signals: &Signals,
+    ) -> Option<NotRelevant> {
+        let around = parent.and_then(|id| self.groups[id.0 as usize].node.not_relevant.clone());
+        around.or_else(|| unmet(when, stage, signals))
+    }
+
+    /// The condition that keeps a node out: its own, or that of the first member that has one.
+    pub(super) fn kept_out_by(&self, node: NodeId) -> Option<NotRelevant> {
+        let own = self.node(node).not_relevant.clone();
+        own.or_else(|| match node {
+            NodeId::Module(_) => None,
+            NodeId::Group(id) => {
+                self.groups[id.0 as usize].members.iter().find_map(|&member| self.kept_out_by(member))
+            }
+        })
+    }
+
+    fn enter(&mut self, id: GroupId, stage: Stage, signals: &Signals) {
+        let index = id.0 as usize;
+        let parent = self.groups[index].node.parent;
+        let when = self.model.groups.get(index).and_then(|group| group.when.as_ref());
+        let not_relevant = self.not_relevant(parent, when, stage, signals);
+        let around_blocked = parent.is_some_and(|id| self.groups[id.0 as usize].node.facts.blocked);
+        let node = &mut self.groups[index].node;
+        node.dirty = false;
+        let blocked = node.blocking > 0 || around_blocked;
+        if node.facts.blocked == blocked
+            && node.not_relevant == not_relevant
+            && node.facts.relevant == not_relevant.is_none()
+        {
+            return;
+        }
+        node.facts.blocked = blocked;
+        node.facts.relevant = not_relevant.is_none();
+        node.not_relevant = not_relevant;
+        for position in 0..self.groups[index].members.len() {
+            let member = self.groups[index].members[position];
+            self.mark(member);
+        }
+        self.mark_leave(id);
+    }
+
+    fn visit_module(&mut self, id: ModuleId, stage: Stage, signals: &Signals, now: Timestamp) {
+        let index = id.0 as usize;
+        let parent = self.modules[index].node.parent;
+        let spec = self.model.modules.get(index);
+        let not_relevant =
+            self.not_relevant(parent, spec.and_then(|spec| spec.when.as_ref()), stage, signals);
+        let around_blocked = parent.is_some_and(|id| self.groups[id.0 as usize].node.facts.blocked);
+        let policy = self.policy(id).clone();
+        let policy = &policy;
+        let module = &mut self.modules[index];
+        module.node.dirty = false;
+        let relevant = not_relevant.is_none();
+        module.own.set_relevant(relevant, now);
+        module.own.advance(policy, now);
+        let own = module.own.state(policy, now);
+        let blocked = module.node.blocking > 0 || around_blocked;
+        let masked = relevant && blocked;
+        let shown = if relevant && !masked { own } else { State::Ignore };
+        module.node.not_relevant = not_relevant;
+        let before =
+            std::mem::replace(&mut module.node.facts, Facts { relevant, blocked, masked, shown, own });
+        self.rearm.push(id);
+        self.tell(NodeId::Module(id), before);
+    }
+
+    fn leave(&mut self, id: GroupId) {
+        let group = &mut self.groups[id.0 as usize];
+        group.dirty_leave = false;
+        let combine = self.model.groups.get(id.0 as usize).map_or(Combine::Worst, |group| group.combine);
+        let fold = |tally: &Tally| match combine {
+            Combine::Worst => tally.worst(),
+            Combine::Any => tally.best(),
+        };
+        let nobody = if group.members.is_empty() { State::Unknown } else { State::Ignore };
+        let facts = group.node.facts;
+        let floor = |state: State| match state {
+            State::Ok if group.overflowed => State::Warning,
+            state => state,
+        };
+        let shown = if facts.relevant && !facts.blocked {
+            floor(fold(&group.shown).unwrap_or(nobody))
+        } else {
+            State::Ignore
+        };
+        let masked = shown == State::Ignore && facts.relevant && (facts.blocked || !group.masked.is_empty());
+        let own = floor(fold(&group.own).unwrap_or(nobody));
+        group.node.facts = Facts { masked, shown, own, ..facts };
+        let before = std::mem::replace(&mut group.told, group.node.facts);
+        self.tell(NodeId::Group(id), before);
+    }
+
+    /// Tells the group around a node and its dependents what became of it.
+    fn tell(&mut self, id: NodeId, before: Facts) {
+        let after = self.node(id).facts;
+        self.changes.push(Change { node: id, before, after });
+        if before == after {
+            return;
+        }
+        match self.node(id).parent {
+            Some(parent) => self.tell_group(parent, id, before, after),
+            None => {
+                let NodeId::Group(GroupId(index)) = id else { return };
+                if !self.groups[index as usize].is_other {
+                    self.root.remove(before.shown);
+                    self.root.add(after.shown);
+                }
+            }
+        }
+        for position in 0..self.node(id).dependents.len() {
+            let (dependent, need) = self.node(id).dependents[position];
+            self.tell_dependent(dependent, need, &before, &after);
+        }
+    }
+
+    fn tell_group(&mut self, parent: GroupId, id: NodeId, before: Facts, after: Facts) {
+        let threshold = self.threshold;
+        let group = &mut self.groups[parent.0 as usize];
+        group.shown.remove(before.shown);
+        group.shown.add(after.shown);
+        group.own.remove(before.own_share());
+        group.own.add(after.own_share());
+        if !group.is_other && matches!(id, NodeId::Module(_)) {
+            self.own_errors += usize::from(after.own_share() == State::Error);
+            self.own_errors -= usize::from(before.own_share() == State::Error);
+        }
+        if after.masked {
+            group.masked.insert(id);
+        } else {
+            group.masked.remove(&id);
+        }
+        if after.relevant && after.worst() >= threshold {
+            group.failing.insert(id);
+        } else {
+            group.failing.remove(&id);
+        }
+        self.mark_leave(parent);
+    }
+
+    fn tell_dependent(&mut self, dependent: NodeId, need: u32, before: &Facts, after: &Facts) {
+        let node = self.node_mut(dependent);
+        let need = &mut node.needs[need as usize];
+        let (was, is) = (need.blocked_by(before), need.blocked_by(after));
+        if was == is {
+            return;
+        }
+        let blocked_before = need.blocks();
+        if is {
+            need.blocking += 1;
+        } else {
+            need.blocking -= 1;
+        }
+        match (blocked_before, need.blocks()) {
+            (false, true) => node.blocking += 1,
+            (true, false) => node.blocking -= 1,
+            _ => return,
+        }
+        self.mark(dependent);
+    }
+}
