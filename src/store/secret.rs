@@ -26,7 +26,9 @@ pub enum DemoSecrets {
 /// Why a secret is not good enough.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SecretError {
-    #[error("a PIN needs {PIN_DIGITS_MIN} digits or more, a password {PASSWORD_CHARS_MIN} characters or more")]
+    #[error(
+        "a PIN needs {PIN_DIGITS_MIN} digits or more, a password {PASSWORD_CHARS_MIN} characters or more"
+    )]
     ShortOperator,
     #[error("a password needs {PASSWORD_CHARS_MIN} characters or more")]
     Short,
@@ -90,10 +92,7 @@ impl Hashing {
 
     pub(super) async fn hash(&self, secret: String) -> Result<String, StoreError> {
         self.bounded(move || {
-            argon2()
-                .hash_password(secret.as_bytes())
-                .map(|hash| hash.to_string())
-                .map_err(StoreError::Hash)
+            argon2().hash_password(secret.as_bytes()).map(|hash| hash.to_string()).map_err(StoreError::Hash)
         })
         .await?
     }
