@@ -12,10 +12,12 @@ pub mod model;
 mod module;
 mod names;
 mod net;
+mod overflow;
 pub mod persistent;
 mod signals;
 pub mod snapshot;
 pub mod state;
+pub mod system;
 pub mod time;
 mod timers;
 mod vehicle;
@@ -26,11 +28,14 @@ use std::sync::Arc;
 use alarm::Alarms;
 use causes::Causes;
 use input::{Input, OperatorAction, ReceptionTrouble, Refusal, Response, Status, StatusArray};
-use model::{ACTIVE_SIGNAL, GroupId, Model, ModuleId};
-use names::{Claim, Names};
-use net::Net;
+use model::{ACTIVE_SIGNAL, Model, ModuleId};
+use names::Names;
+use net::{ModuleKind, Net};
+use overflow::Overflow;
 use signals::Signals;
 use snapshot::{Counters, Snapshot};
+use state::State;
+use system::{ReceptionCheck, SystemCheck};
 use time::Timestamp;
 use timers::{TimerKey, Timers};
 use vehicle::Vehicle;
@@ -49,6 +54,8 @@ pub struct Engine {
     causes: Causes,
     alarms: Alarms,
     timers: Timers,
+    overflow: Overflow,
+    reception: ReceptionCheck,
     counters: Counters,
     views: Views,
     /// Names of the array in hand, kept to save allocations.
@@ -67,12 +74,17 @@ impl Engine {
             causes: Causes::default(),
             alarms: Alarms::default(),
             timers: Timers::default(),
+            overflow: Overflow::default(),
+            reception: ReceptionCheck::default(),
             counters: Counters::default(),
             views: Views::new(&model, now),
             touched: Vec::new(),
             signals,
             model,
         };
+        for check in SystemCheck::ALL {
+            engine.report_on_self(check, State::Ok, "");
+        }
         engine.settle();
         engine
     }
@@ -129,6 +141,7 @@ impl Engine {
     fn fire(&mut self, key: TimerKey) {
         match key {
             TimerKey::Module(index) => self.net.mark_module(ModuleId(index)),
+            TimerKey::Reception => self.judge_reception(),
             TimerKey::Signal(index) => {
                 let changed = self.signals.refresh(index as usize, self.now);
                 self.signal_changed(index as usize, changed);
@@ -167,21 +180,31 @@ impl Engine {
     }
 
     fn take_status(&mut self, id: ModuleId, status: Status<'_>) {
-        let policy =
-            self.model.modules.get(id.0 as usize).map_or(&self.model.discovered, |spec| &spec.policy);
-        let module = &mut self.net.modules[id.0 as usize];
-        if module.own.report(status.state(), policy, self.now) {
+        if self.net.report(id, status.state(), self.now) {
             self.net.mark_module(id);
         }
         self.views.take_report(id, status, &self.model.limits);
     }
 
+    /// Makes the modules of a new name; none if the limit is reached.
     fn discover(&mut self, name: &str) -> Option<u32> {
-        let other = GroupId(self.model.groups.len() as u32);
-        let Claim::Groups(groups) = self.names.claim(&self.model, name, other) else { return None };
-        let mut modules = Vec::with_capacity(groups.len());
-        for group in groups {
-            modules.push(self.net.discover(group));
+        let claim = self.names.claim(&self.model, name, self.net.other_group());
+        for group in claim.dropped_by {
+            let module = self.overflow.module(group).unwrap_or_else(|| {
+                self.views.discover(group, overflow::MODULE, self.now);
+                self.net.discover(group, ModuleKind::BuiltIn)
+            });
+            let message = self.overflow.count(group, module, self.model.limits.discovered_modules);
+            self.net.overflow(group);
+            self.net.report(module, State::Warning, self.now);
+            self.views.set_message(module, &message);
+        }
+        if claim.groups.is_empty() {
+            return None;
+        }
+        let mut modules = Vec::with_capacity(claim.groups.len());
+        for group in claim.groups {
+            modules.push(self.net.discover(group, ModuleKind::Discovered));
             self.views.discover(group, name, self.now);
         }
         Some(self.names.discovered(name, modules))
@@ -213,6 +236,27 @@ impl Engine {
 
     fn take_trouble(&mut self, trouble: &ReceptionTrouble) {
         self.views.take_trouble(trouble, self.now);
+        self.reception.take(trouble, self.now);
+        self.judge_reception();
+    }
+
+    fn judge_reception(&mut self) {
+        let state = self.reception.state(self.now);
+        if let Some(due) = self.reception.due() {
+            self.timers.arm(TimerKey::Reception, due);
+        }
+        let message = std::mem::take(&mut self.reception.message);
+        self.report_on_self(SystemCheck::Reception, state, &message);
+        self.reception.message = message;
+    }
+
+    /// Sets what the diagnosis says of itself.
+    fn report_on_self(&mut self, check: SystemCheck, state: State, message: &str) {
+        let id = self.net.system_module(check);
+        if self.net.report(id, state, self.now) {
+            self.net.mark_module(id);
+        }
+        self.views.set_message(id, message);
     }
 
     fn operate(&mut self, action: &OperatorAction) -> Response {
@@ -244,12 +288,19 @@ impl Engine {
 
     /// Brings everything to what follows from what was marked, at the present instant.
     fn settle(&mut self) {
+        self.follow_changes();
+        if let Some(breach) = self.breach() {
+            self.report_on_self(SystemCheck::Invariants, State::Error, &breach);
+            self.follow_changes();
+        }
+        self.views.settle(&self.vehicle, &self.net);
+    }
+
+    fn follow_changes(&mut self) {
         self.net.evaluate(self.vehicle.stage, &self.signals, self.now);
-        for id in self.net.rearm.drain(..) {
-            let policy =
-                self.model.modules.get(id.0 as usize).map_or(&self.model.discovered, |spec| &spec.policy);
-            let own = &self.net.modules[id.0 as usize].own;
-            if let Some(due) = own.due(policy, self.now) {
+        for id in self.net.rearm.drain(..).collect::<Vec<_>>() {
+            let due = self.net.modules[id.0 as usize].own.due(self.net.policy(id), self.now);
+            if let Some(due) = due {
                 self.timers.arm(TimerKey::Module(id.0), due);
             }
         }
@@ -265,6 +316,17 @@ impl Engine {
                 self.views.set_alarms(self.alarms.list());
             }
         }
-        self.views.settle(&self.vehicle, &self.net);
+    }
+
+    /// A contradiction in what is shown: a fault of this program, never of the vehicle.
+    fn breach(&self) -> Option<String> {
+        if let Some(node) = self.views.masked_by_nothing() {
+            return Some(format!("{node} is hidden and nothing explains it"));
+        }
+        if let Some(node) = self.views.masked_root() {
+            return Some(format!("{node} is a root cause and hidden"));
+        }
+        (self.net.own_errors > 0 && self.views.no_roots())
+            .then(|| format!("{} modules are in ERROR and none is shown", self.net.own_errors))
     }
 }

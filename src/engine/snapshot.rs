@@ -49,11 +49,11 @@ impl Snapshot {
         (&self.layout.modules[id.0 as usize], &self.modules[id.0 as usize])
     }
 
-    /// The tiles: groups without a parent, but not `other`, in configuration order.
+    /// The tiles: the configuration's groups without a parent, in its order.
     pub fn tiles(&self) -> impl Iterator<Item = GroupId> {
         (0..self.layout.groups.len() as u32).map(GroupId).filter(|&id| {
             let group = &self.layout.groups[id.0 as usize];
-            group.parent.is_none() && !group.is_other
+            group.parent.is_none() && !group.is_other && !group.is_system
         })
     }
 
@@ -94,7 +94,7 @@ impl Snapshot {
 pub struct Layout {
     pub vehicle_id: Arc<str>,
     pub vehicle_name: Text,
-    /// By [`GroupId`]; parents stand before their children, `other` is last.
+    /// By [`GroupId`]; parents stand before their children, `other` and `telltale` are last.
     pub groups: Vec<GroupInfo>,
     /// By [`ModuleId`].
     pub modules: Vec<Arc<ModuleInfo>>,
@@ -111,6 +111,8 @@ pub struct GroupInfo {
     pub tile: Option<(u8, u8)>,
     /// The group of statuses that nothing claims: for developers, never counted.
     pub is_other: bool,
+    /// The group of what the diagnosis says of itself.
+    pub is_system: bool,
 }
 
 #[derive(Debug, Clone, PartialEq)]

@@ -13,6 +13,7 @@ use super::snapshot::{
     RootCause, Snapshot,
 };
 use super::state::State;
+use super::system::{OTHER_GROUP, SYSTEM_GROUP, SystemCheck};
 use super::time::Timestamp;
 use super::vehicle::Vehicle;
 
@@ -36,6 +37,8 @@ pub(super) struct Views {
     /// Modules heard since their age was last written down.
     heard: Vec<ModuleId>,
     is_heard: Vec<bool>,
+    /// A masked node for which the last search found no cause.
+    unexplained: Option<NodeId>,
     seq_changed: bool,
     revision_changed: bool,
 }
@@ -46,7 +49,7 @@ impl Views {
             seq: 0,
             revision: 0,
             layout: Arc::new(layout(model)),
-            groups: (0..=model.groups.len()).map(|_| new_group(now)).collect(),
+            groups: (0..model.groups.len() + 2).map(|_| new_group(now)).collect(),
             modules: PersistentVec::default(),
             roots: Arc::from([]),
             alarms: Arc::from([]),
@@ -57,10 +60,11 @@ impl Views {
             operator: None,
             heard: Vec::new(),
             is_heard: Vec::new(),
+            unexplained: None,
             seq_changed: true,
             revision_changed: true,
         };
-        for _ in &model.modules {
+        for _ in 0..views.layout.modules.len() {
             views.push_module(now);
         }
         views.set_signals(&Signals::new(&model.signals));
@@ -94,6 +98,20 @@ impl Views {
             if let Some(view) = self.modules.get_mut(index) {
                 view.received = net.modules[index].own.received();
             }
+        }
+    }
+
+    /// Sets the words of a module that the engine itself speaks for.
+    pub(super) fn set_message(&mut self, id: ModuleId, message: &str) {
+        let index = id.0 as usize;
+        if *self.modules[index].report.message != *message
+            && let Some(view) = self.modules.get_mut(index)
+        {
+            view.report = Arc::new(Report { message: message.into(), ..Report::default() });
+            self.revision_changed = true;
+        }
+        if !std::mem::replace(&mut self.is_heard[index], true) {
+            self.heard.push(id);
         }
     }
 
@@ -219,6 +237,7 @@ impl Views {
     }
 
     pub(super) fn set_causes(&mut self, explained: Explained) {
+        self.unexplained = explained.masked.iter().find(|(_, by)| by.is_empty()).map(|(node, _)| *node);
         for (node, by) in explained.masked {
             self.set_masked_by(node, by);
         }
@@ -237,11 +256,7 @@ impl Views {
     }
 
     fn set_masked_by(&mut self, node: NodeId, by: Arc<[NodeId]>) {
-        let current = match node {
-            NodeId::Group(id) => &self.groups[id.0 as usize].reason,
-            NodeId::Module(id) => &self.modules[id.0 as usize].reason,
-        };
-        if matches!(current, Some(Reason::Masked { by: known }) if *known == by) {
+        if matches!(self.reason(node), Some(Reason::Masked { by: known }) if *known == by) {
             return;
         }
         let slot = match node {
@@ -261,13 +276,38 @@ impl Views {
 
     /// The causes of a masked node, ranked; none if it is not masked.
     pub(super) fn masked_by(&self, node: NodeId) -> Vec<NodeId> {
-        let reason = match node {
-            NodeId::Group(id) => &self.groups[id.0 as usize].reason,
-            NodeId::Module(id) => &self.modules[id.0 as usize].reason,
-        };
-        match reason {
+        match self.reason(node) {
             Some(Reason::Masked { by }) => by.to_vec(),
             _ => Vec::new(),
+        }
+    }
+
+    pub(super) fn no_roots(&self) -> bool {
+        self.roots.is_empty()
+    }
+
+    /// A root cause that is masked itself.
+    pub(super) fn masked_root(&self) -> Option<&str> {
+        let masked = self.roots.iter().find(|root| self.reason(root.node).is_some());
+        masked.map(|root| self.name(root.node))
+    }
+
+    /// A masked node without a cause. Whoever lost its last cause was set by the last search.
+    pub(super) fn masked_by_nothing(&self) -> Option<&str> {
+        self.unexplained.map(|node| self.name(node))
+    }
+
+    fn reason(&self, node: NodeId) -> Option<&Reason> {
+        match node {
+            NodeId::Group(id) => self.groups[id.0 as usize].reason.as_ref(),
+            NodeId::Module(id) => self.modules[id.0 as usize].reason.as_ref(),
+        }
+    }
+
+    fn name(&self, node: NodeId) -> &str {
+        match node {
+            NodeId::Group(id) => &self.layout.groups[id.0 as usize].path,
+            NodeId::Module(id) => &self.layout.modules[id.0 as usize].id,
         }
     }
 
@@ -376,18 +416,22 @@ fn layout(model: &Model) -> Layout {
         depends_on: spec.depends_on.iter().map(|dependency| dependency.on.clone()).collect(),
         tile: spec.tile,
         is_other: false,
+        is_system: false,
     };
     let mut groups: Vec<GroupInfo> = model.groups.iter().map(info).collect();
-    groups.push(GroupInfo {
-        path: "other".into(),
-        name: Text { en: "Other".into(), de: "Sonstige".into() },
+    let built_in = |path: &str, en: &str, de: &str| GroupInfo {
+        path: path.into(),
+        name: Text { en: en.into(), de: de.into() },
         parent: None,
         groups: Vec::new(),
         modules: Vec::new(),
         depends_on: Vec::new(),
         tile: None,
-        is_other: true,
-    });
+        is_other: path == OTHER_GROUP,
+        is_system: path == SYSTEM_GROUP,
+    };
+    groups.push(built_in(OTHER_GROUP, "Other", "Sonstige"));
+    groups.push(built_in(SYSTEM_GROUP, "Telltale", "Telltale"));
     for (index, spec) in model.groups.iter().enumerate() {
         if let Some(parent) = spec.parent {
             groups[parent.0 as usize].groups.push(GroupId(index as u32));
@@ -406,6 +450,19 @@ fn layout(model: &Model) -> Layout {
             class: match spec.monitor {
                 MonitorSpec::SelfState { .. } => SELF_STATE,
             },
+        }));
+    }
+    let system = GroupId(groups.len() as u32 - 1);
+    for check in SystemCheck::ALL {
+        groups[system.0 as usize].modules.push(ModuleId(modules.len() as u32));
+        modules.push(Arc::new(ModuleInfo {
+            id: check.id().into(),
+            name: Some(check.name()),
+            help: Some(check.help()),
+            group: system,
+            depends_on: Vec::new(),
+            discovered: false,
+            class: SELF_STATE,
         }));
     }
     Layout { vehicle_id: model.vehicle_id.clone(), vehicle_name: model.vehicle_name.clone(), groups, modules }

@@ -146,8 +146,13 @@ fn check(model: &Model, snapshot: &Snapshot) {
             assert_eq!(view.counted, count(|state| state != State::Ignore), "counted of {name}");
         }
     }
-    let tiles = snapshot.tiles().map(|id| snapshot.group(id).1.state);
-    let overall = tiles.filter(|&state| state != State::Ignore).max().unwrap_or(State::Ignore);
+    let top = snapshot.layout.groups.iter().enumerate();
+    let top = top.filter(|(_, group)| group.parent.is_none() && !group.is_other);
+    let overall = top
+        .map(|(index, _)| snapshot.groups[index].state)
+        .filter(|&state| state != State::Ignore)
+        .max()
+        .unwrap_or(State::Ignore);
     assert_eq!(snapshot.overall, overall);
     check_roots(snapshot, &mut oracle);
 }
@@ -187,6 +192,7 @@ fn check_roots(snapshot: &Snapshot, oracle: &mut Oracle<'_>) {
     assert!(!any_error || !roots.is_empty(), "an ERROR is hidden");
     check_paths(snapshot, oracle);
     check_alarms(snapshot);
+    check_self(snapshot);
 }
 
 fn check_paths(snapshot: &Snapshot, oracle: &mut Oracle<'_>) {
@@ -214,6 +220,16 @@ fn check_path(snapshot: &Snapshot, oracle: &mut Oracle<'_>, start: NodeId, path:
         }
         assert!(hops.contains(&pair[1]), "{names:?} has a step that explains nothing");
     }
+}
+
+fn check_self(snapshot: &Snapshot) {
+    let Some(NodeId::Module(id)) = snapshot.node("telltale/invariants") else { panic!("it is always there") };
+    assert_eq!(
+        snapshot.modules[id.0 as usize].own,
+        State::Ok,
+        "{:?}",
+        snapshot.modules[id.0 as usize].report
+    );
 }
 
 fn check_alarms(snapshot: &Snapshot) {
