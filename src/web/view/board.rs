@@ -24,9 +24,9 @@ pub struct Board {
     /// From what is depended upon to what depends, without those that others imply.
     pub edges: Vec<(Tile, Tile)>,
     /// The tile that contains each group; none for `other`.
-    top: Vec<Option<Tile>>,
+    pub(super) top: Vec<Option<Tile>>,
     /// The tile that contains each module.
-    module_top: Vec<Option<Tile>>,
+    pub(super) module_top: Vec<Option<Tile>>,
 }
 
 impl Board {

@@ -8,7 +8,7 @@ use crate::engine::snapshot::{Reason, RootCause};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 
-use super::clean::{MESSAGE, clean};
+use super::clean::{ID, MESSAGE, clean};
 use super::{Fragment, View, html};
 use crate::web::text::Words;
 
@@ -44,6 +44,7 @@ struct EntryHtml {
     panel: String,
     state: &'static str,
     icon: &'static str,
+    word: &'static str,
     full: bool,
     masks: u32,
     title: String,
@@ -91,7 +92,7 @@ fn of_root(view: &View<'_>, root: &RootCause) -> Entry {
 }
 
 fn of_module(view: &View<'_>, id: ModuleId, state: State) -> Entry {
-    let (_, module) = view.snapshot.module(id);
+    let (info, module) = view.snapshot.module(id);
     let title = view.fault(id, state);
     let message = clean(&module.report.message, MESSAGE);
     let node = NodeId::Module(id);
@@ -101,7 +102,8 @@ fn of_module(view: &View<'_>, id: ModuleId, state: State) -> Entry {
         // Where the message is the title already, or belongs to what was heard before the silence.
         message: if message == title || state == State::Unknown { String::new() } else { message },
         title,
-        place: view.tile_name(node),
+        // The title of what is unknown names the component already.
+        place: if state == State::Unknown { view.label(info) } else { view.tile_name(node) },
         since: module.since,
         waits: String::new(),
         masks: 0,
@@ -142,7 +144,7 @@ fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
                 [] => {}
                 [one] => found.push(of_module(view, one, state)),
                 _ => {
-                    let count = view.lang.modules_in(of_state.len(), state);
+                    let count = view.lang.times(of_state.len(), state);
                     let since = of_state.iter().map(|&module| view.snapshot.module(module).1.since);
                     let since = since.min().unwrap_or(view.snapshot.now);
                     found.push(Entry { since, ..of_group(view, id, state, count) });
@@ -164,7 +166,7 @@ fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
 fn fitting(entries: &[Entry]) -> usize {
     let mut height = 0;
     for (index, entry) in entries.iter().enumerate() {
-        height += if index == 0 { height_full(entry) } else { 30 + height_brief(entry) };
+        height += if index == 0 { height_full(entry) } else { 26 + height_brief(entry) };
         if height > ROOM && index > 0 {
             return index;
         }
@@ -178,22 +180,24 @@ fn lines(text: &str, letters: usize, most: usize) -> usize {
 
 fn height_full(entry: &Entry) -> usize {
     height_brief(entry)
-        + 28 * (lines(&entry.message, 23, 2) + lines(&entry.waits, 23, 2))
-        + 36 * lines(&entry.help, 16, 5)
+        + 28 * (lines(&entry.message, 24, 2) + lines(&entry.waits, 24, 2))
+        + 35 * lines(&entry.help, 17, 5)
 }
 
 fn height_brief(entry: &Entry) -> usize {
-    36 * lines(&entry.title, 16, 2) + 28
+    let place = entry.place.chars().count().max(entry.message.chars().count().min(20)) + 14;
+    35 * lines(&entry.title, 17, 2) + 28 * place.div_ceil(25).min(2)
 }
 
 fn of_entry(view: &View<'_>, entry: Entry, full: bool) -> EntryHtml {
     let tile = view.board.tile_of(entry.node).map(|tile| view.board.tiles[tile]);
     let place = if entry.place.is_empty() { entry.message.clone() } else { entry.place };
     EntryHtml {
-        node: view.snapshot.node_name(entry.node).to_string(),
+        node: clean(view.snapshot.node_name(entry.node), ID),
         panel: tile.map(|id| view.snapshot.group(id).0.path.to_string()).unwrap_or_default(),
         state: entry.state.as_str(),
         icon: super::node::icon(entry.state, None),
+        word: view.lang.state(entry.state),
         full,
         masks: entry.masks,
         title: entry.title,

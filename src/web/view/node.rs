@@ -52,9 +52,9 @@ impl View<'_> {
         let (info, view) = self.snapshot.module(id);
         match state {
             State::Unknown if view.received.is_none() || view.silent => {
-                self.lang.no_news_from(&self.label(info))
+                self.lang.no_news_from(&self.tile_name(NodeId::Module(id)))
             }
-            State::Unknown => self.lang.state_unknown(&self.label(info)),
+            State::Unknown => self.lang.state_unknown(&self.tile_name(NodeId::Module(id))),
             _ => match &info.name {
                 Some(name) => self.lang.pick(name, NAME),
                 None if !view.report.message.trim().is_empty() => clean(&view.report.message, NAME),
