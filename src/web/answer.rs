@@ -10,7 +10,7 @@ use axum::response::{Html, IntoResponse, Response};
 use serde_json::{Value, json};
 
 use super::view::{self, Lang, Palette};
-use super::wording::{self, Trouble};
+use super::wording::Trouble;
 use crate::engine::input::Refusal;
 
 /// What a client reads.
@@ -75,14 +75,15 @@ pub fn refusal(reader: &Reader, trouble: Trouble) -> Response {
         Speaks::Json => json_answer(status, &json!({ "error": trouble.say(Lang::En).1 })),
         Speaks::Html => {
             let (title, text) = trouble.say(reader.lang);
-            (status, Html(view::message_page(status.as_u16(), title, text))).into_response()
+            (status, Html(view::message_page(status.as_u16(), title, text, reader.lang, reader.palette)))
+                .into_response()
         }
     }
 }
 
 /// Says what the engine did not grant: 409 with a page, or `{"refused": [...]}`.
 pub fn refused(reader: &Reader, reasons: &[Refusal]) -> Response {
-    let words = |lang| reasons.iter().map(move |reason| wording::refused(reason, lang));
+    let words = |lang: Lang| reasons.iter().map(move |reason| lang.refusal(reason));
     match reader.speaks {
         Speaks::Json => {
             let reasons: Vec<String> = words(Lang::En).collect();
@@ -95,7 +96,8 @@ pub fn refused(reader: &Reader, reasons: &[Refusal]) -> Response {
             };
             let text = words(reader.lang).collect::<Vec<_>>().join(" ");
             let status = StatusCode::CONFLICT;
-            (status, Html(view::message_page(status.as_u16(), title, &text))).into_response()
+            (status, Html(view::message_page(status.as_u16(), title, &text, reader.lang, reader.palette)))
+                .into_response()
         }
     }
 }
