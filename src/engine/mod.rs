@@ -5,15 +5,20 @@
 
 mod alarm;
 mod causes;
+pub mod event;
 pub mod filter;
 pub mod graph;
 pub mod input;
+mod layout;
 pub mod model;
 mod module;
 mod names;
 mod net;
+mod node;
 mod overflow;
 pub mod persistent;
+mod relevance;
+mod reload;
 mod signals;
 pub mod snapshot;
 pub mod state;
@@ -22,15 +27,18 @@ pub mod time;
 mod timers;
 mod vehicle;
 mod views;
+pub mod why;
 
 use std::sync::Arc;
 
 use alarm::Alarms;
 use causes::Causes;
+use event::{Event, Events, What};
 use input::{Input, OperatorAction, ReceptionTrouble, Refusal, Response, Status, StatusArray};
-use model::{ACTIVE_SIGNAL, Model, ModuleId};
+use model::{ACTIVE_SIGNAL, Model, ModuleId, Stage};
 use names::Names;
-use net::{ModuleKind, Net};
+use net::{Change, Net};
+use node::ModuleKind;
 use overflow::Overflow;
 use signals::Signals;
 use snapshot::{Counters, Snapshot};
@@ -57,6 +65,7 @@ pub struct Engine {
     overflow: Overflow,
     reception: ReceptionCheck,
     counters: Counters,
+    events: Events,
     views: Views,
     /// Names of the array in hand, kept to save allocations.
     touched: Vec<u32>,
@@ -64,6 +73,13 @@ pub struct Engine {
 
 impl Engine {
     pub fn new(model: Arc<Model>, now: Timestamp) -> Engine {
+        let mut engine = Engine::build(model, now);
+        engine.settle();
+        engine
+    }
+
+    /// Everything in its place, nothing judged yet.
+    fn build(model: Arc<Model>, now: Timestamp) -> Engine {
         let signals = Signals::new(&model.signals);
         let mut engine = Engine {
             now,
@@ -77,6 +93,7 @@ impl Engine {
             overflow: Overflow::default(),
             reception: ReceptionCheck::default(),
             counters: Counters::default(),
+            events: Events::default(),
             views: Views::new(&model, now),
             touched: Vec::new(),
             signals,
@@ -85,7 +102,6 @@ impl Engine {
         for check in SystemCheck::ALL {
             engine.report_on_self(check, State::Ok, "");
         }
-        engine.settle();
         engine
     }
 
@@ -119,6 +135,16 @@ impl Engine {
     /// Grows with every change that a snapshot shows, words and values included.
     pub fn revision(&self) -> u64 {
         self.views.revision
+    }
+
+    /// Keeps events from now on, for [`Engine::take_events`].
+    pub fn keep_events(&mut self) {
+        self.events.keep();
+    }
+
+    /// What happened since the last call, in order. Past 65,536 the oldest are gone.
+    pub fn take_events(&mut self) -> Vec<Event> {
+        self.events.take()
     }
 
     /// When time alone may change something next: call [`Engine::handle`] with [`Input::Tick`] then.
@@ -171,9 +197,10 @@ impl Engine {
         for index in touched.drain(..) {
             let route = &self.names.routes[index as usize];
             let status = array.get(route.position as usize);
-            for position in 0..route.modules.len() {
-                let module = self.names.routes[index as usize].modules[position];
+            let mut position = 0;
+            while let Some(module) = self.names.routes[index as usize].module(position) {
                 self.take_status(module, status);
+                position += 1;
             }
         }
         self.touched = touched;
@@ -199,15 +226,13 @@ impl Engine {
             self.net.report(module, State::Warning, self.now);
             self.views.set_message(module, &message);
         }
-        if claim.groups.is_empty() {
-            return None;
-        }
-        let mut modules = Vec::with_capacity(claim.groups.len());
+        let mut route = None;
         for group in claim.groups {
-            modules.push(self.net.discover(group, ModuleKind::Discovered));
+            let module = self.net.discover(group, ModuleKind::Discovered);
             self.views.discover(group, name, self.now);
+            route = Some(self.names.discovered(name, module));
         }
-        Some(self.names.discovered(name, modules))
+        route
     }
 
     fn take_signal(&mut self, name: &str, value: bool) {
@@ -226,9 +251,13 @@ impl Engine {
         if !changed {
             return;
         }
+        let value = self.signals.value(index);
+        self.events.push(self.now, What::Signal { index, value });
         // An unknown Active changes no stage: the last word holds, and conditions on it are met.
         if let Some(value) = self.signals.value(index).filter(|_| Some(index) == self.active_signal) {
+            let from = self.vehicle.stage;
             self.vehicle.set_active(value);
+            self.stage_changed(from);
         }
         self.net.mark_conditions(self.vehicle.stage);
         self.views.set_signals(&self.signals);
@@ -260,16 +289,24 @@ impl Engine {
     }
 
     fn operate(&mut self, action: &OperatorAction) -> Response {
+        let from = self.vehicle.stage;
         let granted = match action {
             OperatorAction::Reset { module } => self.reset(module).map_err(|reason| vec![reason]),
             OperatorAction::Login { .. } | OperatorAction::Logout => self.vehicle.operate(action),
         };
+        self.stage_changed(from);
         match granted {
             Ok(()) => {
                 self.net.mark_conditions(self.vehicle.stage);
                 Response::Done
             }
             Err(reasons) => Response::Refused(reasons),
+        }
+    }
+
+    fn stage_changed(&mut self, from: Stage) {
+        if from != self.vehicle.stage {
+            self.events.push(self.now, What::Stage { from, to: self.vehicle.stage });
         }
     }
 
@@ -304,16 +341,33 @@ impl Engine {
                 self.timers.arm(TimerKey::Module(id.0), due);
             }
         }
-        for change in std::mem::take(&mut self.net.changes) {
-            self.causes.note(&self.net, &change);
-            self.views.follow(&self.net, &change, self.now);
+        let changes = std::mem::take(&mut self.net.changes);
+        for change in &changes {
+            self.causes.note(&self.net, change);
+            self.views.follow(&self.net, change, self.now);
         }
         if let Some(explained) = self.causes.explain(&self.net, self.now) {
             let roots: Vec<_> = explained.roots.iter().map(|root| root.node).collect();
             self.views.set_causes(explained);
             let views = &self.views;
-            if self.alarms.follow(&roots, |node| views.masked_by(node), self.now) {
+            if self.alarms.follow(&roots, |node| views.masked_by(node), self.now, &mut self.events) {
                 self.views.set_alarms(self.alarms.list());
+            }
+        }
+        if self.events.wanted() {
+            self.keep_changes(&changes);
+        }
+        // The list is handed back empty: its room is used again.
+        self.net.changes = changes;
+        self.net.changes.clear();
+    }
+
+    fn keep_changes(&mut self, changes: &[Change]) {
+        for Change { node, before, after } in changes {
+            if (before.shown, before.own, before.masked) != (after.shown, after.own, after.masked) {
+                let cause = self.views.masked_by(*node).first().copied();
+                let (from, to, own) = (before.shown, after.shown, after.own);
+                self.events.push(self.now, What::Shown { node: *node, from, to, own, cause });
             }
         }
     }

@@ -8,123 +8,15 @@ use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
 use std::sync::Arc;
 
-use super::graph::targets;
-use super::model::{Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, Policy, Stage, When};
+use super::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId, Policy, Stage, When};
 use super::module::OwnState;
+use super::node::{Facts, GroupNode, ModuleKind, ModuleNode, Node, UNSEEN, new_node};
+use super::relevance::unmet;
 use super::signals::Signals;
 use super::snapshot::NotRelevant;
 use super::state::{State, Tally};
 use super::system::{self, SystemCheck};
 use super::time::Timestamp;
-
-/// What others need to know of a node.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Facts {
-    pub(super) relevant: bool,
-    pub(super) blocked: bool,
-    /// Shows IGNORE because a dependency fails.
-    pub(super) masked: bool,
-    pub(super) shown: State,
-    pub(super) own: State,
-}
-
-impl Facts {
-    /// The worse of what it shows and what it would show if nothing were masked.
-    pub(super) fn worst(&self) -> State {
-        self.shown.max(self.own)
-    }
-
-    fn fails(&self, masks_unknown: bool) -> bool {
-        self.worst() == State::Error || (masks_unknown && self.worst() == State::Unknown)
-    }
-
-    /// What it adds to the own state of the group around it.
-    fn own_share(&self) -> State {
-        if self.relevant { self.own } else { State::Ignore }
-    }
-}
-
-/// One dependency of a node, with how many of its members block now.
-#[derive(Debug)]
-pub(super) struct Need {
-    pub(super) members: Box<[NodeId]>,
-    any_of: bool,
-    masks_unknown: bool,
-    blocking: u32,
-}
-
-impl Need {
-    fn new(dependency: &Dependency) -> Need {
-        Need {
-            members: targets(dependency).into(),
-            any_of: matches!(dependency.on, DependsOn::AnyOf(_)),
-            masks_unknown: dependency.masks_unknown,
-            blocking: 0,
-        }
-    }
-
-    pub(super) fn blocks(&self) -> bool {
-        self.blocking as usize == self.members.len()
-    }
-
-    /// Whether a member with these facts blocks. One that is not relevant passes on what blocks
-    /// it, but keeps a redundancy set open.
-    fn blocked_by(&self, facts: &Facts) -> bool {
-        let fails = facts.relevant && facts.fails(self.masks_unknown);
-        if self.any_of { facts.relevant && (facts.blocked || fails) } else { facts.blocked || fails }
-    }
-}
-
-/// What groups and modules have in common.
-#[derive(Debug)]
-pub(super) struct Node {
-    pub(super) parent: Option<GroupId>,
-    pub(super) needs: Box<[Need]>,
-    /// Who needs this node, and as which of its needs.
-    dependents: Vec<(NodeId, u32)>,
-    /// How many of its needs block.
-    pub(super) blocking: u32,
-    pub(super) not_relevant: Option<NotRelevant>,
-    pub(super) facts: Facts,
-    dirty: bool,
-}
-
-#[derive(Debug)]
-pub(super) struct GroupNode {
-    pub(super) node: Node,
-    /// The facts that its parent and dependents know; they are told when it is left.
-    told: Facts,
-    pub(super) members: Vec<NodeId>,
-    pub(super) shown: Tally,
-    own: Tally,
-    /// Members that show IGNORE because a dependency fails.
-    pub(super) masked: BTreeSet<NodeId>,
-    /// Relevant members that are bad enough to mask.
-    pub(super) failing: BTreeSet<NodeId>,
-    dirty_leave: bool,
-    /// Holds what nothing claims; never counted.
-    pub(super) is_other: bool,
-    /// Statuses of new names were dropped: the group is at least WARNING.
-    pub(super) overflowed: bool,
-}
-
-/// Where a module comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum ModuleKind {
-    Declared,
-    /// Made when a status matched a filter, or nothing.
-    Discovered,
-    /// The engine itself reports it.
-    BuiltIn,
-}
-
-#[derive(Debug)]
-pub(super) struct ModuleNode {
-    pub(super) kind: ModuleKind,
-    pub(super) node: Node,
-    pub(super) own: OwnState,
-    pub(super) rank: u32,
-}
 
 /// A node whose facts changed in an evaluation: what it was and what it is.
 #[derive(Debug, Clone, Copy)]
@@ -160,9 +52,6 @@ pub(super) struct Net {
     /// Modules whose deadlines may have moved.
     pub(super) rearm: Vec<ModuleId>,
 }
-
-const UNSEEN: Facts =
-    Facts { relevant: false, blocked: false, masked: false, shown: State::Ignore, own: State::Unknown };
 
 impl Net {
     pub(super) fn new(model: Arc<Model>) -> Net {
@@ -546,33 +435,4 @@ impl Net {
         }
         self.mark(dependent);
     }
-}
-
-fn new_node(parent: Option<GroupId>, needs: &[Dependency]) -> Node {
-    Node {
-        parent,
-        needs: needs.iter().map(Need::new).collect(),
-        dependents: Vec::new(),
-        blocking: 0,
-        not_relevant: None,
-        facts: UNSEEN,
-        dirty: false,
-    }
-}
-
-/// The first condition that does not hold. A signal that is unknown meets every condition: what
-/// is not known to be irrelevant is diagnosed.
-fn unmet(when: Option<&When>, stage: Stage, signals: &Signals) -> Option<NotRelevant> {
-    let in_stage = match when {
-        Some(when) if !when.stages.is_empty() => when.stages.contains(&stage),
-        _ => stage != Stage::Locked,
-    };
-    if !in_stage {
-        return Some(NotRelevant::Stage(stage));
-    }
-    let wanted = when.map_or(&[][..], |when| &when.signals);
-    wanted.iter().find_map(|&(index, wanted)| {
-        let value = signals.value(index).filter(|&value| value != wanted)?;
-        Some(NotRelevant::Signal { name: signals.name(index).into(), value })
-    })
 }

@@ -9,6 +9,7 @@ use super::model::{DependsOn, GroupId, ModuleId, NodeId, Stage, Text};
 use super::persistent::PersistentVec;
 use super::state::State;
 use super::time::Timestamp;
+use super::why::Steps;
 
 /// The state of the whole vehicle at one instant.
 #[derive(Debug, Clone)]
@@ -72,6 +73,14 @@ impl Snapshot {
         group
             .map(|index| NodeId::Group(GroupId(index as u32)))
             .or_else(|| module().map(|index| NodeId::Module(ModuleId(index as u32))))
+    }
+
+    /// What a node reports, as if nothing were masked.
+    pub fn own(&self, node: NodeId) -> State {
+        match node {
+            NodeId::Group(id) => self.groups[id.0 as usize].own,
+            NodeId::Module(id) => self.modules[id.0 as usize].own,
+        }
     }
 
     /// What a node shows, and why where that is IGNORE.
@@ -165,6 +174,7 @@ pub struct ModuleView {
     pub received: Option<Timestamp>,
     /// Nothing came for its timeout.
     pub silent: bool,
+    pub steps: Steps,
     pub reason: Option<Reason>,
     pub report: Arc<Report>,
 }

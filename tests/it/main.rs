@@ -1,5 +1,6 @@
 //! The integration tests, in one binary: it links once.
 
+mod hostile;
 mod properties;
 mod tidy;
 mod web;

@@ -70,6 +70,31 @@ proptest! {
     }
 
     #[test]
+    fn a_reload_of_the_same_configuration_changes_nothing(numbers in numbers(), pick in any::<usize>()) {
+        let mut choices = Choices::new(&numbers);
+        let model = model(&mut choices);
+        let history = history(&mut choices);
+        let mut plain = Engine::new(model.clone(), Timestamp::ZERO);
+        let mut reloaded = Engine::new(model.clone(), Timestamp::ZERO);
+        for (index, (at, input)) in history.iter().enumerate() {
+            plain.handle(input, *at);
+            reloaded.handle(input, *at);
+            if index == pick % history.len() {
+                reloaded.reload(model.clone(), *at);
+            }
+        }
+        let shown = |engine: &mut Engine| {
+            let snapshot = engine.snapshot();
+            let nodes = (snapshot.groups.iter().cloned().collect::<Vec<_>>(), snapshot.modules.iter().cloned().collect::<Vec<_>>());
+            format!("{nodes:#?} {:#?} {:#?} {:?}", snapshot.roots, snapshot.alarms, snapshot.stage)
+        };
+        // Names that were dropped before the reload are not known any more.
+        if plain.snapshot().counters.dropped_names == 0 {
+            prop_assert_eq!(shown(&mut plain), shown(&mut reloaded));
+        }
+    }
+
+    #[test]
     fn a_worse_module_makes_no_tile_better_but_by_masking(numbers in numbers(), pick in any::<u32>()) {
         let mut choices = Choices::new(&numbers);
         let model = model(&mut choices);
