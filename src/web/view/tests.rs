@@ -454,11 +454,14 @@ mod pages {
                     LoginContext { name: "operator".to_owned(), failure: Some(LoginFailure::Wrong), ..login };
                 pages.push((file("login-failed"), login_page(&failed)));
                 pages.push((file("demo"), demo_page(&faults, &context(lang, palette))));
-                let words = lang.words();
-                pages.push((
-                    file("message"),
-                    message_page(404, words.not_found, words.not_found_text, lang, palette),
-                ));
+                let message = message_page(
+                    404,
+                    "Nicht gefunden",
+                    "Unter dieser Adresse gibt es nichts.",
+                    lang,
+                    palette,
+                );
+                pages.push((file("message"), message));
             }
         }
         pages
