@@ -24,12 +24,12 @@ pub(super) struct Names {
 }
 
 /// Where a new name belongs.
-#[derive(Debug, PartialEq, Eq)]
-pub(super) enum Claim {
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(super) struct Claim {
     /// It feeds a new module in each of these groups.
-    Groups(Vec<GroupId>),
-    /// The limit is reached: it is dropped.
-    Full,
+    pub(super) groups: Vec<GroupId>,
+    /// These would have it, but the limit is reached.
+    pub(super) dropped_by: Vec<GroupId>,
 }
 
 impl Names {
@@ -54,9 +54,6 @@ impl Names {
 
     /// Asks the filters about a name that nothing is known of.
     pub(super) fn claim(&self, model: &Model, name: &str, other: GroupId) -> Claim {
-        if self.discovered >= self.discovered_max {
-            return Claim::Full;
-        }
         let matching = model
             .groups
             .iter()
@@ -66,8 +63,9 @@ impl Names {
         if groups.is_empty() {
             groups.push(other);
         }
-        groups.truncate(self.discovered_max - self.discovered);
-        Claim::Groups(groups)
+        let room = self.discovered_max.saturating_sub(self.discovered);
+        let dropped_by = groups.split_off(groups.len().min(room));
+        Claim { groups, dropped_by }
     }
 
     /// Remembers that `name` feeds these modules, which were made for it.
@@ -76,6 +74,14 @@ impl Names {
         let route = self.route(name);
         self.routes[route as usize].modules = modules;
         route
+    }
+
+    /// All names with their modules, in the order in which they were first seen.
+    pub(super) fn in_order(&self) -> Vec<(&str, &[ModuleId])> {
+        let mut names: Vec<(u32, &str)> = self.index.iter().map(|(name, &route)| (route, &**name)).collect();
+        names.sort_unstable();
+        let routed = |(route, name): (u32, _)| (name, &*self.routes[route as usize].modules);
+        names.into_iter().map(routed).collect()
     }
 
     fn route(&mut self, name: &str) -> u32 {

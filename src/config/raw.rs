@@ -1,0 +1,212 @@
+//! The file as it is written: every key that a configuration knows, with its place. Nothing here
+//! is checked against anything else; `resolve` does that.
+
+pub(super) use super::raw_node::{
+    Dependency, DependsOn, Filter, FilterKind, Group, Module, Monitor, Tile, When,
+};
+use crate::engine::model::{StageModel, Text};
+use crate::engine::state::State;
+use crate::engine::time;
+use crate::yaml::decode::{Entries, scalar, word};
+use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Span, Spanned};
+
+#[derive(Debug, Default)]
+pub(super) struct File {
+    /// Further files, relative to this one, whose lists are added to the lists of this one.
+    pub include: Vec<Spanned<String>>,
+    pub vehicle: Option<Vehicle>,
+    pub signals: Entries<Signal>,
+    pub stops: Vec<Stop>,
+    pub defaults: Option<Defaults>,
+    pub limits: Option<Limits>,
+    pub localized_after: Option<time::Span>,
+    pub groups: Vec<Group>,
+    /// Keys that only the file which is named first may have, with their places.
+    pub main_only: Vec<(&'static str, Span)>,
+}
+
+impl FromNode for File {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a configuration", log)?;
+        if let Some(span) = fields.key_span("modules") {
+            fields.node("modules");
+            let problem = Problem::at(span, "a module stands in no group");
+            fields.log.push(problem.help("move `modules` into one of the `groups`"));
+        }
+        let main_only = ["vehicle", "defaults", "limits", "localized_after"];
+        let main_only = main_only.into_iter().filter_map(|key| Some((key, fields.key_span(key)?)));
+        let file = File {
+            main_only: main_only.collect(),
+            include: fields.or_default("include"),
+            vehicle: fields.optional("vehicle"),
+            signals: fields.or_default("signals"),
+            stops: fields.or_default("stops"),
+            defaults: fields.optional("defaults"),
+            limits: fields.optional("limits"),
+            localized_after: fields.optional("localized_after"),
+            groups: fields.or_default("groups"),
+        };
+        unsupported(&mut fields, &["countermeasures"]);
+        fields.finish();
+        Some(file)
+    }
+}
+
+#[derive(Debug, Default)]
+pub(super) struct Vehicle {
+    pub id: Option<Spanned<String>>,
+    pub name: Option<Text>,
+    pub stages: Option<StageModel>,
+}
+
+impl FromNode for Vehicle {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "the vehicle", log)?;
+        let vehicle = Vehicle {
+            id: fields.optional("id"),
+            name: fields.optional("name"),
+            stages: fields.optional("stages"),
+        };
+        fields.finish();
+        Some(vehicle)
+    }
+}
+
+impl FromNode for StageModel {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        word(node, log, "stage model", &[("shuttle", StageModel::Shuttle), ("none", StageModel::None)])
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct Signal {
+    pub topic: Option<Spanned<String>>,
+    pub type_name: Option<Spanned<String>>,
+    pub field: Option<Spanned<String>>,
+    pub timeout: Option<Spanned<time::Span>>,
+    pub present_for: Option<Spanned<time::Span>>,
+}
+
+impl FromNode for Signal {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a signal", log)?;
+        let signal = Signal {
+            topic: fields.required("topic"),
+            type_name: fields.required("type"),
+            field: fields.optional("field"),
+            timeout: fields.optional("timeout"),
+            present_for: fields.optional("present_for"),
+        };
+        fields.finish();
+        Some(signal)
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct Stop {
+    pub id: Option<Spanned<String>>,
+    pub name: Option<Text>,
+    pub x: Option<f64>,
+    pub y: Option<f64>,
+    pub yaw_deg: Option<f64>,
+}
+
+impl FromNode for Stop {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a stop", log)?;
+        let stop = Stop {
+            id: fields.required("id"),
+            name: fields.optional("name"),
+            x: fields.required("x"),
+            y: fields.required("y"),
+            yaw_deg: fields.optional("yaw_deg"),
+        };
+        fields.finish();
+        Some(stop)
+    }
+}
+
+/// How reports become states, where it differs from what holds around it.
+#[derive(Debug, Default, Clone, Copy)]
+pub(super) struct Policy {
+    pub timeout: Option<Spanned<time::Span>>,
+    pub stale: Option<State>,
+    pub raise_after: Option<time::Span>,
+    pub clear_after: Option<time::Span>,
+    /// Only a module's own: what latches must be named.
+    pub latch: Option<time::Span>,
+}
+
+impl Policy {
+    pub fn of(fields: &mut Fields) -> Policy {
+        let stale = fields.node("stale").and_then(|node| {
+            let states = [State::Unknown, State::Warning, State::Error].map(|state| (state.as_str(), state));
+            word(node, fields.log, "stale state", &states)
+        });
+        Policy {
+            timeout: fields.optional("timeout"),
+            stale,
+            raise_after: fields.optional("raise_after"),
+            clear_after: fields.optional("clear_after"),
+            latch: None,
+        }
+    }
+}
+
+#[derive(Debug, Default)]
+pub(super) struct Defaults(pub Policy);
+
+impl FromNode for Defaults {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "the defaults", log)?;
+        let defaults = Defaults(Policy::of(&mut fields));
+        fields.finish();
+        Some(defaults)
+    }
+}
+
+#[derive(Debug, Default)]
+pub(super) struct Limits {
+    pub discovered_modules: Option<Spanned<u64>>,
+    pub values_per_status: Option<Spanned<u64>>,
+    pub string_bytes: Option<Spanned<u64>>,
+}
+
+impl FromNode for Limits {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "the limits", log)?;
+        let limits = Limits {
+            discovered_modules: fields.optional("discovered_modules"),
+            values_per_status: fields.optional("values_per_status"),
+            string_bytes: fields.optional("string_bytes"),
+        };
+        fields.finish();
+        Some(limits)
+    }
+}
+
+impl FromNode for Text {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        if scalar(node).is_some() || !matches!(node.kind, Kind::Mapping(_)) {
+            return String::from_node(node, log).map(|text| Text::plain(&text));
+        }
+        let mut fields = Fields::of(node, "a text in two languages", log)?;
+        let (en, de): (Option<String>, Option<String>) = (fields.required("en"), fields.required("de"));
+        fields.finish();
+        Some(Text { en: en?.into(), de: de?.into() })
+    }
+}
+
+/// Logs each of the keys that is there: it must not be taken for granted that it does something.
+fn unsupported(fields: &mut Fields, keys: &[&'static str]) {
+    for key in keys {
+        fields.node(key);
+        if let Some(span) = fields.key_span(key) {
+            fields.log.push(not_supported(span, key));
+        }
+    }
+}
+
+pub(super) fn not_supported(span: Span, what: &str) -> Problem {
+    Problem::at(span, format!("`{what}` is not supported by this version")).help("remove it")
+}
