@@ -65,14 +65,14 @@ struct EntryHtml {
 pub fn causes(view: &View<'_>) -> Fragment {
     let mut entries: Vec<Entry> = view.snapshot.roots.iter().map(|root| of_root(view, root)).collect();
     lesser(view, &mut entries);
-    let shown = fitting(&entries);
+    let (shown, full) = fitting(&entries);
     let more = entries.len() - shown;
     let calm = entries.is_empty().then(|| calm(view));
     let entries = entries.into_iter().take(shown).enumerate();
     let html = html(&CausesHtml {
         words: view.words,
         swap: view.swap,
-        entries: entries.map(|(index, entry)| of_entry(view, entry, index == 0)).collect(),
+        entries: entries.map(|(index, entry)| of_entry(view, entry, index < full)).collect(),
         more: (more > 0).then(|| view.lang.and_more(more)),
         calm,
     });
@@ -138,7 +138,7 @@ fn of_group(view: &View<'_>, id: GroupId, state: State, message: String) -> Entr
 fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
     let roots: Vec<NodeId> = view.snapshot.roots.iter().map(|root| root.node).collect();
     let mut found = Vec::new();
-    for (tile, &id) in view.board.tiles.iter().enumerate() {
+    for id in view.watched() {
         let modules = view.modules_of(id);
         for state in [State::Error, State::Unknown, State::Warning] {
             let visible = |&module: &ModuleId| view.snapshot.module(module).1.state == state;
@@ -161,7 +161,8 @@ fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
         let (_, group) = view.snapshot.group(id);
         let faulty = !matches!(group.state, State::Ok | State::Ignore);
         let mut said = roots.iter().copied().chain(found.iter().map(|entry| entry.node));
-        if faulty && !said.any(|node| view.board.tile_of(node) == Some(tile)) {
+        let tile = view.board.tile_of(NodeId::Group(id));
+        if faulty && !said.any(|node| node == NodeId::Group(id) || view.board.tile_of(node) == tile) {
             found.push(of_group(view, id, group.state, view.lang.state(group.state).to_owned()));
         }
     }
@@ -169,8 +170,25 @@ fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
     entries.extend(found);
 }
 
-/// How many entries have room, by an estimate of their lines. The first always has.
-fn fitting(entries: &[Entry]) -> usize {
+/// How many entries have room, and how many of them with all their words, by an estimate of their
+/// lines. The first always has.
+fn fitting(entries: &[Entry]) -> (usize, usize) {
+    let shown = shown(entries);
+    let mut free = ROOM.saturating_sub(entries[..shown].iter().map(|entry| GAP + height_brief(entry)).sum());
+    if shown < entries.len() {
+        free = free.saturating_sub(SMALL);
+    }
+    let grows = |entry: &&Entry| {
+        let more = height_full(entry) - height_brief(entry);
+        let fits = more <= free;
+        free = free.saturating_sub(more);
+        fits
+    };
+    let full = entries[..shown].iter().take_while(grows).count();
+    (shown, full.max(1))
+}
+
+fn shown(entries: &[Entry]) -> usize {
     let mut height = 0;
     for (index, entry) in entries.iter().enumerate() {
         height += if index == 0 { height_full(entry) } else { GAP + height_brief(entry) };
@@ -191,7 +209,7 @@ fn height_full(entry: &Entry) -> usize {
 fn height_brief(entry: &Entry) -> usize {
     let place = if entry.place.is_empty() { &entry.message } else { &entry.place };
     // An icon and how long it lasts share the line.
-    let place = lines(&format!("iii {place}, since 00000"), SMALL_EM, 3);
+    let place = lines(&format!("iiii {place}, seit 00 i"), SMALL_EM, 3);
     (14 + LARGE * lines(&entry.title, LARGE_EM, 2) + SMALL * place).max(88)
 }
 
@@ -246,6 +264,7 @@ fn of_entry(view: &View<'_>, entry: Entry, full: bool) -> EntryHtml {
 /// "All okay" is said only where every component that matters shows OK.
 fn calm(view: &View<'_>) -> (bool, String) {
     let states = view.board.tiles.iter().map(|&id| view.snapshot.group(id).1.state);
+    // Whoever is ignored was put aside by the stage: with a mask there would be a root cause.
     let active = states.filter(|&state| state == State::Ok).count();
     match active {
         0 => (false, view.words.nothing_diagnosed.to_owned()),
@@ -264,17 +283,18 @@ mod tests {
             state: State::Error,
             title: title.to_owned(),
             message: "m".repeat(200),
-            place: String::new(),
+            place: "Localization".to_owned(),
             since: Timestamp::ZERO,
             waits: "Four others wait".to_owned(),
             masks: 4,
             help: help.to_owned(),
         };
         let long = "w".repeat(120);
-        assert_eq!(fitting(&[]), 0);
-        assert_eq!(fitting(&[entry(&long, &long)]), 1);
+        assert_eq!(fitting(&[]), (0, 1));
+        assert_eq!(fitting(&[entry(&long, &long)]), (1, 1));
+        assert_eq!(fitting(&[entry("short", "do"), entry("short", "do")]), (2, 2));
         let many: Vec<Entry> = (0..50).map(|_| entry("short", "")).collect();
-        assert!((2..=5).contains(&fitting(&many)), "{}", fitting(&many));
+        assert!(matches!(fitting(&many), (2..=5, 1)), "{:?}", fitting(&many));
     }
 
     #[test]
