@@ -57,8 +57,6 @@ words! {
     other_language: "Auf Deutsch umschalten", "Switch to English";
     other_language_short: "DE", "EN";
     demo: "Demo", "Demo";
-    developer: "Developer", "Entwicklung";
-    components: "Components", "Komponenten";
 
     wrong: "What is wrong", "Störungen";
     nothing_diagnosed: "Nothing is diagnosed now", "Zurzeit wird nichts überwacht";
@@ -88,14 +86,6 @@ words! {
     login_no_users: "No user exists yet. On the vehicle: telltale user add NAME --role operator", "Noch kein Benutzer. Auf dem Fahrzeug: telltale user add NAME --role operator";
     login_demo: "Demo: operator with PIN 246810", "Demo: operator mit PIN 246810";
     back: "Back to the vehicle", "Zurück zum Fahrzeug";
-
-    not_found: "There is no such page", "Diese Seite gibt es nicht";
-    not_found_text: "Check the address, or go back to the vehicle.", "Adresse prüfen oder zurück zum Fahrzeug.";
-    not_allowed: "Not for this user", "Nicht für diesen Benutzer";
-    not_allowed_text: "Log in as somebody who may see this page.", "Als jemand anmelden, der diese Seite sehen darf.";
-    refused: "Refused", "Abgelehnt";
-    unavailable: "The server cannot do this now", "Der Server kann das gerade nicht";
-    unavailable_text: "Try again. If it stays so, call the control room.", "Noch einmal versuchen. Bleibt es so, Leitstelle rufen.";
 
     demo_title: "Faults of the simulated shuttle", "Fehler des simulierten Shuttles";
     demo_text: "Each button switches one fault. The vehicle's page shows what becomes of it.", "Jeder Knopf schaltet einen Fehler. Die Seite des Fahrzeugs zeigt, was daraus wird.";

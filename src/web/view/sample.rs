@@ -296,11 +296,14 @@ pub fn parts() -> Parts {
     }
 }
 
+/// What a module says: level, message and values.
+type Heard = (u8, String, Vec<(String, String)>);
+
 /// A vehicle whose modules report as the test says, every second.
 pub struct Sample {
     engine: Engine,
     now: Timestamp,
-    reports: BTreeMap<String, (u8, String, Vec<(String, String)>)>,
+    reports: BTreeMap<String, Heard>,
 }
 
 impl Sample {
