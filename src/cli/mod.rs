@@ -3,7 +3,9 @@
 //! Exit codes: 0; 1, the answer is no; 2, wrong usage or configuration.
 
 mod check;
+pub mod data;
 mod scenario;
+mod user;
 
 use std::process::ExitCode;
 
@@ -25,6 +27,7 @@ struct Cli {
 enum Command {
     Check(check::Args),
     Scenario(scenario::Args),
+    User(user::Args),
 }
 
 /// Runs the program with the arguments of the process. An error that no subcommand turned into
@@ -33,6 +36,7 @@ pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Check(args) => check::run(&args),
         Command::Scenario(args) => scenario::run(&args),
+        Command::User(args) => user::run(&args),
     };
     result.unwrap_or_else(|error| {
         eprintln!("telltale: {error:#}");
