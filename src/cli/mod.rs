@@ -1,7 +1,41 @@
-//! One file per subcommand; `main` picks and wires.
+//! One file per subcommand: its `Args`, and `run`, which returns the exit code. Wires the rooms.
+//!
+//! Exit codes: 0; 1, the answer is no; 2, wrong usage or configuration.
+
+mod check;
+mod scenario;
 
 use std::process::ExitCode;
 
+use clap::{Parser, Subcommand};
+
+/// The answer is no: an expectation fails, a chain is broken.
+pub const EXIT_NO: u8 = 1;
+/// Wrong usage or configuration. clap ends with the same code.
+pub const EXIT_USAGE: u8 = 2;
+
+#[derive(Debug, Parser)]
+#[command(name = "telltale", version, about, max_term_width = 100)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Check(check::Args),
+    Scenario(scenario::Args),
+}
+
+/// Runs the program with the arguments of the process. An error that no subcommand turned into
+/// an answer is printed with its causes and counts as wrong usage or configuration.
 pub fn main() -> ExitCode {
-    ExitCode::SUCCESS
+    let result = match Cli::parse().command {
+        Command::Check(args) => check::run(&args),
+        Command::Scenario(args) => scenario::run(&args),
+    };
+    result.unwrap_or_else(|error| {
+        eprintln!("telltale: {error:#}");
+        ExitCode::from(EXIT_USAGE)
+    })
 }

@@ -1,1 +1,4 @@
-//! skeleton
+//! The HTTP server: pages, sessions, the WebSocket and the wire.
+
+pub mod assets;
+pub mod view;
