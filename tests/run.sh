@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Runs every test: unit, property, scenario, router, DDS with a foreign peer, a real browser.
 #
-#   tests/run.sh            needs Rust, a C compiler, python3 with venv, and Chromium
+#   tests/run.sh             needs Rust, a C compiler, python3 with venv, and Chromium
+#   tests/run.sh screenshot  makes docs/screenshot.png anew instead
 #
 # What is missing is installed where that is possible (Debian, as root), else it is named and
 # nothing runs. Nothing is skipped: a test that did not run fails the whole. DDS stays on the
@@ -106,6 +107,10 @@ PY
     count browser "${sums[@]}"
 }
 
+case ${1:-} in
+    "" | screenshot) ;;
+    *) die "unknown word ${1}: tests/run.sh [screenshot]" ;;
+esac
 command -v cargo >/dev/null || die "missing: cargo. Install Rust from https://rustup.rs"
 command -v cc >/dev/null || die "missing: a C compiler. Install with: sudo apt-get install gcc libc6-dev"
 install_debian_packages
@@ -119,6 +124,9 @@ export CHROMIUM
 
 say "building"
 cargo build --locked --bin telltale || die "the program does not build"
+if [ "${1:-}" = screenshot ]; then
+    exec "$TELLTALE_PYTHON" tests/browser/screenshot.py
+fi
 rust_tests
 scenarios
 browser_tests

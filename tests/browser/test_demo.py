@@ -66,7 +66,7 @@ def healthy(snapshot):
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    server = Server(tmp_path_factory.mktemp("demo"), own_domain() + 61, "demo").start()
+    server = Server(tmp_path_factory.mktemp("demo"), own_domain() + 40, "demo").start()
     yield server
     assert server.stop() == 0
 

@@ -42,7 +42,7 @@ def free_port():
 def own_domain():
     """A DDS domain that parallel runs on one machine hardly share; its ports stay below the
     range from which the kernel gives out others."""
-    return 40 + os.getpid() % 60
+    return 20 + os.getpid() % 40
 
 
 class Server:
