@@ -6,13 +6,28 @@ use std::time::SystemTime;
 use tokio::sync::{mpsc, oneshot, watch};
 
 use crate::clock::Clock;
-use crate::engine::input::{OperatorAction, Response, Stamped};
+use crate::engine::Engine;
+use crate::engine::input::{Input, OperatorAction, Response, Stamped};
 use crate::engine::model::Model;
 use crate::engine::snapshot::Snapshot;
+use crate::engine::time::{Span, Timestamp};
 
 /// Inputs that may wait for the engine. A full queue holds its senders back: the bridge's
 /// readers then lose the oldest samples by their own depth, and count that.
 pub const INPUT_QUEUE: usize = 1024;
+
+/// Commands that may wait for the engine. A full queue makes the senders wait.
+pub const COMMAND_QUEUE: usize = 64;
+
+/// Inputs handled before the others get their turn and a changed state is published.
+const BATCH_MAX: usize = 32;
+
+/// New words and values, without a new state, wait this long for others.
+const WORDS_EVERY: Span = Span::from_millis(100);
+
+/// A snapshot is published this often even if nothing changed: whoever shows it knows by that
+/// that the engine lives, and reads ages no older than this.
+pub const PULSE_EVERY: Span = Span::from_millis(250);
 
 /// The latest snapshot with the wall time at which it was taken.
 #[derive(Debug, Clone)]
@@ -38,6 +53,137 @@ pub struct Link {
 }
 
 /// Starts the engine in a task of the current tokio runtime. It ends when all links are dropped.
-pub fn start(_model: Arc<Model>, _clock: Clock) -> Link {
-    unreachable!("skeleton")
+pub fn start(model: Arc<Model>, clock: Clock) -> Link {
+    let (inputs, inputs_rx) = mpsc::channel(INPUT_QUEUE);
+    let (commands, commands_rx) = mpsc::channel(COMMAND_QUEUE);
+    let mut engine = Engine::new(model, clock.now());
+    let first = Published { snapshot: engine.snapshot(), at: clock.wall() };
+    let (publish, snapshots) = watch::channel(first);
+    let mut turn = Loop {
+        published_seq: engine.seq(),
+        published_revision: engine.revision(),
+        published_at: clock.now(),
+        engine,
+        clock,
+        publish,
+    };
+    tokio::spawn(async move { turn.run(inputs_rx, commands_rx).await });
+    Link { inputs, commands, snapshots }
+}
+
+struct Loop {
+    engine: Engine,
+    clock: Clock,
+    publish: watch::Sender<Published>,
+    published_seq: u64,
+    published_revision: u64,
+    published_at: Timestamp,
+}
+
+impl Loop {
+    async fn run(&mut self, mut inputs: mpsc::Receiver<Stamped>, mut commands: mpsc::Receiver<Command>) {
+        let mut batch = Vec::with_capacity(BATCH_MAX);
+        loop {
+            let wake = tokio::time::Instant::from_std(self.clock.instant(self.next_turn()));
+            // Inputs go before deadlines: what waits in the queue was received before the
+            // deadline was noticed, and may be what it waits for.
+            tokio::select! {
+                biased;
+                command = commands.recv() => match command {
+                    Some(command) => self.obey(command),
+                    None => return,
+                },
+                received = inputs.recv_many(&mut batch, BATCH_MAX) => {
+                    if received == 0 {
+                        return;
+                    }
+                    for Stamped { input, received } in batch.drain(..) {
+                        self.engine.handle(&input, received);
+                    }
+                }
+                () = tokio::time::sleep_until(wake) => {
+                    self.engine.handle(&Input::Tick, self.clock.now());
+                }
+            }
+            self.publish_if_due();
+        }
+    }
+
+    /// When the loop has to turn next, even if nothing comes.
+    fn next_turn(&self) -> Timestamp {
+        let words = self.engine.revision() != self.published_revision;
+        let publish = self.published_at + if words { WORDS_EVERY } else { PULSE_EVERY };
+        self.engine.next_deadline().map_or(publish, |deadline| deadline.min(publish))
+    }
+
+    fn obey(&mut self, command: Command) {
+        let response = self.engine.handle(&Input::Operator(command.action), self.clock.now());
+        // Published before it is answered: who asked finds the result in the next snapshot.
+        self.publish_if_due();
+        // Who asked may have gone; the action stands all the same.
+        let _ = command.reply.send(response);
+    }
+
+    fn publish_if_due(&mut self) {
+        let now = self.clock.now();
+        let urgent = self.engine.seq() != self.published_seq;
+        let words = self.engine.revision() != self.published_revision;
+        let age = now.since(self.published_at);
+        if !(urgent || words && age >= WORDS_EVERY || age >= PULSE_EVERY) {
+            return;
+        }
+        self.published_seq = self.engine.seq();
+        self.published_revision = self.engine.revision();
+        self.published_at = now;
+        self.publish.send_replace(Published { snapshot: self.engine.snapshot(), at: self.clock.wall() });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::input::{Input, StatusArray};
+    use crate::engine::model::{Limits, Parts, Policy, Stage, StageModel, Text};
+    use crate::engine::state::State;
+
+    fn empty_model() -> Arc<Model> {
+        let parts = Parts {
+            vehicle_id: "v".into(),
+            vehicle_name: Text::plain("V"),
+            stages: StageModel::Shuttle,
+            signals: Vec::new(),
+            groups: Vec::new(),
+            modules: Vec::new(),
+            discovered: Policy::default(),
+            limits: Limits::default(),
+        };
+        Arc::new(Model::new(parts).unwrap())
+    }
+
+    #[tokio::test]
+    async fn a_status_comes_out_and_a_command_is_answered_after_its_effect_is_published() {
+        let clock = Clock::start();
+        let mut link = start(empty_model(), clock);
+        let (reply, answer) = oneshot::channel();
+        let action = OperatorAction::Login { name: "anna".into() };
+        link.commands.send(Command { action, reply }).await.unwrap();
+        assert_eq!(answer.await.unwrap(), Response::Done);
+        assert_eq!(link.snapshots.borrow().snapshot.stage, Stage::Standby);
+
+        let mut array = StatusArray::default();
+        array.push_status(2, "pump", "broken", "");
+        let input = Input::Diagnostics(array);
+        link.inputs.send(Stamped { input, received: clock.now() }).await.unwrap();
+        let seen = link.snapshots.wait_for(|published| !published.snapshot.modules.is_empty()).await.unwrap();
+        assert_eq!(seen.snapshot.modules[0].state, State::Error);
+        assert_eq!(&*seen.snapshot.modules[0].report.message, "broken");
+    }
+
+    #[tokio::test]
+    async fn snapshots_pulse_while_nothing_happens() {
+        let mut link = start(empty_model(), Clock::start());
+        let first = link.snapshots.borrow_and_update().at;
+        link.snapshots.changed().await.unwrap();
+        assert!(link.snapshots.borrow().at > first);
+    }
 }

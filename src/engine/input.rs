@@ -53,8 +53,14 @@ pub enum TroubleKind {
 /// What an operator may do. Whether it is granted is the engine's answer, see [`Response`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum OperatorAction {
-    Login { name: Box<str> },
+    Login {
+        name: Box<str>,
+    },
     Logout,
+    /// Forgets the latched ERROR of a module, named `group/module`.
+    Reset {
+        module: Box<str>,
+    },
 }
 
 /// The engine's answer to an input.
@@ -70,6 +76,12 @@ pub enum Response {
 pub enum Refusal {
     /// Logging out while the vehicle drives would leave it without a display.
     LogoutWhileActive,
+    /// There is no module of this name.
+    NoSuchModule(Box<str>),
+    /// The module holds no latched ERROR.
+    NotLatched(Box<str>),
+    /// The module is in ERROR still.
+    StillInError(Box<str>),
 }
 
 /// The statuses of one `diagnostic_msgs/DiagnosticArray`. All text lies in one buffer, so an

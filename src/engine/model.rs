@@ -155,6 +155,24 @@ pub struct Policy {
     pub timeout: Span,
     /// The state of a silent module: UNKNOWN, WARNING or ERROR.
     pub stale: State,
+    /// The state rises to the best that was reported within this time.
+    pub raise_after: Span,
+    /// The state falls to the worst that was reported within this time.
+    pub clear_after: Span,
+    /// An ERROR that lasted this long stays until it is reset.
+    pub latch: Option<Span>,
+}
+
+impl Default for Policy {
+    fn default() -> Policy {
+        Policy {
+            timeout: Span::from_secs(2),
+            stale: State::Unknown,
+            raise_after: Span::ZERO,
+            clear_after: Span::ZERO,
+            latch: None,
+        }
+    }
 }
 
 #[derive(Debug, Clone, PartialEq)]

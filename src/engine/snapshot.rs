@@ -13,8 +13,11 @@ use super::time::Timestamp;
 /// The state of the whole vehicle at one instant.
 #[derive(Debug, Clone)]
 pub struct Snapshot {
-    /// Grows by one with every input or deadline that changed what is shown.
+    /// Grows by one with every input or deadline that changed a state, a reason, a root cause, an
+    /// alarm or the stage: what an operator decides by.
     pub seq: u64,
+    /// Grows by one with every change at all, words and values included.
+    pub revision: u64,
     pub now: Timestamp,
     pub stage: Stage,
     /// The operator in the seat, if one is logged in.

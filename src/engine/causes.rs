@@ -1,0 +1,379 @@
+//! Root causes: who is to blame for what is masked or in ERROR, and by which way (`ENGINE.md` 6).
+//!
+//! Only the *region* of nodes that fail or are blocked is looked at, and only when it changes;
+//! the size of the healthy rest of the vehicle does not matter.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeSet, HashMap};
+use std::sync::Arc;
+
+use super::model::{GroupId, ModuleId, NodeId};
+use super::net::{Change, Facts, Net};
+use super::snapshot::{Path, RootCause};
+use super::state::State;
+use super::time::Timestamp;
+
+/// Root causes named for one node, and paths drawn from it: the first by rank. What is past this
+/// helps nobody on a screen; all of them are counted.
+const NAMED_MAX: usize = 64;
+
+/// A reason to look further upstream.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+enum Vertex {
+    /// What blocks a group, and with it everything inside.
+    Blocked(GroupId),
+    Module(ModuleId),
+    /// The members that make a group fail.
+    Failing(GroupId),
+    /// What a group that only shows IGNORE owes it to.
+    Hidden(GroupId),
+}
+
+/// Positions in [`Found::roots`], ascending.
+type RootSet = Arc<[u32]>;
+
+#[derive(Debug, Default)]
+pub(super) struct Causes {
+    region: BTreeSet<(u32, Vertex)>,
+    since: HashMap<NodeId, Timestamp>,
+    dirty: bool,
+    /// Groups whose paths are set in the snapshot.
+    explained: BTreeSet<GroupId>,
+}
+
+/// What one search found, for the snapshot.
+#[derive(Debug)]
+pub(super) struct Explained {
+    /// Ranked.
+    pub(super) roots: Vec<RootCause>,
+    /// For each masked node the causes, ranked.
+    pub(super) masked: Vec<(NodeId, Arc<[NodeId]>)>,
+    /// For each group in ERROR or masked; an empty list for those that were and are no more.
+    pub(super) paths: Vec<(GroupId, Arc<[Path]>)>,
+}
+
+struct Found {
+    order: Vec<Vertex>,
+    position: HashMap<Vertex, usize>,
+    sets: Vec<RootSet>,
+    roots: Vec<NodeId>,
+}
+
+impl Causes {
+    /// Notes a change of the graph. Cheap unless it is about failing or blocking.
+    pub(super) fn note(&mut self, net: &Net, change: &Change) {
+        let Change { node, before, after } = *change;
+        if matters(&before, net.threshold) == matters(&after, net.threshold) {
+            return;
+        }
+        self.dirty = true;
+        match node {
+            NodeId::Group(id) => {
+                if net.groups[id.0 as usize].is_other {
+                    return;
+                }
+                let failing = after.relevant && !after.blocked && after.worst() >= net.threshold;
+                self.toggle(net.enter_rank(id), Vertex::Blocked(id), after.blocked);
+                self.toggle(net.leave_rank(id), Vertex::Failing(id), failing);
+                self.toggle(net.leave_rank(id), Vertex::Hidden(id), after.masked);
+            }
+            NodeId::Module(id) => {
+                let module = &net.modules[id.0 as usize];
+                if module.node.parent.is_some_and(|group| net.groups[group.0 as usize].is_other) {
+                    return;
+                }
+                let failing = after.relevant && after.worst() >= net.threshold;
+                self.toggle(module.rank, Vertex::Module(id), after.blocked || failing);
+            }
+        }
+    }
+
+    fn toggle(&mut self, rank: u32, vertex: Vertex, present: bool) {
+        if present {
+            self.region.insert((rank, vertex));
+        } else {
+            self.region.remove(&(rank, vertex));
+        }
+    }
+
+    /// Searches again if anything changed that matters.
+    pub(super) fn explain(&mut self, net: &Net, now: Timestamp) -> Option<Explained> {
+        if !std::mem::take(&mut self.dirty) {
+            return None;
+        }
+        let found = search(net, &self.region);
+        let masks = found.count_masked(net);
+        let mut roots: Vec<u32> = (0..found.roots.len() as u32)
+            .filter(|&root| masks[root as usize] > 0 || shows_error(net, found.roots[root as usize]))
+            .collect();
+        let current: BTreeSet<NodeId> = roots.iter().map(|&root| found.roots[root as usize]).collect();
+        self.since.retain(|node, _| current.contains(node));
+        for &node in &current {
+            self.since.entry(node).or_insert(now);
+        }
+        roots.sort_by_key(|&root| {
+            let node = found.roots[root as usize];
+            (Reverse(masks[root as usize]), self.since[&node], node)
+        });
+        let mut rank = vec![u32::MAX; found.roots.len()];
+        for (place, &root) in roots.iter().enumerate() {
+            rank[root as usize] = place as u32;
+        }
+        let paths = self.paths(net, &found, &rank);
+        let cause = |&root: &u32| RootCause {
+            node: found.roots[root as usize],
+            masks: masks[root as usize],
+            since: self.since[&found.roots[root as usize]],
+        };
+        Some(Explained { masked: found.masked(net, &rank), paths, roots: roots.iter().map(cause).collect() })
+    }
+
+    fn paths(&mut self, net: &Net, found: &Found, rank: &[u32]) -> Vec<(GroupId, Arc<[Path]>)> {
+        let mut shown: Vec<(GroupId, usize, Vec<u32>)> = Vec::new();
+        let mut wanted: BTreeSet<u32> = BTreeSet::new();
+        for (position, &vertex) in found.order.iter().enumerate() {
+            let (Vertex::Failing(id) | Vertex::Hidden(id)) = vertex else { continue };
+            let facts = net.groups[id.0 as usize].node.facts;
+            let displayed = match vertex {
+                Vertex::Failing(_) => facts.shown == State::Error,
+                _ => true,
+            };
+            if displayed {
+                let named = ranked(&found.sets[position], rank);
+                wanted.extend(&named);
+                shown.push((id, position, named));
+            }
+        }
+        let ways: HashMap<u32, Vec<Option<(u32, usize)>>> =
+            wanted.into_iter().map(|root| (root, found.ways(net, root))).collect();
+        let before = std::mem::replace(&mut self.explained, shown.iter().map(|(id, ..)| *id).collect());
+        let gone = before.difference(&self.explained).map(|&id| (id, Arc::from(Vec::new())));
+        let mut paths: Vec<(GroupId, Arc<[Path]>)> = gone.collect();
+        for (id, position, named) in shown {
+            let list: Vec<Path> = named.iter().map(|root| found.walk(position, &ways[root])).collect();
+            paths.push((id, list.into()));
+        }
+        paths
+    }
+}
+
+/// The part of a node's facts that root causes depend on.
+fn matters(facts: &Facts, threshold: State) -> (bool, bool, bool, Option<State>, Option<State>) {
+    let above = |state: State| Some(state).filter(|&state| facts.relevant && state >= threshold);
+    (
+        facts.relevant && facts.worst() >= threshold,
+        facts.blocked,
+        facts.masked,
+        above(facts.shown),
+        above(facts.own),
+    )
+}
+
+fn shows_error(net: &Net, node: NodeId) -> bool {
+    net.node(node).facts.shown == State::Error
+}
+
+/// The best ranked of a set, at most [`NAMED_MAX`], in order of rank.
+fn ranked(set: &[u32], rank: &[u32]) -> Vec<u32> {
+    let mut named: Vec<u32> = set.iter().copied().filter(|&root| rank[root as usize] != u32::MAX).collect();
+    named.sort_unstable_by_key(|&root| rank[root as usize]);
+    named.truncate(NAMED_MAX);
+    named
+}
+
+/// Goes through the region in the order of the graph: what a vertex points to is done before it.
+fn search(net: &Net, region: &BTreeSet<(u32, Vertex)>) -> Found {
+    let mut found = Found {
+        order: Vec::with_capacity(region.len()),
+        position: HashMap::with_capacity(region.len()),
+        sets: Vec::with_capacity(region.len()),
+        roots: Vec::new(),
+    };
+    for &(_, vertex) in region {
+        let set = match end(net, vertex) {
+            Some(node) => {
+                found.roots.push(node);
+                Arc::from([found.roots.len() as u32 - 1])
+            }
+            None => found.union(net, vertex),
+        };
+        found.position.insert(vertex, found.order.len());
+        found.order.push(vertex);
+        found.sets.push(set);
+    }
+    found
+}
+
+/// The node itself, where a way upstream ends at it.
+fn end(net: &Net, vertex: Vertex) -> Option<NodeId> {
+    match vertex {
+        Vertex::Module(id) => {
+            let facts = net.modules[id.0 as usize].node.facts;
+            (!facts.blocked).then_some(NodeId::Module(id))
+        }
+        Vertex::Failing(id) => net.groups[id.0 as usize].members.is_empty().then_some(NodeId::Group(id)),
+        Vertex::Blocked(_) | Vertex::Hidden(_) => None,
+    }
+}
+
+fn cause_of(net: &Net, node: NodeId) -> Vertex {
+    match node {
+        NodeId::Module(id) => Vertex::Module(id),
+        NodeId::Group(id) if net.groups[id.0 as usize].node.facts.blocked => Vertex::Blocked(id),
+        NodeId::Group(id) => Vertex::Failing(id),
+    }
+}
+
+/// One step upstream from a vertex, in configuration order.
+fn for_each_hop(net: &Net, vertex: Vertex, mut hop: impl FnMut(Vertex)) {
+    match vertex {
+        Vertex::Blocked(id) => blocked_hops(net, NodeId::Group(id), &mut hop),
+        Vertex::Module(id) => {
+            if net.modules[id.0 as usize].node.facts.blocked {
+                blocked_hops(net, NodeId::Module(id), &mut hop);
+            }
+        }
+        Vertex::Failing(id) => {
+            let group = &net.groups[id.0 as usize];
+            let bar = group.node.facts.worst().min(State::Error);
+            for &member in &group.failing {
+                if net.node(member).facts.worst() >= bar {
+                    hop(cause_of(net, member));
+                }
+            }
+        }
+        Vertex::Hidden(id) => {
+            let group = &net.groups[id.0 as usize];
+            if group.node.facts.blocked {
+                blocked_hops(net, NodeId::Group(id), &mut hop);
+            }
+            for &member in &group.masked {
+                hop(match member {
+                    NodeId::Module(id) => Vertex::Module(id),
+                    NodeId::Group(id) => Vertex::Hidden(id),
+                });
+            }
+        }
+    }
+}
+
+/// The dependencies that block a node: its own, then those of the groups around it.
+fn blocked_hops(net: &Net, node: NodeId, hop: &mut impl FnMut(Vertex)) {
+    let mut at = Some(node);
+    while let Some(node) = at.map(|id| net.node(id)).filter(|node| node.facts.blocked) {
+        for need in node.needs.iter().filter(|need| need.blocks()) {
+            for &member in &need.members {
+                hop(cause_of(net, member));
+            }
+        }
+        at = node.parent.map(NodeId::Group);
+    }
+}
+
+impl Found {
+    fn set(&self, vertex: Vertex) -> Option<&RootSet> {
+        self.position.get(&vertex).map(|&position| &self.sets[position])
+    }
+
+    fn union(&self, net: &Net, vertex: Vertex) -> RootSet {
+        if let Vertex::Module(id) = vertex {
+            let node = &net.modules[id.0 as usize].node;
+            let around =
+                node.parent.filter(|_| node.blocking == 0).and_then(|id| self.set(Vertex::Blocked(id)));
+            // Blocked only through its group: thousands of modules share one set.
+            if let Some(set) = around {
+                return set.clone();
+            }
+        }
+        let mut parts: Vec<&RootSet> = Vec::new();
+        for_each_hop(net, vertex, |hop| {
+            if let Some(set) = self.set(hop)
+                && !parts.iter().rev().take(4).any(|part| Arc::ptr_eq(part, set))
+            {
+                parts.push(set);
+            }
+        });
+        match parts.as_slice() {
+            [only] => (*only).clone(),
+            _ => {
+                let all: BTreeSet<u32> = parts.iter().flat_map(|set| set.iter().copied()).collect();
+                all.into_iter().collect()
+            }
+        }
+    }
+
+    fn is_masked(&self, net: &Net, vertex: Vertex) -> Option<NodeId> {
+        match vertex {
+            Vertex::Module(id) if net.modules[id.0 as usize].node.facts.masked => Some(NodeId::Module(id)),
+            Vertex::Hidden(id) => Some(NodeId::Group(id)),
+            _ => None,
+        }
+    }
+
+    /// How many modules and groups show IGNORE because of each root.
+    fn count_masked(&self, net: &Net) -> Vec<u32> {
+        let mut masks = vec![0; self.roots.len()];
+        for (position, &vertex) in self.order.iter().enumerate() {
+            if self.is_masked(net, vertex).is_some() {
+                for &root in &*self.sets[position] {
+                    masks[root as usize] += 1;
+                }
+            }
+        }
+        masks
+    }
+
+    fn masked(&self, net: &Net, rank: &[u32]) -> Vec<(NodeId, Arc<[NodeId]>)> {
+        let mut shared: HashMap<*const u32, Arc<[NodeId]>> = HashMap::new();
+        let mut masked = Vec::new();
+        for (position, &vertex) in self.order.iter().enumerate() {
+            let Some(node) = self.is_masked(net, vertex) else { continue };
+            let set = &self.sets[position];
+            let by = shared.entry(set.as_ptr()).or_insert_with(|| {
+                ranked(set, rank).into_iter().map(|root| self.roots[root as usize]).collect()
+            });
+            masked.push((node, by.clone()));
+        }
+        masked
+    }
+
+    /// For each vertex the shortest way to one root: its length, and the next position.
+    fn ways(&self, net: &Net, root: u32) -> Vec<Option<(u32, usize)>> {
+        let mut ways: Vec<Option<(u32, usize)>> = vec![None; self.order.len()];
+        for position in 0..self.order.len() {
+            if self.sets[position].binary_search(&root).is_err() {
+                continue;
+            }
+            if end(net, self.order[position]).is_some() {
+                ways[position] = Some((0, position));
+                continue;
+            }
+            let mut best: Option<(u32, usize)> = None;
+            for_each_hop(net, self.order[position], |hop| {
+                let Some(&next) = self.position.get(&hop) else { return };
+                let Some((length, _)) = ways[next] else { return };
+                if best.is_none_or(|(least, _)| length + 1 < least) {
+                    best = Some((length + 1, next));
+                }
+            });
+            ways[position] = best;
+        }
+        ways
+    }
+
+    fn walk(&self, start: usize, ways: &[Option<(u32, usize)>]) -> Path {
+        let mut path = Vec::new();
+        let mut position = start;
+        while let Some((length, next)) = ways[position] {
+            path.push(match self.order[position] {
+                Vertex::Module(id) => NodeId::Module(id),
+                Vertex::Blocked(id) | Vertex::Failing(id) | Vertex::Hidden(id) => NodeId::Group(id),
+            });
+            if length == 0 {
+                break;
+            }
+            position = next;
+        }
+        path.into()
+    }
+}

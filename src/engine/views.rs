@@ -1,0 +1,415 @@
+//! What snapshots are made of, kept up to date piece by piece.
+
+use std::sync::Arc;
+
+use super::causes::Explained;
+use super::input::{ReceptionTrouble, Status};
+use super::model::{GroupId, GroupSpec, Limits, Model, ModuleId, MonitorSpec, NodeId, Stage, Text};
+use super::net::{Change, Net};
+use super::persistent::PersistentVec;
+use super::signals::Signals;
+use super::snapshot::{
+    Alarm, Class, Counters, GroupInfo, GroupView, Layout, ModuleInfo, ModuleView, Reason, Reception, Report,
+    RootCause, Snapshot,
+};
+use super::state::State;
+use super::time::Timestamp;
+use super::vehicle::Vehicle;
+
+/// Topics whose faults are remembered, for each kind of fault: past this new ones are not.
+const RECEPTION_MAX: usize = 256;
+
+#[derive(Debug)]
+pub(super) struct Views {
+    pub(super) seq: u64,
+    pub(super) revision: u64,
+    layout: Arc<Layout>,
+    groups: PersistentVec<GroupView>,
+    modules: PersistentVec<ModuleView>,
+    roots: Arc<[RootCause]>,
+    alarms: Arc<[Alarm]>,
+    signals: Arc<[(Box<str>, Option<bool>)]>,
+    reception: Arc<[Reception]>,
+    overall: State,
+    stage: Option<Stage>,
+    operator: Option<Arc<str>>,
+    /// Modules heard since their age was last written down.
+    heard: Vec<ModuleId>,
+    is_heard: Vec<bool>,
+    seq_changed: bool,
+    revision_changed: bool,
+}
+
+impl Views {
+    pub(super) fn new(model: &Model, now: Timestamp) -> Views {
+        let mut views = Views {
+            seq: 0,
+            revision: 0,
+            layout: Arc::new(layout(model)),
+            groups: (0..=model.groups.len()).map(|_| new_group(now)).collect(),
+            modules: PersistentVec::default(),
+            roots: Arc::from([]),
+            alarms: Arc::from([]),
+            signals: Arc::from([]),
+            reception: Arc::from([]),
+            overall: State::Unknown,
+            stage: None,
+            operator: None,
+            heard: Vec::new(),
+            is_heard: Vec::new(),
+            seq_changed: true,
+            revision_changed: true,
+        };
+        for _ in &model.modules {
+            views.push_module(now);
+        }
+        views.set_signals(&Signals::new(&model.signals));
+        views
+    }
+
+    pub(super) fn snapshot(&self, now: Timestamp, vehicle: &Vehicle, counters: Counters) -> Snapshot {
+        Snapshot {
+            seq: self.seq,
+            revision: self.revision,
+            now,
+            stage: vehicle.stage,
+            operator: vehicle.operator.clone(),
+            overall: self.overall,
+            layout: self.layout.clone(),
+            groups: self.groups.clone(),
+            modules: self.modules.clone(),
+            roots: self.roots.clone(),
+            alarms: self.alarms.clone(),
+            signals: self.signals.clone(),
+            reception: self.reception.clone(),
+            counters,
+        }
+    }
+
+    /// Writes down when each module was last heard.
+    pub(super) fn refresh_ages(&mut self, net: &Net) {
+        for id in self.heard.drain(..) {
+            let index = id.0 as usize;
+            self.is_heard[index] = false;
+            if let Some(view) = self.modules.get_mut(index) {
+                view.received = net.modules[index].own.received();
+            }
+        }
+    }
+
+    /// Keeps the words of a status, if they differ from those before.
+    pub(super) fn take_report(&mut self, id: ModuleId, status: Status<'_>, limits: &Limits) {
+        let index = id.0 as usize;
+        if !std::mem::replace(&mut self.is_heard[index], true) {
+            self.heard.push(id);
+        }
+        if self.modules[index].report.says(status) {
+            return;
+        }
+        let report = Arc::new(Report::of(status, limits));
+        if let Some(view) = self.modules.get_mut(index)
+            && view.report != report
+        {
+            view.report = report;
+            self.revision_changed = true;
+        }
+    }
+
+    pub(super) fn discover(&mut self, group: GroupId, name: &str, now: Timestamp) {
+        let layout = Arc::make_mut(&mut self.layout);
+        let id = ModuleId(layout.modules.len() as u32);
+        let path = &layout.groups[group.0 as usize].path;
+        layout.modules.push(Arc::new(ModuleInfo {
+            id: format!("{path}/{name}").into(),
+            name: None,
+            help: None,
+            group,
+            depends_on: Vec::new(),
+            discovered: true,
+            class: SELF_STATE,
+        }));
+        layout.groups[group.0 as usize].modules.push(id);
+        self.push_module(now);
+        self.seq_changed = true;
+    }
+
+    fn push_module(&mut self, now: Timestamp) {
+        self.is_heard.push(false);
+        self.modules.push(ModuleView {
+            state: State::Ignore,
+            own: State::Unknown,
+            since: now,
+            received: None,
+            silent: false,
+            reason: None,
+            report: Arc::default(),
+        });
+    }
+
+    pub(super) fn set_signals(&mut self, signals: &Signals) {
+        self.signals = signals.list().map(|(name, value)| (name.into(), value)).collect();
+        self.seq_changed = true;
+    }
+
+    pub(super) fn take_trouble(&mut self, trouble: &ReceptionTrouble, now: Timestamp) {
+        let mut list = self.reception.to_vec();
+        let fresh = Reception {
+            topic: trouble.topic.clone(),
+            kind: trouble.kind,
+            count: trouble.count,
+            last: now,
+            last_text: trouble.text.clone(),
+        };
+        match list.iter().position(|it| it.topic == fresh.topic && it.kind == fresh.kind) {
+            Some(known) => list[known] = Reception { count: list[known].count + fresh.count, ..fresh },
+            None if list.len() < RECEPTION_MAX => list.push(fresh),
+            None => return,
+        }
+        self.reception = list.into();
+        self.revision_changed = true;
+    }
+
+    /// Takes over what became of a node.
+    pub(super) fn follow(&mut self, net: &Net, change: &Change, now: Timestamp) {
+        match change.node {
+            NodeId::Group(id) => self.follow_group(net, id, now),
+            NodeId::Module(id) => self.follow_module(net, id, now),
+        }
+    }
+
+    fn follow_group(&mut self, net: &Net, id: GroupId, now: Timestamp) {
+        let group = &net.groups[id.0 as usize];
+        let facts = group.node.facts;
+        let view = &self.groups[id.0 as usize];
+        let not_relevant = || {
+            let own = group.node.not_relevant.clone();
+            own.or_else(|| group.members.iter().find_map(|&member| net.node(member).not_relevant.clone()))
+        };
+        let reason = reason(facts.shown, facts.masked, not_relevant, view.reason.as_ref());
+        let next = GroupView {
+            state: facts.shown,
+            own: facts.own,
+            since: since(view.state, view.reason.as_ref(), facts.shown, reason.as_ref(), view.since, now),
+            ok: group.shown.of(State::Ok),
+            counted: group.shown.counted(),
+            reason,
+            paths: view.paths.clone(),
+        };
+        if *view != next
+            && let Some(view) = self.groups.get_mut(id.0 as usize)
+        {
+            *view = next;
+            self.seq_changed = true;
+        }
+    }
+
+    fn follow_module(&mut self, net: &Net, id: ModuleId, now: Timestamp) {
+        let module = &net.modules[id.0 as usize];
+        let facts = module.node.facts;
+        let view = &self.modules[id.0 as usize];
+        let reason =
+            reason(facts.shown, facts.masked, || module.node.not_relevant.clone(), view.reason.as_ref());
+        let silent = module.own.silent();
+        if (view.state, view.own, view.silent, &view.reason) == (facts.shown, facts.own, silent, &reason) {
+            return;
+        }
+        if let Some(view) = self.modules.get_mut(id.0 as usize) {
+            view.since =
+                since(view.state, view.reason.as_ref(), facts.shown, reason.as_ref(), view.since, now);
+            (view.state, view.own, view.silent, view.reason) = (facts.shown, facts.own, silent, reason);
+            self.seq_changed = true;
+        }
+    }
+
+    pub(super) fn set_causes(&mut self, explained: Explained) {
+        for (node, by) in explained.masked {
+            self.set_masked_by(node, by);
+        }
+        for (id, paths) in explained.paths {
+            if self.groups[id.0 as usize].paths != paths
+                && let Some(view) = self.groups.get_mut(id.0 as usize)
+            {
+                view.paths = paths;
+                self.seq_changed = true;
+            }
+        }
+        if *self.roots != *explained.roots {
+            self.roots = explained.roots.into();
+            self.seq_changed = true;
+        }
+    }
+
+    fn set_masked_by(&mut self, node: NodeId, by: Arc<[NodeId]>) {
+        let current = match node {
+            NodeId::Group(id) => &self.groups[id.0 as usize].reason,
+            NodeId::Module(id) => &self.modules[id.0 as usize].reason,
+        };
+        if matches!(current, Some(Reason::Masked { by: known }) if *known == by) {
+            return;
+        }
+        let slot = match node {
+            NodeId::Group(id) => self.groups.get_mut(id.0 as usize).map(|view| &mut view.reason),
+            NodeId::Module(id) => self.modules.get_mut(id.0 as usize).map(|view| &mut view.reason),
+        };
+        if let Some(slot) = slot {
+            *slot = Some(Reason::Masked { by });
+            self.seq_changed = true;
+        }
+    }
+
+    pub(super) fn module(&self, name: &str) -> Option<ModuleId> {
+        let position = self.layout.modules.iter().position(|module| &*module.id == name)?;
+        Some(ModuleId(position as u32))
+    }
+
+    /// The causes of a masked node, ranked; none if it is not masked.
+    pub(super) fn masked_by(&self, node: NodeId) -> Vec<NodeId> {
+        let reason = match node {
+            NodeId::Group(id) => &self.groups[id.0 as usize].reason,
+            NodeId::Module(id) => &self.modules[id.0 as usize].reason,
+        };
+        match reason {
+            Some(Reason::Masked { by }) => by.to_vec(),
+            _ => Vec::new(),
+        }
+    }
+
+    pub(super) fn set_alarms(&mut self, alarms: &[Alarm]) {
+        self.alarms = alarms.into();
+        self.seq_changed = true;
+    }
+
+    /// Counts the changes since the last call.
+    pub(super) fn settle(&mut self, vehicle: &Vehicle, net: &Net) {
+        let overall = match net.root.worst() {
+            Some(worst) => worst,
+            None if net.groups.len() > 1 => State::Ignore,
+            None => State::Unknown,
+        };
+        if (self.overall, self.stage, &self.operator) != (overall, Some(vehicle.stage), &vehicle.operator) {
+            (self.overall, self.stage) = (overall, Some(vehicle.stage));
+            self.operator.clone_from(&vehicle.operator);
+            self.seq_changed = true;
+        }
+        let seq_changed = std::mem::take(&mut self.seq_changed);
+        let revision_changed = std::mem::take(&mut self.revision_changed) || seq_changed;
+        self.seq += u64::from(seq_changed);
+        self.revision += u64::from(revision_changed);
+    }
+}
+
+/// Why a node shows IGNORE. The causes of a masked one are found later; until then those that are
+/// known stay.
+fn reason(
+    shown: State,
+    masked: bool,
+    not_relevant: impl FnOnce() -> Option<super::snapshot::NotRelevant>,
+    before: Option<&Reason>,
+) -> Option<Reason> {
+    if shown != State::Ignore {
+        return None;
+    }
+    if !masked {
+        return not_relevant().map(Reason::NotRelevant);
+    }
+    match before {
+        Some(masked @ Reason::Masked { .. }) => Some(masked.clone()),
+        _ => Some(Reason::Masked { by: Arc::from([]) }),
+    }
+}
+
+fn since(
+    before: State,
+    before_reason: Option<&Reason>,
+    after: State,
+    after_reason: Option<&Reason>,
+    since: Timestamp,
+    now: Timestamp,
+) -> Timestamp {
+    let kind = |reason: Option<&Reason>| matches!(reason, Some(Reason::Masked { .. }));
+    if before == after && kind(before_reason) == kind(after_reason) { since } else { now }
+}
+
+impl Report {
+    /// Whether the status says the same in the same words. Longer than the limits, it is compared
+    /// as cut by whoever received it.
+    fn says(&self, status: Status<'_>) -> bool {
+        *self.message == *status.message()
+            && *self.hardware_id == *status.hardware_id()
+            && self.values.len() == status.values().len()
+            && self
+                .values
+                .iter()
+                .zip(status.values())
+                .all(|((k, v), (key, value))| **k == *key && **v == *value)
+    }
+
+    fn of(status: Status<'_>, limits: &Limits) -> Report {
+        let cut = |text: &str| -> Box<str> { text[..text.floor_char_boundary(limits.string_bytes)].into() };
+        let values = status.values().take(limits.values_per_status);
+        Report {
+            message: cut(status.message()),
+            hardware_id: cut(status.hardware_id()),
+            values: values.map(|(key, value)| (cut(key), cut(value))).collect(),
+        }
+    }
+}
+
+const SELF_STATE: Class = Class { location: "isolated", information: "content", flow: None };
+
+fn new_group(now: Timestamp) -> GroupView {
+    GroupView {
+        state: State::Ignore,
+        own: State::Unknown,
+        since: now,
+        ok: 0,
+        counted: 0,
+        reason: None,
+        paths: Arc::from([]),
+    }
+}
+
+fn layout(model: &Model) -> Layout {
+    let info = |spec: &GroupSpec| GroupInfo {
+        path: spec.path.clone(),
+        name: spec.name.clone(),
+        parent: spec.parent,
+        groups: Vec::new(),
+        modules: Vec::new(),
+        depends_on: spec.depends_on.iter().map(|dependency| dependency.on.clone()).collect(),
+        tile: spec.tile,
+        is_other: false,
+    };
+    let mut groups: Vec<GroupInfo> = model.groups.iter().map(info).collect();
+    groups.push(GroupInfo {
+        path: "other".into(),
+        name: Text { en: "Other".into(), de: "Sonstige".into() },
+        parent: None,
+        groups: Vec::new(),
+        modules: Vec::new(),
+        depends_on: Vec::new(),
+        tile: None,
+        is_other: true,
+    });
+    for (index, spec) in model.groups.iter().enumerate() {
+        if let Some(parent) = spec.parent {
+            groups[parent.0 as usize].groups.push(GroupId(index as u32));
+        }
+    }
+    let mut modules = Vec::with_capacity(model.modules.len());
+    for (index, spec) in model.modules.iter().enumerate() {
+        groups[spec.group.0 as usize].modules.push(ModuleId(index as u32));
+        modules.push(Arc::new(ModuleInfo {
+            id: spec.id.clone(),
+            name: spec.name.clone(),
+            help: spec.help.clone(),
+            group: spec.group,
+            depends_on: spec.depends_on.iter().map(|dependency| dependency.on.clone()).collect(),
+            discovered: false,
+            class: match spec.monitor {
+                MonitorSpec::SelfState { .. } => SELF_STATE,
+            },
+        }));
+    }
+    Layout { vehicle_id: model.vehicle_id.clone(), vehicle_name: model.vehicle_name.clone(), groups, modules }
+}
