@@ -11,3 +11,4 @@ pub mod runtime;
 pub mod sim;
 pub mod store;
 pub mod web;
+pub mod yaml;

@@ -1,1 +1,138 @@
-//! skeleton
+//! The configuration: from YAML files to a [`Model`] that cannot be wrong. Every problem is found
+//! in one pass and says file, line and what to do.
+
+mod filters;
+mod names;
+mod raw;
+mod relations;
+mod resolve;
+mod units;
+
+#[cfg(test)]
+mod tests;
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::engine::model::{Model, Text};
+use crate::engine::time;
+use crate::yaml::{FromNode, Log, Node, Problem, Problems, Sources, Span, Spanned, tree};
+
+/// More files than this are not included.
+const FILES_MAX: usize = 64;
+
+/// A configuration that was checked.
+#[derive(Debug, Clone)]
+pub struct Loaded {
+    pub model: Arc<Model>,
+    /// Where the vehicle stops, in the order of the file.
+    pub stops: Vec<Stop>,
+    /// Localization counts as done when its group was OK for this long.
+    pub localized_after: time::Span,
+}
+
+/// A place at which an operator may localize the vehicle: metres and degrees in the map's frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stop {
+    pub id: Arc<str>,
+    pub name: Text,
+    pub x_m: f64,
+    pub y_m: f64,
+    pub yaw_deg: f64,
+}
+
+/// Reads a configuration and the files that it includes.
+///
+/// # Errors
+/// Everything that is wrong with it.
+pub fn load(path: &Path) -> Result<Loaded, Problems> {
+    let mut sources = Sources::default();
+    match sources.read(path) {
+        Ok(file) => of_source(sources, file),
+        Err(problem) => Err(Problems::new(sources, vec![problem])),
+    }
+}
+
+/// Reads a configuration from a text that is called `name` in messages.
+///
+/// # Errors
+/// Everything that is wrong with it.
+pub fn parse(name: &str, text: &str) -> Result<Loaded, Problems> {
+    let mut sources = Sources::default();
+    let file = sources.add(name, text);
+    of_source(sources, file)
+}
+
+/// Reads a configuration that stands inside of another file.
+///
+/// # Errors
+/// Everything that is wrong with it.
+pub fn of_node(sources: Sources, node: &Node) -> Result<Loaded, Problems> {
+    finish(sources, Log::default(), Some(node))
+}
+
+fn of_source(sources: Sources, file: u16) -> Result<Loaded, Problems> {
+    let mut log = Log::default();
+    let node = tree::parse(&sources, file, &mut log);
+    finish(sources, log, node.as_ref())
+}
+
+fn finish(mut sources: Sources, mut log: Log, node: Option<&Node>) -> Result<Loaded, Problems> {
+    let file = node.and_then(|node| raw::File::from_node(node, &mut log).map(|file| (file, node.span.file)));
+    let loaded = file.and_then(|(mut file, number)| {
+        include(&mut file, number, &mut sources, &mut log);
+        resolve::resolve(&file, &mut log)
+    });
+    match loaded {
+        Some(loaded) if log.is_empty() => Ok(loaded),
+        _ => Err(Problems::new(sources, log.into_problems())),
+    }
+}
+
+/// Adds what the included files say to the lists of the main one, in the order of inclusion.
+fn include(main: &mut raw::File, number: u16, sources: &mut Sources, log: &mut Log) {
+    let mut seen: HashSet<PathBuf> = HashSet::new();
+    seen.extend(Path::new(sources.name(number)).canonicalize());
+    let mut waiting: Vec<(Spanned<String>, u16)> = includes(main, number);
+    while let Some((path, from)) = waiting.pop() {
+        let base = Path::new(sources.name(from)).parent().unwrap_or(Path::new(""));
+        let full = base.join(&path.value);
+        if full.canonicalize().is_ok_and(|canonical| !seen.insert(canonical)) {
+            let problem = Problem::at(path.span, format!("`{}` is included twice", path.value));
+            log.push(problem.help("include each file once, and no file from itself"));
+            continue;
+        }
+        if sources.len() >= FILES_MAX {
+            log.push(Problem::at(path.span, format!("more than {FILES_MAX} files are included")));
+            return;
+        }
+        let Some((file, number)) = read_included(&full, path.span, sources, log) else { continue };
+        waiting.extend(includes(&file, number));
+        main.signals.0.extend(file.signals.0);
+        main.stops.extend(file.stops);
+        main.groups.extend(file.groups);
+    }
+}
+
+/// Reversed, so that the first is taken from the end first.
+fn includes(file: &raw::File, number: u16) -> Vec<(Spanned<String>, u16)> {
+    file.include.iter().rev().map(|path| (path.clone(), number)).collect()
+}
+
+fn read_included(path: &Path, from: Span, sources: &mut Sources, log: &mut Log) -> Option<(raw::File, u16)> {
+    let number = match sources.read(path) {
+        Ok(number) => number,
+        Err(problem) => {
+            log.push(Problem { span: Some(from), label: "included here".into(), ..problem });
+            return None;
+        }
+    };
+    let node = tree::parse(sources, number, log)?;
+    let file = raw::File::from_node(&node, log)?;
+    for &(key, span) in &file.main_only {
+        let problem = Problem::at(span, format!("`{key}` in a file that is included"));
+        log.push(problem.help(format!("move `{key}` to `{}`", sources.name(from.file))));
+    }
+    Some((file, number))
+}

@@ -1,0 +1,111 @@
+//! Filters, and those among them that can never take anything.
+
+use regex_syntax::hir::Hir;
+
+use super::names::Names;
+use super::raw::{self, FilterKind};
+use crate::engine::filter::Filter;
+use crate::yaml::{Log, Problem, Span};
+
+pub(super) fn filters(raw: &[raw::Filter], names: &Names, log: &mut Log) -> Vec<Filter> {
+    let mut filters: Vec<(Filter, Span)> = Vec::new();
+    for filter in raw {
+        let Some(resolved) = resolve(filter, log) else { continue };
+        if let Some((_, first)) = filters.iter().find(|(earlier, _)| covers(earlier, &resolved)) {
+            let problem = Problem::at(filter.span, "this filter takes nothing that an earlier one leaves");
+            log.push(
+                problem.label("never used").also(*first, "this one is first").help("remove one of the two"),
+            );
+        }
+        if filter.kind == FilterKind::Name
+            && let Some(module) = names.claimed_by(&filter.text.value)
+        {
+            let text = format!("the declared module `{}` takes this status before any filter", module.path);
+            let also = module.status().map_or(filter.span, |status| status.span);
+            log.push(
+                Problem::at(filter.span, text)
+                    .label("never used")
+                    .also(also, "taken here")
+                    .help("remove the filter"),
+            );
+        }
+        filters.push((resolved, filter.span));
+    }
+    filters.into_iter().map(|(filter, _)| filter).collect()
+}
+
+fn resolve(filter: &raw::Filter, log: &mut Log) -> Option<Filter> {
+    let text: Box<str> = filter.text.value.as_str().into();
+    match filter.kind {
+        FilterKind::Name => Some(Filter::Name(text)),
+        FilterKind::Namespace => Some(Filter::Namespace(text)),
+        FilterKind::Contains => Some(Filter::Contains(text)),
+        FilterKind::Regex => regex(filter, log),
+    }
+}
+
+fn regex(filter: &raw::Filter, log: &mut Log) -> Option<Filter> {
+    let pattern = &filter.text.value;
+    let span = filter.text.span;
+    let hir = match regex_syntax::parse(pattern) {
+        Ok(hir) => hir,
+        Err(error) => {
+            let (what, at) = syntax(&error);
+            let problem =
+                Problem::at(point(span, pattern, at), format!("this is no regular expression: {what}"));
+            log.push(problem.help(format!("see character {} of the expression", at + 1)));
+            return None;
+        }
+    };
+    if never_matches(&hir) {
+        let problem = Problem::at(span, "this regular expression can never match").label("matches nothing");
+        log.push(problem.help("remove the filter, or the empty character class in it"));
+    }
+    match Filter::regex(pattern) {
+        Ok(filter) => Some(filter),
+        Err(error) => {
+            let problem = Problem::at(span, format!("this regular expression cannot be used: {error}"));
+            log.push(problem.help("make it shorter"));
+            None
+        }
+    }
+}
+
+/// What is wrong and at which character, counted from 0.
+fn syntax(error: &regex_syntax::Error) -> (String, usize) {
+    match error {
+        regex_syntax::Error::Parse(error) => (error.kind().to_string(), error.span().start.column - 1),
+        regex_syntax::Error::Translate(error) => (error.kind().to_string(), error.span().start.column - 1),
+        _ => (error.to_string(), 0),
+    }
+}
+
+/// The character of an expression in the file. Where quotes or escapes shift it, the whole expression.
+fn point(span: Span, pattern: &str, at: usize) -> Span {
+    let written = (span.end - span.start) as usize;
+    let quote = match written.checked_sub(pattern.len()) {
+        Some(0) => 0,
+        Some(2) => 1,
+        _ => return span,
+    };
+    let before: usize = pattern.chars().take(at).map(char::len_utf8).sum();
+    let start = span.start + (quote + before) as u32;
+    let length = pattern[before..].chars().next().map_or(0, char::len_utf8) as u32;
+    Span { start, end: start + length, ..span }
+}
+
+/// An expression without a shortest match has none.
+fn never_matches(hir: &Hir) -> bool {
+    hir.properties().minimum_len().is_none()
+}
+
+/// Whether the first takes all that the second takes, as far as that can be told from their texts.
+fn covers(first: &Filter, second: &Filter) -> bool {
+    match (first, second) {
+        (Filter::Regex(a), Filter::Regex(b)) => a.as_str() == b.as_str(),
+        (_, Filter::Name(name)) => first.matches(name),
+        (Filter::Contains(part), Filter::Namespace(text) | Filter::Contains(text)) => text.contains(&**part),
+        (Filter::Namespace(_), Filter::Namespace(prefix)) => first.matches(prefix),
+        _ => false,
+    }
+}

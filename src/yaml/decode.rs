@@ -1,0 +1,299 @@
+//! From the tree to types. What is wrong is logged and reading goes on.
+
+use super::problem::Problem;
+use super::source::Span;
+use super::tree::{Key, Kind, Node};
+
+/// Collects problems.
+#[derive(Debug, Default)]
+pub struct Log(Vec<Problem>);
+
+impl Log {
+    pub fn push(&mut self, problem: Problem) {
+        self.0.push(problem);
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    pub fn into_problems(self) -> Vec<Problem> {
+        self.0
+    }
+}
+
+/// A type that is read from a node. `None`: it could not be, and the log says why.
+pub trait FromNode: Sized {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self>;
+}
+
+/// A value with its place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spanned<T> {
+    pub value: T,
+    pub span: Span,
+}
+
+impl<T: FromNode> FromNode for Spanned<T> {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        T::from_node(node, log).map(|value| Spanned { value, span: node.span })
+    }
+}
+
+impl<T: FromNode> FromNode for Vec<T> {
+    /// Items that could not be read are left out. A key without a value is an empty list.
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        match &node.kind {
+            Kind::Sequence(items) => Some(items.iter().filter_map(|item| T::from_node(item, log)).collect()),
+            _ if node.is_null() => Some(Vec::new()),
+            _ => {
+                let problem = Problem::at(node.span, format!("expected a list, found {}", node.describe()));
+                log.push(problem.help("write `[one, two]`, or each item in a line of its own after `- `"));
+                None
+            }
+        }
+    }
+}
+
+/// A list in which every item counts: if one cannot be read, there is no list.
+#[derive(Debug, Clone, PartialEq)]
+pub struct All<T>(pub Vec<T>);
+
+impl<T: FromNode> FromNode for All<T> {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let items: Vec<T> = Vec::from_node(node, log)?;
+        let written = if let Kind::Sequence(written) = &node.kind { written.len() } else { 0 };
+        (items.len() == written).then_some(All(items))
+    }
+}
+
+impl FromNode for String {
+    /// Any text but an empty one; a number counts as text.
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        match &node.kind {
+            Kind::Scalar { text, .. } if !text.trim().is_empty() && !node.is_null() => Some(text.clone()),
+            Kind::Scalar { .. } => {
+                log.push(Problem::at(node.span, "expected a text, found nothing").help("write a value"));
+                None
+            }
+            _ => {
+                let problem = Problem::at(node.span, format!("expected a text, found {}", node.describe()));
+                log.push(problem.help("quote it with '...' if it is meant as a text"));
+                None
+            }
+        }
+    }
+}
+
+impl FromNode for bool {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        word(node, log, "truth value", &[("true", true), ("false", false)])
+    }
+}
+
+impl FromNode for u64 {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let number = scalar(node).and_then(|text| text.parse().ok());
+        if number.is_none() {
+            let problem =
+                Problem::at(node.span, format!("expected a whole number, found {}", node.describe()));
+            log.push(problem.help("write digits only, for example `12`"));
+        }
+        number
+    }
+}
+
+impl FromNode for f64 {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let number =
+            scalar(node).and_then(|text| text.parse().ok()).filter(|number: &f64| number.is_finite());
+        if number.is_none() {
+            let problem = Problem::at(node.span, format!("expected a number, found {}", node.describe()));
+            log.push(problem.help("write digits with a point, for example `12.5`"));
+        }
+        number
+    }
+}
+
+/// A map whose keys are free names.
+#[derive(Debug, Clone)]
+pub struct Entries<T>(pub Vec<(Key, T)>);
+
+impl<T> Default for Entries<T> {
+    fn default() -> Self {
+        Entries(Vec::new())
+    }
+}
+
+impl<T: FromNode> FromNode for Entries<T> {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        if node.is_null() {
+            return Some(Entries::default());
+        }
+        let entries = mapping(node, "names with values", log)?;
+        let read = |(key, value): &(Key, Node)| T::from_node(value, log).map(|value| (key.clone(), value));
+        Some(Entries(entries.iter().filter_map(read).collect()))
+    }
+}
+
+/// A map whose keys are given. Whatever was not asked for when it is finished is an unknown key.
+#[derive(Debug)]
+pub struct Fields<'n, 'l> {
+    /// With its article: `a group`.
+    what: &'static str,
+    span: Span,
+    entries: &'n [(Key, Node)],
+    asked: Vec<&'static str>,
+    pub log: &'l mut Log,
+}
+
+impl<'n, 'l> Fields<'n, 'l> {
+    pub fn of(node: &'n Node, what: &'static str, log: &'l mut Log) -> Option<Self> {
+        let entries = mapping(node, what, log)?;
+        Some(Fields { what, span: node.span, entries, asked: Vec::new(), log })
+    }
+
+    /// The value of a key, as a tree.
+    pub fn node(&mut self, key: &'static str) -> Option<&'n Node> {
+        self.asked.push(key);
+        self.entries.iter().find(|(found, _)| found.text == key).map(|(_, value)| value)
+    }
+
+    pub fn optional<T: FromNode>(&mut self, key: &'static str) -> Option<T> {
+        let node = self.node(key)?;
+        T::from_node(node, self.log)
+    }
+
+    pub fn or_default<T: FromNode + Default>(&mut self, key: &'static str) -> T {
+        self.optional(key).unwrap_or_default()
+    }
+
+    pub fn required<T: FromNode>(&mut self, key: &'static str) -> Option<T> {
+        let node = self.node(key);
+        if node.is_none() {
+            let problem = Problem::at(self.span, format!("{} needs `{key}`", self.what));
+            self.log.push(problem.help(format!("add `{key}: ...`")));
+        }
+        T::from_node(node?, self.log)
+    }
+
+    /// Where a key stands, if it does.
+    pub fn key_span(&self, key: &str) -> Option<Span> {
+        self.entries.iter().find(|(found, _)| found.text == key).map(|(found, _)| found.span)
+    }
+
+    pub fn span(&self) -> Span {
+        self.span
+    }
+
+    /// Logs every key that nobody asked for.
+    pub fn finish(self) {
+        for (key, _) in self.entries.iter().filter(|(key, _)| !self.asked.contains(&key.text.as_str())) {
+            let problem = Problem::at(key.span, format!("unknown key `{}` in {}", key.text, self.what));
+            let help = suggest(&key.text, self.asked.iter().copied())
+                .map_or_else(|| format!("known here: {}", self.asked.join(", ")), did_you_mean);
+            self.log.push(problem.help(help));
+        }
+    }
+}
+
+/// The text of a scalar.
+pub fn scalar(node: &Node) -> Option<&str> {
+    match &node.kind {
+        Kind::Scalar { text, .. } if !node.is_null() => Some(text),
+        _ => None,
+    }
+}
+
+/// One of a few words.
+pub fn word<T: Copy>(node: &Node, log: &mut Log, what: &str, choices: &[(&str, T)]) -> Option<T> {
+    let text = scalar(node);
+    if let Some(&(_, value)) = choices.iter().find(|(word, _)| Some(*word) == text) {
+        return Some(value);
+    }
+    let known: Vec<&str> = choices.iter().map(|(word, _)| *word).collect();
+    let problem = Problem::at(node.span, format!("unknown {what} {}", node.describe()));
+    let meant = text.and_then(|text| suggest(text, known.iter().copied()));
+    log.push(problem.help(meant.map_or_else(|| format!("one of: {}", known.join(", ")), did_you_mean)));
+    None
+}
+
+/// A decimal number times `scale`, exactly: `0.1` of a second is 100,000,000 ns. What is finer is cut.
+pub fn scaled(text: &str, scale: u64) -> Option<u64> {
+    let (whole, fraction) = text.split_once('.').unwrap_or((text, "0"));
+    let digits =
+        |part: &str| !part.is_empty() && part.len() <= 18 && part.bytes().all(|b| b.is_ascii_digit());
+    if !digits(whole) || !digits(fraction) {
+        return None;
+    }
+    let number = |part: &str| part.parse::<u128>().ok();
+    let fraction = number(fraction)? * u128::from(scale) / 10u128.pow(fraction.len() as u32);
+    u64::try_from(number(whole)? * u128::from(scale) + fraction).ok()
+}
+
+/// The candidate that was probably meant.
+pub fn suggest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let lower = name.to_lowercase();
+    let last = |path: &str| path.rsplit('/').next().unwrap_or(path).to_lowercase();
+    let distance = |candidate: &&'a str| {
+        // A path that ends alike was probably meant, whatever stands before it.
+        if last(candidate) == last(&lower) {
+            return 1;
+        }
+        strsim::damerau_levenshtein(&lower, &candidate.to_lowercase())
+    };
+    let near = candidates.into_iter().map(|candidate| (distance(&candidate), candidate));
+    let limit = (name.chars().count() / 3).max(1);
+    near.filter(|(distance, _)| *distance <= limit)
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, found)| found)
+}
+
+pub fn did_you_mean(name: &str) -> String {
+    format!("did you mean `{name}`?")
+}
+
+fn mapping<'n>(node: &'n Node, what: &str, log: &mut Log) -> Option<&'n [(Key, Node)]> {
+    match &node.kind {
+        Kind::Mapping(entries) => Some(entries),
+        _ => {
+            let problem = Problem::at(node.span, format!("expected {what}, found {}", node.describe()));
+            log.push(problem.help("write `key: value` lines, or `{ key: value }`"));
+            None
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_decimal_is_scaled_without_drift() {
+        let cases = [
+            ("0.1", 1_000_000_000, Some(100_000_000)),
+            ("2", 60, Some(120)),
+            ("1.5", 1_000, Some(1_500)),
+            ("0.0000000019", 1_000_000_000, Some(1)),
+            ("99999999999999999999", 1, None),
+            ("18446744073709551615", 2, None),
+            ("1e3", 1, None),
+            ("-1", 1, None),
+            (".5", 10, None),
+            ("", 1, None),
+        ];
+        for (text, scale, expected) in cases {
+            assert_eq!(scaled(text, scale), expected, "{text} * {scale}");
+        }
+    }
+
+    #[test]
+    fn a_suggestion_is_near_or_ends_alike() {
+        let known = ["depends_on", "sensors/imu", "localization"];
+        let suggest = |name| suggest(name, known);
+        assert_eq!(suggest("dependson"), Some("depends_on"));
+        assert_eq!(suggest("Lokalization"), Some("localization"));
+        assert_eq!(suggest("imu"), Some("sensors/imu"));
+        assert_eq!(suggest("brake"), None);
+    }
+}

@@ -1,0 +1,188 @@
+//! What is wrong in a file: where, what, and what to do about it.
+
+use std::fmt;
+
+use miette::{
+    Diagnostic, GraphicalReportHandler, GraphicalTheme, LabeledSpan, MietteError, MietteSpanContents,
+    SourceCode, SourceSpan, SpanContents,
+};
+
+use super::source::{Sources, Span};
+
+/// Problems beyond this many are counted, not kept.
+const PROBLEMS_MAX: usize = 200;
+
+/// One thing that is wrong in a file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Problem {
+    /// A sentence without a full stop.
+    pub message: String,
+    /// Where; `None` if the file as a whole is meant.
+    pub span: Option<Span>,
+    /// What stands under the caret.
+    pub label: String,
+    /// Other places that matter, each with a word.
+    pub also: Vec<(Span, String)>,
+    /// What to do.
+    pub help: Option<String>,
+}
+
+impl Problem {
+    pub fn at(span: Span, message: impl Into<String>) -> Problem {
+        Problem {
+            message: message.into(),
+            span: Some(span),
+            label: "here".into(),
+            also: Vec::new(),
+            help: None,
+        }
+    }
+
+    pub fn of_file(name: &str, what: &str, help: &str) -> Problem {
+        let message = format!("`{name}` {what}");
+        Problem { message, span: None, label: String::new(), also: Vec::new(), help: Some(help.into()) }
+    }
+
+    pub fn label(mut self, label: impl Into<String>) -> Problem {
+        self.label = label.into();
+        self
+    }
+
+    pub fn help(mut self, help: impl Into<String>) -> Problem {
+        self.help = Some(help.into());
+        self
+    }
+
+    pub fn also(mut self, span: Span, label: impl Into<String>) -> Problem {
+        self.also.push((span, label.into()));
+        self
+    }
+}
+
+/// All that is wrong, with the texts that it is wrong in. Never empty where it is an error.
+#[derive(Debug, Clone)]
+pub struct Problems {
+    sources: Sources,
+    list: Vec<Problem>,
+    more: usize,
+}
+
+impl Problems {
+    /// In the order of the files and of the lines in them.
+    pub fn new(sources: Sources, mut list: Vec<Problem>) -> Problems {
+        list.sort_by_key(|problem| problem.span);
+        list.dedup();
+        let more = list.len().saturating_sub(PROBLEMS_MAX);
+        list.truncate(PROBLEMS_MAX);
+        Problems { sources, list, more }
+    }
+
+    pub fn list(&self) -> &[Problem] {
+        &self.list
+    }
+
+    /// One line each: `file:line:column: message (what to do)`.
+    pub fn lines(&self) -> Vec<String> {
+        let line = |problem: &Problem| {
+            let place = problem.span.map_or(String::new(), |span| {
+                let (line, column) = self.sources.line_column(span);
+                format!("{}:{line}:{column}: ", self.sources.name(span.file))
+            });
+            let help = problem.help.as_ref().map_or(String::new(), |help| format!(" ({help})"));
+            format!("{place}{}{help}", problem.message)
+        };
+        self.list.iter().map(line).collect()
+    }
+
+    /// Each with its line of the file, a caret and what to do.
+    pub fn render(&self, colour: bool) -> String {
+        let theme = if colour { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
+        let handler = GraphicalReportHandler::new_themed(theme).with_width(100).with_links(false);
+        let mut text = String::new();
+        for problem in &self.list {
+            let report = Report { problem, sources: &self.sources };
+            // Writing to a String cannot fail, and a span that miette cannot show still has its words.
+            if handler.render_report(&mut text, &report).is_err() {
+                text.push_str(&problem.message);
+            }
+            text.push('\n');
+        }
+        if self.more > 0 {
+            text.push_str(&format!("and {} more\n", self.more));
+        }
+        text
+    }
+}
+
+impl fmt::Display for Problems {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.render(false))
+    }
+}
+
+impl std::error::Error for Problems {}
+
+#[derive(Debug)]
+struct Report<'a> {
+    problem: &'a Problem,
+    sources: &'a Sources,
+}
+
+impl fmt::Display for Report<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.problem.message)
+    }
+}
+
+impl std::error::Error for Report<'_> {}
+
+impl Diagnostic for Report<'_> {
+    fn help<'b>(&'b self) -> Option<Box<dyn fmt::Display + 'b>> {
+        let elsewhere = self.problem.also.iter().filter(|(span, _)| Some(span.file) != self.file());
+        let elsewhere = elsewhere.map(|(span, label)| format!("{}: {label}", self.sources.place(*span)));
+        let parts: Vec<String> = self.problem.help.iter().cloned().chain(elsewhere).collect();
+        if parts.is_empty() { None } else { Some(Box::new(parts.join("\n"))) }
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        self.problem.span.map(|_| self as &dyn SourceCode)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        let span = self.problem.span?;
+        let main = LabeledSpan::new_primary_with_span(Some(self.problem.label.clone()), range(span));
+        let also = self.problem.also.iter().filter(move |(other, _)| other.file == span.file);
+        let also = also.map(|(other, label)| LabeledSpan::new_with_span(Some(label.clone()), range(*other)));
+        Some(Box::new(std::iter::once(main).chain(also)))
+    }
+}
+
+impl Report<'_> {
+    fn file(&self) -> Option<u16> {
+        self.problem.span.map(|span| span.file)
+    }
+}
+
+impl SourceCode for Report<'_> {
+    fn read_span<'b>(
+        &'b self,
+        span: &SourceSpan,
+        before: usize,
+        after: usize,
+    ) -> Result<Box<dyn SpanContents<'b> + 'b>, MietteError> {
+        let file = self.file().ok_or(MietteError::OutOfBounds)?;
+        let contents = self.sources.text(file).read_span(span, before, after)?;
+        Ok(Box::new(MietteSpanContents::new_named(
+            self.sources.name(file).to_owned(),
+            contents.data(),
+            *contents.span(),
+            contents.line(),
+            contents.column(),
+            contents.line_count(),
+        )))
+    }
+}
+
+fn range(span: Span) -> std::ops::Range<usize> {
+    span.start as usize..span.end as usize
+}

@@ -1,0 +1,102 @@
+//! The texts that were read, and places in them.
+
+use std::fs::File;
+use std::io::{ErrorKind, Read};
+use std::path::Path;
+
+use super::problem::Problem;
+
+/// No file of ours is larger; what is, is something else.
+const FILE_BYTES_MAX: u64 = 64 << 20;
+
+/// A range of bytes in one of the [`Sources`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Span {
+    pub file: u16,
+    pub start: u32,
+    pub end: u32,
+}
+
+/// All texts that one configuration or scenario is made of.
+#[derive(Debug, Clone, Default)]
+pub struct Sources(Vec<Source>);
+
+#[derive(Debug, Clone)]
+struct Source {
+    /// As the user named it.
+    name: String,
+    text: String,
+}
+
+impl Sources {
+    /// Adds a text and returns its number.
+    pub fn add(&mut self, name: &str, text: &str) -> u16 {
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        self.0.push(Source { name: name.to_owned(), text: text.to_owned() });
+        (self.0.len() - 1) as u16
+    }
+
+    /// Adds the text of a file.
+    ///
+    /// # Errors
+    /// It cannot be read, is too large, or is not UTF-8.
+    pub fn read(&mut self, path: &Path) -> Result<u16, Problem> {
+        let name = path.display().to_string();
+        let bytes = read_bytes(path).map_err(|(what, help)| Problem::of_file(&name, what, help))?;
+        let text = String::from_utf8(bytes).map_err(|error| {
+            let valid = error.utf8_error().valid_up_to();
+            let line = error.as_bytes()[..valid].iter().filter(|&&byte| byte == b'\n').count() + 1;
+            let what = format!("is not UTF-8 text: byte {} in line {line} is wrong", valid + 1);
+            Problem::of_file(&name, &what, "save the file with the encoding UTF-8")
+        })?;
+        Ok(self.add(&name, &text))
+    }
+
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    pub fn name(&self, file: u16) -> &str {
+        &self.0[usize::from(file)].name
+    }
+
+    pub fn text(&self, file: u16) -> &str {
+        &self.0[usize::from(file)].text
+    }
+
+    /// Line and column of the start of a span, counted from 1, columns in characters.
+    pub fn line_column(&self, span: Span) -> (usize, usize) {
+        let text = self.text(span.file);
+        let before = &text[..text.floor_char_boundary(span.start as usize)];
+        let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
+        (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
+    }
+
+    /// `file:line`, as editors open it.
+    pub fn place(&self, span: Span) -> String {
+        format!("{}:{}", self.name(span.file), self.line_column(span).0)
+    }
+}
+
+fn read_bytes(path: &Path) -> Result<Vec<u8>, (&'static str, &'static str)> {
+    let trouble = |error: std::io::Error| match error.kind() {
+        ErrorKind::NotFound => ("does not exist", "check the path"),
+        ErrorKind::PermissionDenied => ("may not be read", "check who owns it and its permissions"),
+        ErrorKind::IsADirectory => ("is a directory", "name a file in it"),
+        _ => ("cannot be read", "check the path and the disk"),
+    };
+    if path.is_dir() {
+        return Err(("is a directory", "name a file in it"));
+    }
+    let mut bytes = Vec::new();
+    let file = File::open(path).map_err(trouble)?;
+    file.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes).map_err(trouble)?;
+    if bytes.len() as u64 > FILE_BYTES_MAX {
+        return Err(("is larger than 64 MiB", "name a file that is meant for this"));
+    }
+    Ok(bytes)
+}
