@@ -1,0 +1,125 @@
+//! Fragments of the operator's page as messages of htmx's WebSocket extension.
+
+use std::fmt::Write as _;
+use std::sync::OnceLock;
+
+use axum::extract::ws::Utf8Bytes;
+
+use crate::runtime::Published;
+use crate::web::view::{self, Lang};
+
+/// All fragments at one snapshot, each with the snapshot of its last change.
+#[derive(Debug)]
+pub struct Frame {
+    seq: u64,
+    /// The frame that came before this one, if one did.
+    previous: Option<u64>,
+    parts: Vec<Part>,
+    /// The message that most listeners need: they showed the previous frame.
+    step: OnceLock<Option<Utf8Bytes>>,
+    full: OnceLock<Utf8Bytes>,
+}
+
+#[derive(Debug)]
+struct Part {
+    id: String,
+    html: String,
+    /// `html` as the inside of a JSON string.
+    escaped: Box<str>,
+    changed: u64,
+}
+
+impl Frame {
+    pub(super) fn new(published: &Published, lang: Lang, before: Option<&Frame>) -> Frame {
+        let seq = published.snapshot.seq;
+        let fragments = view::fragments(published, lang);
+        let parts = fragments.into_iter().enumerate().map(|(index, fragment)| {
+            match before.and_then(|before| before.part(index, &fragment.id)) {
+                Some(old) if old.html == fragment.html => Part {
+                    escaped: old.escaped.clone(),
+                    changed: old.changed,
+                    html: fragment.html,
+                    id: fragment.id,
+                },
+                _ => Part {
+                    escaped: escape(&fragment.html),
+                    changed: seq,
+                    html: fragment.html,
+                    id: fragment.id,
+                },
+            }
+        });
+        Frame {
+            seq,
+            previous: before.map(Frame::seq),
+            parts: parts.collect(),
+            step: OnceLock::new(),
+            full: OnceLock::new(),
+        }
+    }
+
+    pub fn seq(&self) -> u64 {
+        self.seq
+    }
+
+    /// Everything, for who just connected.
+    pub fn full(&self) -> Utf8Bytes {
+        self.full.get_or_init(|| self.message(self.parts.iter())).clone()
+    }
+
+    /// What changed since the frame `shown`; `None` if nothing did.
+    pub fn since(&self, shown: u64) -> Option<Utf8Bytes> {
+        if self.previous == Some(shown) {
+            return self.step.get_or_init(|| self.changes(shown)).clone();
+        }
+        self.changes(shown)
+    }
+
+    fn changes(&self, shown: u64) -> Option<Utf8Bytes> {
+        let changed = || self.parts.iter().filter(|part| part.changed > shown);
+        changed().next()?;
+        Some(self.message(changed()))
+    }
+
+    fn message<'a>(&self, parts: impl Iterator<Item = &'a Part>) -> Utf8Bytes {
+        let mut message = format!("{{\"seq\":{},\"content\":\"", self.seq);
+        for part in parts {
+            message.push_str(&part.escaped);
+        }
+        message.push_str("\"}");
+        Utf8Bytes::from(message)
+    }
+
+    /// Fragments keep their places nearly always, so the search is the exception.
+    fn part(&self, index: usize, id: &str) -> Option<&Part> {
+        let here = self.parts.get(index).filter(|part| part.id == id);
+        here.or_else(|| self.parts.iter().find(|part| part.id == id))
+    }
+}
+
+fn escape(text: &str) -> Box<str> {
+    let mut escaped = String::with_capacity(text.len() + text.len() / 8);
+    for char in text.chars() {
+        match char {
+            '"' => escaped.push_str("\\\""),
+            '\\' => escaped.push_str("\\\\"),
+            '\n' => escaped.push_str("\\n"),
+            // Writing to a string cannot fail.
+            char if char < ' ' => drop(write!(escaped, "\\u{:04x}", char as u32)),
+            char => escaped.push(char),
+        }
+    }
+    escaped.into_boxed_str()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn escaped_text_reads_back_as_it_was() {
+        let text = "<p class=\"a\\b\">\u{0}\u{1f}\t\r\n\u{7f}\u{2028}ä運\u{1f68c}</p>";
+        let message = format!("\"{}\"", escape(text));
+        assert_eq!(serde_json::from_str::<String>(&message).unwrap(), text);
+    }
+}
