@@ -10,7 +10,8 @@ use super::EXIT_USAGE;
 use crate::config::{self, Loaded};
 use crate::engine::filter::Filter;
 use crate::engine::model::{
-    Combine, Dependency, DependsOn, GroupId, Model, MonitorSpec, NodeId, SignalSpec, Stage, When,
+    Combine, Dependency, DependsOn, GroupId, Model, ModuleId, MonitorSpec, NodeId, Policy, SignalSpec, Stage,
+    When,
 };
 use crate::engine::time::Span;
 use crate::yaml::Problems;
@@ -100,7 +101,7 @@ fn group_text(out: &mut String, model: &Model, id: GroupId, depth: usize) {
     for module in model.modules.iter().filter(|module| module.group == id) {
         let MonitorSpec::SelfState { status } = &module.monitor;
         let name = module.name.as_ref().map_or(String::new(), |name| format!(" \"{}\"", name.en));
-        let policy = format!("{} after {}", module.policy.stale, span(module.policy.timeout));
+        let policy = policy_text(&module.policy);
         let _ = writeln!(out, "{pad}  - {}{name}: status '{status}', {policy}", module.id);
         conditions(out, model, &format!("{pad}    "), &module.depends_on, module.when.as_ref());
     }
@@ -108,6 +109,19 @@ fn group_text(out: &mut String, model: &Model, id: GroupId, depth: usize) {
     for (index, _) in inside {
         group_text(out, model, GroupId(index as u32), depth + 1);
     }
+}
+
+fn policy_text(policy: &Policy) -> String {
+    let mut text = format!("{} after {} of silence", policy.stale, span(policy.timeout));
+    for (what, after) in [("worse", policy.raise_after), ("better", policy.clear_after)] {
+        if !after.is_zero() {
+            let _ = write!(text, ", {what} after {}", span(after));
+        }
+    }
+    if let Some(latch) = policy.latch {
+        let _ = write!(text, ", an error of {} stays until reset", span(latch));
+    }
+    text
 }
 
 fn conditions(out: &mut String, model: &Model, pad: &str, depends_on: &[Dependency], when: Option<&When>) {
@@ -164,7 +178,7 @@ fn dot(model: &Model) -> String {
         dot_edges(&mut out, model, NodeId::Group(GroupId(index as u32)), &group.depends_on);
     }
     for (index, module) in model.modules.iter().enumerate() {
-        let id = NodeId::Module(crate::engine::model::ModuleId(index as u32));
+        let id = NodeId::Module(ModuleId(index as u32));
         dot_edges(&mut out, model, id, &module.depends_on);
     }
     out.push_str("}\n");

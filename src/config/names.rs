@@ -148,13 +148,12 @@ impl<'r> Names<'r> {
         }
     }
 
-    /// What a node and every group around it, from the inside out, depend on.
-    pub fn dependencies(&self, node: NodeId) -> impl Iterator<Item = &'r raw::Dependency> {
-        let around = std::iter::successors(Some(node), |&node| self.parent(node).map(NodeId::Group));
-        around.flat_map(|node| match node {
+    /// What a node itself depends on, as written.
+    pub fn dependencies(&self, node: NodeId) -> &'r [raw::Dependency] {
+        match node {
             NodeId::Group(id) => &self.groups[id.0 as usize].raw.depends_on,
             NodeId::Module(id) => &self.modules[id.0 as usize].raw.depends_on,
-        })
+        }
     }
 
     /// The node of this name; the log says what was probably meant if there is none.

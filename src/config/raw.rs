@@ -44,7 +44,6 @@ impl FromNode for File {
             let problem = Problem::at(span, "a module stands in no group");
             fields.log.push(problem.help("move `modules` into one of the `groups`"));
         }
-        unsupported(&mut fields, &["countermeasures"]);
         let main_only = ["vehicle", "defaults", "limits", "localized_after"];
         let main_only = main_only.into_iter().filter_map(|key| Some((key, fields.key_span(key)?)));
         let file = File {
@@ -58,6 +57,7 @@ impl FromNode for File {
             localized_after: fields.optional("localized_after"),
             groups: fields.or_default("groups"),
         };
+        unsupported(&mut fields, &["countermeasures"]);
         fields.finish();
         Some(file)
     }
@@ -142,21 +142,25 @@ impl FromNode for Stop {
 pub(super) struct Policy {
     pub timeout: Option<Spanned<time::Span>>,
     pub stale: Option<State>,
+    pub raise_after: Option<time::Span>,
+    pub clear_after: Option<time::Span>,
+    /// Only a module's own: what latches must be named.
+    pub latch: Option<time::Span>,
 }
 
 impl Policy {
     fn of(fields: &mut Fields) -> Policy {
-        for key in ["raise_after", "clear_after", "latch"] {
-            let span: Option<Spanned<time::Span>> = fields.optional(key);
-            if let Some(span) = span.filter(|span| !span.value.is_zero()) {
-                fields.log.push(not_supported(span.span, key));
-            }
-        }
         let stale = fields.node("stale").and_then(|node| {
             let states = [State::Unknown, State::Warning, State::Error].map(|state| (state.as_str(), state));
             word(node, fields.log, "stale state", &states)
         });
-        Policy { timeout: fields.optional("timeout"), stale }
+        Policy {
+            timeout: fields.optional("timeout"),
+            stale,
+            raise_after: fields.optional("raise_after"),
+            clear_after: fields.optional("clear_after"),
+            latch: None,
+        }
     }
 }
 
@@ -398,7 +402,7 @@ impl FromNode for Module {
             id: fields.required("id"),
             name: fields.optional("name"),
             help: fields.optional("help"),
-            policy: Policy::of(&mut fields),
+            policy: Policy { latch: fields.optional("latch"), ..Policy::of(&mut fields) },
             when: fields.optional("when"),
             depends_on: fields.or_default("depends_on"),
             monitor: fields.optional("monitor"),

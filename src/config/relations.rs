@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::names::Names;
 use super::raw;
-use crate::engine::graph::Cycle;
+use crate::engine::graph::{Cycle, CycleEdge, CycleStep};
 use crate::engine::model::{Dependency, DependsOn, NodeId, When};
 use crate::yaml::{Log, Problem, Span, Spanned, suggest};
 
@@ -105,10 +105,10 @@ fn find(
 
 /// A cycle as a problem: the whole way in words, and the line of each step.
 pub(super) fn describe_cycle(names: &Names, cycle: &Cycle) -> Problem {
-    let nodes = &cycle.0;
-    let steps = nodes.iter().zip(nodes.iter().cycle().skip(1));
-    let mut places = steps.map(|(&from, &to)| step(names, from, to));
-    let way: Vec<&str> = nodes.iter().chain(nodes.first()).map(|&node| &**names.path_of(node)).collect();
+    let steps = &cycle.0;
+    let nodes = || steps.iter().map(|step| step.node);
+    let mut places = steps.iter().zip(nodes().cycle().skip(1)).map(|(step, next)| place(names, step, next));
+    let way: Vec<&str> = nodes().chain(nodes().take(1)).map(|node| &**names.path_of(node)).collect();
     let message = format!("dependencies go round in a circle: {}", way.join(" -> "));
     let (span, label) = places.next().unwrap_or((Span { file: 0, start: 0, end: 0 }, String::new()));
     let mut problem = Problem::at(span, message).label(label);
@@ -118,18 +118,18 @@ pub(super) fn describe_cycle(names: &Names, cycle: &Cycle) -> Problem {
     problem.help("remove one of these dependencies, or let it name a single module instead of a group")
 }
 
-/// Where it is written that one node rests on another: in a dependency of it or of a group around
-/// it, or because the other is its member.
-fn step(names: &Names, from: NodeId, to: NodeId) -> (Span, String) {
-    let target = names.path_of(to);
+/// Where it is written that a node of a cycle rests on the next.
+fn place(names: &Names, step: &CycleStep, next: NodeId) -> (Span, String) {
+    let target = names.path_of(next);
+    let CycleEdge::Depends { holder, .. } = step.by else {
+        return (names.span(next), format!("{target} is a member of {}", names.path_of(step.node)));
+    };
     let named = |dependency: &raw::Dependency| match &dependency.on {
         raw::DependsOn::Node(name) => (name.value == **target).then_some(name.span),
         raw::DependsOn::AnyOf(members) => {
             members.iter().find(|name| name.value == **target).map(|name| name.span)
         }
     };
-    match names.dependencies(from).find_map(named) {
-        Some(span) => (span, format!("{} depends on {target}", names.path_of(from))),
-        None => (names.span(to), format!("{target} is a member of {}", names.path_of(from))),
-    }
+    let span = names.dependencies(holder).iter().find_map(named).unwrap_or_else(|| names.span(holder));
+    (span, format!("{} depends on {target}", names.path_of(holder)))
 }

@@ -11,12 +11,9 @@ use crate::engine::model::{
     Combine, FieldSource, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, Parts, Policy,
     SignalSpec, StageModel, Text,
 };
-use crate::engine::state::State;
 use crate::engine::time;
 use crate::yaml::{Log, Problem, Span, Spanned};
 
-/// Applies where a module and the defaults say nothing.
-const TIMEOUT: time::Span = time::Span::from_secs(2);
 const LOCALIZED_AFTER: time::Span = time::Span::from_secs(2);
 const TILE_MAX: u64 = 12;
 
@@ -27,7 +24,7 @@ pub(super) fn resolve(file: &raw::File, log: &mut Log) -> Option<Loaded> {
     let id: Arc<str> = id.filter(|id| check_id(id, "vehicle", log)).map_or("vehicle", |id| &id.value).into();
     let name = vehicle.and_then(|vehicle| vehicle.name.clone()).unwrap_or_else(|| Text::plain(&id));
     let defaults = file.defaults.as_ref().map(|defaults| defaults.0).unwrap_or_default();
-    let defaults = policy(&defaults, &Policy { timeout: TIMEOUT, stale: State::Unknown }, log);
+    let defaults = policy(&defaults, &Policy::default(), log);
 
     let signals = signals(file, log);
     let names = Names::of(file, log);
@@ -64,6 +61,9 @@ fn policy(raw: &raw::Policy, around: &Policy, log: &mut Log) -> Policy {
     Policy {
         timeout: raw.timeout.map_or(around.timeout, |timeout| timeout.value),
         stale: raw.stale.unwrap_or(around.stale),
+        raise_after: raw.raise_after.unwrap_or(around.raise_after),
+        clear_after: raw.clear_after.unwrap_or(around.clear_after),
+        latch: raw.latch.or(around.latch),
     }
 }
 

@@ -1,1 +1,556 @@
+use std::path::PathBuf;
 
+use super::*;
+use crate::engine::filter::Filter;
+use crate::engine::model::{Combine, DependsOn, GroupId, ModuleId, NodeId, Policy, Stage};
+use crate::engine::state::State;
+
+/// All problems of a text, in order, as `line:column: message (what to do)`.
+#[track_caller]
+fn check(text: &str, expected: &[&str]) {
+    let found = match parse("c", text) {
+        Ok(_) => Vec::new(),
+        Err(problems) => problems.lines(),
+    };
+    let found: Vec<&str> = found.iter().map(|line| line.strip_prefix("c:").unwrap_or(line)).collect();
+    assert_eq!(found, expected);
+}
+
+/// A group with a module, for texts in which something else matters.
+const GROUP: &str = "groups: [{ id: a, modules: [{ id: m, status: s }] }]\n";
+
+#[track_caller]
+fn check_beside_group(text: &str, expected: &[&str]) {
+    check(&format!("{GROUP}{text}"), expected);
+}
+
+#[test]
+fn a_minimal_configuration_has_defaults() {
+    let loaded = parse("c", GROUP).unwrap();
+    let model = &loaded.model;
+    assert_eq!((&*model.vehicle_id, &*model.vehicle_name.de), ("vehicle", "vehicle"));
+    assert_eq!(model.groups[0].name, Text::plain("a"));
+    assert_eq!(&*model.modules[0].id, "a/m");
+    assert_eq!(model.modules[0].policy, Policy::default());
+    assert_eq!(loaded.localized_after, time::Span::from_secs(2));
+}
+
+#[test]
+fn everything_that_is_written_reaches_the_model() {
+    let text = r"
+vehicle: { id: v, name: { en: Van, de: Bus }, stages: none }
+signals:
+  active: { topic: /a, type: std_msgs/msg/Bool, timeout: 3s }
+  goal: { topic: /g, type: geometry_msgs/msg/PoseStamped, present_for: 1h }
+stops: [{ id: depot, name: Depot, x: 1.5, y: -2, yaw_deg: 90 }]
+defaults: { timeout: 1s, stale: warning, raise_after: 10ms }
+limits: { discovered_modules: 7 }
+localized_after: 5s
+groups:
+  - id: a
+    combine: any
+    tile: { column: 2, row: 1 }
+    match: [{ namespace: /a }, { regex: 'x.*' }, { name: 'n: o' }, { contains: p }]
+    modules:
+      - { id: m, status: 's: t', stale: error, latch: 500ms, name: M, help: { en: Stop., de: Halt. } }
+    groups:
+      - { id: in, match: [{ contains: q }], when: { stages: [active], signals: { goal: false } } }
+  - id: b
+    depends_on: [a/in, { any_of: [a, a/m] }, { on: a/m, masks_when: [error, unknown] }]
+    modules: [{ id: n, monitor: { self_state: { status: u } } }]
+";
+    let loaded = parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
+    let model = &loaded.model;
+    assert_eq!((&*model.vehicle_name.en, &*model.vehicle_name.de), ("Van", "Bus"));
+    assert_eq!(model.signals[0].timeout, Some(time::Span::from_secs(3)));
+    assert_eq!(model.signals[1].present_for, Some(time::Span::from_secs(3600)));
+    assert_eq!((&*model.signals[0].source.field, &*model.signals[1].source.field), ("data", ""));
+    assert_eq!((loaded.stops[0].x_m, loaded.stops[0].y_m, loaded.stops[0].yaw_deg), (1.5, -2.0, 90.0));
+    assert_eq!(model.limits.discovered_modules, 7);
+
+    let group = &model.groups[0];
+    assert_eq!((group.combine, group.tile), (Combine::Any, Some((2, 1))));
+    assert_eq!(group.filters[0], Filter::Namespace("/a".into()));
+    assert!(group.filters[1].matches("xyz") && !group.filters[1].matches("axyz"));
+    assert_eq!((&*model.groups[1].path, model.groups[1].parent), ("a/in", Some(GroupId(0))));
+    let when = model.groups[1].when.as_ref().unwrap();
+    assert_eq!((&when.stages[..], &when.signals[..]), (&[Stage::Active][..], &[(1, false)][..]));
+
+    let policy = &model.modules[0].policy;
+    assert_eq!((policy.timeout, policy.stale), (time::Span::from_secs(1), State::Error));
+    assert_eq!(
+        (policy.raise_after, policy.latch),
+        (time::Span::from_millis(10), Some(time::Span::from_millis(500)))
+    );
+    assert_eq!(model.modules[0].help.as_ref().map(|help| &*help.de), Some("Halt."));
+
+    let (a, m) = (NodeId::Group(GroupId(0)), NodeId::Module(ModuleId(0)));
+    let depends: Vec<_> =
+        model.groups[2].depends_on.iter().map(|d| (d.on.clone(), d.masks_unknown)).collect();
+    let inner = NodeId::Group(GroupId(1));
+    let expected =
+        [(DependsOn::Node(inner), false), (DependsOn::AnyOf(vec![a, m]), false), (DependsOn::Node(m), true)];
+    assert_eq!(depends, expected);
+}
+
+#[test]
+fn the_shuttle_is_valid() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/shuttle.yaml");
+    let loaded = load(&path).unwrap_or_else(|problems| panic!("{problems}"));
+    let tiles = loaded.model.groups.iter().filter(|group| group.tile.is_some());
+    assert_eq!(tiles.count(), 8);
+    for module in &loaded.model.modules {
+        assert!(module.name.is_some() && module.help.is_some(), "{} needs words for the operator", module.id);
+    }
+}
+
+#[test]
+fn all_problems_come_at_once_in_the_order_of_the_file() {
+    check(
+        "vehicle: { id: v, stges: none }\ngroups:\n  - id: a\n    depends_on: [b]\n    modules: [{ id: m, status: s, timeout: 2 sek }]\n",
+        &[
+            "1:19: unknown key `stges` in the vehicle (did you mean `stages`?)",
+            "4:18: there is no group or module `b` (write the full name: `group`, `group/module` or `group/group/module`)",
+            "5:44: expected a duration, found `2 sek` (write a number with one of the units ns, us, ms, s, m, h: for example `2s`)",
+        ],
+    );
+}
+
+#[test]
+fn a_problem_shows_its_line_with_a_caret_and_what_to_do() {
+    let problems =
+        parse("c.yaml", "groups:\n  - id: a\n    dependson: [b]\n    match: [{ name: n }]\n").unwrap_err();
+    let expected = "  × unknown key `dependson` in a group
+   ╭─[c.yaml:3:5]
+ 2 │   - id: a
+ 3 │     dependson: [b]
+   ·     ────┬────
+   ·         ╰── here
+ 4 │     match: [{ name: n }]
+   ╰────
+  help: did you mean `depends_on`?
+
+";
+    assert_eq!(problems.render(false), expected);
+}
+
+#[test]
+fn keys_must_be_known_and_stand_once() {
+    check_beside_group(
+        "modules: []\n",
+        &["2:1: a module stands in no group (move `modules` into one of the `groups`)"],
+    );
+    check_beside_group(
+        "colour: red\n",
+        &[
+            "2:1: unknown key `colour` in a configuration (known here: include, vehicle, signals, stops, defaults, limits, localized_after, groups, countermeasures)",
+        ],
+    );
+    check_beside_group("groups: []\n", &["2:1: `groups` stands twice (keep one of the two)"]);
+    check(
+        "groups: [{ id: a, id: b, match: [{ name: n }] }]\n",
+        &["1:19: `id` stands twice (keep one of the two)"],
+    );
+}
+
+#[test]
+fn values_must_be_what_the_key_says() {
+    check(
+        "groups: 7\n",
+        &[
+            "1:9: expected a list, found `7` (write `[one, two]`, or each item in a line of its own after `- `)",
+        ],
+    );
+    check(
+        "[1]\n",
+        &["1:1: expected a configuration, found a list (write `key: value` lines, or `{ key: value }`)"],
+    );
+    check_beside_group(
+        "limits: { string_bytes: many }\n",
+        &["2:25: expected a whole number, found `many` (write digits only, for example `12`)"],
+    );
+    check_beside_group(
+        "limits: { string_bytes: 1 }\n",
+        &["2:25: 1 is not between 16 and 1048576 (the default is 4096)"],
+    );
+    check_beside_group(
+        "stops: [{ id: s, x: .inf, y: 0 }]\n",
+        &["2:21: expected a number, found `.inf` (write digits with a point, for example `12.5`)"],
+    );
+    check_beside_group(
+        "vehicle: { name: { en: A } }\n",
+        &["2:18: a text in two languages needs `de` (add `de: ...`)"],
+    );
+    check_beside_group("vehicle: { id: }\n", &["2:14: expected a text, found nothing (write a value)"]);
+    check_beside_group(
+        "defaults: { timeout: 5 }\n",
+        &[
+            "2:22: expected a duration, found `5` (write a number with one of the units ns, us, ms, s, m, h: for example `2s`)",
+        ],
+    );
+    check_beside_group(
+        "defaults: { timeout: 0s }\n",
+        &[
+            "2:22: a timeout of nothing would make everything stale at once (write a duration above 0, for example `2s`)",
+        ],
+    );
+    check_beside_group(
+        "defaults: { stale: ok }\n",
+        &["2:20: unknown stale state `ok` (one of: unknown, warning, error)"],
+    );
+    check_beside_group(
+        "vehicle: { stages: shutle }\n",
+        &["2:20: unknown stage model `shutle` (did you mean `shuttle`?)"],
+    );
+}
+
+#[test]
+fn ids_are_safe_and_unique() {
+    check(
+        "groups:\n  - { id: 'a b', match: [{ name: n }] }\n  - { id: other, match: [{ name: n }] }\n",
+        &[
+            "2:11: `a b` cannot be the id of a group (use letters, digits, `_`, `.` and `-`; what people read stands in `name`)",
+            "3:11: the group `other` is made by the program itself (choose another id)",
+        ],
+    );
+    check(
+        "groups:\n  - { id: a, modules: [{ id: m, status: s }, { id: m, status: t }], groups: [{ id: m }] }\n  - { id: a }\n",
+        &[
+            "2:52: module `a/m` is declared twice (rename or remove one of the two)",
+            "2:84: group `a/m` is declared twice (rename or remove one of the two)",
+            "3:11: group `a` is declared twice (rename or remove one of the two)",
+        ],
+    );
+    check_beside_group(
+        "stops: [{ id: s, x: 0, y: 0 }, { id: s, x: 1, y: 1 }]\n",
+        &["2:38: stop `s` is declared twice (rename or remove one of the two)"],
+    );
+    // A name that is not found may be meant for the node whose id is wrong: nothing is said about it.
+    check(
+        "groups:\n  - { id: 'a b', match: [{ name: n }] }\n  - { id: b, depends_on: [a_b], match: [{ name: n }] }\n",
+        &[
+            "2:11: `a b` cannot be the id of a group (use letters, digits, `_`, `.` and `-`; what people read stands in `name`)",
+        ],
+    );
+}
+
+#[test]
+fn modules_say_what_they_watch() {
+    let module = |module: &str| format!("groups: [{{ id: a, modules: [{{ {module} }}] }}]\n");
+    check(
+        &module("id: m"),
+        &["1:29: a module needs `status` or `monitor` (add `status: 'NAME OF THE STATUS'`)"],
+    );
+    check(
+        &module("id: m, status: s, monitor: { self_state: { status: s } }"),
+        &["1:49: a module has either `status` or `monitor` (remove one of the two)"],
+    );
+    check(&module("status: s"), &["1:29: a module needs `id` (add `id: ...`)"]);
+    check(
+        &module("id: m, monitor: { frequenzy: { topic: /t } }"),
+        &["1:49: unknown kind of monitor `frequenzy` (did you mean `frequency`?)"],
+    );
+    check(
+        &module("id: m, monitor: { frequency: { topic: /t } }"),
+        &["1:49: `monitor: frequency` is not supported by this version (remove it)"],
+    );
+    check(
+        &module("id: m, status: s }, { id: n, status: s"),
+        &["1:68: two modules of `a` take the status `s` (remove one of the two modules)"],
+    );
+}
+
+#[test]
+fn filters_can_take_something() {
+    let filters = |filters: &str| {
+        format!("groups: [{{ id: a, modules: [{{ id: m, status: s }}], match: [{filters}] }}]\n")
+    };
+    check(
+        &filters("{ regex: 'a(b' }"),
+        &["1:71: this is no regular expression: unclosed group (see character 2 of the expression)"],
+    );
+    check(
+        &filters("{ regex: 'a[b&&c]' }"),
+        &[
+            "1:69: this regular expression can never match (remove the filter, or the empty character class in it)",
+        ],
+    );
+    check(
+        &filters("{ regex: 'a{1000}{1000}' }"),
+        &[
+            "1:69: this regular expression cannot be used: Compiled regex exceeds size limit of 10485760 bytes. (make it shorter)",
+        ],
+    );
+    check(
+        &filters("{ name: s }"),
+        &["1:60: the declared module `a/m` takes this status before any filter (remove the filter)"],
+    );
+    for (first, second) in [
+        ("namespace: /x", "namespace: /x"),
+        ("namespace: /x", "namespace: /x/y"),
+        ("contains: x", "namespace: /x"),
+        ("regex: 'x.*'", "name: xy"),
+        ("regex: 'x.*'", "regex: 'x.*'"),
+    ] {
+        let column = 60 + first.len() + 6;
+        let expected = format!(
+            "1:{column}: this filter takes nothing that an earlier one leaves (remove one of the two)"
+        );
+        check(&filters(&format!("{{ {first} }}, {{ {second} }}")), &[&expected]);
+    }
+    check(
+        &filters("{ name: x, contains: y }"),
+        &[
+            "1:60: a filter needs one of `name`, `namespace`, `contains`, `regex` (write one filter for each: `- { namespace: /sensors }`)",
+        ],
+    );
+    check(
+        &filters("{ prefix: x }"),
+        &[
+            "1:60: a filter needs one of `name`, `namespace`, `contains`, `regex` (write one filter for each: `- { namespace: /sensors }`)",
+            "1:62: unknown key `prefix` in a filter (known here: name, namespace, contains, regex)",
+        ],
+    );
+    check(&filters("{ contains: '' }"), &["1:72: expected a text, found nothing (write a value)"]);
+}
+
+#[test]
+fn dependencies_lead_somewhere_else() {
+    let text = "groups:
+  - id: sensors
+    depends_on: [sensors, sensors/imu, sensors/lidar, localisation, imuu, brake]
+    modules:
+      - { id: imu, status: s, depends_on: [sensors] }
+      - { id: gnss, status: t, depends_on: [sensors/imu, { on: sensors/imu }] }
+    groups: [{ id: lidar, match: [{ name: n }] }]
+  - { id: localization, depends_on: [imu, { any_of: [] }, { any_of: [lidar, lidra] }] }
+";
+    check(
+        text,
+        &[
+            "3:18: `sensors` depends on itself (remove this dependency)",
+            "3:27: `sensors` depends on its own member `sensors/imu` (remove this dependency)",
+            "3:40: `sensors` depends on its own member `sensors/lidar` (remove this dependency)",
+            "3:55: there is no group or module `localisation` (did you mean `localization`?)",
+            "3:69: there is no group or module `imuu` (did you mean `sensors/imu`?)",
+            "3:75: there is no group or module `brake` (write the full name: `group`, `group/module` or `group/group/module`)",
+            "5:44: `sensors/imu` depends on `sensors`, which it is a member of (remove this dependency)",
+            "6:64: `sensors/imu` is named twice (remove one of the two)",
+            "8:38: there is no group or module `imu` (did you mean `sensors/imu`?)",
+            "8:43: an `any_of` without members could never block (name at least one group or module)",
+            "8:70: there is no group or module `lidar` (did you mean `sensors/lidar`?)",
+            "8:77: there is no group or module `lidra` (did you mean `sensors/lidar`?)",
+        ],
+    );
+    check(
+        "groups:\n  - { id: a, match: [{ name: n }] }\n  - { id: b, depends_on: [{ on: a, masks_when: [unknown] }, { masks_when: [error] }, { on: a, masks_when: [warning] }] }\n",
+        &[
+            "3:48: `masks_when` lacks `error` (write `[error]` or `[error, unknown]`)",
+            "3:61: a dependency needs either `on` or `any_of` (write the name alone, `{ on: NAME }` or `{ any_of: [NAME, NAME] }`)",
+            "3:92: `a` is named twice (remove one of the two)",
+            "3:108: unknown masking state `warning` (one of: error, unknown)",
+        ],
+    );
+}
+
+#[test]
+fn a_cycle_is_shown_whole_with_the_line_of_each_step() {
+    let text = "groups:
+  - { id: a, depends_on: [b], modules: [{ id: m, status: x }] }
+  - { id: b, depends_on: [c/x], match: [{ contains: q }] }
+  - { id: c, depends_on: [{ any_of: [a/m] }], modules: [{ id: x, status: y }] }
+";
+    let problems = parse("c", text).unwrap_err();
+    let [problem] = problems.list() else { panic!("{problems}") };
+    assert_eq!(problem.message, "dependencies go round in a circle: b -> c/x -> a/m -> b");
+    let labels: Vec<&str> = std::iter::once(&problem.label)
+        .chain(problem.also.iter().map(|(_, label)| label))
+        .map(|l| &**l)
+        .collect();
+    assert_eq!(labels, ["b depends on c/x", "c depends on a/m", "a depends on b"]);
+    let rendered = problems.render(false);
+    for line in [" 2 │", " 3 │", " 4 │"] {
+        assert!(rendered.contains(line), "{rendered}");
+    }
+}
+
+#[test]
+fn conditions_can_hold() {
+    let when = |when: &str| {
+        format!(
+            "signals: {{ active: {{ topic: /a, type: std_msgs/msg/Bool }} }}\ngroups: [{{ id: a, match: [{{ name: n }}], when: {when} }}]\n"
+        )
+    };
+    check(&when("{ stages: [standbye] }"), &["2:58: unknown stage `standbye` (did you mean `standby`?)"]);
+    check(
+        &when("{ stages: [] }"),
+        &["2:57: without a stage this would never be diagnosed (name the stages, or remove `stages`)"],
+    );
+    check(
+        &when("{ }"),
+        &[
+            "2:47: this `when` has no condition (add `stages: [...]` or `signals: { NAME: true }`, or remove it)",
+        ],
+    );
+    check(
+        &when("{ signals: { activ: true } }"),
+        &["2:60: there is no signal `activ` (did you mean `active`?)"],
+    );
+    check(&when("{ signals: { active: yes } }"), &["2:68: unknown truth value `yes` (one of: true, false)"]);
+    check(
+        &when("{ signals: { posed: true } }"),
+        &["2:60: the signal `posed` is not supported by this version (remove it)"],
+    );
+}
+
+#[test]
+fn signals_name_a_topic_that_can_be() {
+    check_beside_group(
+        "signals:\n  b: { topic: active, type: std_msgs/Bool }\n  c: { topic: /c, type: a/msg/B }\n  posed: { topic: /p, type: std_msgs/msg/Bool, timeout: 0s }\n",
+        &[
+            "3:15: `active` is no full topic name (begin with `/`; letters, digits, `_` and `/` follow: `/mission/active`)",
+            "3:29: `std_msgs/Bool` is no message type (did you mean `std_msgs/msg/Bool`?)",
+            "4:25: which field of a a/msg/B? (add `field: PATH`, or `present_for: 1h` if only its arrival matters)",
+            "5:3: `posed` is built in: it says that the operator gave a pose (choose another name)",
+            "5:57: expected a duration above 0 (for example `2s`)",
+        ],
+    );
+}
+
+#[test]
+fn tiles_have_a_place_of_their_own() {
+    check(
+        "groups:\n  - { id: a, tile: { column: 1, row: 1 }, groups: [{ id: b, tile: { column: 2, row: 1 } }] }\n  - { id: c, tile: { column: 1, row: 1 } }\n  - { id: d, tile: { column: 0, row: 1 } }\n  - { id: e, tile: { column: 1 } }\n",
+        &[
+            "2:67: only a group at the top has a tile (remove `tile` from this group)",
+            "3:20: two tiles stand in one place (choose another column or row)",
+            "4:20: column and row go from 1 to 12 (the first column and the first row are 1)",
+            "5:20: a tile needs `row` (add `row: ...`)",
+        ],
+    );
+}
+
+#[test]
+fn what_this_version_cannot_do_is_refused() {
+    check_beside_group(
+        "countermeasures: []\n",
+        &["2:1: `countermeasures` is not supported by this version (remove it)"],
+    );
+}
+
+#[test]
+fn what_is_not_yaml_says_where() {
+    check("", &["1:1: the file is empty"]);
+    check("# nothing\n", &["1:1: the file is empty"]);
+    check(
+        "a: b\n---\nc: d\n",
+        &["2:1: a second document begins here (keep one document in a file: remove the `---`)"],
+    );
+    check(
+        "vehicle: !x { id: a }\n",
+        &["1:13: a value has a tag (`!...`), which means nothing here (remove the tag)"],
+    );
+    check("? [a]\n: b\n", &["1:3: a key must be one word (write `key: value`)"]);
+    let problems = parse("c", "groups: [a\n").unwrap_err();
+    assert!(problems.lines()[0].contains("this is not YAML"), "{problems}");
+}
+
+#[test]
+fn anchors_work_but_do_not_explode() {
+    parse("c", "groups:\n  - { id: a, match: &m [{ name: n }] }\n  - { id: b, match: *m }\n").unwrap();
+    let mut bomb = String::from("a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n");
+    for level in 1..9 {
+        let list = vec![format!("*a{}", level - 1); 10].join(", ");
+        bomb.push_str(&format!("a{level}: &a{level} [{list}]\n"));
+    }
+    check(
+        &bomb,
+        &[
+            "5:45: the aliases of this file stand for more than 100000 values (write the values out instead of nesting anchors)",
+        ],
+    );
+    check(
+        "a: &a [*a]\n",
+        &[
+            "1:8: this alias lies inside of what it refers to (write the value out, or refer to another anchor)",
+        ],
+    );
+    let deep = "[".repeat(100_000);
+    assert!(parse("c", &deep).unwrap_err().lines()[0].contains("this is not YAML"));
+}
+
+/// A directory of its own for a test, removed when it ends.
+struct Scratch(PathBuf);
+
+impl Scratch {
+    fn new(name: &str) -> Scratch {
+        let path = std::env::temp_dir().join(format!("telltale-config-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Scratch(path)
+    }
+
+    fn write(&self, name: &str, bytes: &[u8]) -> PathBuf {
+        let path = self.0.join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    }
+
+    /// Problems of a file, with the directory left out.
+    fn problems(&self, path: &Path) -> Vec<String> {
+        let prefix = format!("{}/", self.0.display());
+        let lines = load(path).map_or_else(|problems| problems.lines(), |_| Vec::new());
+        lines.iter().map(|line| line.replace(&prefix, "")).collect()
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+#[test]
+fn files_that_cannot_be_read_say_why() {
+    let scratch = Scratch::new("unreadable");
+    assert_eq!(
+        scratch.problems(&scratch.0.join("none.yaml")),
+        ["`none.yaml` does not exist (check the path)"]
+    );
+    let lines = load(&scratch.0).unwrap_err().lines();
+    assert!(lines[0].ends_with("is a directory (name a file in it)"), "{lines:?}");
+    let latin = scratch.write("latin.yaml", b"a: b\nname: M\xfcll\n");
+    let expected =
+        "`latin.yaml` is not UTF-8 text: byte 13 in line 2 is wrong (save the file with the encoding UTF-8)";
+    assert_eq!(scratch.problems(&latin), [expected]);
+}
+
+#[test]
+fn included_files_add_to_the_lists() {
+    let scratch = Scratch::new("include");
+    scratch
+        .write("b.yaml", b"include: [c.yaml]\ngroups: [{ id: b, depends_on: [a], match: [{ name: n }] }]\n");
+    scratch.write("c.yaml", b"groups: [{ id: c, depends_on: [b], match: [{ name: n }] }]\n");
+    let main = format!("include: [b.yaml]\n{GROUP}");
+    let main = scratch.write("a.yaml", main.as_bytes());
+    let loaded = load(&main).unwrap_or_else(|problems| panic!("{problems}"));
+    let paths: Vec<&str> = loaded.model.groups.iter().map(|group| &*group.path).collect();
+    assert_eq!(paths, ["a", "b", "c"]);
+}
+
+#[test]
+fn includes_go_wrong_with_the_line_that_asked_for_them() {
+    let scratch = Scratch::new("include-wrong");
+    scratch.write("b.yaml", b"include: [a.yaml]\nvehicle: { id: b }\ngroups: [{ id: a, depends_on: [c] }]\n");
+    let main = format!("include: [none.yaml, b.yaml]\n{GROUP}");
+    let main = scratch.write("a.yaml", main.as_bytes());
+    assert_eq!(
+        scratch.problems(&main),
+        [
+            "a.yaml:1:11: `none.yaml` does not exist (check the path)",
+            "b.yaml:1:11: `a.yaml` is included twice (include each file once, and no file from itself)",
+            "b.yaml:2:1: `vehicle` in a file that is included (move `vehicle` to `a.yaml`)",
+            "b.yaml:3:16: group `a` is declared twice (rename or remove one of the two)",
+            "b.yaml:3:32: there is no group or module `c` (write the full name: `group`, `group/module` or `group/group/module`)",
+        ]
+    );
+}

@@ -233,20 +233,30 @@ pub fn scaled(text: &str, scale: u64) -> Option<u64> {
 
 /// The candidate that was probably meant.
 pub fn suggest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let lower = name.to_lowercase();
-    let last = |path: &str| path.rsplit('/').next().unwrap_or(path).to_lowercase();
-    let distance = |candidate: &&'a str| {
-        // A path that ends alike was probably meant, whatever stands before it.
-        if last(candidate) == last(&lower) {
-            return 1;
-        }
-        strsim::damerau_levenshtein(&lower, &candidate.to_lowercase())
+    let name = name.to_lowercase();
+    let distance = |candidate: &str| {
+        let candidate = candidate.to_lowercase();
+        // Of a path, the last part alone is often written, or a wrong way to it.
+        let by_end = match name.contains('/') {
+            false => strsim::damerau_levenshtein(&name, last(&candidate)),
+            true if last(&name) == last(&candidate) => 1,
+            true => usize::MAX,
+        };
+        strsim::damerau_levenshtein(&name, &candidate).min(by_end)
     };
-    let near = candidates.into_iter().map(|candidate| (distance(&candidate), candidate));
-    let limit = (name.chars().count() / 3).max(1);
+    let limit = match name.chars().count() {
+        0..=2 => 0,
+        3..=5 => 1,
+        length => length / 3,
+    };
+    let near = candidates.into_iter().map(|candidate| (distance(candidate), candidate));
     near.filter(|(distance, _)| *distance <= limit)
         .min_by_key(|(distance, _)| *distance)
         .map(|(_, found)| found)
+}
+
+fn last(path: &str) -> &str {
+    path.rsplit('/').next().unwrap_or(path)
 }
 
 pub fn did_you_mean(name: &str) -> String {
@@ -294,6 +304,9 @@ mod tests {
         assert_eq!(suggest("dependson"), Some("depends_on"));
         assert_eq!(suggest("Lokalization"), Some("localization"));
         assert_eq!(suggest("imu"), Some("sensors/imu"));
+        assert_eq!(suggest("imuu"), Some("sensors/imu"));
+        assert_eq!(suggest("lidar/imu"), Some("sensors/imu"));
+        assert_eq!(suggest("x"), None);
         assert_eq!(suggest("brake"), None);
     }
 }
