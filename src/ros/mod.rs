@@ -1,1 +1,8 @@
-//! skeleton
+//! The DDS bridge.
+
+pub mod cdr;
+mod interfaces;
+pub mod messages;
+pub mod options;
+mod raw;
+mod step;
