@@ -3,6 +3,7 @@
 //! Exit codes: 0; 1, the answer is no; 2, wrong usage or configuration.
 
 mod check;
+mod demo;
 mod scenario;
 
 use std::process::ExitCode;

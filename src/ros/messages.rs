@@ -61,10 +61,8 @@ pub fn diagnostic_array(body: &[u8], endian: Endian, limits: &Limits) -> (Status
             return (array, Some(fault));
         }
     }
-    let too_many = (claimed as usize > STATUSES_MAX).then_some(Fault {
-        at: counted_at,
-        what: FaultKind::TooMany { claimed, limit: STATUSES_MAX },
-    });
+    let too_many = (claimed as usize > STATUSES_MAX)
+        .then_some(Fault { at: counted_at, what: FaultKind::TooMany { claimed, limit: STATUSES_MAX } });
     (array, too_many)
 }
 
@@ -87,7 +85,8 @@ fn status(reader: &mut Reader, array: &mut StatusArray, limits: &Limits) -> Resu
         let key = reader.string()?;
         let value = reader.string()?;
         if index < limits.values_per_status {
-            array.push_value_lossy(shortened(key, limits.string_bytes), shortened(value, limits.string_bytes));
+            array
+                .push_value_lossy(shortened(key, limits.string_bytes), shortened(value, limits.string_bytes));
         }
     }
     Ok(())

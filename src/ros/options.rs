@@ -113,7 +113,11 @@ fn interface_of_environment(env: &impl Fn(&str) -> Option<String>) -> Result<Int
         None | Some("0") => {}
         Some("1") => return Ok(Interface::Loopback),
         Some(value) => {
-            return Err(OptionsError::Variable { variable: ONLY, value: value.to_owned(), expected: "0 or 1" });
+            return Err(OptionsError::Variable {
+                variable: ONLY,
+                value: value.to_owned(),
+                expected: "0 or 1",
+            });
         }
     }
     match env(RANGE).as_deref() {
@@ -142,7 +146,9 @@ fn interface_of_flag(word: &str, existing: Vec<Address>) -> Result<Interface, Op
     match found {
         Some(address) if address.ip.is_loopback() => Ok(Interface::Loopback),
         Some(address) => Ok(Interface::Ip(address.ip)),
-        None => Err(no_such(asked.map_or_else(|_| format!("the name {word:?}"), |ip| ip.to_string()), existing)),
+        None => {
+            Err(no_such(asked.map_or_else(|_| format!("the name {word:?}"), |ip| ip.to_string()), existing))
+        }
     }
 }
 
@@ -196,7 +202,11 @@ mod tests {
             (&[("ROS_LOCALHOST_ONLY", "0"), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")], 0, Interface::All),
             (&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")], 0, Interface::Loopback),
             (&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "SYSTEM_DEFAULT")], 0, Interface::All),
-            (&[("ROS_LOCALHOST_ONLY", "1"), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")], 0, Interface::Loopback),
+            (
+                &[("ROS_LOCALHOST_ONLY", "1"), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")],
+                0,
+                Interface::Loopback,
+            ),
         ];
         for (env, domain, interface) in cases {
             let options = resolve(None, None, env).unwrap();
@@ -222,7 +232,8 @@ mod tests {
 
     #[test]
     fn errors_say_what_to_do() {
-        type Case = (Option<u16>, Option<&'static str>, &'static [(&'static str, &'static str)], &'static str);
+        type Case =
+            (Option<u16>, Option<&'static str>, &'static [(&'static str, &'static str)], &'static str);
         let cases: [Case; 7] = [
             (Some(233), None, &[], "domain 233 does not exist: ROS domains are 0 to 232"),
             (None, None, &[("ROS_DOMAIN_ID", "300")], "domain 300 does not exist: ROS domains are 0 to 232"),
@@ -230,7 +241,12 @@ mod tests {
             (None, None, &[("ROS_LOCALHOST_ONLY", "yes")], "set it to 0 or 1"),
             (None, None, &[("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")], "choose with --interface"),
             (None, None, &[("ROS_AUTOMATIC_DISCOVERY_RANGE", "subnet")], "set it to LOCALHOST, SUBNET or"),
-            (None, Some("203.0.113.9"), &[], "no interface has 203.0.113.9; give `all`, `loopback`, or one of: "),
+            (
+                None,
+                Some("203.0.113.9"),
+                &[],
+                "no interface has 203.0.113.9; give `all`, `loopback`, or one of: ",
+            ),
         ];
         for (domain, interface, env, expected) in cases {
             let error = resolve(domain, interface, env).unwrap_err();

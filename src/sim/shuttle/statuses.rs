@@ -222,17 +222,17 @@ fn perception(world: &mut World, out: &mut StatusArray) {
 fn prediction(world: &mut World, out: &mut StatusArray) {
     const ID: &str = "prediction";
     let input_age_ms = world.costmap_delay_ms();
-    let level = judge_above(input_age_ms, 250.0, 600.0);
+    let level = judge_above(input_age_ms, 450.0, 700.0);
     let message = match level {
         OK => "Predicts all tracks for 4 s".to_owned(),
         _ => format!("Input is {input_age_ms:.0} ms old"),
     };
     out.push_status(level, "prediction: trajectories", &message, ID);
     out.push_value("input_age_ms", &format!("{input_age_ms:.0}"));
-    let (level, message) = if world.pose_is_good() {
-        (OK, "All tracks have a lane")
+    let (level, message) = if world.pose_is_missed() {
+        (ERROR, "Tracks fit no lane: the position is not good")
     } else {
-        (ERROR, "Tracks do not fit the lanes: position is not good")
+        (OK, "All tracks have a lane")
     };
     out.push_status(level, "prediction: lane_matching", message, ID);
 }
@@ -288,13 +288,16 @@ fn mission_route(world: &mut World, out: &mut StatusArray) {
 /// Watches the planner from outside, so it reports at stops too, where it cannot be content.
 fn planner_submitted(world: &mut World, out: &mut StatusArray) {
     let (rate_hz, age_ms) = (world.plan_rate_hz(), world.plan_age_ms());
+    // One trajectory after a gap is not yet a planner that works.
     let level = match age_ms {
         501.. => ERROR,
         301.. => WARN,
+        _ if rate_hz < 3.0 => ERROR,
         _ => OK,
     };
     let message = match level {
         OK => "Trajectories arrive".to_owned(),
+        _ if age_ms <= 300 => "Trajectories come back".to_owned(),
         _ => format!("No trajectory for {}", seconds(age_ms)),
     };
     out.push_status(level, "planner_submitted", &message, "planning");
@@ -302,13 +305,13 @@ fn planner_submitted(world: &mut World, out: &mut StatusArray) {
 }
 
 fn planner(world: &mut World, out: &mut StatusArray) {
-    let good = world.pose_is_good();
+    let missed = world.pose_is_missed();
     let (level, message) =
-        if good { (OK, "Keep the lane") } else { (ERROR, "No decision without a position") };
+        if missed { (ERROR, "No decision without a position") } else { (OK, "Keep the lane") };
     out.push_status(level, "planning: behavior", message, "planning");
     let lateral_mps2 = world.measured(0.35, 0.12);
     let (level, message) =
-        if good { (OK, "Drivable and free") } else { (ERROR, "Start of the path is unknown") };
+        if missed { (ERROR, "Start of the path is unknown") } else { (OK, "Drivable and free") };
     out.push_status(level, "planning: trajectory", message, "planning");
     out.push_value("lateral_acceleration_mps2", &format!("{lateral_mps2:.2}"));
 }

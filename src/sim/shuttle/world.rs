@@ -17,9 +17,11 @@ pub(super) const FRAME_AGE_MS_MAX: u64 = 200;
 const SETTLE_MS: u64 = 200;
 const COSTMAP_DELAY_MS: f64 = 62.0;
 const COSTMAP_DELAY_MS_FAULTY: f64 = 350.0;
-pub(super) const COSTMAP_DELAY_MS_MAX: f64 = 300.0;
-/// Whoever judges the delay judges the worst within this window.
-const COSTMAP_WINDOW_MS: u64 = 400;
+/// Diagnosis complains earlier; a planner gives up on a map that is older than this.
+const COSTMAP_DELAY_MS_MAX: f64 = 500.0;
+/// After a slow spell the map works off its backlog for a while.
+const COSTMAP_BACKLOG_MS: u64 = 600;
+const POSE_GAP_MS_MAX: u64 = 250;
 const PLAN_AGE_MS_MAX: u64 = 300;
 /// A position that jumped must agree this long before it counts as good again.
 const JUMP_MEMORY_MS: u64 = 1000;
@@ -37,10 +39,11 @@ pub(super) struct World {
     /// Since when both inputs of the localization come without a gap.
     matching_since_ms: Option<u64>,
     pose_at_ms: u64,
+    /// When the position was last good to drive by.
+    pose_good_at_ms: u64,
     jumped_at_ms: Option<u64>,
     costmap_delay_ms: f64,
-    costmap_late_at_ms: Option<u64>,
-    costmap_late_by_ms: f64,
+    costmap_slow_at_ms: Option<u64>,
     charge_percent: f64,
 }
 
@@ -57,10 +60,10 @@ impl World {
             plans: Feed::new(1000),
             matching_since_ms: None,
             pose_at_ms: 0,
+            pose_good_at_ms: 0,
             jumped_at_ms: None,
             costmap_delay_ms: COSTMAP_DELAY_MS,
-            costmap_late_at_ms: None,
-            costmap_late_by_ms: 0.0,
+            costmap_slow_at_ms: None,
             charge_percent: 78.0,
         }
     }
@@ -86,6 +89,9 @@ impl World {
         self.frames.run(now, FRAME_PERIOD_MS, 0, !self.has(Fault::CanLoss));
         self.images.run(now, IMAGE_PERIOD_MS, 0, true);
         self.localize();
+        if self.pose_is_good() {
+            self.pose_good_at_ms = now;
+        }
         self.map_obstacles();
         let plannable = self.drive.planner_runs()
             && !self.has(Fault::PlannerStall)
@@ -114,13 +120,13 @@ impl World {
 
     /// The map is made of scans at known positions: it is as late as both.
     fn map_obstacles(&mut self) {
-        let own = if self.has(Fault::CostmapDelay) { COSTMAP_DELAY_MS_FAULTY } else { COSTMAP_DELAY_MS };
+        if self.has(Fault::CostmapDelay) {
+            self.costmap_slow_at_ms = Some(self.now_ms);
+        }
+        let slow = within(self.costmap_slow_at_ms, self.now_ms, COSTMAP_BACKLOG_MS);
+        let own = if slow { COSTMAP_DELAY_MS_FAULTY } else { COSTMAP_DELAY_MS };
         let missed_ms = self.scan_age_ms().saturating_sub(SCAN_PERIOD_MS).max(self.pose_age_ms());
         self.costmap_delay_ms = own + missed_ms as f64;
-        if self.costmap_delay_ms > COSTMAP_DELAY_MS_MAX {
-            self.costmap_late_at_ms = Some(self.now_ms);
-            self.costmap_late_by_ms = self.costmap_delay_ms;
-        }
     }
 
     pub fn scan_age_ms(&self) -> u64 {
@@ -160,8 +166,13 @@ impl World {
         self.now_ms - self.pose_at_ms
     }
 
-    pub fn pose_is_good(&self) -> bool {
+    fn pose_is_good(&self) -> bool {
         self.pose_age_ms() <= SCAN_AGE_MS_MAX && !self.has(Fault::LocalizationJump)
+    }
+
+    /// Who works with the position bridges a short gap before giving up.
+    pub fn pose_is_missed(&self) -> bool {
+        self.now_ms - self.pose_good_at_ms > POSE_GAP_MS_MAX
     }
 
     /// The position is, or was a moment ago, off what the wheels and the motion sensor say.
@@ -169,11 +180,8 @@ impl World {
         within(self.jumped_at_ms, self.now_ms, JUMP_MEMORY_MS)
     }
 
-    /// The worst of the last moments.
     pub fn costmap_delay_ms(&mut self) -> f64 {
-        let late = within(self.costmap_late_at_ms, self.now_ms, COSTMAP_WINDOW_MS);
-        let worst = if late { self.costmap_late_by_ms } else { self.costmap_delay_ms };
-        self.measured(worst, 8.0)
+        self.measured(self.costmap_delay_ms, 8.0)
     }
 
     pub fn charge_percent(&self) -> f64 {
