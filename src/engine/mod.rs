@@ -207,7 +207,7 @@ impl Engine {
         if let Some(value) = self.signals.value(index).filter(|_| Some(index) == self.active_signal) {
             self.vehicle.set_active(value);
         }
-        self.net.mark_conditions();
+        self.net.mark_conditions(self.vehicle.stage);
         self.views.set_signals(&self.signals);
     }
 
@@ -222,7 +222,7 @@ impl Engine {
         };
         match granted {
             Ok(()) => {
-                self.net.mark_conditions();
+                self.net.mark_conditions(self.vehicle.stage);
                 Response::Done
             }
             Err(reasons) => Response::Refused(reasons),

@@ -136,6 +136,7 @@ pub(super) struct Net {
     pub(super) root: Tally,
     /// States from this one on may mask: UNKNOWN only if some dependency says so.
     pub(super) threshold: State,
+    locked: bool,
     queue: BinaryHeap<Reverse<(u32, Visit)>>,
     /// What changed since it was last taken, in order.
     pub(super) changes: Vec<Change>,
@@ -156,6 +157,7 @@ impl Net {
             modules: Vec::new(),
             root: Tally::default(),
             threshold: if any_unknown { State::Unknown } else { State::Error },
+            locked: true,
             queue: BinaryHeap::new(),
             changes: Vec::new(),
             rearm: Vec::new(),
@@ -280,17 +282,21 @@ impl Net {
         }
     }
 
-    /// The stage or a signal changed: everything with a condition is looked at again.
-    pub(super) fn mark_conditions(&mut self) {
+    /// The stage or a signal changed: everything with a condition is looked at again. To be in a
+    /// stage other than locked is everybody's condition.
+    pub(super) fn mark_conditions(&mut self, stage: Stage) {
+        let locked = stage == Stage::Locked;
+        let everybody = std::mem::replace(&mut self.locked, locked) != locked;
+        let model = self.model.clone();
         for index in 0..self.groups.len() {
-            let conditional = self.model.groups.get(index).is_some_and(|group| group.when.is_some());
-            if conditional || self.groups[index].node.parent.is_none() {
+            if everybody || model.groups.get(index).is_some_and(|group| group.when.is_some()) {
                 self.mark_enter(GroupId(index as u32));
             }
         }
-        let model = self.model.clone();
-        for (index, _) in model.modules.iter().enumerate().filter(|(_, module)| module.when.is_some()) {
-            self.mark_module(ModuleId(index as u32));
+        for index in 0..self.modules.len() {
+            if everybody || model.modules.get(index).is_some_and(|module| module.when.is_some()) {
+                self.mark_module(ModuleId(index as u32));
+            }
         }
     }
 
@@ -315,6 +321,17 @@ impl Net {
     ) -> Option<NotRelevant> {
         let around = parent.and_then(|id| self.groups[id.0 as usize].node.not_relevant.clone());
         around.or_else(|| unmet(when, stage, signals))
+    }
+
+    /// The condition that keeps a node out: its own, or that of the first member that has one.
+    pub(super) fn kept_out_by(&self, node: NodeId) -> Option<NotRelevant> {
+        let own = self.node(node).not_relevant.clone();
+        own.or_else(|| match node {
+            NodeId::Module(_) => None,
+            NodeId::Group(id) => {
+                self.groups[id.0 as usize].members.iter().find_map(|&member| self.kept_out_by(member))
+            }
+        })
     }
 
     fn enter(&mut self, id: GroupId, stage: Stage, signals: &Signals) {

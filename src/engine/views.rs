@@ -181,11 +181,8 @@ impl Views {
         let group = &net.groups[id.0 as usize];
         let facts = group.node.facts;
         let view = &self.groups[id.0 as usize];
-        let not_relevant = || {
-            let own = group.node.not_relevant.clone();
-            own.or_else(|| group.members.iter().find_map(|&member| net.node(member).not_relevant.clone()))
-        };
-        let reason = reason(facts.shown, facts.masked, not_relevant, view.reason.as_ref());
+        let reason =
+            reason(facts.shown, facts.masked, || net.kept_out_by(NodeId::Group(id)), view.reason.as_ref());
         let next = GroupView {
             state: facts.shown,
             own: facts.own,

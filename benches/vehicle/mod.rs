@@ -1,0 +1,82 @@
+//! Vehicles of any size for the benchmarks: groups of a hundred modules, in chains of eight groups
+//! that depend on one another.
+
+use std::sync::Arc;
+
+use telltale::engine::Engine;
+use telltale::engine::input::{Input, OperatorAction, StatusArray};
+use telltale::engine::model::{
+    Combine, Dependency, DependsOn, GroupId, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId,
+    Parts, Policy, StageModel, Text,
+};
+use telltale::engine::time::{Span, Timestamp};
+
+pub const MODULES_PER_GROUP: usize = 100;
+const GROUPS_PER_CHAIN: usize = 8;
+
+pub fn name(module: usize) -> String {
+    format!("/vehicle/component_{:04}: module_{module:06}", module / MODULES_PER_GROUP)
+}
+
+pub fn model(modules: usize) -> Arc<Model> {
+    let groups = modules.div_ceil(MODULES_PER_GROUP);
+    let group = |index: usize| GroupSpec {
+        path: format!("g{index}").into(),
+        name: Text::plain(&format!("Group {index}")),
+        parent: None,
+        combine: Combine::Worst,
+        when: None,
+        depends_on: if index % GROUPS_PER_CHAIN == 0 {
+            Vec::new()
+        } else {
+            let on = DependsOn::Node(NodeId::Group(GroupId(index as u32 - 1)));
+            vec![Dependency { on, masks_unknown: false }]
+        },
+        filters: Vec::new(),
+        tile: None,
+    };
+    let module = |index: usize| {
+        let group = index / MODULES_PER_GROUP;
+        ModuleSpec {
+            id: format!("g{group}/m{index}").into(),
+            name: None,
+            help: None,
+            group: GroupId(group as u32),
+            policy: Policy { timeout: Span::from_secs(3600), ..Policy::default() },
+            when: None,
+            depends_on: Vec::new(),
+            monitor: MonitorSpec::SelfState { status: name(index).into() },
+        }
+    };
+    let parts = Parts {
+        vehicle_id: "bench".into(),
+        vehicle_name: Text::plain("Bench"),
+        stages: StageModel::None,
+        signals: Vec::new(),
+        groups: (0..groups).map(group).collect(),
+        modules: (0..modules).map(module).collect(),
+        discovered: Policy::default(),
+        limits: Limits::default(),
+    };
+    Arc::new(Model::new(parts).expect("chains have no cycle"))
+}
+
+/// An array of these modules at one level, about a hundred bytes a status.
+pub fn array(modules: std::ops::Range<usize>, level: u8) -> Input {
+    let mut array = StatusArray::default();
+    for module in modules {
+        let message = if level == 0 { "running as it should" } else { "does not answer" };
+        array.push_status(level, &name(module), message, "hardware-7");
+        array.push_value("rate_hz", "10.00");
+    }
+    Input::Diagnostics(array)
+}
+
+/// An engine that has heard every module report OK.
+pub fn running(modules: usize) -> Engine {
+    let mut engine = Engine::new(model(modules), Timestamp::ZERO);
+    engine.handle(&Input::Operator(OperatorAction::Login { name: "bench".into() }), Timestamp::ZERO);
+    engine.handle(&array(0..modules, 0), Timestamp::ZERO);
+    engine.snapshot();
+    engine
+}

@@ -1,0 +1,203 @@
+//! Random vehicles and random histories, made from a list of numbers so that a failing case
+//! shrinks to a small one.
+
+use std::sync::Arc;
+
+use telltale::engine::filter::Filter;
+use telltale::engine::input::{Input, OperatorAction, StatusArray};
+use telltale::engine::model::{
+    Combine, Dependency, DependsOn, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleId, ModuleSpec,
+    MonitorSpec, NodeId, Parts, Policy, SignalSpec, Stage, StageModel, Text, When,
+};
+use telltale::engine::state::State;
+use telltale::engine::time::{Span, Timestamp};
+
+/// Decides by the numbers it was given; when they are used up every choice is the first one.
+pub struct Choices<'a>(std::slice::Iter<'a, u32>);
+
+impl<'a> Choices<'a> {
+    pub fn new(numbers: &'a [u32]) -> Choices<'a> {
+        Choices(numbers.iter())
+    }
+
+    pub fn below(&mut self, bound: usize) -> usize {
+        self.0.next().map_or(0, |&number| number as usize % bound.max(1))
+    }
+
+    pub fn one_in(&mut self, bound: usize) -> bool {
+        self.below(bound) == bound - 1
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.0.len() == 0
+    }
+}
+
+pub const SIGNALS: [&str; 2] = ["active", "doors"];
+
+/// A vehicle of a few groups and modules with random relations.
+pub fn parts(choices: &mut Choices<'_>) -> Parts {
+    let mut parts = empty(choices);
+    let groups = 1 + choices.below(6);
+    for index in 0..groups {
+        let parent = (index > 0 && choices.one_in(3)).then(|| GroupId(choices.below(index) as u32));
+        let around = parent.map_or(String::new(), |id| format!("{}/", parts.groups[id.0 as usize].path));
+        parts.groups.push(GroupSpec {
+            path: format!("{around}g{index}").into(),
+            name: Text::plain(&format!("G{index}")),
+            parent,
+            combine: if choices.one_in(4) { Combine::Any } else { Combine::Worst },
+            when: when(choices),
+            depends_on: Vec::new(),
+            filters: if choices.one_in(4) {
+                vec![Filter::Namespace(format!("/d{}", choices.below(2)).into())]
+            } else {
+                Vec::new()
+            },
+            tile: None,
+        });
+    }
+    for index in 0..choices.below(9) {
+        let group = GroupId(choices.below(groups) as u32);
+        let path = parts.groups[group.0 as usize].path.clone();
+        parts.modules.push(ModuleSpec {
+            id: format!("{path}/m{index}").into(),
+            name: None,
+            help: None,
+            group,
+            policy: policy(choices),
+            when: when(choices),
+            depends_on: Vec::new(),
+            monitor: MonitorSpec::SelfState { status: format!("s{}", choices.below(9)).into() },
+        });
+    }
+    for _ in 0..choices.below(10) {
+        add_dependency(&mut parts, choices);
+    }
+    parts
+}
+
+fn empty(choices: &mut Choices<'_>) -> Parts {
+    let signal = |name: &str| SignalSpec {
+        name: name.into(),
+        source: FieldSource {
+            topic: format!("/{name}").into(),
+            type_name: "std_msgs/msg/Bool".into(),
+            field: "data".into(),
+        },
+        timeout: None,
+        present_for: None,
+    };
+    Parts {
+        vehicle_id: "v".into(),
+        vehicle_name: Text::plain("V"),
+        stages: if choices.one_in(4) { StageModel::None } else { StageModel::Shuttle },
+        signals: SIGNALS.map(signal).to_vec(),
+        groups: Vec::new(),
+        modules: Vec::new(),
+        discovered: policy(choices),
+        limits: Limits { discovered_modules: choices.below(6), ..Limits::default() },
+    }
+}
+
+fn when(choices: &mut Choices<'_>) -> Option<When> {
+    if !choices.one_in(3) {
+        return None;
+    }
+    let mut when = When { stages: Vec::new(), signals: Vec::new() };
+    if choices.one_in(2) {
+        when.stages = Stage::ALL.into_iter().filter(|_| choices.one_in(2)).collect();
+    }
+    if choices.one_in(2) {
+        when.signals.push((choices.below(SIGNALS.len()), choices.one_in(2)));
+    }
+    Some(when)
+}
+
+fn policy(choices: &mut Choices<'_>) -> Policy {
+    let mut span = |one_in: usize| {
+        if choices.one_in(one_in) { Span::from_millis(choices.below(5) as u64 * 50) } else { Span::ZERO }
+    };
+    let (raise_after, clear_after, latch) = (span(4), span(4), span(5));
+    Policy {
+        timeout: Span::from_millis(200 + 100 * choices.below(3) as u64),
+        stale: [State::Unknown, State::Warning, State::Error][choices.below(3)],
+        raise_after,
+        clear_after,
+        latch: Some(latch).filter(|latch| !latch.is_zero()),
+    }
+}
+
+fn any_node(parts: &Parts, choices: &mut Choices<'_>) -> NodeId {
+    let index = choices.below(parts.groups.len() + parts.modules.len());
+    match index.checked_sub(parts.groups.len()) {
+        Some(module) => NodeId::Module(ModuleId(module as u32)),
+        None => NodeId::Group(GroupId(index as u32)),
+    }
+}
+
+/// Adds a dependency, unless it would close a cycle.
+fn add_dependency(parts: &mut Parts, choices: &mut Choices<'_>) {
+    let from = any_node(parts, choices);
+    let on = if choices.one_in(4) {
+        DependsOn::AnyOf((0..1 + choices.below(3)).map(|_| any_node(parts, choices)).collect())
+    } else {
+        DependsOn::Node(any_node(parts, choices))
+    };
+    let dependency = Dependency { on, masks_unknown: choices.one_in(4) };
+    let list = |parts: &mut Parts| match from {
+        NodeId::Group(id) => std::mem::take(&mut parts.groups[id.0 as usize].depends_on),
+        NodeId::Module(id) => std::mem::take(&mut parts.modules[id.0 as usize].depends_on),
+    };
+    let put = |parts: &mut Parts, list: Vec<Dependency>| match from {
+        NodeId::Group(id) => parts.groups[id.0 as usize].depends_on = list,
+        NodeId::Module(id) => parts.modules[id.0 as usize].depends_on = list,
+    };
+    let mut depends_on = list(parts);
+    depends_on.push(dependency);
+    put(parts, depends_on.clone());
+    if Model::new(parts.clone()).is_err() {
+        depends_on.pop();
+        put(parts, depends_on);
+    }
+}
+
+pub fn model(choices: &mut Choices<'_>) -> Arc<Model> {
+    Arc::new(Model::new(parts(choices)).expect("dependencies that close a cycle were left out"))
+}
+
+/// What happens, and when; times never go back.
+pub fn history(choices: &mut Choices<'_>) -> Vec<(Timestamp, Input)> {
+    let mut inputs = Vec::new();
+    let mut millis = 0;
+    while !choices.is_empty() && inputs.len() < 60 {
+        millis += [0, 0, 10, 50, 50, 130, 400][choices.below(7)];
+        inputs.push((Timestamp::from_millis(millis), input(choices)));
+    }
+    inputs
+}
+
+fn input(choices: &mut Choices<'_>) -> Input {
+    match choices.below(8) {
+        0 => Input::Tick,
+        1 => Input::Signal { name: SIGNALS[choices.below(SIGNALS.len())].into(), value: choices.one_in(2) },
+        2 => Input::Operator(match choices.below(4) {
+            0 | 1 => OperatorAction::Login { name: "anna".into() },
+            2 => OperatorAction::Logout,
+            _ => OperatorAction::Reset { module: format!("g0/m{}", choices.below(3)).into() },
+        }),
+        _ => {
+            let mut array = StatusArray::default();
+            for _ in 0..1 + choices.below(4) {
+                let name = match choices.below(12) {
+                    known @ 0..9 => format!("s{known}"),
+                    9 => "/d0/x".into(),
+                    10 => format!("/d1/{}", choices.below(4)),
+                    _ => format!("stray{}", choices.below(3)),
+                };
+                array.push_status(choices.below(4) as u8, &name, ["", "a", "b"][choices.below(3)], "");
+            }
+            Input::Diagnostics(array)
+        }
+    }
+}

@@ -1,0 +1,225 @@
+//! The invariants of the engine, over random vehicles and random histories. `PROPTEST_CASES` sets
+//! how many; a failure prints the numbers that its case was made from.
+
+mod cases;
+mod oracle;
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use cases::{Choices, history, model};
+use oracle::Oracle;
+use proptest::collection::vec;
+use proptest::prelude::*;
+use telltale::engine::Engine;
+use telltale::engine::input::{Input, StatusArray};
+use telltale::engine::model::{GroupId, Model, NodeId};
+use telltale::engine::snapshot::{Path, Reason, Snapshot};
+use telltale::engine::state::State;
+use telltale::engine::time::Timestamp;
+
+fn numbers() -> impl Strategy<Value = Vec<u32>> {
+    vec(any::<u32>(), 20..400)
+}
+
+fn config() -> ProptestConfig {
+    let cases = std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse().ok()).unwrap_or(2000);
+    ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() }
+}
+
+proptest! {
+    #![proptest_config(config())]
+
+    #[test]
+    fn incremental_equals_from_scratch_and_explains_itself(numbers in numbers()) {
+        let mut choices = Choices::new(&numbers);
+        let model = model(&mut choices);
+        let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+        check(&model, &engine.snapshot());
+        for (at, input) in history(&mut choices) {
+            engine.handle(&input, at);
+            check(&model, &engine.snapshot());
+        }
+    }
+
+    #[test]
+    fn the_same_inputs_give_the_same_snapshots_whatever_the_batching(numbers in numbers()) {
+        let mut choices = Choices::new(&numbers);
+        let model = model(&mut choices);
+        let history = history(&mut choices);
+        let mut plain = Engine::new(model.clone(), Timestamp::ZERO);
+        let mut busy = Engine::new(model, Timestamp::ZERO);
+        let mut last = Timestamp::ZERO;
+        for (index, (at, input)) in history.iter().enumerate() {
+            // The busy one is woken at every deadline and at odd times, and looked at each time.
+            while let Some(due) = busy.next_deadline().filter(|due| due <= at) {
+                busy.handle(&Input::Tick, due);
+                busy.snapshot();
+                last = last.max(due);
+            }
+            let between = Timestamp::from_nanos(last.as_nanos().midpoint(at.as_nanos()));
+            busy.handle(&Input::Tick, between);
+            busy.snapshot();
+            plain.handle(input, *at);
+            busy.handle(input, *at);
+            last = *at;
+            if index % 7 == 0 || index + 1 == history.len() {
+                prop_assert_eq!(format!("{:#?}", plain.snapshot()), format!("{:#?}", busy.snapshot()));
+            }
+        }
+    }
+
+    #[test]
+    fn a_worse_module_makes_no_tile_better_but_by_masking(numbers in numbers(), pick in any::<u32>()) {
+        let mut choices = Choices::new(&numbers);
+        let model = model(&mut choices);
+        let history = history(&mut choices);
+        let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+        let mut end = Timestamp::ZERO;
+        for (at, input) in &history {
+            engine.handle(input, *at);
+            end = *at;
+        }
+        let name = format!("s{}", pick % 9);
+        let (before, after) = (probe(&mut engine, &name, 0, end), probe(&mut engine, &name, 2, end));
+        for tile in before.tiles() {
+            let (was, is) = (before.group(tile).1.state, after.group(tile).1.state);
+            if rank(is) < rank(was) {
+                prop_assert!(
+                    newly_masked(&model, tile, &before, &after),
+                    "{} went from {was} to {is}", before.group(tile).0.path
+                );
+            }
+        }
+    }
+}
+
+fn rank(state: State) -> usize {
+    [State::Ignore, State::Ok, State::Warning, State::Unknown, State::Error]
+        .iter()
+        .position(|&other| other == state)
+        .expect("all states are listed")
+}
+
+fn probe(engine: &mut Engine, name: &str, level: u8, now: Timestamp) -> Arc<Snapshot> {
+    let mut array = StatusArray::default();
+    array.push_status(level, name, "", "");
+    engine.handle(&Input::Diagnostics(array), now);
+    engine.snapshot()
+}
+
+/// Whether something inside the tile is masked in `after` by a cause that was none before.
+fn newly_masked(model: &Model, tile: GroupId, before: &Snapshot, after: &Snapshot) -> bool {
+    let oracle = Oracle::new(model, after);
+    let mut inside = vec![NodeId::Group(tile)];
+    let mut next = 0;
+    while next < inside.len() {
+        if let NodeId::Group(id) = inside[next] {
+            inside.extend(oracle.members(id));
+        }
+        next += 1;
+    }
+    inside.into_iter().any(|node| {
+        let masked = |snapshot: &Snapshot| matches!(snapshot.shown(node).1, Some(Reason::Masked { .. }));
+        masked(after) && !masked(before)
+    })
+}
+
+/// Everything that a snapshot says, against the definitions.
+fn check(model: &Model, snapshot: &Snapshot) {
+    let mut oracle = Oracle::new(model, snapshot);
+    for node in oracle.nodes() {
+        let name = snapshot.node_name(node);
+        let (state, reason) = snapshot.shown(node);
+        assert_eq!(state, oracle.shown(node), "shown state of {name}");
+        let masked = matches!(reason, Some(Reason::Masked { .. }));
+        assert_eq!(masked, oracle.masked(node), "masked: {name}");
+        assert_eq!(reason.is_some(), state == State::Ignore, "reason of {name}");
+        if let NodeId::Group(id) = node {
+            let view = &snapshot.groups[id.0 as usize];
+            assert_eq!(view.own, oracle.own(node), "own state of {name}");
+            let shown: Vec<State> =
+                oracle.members(id).into_iter().map(|member| oracle.shown(member)).collect();
+            let count =
+                |wanted: fn(State) -> bool| shown.iter().filter(|&&state| wanted(state)).count() as u32;
+            assert_eq!(view.ok, count(|state| state == State::Ok), "ok of {name}");
+            assert_eq!(view.counted, count(|state| state != State::Ignore), "counted of {name}");
+        }
+    }
+    let tiles = snapshot.tiles().map(|id| snapshot.group(id).1.state);
+    let overall = tiles.filter(|&state| state != State::Ignore).max().unwrap_or(State::Ignore);
+    assert_eq!(snapshot.overall, overall);
+    check_roots(snapshot, &mut oracle);
+}
+
+fn check_roots(snapshot: &Snapshot, oracle: &mut Oracle<'_>) {
+    let roots = oracle.roots();
+    let told: std::collections::BTreeMap<NodeId, u32> =
+        snapshot.roots.iter().map(|root| (root.node, root.masks)).collect();
+    assert_eq!(told, roots, "root causes");
+    let ranked = snapshot.roots.windows(2).all(|pair| {
+        let key = |index: usize| (std::cmp::Reverse(pair[index].masks), pair[index].since, pair[index].node);
+        key(0) < key(1)
+    });
+    assert!(ranked, "root causes are ranked");
+
+    let mut any_error = false;
+    for node in oracle.nodes() {
+        any_error |= matches!(node, NodeId::Module(_))
+            && !oracle.is_other(node)
+            && oracle.relevant(node)
+            && oracle.own(node) == State::Error;
+        let named: BTreeSet<NodeId> = match snapshot.shown(node).1 {
+            Some(Reason::Masked { by }) => by.iter().copied().collect(),
+            _ => {
+                // I2: what is a root cause is not masked, and the other way round.
+                continue;
+            }
+        };
+        assert!(!named.is_empty(), "{} is masked by nothing", snapshot.node_name(node));
+        assert!(!roots.contains_key(&node), "{} is masked and a root cause", snapshot.node_name(node));
+        assert_eq!(named, oracle.causes(node), "causes of {}", snapshot.node_name(node));
+        for root in named {
+            // I1: every masked node has a visible root.
+            assert!(snapshot.shown(root).0 >= State::Unknown, "{} is visible", snapshot.node_name(root));
+        }
+    }
+    assert!(!any_error || !roots.is_empty(), "an ERROR is hidden");
+    check_paths(snapshot, oracle);
+    check_alarms(snapshot);
+}
+
+fn check_paths(snapshot: &Snapshot, oracle: &mut Oracle<'_>) {
+    for index in 0..snapshot.groups.len() as u32 {
+        let node = NodeId::Group(GroupId(index));
+        let view = &snapshot.groups[index as usize];
+        let explained = oracle.shown(node) == State::Error || oracle.masked(node);
+        let expected =
+            if explained && !oracle.is_other(node) { oracle.causes(node) } else { BTreeSet::new() };
+        let ends: BTreeSet<NodeId> = view.paths.iter().filter_map(|path| path.last().copied()).collect();
+        assert_eq!(ends, expected, "ends of the paths of {}", snapshot.node_name(node));
+        for path in &*view.paths {
+            check_path(snapshot, oracle, node, path);
+        }
+    }
+}
+
+fn check_path(snapshot: &Snapshot, oracle: &mut Oracle<'_>, start: NodeId, path: &Path) {
+    let names: Vec<_> = path.iter().map(|&node| snapshot.node_name(node)).collect();
+    assert_eq!(path.first(), Some(&start), "{names:?}");
+    for pair in path.windows(2) {
+        let mut hops = oracle.upstream(pair[0]);
+        if let (NodeId::Group(id), State::Ignore) = (pair[0], oracle.shown(pair[0])) {
+            hops.extend(oracle.members(id));
+        }
+        assert!(hops.contains(&pair[1]), "{names:?} has a step that explains nothing");
+    }
+}
+
+fn check_alarms(snapshot: &Snapshot) {
+    let active: BTreeSet<NodeId> =
+        snapshot.alarms.iter().filter(|alarm| alarm.active).map(|alarm| alarm.node).collect();
+    let roots: BTreeSet<NodeId> = snapshot.roots.iter().map(|root| root.node).collect();
+    assert_eq!(active, roots, "one active alarm for each root cause");
+    assert!(snapshot.alarms.windows(2).all(|pair| pair[0].id < pair[1].id), "numbers of alarms ascend");
+}

@@ -1,0 +1,254 @@
+//! The meaning of masking and root causes, computed from the definitions alone: slowly, from
+//! scratch, with nothing kept from one instant to the next. Own states of modules and the stage
+//! are taken from the snapshot; everything else must follow from them.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+use telltale::engine::model::{
+    Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, Stage, When,
+};
+use telltale::engine::snapshot::Snapshot;
+use telltale::engine::state::State;
+
+pub struct Oracle<'a> {
+    model: &'a Model,
+    snapshot: &'a Snapshot,
+    blocked: HashMap<NodeId, bool>,
+    shown: HashMap<NodeId, State>,
+    own: HashMap<NodeId, State>,
+}
+
+impl<'a> Oracle<'a> {
+    pub fn new(model: &'a Model, snapshot: &'a Snapshot) -> Oracle<'a> {
+        Oracle { model, snapshot, blocked: HashMap::new(), shown: HashMap::new(), own: HashMap::new() }
+    }
+
+    pub fn nodes(&self) -> Vec<NodeId> {
+        let groups = (0..self.snapshot.layout.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
+        let modules = (0..self.snapshot.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
+        groups.chain(modules).collect()
+    }
+
+    pub fn members(&self, id: GroupId) -> Vec<NodeId> {
+        let info = &self.snapshot.layout.groups[id.0 as usize];
+        let modules = info.modules.iter().map(|&id| NodeId::Module(id));
+        info.groups.iter().map(|&id| NodeId::Group(id)).chain(modules).collect()
+    }
+
+    pub fn parent(&self, node: NodeId) -> Option<GroupId> {
+        match node {
+            NodeId::Group(id) => self.snapshot.layout.groups[id.0 as usize].parent,
+            NodeId::Module(id) => Some(self.snapshot.layout.modules[id.0 as usize].group),
+        }
+    }
+
+    pub fn is_other(&self, node: NodeId) -> bool {
+        let group = match node {
+            NodeId::Group(id) => id,
+            NodeId::Module(id) => self.snapshot.layout.modules[id.0 as usize].group,
+        };
+        self.snapshot.layout.groups[group.0 as usize].is_other
+    }
+
+    fn when(&self, node: NodeId) -> Option<&'a When> {
+        match node {
+            NodeId::Group(id) => self.model.groups.get(id.0 as usize)?.when.as_ref(),
+            NodeId::Module(id) => self.model.modules.get(id.0 as usize)?.when.as_ref(),
+        }
+    }
+
+    /// A node and the groups around it, from the inside out.
+    fn around(&self, node: NodeId) -> Vec<NodeId> {
+        let mut list = vec![node];
+        while let Some(parent) = self.parent(*list.last().expect("never empty")) {
+            list.push(NodeId::Group(parent));
+        }
+        list
+    }
+
+    pub fn relevant(&self, node: NodeId) -> bool {
+        self.around(node).into_iter().all(|node| self.holds(self.when(node)))
+    }
+
+    fn holds(&self, when: Option<&When>) -> bool {
+        let stage = self.snapshot.stage;
+        let in_stage = match when {
+            Some(when) if !when.stages.is_empty() => when.stages.contains(&stage),
+            _ => stage != Stage::Locked,
+        };
+        in_stage
+            && when.is_none_or(|when| {
+                when.signals.iter().all(|&(index, wanted)| {
+                    self.snapshot.signals[index].1.is_none_or(|value| value == wanted)
+                })
+            })
+    }
+
+    /// D(n): its own dependencies and those of every group around it.
+    pub fn dependencies(&self, node: NodeId) -> Vec<&'a Dependency> {
+        self.around(node)
+            .into_iter()
+            .flat_map(|node| match node {
+                NodeId::Group(id) => self.model.groups.get(id.0 as usize).map(|spec| &spec.depends_on),
+                NodeId::Module(id) => self.model.modules.get(id.0 as usize).map(|spec| &spec.depends_on),
+            })
+            .flatten()
+            .collect()
+    }
+
+    pub fn blocks(&mut self, dependency: &Dependency) -> bool {
+        match &dependency.on {
+            DependsOn::Node(node) => {
+                self.blocked(*node) || (self.relevant(*node) && self.fails(*node, dependency.masks_unknown))
+            }
+            DependsOn::AnyOf(nodes) => nodes.iter().all(|&node| {
+                self.relevant(node) && (self.blocked(node) || self.fails(node, dependency.masks_unknown))
+            }),
+        }
+    }
+
+    fn fails(&mut self, node: NodeId, masks_unknown: bool) -> bool {
+        [self.shown(node), self.own(node)]
+            .into_iter()
+            .any(|state| state == State::Error || (masks_unknown && state == State::Unknown))
+    }
+
+    pub fn blocked(&mut self, node: NodeId) -> bool {
+        if let Some(&known) = self.blocked.get(&node) {
+            return known;
+        }
+        let blocked = self.dependencies(node).into_iter().any(|dependency| self.blocks(dependency));
+        self.blocked.insert(node, blocked);
+        blocked
+    }
+
+    pub fn own(&mut self, node: NodeId) -> State {
+        let id = match node {
+            NodeId::Module(id) => return self.snapshot.modules[id.0 as usize].own,
+            NodeId::Group(id) => id,
+        };
+        if let Some(&known) = self.own.get(&node) {
+            return known;
+        }
+        let members = self.members(id);
+        let relevant: Vec<State> = members
+            .iter()
+            .copied()
+            .filter(|&member| self.relevant(member))
+            .collect::<Vec<_>>()
+            .into_iter()
+            .map(|member| self.own(member))
+            .collect();
+        let own = self.fold(id, &members, relevant);
+        self.own.insert(node, own);
+        own
+    }
+
+    fn fold(&self, id: GroupId, members: &[NodeId], states: Vec<State>) -> State {
+        let counted = states.into_iter().filter(|&state| state != State::Ignore);
+        let folded = match self.model.groups.get(id.0 as usize).map(|spec| spec.combine) {
+            Some(Combine::Any) => counted.min(),
+            _ => counted.max(),
+        };
+        folded.unwrap_or(if members.is_empty() { State::Unknown } else { State::Ignore })
+    }
+
+    pub fn shown(&mut self, node: NodeId) -> State {
+        if !self.relevant(node) || self.blocked(node) {
+            return State::Ignore;
+        }
+        let id = match node {
+            NodeId::Module(id) => return self.snapshot.modules[id.0 as usize].own,
+            NodeId::Group(id) => id,
+        };
+        if let Some(&known) = self.shown.get(&node) {
+            return known;
+        }
+        let members = self.members(id);
+        let states = members.iter().map(|&member| self.shown(member)).collect();
+        let shown = self.fold(id, &members, states);
+        self.shown.insert(node, shown);
+        shown
+    }
+
+    /// Shows IGNORE because a dependency fails: its own, or one of any member.
+    pub fn masked(&mut self, node: NodeId) -> bool {
+        if self.shown(node) != State::Ignore || !self.relevant(node) {
+            return false;
+        }
+        self.blocked(node)
+            || match node {
+                NodeId::Group(id) => self.members(id).into_iter().any(|member| self.masked(member)),
+                NodeId::Module(_) => false,
+            }
+    }
+
+    /// The next nodes upstream of one that fails or is blocked.
+    pub fn upstream(&mut self, node: NodeId) -> Vec<NodeId> {
+        if self.blocked(node) {
+            let dependencies = self.dependencies(node);
+            return dependencies
+                .into_iter()
+                .filter(|dependency| self.blocks(dependency))
+                .collect::<Vec<_>>()
+                .into_iter()
+                .flat_map(|dependency| match &dependency.on {
+                    DependsOn::Node(node) => vec![*node],
+                    DependsOn::AnyOf(nodes) => nodes.clone(),
+                })
+                .collect();
+        }
+        let NodeId::Group(id) = node else { return Vec::new() };
+        let bar = self.shown(node).max(self.own(node)).min(State::Error);
+        let members = self.members(id);
+        members
+            .into_iter()
+            .filter(|&member| self.relevant(member) && self.shown(member).max(self.own(member)) >= bar)
+            .collect()
+    }
+
+    /// Where the ways upstream of a node end.
+    pub fn ends(&mut self, node: NodeId) -> BTreeSet<NodeId> {
+        let next = self.upstream(node);
+        if next.is_empty() {
+            return BTreeSet::from([node]);
+        }
+        next.into_iter().flat_map(|node| self.ends(node)).collect()
+    }
+
+    /// The root causes of a node that shows ERROR or is masked.
+    pub fn causes(&mut self, node: NodeId) -> BTreeSet<NodeId> {
+        let mut causes = BTreeSet::new();
+        let shown = self.shown(node);
+        if shown != State::Ignore || self.blocked(node) {
+            causes.extend(self.ends(node));
+        }
+        if let (State::Ignore, NodeId::Group(id)) = (shown, node) {
+            for member in self.members(id) {
+                if self.masked(member) {
+                    causes.extend(self.causes(member));
+                }
+            }
+        }
+        causes
+    }
+
+    /// All root causes with how many nodes show IGNORE because of each.
+    pub fn roots(&mut self) -> BTreeMap<NodeId, u32> {
+        let mut roots = BTreeMap::new();
+        for node in self.nodes() {
+            if self.is_other(node) {
+                continue;
+            }
+            if matches!(node, NodeId::Module(_)) && self.shown(node) == State::Error {
+                roots.entry(node).or_insert(0);
+            }
+            if self.masked(node) {
+                for root in self.causes(node) {
+                    *roots.entry(root).or_insert(0) += 1;
+                }
+            }
+        }
+        roots
+    }
+}

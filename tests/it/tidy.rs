@@ -1,0 +1,136 @@
+//! The rules of the house that the compiler does not hold: who may use whom, how long a file may
+//! be, where a clock is read, and that no template is dead.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Each room of `src` and what it may use of the others, beside what it holds itself. `cli` and
+/// the crate's root wire everything.
+const MAY_USE: &[(&str, &[&str])] = &[
+    ("engine", &[]),
+    ("config", &["engine", "clock"]),
+    ("clock", &["engine"]),
+    ("runtime", &["engine", "clock"]),
+    ("ros", &["engine", "clock"]),
+    ("store", &["engine", "clock"]),
+    ("sim", &["engine", "clock"]),
+    ("web", &["engine", "clock", "runtime", "store"]),
+];
+
+/// Words that must not stand in the pure core.
+const IMPURE: &[&str] =
+    &["tokio", "serde", "tracing", "std::fs", "std::net", "std::thread", "std::env", "async fn", "println!"];
+
+const LINES_MAX: usize = 450;
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let entries = fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
+    for entry in entries {
+        let path = entry.expect("the folder can be listed").path();
+        if path.is_dir() {
+            found.extend(files(&path, extension));
+        } else if path.extension().is_some_and(|it| it == extension) {
+            found.push(path);
+        }
+    }
+    found.sort();
+    assert!(!found.is_empty(), "nothing to look at in {}", folder.display());
+    found
+}
+
+/// The room of a source file: its first folder under `src`, or its own name there.
+fn room(file: &Path) -> String {
+    let inside = file.strip_prefix(root().join("src")).expect("it was found there");
+    let first = inside.components().next().expect("a file has a name").as_os_str().to_string_lossy();
+    first.trim_end_matches(".rs").to_owned()
+}
+
+/// The source without its comments and without the tests at its end.
+fn code(file: &Path) -> String {
+    let text = fs::read_to_string(file).expect("sources are readable");
+    let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+    code.lines().filter(|line| !line.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn rooms_use_only_what_they_may() {
+    let mut wrong = Vec::new();
+    for file in files(&root().join("src"), "rs") {
+        let room = room(&file);
+        let Some((_, allowed)) = MAY_USE.iter().find(|(name, _)| *name == room) else { continue };
+        let code = code(&file);
+        assert!(!code.contains("crate::{"), "{}: name each room in a `use` of its own", file.display());
+        for used in code.split("crate::").skip(1) {
+            let used: String = used.chars().take_while(|it| it.is_alphanumeric() || *it == '_').collect();
+            if used != room && !allowed.contains(&used.as_str()) {
+                wrong.push(format!("{} uses {used}", file.display()));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn every_room_has_a_rule() {
+    for file in files(&root().join("src"), "rs") {
+        let room = room(&file);
+        let known = MAY_USE.iter().any(|(name, _)| *name == room) || ["main", "lib", "cli"].contains(&&*room);
+        assert!(known, "{} belongs to no room that this test knows", file.display());
+    }
+}
+
+#[test]
+fn the_core_is_pure() {
+    for file in files(&root().join("src/engine"), "rs") {
+        let code = code(&file);
+        for word in IMPURE {
+            assert!(!code.contains(word), "{} holds `{word}`", file.display());
+        }
+    }
+}
+
+#[test]
+fn clocks_are_read_in_one_file() {
+    for file in files(&root().join("src"), "rs") {
+        if file.ends_with("src/clock.rs") {
+            continue;
+        }
+        let code = code(&file);
+        for word in ["Instant::now", "SystemTime::now", "UtcDateTime::now"] {
+            assert!(!code.contains(word), "{} holds `{word}`: ask clock::Clock", file.display());
+        }
+    }
+}
+
+#[test]
+fn files_are_short_enough_to_be_read() {
+    let mut long = Vec::new();
+    for folder in ["src", "tests/it"] {
+        for file in files(&root().join(folder), "rs") {
+            let lines = fs::read_to_string(&file).expect("sources are readable").lines().count();
+            if lines > LINES_MAX {
+                long.push(format!("{}: {lines} lines", file.display()));
+            }
+        }
+    }
+    assert!(long.is_empty(), "{long:#?}");
+}
+
+#[test]
+fn no_template_is_dead() {
+    let sources: String = files(&root().join("src"), "rs").iter().map(|file| code(file)).collect();
+    let templates = files(&root().join("templates"), "html");
+    let texts: Vec<String> =
+        templates.iter().map(|file| fs::read_to_string(file).expect("templates are readable")).collect();
+    for file in &templates {
+        let name = file.strip_prefix(root().join("templates")).expect("it was found there");
+        let quoted = format!("\"{}\"", name.display());
+        let used = sources.contains(&quoted) || texts.iter().any(|text| text.contains(&quoted));
+        assert!(used, "templates/{} is used by nothing", name.display());
+    }
+}
