@@ -89,3 +89,20 @@ impl SerializerAdapter<Bytes> for RawAdapter {
         Ok(value.clone())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_orders_of_bytes_are_taken_and_other_encodings_named() {
+        let taken = |encoding, input: &[u8]| match CopyOut.decode_bytes(input, encoding) {
+            Ok(body) => body.map_err(|fault| fault.to_string()),
+            Err(never) => match never {},
+        };
+        assert_eq!(taken(Encoding::CDR_LE, b"ab"), Ok((b"ab".to_vec(), Endian::Little)));
+        assert_eq!(taken(Encoding::CDR_BE, b"ab"), Ok((b"ab".to_vec(), Endian::Big)));
+        let error = taken(Encoding::XCDR2_LE, b"ab").unwrap_err();
+        assert!(error.contains("encoding 0007"), "{error}");
+    }
+}

@@ -15,8 +15,8 @@ It needs PyPI `cyclonedds` 11. Every command prints {"ready": true} first.
     {"info": {"size": 24, "name": "n"}}   a node announcement with gids of that size
     {"raw": "000100..."}              these very bytes, the encapsulation included
     {"wait_matched": 1, "timeout": 10}    until that many readers match; prints {"matched": n}
-Any of them may have `"cut": n` (only the first n bytes), `"big": true` (big endian) and `"times": n`. Each write
-prints {"written": bytes}. At the end of input it waits until all was acknowledged and prints {"done": true}.
+Any of them may have `"cut": n` (only the first n bytes), `"times": n` and `"age_s": n` (stamped so long ago). Each
+write prints {"written": bytes}. The byte order is always that of this machine: Cyclone writes the encapsulation. At the end of input it waits until all was acknowledged and prints {"done": true}.
 """
 
 import argparse
@@ -99,8 +99,8 @@ def make_qos(lib, options):
     return lib.qos.Qos(reliability, durability, policy.History.KeepLast(options.depth), representation)
 
 
-def write(lib, writer, data):
-    code = lib.clayer.ddspy_write(writer._ref, data)
+def write(lib, writer, data, age_s=0):
+    code = lib.clayer.ddspy_write_ts(writer._ref, data, time.time_ns() - int(age_s * 1e9))
     if code < 0:
         raise lib.core.DDSException(code, "while writing")
 
@@ -129,11 +129,10 @@ def made_up(count):
 
 
 def encode(command, gid):
-    big = command.get("big", False)
     if "raw" in command:
         data = bytes.fromhex(command["raw"])
     elif "bool" in command:
-        data = wire.boolean(command["bool"], big)
+        data = wire.boolean(command["bool"])
     elif "text" in command:
         data = wire.text(command["text"])
     elif "info" in command:
@@ -142,7 +141,7 @@ def encode(command, gid):
         data = wire.participant_entities_info(gid, [node], info["size"])
     else:
         statuses = made_up(command["count"]) if "count" in command else command["statuses"]
-        data = wire.diagnostic_array(statuses, big=big)
+        data = wire.diagnostic_array(statuses)
     return data[: command["cut"]] if "cut" in command else data
 
 
@@ -158,7 +157,7 @@ def publish(lib, participant, options):
             continue
         data = encode(command, gid)
         for _ in range(command.get("times", 1)):
-            write(lib, writer, data)
+            write(lib, writer, data, command.get("age_s", 0))
         say(written=len(data))
     writer.wait_for_acks(lib.util.duration(seconds=10))
     say(done=True)

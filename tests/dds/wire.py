@@ -14,11 +14,10 @@ PARTICIPANT_ENTITIES_INFO = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_
 
 
 class Writer:
-    """XCDR1, with the four bytes of encapsulation in front."""
+    """XCDR1 in little endian, with the four bytes of encapsulation in front."""
 
-    def __init__(self, big=False):
-        self.order = ">" if big else "<"
-        self.out = bytearray(b"\x00\x00\x00\x00" if big else b"\x00\x01\x00\x00")
+    def __init__(self):
+        self.out = bytearray(b"\x00\x01\x00\x00")
 
     def align(self, size):
         self.out.extend(bytes(-(len(self.out) - 4) % size))
@@ -28,7 +27,7 @@ class Writer:
 
     def u32(self, value):
         self.align(4)
-        self.out.extend(struct.pack(self.order + "I", value & 0xFFFFFFFF))
+        self.out.extend(struct.pack("<I", value & 0xFFFFFFFF))
 
     def string(self, text):
         raw = text.encode("utf-8", "surrogateescape")
@@ -74,8 +73,8 @@ def pairs(values):
     return list(values.items()) if isinstance(values, dict) else [tuple(pair) for pair in values or []]
 
 
-def diagnostic_array(statuses, stamp=(0, 0), frame_id="", big=False):
-    out = Writer(big)
+def diagnostic_array(statuses, stamp=(0, 0), frame_id=""):
+    out = Writer()
     out.u32(stamp[0])
     out.u32(stamp[1])
     out.string(frame_id)
@@ -110,8 +109,8 @@ def read_diagnostic_array(data):
     return {"stamp": stamp, "frame_id": frame_id, "statuses": statuses}
 
 
-def boolean(value, big=False):
-    out = Writer(big)
+def boolean(value):
+    out = Writer()
     out.u8(1 if value else 0)
     return out.finish()
 

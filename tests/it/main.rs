@@ -1,4 +1,6 @@
 //! The integration tests, in one binary: it links once.
 
+mod dds;
+mod peer;
 mod properties;
 mod tidy;

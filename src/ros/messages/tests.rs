@@ -46,6 +46,25 @@ fn what_was_encoded_is_decoded() {
 }
 
 #[test]
+fn big_endian_is_read_as_well() {
+    let mut body = Vec::new();
+    let word = |body: &mut Vec<u8>, value: u32| body.extend(value.to_be_bytes());
+    word(&mut body, 1);
+    word(&mut body, 2);
+    word(&mut body, 0);
+    word(&mut body, 1);
+    body.extend([2, 0, 0, 0]);
+    for text in [*b"nam\0", *b"msg\0", *b"hwd\0"] {
+        word(&mut body, 4);
+        body.extend(text);
+    }
+    word(&mut body, 0);
+    let (array, fault) = diagnostic_array(&body, Endian::Big, &limits());
+    assert_eq!(fault, None);
+    assert_eq!(fields(array.get(0)), (2, vec!["nam".to_owned(), "msg".to_owned(), "hwd".to_owned()]));
+}
+
+#[test]
 fn one_bad_string_loses_nothing_else() {
     let mut body = encoded(&sample());
     let at = body.windows(4).position(|bytes| bytes == b"fine").unwrap();
