@@ -16,7 +16,7 @@ use super::guard::SignedIn;
 use super::pages::page_context;
 use super::state::AppState;
 use super::view::{self, DemoFault};
-use super::wording::Words;
+use super::wording::Trouble;
 
 /// The faults there are, and the way to the shuttle that has them.
 #[derive(Debug)]
@@ -41,7 +41,8 @@ impl DemoFaults {
 
     fn list(&self) -> Vec<DemoFault> {
         let active = self.active.lock().unwrap_or_else(PoisonError::into_inner);
-        let fault = |name: &&'static str| DemoFault { name: (*name).to_owned(), active: active.contains(name) };
+        let fault =
+            |name: &&'static str| DemoFault { name: (*name).to_owned(), active: active.contains(name) };
         self.names.iter().map(fault).collect()
     }
 
@@ -51,14 +52,18 @@ impl DemoFaults {
         if self.switch.try_send(switch).is_err() {
             return false;
         }
-        if switch.active { active.insert(switch.name) } else { active.remove(switch.name) };
+        if switch.active {
+            active.insert(switch.name)
+        } else {
+            active.remove(switch.name)
+        };
         true
     }
 }
 
 /// `GET /demo`
 pub async fn page(State(app): State<AppState>, SignedIn(session): SignedIn, reader: Reader) -> Response {
-    let Some(faults) = &app.settings.demo else { return refusal(&reader, Words::NotFound) };
+    let Some(faults) = &app.settings.demo else { return refusal(&reader, Trouble::NotFound) };
     Html(view::demo_page(&faults.list(), &page_context(&app, &session, &reader))).into_response()
 }
 
@@ -74,7 +79,7 @@ pub async fn fault(
     reader: Reader,
     form: Result<Form<FaultForm>, FormRejection>,
 ) -> Response {
-    let Some(faults) = &app.settings.demo else { return refusal(&reader, Words::NotFound) };
+    let Some(faults) = &app.settings.demo else { return refusal(&reader, Trouble::NotFound) };
     let form = match form {
         Ok(Form(form)) => form,
         Err(rejection) => {
@@ -87,7 +92,7 @@ pub async fn fault(
         return json_answer(StatusCode::UNPROCESSABLE_ENTITY, &wrong);
     };
     if !faults.set(FaultSwitch { name, active: form.active }) {
-        return refusal(&reader, Words::Unavailable);
+        return refusal(&reader, Trouble::Unavailable);
     }
     match reader.speaks {
         Speaks::Json => json_answer(StatusCode::OK, &json!({ "name": name, "active": form.active })),

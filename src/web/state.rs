@@ -16,11 +16,15 @@ use crate::clock::Clock;
 use crate::engine::input::{OperatorAction, Response};
 use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
-use crate::runtime::{Command, Link, Published};
+use crate::engine::time::Span;
+use crate::runtime::{self, Command, Link, Published};
 use crate::store::{Role, Session, Store, Token};
 
 /// The engine answers in well under a millisecond; one that takes this long hangs.
 const COMMAND_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Four pulses of the engine.
+const ENGINE_SILENT_MAX: Span = Span::from_millis(4 * runtime::PULSE_EVERY.as_millis());
 
 /// What the command line says about the server.
 #[derive(Debug)]
@@ -82,6 +86,14 @@ impl Shared {
         self.link.snapshots.borrow().clone()
     }
 
+    /// Whether the engine said something lately: it does even when nothing happens. What it said
+    /// last is of no worth to a display once it hangs.
+    pub fn is_engine_alive(&self) -> bool {
+        let snapshots = &self.link.snapshots;
+        let silent_since = snapshots.borrow().snapshot.now;
+        snapshots.has_changed().is_ok() && self.clock.now().since(silent_since) < ENGINE_SILENT_MAX
+    }
+
     /// The session of a token, unless it has expired.
     pub fn session(&self, token: &Token) -> Option<Session> {
         self.store.session(token).filter(|session| !self.has_expired(session))
@@ -111,4 +123,10 @@ impl Shared {
 /// Whether this is a session of the operator in the seat.
 pub fn is_seated(session: &Session, snapshot: &Snapshot) -> bool {
     session.role == Role::Operator && snapshot.operator.as_deref() == Some(&*session.user)
+}
+
+/// Waits until the server ends.
+pub async fn turned(closing: &mut watch::Receiver<bool>) {
+    // A sender that is gone has ended with the server.
+    let _ = closing.wait_for(|closing| *closing).await;
 }

@@ -8,11 +8,13 @@ use axum::extract::ws::Utf8Bytes;
 use crate::runtime::Published;
 use crate::web::view::{self, Lang};
 
-/// All fragments at one snapshot, each with the snapshot of its last change.
+/// All fragments at one snapshot, each with the revision of its last change. Words change
+/// without a new `seq`, so `seq` is what pages are told and the revision is what decides.
 #[derive(Debug)]
 pub struct Frame {
     seq: u64,
-    /// The frame that came before this one, if one did.
+    revision: u64,
+    /// Revision of the frame that came before this one, if one did.
     previous: Option<u64>,
     parts: Vec<Part>,
     /// The message that most listeners need: they showed the previous frame.
@@ -31,7 +33,7 @@ struct Part {
 
 impl Frame {
     pub(super) fn new(published: &Published, lang: Lang, before: Option<&Frame>) -> Frame {
-        let seq = published.snapshot.seq;
+        let revision = published.snapshot.revision;
         let fragments = view::fragments(published, lang);
         let parts = fragments.into_iter().enumerate().map(|(index, fragment)| {
             match before.and_then(|before| before.part(index, &fragment.id)) {
@@ -43,15 +45,16 @@ impl Frame {
                 },
                 _ => Part {
                     escaped: escape(&fragment.html),
-                    changed: seq,
+                    changed: revision,
                     html: fragment.html,
                     id: fragment.id,
                 },
             }
         });
         Frame {
-            seq,
-            previous: before.map(Frame::seq),
+            seq: published.snapshot.seq,
+            revision,
+            previous: before.map(Frame::revision),
             parts: parts.collect(),
             step: OnceLock::new(),
             full: OnceLock::new(),
@@ -62,12 +65,16 @@ impl Frame {
         self.seq
     }
 
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
     /// Everything, for who just connected.
     pub fn full(&self) -> Utf8Bytes {
         self.full.get_or_init(|| self.message(self.parts.iter())).clone()
     }
 
-    /// What changed since the frame `shown`; `None` if nothing did.
+    /// What changed since the frame of the revision `shown`; `None` if nothing did.
     pub fn since(&self, shown: u64) -> Option<Utf8Bytes> {
         if self.previous == Some(shown) {
             return self.step.get_or_init(|| self.changes(shown)).clone();

@@ -5,7 +5,6 @@
 
 mod html;
 mod json;
-mod text;
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::SystemTime;
@@ -13,7 +12,6 @@ use std::time::SystemTime;
 use axum::extract::ws::Utf8Bytes;
 
 pub use html::Frame;
-pub use text::clean;
 
 use super::view::Lang;
 use crate::engine::model::Stage;
@@ -34,7 +32,7 @@ impl Frames {
     pub fn html(&self, published: &Published, lang: Lang) -> Arc<Frame> {
         let mut latest = self.html[lang as usize].lock().unwrap_or_else(PoisonError::into_inner);
         match &*latest {
-            Some(frame) if frame.seq() >= published.snapshot.seq => frame.clone(),
+            Some(frame) if frame.revision() >= published.snapshot.revision => frame.clone(),
             before => {
                 let frame = Arc::new(Frame::new(&permitted(published), lang, before.as_deref()));
                 *latest = Some(frame.clone());
@@ -47,7 +45,9 @@ impl Frames {
     pub fn json(&self, published: &Published) -> Utf8Bytes {
         let mut latest = self.json.lock().unwrap_or_else(PoisonError::into_inner);
         match &*latest {
-            Some((of, json)) if Arc::ptr_eq(of, &published.snapshot) || of.seq > published.snapshot.seq => {
+            Some((of, json))
+                if of.revision >= published.snapshot.revision && of.now >= published.snapshot.now =>
+            {
                 json.clone()
             }
             _ => {
@@ -79,6 +79,7 @@ pub fn permitted(published: &Published) -> Published {
     };
     let withheld = Snapshot {
         seq: snapshot.seq,
+        revision: snapshot.revision,
         now: snapshot.now,
         stage: snapshot.stage,
         operator: snapshot.operator.clone(),
