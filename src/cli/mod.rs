@@ -3,8 +3,10 @@
 //! Exit codes: 0; 1, the answer is no; 2, wrong usage or configuration.
 
 mod check;
+mod data;
 mod demo;
 mod scenario;
+mod user;
 
 use std::process::ExitCode;
 
@@ -26,6 +28,7 @@ struct Cli {
 enum Command {
     Check(check::Args),
     Scenario(scenario::Args),
+    User(user::Args),
 }
 
 /// Runs the program with the arguments of the process. An error that no subcommand turned into
@@ -34,6 +37,7 @@ pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Check(args) => check::run(&args),
         Command::Scenario(args) => scenario::run(&args),
+        Command::User(args) => user::run(&args),
     };
     result.unwrap_or_else(|error| {
         eprintln!("telltale: {error:#}");

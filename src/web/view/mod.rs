@@ -1,11 +1,39 @@
 //! The pages and their fragments as HTML. Nothing here reads a request or sends an answer.
+//!
+//! All that is shown comes from one [`Snapshot`]; text that the vehicle or a publisher wrote goes
+//! through [`clean`] and is escaped by the templates.
 
+mod arrows;
+mod board;
+mod causes;
+pub mod clean;
+mod detail;
+mod developer;
+mod node;
+mod pages;
+#[cfg(test)]
+mod sample;
+#[cfg(test)]
+mod tests;
+mod tile;
+mod top;
+
+use std::time::{Duration, SystemTime};
+
+use crate::clock::wall_at;
+use crate::engine::model::Stage;
+use crate::engine::snapshot::Snapshot;
+use crate::engine::time::Timestamp;
 use crate::runtime::Published;
 use crate::store::Role;
+use crate::web::text::Words;
+use board::Board;
+
+pub use pages::{demo_page, login_page, message_page, operator_page};
 
 /// Files below `static/` that the login page needs: served without a session, so none of them may
 /// name a part of the vehicle. An entry that ends in `/` names a folder.
-pub const LOGIN_ASSETS: &[&str] = &[];
+pub const LOGIN_ASSETS: &[&str] = &["telltale.css", "page.js", "icon.svg", "vendor/inter-latin-wght-normal.woff2"];
 
 /// A language of the pages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -105,39 +133,80 @@ pub struct DemoFault {
     pub active: bool,
 }
 
-/// Every element of the operator's page that changes with the snapshot, in page order.
-pub fn fragments(published: &Published, _lang: Lang) -> Vec<Fragment> {
-    let stage = published.snapshot.stage.as_str();
-    vec![Fragment { id: "stage".to_owned(), html: format!("<p id=\"stage\">{stage}</p>") }]
+/// Every element of the operator's page that changes with the snapshot, in page order. While the
+/// vehicle is locked that is the top bar alone, which tells the page to leave.
+pub fn fragments(published: &Published, lang: Lang) -> Vec<Fragment> {
+    let view = View::new(published, lang, true);
+    if published.snapshot.stage == Stage::Locked {
+        return vec![top::top(&view)];
+    }
+    Parts::of(&view).into_fragments()
 }
 
-pub fn operator_page(published: &Published, context: &PageContext) -> String {
-    let body: String = fragments(published, context.lang).into_iter().map(|part| part.html).collect();
-    page(context.lang, context.palette, &body)
-}
-
-pub fn login_page(context: &LoginContext) -> String {
-    let form = "<form method=\"post\" action=\"/login\"><input name=\"name\"><input name=\"secret\" type=\"password\"><button>Login</button></form>";
-    page(context.lang, context.palette, form)
-}
-
+/// Everything that was received, dense, for a developer.
 pub fn developer_page(published: &Published, context: &PageContext) -> String {
-    page(context.lang, context.palette, &format!("<p>{}</p>", published.snapshot.counters.statuses))
+    developer::page(&View::new(published, context.lang, false), context)
 }
 
-pub fn demo_page(faults: &[DemoFault], context: &PageContext) -> String {
-    page(context.lang, context.palette, &format!("<p>{}</p>", faults.len()))
+/// What all parts of a page are made from.
+struct View<'a> {
+    snapshot: &'a Snapshot,
+    at: SystemTime,
+    lang: Lang,
+    words: &'static Words,
+    board: Board,
+    /// The elements carry the mark by which htmx swaps them in.
+    swap: bool,
 }
 
-/// A page that says one thing; `title` and `text` are in the reader's language and not yet escaped.
-pub fn message_page(status: u16, _title: &str, _text: &str) -> String {
-    page(Lang::En, Palette::Night, &format!("<p>{status}</p>"))
+impl<'a> View<'a> {
+    fn new(published: &'a Published, lang: Lang, swap: bool) -> View<'a> {
+        let snapshot = &*published.snapshot;
+        let board = Board::of(&snapshot.layout);
+        View { snapshot, at: published.at, lang, words: lang.words(), board, swap }
+    }
+
+    /// When `then` was, by the wall clock, to the second: the page counts on from there. Finer
+    /// would differ a little with each snapshot and send what has not changed.
+    fn wall(&self, then: Timestamp) -> String {
+        let exact = wall_at(self.at, self.snapshot.now, then);
+        let rounded = exact.checked_add(Duration::from_millis(500)).unwrap_or(exact);
+        humantime::format_rfc3339_seconds(rounded).to_string()
+    }
 }
 
-fn page(lang: Lang, palette: Palette, body: &str) -> String {
-    format!(
-        "<!doctype html><html lang=\"{}\" data-palette=\"{}\"><head><title>Telltale</title></head><body>{body}</body></html>",
-        lang.as_str(),
-        palette.as_str()
-    )
+/// The elements of the operator's page.
+struct Parts {
+    top: Fragment,
+    arrows: Fragment,
+    tiles: Vec<Fragment>,
+    causes: Fragment,
+    actions: Fragment,
+    details: Vec<Fragment>,
+}
+
+impl Parts {
+    fn of(view: &View<'_>) -> Parts {
+        Parts {
+            top: top::top(view),
+            arrows: tile::arrows(view),
+            tiles: (0..view.board.tiles.len()).map(|tile| tile::tile(view, tile)).collect(),
+            causes: causes::causes(view),
+            actions: top::actions(view),
+            details: (0..view.board.tiles.len()).map(|tile| detail::detail(view, tile)).collect(),
+        }
+    }
+
+    fn into_fragments(self) -> Vec<Fragment> {
+        let mut all = vec![self.top, self.arrows];
+        all.extend(self.tiles);
+        all.extend([self.causes, self.actions]);
+        all.extend(self.details);
+        all
+    }
+}
+
+/// Renders a template of this crate.
+fn html(template: &impl askama::Template) -> String {
+    template.render().expect("writing into a string does not fail")
 }
