@@ -93,9 +93,9 @@ browser_tests() {
     say "the whole program: foreign DDS peer, real browser"
     local report=$work/pytest.xml sums=(0 0) code
     rm -f "$report"
-    "$TELLTALE_PYTHON" -m pytest -p no:cacheprovider -q --tb=short --junit-xml="$report" tests/browser
+    "$TELLTALE_PEER_PYTHON" -m pytest -p no:cacheprovider -q --tb=short --junit-xml="$report" tests/browser
     code=$?
-    [ ! -e "$report" ] || read -r -a sums < <("$TELLTALE_PYTHON" - "$report" <<'PY'
+    [ ! -e "$report" ] || read -r -a sums < <("$TELLTALE_PEER_PYTHON" - "$report" <<'PY'
 import sys, xml.etree.ElementTree as tree
 suites = list(tree.parse(sys.argv[1]).getroot().iter("testsuite"))
 total = lambda *names: sum(int(suite.get(name, 0)) for suite in suites for name in names)
@@ -117,7 +117,7 @@ install_debian_packages
 prepare_python
 
 export PYTHONDONTWRITEBYTECODE=1
-export TELLTALE_PYTHON=$venv/bin/python
+export TELLTALE_PEER_PYTHON=$venv/bin/python
 export TELLTALE=$root/target/debug/telltale
 CHROMIUM=$(find_chromium)
 export CHROMIUM
@@ -125,7 +125,7 @@ export CHROMIUM
 say "building"
 cargo build --locked --bin telltale || die "the program does not build"
 if [ "${1:-}" = screenshot ]; then
-    exec "$TELLTALE_PYTHON" tests/browser/screenshot.py
+    exec "$TELLTALE_PEER_PYTHON" tests/browser/screenshot.py
 fi
 rust_tests
 scenarios

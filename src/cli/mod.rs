@@ -4,9 +4,16 @@
 
 mod check;
 mod data;
+mod dds;
 mod demo;
+mod ending;
+mod log;
 mod scenario;
+mod serve;
+mod sim;
+mod station;
 mod user;
+mod vehicle;
 
 use std::process::ExitCode;
 
@@ -26,6 +33,9 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Demo(demo::Args),
+    Serve(serve::Args),
+    Sim(sim::Args),
     Check(check::Args),
     Scenario(scenario::Args),
     User(user::Args),
@@ -35,6 +45,9 @@ enum Command {
 /// an answer is printed with its causes and counts as wrong usage or configuration.
 pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
+        Command::Demo(args) => demo::run(&args),
+        Command::Serve(args) => serve::run(&args),
+        Command::Sim(args) => sim::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Scenario(args) => scenario::run(&args),
         Command::User(args) => user::run(&args),

@@ -1,5 +1,6 @@
 """`telltale demo` from the outside: every fault shows as it should, read as a program reads it."""
 
+import contextlib
 import json
 import time
 
@@ -18,7 +19,9 @@ class Stream:
 
     def __init__(self, server, client):
         url = server.url.replace("http", "ws", 1) + "/api/v1/stream"
-        self.socket = connect(url, additional_headers={"Cookie": client.cookie()}, origin=server.url, max_size=2**22)
+        self.open = contextlib.ExitStack()
+        headers = {"Cookie": client.cookie()}
+        self.socket = self.open.enter_context(connect(url, additional_headers=headers, origin=server.url, max_size=2**22))
 
     def wait(self, condition, seconds, what):
         """All snapshots until the first that meets the condition, which is the last of them."""
@@ -33,7 +36,7 @@ class Stream:
                 return seen
 
     def close(self):
-        self.socket.close()
+        self.open.close()
 
 
 def brief(snapshots):

@@ -7,6 +7,7 @@ import re
 import signal
 import socket
 import subprocess
+import sys
 import threading
 import time
 import urllib.error
@@ -16,7 +17,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 TELLTALE = os.environ.get("TELLTALE", str(ROOT / "target/debug/telltale"))
-PYTHON = os.environ["TELLTALE_PYTHON"]
+PYTHON = sys.executable
 CONFIG = ROOT / "config/shuttle.yaml"
 OPERATOR = ("anna", "975310")
 STARTUP_S = 20

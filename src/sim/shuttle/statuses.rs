@@ -1,7 +1,7 @@
 //! What each node says about itself and its data, in the words of its developers.
 
 use super::Fault;
-use super::world::{FRAME_AGE_MS_MAX, SCAN_AGE_MS_MAX, World};
+use super::world::{FRAME_AGE_MS_MAX, PLAN_GAP_MS_MAX, SCAN_AGE_MS_MAX, World};
 use crate::engine::input::StatusArray;
 
 const OK: u8 = 0;
@@ -101,7 +101,11 @@ impl Node {
 
 fn velodyne_packets(world: &mut World, out: &mut StatusArray) {
     let rate_hz = world.scan_rate_hz();
-    let level = judge_below(rate_hz, 9.0, 5.0);
+    let level = match rate_hz {
+        _ if !world.scans_are_enough() => ERROR,
+        ..9.0 => WARN,
+        _ => OK,
+    };
     let message = match level {
         OK => "Packets arrive".to_owned(),
         _ => format!("Only {rate_hz:.1} scans per second"),
@@ -239,12 +243,14 @@ fn prediction(world: &mut World, out: &mut StatusArray) {
 
 fn can_bus(world: &mut World, out: &mut StatusArray) {
     let (rate_hz, age_ms) = (world.frame_rate_hz(), world.frame_age_ms());
-    let lost = age_ms > FRAME_AGE_MS_MAX;
-    let level = if lost { ERROR } else { judge_below(rate_hz, 45.0, 25.0) };
-    let message = match level {
-        OK => "Frames arrive".to_owned(),
-        _ if lost => format!("No frame for {}", seconds(age_ms)),
-        _ => format!("Frames come back: {rate_hz:.0} per second"),
+    let (level, message) = if age_ms > FRAME_AGE_MS_MAX {
+        (ERROR, format!("No frame for {}", seconds(age_ms)))
+    } else if world.frames_steady_ms() < 1000 {
+        (ERROR, "Frames come back".to_owned())
+    } else if rate_hz < 45.0 {
+        (WARN, format!("Only {rate_hz:.0} frames per second"))
+    } else {
+        (OK, "Frames arrive".to_owned())
     };
     out.push_status(level, "can: bus", &message, "can0");
     out.push_value("rate_hz", &format!("{rate_hz:.1}"));
@@ -288,17 +294,12 @@ fn mission_route(world: &mut World, out: &mut StatusArray) {
 /// Watches the planner from outside, so it reports at stops too, where it cannot be content.
 fn planner_submitted(world: &mut World, out: &mut StatusArray) {
     let (rate_hz, age_ms) = (world.plan_rate_hz(), world.plan_age_ms());
-    // One trajectory after a gap is not yet a planner that works.
-    let level = match age_ms {
-        501.. => ERROR,
-        301.. => WARN,
-        _ if rate_hz < 3.0 => ERROR,
-        _ => OK,
-    };
-    let message = match level {
-        OK => "Trajectories arrive".to_owned(),
-        _ if age_ms <= 300 => "Trajectories come back".to_owned(),
-        _ => format!("No trajectory for {}", seconds(age_ms)),
+    let (level, message) = match age_ms {
+        _ if age_ms > PLAN_GAP_MS_MAX => (ERROR, format!("No trajectory for {}", seconds(age_ms))),
+        // One trajectory after a gap is not yet a planner that works.
+        _ if world.plans_steady_ms() < 250 => (ERROR, "Trajectories come back".to_owned()),
+        301.. => (WARN, format!("No trajectory for {}", seconds(age_ms))),
+        _ => (OK, "Trajectories arrive".to_owned()),
     };
     out.push_status(level, "planner_submitted", &message, "planning");
     out.push_value("rate_hz", &format!("{rate_hz:.1}"));

@@ -23,6 +23,7 @@ const COSTMAP_DELAY_MS_MAX: f64 = 500.0;
 const COSTMAP_BACKLOG_MS: u64 = 600;
 const POSE_GAP_MS_MAX: u64 = 250;
 const PLAN_AGE_MS_MAX: u64 = 300;
+pub(super) const PLAN_GAP_MS_MAX: u64 = 500;
 /// A position that jumped must agree this long before it counts as good again.
 const JUMP_MEMORY_MS: u64 = 1000;
 
@@ -33,6 +34,7 @@ pub(super) struct World {
     faults: [bool; Fault::ALL.len()],
     pub drive: Drive,
     scans: Feed,
+    scans_enough: bool,
     frames: Feed,
     images: Feed,
     plans: Feed,
@@ -54,10 +56,11 @@ impl World {
             noise: Noise { state: seed },
             faults: [false; Fault::ALL.len()],
             drive: Drive::new(),
-            scans: Feed::new(2000),
-            frames: Feed::new(2000),
-            images: Feed::new(1000),
-            plans: Feed::new(1000),
+            scans: Feed::new(2000, SCAN_AGE_MS_MAX),
+            scans_enough: true,
+            frames: Feed::new(2000, FRAME_AGE_MS_MAX),
+            images: Feed::new(1000, 1000),
+            plans: Feed::new(1000, PLAN_GAP_MS_MAX),
             matching_since_ms: None,
             pose_at_ms: 0,
             pose_good_at_ms: 0,
@@ -86,6 +89,7 @@ impl World {
         let now = self.now_ms;
         let jitter = self.noise.up_to(8);
         self.scans.run(now, SCAN_PERIOD_MS, jitter, !self.has(Fault::SensorOutage));
+        self.scans_enough = self.scan_rate_hz() >= if self.scans_enough { 5.0 } else { 7.0 };
         self.frames.run(now, FRAME_PERIOD_MS, 0, !self.has(Fault::CanLoss));
         self.images.run(now, IMAGE_PERIOD_MS, 0, true);
         self.localize();
@@ -138,8 +142,22 @@ impl World {
         self.scans.rate_hz(self.now_ms)
     }
 
+    /// Falls below five a second, and holds again from seven: at the limit it must not flicker.
+    pub fn scans_are_enough(&self) -> bool {
+        self.scans_enough
+    }
+
     pub fn frame_age_ms(&self) -> u64 {
         self.frames.age_ms(self.now_ms)
+    }
+
+    /// For how long frames have come without a gap.
+    pub fn frames_steady_ms(&self) -> u64 {
+        self.frames.steady_ms(self.now_ms)
+    }
+
+    pub fn plans_steady_ms(&self) -> u64 {
+        self.plans.steady_ms(self.now_ms)
     }
 
     pub fn frame_rate_hz(&self) -> f64 {
@@ -202,14 +220,18 @@ fn within(then_ms: Option<u64>, now_ms: u64, span_ms: u64) -> bool {
 #[derive(Debug, Clone)]
 struct Feed {
     window_ms: u64,
+    /// Whoever comes later than this leaves a gap.
+    gap_ms: u64,
     next_ms: u64,
     last_ms: u64,
+    /// The first after the last gap.
+    resumed_ms: u64,
     times_ms: VecDeque<u64>,
 }
 
 impl Feed {
-    fn new(window_ms: u64) -> Feed {
-        Feed { window_ms, next_ms: 0, last_ms: 0, times_ms: VecDeque::new() }
+    fn new(window_ms: u64, gap_ms: u64) -> Feed {
+        Feed { window_ms, gap_ms, next_ms: 0, last_ms: 0, resumed_ms: 0, times_ms: VecDeque::new() }
     }
 
     /// The source keeps its rhythm whether or not what it sends arrives.
@@ -220,6 +242,9 @@ impl Feed {
         while self.next_ms + jitter_ms <= now_ms {
             self.next_ms += period_ms;
             if arrives {
+                if now_ms - self.last_ms > self.gap_ms {
+                    self.resumed_ms = now_ms;
+                }
                 self.last_ms = now_ms;
                 self.times_ms.push_back(now_ms);
             }
@@ -228,6 +253,10 @@ impl Feed {
 
     fn age_ms(&self, now_ms: u64) -> u64 {
         now_ms - self.last_ms
+    }
+
+    fn steady_ms(&self, now_ms: u64) -> u64 {
+        if self.age_ms(now_ms) > self.gap_ms { 0 } else { now_ms - self.resumed_ms }
     }
 
     fn rate_hz(&self, now_ms: u64) -> f64 {

@@ -1,0 +1,14 @@
+//! The log, on standard error.
+
+use tracing_subscriber::EnvFilter;
+
+use crate::ros;
+
+/// Starts the log of a program that runs on. `RUST_LOG` wins over `level`.
+pub fn start(level: &str) {
+    let words = std::env::var("RUST_LOG").ok().filter(|words| !words.trim().is_empty());
+    let words = words.unwrap_or_else(|| level.to_owned());
+    // Later directives win, so the library's flood is let through only where it is named.
+    let filter = EnvFilter::new(format!("{},{words}", ros::LOG_FILTER));
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false).init();
+}
