@@ -143,7 +143,7 @@ impl Loop {
 mod tests {
     use super::*;
     use crate::engine::input::{Input, StatusArray};
-    use crate::engine::model::{Limits, Parts, Policy, Stage, StageModel, Text};
+    use crate::engine::model::{Limits, NodeId, Parts, Policy, Stage, StageModel, Text};
     use crate::engine::state::State;
 
     fn empty_model() -> Arc<Model> {
@@ -174,9 +174,11 @@ mod tests {
         array.push_status(2, "pump", "broken", "");
         let input = Input::Diagnostics(array);
         link.inputs.send(Stamped { input, received: clock.now() }).await.unwrap();
-        let seen = link.snapshots.wait_for(|published| !published.snapshot.modules.is_empty()).await.unwrap();
-        assert_eq!(seen.snapshot.modules[0].state, State::Error);
-        assert_eq!(&*seen.snapshot.modules[0].report.message, "broken");
+        let heard = |published: &Published| published.snapshot.node("other/pump").is_some();
+        let seen = link.snapshots.wait_for(heard).await.unwrap();
+        let Some(NodeId::Module(id)) = seen.snapshot.node("other/pump") else { panic!("it is a module") };
+        assert_eq!(seen.snapshot.module(id).1.state, State::Error);
+        assert_eq!(&*seen.snapshot.module(id).1.report.message, "broken");
     }
 
     #[tokio::test]

@@ -26,7 +26,7 @@ pub fn model(modules: usize) -> Arc<Model> {
         parent: None,
         combine: Combine::Worst,
         when: None,
-        depends_on: if index % GROUPS_PER_CHAIN == 0 {
+        depends_on: if index.is_multiple_of(GROUPS_PER_CHAIN) {
             Vec::new()
         } else {
             let on = DependsOn::Node(NodeId::Group(GroupId(index as u32 - 1)));

@@ -21,18 +21,26 @@ use crate::yaml::Problems;
 /// Errors go to standard error, each with file, line, column and what to do; the exit code is then 2.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  telltale check config/shuttle.yaml\n  \
-    telltale check --dot config/shuttle.yaml | dot -Tsvg > graph.svg")]
+    telltale check --dot config/shuttle.yaml | dot -Tsvg > graph.svg\n  \
+    telltale check --schema > telltale.schema.json")]
 pub struct Args {
     /// Print the graph for Graphviz instead
     #[arg(long)]
     dot: bool,
+    /// Print the JSON Schema of configurations, for editors
+    #[arg(long, conflicts_with_all = ["dot", "file"])]
+    schema: bool,
     /// The configuration
-    #[arg(value_name = "FILE")]
-    file: PathBuf,
+    #[arg(value_name = "FILE", required_unless_present = "schema")]
+    file: Option<PathBuf>,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    match config::load(&args.file) {
+    let Some(file) = &args.file else {
+        print(config::SCHEMA);
+        return Ok(ExitCode::SUCCESS);
+    };
+    match config::load(file) {
         Ok(loaded) => {
             print(&if args.dot { dot(&loaded.model) } else { text(&loaded) });
             Ok(ExitCode::SUCCESS)

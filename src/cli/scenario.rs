@@ -1,20 +1,109 @@
 //! `telltale scenario`: runs scenario files in virtual time.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
+
+use serde_json::json;
+
+use super::check::{print, report};
+use super::{EXIT_NO, EXIT_USAGE};
+use crate::config;
+use crate::engine::time::Timestamp;
+use crate::sim::scenario::{self, Failure, Outcome, seconds};
+use crate::sim::scenario_file::{self, Config, File};
+use crate::yaml::{Problem, Problems};
 
 /// Run scenario files in virtual time and check what they expect.
+///
+/// The exit code is 1 where an expectation fails, and 2 where a file cannot be used.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  telltale scenario config/scenarios/*.yaml")]
+#[command(after_help = "Examples:\n  telltale scenario config/scenarios/*.yaml\n  \
+    telltale scenario --json config/scenarios/2-sensor-outage.yaml")]
 pub struct Args {
+    /// Print a JSON object for each file in a line of its own: failures, and every change of a state
+    #[arg(long)]
+    json: bool,
     /// The scenario files
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    for file in &args.files {
-        std::fs::read(file)?;
+    let mut code = 0;
+    for path in &args.files {
+        match scenario_file::load(path).and_then(|file| run_file(&file).map(|outcome| (file, outcome))) {
+            Ok((file, outcome)) => {
+                let text =
+                    if args.json { json(path, &file, &outcome) } else { summary(path, &file, &outcome) };
+                print(&text);
+                if !outcome.failures.is_empty() {
+                    code = code.max(EXIT_NO);
+                }
+            }
+            Err(problems) => {
+                report(&problems);
+                code = EXIT_USAGE;
+            }
+        }
     }
-    Ok(ExitCode::SUCCESS)
+    Ok(ExitCode::from(code))
 }
+
+/// Runs a scenario with the configuration that it names.
+///
+/// # Errors
+/// What is wrong with the configuration, or with the scenario in view of it.
+fn run_file(file: &File) -> Result<Outcome, Problems> {
+    let loaded = match &file.config {
+        Config::Path(path) => config::load(path)?,
+        Config::Inline(node) => config::of_node(file.sources.clone(), node)?,
+    };
+    let model = match file.dependencies {
+        true => loaded.model,
+        false => Arc::new(scenario::without_dependencies(&loaded.model)),
+    };
+    Ok(scenario::run(model.clone(), &file.bind(&model)?))
+}
+
+fn summary(path: &Path, file: &File, outcome: &Outcome) -> String {
+    if outcome.failures.is_empty() {
+        return format!("ok    {} ({})\n", file.name, path.display());
+    }
+    let failures = outcome.failures.iter().map(problem).collect();
+    format!("FAIL  {} ({})\n{}", file.name, path.display(), Problems::new(file.sources.clone(), failures))
+}
+
+fn json(path: &Path, file: &File, outcome: &Outcome) -> String {
+    let at_s = |at: Timestamp| at.as_nanos() as f64 / 1e9;
+    let failures = outcome.failures.iter().map(|failure| {
+        json!({
+            "at_s": at_s(failure.at), "place": file.sources.place(failure.span), "subject": failure.subject,
+            "expected": failure.expected, "got": failure.got, "why": failure.why,
+        })
+    });
+    let transitions = outcome.transitions.iter().map(|change| {
+        json!({
+            "at_s": at_s(change.at), "node": &*change.node, "state": change.state.as_str(),
+            "reason": scenario::why_word(change.why),
+        })
+    });
+    let object = json!({
+        "file": path.display().to_string(), "name": file.name, "ok": outcome.failures.is_empty(),
+        "failures": failures.collect::<Vec<_>>(), "transitions": transitions.collect::<Vec<_>>(),
+    });
+    format!("{object}\n")
+}
+
+fn problem(failure: &Failure) -> Problem {
+    let Failure { span, at, subject, expected, got, why } = failure;
+    let message = format!("at {}, {subject}: expected {expected}, got {got}", seconds(*at));
+    let problem = Problem::at(*span, message).label(format!("got {got}"));
+    match why {
+        Some(why) => problem.help(why.as_str()),
+        None => problem,
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -4,12 +4,10 @@
 mod filters;
 mod names;
 mod raw;
+mod raw_node;
 mod relations;
 mod resolve;
 mod units;
-
-#[cfg(test)]
-mod tests;
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -21,6 +19,9 @@ use crate::yaml::{FromNode, Log, Node, Problem, Problems, Sources, Span, Spanned
 
 /// More files than this are not included.
 const FILES_MAX: usize = 64;
+
+/// The JSON Schema of a configuration, for editors.
+pub const SCHEMA: &str = include_str!("schema.json");
 
 /// A configuration that was checked.
 #[derive(Debug, Clone)]
@@ -136,3 +137,6 @@ fn read_included(path: &Path, from: Span, sources: &mut Sources, log: &mut Log) 
     }
     Some((file, number))
 }
+
+#[cfg(test)]
+mod tests;

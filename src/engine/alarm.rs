@@ -2,6 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 
+use super::event::{Events, What};
 use super::model::NodeId;
 use super::snapshot::Alarm;
 use super::time::Timestamp;
@@ -22,6 +23,14 @@ impl Alarms {
         &self.list
     }
 
+    /// Takes over alarms under new ids; one whose node is gone is over.
+    pub(super) fn copy(&mut self, old: &Alarms, renamed: impl Fn(NodeId) -> Option<NodeId>) {
+        self.last_id = old.last_id;
+        let kept =
+            old.list.iter().filter_map(|alarm| Some(Alarm { node: renamed(alarm.node)?, ..alarm.clone() }));
+        self.list = kept.collect();
+    }
+
     /// Takes the present root causes, ranked. `explained` tells for a former root the causes
     /// that mask it now: its alarm moves to the first of them that has none yet, and keeps its
     /// number. Returns whether anything changed.
@@ -30,6 +39,7 @@ impl Alarms {
         roots: &[NodeId],
         explained: impl Fn(NodeId) -> Vec<NodeId>,
         now: Timestamp,
+        events: &mut Events,
     ) -> bool {
         let mut active: HashMap<NodeId, usize> = HashMap::new();
         for (index, alarm) in self.list.iter().enumerate().filter(|(_, alarm)| alarm.active) {
@@ -48,17 +58,22 @@ impl Alarms {
             active.remove(&alarm.node);
             match heir {
                 Some(node) => {
+                    events.push(now, What::AlarmMoved { id: alarm.id, symptom: alarm.node, cause: node });
                     alarm.node = node;
                     alarm.acknowledged = false;
                     active.insert(node, index);
                 }
-                None => alarm.active = false,
+                None => {
+                    events.push(now, What::AlarmCleared { id: alarm.id, node: alarm.node });
+                    alarm.active = false;
+                }
             }
         }
         for &node in roots {
             if !active.contains_key(&node) {
                 changed = true;
                 self.last_id += 1;
+                events.push(now, What::AlarmRaised { id: self.last_id, node });
                 self.list.push(Alarm {
                     id: self.last_id,
                     node,
@@ -103,19 +118,19 @@ mod tests {
     fn a_root_that_returns_is_a_new_alarm() {
         let mut alarms = Alarms::default();
         let none = |_| Vec::new();
-        assert!(alarms.follow(&[A], none, Timestamp::ZERO));
-        assert!(!alarms.follow(&[A], none, Timestamp::ZERO));
-        alarms.follow(&[], none, Timestamp::ZERO);
-        alarms.follow(&[A], none, Timestamp::ZERO);
+        assert!(alarms.follow(&[A], none, Timestamp::ZERO, &mut Events::default()));
+        assert!(!alarms.follow(&[A], none, Timestamp::ZERO, &mut Events::default()));
+        alarms.follow(&[], none, Timestamp::ZERO, &mut Events::default());
+        alarms.follow(&[A], none, Timestamp::ZERO, &mut Events::default());
         assert_eq!(numbers(&alarms), [(1, A, false), (2, A, true)]);
     }
 
     #[test]
     fn of_several_symptoms_the_first_number_moves_to_the_cause_and_the_rest_close() {
         let mut alarms = Alarms::default();
-        alarms.follow(&[A], |_| Vec::new(), Timestamp::ZERO);
-        alarms.follow(&[A, B], |_| Vec::new(), Timestamp::ZERO);
-        alarms.follow(&[C], |_| vec![C], Timestamp::ZERO);
+        alarms.follow(&[A], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        alarms.follow(&[A, B], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        alarms.follow(&[C], |_| vec![C], Timestamp::ZERO, &mut Events::default());
         assert_eq!(numbers(&alarms), [(1, C, true), (2, B, false)]);
     }
 
@@ -123,8 +138,8 @@ mod tests {
     fn flapping_does_not_grow_without_bound() {
         let mut alarms = Alarms::default();
         for _ in 0..1000 {
-            alarms.follow(&[A], |_| Vec::new(), Timestamp::ZERO);
-            alarms.follow(&[], |_| Vec::new(), Timestamp::ZERO);
+            alarms.follow(&[A], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+            alarms.follow(&[], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
         }
         assert_eq!(alarms.list().len(), KEPT_MAX);
         assert_eq!(alarms.list().last().map(|alarm| alarm.id), Some(1000));

@@ -8,7 +8,8 @@ use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
 use super::model::{GroupId, ModuleId, NodeId};
-use super::net::{Change, Facts, Net};
+use super::net::{Change, Net};
+use super::node::Facts;
 use super::snapshot::{Path, RootCause};
 use super::state::State;
 use super::time::Timestamp;
@@ -60,6 +61,12 @@ struct Found {
 }
 
 impl Causes {
+    /// Takes over since when nodes are root causes.
+    pub(super) fn copy_since(&mut self, old: &Causes, renamed: impl Fn(NodeId) -> Option<NodeId>) {
+        let kept = old.since.iter().filter_map(|(&node, &since)| Some((renamed(node)?, since)));
+        self.since = kept.collect();
+    }
+
     /// Notes a change of the graph. Cheap unless it is about failing or blocking.
     pub(super) fn note(&mut self, net: &Net, change: &Change) {
         let Change { node, before, after } = *change;

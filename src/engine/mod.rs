@@ -5,32 +5,45 @@
 
 mod alarm;
 mod causes;
+pub mod event;
 pub mod filter;
 pub mod graph;
 pub mod input;
+mod layout;
 pub mod model;
 mod module;
 mod names;
 mod net;
+mod node;
+mod overflow;
 pub mod persistent;
+mod relevance;
+mod reload;
 mod signals;
 pub mod snapshot;
 pub mod state;
+pub mod system;
 pub mod time;
 mod timers;
 mod vehicle;
 mod views;
+pub mod why;
 
 use std::sync::Arc;
 
 use alarm::Alarms;
 use causes::Causes;
+use event::{Event, Events, What};
 use input::{Input, OperatorAction, ReceptionTrouble, Refusal, Response, Status, StatusArray};
-use model::{ACTIVE_SIGNAL, GroupId, Model, ModuleId};
-use names::{Claim, Names};
-use net::Net;
+use model::{ACTIVE_SIGNAL, Model, ModuleId, Stage};
+use names::Names;
+use net::{Change, Net};
+use node::ModuleKind;
+use overflow::Overflow;
 use signals::Signals;
 use snapshot::{Counters, Snapshot};
+use state::State;
+use system::{ReceptionCheck, SystemCheck};
 use time::Timestamp;
 use timers::{TimerKey, Timers};
 use vehicle::Vehicle;
@@ -49,7 +62,10 @@ pub struct Engine {
     causes: Causes,
     alarms: Alarms,
     timers: Timers,
+    overflow: Overflow,
+    reception: ReceptionCheck,
     counters: Counters,
+    events: Events,
     views: Views,
     /// Names of the array in hand, kept to save allocations.
     touched: Vec<u32>,
@@ -57,6 +73,13 @@ pub struct Engine {
 
 impl Engine {
     pub fn new(model: Arc<Model>, now: Timestamp) -> Engine {
+        let mut engine = Engine::build(model, now);
+        engine.settle();
+        engine
+    }
+
+    /// Everything in its place, nothing judged yet.
+    fn build(model: Arc<Model>, now: Timestamp) -> Engine {
         let signals = Signals::new(&model.signals);
         let mut engine = Engine {
             now,
@@ -67,13 +90,18 @@ impl Engine {
             causes: Causes::default(),
             alarms: Alarms::default(),
             timers: Timers::default(),
+            overflow: Overflow::default(),
+            reception: ReceptionCheck::default(),
             counters: Counters::default(),
+            events: Events::default(),
             views: Views::new(&model, now),
             touched: Vec::new(),
             signals,
             model,
         };
-        engine.settle();
+        for check in SystemCheck::ALL {
+            engine.report_on_self(check, State::Ok, "");
+        }
         engine
     }
 
@@ -109,6 +137,16 @@ impl Engine {
         self.views.revision
     }
 
+    /// Keeps events from now on, for [`Engine::take_events`].
+    pub fn keep_events(&mut self) {
+        self.events.keep();
+    }
+
+    /// What happened since the last call, in order. Past 65,536 the oldest are gone.
+    pub fn take_events(&mut self) -> Vec<Event> {
+        self.events.take()
+    }
+
     /// When time alone may change something next: call [`Engine::handle`] with [`Input::Tick`] then.
     pub fn next_deadline(&self) -> Option<Timestamp> {
         self.timers.next()
@@ -129,6 +167,7 @@ impl Engine {
     fn fire(&mut self, key: TimerKey) {
         match key {
             TimerKey::Module(index) => self.net.mark_module(ModuleId(index)),
+            TimerKey::Reception => self.judge_reception(),
             TimerKey::Signal(index) => {
                 let changed = self.signals.refresh(index as usize, self.now);
                 self.signal_changed(index as usize, changed);
@@ -158,33 +197,42 @@ impl Engine {
         for index in touched.drain(..) {
             let route = &self.names.routes[index as usize];
             let status = array.get(route.position as usize);
-            for position in 0..route.modules.len() {
-                let module = self.names.routes[index as usize].modules[position];
+            let mut position = 0;
+            while let Some(module) = self.names.routes[index as usize].module(position) {
                 self.take_status(module, status);
+                position += 1;
             }
         }
         self.touched = touched;
     }
 
     fn take_status(&mut self, id: ModuleId, status: Status<'_>) {
-        let policy =
-            self.model.modules.get(id.0 as usize).map_or(&self.model.discovered, |spec| &spec.policy);
-        let module = &mut self.net.modules[id.0 as usize];
-        if module.own.report(status.state(), policy, self.now) {
+        if self.net.report(id, status.state(), self.now) {
             self.net.mark_module(id);
         }
         self.views.take_report(id, status, &self.model.limits);
     }
 
+    /// Makes the modules of a new name; none if the limit is reached.
     fn discover(&mut self, name: &str) -> Option<u32> {
-        let other = GroupId(self.model.groups.len() as u32);
-        let Claim::Groups(groups) = self.names.claim(&self.model, name, other) else { return None };
-        let mut modules = Vec::with_capacity(groups.len());
-        for group in groups {
-            modules.push(self.net.discover(group));
-            self.views.discover(group, name, self.now);
+        let claim = self.names.claim(&self.model, name, self.net.other_group());
+        for group in claim.dropped_by {
+            let module = self.overflow.module(group).unwrap_or_else(|| {
+                self.views.discover(group, overflow::MODULE, self.now);
+                self.net.discover(group, ModuleKind::BuiltIn)
+            });
+            let message = self.overflow.count(group, module, self.model.limits.discovered_modules);
+            self.net.overflow(group);
+            self.net.report(module, State::Warning, self.now);
+            self.views.set_message(module, &message);
         }
-        Some(self.names.discovered(name, modules))
+        let mut route = None;
+        for group in claim.groups {
+            let module = self.net.discover(group, ModuleKind::Discovered);
+            self.views.discover(group, name, self.now);
+            route = Some(self.names.discovered(name, module));
+        }
+        route
     }
 
     fn take_signal(&mut self, name: &str, value: bool) {
@@ -203,9 +251,13 @@ impl Engine {
         if !changed {
             return;
         }
+        let value = self.signals.value(index);
+        self.events.push(self.now, What::Signal { index, value });
         // An unknown Active changes no stage: the last word holds, and conditions on it are met.
         if let Some(value) = self.signals.value(index).filter(|_| Some(index) == self.active_signal) {
+            let from = self.vehicle.stage;
             self.vehicle.set_active(value);
+            self.stage_changed(from);
         }
         self.net.mark_conditions(self.vehicle.stage);
         self.views.set_signals(&self.signals);
@@ -213,19 +265,48 @@ impl Engine {
 
     fn take_trouble(&mut self, trouble: &ReceptionTrouble) {
         self.views.take_trouble(trouble, self.now);
+        self.reception.take(trouble, self.now);
+        self.judge_reception();
+    }
+
+    fn judge_reception(&mut self) {
+        let state = self.reception.state(self.now);
+        if let Some(due) = self.reception.due() {
+            self.timers.arm(TimerKey::Reception, due);
+        }
+        let message = std::mem::take(&mut self.reception.message);
+        self.report_on_self(SystemCheck::Reception, state, &message);
+        self.reception.message = message;
+    }
+
+    /// Sets what the diagnosis says of itself.
+    fn report_on_self(&mut self, check: SystemCheck, state: State, message: &str) {
+        let id = self.net.system_module(check);
+        if self.net.report(id, state, self.now) {
+            self.net.mark_module(id);
+        }
+        self.views.set_message(id, message);
     }
 
     fn operate(&mut self, action: &OperatorAction) -> Response {
+        let from = self.vehicle.stage;
         let granted = match action {
             OperatorAction::Reset { module } => self.reset(module).map_err(|reason| vec![reason]),
             OperatorAction::Login { .. } | OperatorAction::Logout => self.vehicle.operate(action),
         };
+        self.stage_changed(from);
         match granted {
             Ok(()) => {
                 self.net.mark_conditions(self.vehicle.stage);
                 Response::Done
             }
             Err(reasons) => Response::Refused(reasons),
+        }
+    }
+
+    fn stage_changed(&mut self, from: Stage) {
+        if from != self.vehicle.stage {
+            self.events.push(self.now, What::Stage { from, to: self.vehicle.stage });
         }
     }
 
@@ -244,27 +325,62 @@ impl Engine {
 
     /// Brings everything to what follows from what was marked, at the present instant.
     fn settle(&mut self) {
+        self.follow_changes();
+        if let Some(breach) = self.breach() {
+            self.report_on_self(SystemCheck::Invariants, State::Error, &breach);
+            self.follow_changes();
+        }
+        self.views.settle(&self.vehicle, &self.net);
+    }
+
+    fn follow_changes(&mut self) {
         self.net.evaluate(self.vehicle.stage, &self.signals, self.now);
-        for id in self.net.rearm.drain(..) {
-            let policy =
-                self.model.modules.get(id.0 as usize).map_or(&self.model.discovered, |spec| &spec.policy);
-            let own = &self.net.modules[id.0 as usize].own;
-            if let Some(due) = own.due(policy, self.now) {
+        for id in self.net.rearm.drain(..).collect::<Vec<_>>() {
+            let due = self.net.modules[id.0 as usize].own.due(self.net.policy(id), self.now);
+            if let Some(due) = due {
                 self.timers.arm(TimerKey::Module(id.0), due);
             }
         }
-        for change in std::mem::take(&mut self.net.changes) {
-            self.causes.note(&self.net, &change);
-            self.views.follow(&self.net, &change, self.now);
+        let changes = std::mem::take(&mut self.net.changes);
+        for change in &changes {
+            self.causes.note(&self.net, change);
+            self.views.follow(&self.net, change, self.now);
         }
         if let Some(explained) = self.causes.explain(&self.net, self.now) {
             let roots: Vec<_> = explained.roots.iter().map(|root| root.node).collect();
             self.views.set_causes(explained);
             let views = &self.views;
-            if self.alarms.follow(&roots, |node| views.masked_by(node), self.now) {
+            if self.alarms.follow(&roots, |node| views.masked_by(node), self.now, &mut self.events) {
                 self.views.set_alarms(self.alarms.list());
             }
         }
-        self.views.settle(&self.vehicle, &self.net);
+        if self.events.wanted() {
+            self.keep_changes(&changes);
+        }
+        // The list is handed back empty: its room is used again.
+        self.net.changes = changes;
+        self.net.changes.clear();
+    }
+
+    fn keep_changes(&mut self, changes: &[Change]) {
+        for Change { node, before, after } in changes {
+            if (before.shown, before.own, before.masked) != (after.shown, after.own, after.masked) {
+                let cause = self.views.masked_by(*node).first().copied();
+                let (from, to, own) = (before.shown, after.shown, after.own);
+                self.events.push(self.now, What::Shown { node: *node, from, to, own, cause });
+            }
+        }
+    }
+
+    /// A contradiction in what is shown: a fault of this program, never of the vehicle.
+    fn breach(&self) -> Option<String> {
+        if let Some(node) = self.views.masked_by_nothing() {
+            return Some(format!("{node} is hidden and nothing explains it"));
+        }
+        if let Some(node) = self.views.masked_root() {
+            return Some(format!("{node} is a root cause and hidden"));
+        }
+        (self.net.own_errors > 0 && self.views.no_roots())
+            .then(|| format!("{} modules are in ERROR and none is shown", self.net.own_errors))
     }
 }

@@ -4,6 +4,7 @@
 use super::model::Policy;
 use super::state::State;
 use super::time::{Span, Timestamp};
+use super::why::Steps;
 
 /// The own state of one module over time. Time is given; deadlines are asked for by [`OwnState::due`].
 #[derive(Debug, Clone)]
@@ -96,6 +97,18 @@ impl OwnState {
             return State::Unknown;
         }
         self.debounce.state.unwrap_or(policy.stale)
+    }
+
+    /// How [`OwnState::state`] came about.
+    pub(super) fn steps(&self, policy: &Policy, now: Timestamp) -> Steps {
+        let heard = self.received.is_some() && !self.silent;
+        Steps {
+            reported: self.reported,
+            judged: self.debounce.input,
+            debounced: self.debounce.state,
+            latched: self.latched,
+            grace: !heard && self.relevant_since.is_none_or(|since| now < since + policy.timeout),
+        }
     }
 
     /// The next instant after `now` at which time alone may change the own state.

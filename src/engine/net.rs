@@ -8,109 +8,15 @@ use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
 use std::sync::Arc;
 
-use super::graph::targets;
-use super::model::{Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, Stage, When};
+use super::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId, Policy, Stage, When};
 use super::module::OwnState;
+use super::node::{Facts, GroupNode, ModuleKind, ModuleNode, Node, UNSEEN, new_node};
+use super::relevance::unmet;
 use super::signals::Signals;
 use super::snapshot::NotRelevant;
 use super::state::{State, Tally};
+use super::system::{self, SystemCheck};
 use super::time::Timestamp;
-
-/// What others need to know of a node.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Facts {
-    pub(super) relevant: bool,
-    pub(super) blocked: bool,
-    /// Shows IGNORE because a dependency fails.
-    pub(super) masked: bool,
-    pub(super) shown: State,
-    pub(super) own: State,
-}
-
-impl Facts {
-    /// The worse of what it shows and what it would show if nothing were masked.
-    pub(super) fn worst(&self) -> State {
-        self.shown.max(self.own)
-    }
-
-    fn fails(&self, masks_unknown: bool) -> bool {
-        self.worst() == State::Error || (masks_unknown && self.worst() == State::Unknown)
-    }
-
-    /// What it adds to the own state of the group around it.
-    fn own_share(&self) -> State {
-        if self.relevant { self.own } else { State::Ignore }
-    }
-}
-
-/// One dependency of a node, with how many of its members block now.
-#[derive(Debug)]
-pub(super) struct Need {
-    pub(super) members: Box<[NodeId]>,
-    any_of: bool,
-    masks_unknown: bool,
-    blocking: u32,
-}
-
-impl Need {
-    fn new(dependency: &Dependency) -> Need {
-        Need {
-            members: targets(dependency).into(),
-            any_of: matches!(dependency.on, DependsOn::AnyOf(_)),
-            masks_unknown: dependency.masks_unknown,
-            blocking: 0,
-        }
-    }
-
-    pub(super) fn blocks(&self) -> bool {
-        self.blocking as usize == self.members.len()
-    }
-
-    /// Whether a member with these facts blocks. One that is not relevant passes on what blocks
-    /// it, but keeps a redundancy set open.
-    fn blocked_by(&self, facts: &Facts) -> bool {
-        let fails = facts.relevant && facts.fails(self.masks_unknown);
-        if self.any_of { facts.relevant && (facts.blocked || fails) } else { facts.blocked || fails }
-    }
-}
-
-/// What groups and modules have in common.
-#[derive(Debug)]
-pub(super) struct Node {
-    pub(super) parent: Option<GroupId>,
-    pub(super) needs: Box<[Need]>,
-    /// Who needs this node, and as which of its needs.
-    dependents: Vec<(NodeId, u32)>,
-    /// How many of its needs block.
-    pub(super) blocking: u32,
-    pub(super) not_relevant: Option<NotRelevant>,
-    pub(super) facts: Facts,
-    dirty: bool,
-}
-
-#[derive(Debug)]
-pub(super) struct GroupNode {
-    pub(super) node: Node,
-    /// The facts that its parent and dependents know; they are told when it is left.
-    told: Facts,
-    pub(super) members: Vec<NodeId>,
-    pub(super) shown: Tally,
-    own: Tally,
-    /// Members that show IGNORE because a dependency fails.
-    pub(super) masked: BTreeSet<NodeId>,
-    /// Relevant members that are bad enough to mask.
-    pub(super) failing: BTreeSet<NodeId>,
-    dirty_leave: bool,
-    /// Holds what nothing claims; never counted.
-    pub(super) is_other: bool,
-}
-
-#[derive(Debug)]
-pub(super) struct ModuleNode {
-    pub(super) node: Node,
-    pub(super) own: OwnState,
-    pub(super) rank: u32,
-}
 
 /// A node whose facts changed in an evaluation: what it was and what it is.
 #[derive(Debug, Clone, Copy)]
@@ -137,15 +43,15 @@ pub(super) struct Net {
     /// States from this one on may mask: UNKNOWN only if some dependency says so.
     pub(super) threshold: State,
     locked: bool,
+    /// Relevant modules in ERROR by themselves, masked or not; `other` aside.
+    pub(super) own_errors: usize,
+    built_in_policy: Policy,
     queue: BinaryHeap<Reverse<(u32, Visit)>>,
     /// What changed since it was last taken, in order.
     pub(super) changes: Vec<Change>,
     /// Modules whose deadlines may have moved.
     pub(super) rearm: Vec<ModuleId>,
 }
-
-const UNSEEN: Facts =
-    Facts { relevant: false, blocked: false, masked: false, shown: State::Ignore, own: State::Unknown };
 
 impl Net {
     pub(super) fn new(model: Arc<Model>) -> Net {
@@ -158,6 +64,8 @@ impl Net {
             root: Tally::default(),
             threshold: if any_unknown { State::Unknown } else { State::Error },
             locked: true,
+            own_errors: 0,
+            built_in_policy: system::policy(),
             queue: BinaryHeap::new(),
             changes: Vec::new(),
             rearm: Vec::new(),
@@ -167,8 +75,13 @@ impl Net {
             net.add_group(group.parent, &group.depends_on, false);
         }
         net.add_group(None, &[], true);
+        net.add_group(None, &[], false);
         for (index, module) in model.modules.iter().enumerate() {
-            net.add_module(module.group, &module.depends_on, model.order.module[index]);
+            let rank = model.order.module[index];
+            net.add_module(module.group, &module.depends_on, rank, ModuleKind::Declared);
+        }
+        for _ in SystemCheck::ALL {
+            net.discover(net.system_group(), ModuleKind::BuiltIn);
         }
         net.link();
         net
@@ -186,6 +99,7 @@ impl Net {
             failing: BTreeSet::new(),
             dirty_leave: false,
             is_other,
+            overflowed: false,
         });
         match parent {
             Some(parent) => self.add_member(parent, NodeId::Group(id)),
@@ -202,10 +116,10 @@ impl Net {
         group.own.add(UNSEEN.own_share());
     }
 
-    fn add_module(&mut self, group: GroupId, needs: &[Dependency], rank: u32) -> ModuleId {
+    fn add_module(&mut self, group: GroupId, needs: &[Dependency], rank: u32, kind: ModuleKind) -> ModuleId {
         let id = ModuleId(self.modules.len() as u32);
         let node = new_node(Some(group), needs);
-        self.modules.push(ModuleNode { node, own: OwnState::new(), rank });
+        self.modules.push(ModuleNode { kind, node, own: OwnState::new(), rank });
         self.add_member(group, NodeId::Module(id));
         self.mark_module(id);
         id
@@ -213,11 +127,27 @@ impl Net {
 
     /// A module made at run time: it has no dependencies of its own, so it stands just before
     /// its group in the order.
-    pub(super) fn discover(&mut self, group: GroupId) -> ModuleId {
+    pub(super) fn discover(&mut self, group: GroupId, kind: ModuleKind) -> ModuleId {
         let rank = self.leave_rank(group) - 1;
-        let id = self.add_module(group, &[], rank);
+        let id = self.add_module(group, &[], rank, kind);
         self.mark_leave(group);
         id
+    }
+
+    /// Takes a report of a module. Returns whether its own state may have changed.
+    pub(super) fn report(&mut self, id: ModuleId, state: State, now: Timestamp) -> bool {
+        let policy = match self.modules[id.0 as usize].kind {
+            ModuleKind::Declared => &self.model.modules[id.0 as usize].policy,
+            ModuleKind::Discovered => &self.model.discovered,
+            ModuleKind::BuiltIn => &self.built_in_policy,
+        };
+        self.modules[id.0 as usize].own.report(state, policy, now)
+    }
+
+    /// Notes that a group dropped statuses.
+    pub(super) fn overflow(&mut self, group: GroupId) {
+        self.groups[group.0 as usize].overflowed = true;
+        self.mark_leave(group);
     }
 
     fn link(&mut self) {
@@ -246,12 +176,40 @@ impl Net {
         }
     }
 
+    /// The group of what nothing claims.
+    pub(super) fn other_group(&self) -> GroupId {
+        GroupId(self.model.groups.len() as u32)
+    }
+
+    /// The group of what the diagnosis says of itself.
+    pub(super) fn system_group(&self) -> GroupId {
+        GroupId(self.model.groups.len() as u32 + 1)
+    }
+
+    pub(super) fn system_module(&self, check: SystemCheck) -> ModuleId {
+        ModuleId(self.model.modules.len() as u32 + check as u32)
+    }
+
+    pub(super) fn policy(&self, id: ModuleId) -> &Policy {
+        match self.modules[id.0 as usize].kind {
+            ModuleKind::Declared => &self.model.modules[id.0 as usize].policy,
+            ModuleKind::Discovered => &self.model.discovered,
+            ModuleKind::BuiltIn => &self.built_in_policy,
+        }
+    }
+
     pub(super) fn enter_rank(&self, id: GroupId) -> u32 {
-        self.model.order.enter.get(id.0 as usize).copied().unwrap_or(u32::MAX - 3)
+        self.rank(&self.model.order.enter, id, 3)
     }
 
     pub(super) fn leave_rank(&self, id: GroupId) -> u32 {
-        self.model.order.leave.get(id.0 as usize).copied().unwrap_or(u32::MAX - 1)
+        self.rank(&self.model.order.leave, id, 1)
+    }
+
+    /// The two groups that no configuration names stand after all others.
+    fn rank(&self, ranks: &[u32], id: GroupId, below_max: u32) -> u32 {
+        let after_all = if id == self.other_group() { 0 } else { 4 };
+        ranks.get(id.0 as usize).copied().unwrap_or(u32::MAX - below_max - after_all)
     }
 
     pub(super) fn mark_module(&mut self, id: ModuleId) {
@@ -363,10 +321,11 @@ impl Net {
         let index = id.0 as usize;
         let parent = self.modules[index].node.parent;
         let spec = self.model.modules.get(index);
-        let policy = spec.map_or(&self.model.discovered, |spec| &spec.policy);
         let not_relevant =
             self.not_relevant(parent, spec.and_then(|spec| spec.when.as_ref()), stage, signals);
         let around_blocked = parent.is_some_and(|id| self.groups[id.0 as usize].node.facts.blocked);
+        let policy = self.policy(id).clone();
+        let policy = &policy;
         let module = &mut self.modules[index];
         module.node.dirty = false;
         let relevant = not_relevant.is_none();
@@ -393,13 +352,17 @@ impl Net {
         };
         let nobody = if group.members.is_empty() { State::Unknown } else { State::Ignore };
         let facts = group.node.facts;
+        let floor = |state: State| match state {
+            State::Ok if group.overflowed => State::Warning,
+            state => state,
+        };
         let shown = if facts.relevant && !facts.blocked {
-            fold(&group.shown).unwrap_or(nobody)
+            floor(fold(&group.shown).unwrap_or(nobody))
         } else {
             State::Ignore
         };
         let masked = shown == State::Ignore && facts.relevant && (facts.blocked || !group.masked.is_empty());
-        let own = fold(&group.own).unwrap_or(nobody);
+        let own = floor(fold(&group.own).unwrap_or(nobody));
         group.node.facts = Facts { masked, shown, own, ..facts };
         let before = std::mem::replace(&mut group.told, group.node.facts);
         self.tell(NodeId::Group(id), before);
@@ -435,6 +398,10 @@ impl Net {
         group.shown.add(after.shown);
         group.own.remove(before.own_share());
         group.own.add(after.own_share());
+        if !group.is_other && matches!(id, NodeId::Module(_)) {
+            self.own_errors += usize::from(after.own_share() == State::Error);
+            self.own_errors -= usize::from(before.own_share() == State::Error);
+        }
         if after.masked {
             group.masked.insert(id);
         } else {
@@ -468,33 +435,4 @@ impl Net {
         }
         self.mark(dependent);
     }
-}
-
-fn new_node(parent: Option<GroupId>, needs: &[Dependency]) -> Node {
-    Node {
-        parent,
-        needs: needs.iter().map(Need::new).collect(),
-        dependents: Vec::new(),
-        blocking: 0,
-        not_relevant: None,
-        facts: UNSEEN,
-        dirty: false,
-    }
-}
-
-/// The first condition that does not hold. A signal that is unknown meets every condition: what
-/// is not known to be irrelevant is diagnosed.
-fn unmet(when: Option<&When>, stage: Stage, signals: &Signals) -> Option<NotRelevant> {
-    let in_stage = match when {
-        Some(when) if !when.stages.is_empty() => when.stages.contains(&stage),
-        _ => stage != Stage::Locked,
-    };
-    if !in_stage {
-        return Some(NotRelevant::Stage(stage));
-    }
-    let wanted = when.map_or(&[][..], |when| &when.signals);
-    wanted.iter().find_map(|&(index, wanted)| {
-        let value = signals.value(index).filter(|&value| value != wanted)?;
-        Some(NotRelevant::Signal { name: signals.name(index).into(), value })
-    })
 }

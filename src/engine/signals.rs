@@ -43,6 +43,12 @@ impl Signals {
         self.specs.iter().zip(&self.values).map(|(spec, value)| (&*spec.name, value.seen))
     }
 
+    /// Takes over the last sample of another set's signal.
+    pub(super) fn copy(&mut self, index: usize, other: &Signals, from: usize, now: Timestamp) {
+        self.values[index].last = other.values[from].last;
+        self.refresh(index, now);
+    }
+
     /// Takes a sample. Returns whether what conditions see changed.
     pub(super) fn take(&mut self, index: usize, value: bool, now: Timestamp) -> bool {
         self.values[index].last = Some((value, now));

@@ -9,6 +9,7 @@ use super::model::{DependsOn, GroupId, ModuleId, NodeId, Stage, Text};
 use super::persistent::PersistentVec;
 use super::state::State;
 use super::time::Timestamp;
+use super::why::Steps;
 
 /// The state of the whole vehicle at one instant.
 #[derive(Debug, Clone)]
@@ -49,11 +50,11 @@ impl Snapshot {
         (&self.layout.modules[id.0 as usize], &self.modules[id.0 as usize])
     }
 
-    /// The tiles: groups without a parent, but not `other`, in configuration order.
+    /// The tiles: the configuration's groups without a parent, in its order.
     pub fn tiles(&self) -> impl Iterator<Item = GroupId> {
         (0..self.layout.groups.len() as u32).map(GroupId).filter(|&id| {
             let group = &self.layout.groups[id.0 as usize];
-            group.parent.is_none() && !group.is_other
+            group.parent.is_none() && !group.is_other && !group.is_system
         })
     }
 
@@ -72,6 +73,14 @@ impl Snapshot {
         group
             .map(|index| NodeId::Group(GroupId(index as u32)))
             .or_else(|| module().map(|index| NodeId::Module(ModuleId(index as u32))))
+    }
+
+    /// What a node reports, as if nothing were masked.
+    pub fn own(&self, node: NodeId) -> State {
+        match node {
+            NodeId::Group(id) => self.groups[id.0 as usize].own,
+            NodeId::Module(id) => self.modules[id.0 as usize].own,
+        }
     }
 
     /// What a node shows, and why where that is IGNORE.
@@ -94,7 +103,7 @@ impl Snapshot {
 pub struct Layout {
     pub vehicle_id: Arc<str>,
     pub vehicle_name: Text,
-    /// By [`GroupId`]; parents stand before their children, `other` is last.
+    /// By [`GroupId`]; parents stand before their children, `other` and `telltale` are last.
     pub groups: Vec<GroupInfo>,
     /// By [`ModuleId`].
     pub modules: Vec<Arc<ModuleInfo>>,
@@ -111,6 +120,8 @@ pub struct GroupInfo {
     pub tile: Option<(u8, u8)>,
     /// The group of statuses that nothing claims: for developers, never counted.
     pub is_other: bool,
+    /// The group of what the diagnosis says of itself.
+    pub is_system: bool,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -163,6 +174,7 @@ pub struct ModuleView {
     pub received: Option<Timestamp>,
     /// Nothing came for its timeout.
     pub silent: bool,
+    pub steps: Steps,
     pub reason: Option<Reason>,
     pub report: Arc<Report>,
 }

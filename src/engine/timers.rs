@@ -10,6 +10,7 @@ use super::time::Timestamp;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum TimerKey {
     Signal(u32),
+    Reception,
     Module(u32),
 }
 
@@ -17,7 +18,7 @@ pub(super) enum TimerKey {
 #[derive(Debug, Default)]
 pub(super) struct Timers {
     heap: BinaryHeap<Reverse<(Timestamp, TimerKey)>>,
-    queued: [Vec<Option<Timestamp>>; 2],
+    queued: [Vec<Option<Timestamp>>; 3],
 }
 
 impl Timers {
@@ -54,7 +55,8 @@ impl Timers {
     fn slot(&mut self, key: TimerKey) -> &mut Option<Timestamp> {
         let (kind, index) = match key {
             TimerKey::Signal(index) => (0, index as usize),
-            TimerKey::Module(index) => (1, index as usize),
+            TimerKey::Reception => (1, 0),
+            TimerKey::Module(index) => (2, index as usize),
         };
         let slots = &mut self.queued[kind];
         if slots.len() <= index {

@@ -23,6 +23,13 @@ impl Vehicle {
         Vehicle { model, stage, operator: None, active: false }
     }
 
+    /// The same vehicle under another model of stages.
+    pub(super) fn with_stages(&self, model: StageModel) -> Vehicle {
+        let mut vehicle = Vehicle { model, ..self.clone() };
+        vehicle.settle();
+        vehicle
+    }
+
     /// Takes an operator's action, or refuses it with every reason and changes nothing.
     pub(super) fn operate(&mut self, action: &OperatorAction) -> Result<(), Vec<Refusal>> {
         match action {

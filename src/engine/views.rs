@@ -4,17 +4,19 @@ use std::sync::Arc;
 
 use super::causes::Explained;
 use super::input::{ReceptionTrouble, Status};
-use super::model::{GroupId, GroupSpec, Limits, Model, ModuleId, MonitorSpec, NodeId, Stage, Text};
+use super::layout::{SELF_STATE, layout};
+use super::model::{GroupId, Limits, Model, ModuleId, NodeId, Stage};
 use super::net::{Change, Net};
 use super::persistent::PersistentVec;
 use super::signals::Signals;
 use super::snapshot::{
-    Alarm, Class, Counters, GroupInfo, GroupView, Layout, ModuleInfo, ModuleView, Reason, Reception, Report,
-    RootCause, Snapshot,
+    Alarm, Counters, GroupView, Layout, ModuleInfo, ModuleView, Reason, Reception, Report, RootCause,
+    Snapshot,
 };
 use super::state::State;
 use super::time::Timestamp;
 use super::vehicle::Vehicle;
+use super::why::Steps;
 
 /// Topics whose faults are remembered, for each kind of fault: past this new ones are not.
 const RECEPTION_MAX: usize = 256;
@@ -24,18 +26,22 @@ pub(super) struct Views {
     pub(super) seq: u64,
     pub(super) revision: u64,
     layout: Arc<Layout>,
-    groups: PersistentVec<GroupView>,
-    modules: PersistentVec<ModuleView>,
+    pub(super) groups: PersistentVec<GroupView>,
+    pub(super) modules: PersistentVec<ModuleView>,
     roots: Arc<[RootCause]>,
     alarms: Arc<[Alarm]>,
     signals: Arc<[(Box<str>, Option<bool>)]>,
-    reception: Arc<[Reception]>,
+    pub(super) reception: Arc<[Reception]>,
     overall: State,
     stage: Option<Stage>,
     operator: Option<Arc<str>>,
     /// Modules heard since their age was last written down.
-    heard: Vec<ModuleId>,
-    is_heard: Vec<bool>,
+    pub(super) heard: Vec<ModuleId>,
+    pub(super) is_heard: Vec<bool>,
+    /// The words of each module once more, in one row: every status is compared with them.
+    reports: Vec<Arc<Report>>,
+    /// A masked node for which the last search found no cause.
+    unexplained: Option<NodeId>,
     seq_changed: bool,
     revision_changed: bool,
 }
@@ -46,7 +52,7 @@ impl Views {
             seq: 0,
             revision: 0,
             layout: Arc::new(layout(model)),
-            groups: (0..=model.groups.len()).map(|_| new_group(now)).collect(),
+            groups: (0..model.groups.len() + 2).map(|_| new_group(now)).collect(),
             modules: PersistentVec::default(),
             roots: Arc::from([]),
             alarms: Arc::from([]),
@@ -57,10 +63,12 @@ impl Views {
             operator: None,
             heard: Vec::new(),
             is_heard: Vec::new(),
+            reports: Vec::new(),
+            unexplained: None,
             seq_changed: true,
             revision_changed: true,
         };
-        for _ in &model.modules {
+        for _ in 0..views.layout.modules.len() {
             views.push_module(now);
         }
         views.set_signals(&Signals::new(&model.signals));
@@ -97,22 +105,38 @@ impl Views {
         }
     }
 
+    /// Sets the words of a module that the engine itself speaks for.
+    pub(super) fn set_message(&mut self, id: ModuleId, message: &str) {
+        let index = id.0 as usize;
+        if *self.reports[index].message != *message {
+            self.set_report(id, Arc::new(Report { message: message.into(), ..Report::default() }));
+        }
+        if !std::mem::replace(&mut self.is_heard[index], true) {
+            self.heard.push(id);
+        }
+    }
+
     /// Keeps the words of a status, if they differ from those before.
     pub(super) fn take_report(&mut self, id: ModuleId, status: Status<'_>, limits: &Limits) {
         let index = id.0 as usize;
         if !std::mem::replace(&mut self.is_heard[index], true) {
             self.heard.push(id);
         }
-        if self.modules[index].report.says(status) {
+        if self.reports[index].says(status) {
             return;
         }
-        let report = Arc::new(Report::of(status, limits));
-        if let Some(view) = self.modules.get_mut(index)
-            && view.report != report
-        {
-            view.report = report;
-            self.revision_changed = true;
+        let report = Report::of(status, limits);
+        if *self.reports[index] != report {
+            self.set_report(id, Arc::new(report));
         }
+    }
+
+    pub(super) fn set_report(&mut self, id: ModuleId, report: Arc<Report>) {
+        self.reports[id.0 as usize] = report.clone();
+        if let Some(view) = self.modules.get_mut(id.0 as usize) {
+            view.report = report;
+        }
+        self.revision_changed = true;
     }
 
     pub(super) fn discover(&mut self, group: GroupId, name: &str, now: Timestamp) {
@@ -135,12 +159,14 @@ impl Views {
 
     fn push_module(&mut self, now: Timestamp) {
         self.is_heard.push(false);
+        self.reports.push(Arc::default());
         self.modules.push(ModuleView {
             state: State::Ignore,
             own: State::Unknown,
             since: now,
             received: None,
             silent: false,
+            steps: Steps::default(),
             reason: None,
             report: Arc::default(),
         });
@@ -207,18 +233,25 @@ impl Views {
         let reason =
             reason(facts.shown, facts.masked, || module.node.not_relevant.clone(), view.reason.as_ref());
         let silent = module.own.silent();
-        if (view.state, view.own, view.silent, &view.reason) == (facts.shown, facts.own, silent, &reason) {
+        let steps = module.own.steps(net.policy(id), now);
+        let known = (view.state, view.own, view.silent, &view.reason, view.steps);
+        if known == (facts.shown, facts.own, silent, &reason, steps) {
             return;
         }
+        // Steps alone explain, but change nothing that anybody decides by.
+        let same = (view.state, view.own, &view.reason) == (facts.shown, facts.own, &reason);
+        self.seq_changed |= !same;
+        self.revision_changed = true;
         if let Some(view) = self.modules.get_mut(id.0 as usize) {
             view.since =
                 since(view.state, view.reason.as_ref(), facts.shown, reason.as_ref(), view.since, now);
-            (view.state, view.own, view.silent, view.reason) = (facts.shown, facts.own, silent, reason);
-            self.seq_changed = true;
+            (view.state, view.own, view.reason) = (facts.shown, facts.own, reason);
+            (view.silent, view.steps) = (silent, steps);
         }
     }
 
     pub(super) fn set_causes(&mut self, explained: Explained) {
+        self.unexplained = explained.masked.iter().find(|(_, by)| by.is_empty()).map(|(node, _)| *node);
         for (node, by) in explained.masked {
             self.set_masked_by(node, by);
         }
@@ -237,11 +270,7 @@ impl Views {
     }
 
     fn set_masked_by(&mut self, node: NodeId, by: Arc<[NodeId]>) {
-        let current = match node {
-            NodeId::Group(id) => &self.groups[id.0 as usize].reason,
-            NodeId::Module(id) => &self.modules[id.0 as usize].reason,
-        };
-        if matches!(current, Some(Reason::Masked { by: known }) if *known == by) {
+        if matches!(self.reason(node), Some(Reason::Masked { by: known }) if *known == by) {
             return;
         }
         let slot = match node {
@@ -261,13 +290,49 @@ impl Views {
 
     /// The causes of a masked node, ranked; none if it is not masked.
     pub(super) fn masked_by(&self, node: NodeId) -> Vec<NodeId> {
-        let reason = match node {
-            NodeId::Group(id) => &self.groups[id.0 as usize].reason,
-            NodeId::Module(id) => &self.modules[id.0 as usize].reason,
-        };
-        match reason {
+        match self.reason(node) {
             Some(Reason::Masked { by }) => by.to_vec(),
             _ => Vec::new(),
+        }
+    }
+
+    pub(super) fn module_ids(&self) -> impl Iterator<Item = (&str, ModuleId)> {
+        let modules = self.layout.modules.iter().enumerate();
+        modules.map(|(index, module)| (&*module.id, ModuleId(index as u32)))
+    }
+
+    pub(super) fn nodes(&self) -> impl Iterator<Item = (NodeId, &str)> {
+        let groups = (0..self.layout.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
+        let modules = (0..self.layout.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
+        groups.chain(modules).map(|node| (node, self.name(node)))
+    }
+
+    pub(super) fn no_roots(&self) -> bool {
+        self.roots.is_empty()
+    }
+
+    /// A root cause that is masked itself.
+    pub(super) fn masked_root(&self) -> Option<&str> {
+        let masked = self.roots.iter().find(|root| self.reason(root.node).is_some());
+        masked.map(|root| self.name(root.node))
+    }
+
+    /// A masked node without a cause. Whoever lost its last cause was set by the last search.
+    pub(super) fn masked_by_nothing(&self) -> Option<&str> {
+        self.unexplained.map(|node| self.name(node))
+    }
+
+    pub(super) fn reason(&self, node: NodeId) -> Option<&Reason> {
+        match node {
+            NodeId::Group(id) => self.groups[id.0 as usize].reason.as_ref(),
+            NodeId::Module(id) => self.modules[id.0 as usize].reason.as_ref(),
+        }
+    }
+
+    pub(super) fn name(&self, node: NodeId) -> &str {
+        match node {
+            NodeId::Group(id) => &self.layout.groups[id.0 as usize].path,
+            NodeId::Module(id) => &self.layout.modules[id.0 as usize].id,
         }
     }
 
@@ -352,8 +417,6 @@ impl Report {
     }
 }
 
-const SELF_STATE: Class = Class { location: "isolated", information: "content", flow: None };
-
 fn new_group(now: Timestamp) -> GroupView {
     GroupView {
         state: State::Ignore,
@@ -364,49 +427,4 @@ fn new_group(now: Timestamp) -> GroupView {
         reason: None,
         paths: Arc::from([]),
     }
-}
-
-fn layout(model: &Model) -> Layout {
-    let info = |spec: &GroupSpec| GroupInfo {
-        path: spec.path.clone(),
-        name: spec.name.clone(),
-        parent: spec.parent,
-        groups: Vec::new(),
-        modules: Vec::new(),
-        depends_on: spec.depends_on.iter().map(|dependency| dependency.on.clone()).collect(),
-        tile: spec.tile,
-        is_other: false,
-    };
-    let mut groups: Vec<GroupInfo> = model.groups.iter().map(info).collect();
-    groups.push(GroupInfo {
-        path: "other".into(),
-        name: Text { en: "Other".into(), de: "Sonstige".into() },
-        parent: None,
-        groups: Vec::new(),
-        modules: Vec::new(),
-        depends_on: Vec::new(),
-        tile: None,
-        is_other: true,
-    });
-    for (index, spec) in model.groups.iter().enumerate() {
-        if let Some(parent) = spec.parent {
-            groups[parent.0 as usize].groups.push(GroupId(index as u32));
-        }
-    }
-    let mut modules = Vec::with_capacity(model.modules.len());
-    for (index, spec) in model.modules.iter().enumerate() {
-        groups[spec.group.0 as usize].modules.push(ModuleId(index as u32));
-        modules.push(Arc::new(ModuleInfo {
-            id: spec.id.clone(),
-            name: spec.name.clone(),
-            help: spec.help.clone(),
-            group: spec.group,
-            depends_on: spec.depends_on.iter().map(|dependency| dependency.on.clone()).collect(),
-            discovered: false,
-            class: match spec.monitor {
-                MonitorSpec::SelfState { .. } => SELF_STATE,
-            },
-        }));
-    }
-    Layout { vehicle_id: model.vehicle_id.clone(), vehicle_name: model.vehicle_name.clone(), groups, modules }
 }

@@ -1,3 +1,6 @@
-//! The simulated shuttle: what the nodes of such a vehicle would publish, and its faults.
+//! Simulation: a shuttle with its faults, and scenario files run through the engine in virtual time.
 
+pub mod scenario;
+pub mod scenario_file;
+mod scenario_raw;
 pub mod shuttle;

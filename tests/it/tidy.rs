@@ -8,12 +8,13 @@ use std::path::{Path, PathBuf};
 /// the crate's root wire everything.
 const MAY_USE: &[(&str, &[&str])] = &[
     ("engine", &[]),
-    ("config", &["engine", "clock"]),
+    ("yaml", &[]),
+    ("config", &["engine", "clock", "yaml"]),
     ("clock", &["engine"]),
     ("runtime", &["engine", "clock"]),
     ("ros", &["engine", "clock"]),
     ("store", &["engine", "clock"]),
-    ("sim", &["engine", "clock"]),
+    ("sim", &["engine", "clock", "yaml"]),
     ("web", &["engine", "clock", "runtime", "store"]),
 ];
 

@@ -139,7 +139,7 @@ impl<'a> Oracle<'a> {
             .into_iter()
             .map(|member| self.own(member))
             .collect();
-        let own = self.fold(id, &members, relevant);
+        let own = self.floor(id, self.fold(id, &members, relevant));
         self.own.insert(node, own);
         own
     }
@@ -151,6 +151,16 @@ impl<'a> Oracle<'a> {
             _ => counted.max(),
         };
         folded.unwrap_or(if members.is_empty() { State::Unknown } else { State::Ignore })
+    }
+
+    /// A group that dropped statuses is at least WARNING.
+    fn floor(&self, id: GroupId, state: State) -> State {
+        let info = &self.snapshot.layout.groups[id.0 as usize];
+        let overflowed = info
+            .modules
+            .iter()
+            .any(|id| self.snapshot.layout.modules[id.0 as usize].id.ends_with("/(names past the limit)"));
+        if overflowed && state == State::Ok { State::Warning } else { state }
     }
 
     pub fn shown(&mut self, node: NodeId) -> State {
@@ -166,7 +176,7 @@ impl<'a> Oracle<'a> {
         }
         let members = self.members(id);
         let states = members.iter().map(|&member| self.shown(member)).collect();
-        let shown = self.fold(id, &members, states);
+        let shown = self.floor(id, self.fold(id, &members, states));
         self.shown.insert(node, shown);
         shown
     }

@@ -1,0 +1,229 @@
+//! What can be wrong with groups, modules and signals.
+
+use super::*;
+
+#[test]
+fn ids_are_safe_and_unique() {
+    check(
+        "groups:\n  - { id: 'a b', match: [{ name: n }] }\n  - { id: other, match: [{ name: n }] }\n",
+        &[
+            "2:11: `a b` cannot be the id of a group (use letters, digits, `_`, `.` and `-`; what people read stands in `name`)",
+            "3:11: the group `other` is made by the program itself (choose another id)",
+        ],
+    );
+    check(
+        "groups:\n  - { id: a, modules: [{ id: m, status: s }, { id: m, status: t }], groups: [{ id: m }] }\n  - { id: a }\n",
+        &[
+            "2:52: module `a/m` is declared twice (rename or remove one of the two)",
+            "2:84: group `a/m` is declared twice (rename or remove one of the two)",
+            "3:11: group `a` is declared twice (rename or remove one of the two)",
+        ],
+    );
+    check_beside_group(
+        "stops: [{ id: s, x: 0, y: 0 }, { id: s, x: 1, y: 1 }]\n",
+        &["2:38: stop `s` is declared twice (rename or remove one of the two)"],
+    );
+    // A name that is not found may be meant for the node whose id is wrong: nothing is said about it.
+    check(
+        "groups:\n  - { id: 'a b', match: [{ name: n }] }\n  - { id: b, depends_on: [a_b], match: [{ name: n }] }\n",
+        &[
+            "2:11: `a b` cannot be the id of a group (use letters, digits, `_`, `.` and `-`; what people read stands in `name`)",
+        ],
+    );
+}
+
+#[test]
+fn modules_say_what_they_watch() {
+    let module = |module: &str| format!("groups: [{{ id: a, modules: [{{ {module} }}] }}]\n");
+    check(
+        &module("id: m"),
+        &["1:29: a module needs `status` or `monitor` (add `status: 'NAME OF THE STATUS'`)"],
+    );
+    check(
+        &module("id: m, status: s, monitor: { self_state: { status: s } }"),
+        &["1:49: a module has either `status` or `monitor` (remove one of the two)"],
+    );
+    check(&module("status: s"), &["1:29: a module needs `id` (add `id: ...`)"]);
+    check(
+        &module("id: m, monitor: { frequenzy: { topic: /t } }"),
+        &["1:49: unknown kind of monitor `frequenzy` (did you mean `frequency`?)"],
+    );
+    check(
+        &module("id: m, monitor: { frequency: { topic: /t } }"),
+        &["1:49: `monitor: frequency` is not supported by this version (remove it)"],
+    );
+    check(
+        &module("id: m, status: s }, { id: n, status: s"),
+        &["1:68: two modules of `a` take the status `s` (remove one of the two modules)"],
+    );
+}
+
+#[test]
+fn filters_can_take_something() {
+    let filters = |filters: &str| {
+        format!("groups: [{{ id: a, modules: [{{ id: m, status: s }}], match: [{filters}] }}]\n")
+    };
+    check(
+        &filters("{ regex: 'a(b' }"),
+        &["1:71: this is no regular expression: unclosed group (see character 2 of the expression)"],
+    );
+    check(
+        &filters("{ regex: 'a[b&&c]' }"),
+        &[
+            "1:69: this regular expression can never match (remove the filter, or the empty character class in it)",
+        ],
+    );
+    check(
+        &filters("{ regex: 'a{1000}{1000}' }"),
+        &[
+            "1:69: this regular expression cannot be used: Compiled regex exceeds size limit of 10485760 bytes. (make it shorter)",
+        ],
+    );
+    check(
+        &filters("{ name: s }"),
+        &["1:60: the declared module `a/m` takes this status before any filter (remove the filter)"],
+    );
+    for (first, second) in [
+        ("namespace: /x", "namespace: /x"),
+        ("namespace: /x", "namespace: /x/y"),
+        ("contains: x", "namespace: /x"),
+        ("regex: 'x.*'", "name: xy"),
+        ("regex: 'x.*'", "regex: 'x.*'"),
+    ] {
+        let column = 60 + first.len() + 6;
+        let expected = format!(
+            "1:{column}: this filter takes nothing that an earlier one leaves (remove one of the two)"
+        );
+        check(&filters(&format!("{{ {first} }}, {{ {second} }}")), &[&expected]);
+    }
+    check(
+        &filters("{ name: x, contains: y }"),
+        &[
+            "1:60: a filter needs one of `name`, `namespace`, `contains`, `regex` (write one filter for each: `- { namespace: /sensors }`)",
+        ],
+    );
+    check(
+        &filters("{ prefix: x }"),
+        &[
+            "1:60: a filter needs one of `name`, `namespace`, `contains`, `regex` (write one filter for each: `- { namespace: /sensors }`)",
+            "1:62: unknown key `prefix` in a filter (known here: name, namespace, contains, regex)",
+        ],
+    );
+    check(&filters("{ contains: '' }"), &["1:72: expected a text, found nothing (write a value)"]);
+}
+
+#[test]
+fn dependencies_lead_somewhere_else() {
+    let text = "groups:
+  - id: sensors
+    depends_on: [sensors, sensors/imu, sensors/lidar, localisation, imuu, brake]
+    modules:
+      - { id: imu, status: s, depends_on: [sensors] }
+      - { id: gnss, status: t, depends_on: [sensors/imu, { on: sensors/imu }] }
+    groups: [{ id: lidar, match: [{ name: n }] }]
+  - { id: localization, depends_on: [imu, { any_of: [] }, { any_of: [lidar, lidra] }] }
+";
+    check(
+        text,
+        &[
+            "3:18: `sensors` depends on itself (remove this dependency)",
+            "3:27: `sensors` depends on its own member `sensors/imu` (remove this dependency)",
+            "3:40: `sensors` depends on its own member `sensors/lidar` (remove this dependency)",
+            "3:55: there is no group or module `localisation` (did you mean `localization`?)",
+            "3:69: there is no group or module `imuu` (did you mean `sensors/imu`?)",
+            "3:75: there is no group or module `brake` (write the full name: `group`, `group/module` or `group/group/module`)",
+            "5:44: `sensors/imu` depends on `sensors`, which it is a member of (remove this dependency)",
+            "6:64: `sensors/imu` is named twice (remove one of the two)",
+            "8:38: there is no group or module `imu` (did you mean `sensors/imu`?)",
+            "8:43: an `any_of` without members could never block (name at least one group or module)",
+            "8:70: there is no group or module `lidar` (did you mean `sensors/lidar`?)",
+            "8:77: there is no group or module `lidra` (did you mean `sensors/lidar`?)",
+        ],
+    );
+    check(
+        "groups:\n  - { id: a, match: [{ name: n }] }\n  - { id: b, depends_on: [{ on: a, masks_when: [unknown] }, { masks_when: [error] }, { on: a, masks_when: [warning] }] }\n",
+        &[
+            "3:48: `masks_when` lacks `error` (write `[error]` or `[error, unknown]`)",
+            "3:61: a dependency needs either `on` or `any_of` (write the name alone, `{ on: NAME }` or `{ any_of: [NAME, NAME] }`)",
+            "3:92: `a` is named twice (remove one of the two)",
+            "3:108: unknown masking state `warning` (one of: error, unknown)",
+        ],
+    );
+}
+
+#[test]
+fn a_cycle_is_shown_whole_with_the_line_of_each_step() {
+    let text = "groups:
+  - { id: a, depends_on: [b], modules: [{ id: m, status: x }] }
+  - { id: b, depends_on: [c/x], match: [{ contains: q }] }
+  - { id: c, depends_on: [{ any_of: [a/m] }], modules: [{ id: x, status: y }] }
+";
+    let problems = parse("c", text).unwrap_err();
+    let [problem] = problems.list() else { panic!("{problems}") };
+    assert_eq!(problem.message, "dependencies go round in a circle: b -> c/x -> a/m -> b");
+    let labels: Vec<&str> = std::iter::once(&problem.label)
+        .chain(problem.also.iter().map(|(_, label)| label))
+        .map(|l| &**l)
+        .collect();
+    assert_eq!(labels, ["b depends on c/x", "c depends on a/m", "a depends on b"]);
+    let rendered = problems.render(false);
+    for line in [" 2 │", " 3 │", " 4 │"] {
+        assert!(rendered.contains(line), "{rendered}");
+    }
+}
+
+#[test]
+fn conditions_can_hold() {
+    let when = |when: &str| {
+        format!(
+            "signals: {{ active: {{ topic: /a, type: std_msgs/msg/Bool }} }}\ngroups: [{{ id: a, match: [{{ name: n }}], when: {when} }}]\n"
+        )
+    };
+    check(&when("{ stages: [standbye] }"), &["2:58: unknown stage `standbye` (did you mean `standby`?)"]);
+    check(
+        &when("{ stages: [] }"),
+        &["2:57: without a stage this would never be diagnosed (name the stages, or remove `stages`)"],
+    );
+    check(
+        &when("{ }"),
+        &[
+            "2:47: this `when` has no condition (add `stages: [...]` or `signals: { NAME: true }`, or remove it)",
+        ],
+    );
+    check(
+        &when("{ signals: { activ: true } }"),
+        &["2:60: there is no signal `activ` (did you mean `active`?)"],
+    );
+    check(&when("{ signals: { active: yes } }"), &["2:68: unknown truth value `yes` (one of: true, false)"]);
+    check(
+        &when("{ signals: { posed: true } }"),
+        &["2:60: the signal `posed` is not supported by this version (remove it)"],
+    );
+}
+
+#[test]
+fn signals_name_a_topic_that_can_be() {
+    check_beside_group(
+        "signals:\n  b: { topic: active, type: std_msgs/Bool }\n  c: { topic: /c, type: a/msg/B }\n  posed: { topic: /p, type: std_msgs/msg/Bool, timeout: 0s }\n",
+        &[
+            "3:15: `active` is no full topic name (begin with `/`; letters, digits, `_` and `/` follow: `/mission/active`)",
+            "3:29: `std_msgs/Bool` is no message type (did you mean `std_msgs/msg/Bool`?)",
+            "4:25: which field of a a/msg/B? (add `field: PATH`, or `present_for: 1h` if only its arrival matters)",
+            "5:3: `posed` is built in: it says that the operator gave a pose (choose another name)",
+            "5:57: expected a duration above 0 (for example `2s`)",
+        ],
+    );
+}
+
+#[test]
+fn tiles_have_a_place_of_their_own() {
+    check(
+        "groups:\n  - { id: a, tile: { column: 1, row: 1 }, groups: [{ id: b, tile: { column: 2, row: 1 } }] }\n  - { id: c, tile: { column: 1, row: 1 } }\n  - { id: d, tile: { column: 0, row: 1 } }\n  - { id: e, tile: { column: 1 } }\n",
+        &[
+            "2:67: only a group at the top has a tile (remove `tile` from this group)",
+            "3:20: two tiles stand in one place (choose another column or row)",
+            "4:20: column and row go from 1 to 12 (the first column and the first row are 1)",
+            "5:20: a tile needs `row` (add `row: ...`)",
+        ],
+    );
+}

@@ -1,0 +1,46 @@
+//! The schema for editors says what the reader says.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde_json::Value;
+
+use crate::config::{SCHEMA, parse};
+
+/// Every map that a configuration knows, each with a key that none of them has.
+const EVERY_MAP: &str = "
+zzzz: 1
+vehicle: { zzzz: 1, name: { zzzz: 1, en: a, de: a } }
+signals: { s: { zzzz: 1 } }
+stops: [{ zzzz: 1 }]
+defaults: { zzzz: 1 }
+limits: { zzzz: 1 }
+groups:
+  - zzzz: 1
+    tile: { zzzz: 1 }
+    match: [{ zzzz: 1 }]
+    depends_on: [{ zzzz: 1 }]
+    when: { zzzz: 1 }
+    modules: [{ zzzz: 1, monitor: { self_state: { zzzz: 1 } } }]
+";
+
+#[test]
+fn the_schema_knows_the_keys_that_the_reader_knows() {
+    let problems = parse("c", EVERY_MAP).unwrap_err();
+    let mut reader: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for problem in problems.list() {
+        let Some(what) = problem.message.strip_prefix("unknown key `zzzz` in ") else { continue };
+        let keys = problem.help.as_ref().and_then(|help| help.strip_prefix("known here: ")).unwrap();
+        reader.insert(what.to_owned(), keys.split(", ").map(str::to_owned).collect());
+    }
+    assert_eq!(reader.len(), 14, "{reader:#?}");
+
+    let schema: Value = serde_json::from_str(SCHEMA).unwrap();
+    let definitions = schema["$defs"].as_object().unwrap().values();
+    let titled = definitions
+        .chain([&schema])
+        .filter_map(|definition| Some((definition["title"].as_str()?, definition)));
+    let keys = |definition: &Value| definition["properties"].as_object().unwrap().keys().cloned().collect();
+    let schema: BTreeMap<String, BTreeSet<String>> =
+        titled.map(|(title, definition)| (title.to_owned(), keys(definition))).collect();
+    assert_eq!(schema, reader);
+}

@@ -1,0 +1,133 @@
+//! What the net is made of: groups and modules with what they need and what they are.
+
+use std::collections::BTreeSet;
+
+use super::graph::targets;
+use super::model::{Dependency, DependsOn, GroupId, NodeId};
+use super::module::OwnState;
+use super::snapshot::NotRelevant;
+use super::state::{State, Tally};
+
+/// What others need to know of a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Facts {
+    pub(super) relevant: bool,
+    pub(super) blocked: bool,
+    /// Shows IGNORE because a dependency fails.
+    pub(super) masked: bool,
+    pub(super) shown: State,
+    pub(super) own: State,
+}
+
+impl Facts {
+    /// The worse of what it shows and what it would show if nothing were masked.
+    pub(super) fn worst(&self) -> State {
+        self.shown.max(self.own)
+    }
+
+    fn fails(&self, masks_unknown: bool) -> bool {
+        self.worst() == State::Error || (masks_unknown && self.worst() == State::Unknown)
+    }
+
+    /// What it adds to the own state of the group around it.
+    pub(super) fn own_share(&self) -> State {
+        if self.relevant { self.own } else { State::Ignore }
+    }
+}
+
+/// One dependency of a node, with how many of its members block now.
+#[derive(Debug)]
+pub(super) struct Need {
+    pub(super) members: Box<[NodeId]>,
+    pub(super) any_of: bool,
+    pub(super) masks_unknown: bool,
+    pub(super) blocking: u32,
+}
+
+impl Need {
+    fn new(dependency: &Dependency) -> Need {
+        Need {
+            members: targets(dependency).into(),
+            any_of: matches!(dependency.on, DependsOn::AnyOf(_)),
+            masks_unknown: dependency.masks_unknown,
+            blocking: 0,
+        }
+    }
+
+    pub(super) fn blocks(&self) -> bool {
+        self.blocking as usize == self.members.len()
+    }
+
+    /// Whether a member with these facts blocks. One that is not relevant passes on what blocks
+    /// it, but keeps a redundancy set open.
+    pub(super) fn blocked_by(&self, facts: &Facts) -> bool {
+        let fails = facts.relevant && facts.fails(self.masks_unknown);
+        if self.any_of { facts.relevant && (facts.blocked || fails) } else { facts.blocked || fails }
+    }
+}
+
+/// What groups and modules have in common.
+#[derive(Debug)]
+pub(super) struct Node {
+    pub(super) parent: Option<GroupId>,
+    pub(super) needs: Box<[Need]>,
+    /// Who needs this node, and as which of its needs.
+    pub(super) dependents: Vec<(NodeId, u32)>,
+    /// How many of its needs block.
+    pub(super) blocking: u32,
+    pub(super) not_relevant: Option<NotRelevant>,
+    pub(super) facts: Facts,
+    pub(super) dirty: bool,
+}
+
+#[derive(Debug)]
+pub(super) struct GroupNode {
+    pub(super) node: Node,
+    /// The facts that its parent and dependents know; they are told when it is left.
+    pub(super) told: Facts,
+    pub(super) members: Vec<NodeId>,
+    pub(super) shown: Tally,
+    pub(super) own: Tally,
+    /// Members that show IGNORE because a dependency fails.
+    pub(super) masked: BTreeSet<NodeId>,
+    /// Relevant members that are bad enough to mask.
+    pub(super) failing: BTreeSet<NodeId>,
+    pub(super) dirty_leave: bool,
+    /// Holds what nothing claims; never counted.
+    pub(super) is_other: bool,
+    /// Statuses of new names were dropped: the group is at least WARNING.
+    pub(super) overflowed: bool,
+}
+
+/// Where a module comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum ModuleKind {
+    Declared,
+    /// Made when a status matched a filter, or nothing.
+    Discovered,
+    /// The engine itself reports it.
+    BuiltIn,
+}
+
+#[derive(Debug)]
+pub(super) struct ModuleNode {
+    pub(super) kind: ModuleKind,
+    pub(super) node: Node,
+    pub(super) own: OwnState,
+    pub(super) rank: u32,
+}
+
+pub(super) const UNSEEN: Facts =
+    Facts { relevant: false, blocked: false, masked: false, shown: State::Ignore, own: State::Unknown };
+
+pub(super) fn new_node(parent: Option<GroupId>, needs: &[Dependency]) -> Node {
+    Node {
+        parent,
+        needs: needs.iter().map(Need::new).collect(),
+        dependents: Vec::new(),
+        blocking: 0,
+        not_relevant: None,
+        facts: UNSEEN,
+        dirty: false,
+    }
+}

@@ -1,0 +1,22 @@
+//! Which conditions hold: the vehicle's state decides what is worth looking at (`ENGINE.md` 3).
+
+use super::model::{Stage, When};
+use super::signals::Signals;
+use super::snapshot::NotRelevant;
+
+/// The first condition that does not hold. A signal that is unknown meets every condition: what
+/// is not known to be irrelevant is diagnosed.
+pub(super) fn unmet(when: Option<&When>, stage: Stage, signals: &Signals) -> Option<NotRelevant> {
+    let in_stage = match when {
+        Some(when) if !when.stages.is_empty() => when.stages.contains(&stage),
+        _ => stage != Stage::Locked,
+    };
+    if !in_stage {
+        return Some(NotRelevant::Stage(stage));
+    }
+    let wanted = when.map_or(&[][..], |when| &when.signals);
+    wanted.iter().find_map(|&(index, wanted)| {
+        let value = signals.value(index).filter(|&value| value != wanted)?;
+        Some(NotRelevant::Signal { name: signals.name(index).into(), value })
+    })
+}

@@ -1,0 +1,137 @@
+//! Replacing the configuration while the vehicle runs: modules that stay keep their state.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use super::Engine;
+use super::event::What;
+use super::model::{Model, ModuleId, NodeId};
+use super::node::ModuleKind;
+use super::snapshot::Reason;
+use super::time::Timestamp;
+use super::timers::TimerKey;
+use super::views::Views;
+
+impl Engine {
+    /// Takes a new configuration as a whole. What keeps its name keeps its state: modules their
+    /// reports and timers, root causes their age, alarms their numbers, signals their values. The
+    /// operator and the stage stay.
+    pub fn reload(&mut self, model: Arc<Model>, now: Timestamp) {
+        self.advance(now);
+        let mut next = Engine::build(model, self.now);
+        next.vehicle = self.vehicle.with_stages(next.model.stages);
+        next.counters = self.counters;
+        next.events = std::mem::take(&mut self.events);
+        next.reception = std::mem::take(&mut self.reception);
+        next.take_signals(self);
+        next.take_modules(self);
+        if let Some(due) = next.reception.due() {
+            next.timers.arm(TimerKey::Reception, due);
+        }
+        next.take_history(self);
+        next.net.mark_conditions(next.vehicle.stage);
+        next.settle();
+        next.views.set_alarms(next.alarms.list());
+        next.views.keep_since(&self.views);
+        next.views.continue_from(&self.views);
+        next.events.push(next.now, What::Reloaded);
+        *self = next;
+    }
+
+    fn take_signals(&mut self, old: &Engine) {
+        for index in 0..self.model.signals.len() {
+            let spec = &self.model.signals[index];
+            let before =
+                old.model.signals.iter().position(|it| it.name == spec.name && it.source == spec.source);
+            let Some(before) = before else { continue };
+            self.signals.copy(index, &old.signals, before, self.now);
+            if let Some(due) = self.signals.due(index).filter(|&due| due > self.now) {
+                self.timers.arm(TimerKey::Signal(index as u32), due);
+            }
+        }
+        self.views.set_signals(&self.signals);
+    }
+
+    fn take_modules(&mut self, old: &Engine) {
+        // Names that were discovered find their place again, by the new filters, in their old order.
+        for (name, mut modules) in old.names.in_order() {
+            let discovered = modules.any(|id| old.net.modules[id.0 as usize].kind == ModuleKind::Discovered);
+            if discovered && self.names.find(name).is_none() {
+                self.discover(name);
+            }
+        }
+        let ids: HashMap<&str, ModuleId> = old.views.module_ids().collect();
+        let kept: Vec<(ModuleId, ModuleId)> =
+            self.views.module_ids().filter_map(|(name, id)| Some((id, *ids.get(name)?))).collect();
+        for (id, before) in kept {
+            let monitor = |engine: &Engine, id: ModuleId| {
+                engine.model.modules.get(id.0 as usize).map(|spec| spec.monitor.clone())
+            };
+            if monitor(self, id) != monitor(old, before) {
+                continue;
+            }
+            self.net.modules[id.0 as usize].own = old.net.modules[before.0 as usize].own.clone();
+            self.views.copy_report(id, &old.views, before);
+        }
+    }
+
+    fn take_history(&mut self, old: &Engine) {
+        let names: HashMap<&str, NodeId> = self.views.nodes().map(|(node, name)| (name, node)).collect();
+        let renamed = |node: NodeId| names.get(old.views.name(node)).copied();
+        self.causes.copy_since(&old.causes, renamed);
+        self.alarms.copy(&old.alarms, renamed);
+    }
+}
+
+impl Views {
+    /// Takes over the words of a module from before a reload.
+    pub(super) fn copy_report(&mut self, id: ModuleId, old: &Views, from: ModuleId) {
+        let before = &old.modules[from.0 as usize];
+        self.set_report(id, before.report.clone());
+        if let Some(view) = self.modules.get_mut(id.0 as usize) {
+            view.received = before.received;
+        }
+        if !std::mem::replace(&mut self.is_heard[id.0 as usize], true) {
+            self.heard.push(id);
+        }
+    }
+
+    /// What shows the same as before a reload has shown it since then.
+    pub(super) fn keep_since(&mut self, old: &Views) {
+        let before: HashMap<&str, NodeId> = old.nodes().map(|(node, name)| (name, node)).collect();
+        let kept: Vec<(NodeId, NodeId)> =
+            self.nodes().filter_map(|(node, name)| Some((node, *before.get(name)?))).collect();
+        for (node, before) in kept {
+            let masked = |views: &Views, node| matches!(views.reason(node), Some(Reason::Masked { .. }));
+            let same_reason = masked(self, node) == masked(old, before);
+            match (node, before) {
+                (NodeId::Group(id), NodeId::Group(before)) => {
+                    let before = &old.groups[before.0 as usize];
+                    if let Some(view) = self.groups.get_mut(id.0 as usize)
+                        && view.state == before.state
+                        && same_reason
+                    {
+                        view.since = before.since;
+                    }
+                }
+                (NodeId::Module(id), NodeId::Module(before)) => {
+                    let before = &old.modules[before.0 as usize];
+                    if let Some(view) = self.modules.get_mut(id.0 as usize)
+                        && view.state == before.state
+                        && same_reason
+                    {
+                        view.since = before.since;
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Goes on counting where the views before a reload stopped, and keeps what they counted.
+    pub(super) fn continue_from(&mut self, old: &Views) {
+        self.seq = old.seq + 1;
+        self.revision = old.revision + 1;
+        self.reception = old.reception.clone();
+    }
+}

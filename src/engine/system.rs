@@ -1,0 +1,85 @@
+//! The group `telltale`: what the diagnosis says of itself (`ENGINE.md` 6 and 8). Nothing masks it.
+
+use super::input::ReceptionTrouble;
+use super::model::{Policy, Text};
+use super::state::State;
+use super::time::{Span, Timestamp};
+
+/// The name of the group, reserved in configurations.
+pub const SYSTEM_GROUP: &str = "telltale";
+
+/// The name of the group of statuses that nothing claims, reserved in configurations.
+pub const OTHER_GROUP: &str = "other";
+
+/// A fault of the reception stays a WARNING for this long after its last appearance.
+const RECEPTION_HOLD: Span = Span::from_secs(10);
+
+/// One thing that the diagnosis checks of itself; a module of the group `telltale`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum SystemCheck {
+    /// The invariants of masking hold.
+    Invariants,
+    /// Messages arrive whole and as the configuration says.
+    Reception,
+}
+
+impl SystemCheck {
+    pub const ALL: [SystemCheck; 2] = [SystemCheck::Invariants, SystemCheck::Reception];
+
+    pub(super) fn id(self) -> &'static str {
+        match self {
+            SystemCheck::Invariants => "telltale/invariants",
+            SystemCheck::Reception => "telltale/reception",
+        }
+    }
+
+    pub(super) fn name(self) -> Text {
+        let (en, de) = match self {
+            SystemCheck::Invariants => ("Display contradicts itself", "Anzeige widerspricht sich"),
+            SystemCheck::Reception => ("Messages cannot be read", "Meldungen sind nicht lesbar"),
+        };
+        Text { en: en.into(), de: de.into() }
+    }
+
+    pub(super) fn help(self) -> Text {
+        let (en, de) = match self {
+            SystemCheck::Invariants => (
+                "Do not rely on this display. Call the control room.",
+                "Nicht auf diese Anzeige verlassen. Leitstelle rufen.",
+            ),
+            SystemCheck::Reception => ("You may drive. Report it.", "Weiterfahren möglich. Melden."),
+        };
+        Text { en: en.into(), de: de.into() }
+    }
+}
+
+/// System modules are told what they are; they never fall silent.
+pub(super) fn policy() -> Policy {
+    Policy { timeout: Span::from_nanos(u64::MAX), ..Policy::default() }
+}
+
+/// Faults of the reception, while they are fresh.
+#[derive(Debug, Default)]
+pub(super) struct ReceptionCheck {
+    last: Option<Timestamp>,
+    pub(super) message: String,
+}
+
+impl ReceptionCheck {
+    pub(super) fn take(&mut self, trouble: &ReceptionTrouble, now: Timestamp) {
+        self.last = Some(now);
+        self.message = format!("{}: {}", trouble.topic, trouble.text);
+    }
+
+    pub(super) fn state(&mut self, now: Timestamp) -> State {
+        if self.due().is_some_and(|due| now >= due) {
+            self.last = None;
+            self.message.clear();
+        }
+        if self.last.is_some() { State::Warning } else { State::Ok }
+    }
+
+    pub(super) fn due(&self) -> Option<Timestamp> {
+        self.last.map(|last| last + RECEPTION_HOLD)
+    }
+}

@@ -1,0 +1,203 @@
+//! Scenario files: read, and bound to the model of a vehicle.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+use super::scenario::{Expectation, Repeat, Scenario, Step, What};
+use super::scenario_raw::{Action, Raw, RawExpect, RawStatus, RawStep};
+use crate::engine::input::{Input, StatusArray};
+use crate::engine::model::{Model, MonitorSpec};
+use crate::engine::time::Timestamp;
+use crate::yaml::decode::{Entries, did_you_mean};
+use crate::yaml::{FromNode, Kind, Log, Node, Problem, Problems, Sources, Span, suggest, tree};
+
+/// Repetitions of all steps together: what is more is a slip of the pen.
+const INPUTS_MAX: u64 = 10_000_000;
+
+/// A scenario file that was read, before it is bound to its configuration.
+#[derive(Debug)]
+pub struct File {
+    pub sources: Sources,
+    pub name: String,
+    pub config: Config,
+    /// Whether the vehicle knows its dependencies.
+    pub dependencies: bool,
+    raw: Raw,
+}
+
+#[derive(Debug)]
+pub enum Config {
+    /// Relative to the directory of the program if the scenario is.
+    Path(PathBuf),
+    Inline(Node),
+}
+
+/// Reads a scenario file.
+///
+/// # Errors
+/// Everything that is wrong with it.
+pub fn load(path: &Path) -> Result<File, Problems> {
+    let mut sources = Sources::default();
+    match sources.read(path) {
+        Ok(file) => of_source(sources, file),
+        Err(problem) => Err(Problems::new(sources, vec![problem])),
+    }
+}
+
+/// Reads a scenario from a text that is called `name` in messages.
+///
+/// # Errors
+/// Everything that is wrong with it.
+pub fn parse(name: &str, text: &str) -> Result<File, Problems> {
+    let mut sources = Sources::default();
+    let file = sources.add(name, text);
+    of_source(sources, file)
+}
+
+fn of_source(sources: Sources, file: u16) -> Result<File, Problems> {
+    let mut log = Log::default();
+    let raw = tree::parse(&sources, file, &mut log).and_then(|node| Raw::from_node(&node, &mut log));
+    let Some(mut raw) = raw.filter(|_| log.is_empty()) else {
+        return Err(Problems::new(sources, log.into_problems()));
+    };
+    let base = Path::new(sources.name(file)).parent().unwrap_or(Path::new(""));
+    // Both were required; without them the log would not be empty.
+    let config = match raw.config.take() {
+        Some(Node { kind: Kind::Scalar { text, .. }, .. }) => Config::Path(base.join(text)),
+        Some(node) => Config::Inline(node),
+        None => return Err(Problems::new(sources, Vec::new())),
+    };
+    let name = raw.name.take().unwrap_or_default();
+    Ok(File { name, config, dependencies: raw.dependencies.unwrap_or(true), raw, sources })
+}
+
+impl File {
+    /// The scenario as it runs on this model.
+    ///
+    /// # Errors
+    /// Every name in it that the model does not have.
+    pub fn bind(&self, model: &Model) -> Result<Scenario, Problems> {
+        let mut log = Log::default();
+        let end = self.raw.end();
+        let named = self.raw.named_statuses();
+        let bind = Bind { model, end, named };
+        let mut count = 0;
+        let mut steps = Vec::new();
+        for raw in &self.raw.steps {
+            steps.extend(bind.step(raw, &mut count, &mut log));
+        }
+        let mut expectations = Vec::new();
+        for raw in &self.raw.expect {
+            bind.expect(raw, &mut expectations, &mut log);
+        }
+        if log.is_empty() {
+            Ok(Scenario { start: self.raw.start, steps, expectations })
+        } else {
+            Err(Problems::new(self.sources.clone(), log.into_problems()))
+        }
+    }
+}
+
+struct Bind<'a> {
+    model: &'a Model,
+    /// The last instant that the file names.
+    end: Timestamp,
+    named: HashSet<&'a str>,
+}
+
+impl Bind<'_> {
+    fn step(&self, raw: &RawStep, count: &mut u64, log: &mut Log) -> Option<Step> {
+        let at = raw.at?;
+        let repeat =
+            raw.every.map(|every| Repeat { every: every.value, until: raw.until.unwrap_or(self.end) });
+        if let Some(repeat) = repeat {
+            *count = count.saturating_add(repeat.until.since(at).as_nanos() / repeat.every.as_nanos().max(1));
+            if *count > INPUTS_MAX {
+                let problem = Problem::at(raw.span, format!("the steps repeat more than {INPUTS_MAX} times"));
+                log.push(problem.help("choose a longer `every` or an earlier `until`"));
+            }
+        }
+        let inputs = match raw.action.as_ref()? {
+            Action::Statuses(statuses) => vec![Input::Diagnostics(array(statuses))],
+            Action::Others(level) => vec![Input::Diagnostics(self.others(*level))],
+            Action::Signals(signals) => self.signals(signals, log),
+            Action::Operator(action) => vec![Input::Operator(action.clone())],
+            // The engine lives by the clock of receipt alone.
+            Action::ClockStep => Vec::new(),
+        };
+        Some(Step { span: raw.span, at, repeat, inputs, refused: raw.refused })
+    }
+
+    /// Every declared status that no step names.
+    fn others(&self, level: u8) -> StatusArray {
+        let mut array = StatusArray::default();
+        let mut seen = self.named.clone();
+        for module in &self.model.modules {
+            let MonitorSpec::SelfState { status } = &module.monitor;
+            if seen.insert(status) {
+                array.push_status(level, status, "", "");
+            }
+        }
+        array
+    }
+
+    fn signals(&self, signals: &Entries<bool>, log: &mut Log) -> Vec<Input> {
+        let known = || self.model.signals.iter().map(|signal| &*signal.name);
+        let mut inputs = Vec::new();
+        for (key, value) in &signals.0 {
+            if !known().any(|name| name == key.text) {
+                let problem =
+                    Problem::at(key.span, format!("the configuration has no signal `{}`", key.text));
+                let help =
+                    suggest(&key.text, known()).map_or("declare it under `signals`".into(), did_you_mean);
+                log.push(problem.help(help));
+            }
+            inputs.push(Input::Signal { name: key.text.as_str().into(), value: *value });
+        }
+        inputs
+    }
+
+    fn expect(&self, raw: &RawExpect, expectations: &mut Vec<Expectation>, log: &mut Log) {
+        let Some(at) = raw.at else { return };
+        for (span, what) in &raw.what {
+            match what {
+                What::Shown(name, _) | What::Own(name, _) | What::Why(name, _) | What::Counts(name, ..) => {
+                    self.check_node(name, *span, log);
+                }
+                What::Roots(name, names) => {
+                    self.check_node(name, *span, log);
+                    names.iter().for_each(|name| self.check_node(name, *span, log));
+                }
+                What::Ranking(names) => names.iter().for_each(|name| self.check_node(name, *span, log)),
+                What::Stage(_) | What::Overall(_) | What::Alarms(_) => {}
+            }
+            expectations.push(Expectation { span: *span, at, what: what.clone() });
+        }
+    }
+
+    /// A node is declared, or it can be made in a group that takes statuses by filter.
+    fn check_node(&self, name: &str, span: Span, log: &mut Log) {
+        let groups = || self.model.groups.iter().map(|group| &*group.path).chain(["other", "telltale"]);
+        let known = || groups().chain(self.model.modules.iter().map(|module| &*module.id));
+        let inside = |path: &str| name.strip_prefix(path).is_some_and(|rest| rest.starts_with('/'));
+        let mut takers = self.model.groups.iter().filter(|group| !group.filters.is_empty());
+        let made = takers.any(|group| inside(&group.path)) || inside("other") || inside("telltale");
+        if made || known().any(|known| known == name) {
+            return;
+        }
+        let problem = Problem::at(span, format!("the configuration has no group or module `{name}`"));
+        let help = suggest(name, known()).map_or("write the full name".into(), did_you_mean);
+        log.push(problem.help(help));
+    }
+}
+
+fn array(statuses: &[RawStatus]) -> StatusArray {
+    let mut array = StatusArray::default();
+    for status in statuses {
+        array.push_status(status.level, &status.name, &status.message, &status.hardware_id);
+        for (key, value) in &status.values {
+            array.push_value(key, value);
+        }
+    }
+    array
+}

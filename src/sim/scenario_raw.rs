@@ -1,0 +1,328 @@
+//! What is written in a scenario file: every key that it knows, with its place.
+
+use std::collections::HashSet;
+
+use super::scenario::{What, Why, why_word};
+use crate::engine::input::OperatorAction;
+use crate::engine::model::Stage;
+use crate::engine::state::State;
+use crate::engine::time::{self, Timestamp};
+use crate::yaml::decode::{Entries, scalar, scaled, word};
+use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Span, Spanned};
+
+#[derive(Debug)]
+pub(super) struct Raw {
+    pub name: Option<String>,
+    pub config: Option<Node>,
+    pub dependencies: Option<bool>,
+    pub start: Option<Stage>,
+    pub steps: Vec<RawStep>,
+    pub expect: Vec<RawExpect>,
+}
+
+impl Raw {
+    /// The last instant that is named.
+    pub fn end(&self) -> Timestamp {
+        let steps = self.steps.iter().flat_map(|step| [step.at, step.until]);
+        let expectations = self.expect.iter().map(|expect| expect.at);
+        steps.chain(expectations).flatten().max().unwrap_or(Timestamp::ZERO)
+    }
+
+    /// Statuses that some step names.
+    pub fn named_statuses(&self) -> HashSet<&str> {
+        let statuses = self.steps.iter().filter_map(|step| match &step.action {
+            Some(Action::Statuses(statuses)) => Some(statuses),
+            _ => None,
+        });
+        statuses.flatten().map(|status| status.name.as_str()).collect()
+    }
+}
+
+impl FromNode for Raw {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a scenario", log)?;
+        let config = fields.node("config").cloned();
+        match &config {
+            Some(Node { kind: Kind::Mapping(_), .. }) => {}
+            Some(node) => {
+                String::from_node(node, fields.log);
+            }
+            None => {
+                let problem = Problem::at(fields.span(), "a scenario needs `config`");
+                fields.log.push(problem.help("add `config: ../shuttle.yaml`, or the configuration itself"));
+            }
+        }
+        let raw = Raw {
+            config,
+            name: fields.required("name"),
+            dependencies: fields
+                .node("dependencies")
+                .and_then(|node| word(node, fields.log, "switch", &[("on", true), ("off", false)])),
+            start: fields.optional::<Start>("start").map(|Start(stage)| stage),
+            steps: fields.or_default("steps"),
+            expect: fields.or_default("expect"),
+        };
+        fields.finish();
+        Some(raw)
+    }
+}
+
+struct Start(Stage);
+
+impl FromNode for Start {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a start", log)?;
+        let stage = fields.node("stage");
+        let found = stage.and_then(|node| stage_word(node, fields.log));
+        match (stage, found) {
+            (None, _) => {
+                let problem = Problem::at(fields.span(), "a start needs `stage`");
+                fields.log.push(problem.help("add `stage: active`"));
+            }
+            (Some(node), Some(Stage::Localizing | Stage::Cleared)) => {
+                fields.log.push(not_supported(node.span, "starting in this stage"));
+            }
+            _ => {}
+        }
+        fields.finish();
+        found.map(Start)
+    }
+}
+
+fn stage_word(node: &Node, log: &mut Log) -> Option<Stage> {
+    word(node, log, "stage", &Stage::ALL.map(|stage| (stage.as_str(), stage)))
+}
+
+#[derive(Debug)]
+pub(super) struct RawStep {
+    pub span: Span,
+    pub at: Option<Timestamp>,
+    pub every: Option<Spanned<time::Span>>,
+    pub until: Option<Timestamp>,
+    pub action: Option<Action>,
+    pub refused: Option<bool>,
+}
+
+#[derive(Debug)]
+pub(super) enum Action {
+    /// One array.
+    Statuses(Vec<RawStatus>),
+    /// One array of everything that is declared and that no step names.
+    Others(u8),
+    Signals(Entries<bool>),
+    Operator(OperatorAction),
+    ClockStep,
+}
+
+impl FromNode for RawStep {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a step", log)?;
+        let at = fields.required("at").map(|Seconds(at)| at);
+        let every: Option<Spanned<Seconds>> = fields.optional("every");
+        let until: Option<Spanned<Seconds>> = fields.optional("until");
+        let every =
+            every.map(|every| Spanned { value: every.value.0.since(Timestamp::ZERO), span: every.span });
+        if let Some(every) = every.filter(|every| every.value.is_zero()) {
+            fields
+                .log
+                .push(Problem::at(every.span, "`every` must be above 0").help("for example `every: 0.1`"));
+        }
+        if let Some(until) = until {
+            if fields.key_span("every").is_none() {
+                let problem = Problem::at(until.span, "`until` without `every`");
+                fields.log.push(problem.help("add `every: 0.1`, or remove `until`"));
+            } else if at.is_some_and(|at| until.value.0 < at) {
+                fields.log.push(Problem::at(until.span, "`until` is before `at`").help("exchange them"));
+            }
+        }
+        let action = action(&mut fields);
+        let refused = fields.optional("refused");
+        let span = fields.span();
+        fields.finish();
+        Some(RawStep { span, at, every, until: until.map(|until| until.value.0), action, refused })
+    }
+}
+
+fn action(fields: &mut Fields) -> Option<Action> {
+    const KINDS: [&str; 6] = ["status", "others", "signal", "operator", "sample", "clock_step"];
+    let found: Vec<_> = KINDS.into_iter().filter_map(|key| Some((key, fields.node(key)?))).collect();
+    let [(key, node)] = found[..] else {
+        let problem = Problem::at(fields.span(), format!("a step needs one of {}", KINDS.join(", ")));
+        fields.log.push(problem.help("write one step for each thing that happens"));
+        return None;
+    };
+    let log = &mut *fields.log;
+    match key {
+        "status" if matches!(node.kind, Kind::Sequence(_)) => Vec::from_node(node, log).map(Action::Statuses),
+        "status" => RawStatus::from_node(node, log).map(|status| Action::Statuses(vec![status])),
+        "others" => level(node, log).map(Action::Others),
+        "signal" => Entries::from_node(node, log).map(Action::Signals),
+        "operator" => operator(node, log).map(Action::Operator),
+        "clock_step" => f64::from_node(node, log).map(|_| Action::ClockStep),
+        _ => {
+            log.push(not_supported(node.span, &format!("`{key}`")));
+            None
+        }
+    }
+}
+
+fn operator(node: &Node, log: &mut Log) -> Option<OperatorAction> {
+    if scalar(node) == Some("logout") {
+        return Some(OperatorAction::Logout);
+    }
+    let mut fields = Fields::of(node, "an operator's action", log)?;
+    let (login, reset) = (fields.optional::<String>("login"), fields.optional::<String>("reset"));
+    let logout = fields.node("logout").map(|_| OperatorAction::Logout);
+    for key in ["localize", "clearance", "acknowledge"] {
+        if let Some(node) = fields.node(key) {
+            fields.log.push(not_supported(node.span, &format!("`{key}`")));
+        }
+    }
+    let login = login.map(|name| OperatorAction::Login { name: name.into() });
+    let reset = reset.map(|module| OperatorAction::Reset { module: module.into() });
+    let found: Vec<_> = [login, logout, reset].into_iter().flatten().collect();
+    if !matches!(&node.kind, Kind::Mapping(entries) if entries.len() == 1) {
+        let problem = Problem::at(node.span, "a step has one action of the operator");
+        fields.log.push(problem.help("for example `operator: { login: operator }`"));
+    }
+    fields.finish();
+    found.into_iter().next()
+}
+
+#[derive(Debug)]
+pub(super) struct RawStatus {
+    pub name: String,
+    pub level: u8,
+    pub message: String,
+    pub hardware_id: String,
+    pub values: Vec<(String, String)>,
+}
+
+impl FromNode for RawStatus {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a status", log)?;
+        let name = fields.required("name");
+        let found = fields.node("level").and_then(|node| level(node, fields.log));
+        if fields.key_span("level").is_none() {
+            let problem = Problem::at(fields.span(), "a status needs `level`");
+            fields.log.push(problem.help("add `level: ok`"));
+        }
+        let text = |node: Option<&Node>| node.and_then(scalar).unwrap_or_default().to_owned();
+        let (message, hardware_id) = (text(fields.node("message")), text(fields.node("hardware_id")));
+        let values: Entries<String> = fields.or_default("values");
+        fields.finish();
+        let values = values.0.into_iter().map(|(key, value)| (key.text, value)).collect();
+        Some(RawStatus { name: name?, level: found?, message, hardware_id, values })
+    }
+}
+
+/// The byte of `diagnostic_msgs/DiagnosticStatus`.
+fn level(node: &Node, log: &mut Log) -> Option<u8> {
+    word(node, log, "level", &[("ok", 0), ("warning", 1), ("error", 2), ("stale", 3)])
+}
+
+#[derive(Debug)]
+pub(super) struct RawExpect {
+    pub at: Option<Timestamp>,
+    pub what: Vec<(Span, What)>,
+}
+
+impl FromNode for RawExpect {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "an expectation", log)?;
+        let at = fields.required("at").map(|Seconds(at)| at);
+        let mut what = Vec::new();
+        if let Some(node) = fields.node("stage") {
+            what.extend(stage_word(node, fields.log).map(|stage| (node.span, What::Stage(stage))));
+        }
+        if let Some(overall) = fields.optional::<Spanned<Shown>>("overall") {
+            what.push((overall.span, What::Overall(overall.value.0)));
+        }
+        for key in ["groups", "modules"] {
+            let states = each::<Shown>(&mut fields, key);
+            what.extend(states.map(|(span, name, Shown(state))| (span, What::Shown(name, state))));
+        }
+        let own = each::<Shown>(&mut fields, "own");
+        what.extend(own.map(|(span, name, Shown(state))| (span, What::Own(name, state))));
+        let roots = each::<Vec<String>>(&mut fields, "roots");
+        what.extend(roots.map(|(span, name, roots)| (span, What::Roots(name, roots))));
+        let reasons = each::<Why>(&mut fields, "reasons");
+        what.extend(reasons.map(|(span, name, why)| (span, What::Why(name, why))));
+        let counts = each::<Counts>(&mut fields, "counts");
+        what.extend(counts.map(|(span, name, Counts(ok, of))| (span, What::Counts(name, ok, of))));
+        if let Some(ranking) = fields.optional::<Spanned<Vec<String>>>("ranking") {
+            what.push((ranking.span, What::Ranking(ranking.value)));
+        }
+        if let Some(alarms) = fields.optional::<Spanned<u64>>("alarms") {
+            what.push((alarms.span, What::Alarms(alarms.value)));
+        }
+        if let Some(node) = fields.node("countermeasure") {
+            fields.log.push(not_supported(node.span, "`countermeasure`"));
+        }
+        if matches!(&node.kind, Kind::Mapping(entries) if entries.len() < 2) {
+            let problem = Problem::at(fields.span(), "this expects nothing");
+            fields.log.push(problem.help("add `groups: { sensors: error }`, or remove it"));
+        }
+        fields.finish();
+        Some(RawExpect { at, what })
+    }
+}
+
+/// The entries of a key whose values belong to nodes, each with the place of its name.
+fn each<T: FromNode>(
+    fields: &mut Fields,
+    key: &'static str,
+) -> impl Iterator<Item = (Span, String, T)> + use<T> {
+    let entries: Entries<T> = fields.or_default(key);
+    entries.0.into_iter().map(|(key, value)| (key.span, key.text, value))
+}
+
+struct Shown(State);
+
+impl FromNode for Shown {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        word(node, log, "state", &State::ALL.map(|state| (state.as_str(), state))).map(Shown)
+    }
+}
+
+impl FromNode for Why {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let words = [Why::None, Why::Masked, Why::NotRelevant].map(|why| (why_word(why), why));
+        word(node, log, "reason", &words)
+    }
+}
+
+/// "ok/counted".
+struct Counts(u32, u32);
+
+impl FromNode for Counts {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let parts = scalar(node).and_then(|text| text.split_once('/'));
+        let counts =
+            parts.and_then(|(ok, of)| Some(Counts(ok.trim().parse().ok()?, of.trim().parse().ok()?)));
+        if counts.is_none() {
+            let problem = Problem::at(node.span, format!("expected a count, found {}", node.describe()));
+            log.push(problem.help("write how many are OK of how many that count: `2/3`"));
+        }
+        counts
+    }
+}
+
+/// An instant in seconds since the start, read exactly.
+#[derive(Debug, Clone, Copy)]
+struct Seconds(Timestamp);
+
+impl FromNode for Seconds {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let nanos = scalar(node).and_then(|text| scaled(text, 1_000_000_000));
+        if nanos.is_none() {
+            let problem = Problem::at(node.span, format!("expected seconds, found {}", node.describe()));
+            log.push(problem.help("write a number without a unit, for example `3.5`"));
+        }
+        nanos.map(|nanos| Seconds(Timestamp::from_nanos(nanos)))
+    }
+}
+
+fn not_supported(span: Span, what: &str) -> Problem {
+    Problem::at(span, format!("{what} is not supported by this version")).help("remove it")
+}
