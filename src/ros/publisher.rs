@@ -108,6 +108,5 @@ fn qos(durability: Durability) -> QosPolicies {
 
 async fn write(writer: &Writer, topic: &str, body: Vec<u8>) -> Result<(), PublishError> {
     let written = writer.async_write(body.into(), None).await;
-    written
-        .map_err(|error| PublishError::NotWritten { topic: topic.to_owned(), reason: error.to_string() })
+    written.map_err(|error| PublishError::NotWritten { topic: topic.to_owned(), reason: error.to_string() })
 }

@@ -20,8 +20,9 @@ use super::writers::{Guid, Via};
 const BATCH_MAX: usize = 2 * DEPTH_MAX;
 const BATCH_BYTES_MAX: usize = RETAINED_BYTES_MAX;
 
-/// The library keeps the last `depth` samples of a topic, read or not. Small messages in a flood
-/// need a deep history, large ones would fill the memory with it.
+/// The library keeps the last `depth` samples of a topic, read or not. A flood of small messages
+/// needs a deep history, large ones would fill the memory with it: so it starts shallow, and grows
+/// where a backlog shows that it must and the size of the messages lets it.
 const DEPTH_START: usize = 256;
 const DEPTH_MAX: usize = 4096;
 const DEPTH_MIN: usize = 8;
@@ -79,7 +80,8 @@ impl Readers {
     /// Creates this reader if it is not there.
     pub fn ensure(&mut self, via: Via) -> CreateResult<()> {
         if !self.has(via) {
-            let reader = self.subscriber.create_simple_datareader_no_key(&self.topic, Some(reader_qos(via)))?;
+            let reader =
+                self.subscriber.create_simple_datareader_no_key(&self.topic, Some(reader_qos(via)))?;
             self.readers.push((via, reader));
         }
         Ok(())
@@ -119,10 +121,15 @@ impl Readers {
             reader.drain_read_notifications();
             // Nothing is also said for a sample that is no data; the next may follow.
             let mut nothing = 0;
-            while nothing < 2 && batch.len() < BATCH_MAX && bytes < BATCH_BYTES_MAX && faults.len() < BATCH_MAX {
+            while nothing < 2
+                && batch.len() < BATCH_MAX
+                && bytes < BATCH_BYTES_MAX
+                && faults.len() < BATCH_MAX
+            {
                 match reader.try_take_one() {
                     Ok(Some(change)) => {
-                        let (writer, sequence) = (change.writer_guid.to_bytes(), i64::from(change.sequence_number));
+                        let (writer, sequence) =
+                            (change.writer_guid.to_bytes(), i64::from(change.sequence_number));
                         let source = change.source_timestamp().map(wall_time);
                         let body = change.into_value();
                         bytes += body.as_ref().map_or(0, |(body, _)| body.len());
@@ -156,8 +163,7 @@ fn create_topic(
 ) -> CreateResult<Topic> {
     let depth = i32::try_from(depth).unwrap_or(i32::MAX);
     let limits = ResourceLimits { max_samples: depth, max_instances: 1, max_samples_per_instance: depth };
-    let qos =
-        QosPolicyBuilder::new().history(History::KeepLast { depth }).resource_limits(limits).build();
+    let qos = QosPolicyBuilder::new().history(History::KeepLast { depth }).resource_limits(limits).build();
     participant.create_topic(name.to_owned(), type_name.to_owned(), &qos, TopicKind::NoKey)
 }
 
@@ -254,7 +260,7 @@ mod tests {
     #[test]
     fn large_messages_never_fill_the_memory() {
         let mut retention = Retention::new();
-        assert_eq!(observe(&mut retention, 250, 1_000_000), Advice::Fits);
+        assert_eq!(observe(&mut retention, 250, 1_000_000), Advice::Fits, "deeper would be too much");
         let mut depth = 0;
         for _ in 0..20 {
             if let Advice::Rebuild(smaller) = observe(&mut retention, 1, 20_000_000) {

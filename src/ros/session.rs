@@ -130,11 +130,8 @@ impl Topics {
             own_readers: Arc::new(watch::channel(BTreeSet::new()).0),
             stop,
         };
-        let mut topics = Topics {
-            tasks: JoinSet::new(),
-            news: BTreeMap::new(),
-            own_readers: around.own_readers.clone(),
-        };
+        let mut topics =
+            Topics { tasks: JoinSet::new(), news: BTreeMap::new(), own_readers: around.own_readers.clone() };
         for (index, subscription) in ground.subscriptions.iter().enumerate() {
             let memory = legacy.memories.remove(&index).unwrap_or_else(Memory::new);
             let topic = Topic::new(subscription.clone(), around.clone(), memory)?;

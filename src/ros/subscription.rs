@@ -44,7 +44,8 @@ struct Signal {
 /// # Errors
 /// A signal that no message of its type can feed.
 pub fn subscriptions(model: &Model) -> Result<Vec<Subscription>, SubscriptionError> {
-    let mut all = vec![Subscription::new(DIAGNOSTICS, DIAGNOSTIC_ARRAY, dds_type(DIAGNOSTICS, DIAGNOSTIC_ARRAY)?)];
+    let mut all =
+        vec![Subscription::new(DIAGNOSTICS, DIAGNOSTIC_ARRAY, dds_type(DIAGNOSTICS, DIAGNOSTIC_ARRAY)?)];
     all[0].diagnostics = true;
     for spec in &model.signals {
         let signal = readable(spec)?;

@@ -190,7 +190,8 @@ mod tests {
     #[test]
     fn another_type_is_told_once_and_never_taken() {
         let mut writers = Writers::default();
-        let offers: BTreeMap<_, _> = [(A, offer("theirs", true, false)), (B, offer(OURS, true, false))].into();
+        let offers: BTreeMap<_, _> =
+            [(A, offer("theirs", true, false)), (B, offer(OURS, true, false))].into();
         assert_eq!(writers.update(offers.clone(), OURS, START), ["theirs"]);
         assert_eq!(writers.update(offers, OURS, START), [""; 0]);
         assert_eq!(writers.judge(&A, 1, Via::Reliable, OURS), Verdict::WrongType);

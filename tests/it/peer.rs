@@ -25,7 +25,9 @@ impl Domain {
         let start = u16::try_from(std::process::id() % 101).expect("less than 101");
         let domains = (0..101).map(|step| 1 + (start + step) % 101);
         domains
-            .filter_map(|id| TcpListener::bind(("127.0.0.1", 5200 + id)).ok().map(|_lock| Domain { id, _lock }))
+            .filter_map(|id| {
+                TcpListener::bind(("127.0.0.1", 5200 + id)).ok().map(|_lock| Domain { id, _lock })
+            })
             .next()
             .expect("a free DDS domain for a test")
     }
@@ -99,7 +101,8 @@ impl Peer {
     /// The next line that has this key.
     pub fn expect(&mut self, key: &str) -> Value {
         loop {
-            let line = self.next().unwrap_or_else(|| panic!("the peer said no {key:?}; see its errors above"));
+            let line =
+                self.next().unwrap_or_else(|| panic!("the peer said no {key:?}; see its errors above"));
             if line.get(key).is_some() {
                 return line;
             }
