@@ -99,3 +99,67 @@ fn make_private_file(path: &Path) -> std::io::Result<()> {
     std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
     options.open(path).map(drop)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Clock;
+    use crate::store::{DemoSecrets, Role, Store};
+
+    /// A folder that goes with the test.
+    struct Folder(std::path::PathBuf);
+
+    impl Folder {
+        fn new(name: &str) -> Folder {
+            Folder(std::env::temp_dir().join(format!("telltale-{name}-{}", std::process::id())))
+        }
+    }
+
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            // What a failed test leaves behind lies in the folder for that.
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
+    }
+
+    #[tokio::test]
+    async fn users_sessions_and_the_seat_outlive_a_restart() {
+        let folder = Folder::new("restart");
+        let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+        store.add_user("anna", Role::Operator, "135791").await.unwrap();
+        let user = store.authenticate("anna", "135791").await.unwrap().unwrap();
+        let (token, before) = store.open_session(&user).await.unwrap();
+        store.take_seat("anna").await.unwrap();
+        drop(store);
+
+        let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+        let session = store.session(&token).unwrap();
+        assert_eq!((&*session.user, session.role), ("anna", Role::Operator));
+        assert!(session.expires <= before.expires, "a restart makes no session longer");
+        assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("anna"));
+        let file = std::fs::read(folder.0.join(FILE_NAME)).unwrap();
+        let wal = std::fs::read(folder.0.join(format!("{FILE_NAME}-wal"))).unwrap_or_default();
+        for secret in [b"135791".as_slice(), token.as_str().as_bytes()] {
+            let holds = |bytes: &[u8]| bytes.windows(secret.len()).any(|window| window == secret);
+            assert!(!holds(&file) && !holds(&wal), "a secret lies on the disk");
+        }
+    }
+
+    #[test]
+    fn a_folder_or_file_that_cannot_be_used_says_which_and_what_to_do() {
+        let folder = Folder::new("wrong");
+        let open = || Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap_err().to_string();
+        drop(super::open(&folder.0).unwrap());
+        let path = folder.0.join(FILE_NAME);
+        let newer = Connection::open(&path).unwrap();
+        newer.pragma_update(None, "user_version", MIGRATIONS.len() as u32 + 1).unwrap();
+        drop(newer);
+        let error = open();
+        assert!(error.contains(path.to_str().unwrap()) && error.contains("newer telltale"), "{error}");
+        std::fs::write(&path, [b'x'; 4096]).unwrap();
+        let error = open();
+        assert!(error.contains(path.to_str().unwrap()) && error.contains("--data"), "{error}");
+        let inside_a_file = Store::open(&path, Clock::start(), DemoSecrets::Refused).unwrap_err().to_string();
+        assert!(inside_a_file.contains("cannot be used") && inside_a_file.contains("--data"));
+    }
+}

@@ -54,6 +54,11 @@ impl Displays {
         Some(Place { displays: self.clone(), number })
     }
 
+    /// How many sockets are open.
+    pub fn count(&self) -> usize {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).open.len()
+    }
+
     /// The newest confirmation of any display of this session.
     pub fn confirmed(&self, session: &Session) -> Option<(u64, Timestamp)> {
         let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);

@@ -5,3 +5,4 @@ mod hostile;
 mod peer;
 mod properties;
 mod tidy;
+mod web;

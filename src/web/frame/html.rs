@@ -1,12 +1,11 @@
 //! Fragments of the operator's page as messages of htmx's WebSocket extension.
 
 use std::fmt::Write as _;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use axum::extract::ws::Utf8Bytes;
 
-use crate::runtime::Published;
-use crate::web::view::{self, Lang};
+use crate::web::view::Fragment;
 
 /// All fragments at one snapshot, each with the revision of its last change. Words change
 /// without a new `seq`, so `seq` is what pages are told and the revision is what decides.
@@ -27,32 +26,22 @@ struct Part {
     id: String,
     html: String,
     /// `html` as the inside of a JSON string.
-    escaped: Box<str>,
+    escaped: Arc<str>,
     changed: u64,
 }
 
 impl Frame {
-    pub(super) fn new(published: &Published, lang: Lang, before: Option<&Frame>) -> Frame {
-        let revision = published.snapshot.revision;
-        let fragments = view::fragments(published, lang);
-        let parts = fragments.into_iter().enumerate().map(|(index, fragment)| {
-            match before.and_then(|before| before.part(index, &fragment.id)) {
-                Some(old) if old.html == fragment.html => Part {
-                    escaped: old.escaped.clone(),
-                    changed: old.changed,
-                    html: fragment.html,
-                    id: fragment.id,
-                },
-                _ => Part {
-                    escaped: escape(&fragment.html),
-                    changed: revision,
-                    html: fragment.html,
-                    id: fragment.id,
-                },
+    /// The frame of these fragments; those that are as they were keep the revision of their change.
+    pub(super) fn new(seq: u64, revision: u64, fragments: Vec<Fragment>, before: Option<&Frame>) -> Frame {
+        let parts = fragments.into_iter().enumerate().map(|(index, Fragment { id, html })| {
+            let old = before.and_then(|before| before.part(index, &id)).filter(|old| old.html == html);
+            match old {
+                Some(old) => Part { escaped: old.escaped.clone(), changed: old.changed, html, id },
+                None => Part { escaped: escape(&html).into(), changed: revision, html, id },
             }
         });
         Frame {
-            seq: published.snapshot.seq,
+            seq,
             revision,
             previous: before.map(Frame::revision),
             parts: parts.collect(),
@@ -104,7 +93,7 @@ impl Frame {
     }
 }
 
-fn escape(text: &str) -> Box<str> {
+fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len() + text.len() / 8);
     for char in text.chars() {
         match char {
@@ -116,12 +105,41 @@ fn escape(text: &str) -> Box<str> {
             char => escaped.push(char),
         }
     }
-    escaped.into_boxed_str()
+    escaped
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn frame(revision: u64, parts: &[(&str, &str)], before: Option<&Frame>) -> Frame {
+        let fragment = |(id, html): &(&str, &str)| Fragment { id: (*id).into(), html: (*html).into() };
+        Frame::new(40 + revision, revision, parts.iter().map(fragment).collect(), before)
+    }
+
+    #[test]
+    fn everybody_gets_what_changed_since_they_looked() {
+        let first = frame(1, &[("a", "<a1>"), ("b", "<b1>")], None);
+        let second = frame(2, &[("a", "<a2>"), ("b", "<b1>")], Some(&first));
+        let third = frame(5, &[("a", "<a2>"), ("b", "<b2>")], Some(&second));
+        let same = frame(6, &[("a", "<a2>"), ("b", "<b2>")], Some(&third));
+        let more = frame(7, &[("c", "<c1>"), ("a", "<a2>"), ("b", "<b2>")], Some(&same));
+        for (frame, since, expected) in [
+            (&first, 0, Some("<a1><b1>")),
+            (&second, 1, Some("<a2>")),
+            (&third, 2, Some("<b2>")),
+            (&third, 1, Some("<a2><b2>")),
+            (&third, 5, None),
+            (&same, 5, None),
+            (&same, 2, Some("<b2>")),
+            (&more, 6, Some("<c1>")),
+        ] {
+            let expected = expected.map(|html| format!("{{\"seq\":{},\"content\":\"{html}\"}}", frame.seq));
+            let message = frame.since(since);
+            assert_eq!(message.as_ref().map(Utf8Bytes::as_str), expected.as_deref(), "{since}");
+        }
+        assert_eq!(third.full().as_str(), "{\"seq\":45,\"content\":\"<a2><b2>\"}");
+    }
 
     #[test]
     fn escaped_text_reads_back_as_it_was() {

@@ -13,7 +13,7 @@ use axum::extract::ws::Utf8Bytes;
 
 pub use html::Frame;
 
-use super::view::Lang;
+use super::view::{self, Lang};
 use crate::engine::model::Stage;
 use crate::engine::persistent::PersistentVec;
 use crate::engine::snapshot::{Layout, Snapshot};
@@ -34,7 +34,10 @@ impl Frames {
         match &*latest {
             Some(frame) if frame.revision() >= published.snapshot.revision => frame.clone(),
             before => {
-                let frame = Arc::new(Frame::new(&permitted(published), lang, before.as_deref()));
+                let Published { snapshot, .. } = published;
+                let fragments = view::fragments(&permitted(published), lang);
+                let frame =
+                    Arc::new(Frame::new(snapshot.seq, snapshot.revision, fragments, before.as_deref()));
                 *latest = Some(frame.clone());
                 frame
             }
