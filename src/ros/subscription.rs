@@ -132,7 +132,6 @@ mod tests {
     use super::*;
     use crate::engine::input::StatusArray;
     use crate::engine::model::{FieldSource, Parts, Policy, StageModel, Text};
-    use crate::engine::state::State;
     use crate::engine::time::Span;
 
     fn signal(name: &str, topic: &str, type_name: &str, present_for: Option<Span>) -> SignalSpec {
@@ -148,7 +147,7 @@ mod tests {
             signals,
             groups: Vec::new(),
             modules: Vec::new(),
-            discovered: Policy { timeout: Span::from_secs(1), stale: State::Unknown },
+            discovered: Policy { timeout: Span::from_secs(1), ..Policy::default() },
             limits: Limits::default(),
         };
         let model = Model::new(parts).expect("nothing depends on anything");

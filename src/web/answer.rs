@@ -75,7 +75,8 @@ pub fn refusal(reader: &Reader, trouble: Trouble) -> Response {
         Speaks::Json => json_answer(status, &json!({ "error": trouble.say(Lang::En).1 })),
         Speaks::Html => {
             let (title, text) = trouble.say(reader.lang);
-            (status, Html(view::message_page(status.as_u16(), title, text))).into_response()
+            (status, Html(view::message_page(status.as_u16(), title, text, reader.lang, reader.palette)))
+                .into_response()
         }
     }
 }
@@ -95,7 +96,8 @@ pub fn refused(reader: &Reader, reasons: &[Refusal]) -> Response {
             };
             let text = words(reader.lang).collect::<Vec<_>>().join(" ");
             let status = StatusCode::CONFLICT;
-            (status, Html(view::message_page(status.as_u16(), title, &text))).into_response()
+            (status, Html(view::message_page(status.as_u16(), title, &text, reader.lang, reader.palette)))
+                .into_response()
         }
     }
 }

@@ -15,6 +15,7 @@ mod router;
 mod seat;
 mod socket;
 mod state;
+pub mod text;
 mod throttle;
 pub mod view;
 mod wording;

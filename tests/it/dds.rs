@@ -6,7 +6,6 @@ use serde_json::{Value, json};
 use telltale::clock::Clock;
 use telltale::engine::input::{Input, ReceptionTrouble, Stamped, StatusArray, TroubleKind};
 use telltale::engine::model::{FieldSource, Limits, Model, Parts, Policy, SignalSpec, StageModel, Text};
-use telltale::engine::state::State;
 use telltale::engine::time::Span;
 use telltale::ros::messages::GidSize;
 use telltale::ros::{self, Bridge, BridgeOptions, Publisher};
@@ -100,7 +99,7 @@ fn model() -> Arc<Model> {
         ],
         groups: Vec::new(),
         modules: Vec::new(),
-        discovered: Policy { timeout: Span::from_secs(2), stale: State::Unknown },
+        discovered: Policy { timeout: Span::from_secs(2), ..Policy::default() },
         limits: Limits::default(),
     };
     Arc::new(Model::new(parts).expect("nothing depends on anything"))

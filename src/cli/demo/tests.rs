@@ -92,11 +92,14 @@ fn a_healthy_shuttle_raises_nothing_over_five_loops() {
     assert_eq!((story.roots.len(), story.alarms), (0, 0));
 }
 
-/// What a fault shows while the shuttle drives: where, the root cause, and who waits for it.
+/// The fault, its root cause, who waits for it, who shows ERROR before the cause does, and within
+/// how many milliseconds all of that is settled.
+type FaultRow = (Fault, &'static str, &'static [&'static str], &'static [&'static str], u64);
+
 #[test]
 fn every_fault_has_its_one_cause_from_its_start_to_after_its_end() {
     let after_localization = &["perception", "prediction", "planning", "execution"][..];
-    let table: [(Fault, &str, &[&str], &[&str], u64); 5] = [
+    let table: [FaultRow; 5] = [
         (
             Fault::SensorOutage,
             "sensors/velodyne_packet_alive",

@@ -270,7 +270,8 @@ fn rounded(points: &[(f64, f64)]) -> String {
         if radius < 0.5 {
             continue;
         }
-        let toward = |to: (f64, f64), way: f64| (x + (to.0 - x) / way * radius, y + (to.1 - y) / way * radius);
+        let toward =
+            |to: (f64, f64), way: f64| (x + (to.0 - x) / way * radius, y + (to.1 - y) / way * radius);
         let (from, to) = (toward(before, one), toward(after, two));
         let _ = write!(path, "L{:.1} {:.1}Q{x:.1} {y:.1} {:.1} {:.1}", from.0, from.1, to.0, to.1);
     }

@@ -12,6 +12,8 @@ pub const ROWS_MAX: usize = 4;
 
 /// Index of a tile in [`Board::tiles`].
 pub type Tile = usize;
+/// Arrows, each from what is depended upon to what depends.
+pub type Edges = BTreeSet<(Tile, Tile)>;
 
 /// The tiles in configuration order, their places, and the arrows between them.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,10 +25,10 @@ pub struct Board {
     pub rows: usize,
     /// From what is depended upon to what depends, without those that others imply.
     pub edges: Vec<(Tile, Tile)>,
-    /// The tile that contains each group; none for `other`.
-    top: Vec<Option<Tile>>,
+    /// The tile that contains each group; none for what is no component.
+    pub(super) top: Vec<Option<Tile>>,
     /// The tile that contains each module.
-    module_top: Vec<Option<Tile>>,
+    pub(super) module_top: Vec<Option<Tile>>,
 }
 
 impl Board {
@@ -52,8 +54,8 @@ impl Board {
 
     /// The arrows that lead from root causes to the tiles they put aside. A step of a path that
     /// is not drawn itself follows the arrows which imply it.
-    pub fn hot_edges(&self, snapshot: &Snapshot) -> BTreeSet<(Tile, Tile)> {
-        let mut hot = BTreeSet::new();
+    pub fn hot_edges(&self, snapshot: &Snapshot) -> Edges {
+        let mut hot = Edges::new();
         for &id in &self.tiles {
             let (_, view) = snapshot.group(id);
             if view.state != State::Ignore {
@@ -92,8 +94,8 @@ impl Board {
     }
 
     /// All dependencies between tiles, and those in which a whole tile rests on a whole tile.
-    fn dependencies(&self, layout: &Layout) -> (BTreeSet<(Tile, Tile)>, BTreeSet<(Tile, Tile)>) {
-        let (mut all, mut whole) = (BTreeSet::new(), BTreeSet::new());
+    fn dependencies(&self, layout: &Layout) -> (Edges, Edges) {
+        let (mut all, mut whole) = (Edges::new(), Edges::new());
         let groups = layout.groups.iter().zip(&self.top).map(|(group, &top)| (top, &group.depends_on));
         let modules = layout.modules.iter().zip(&self.module_top);
         let modules = modules.map(|(module, &top)| (top, &module.depends_on));
@@ -159,7 +161,7 @@ fn tops(layout: &Layout) -> (Vec<GroupId>, Vec<Option<Tile>>) {
         top.push(match group.parent {
             // Parents stand before their children, so theirs is known.
             Some(parent) => top[parent.0 as usize],
-            None if group.is_other => None,
+            None if group.is_other || group.is_system => None,
             None => {
                 tiles.push(GroupId(index as u32));
                 Some(tiles.len() - 1)
@@ -170,7 +172,7 @@ fn tops(layout: &Layout) -> (Vec<GroupId>, Vec<Option<Tile>>) {
 }
 
 /// Leaves out each arrow that a longer way of whole dependencies implies: fewer lines say the same.
-fn reduce(all: &BTreeSet<(Tile, Tile)>, whole: &BTreeSet<(Tile, Tile)>) -> Vec<(Tile, Tile)> {
+fn reduce(all: &Edges, whole: &Edges) -> Vec<(Tile, Tile)> {
     let implied = |&(from, to): &(Tile, Tile)| {
         let mut seen = BTreeSet::from([from]);
         let mut queue = VecDeque::from([from]);

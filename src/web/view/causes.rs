@@ -8,12 +8,19 @@ use crate::engine::snapshot::{Reason, RootCause};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 
-use super::clean::{MESSAGE, clean};
+use super::clean::{ID, MESSAGE, clean};
 use super::{Fragment, View, html};
 use crate::web::text::Words;
 
-/// Height of the list on the reference display in pixels, below its heading and above the last line.
-const ROOM: usize = 420;
+/// Height of the list on the reference display in pixels, below its heading.
+const ROOM: usize = 472;
+const GAP: usize = 12;
+/// Heights of lines, and how many letters' heights a line is wide.
+const LARGE: usize = 36;
+const SMALL: usize = 29;
+const LARGE_EM: f64 = 9.9;
+const SMALL_EM: f64 = 13.2;
+const SPACE_EM: f64 = 0.26;
 
 /// One entry of the list.
 struct Entry {
@@ -44,6 +51,7 @@ struct EntryHtml {
     panel: String,
     state: &'static str,
     icon: &'static str,
+    word: &'static str,
     full: bool,
     masks: u32,
     title: String,
@@ -57,14 +65,14 @@ struct EntryHtml {
 pub fn causes(view: &View<'_>) -> Fragment {
     let mut entries: Vec<Entry> = view.snapshot.roots.iter().map(|root| of_root(view, root)).collect();
     lesser(view, &mut entries);
-    let shown = fitting(&entries);
+    let (shown, full) = fitting(&entries);
     let more = entries.len() - shown;
     let calm = entries.is_empty().then(|| calm(view));
     let entries = entries.into_iter().take(shown).enumerate();
     let html = html(&CausesHtml {
         words: view.words,
         swap: view.swap,
-        entries: entries.map(|(index, entry)| of_entry(view, entry, index == 0)).collect(),
+        entries: entries.map(|(index, entry)| of_entry(view, entry, index < full)).collect(),
         more: (more > 0).then(|| view.lang.and_more(more)),
         calm,
     });
@@ -91,7 +99,7 @@ fn of_root(view: &View<'_>, root: &RootCause) -> Entry {
 }
 
 fn of_module(view: &View<'_>, id: ModuleId, state: State) -> Entry {
-    let (_, module) = view.snapshot.module(id);
+    let (info, module) = view.snapshot.module(id);
     let title = view.fault(id, state);
     let message = clean(&module.report.message, MESSAGE);
     let node = NodeId::Module(id);
@@ -101,7 +109,8 @@ fn of_module(view: &View<'_>, id: ModuleId, state: State) -> Entry {
         // Where the message is the title already, or belongs to what was heard before the silence.
         message: if message == title || state == State::Unknown { String::new() } else { message },
         title,
-        place: view.tile_name(node),
+        // The title of what is unknown names the component already.
+        place: if state == State::Unknown { view.label(info) } else { view.tile_name(node) },
         since: module.since,
         waits: String::new(),
         masks: 0,
@@ -129,7 +138,7 @@ fn of_group(view: &View<'_>, id: GroupId, state: State, message: String) -> Entr
 fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
     let roots: Vec<NodeId> = view.snapshot.roots.iter().map(|root| root.node).collect();
     let mut found = Vec::new();
-    for (tile, &id) in view.board.tiles.iter().enumerate() {
+    for id in view.watched() {
         let modules = view.modules_of(id);
         for state in [State::Error, State::Unknown, State::Warning] {
             let visible = |&module: &ModuleId| view.snapshot.module(module).1.state == state;
@@ -142,7 +151,7 @@ fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
                 [] => {}
                 [one] => found.push(of_module(view, one, state)),
                 _ => {
-                    let count = view.lang.modules_in(of_state.len(), state);
+                    let count = view.lang.times(of_state.len(), state);
                     let since = of_state.iter().map(|&module| view.snapshot.module(module).1.since);
                     let since = since.min().unwrap_or(view.snapshot.now);
                     found.push(Entry { since, ..of_group(view, id, state, count) });
@@ -152,7 +161,8 @@ fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
         let (_, group) = view.snapshot.group(id);
         let faulty = !matches!(group.state, State::Ok | State::Ignore);
         let mut said = roots.iter().copied().chain(found.iter().map(|entry| entry.node));
-        if faulty && !said.any(|node| view.board.tile_of(node) == Some(tile)) {
+        let tile = view.board.tile_of(NodeId::Group(id));
+        if faulty && !said.any(|node| node == NodeId::Group(id) || view.board.tile_of(node) == tile) {
             found.push(of_group(view, id, group.state, view.lang.state(group.state).to_owned()));
         }
     }
@@ -160,40 +170,86 @@ fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
     entries.extend(found);
 }
 
-/// How many entries have room, by an estimate of their lines. The first always has.
-fn fitting(entries: &[Entry]) -> usize {
+/// How many entries have room, and how many of them with all their words, by an estimate of their
+/// lines. The first always has.
+fn fitting(entries: &[Entry]) -> (usize, usize) {
+    let shown = shown(entries);
+    let mut free = ROOM.saturating_sub(entries[..shown].iter().map(|entry| GAP + height_brief(entry)).sum());
+    if shown < entries.len() {
+        free = free.saturating_sub(SMALL);
+    }
+    let grows = |entry: &&Entry| {
+        let more = height_full(entry) - height_brief(entry);
+        let fits = more <= free;
+        free = free.saturating_sub(more);
+        fits
+    };
+    let full = entries[..shown].iter().take_while(grows).count();
+    (shown, full.max(1))
+}
+
+fn shown(entries: &[Entry]) -> usize {
     let mut height = 0;
     for (index, entry) in entries.iter().enumerate() {
-        height += if index == 0 { height_full(entry) } else { 30 + height_brief(entry) };
-        if height > ROOM && index > 0 {
+        height += if index == 0 { height_full(entry) } else { GAP + height_brief(entry) };
+        // The last entry needs no line that counts the rest.
+        let room = if index + 1 == entries.len() { ROOM } else { ROOM - GAP - SMALL };
+        if height > room && index > 0 {
             return index;
         }
     }
     entries.len()
 }
 
-fn lines(text: &str, letters: usize, most: usize) -> usize {
-    text.chars().count().div_ceil(letters).min(most)
-}
-
 fn height_full(entry: &Entry) -> usize {
-    height_brief(entry)
-        + 28 * (lines(&entry.message, 23, 2) + lines(&entry.waits, 23, 2))
-        + 36 * lines(&entry.help, 16, 5)
+    let small = lines(&entry.message, SMALL_EM, 2) + lines(&entry.waits, SMALL_EM, 2);
+    height_brief(entry) + SMALL * small + 6 + LARGE * lines(&entry.help, LARGE_EM, 8)
 }
 
 fn height_brief(entry: &Entry) -> usize {
-    36 * lines(&entry.title, 16, 2) + 28
+    let place = if entry.place.is_empty() { &entry.message } else { &entry.place };
+    // An icon and how long it lasts share the line.
+    let place = lines(&format!("iiii {place}, seit 00 i"), SMALL_EM, 3);
+    (14 + LARGE * lines(&entry.title, LARGE_EM, 2) + SMALL * place).max(88)
+}
+
+/// How many lines a text takes where one is `em` wide: broken at words, in an average sans serif.
+fn lines(text: &str, em: f64, most: usize) -> usize {
+    let (mut lines, mut used) = (0, em);
+    for word in text.split_whitespace() {
+        let width: f64 = word.chars().map(width).sum();
+        if lines == 0 || used + SPACE_EM + width > em {
+            // A word longer than a line is broken wherever the line ends.
+            lines += (width / em).ceil().max(1.0) as usize;
+            used = width % em;
+        } else {
+            used += SPACE_EM + width;
+        }
+    }
+    lines.min(most)
+}
+
+fn width(letter: char) -> f64 {
+    match letter {
+        'i' | 'j' | 'l' | 'I' | '.' | ',' | ':' | '\'' | '|' | '!' => 0.29,
+        'f' | 'r' | 't' | '(' | ')' | '-' | '/' => 0.4,
+        'm' | 'w' | 'M' | 'W' => 0.88,
+        _ if letter.is_ascii_lowercase() || letter.is_ascii_digit() => 0.58,
+        _ if letter.is_ascii() => 0.68,
+        _ if letter.is_lowercase() => 0.6,
+        _ => 1.0,
+    }
 }
 
 fn of_entry(view: &View<'_>, entry: Entry, full: bool) -> EntryHtml {
     let tile = view.board.tile_of(entry.node).map(|tile| view.board.tiles[tile]);
     let place = if entry.place.is_empty() { entry.message.clone() } else { entry.place };
     EntryHtml {
-        node: view.snapshot.node_name(entry.node).to_string(),
+        node: clean(view.snapshot.node_name(entry.node), ID),
         panel: tile.map(|id| view.snapshot.group(id).0.path.to_string()).unwrap_or_default(),
         state: entry.state.as_str(),
         icon: super::node::icon(entry.state, None),
+        word: view.lang.state(entry.state),
         full,
         masks: entry.masks,
         title: entry.title,
@@ -208,6 +264,7 @@ fn of_entry(view: &View<'_>, entry: Entry, full: bool) -> EntryHtml {
 /// "All okay" is said only where every component that matters shows OK.
 fn calm(view: &View<'_>) -> (bool, String) {
     let states = view.board.tiles.iter().map(|&id| view.snapshot.group(id).1.state);
+    // Whoever is ignored was put aside by the stage: with a mask there would be a root cause.
     let active = states.filter(|&state| state == State::Ok).count();
     match active {
         0 => (false, view.words.nothing_diagnosed.to_owned()),
@@ -226,16 +283,31 @@ mod tests {
             state: State::Error,
             title: title.to_owned(),
             message: "m".repeat(200),
-            place: String::new(),
+            place: "Localization".to_owned(),
             since: Timestamp::ZERO,
             waits: "Four others wait".to_owned(),
             masks: 4,
             help: help.to_owned(),
         };
         let long = "w".repeat(120);
-        assert_eq!(fitting(&[]), 0);
-        assert_eq!(fitting(&[entry(&long, &long)]), 1);
+        assert_eq!(fitting(&[]), (0, 1));
+        assert_eq!(fitting(&[entry(&long, &long)]), (1, 1));
+        assert_eq!(fitting(&[entry("short", "do"), entry("short", "do")]), (2, 2));
         let many: Vec<Entry> = (0..50).map(|_| entry("short", "")).collect();
-        assert!((2..=5).contains(&fitting(&many)), "{}", fitting(&many));
+        assert!(matches!(fitting(&many), (2..=5, 1)), "{:?}", fitting(&many));
+    }
+
+    #[test]
+    fn lines_are_estimated_as_a_browser_breaks_them() {
+        for (text, expect) in [
+            ("", 0),
+            ("LiDAR data missing", 1),
+            ("Position ist gesprungen", 2),
+            ("Keine Verbindung zum Fahrzeug", 2),
+            ("Am nächsten sicheren Ort anhalten. Leitstelle rufen.", 4),
+        ] {
+            assert_eq!(lines(text, LARGE_EM, 9), expect, "{text}");
+        }
+        assert_eq!(lines(&"w".repeat(500), LARGE_EM, 2), 2);
     }
 }

@@ -5,6 +5,8 @@
 pub const NAME: usize = 60;
 /// Letters of a message.
 pub const MESSAGE: usize = 200;
+/// Letters of the name by which programs find a node.
+pub const ID: usize = 300;
 /// Letters of a key or a value.
 pub const VALUE: usize = 60;
 /// Marks that may stand on one letter; more grow over the lines above and below.

@@ -7,7 +7,7 @@ use crate::engine::snapshot::{ModuleView, Reason};
 use crate::engine::state::State;
 
 use super::board::Tile;
-use super::clean::{MESSAGE, VALUE, clean};
+use super::clean::{ID, MESSAGE, VALUE, clean};
 use super::node::{icon, own_matters, reason_word};
 use super::{Fragment, View, html};
 use crate::web::text::Words;
@@ -118,7 +118,7 @@ fn row(view: &View<'_>, id: ModuleId) -> Row {
     let named = matches!(failing, State::Warning | State::Error) && info.name.is_some();
     let values = module.report.values.iter().take(VALUES);
     Row {
-        id: info.id.to_string(),
+        id: clean(&info.id, ID),
         title: if named { view.fault(id, failing) } else { label.clone() },
         label: if named { label } else { String::new() },
         state: module.state.as_str(),

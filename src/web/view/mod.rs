@@ -33,7 +33,8 @@ pub use pages::{demo_page, login_page, message_page, operator_page};
 
 /// Files below `static/` that the login page needs: served without a session, so none of them may
 /// name a part of the vehicle. An entry that ends in `/` names a folder.
-pub const LOGIN_ASSETS: &[&str] = &["telltale.css", "page.js", "icon.svg", "vendor/inter-latin-wght-normal.woff2"];
+pub const LOGIN_ASSETS: &[&str] =
+    &["telltale.css", "page.js", "icon.svg", "vendor/inter-latin-wght-normal.woff2"];
 
 /// A language of the pages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]

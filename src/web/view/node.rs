@@ -33,10 +33,20 @@ impl View<'_> {
         self.lang.pick(&self.snapshot.layout.groups[id.0 as usize].name, NAME)
     }
 
-    /// The name of the tile in which a node stands; empty for the group `other`.
+    /// The name of the component in which a node stands, or of the group where it is in none.
     pub(super) fn tile_name(&self, node: NodeId) -> String {
         let tile = self.board.tile_of(node).map(|tile| self.board.tiles[tile]);
-        tile.map(|id| self.group_name(id)).unwrap_or_default()
+        self.group_name(tile.unwrap_or_else(|| match node {
+            NodeId::Group(id) => id,
+            NodeId::Module(id) => self.snapshot.layout.modules[id.0 as usize].group,
+        }))
+    }
+
+    /// The groups that the operator hears of: the components, then what the diagnosis says of itself.
+    pub(super) fn watched(&self) -> impl Iterator<Item = GroupId> {
+        let groups = self.snapshot.layout.groups.iter().enumerate();
+        let system = groups.filter(|(_, group)| group.is_system).map(|(index, _)| GroupId(index as u32));
+        self.board.tiles.iter().copied().chain(system)
     }
 
     /// What a developer calls a module, without the group it stands in.
@@ -52,9 +62,9 @@ impl View<'_> {
         let (info, view) = self.snapshot.module(id);
         match state {
             State::Unknown if view.received.is_none() || view.silent => {
-                self.lang.no_news_from(&self.label(info))
+                self.lang.no_news_from(&self.tile_name(NodeId::Module(id)))
             }
-            State::Unknown => self.lang.state_unknown(&self.label(info)),
+            State::Unknown => self.lang.state_unknown(&self.tile_name(NodeId::Module(id))),
             _ => match &info.name {
                 Some(name) => self.lang.pick(name, NAME),
                 None if !view.report.message.trim().is_empty() => clean(&view.report.message, NAME),
