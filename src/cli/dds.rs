@@ -3,7 +3,7 @@
 use crate::ros::{BridgeOptions, Interface, OptionsError};
 
 #[derive(Debug, Clone, clap::Args)]
-pub struct Args {
+pub struct DdsFlags {
     /// The DDS domain, 0 to 232 [default: `ROS_DOMAIN_ID`, or 0]
     #[arg(long, value_name = "N")]
     pub domain: Option<u16>,
@@ -13,7 +13,7 @@ pub struct Args {
     pub interface: Option<String>,
 }
 
-impl Args {
+impl DdsFlags {
     /// Fills in what the flags leave open from the environment, as ROS 2 does.
     ///
     /// # Errors

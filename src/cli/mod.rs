@@ -57,3 +57,13 @@ pub fn main() -> ExitCode {
         ExitCode::from(EXIT_USAGE)
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory as _;
+
+    #[test]
+    fn the_command_line_contradicts_itself_nowhere() {
+        super::Cli::command().debug_assert();
+    }
+}

@@ -33,7 +33,7 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     #[command(flatten)]
-    dds: dds::Args,
+    dds: dds::DdsFlags,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {

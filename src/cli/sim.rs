@@ -30,7 +30,7 @@ pub struct Args {
     #[arg(long = "fault", value_name = "NAME@SECONDS", value_parser = planned_fault)]
     faults: Vec<PlannedFault>,
     #[command(flatten)]
-    dds: dds::Args,
+    dds: dds::DdsFlags,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]

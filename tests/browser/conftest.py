@@ -5,7 +5,7 @@ import os
 import pytest
 from playwright.sync_api import sync_playwright
 
-from vehicle import OPERATOR, Server, Vehicle, own_domain
+from vehicle import CHROMIUM, OPERATOR, Server, Vehicle, own_domain
 
 
 @pytest.fixture(scope="session")
@@ -13,7 +13,7 @@ def chromium():
     # Chromium's own sandbox needs a user that is not root.
     arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=os.environ["CHROMIUM"], args=arguments)
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
         yield browser
         browser.close()
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from playwright.sync_api import sync_playwright
 
-from vehicle import ROOT, Client, Server, own_domain, until
+from vehicle import CHROMIUM, ROOT, Client, Server, own_domain, until
 
 OPERATOR = ("operator", "246810")
 DEPARTURE_S = 40
@@ -22,7 +22,7 @@ def main():
     try:
         with sync_playwright() as playwright:
             arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
-            browser = playwright.chromium.launch(executable_path=os.environ["CHROMIUM"], args=arguments)
+            browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
             page = browser.new_page(viewport={"width": 1280, "height": 800}, locale="en-GB")
             page.goto(server.url + "/login")
             page.locator("[name=name]").fill(OPERATOR[0])

@@ -4,6 +4,7 @@ import http.cookiejar
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -17,6 +18,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 TELLTALE = os.environ.get("TELLTALE", str(ROOT / "target/debug/telltale"))
+CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium")
 PYTHON = sys.executable
 CONFIG = ROOT / "config/shuttle.yaml"
 OPERATOR = ("anna", "975310")
