@@ -37,7 +37,8 @@ use outbox::{End, stopped};
 use session::{Ground, Legacy};
 
 /// For the log's filter: below an error the library floods, and a log that nobody drains stalls it.
-pub const LOG_FILTER: &str = "rustdds=error";
+/// Its listener calls it an error to leave a multicast group on an interface that has none.
+pub const LOG_FILTER: &str = "rustdds=error,rustdds::network::udp_listener=off";
 
 /// Time between two tries to make a participant, and the least that one lives.
 const RETRY: Duration = Duration::from_secs(1);
@@ -64,7 +65,8 @@ pub struct Bridge {
 /// instant at which it was taken from the library.
 ///
 /// When `inputs` is full, readers wait, the library keeps the newest messages of each topic, and
-/// what is lost so is counted in a [`ReceptionTrouble`](crate::engine::input::ReceptionTrouble).
+/// what is lost so is counted in a [`ReceptionTrouble`](crate::engine::input::ReceptionTrouble),
+/// from the first message of each publisher on.
 ///
 /// # Errors
 /// The interface is not there, a signal cannot be read, or DDS gets no sockets.

@@ -147,7 +147,7 @@ mod tests {
             signals,
             groups: Vec::new(),
             modules: Vec::new(),
-            discovered: Policy { timeout: Span::from_secs(1), ..Policy::default() },
+            discovered: Policy::default(),
             limits: Limits::default(),
         };
         let model = Model::new(parts).expect("nothing depends on anything");

@@ -99,7 +99,7 @@ fn model() -> Arc<Model> {
         ],
         groups: Vec::new(),
         modules: Vec::new(),
-        discovered: Policy { timeout: Span::from_secs(2), ..Policy::default() },
+        discovered: Policy::default(),
         limits: Limits::default(),
     };
     Arc::new(Model::new(parts).expect("nothing depends on anything"))
@@ -226,6 +226,9 @@ async fn what_a_slow_engine_loses_is_counted() {
     let bridge = ros::start(options, model(), sender, Clock::start()).await.expect("the bridge starts");
     let mut peer = Peer::start(&domain, "pub");
     peer.wait_matched(1);
+    // Gaps count from the first message that is received of a publisher.
+    peer.write(&one("first"));
+    assert!(matches!(inputs.recv().await.expect("the bridge lives").input, Input::Diagnostics(_)));
     peer.write(&json!({"statuses": [{"name": "many"}], "times": 20_000}));
     let (mut arrays, mut lost) = (0, 0);
     let all = async {
