@@ -1,5 +1,7 @@
 //! The log, on standard error.
 
+use std::io::IsTerminal as _;
+
 use tracing_subscriber::EnvFilter;
 
 use crate::ros;
@@ -10,5 +12,7 @@ pub fn start(level: &str) {
     let words = words.unwrap_or_else(|| level.to_owned());
     // Later directives win, so the library's flood is let through only where it is named.
     let filter = EnvFilter::new(format!("{},{words}", ros::LOG_FILTER));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false).init();
+    let colours = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
+    let log = tracing_subscriber::fmt().with_writer(std::io::stderr).with_ansi(colours).with_target(false);
+    log.with_env_filter(filter).init();
 }
