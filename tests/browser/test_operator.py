@@ -96,14 +96,25 @@ def test_the_path_from_the_cause_to_what_it_masks_is_drawn(server, vehicle, page
     log_in(page, server)
     vehicle.drive(True)
     expect_tile(page, "execution", "ok")
-    drawn = page.locator(".edge.path")
+    drawn = page.locator(".arrow[data-hot]")
     expect(drawn).to_have_count(0)
     vehicle.set("velodyne_packet_alive", 2, "Only 2.0 scans per second")
     expect_tile(page, "execution", "ignore", "masked")
-    until(lambda: drawn.count() >= 4, 5, lambda: f"{drawn.count()} arrows of the path")
-    for index in range(drawn.count()):
-        box = drawn.nth(index).bounding_box()
-        assert box and box["width"] + box["height"] > 10, f"arrow {index} cannot be seen: {box}"
+    way = lambda arrow: (arrow.get_attribute("data-from"), arrow.get_attribute("data-to"))
+    ways = lambda: {way(arrow) for arrow in drawn.all()}
+    until(lambda: reaches(ways(), "sensors") == set(BEHIND_SENSORS), 5, lambda: f"the path is {ways()}")
+    for arrow in drawn.all():
+        box = arrow.bounding_box()
+        assert box and box["width"] + box["height"] > 10, f"{way(arrow)} cannot be seen: {box}"
+
+
+def reaches(ways, start):
+    """Where one gets along the arrows."""
+    found, ends = set(), {start}
+    while ends:
+        ends = {end for begin, end in ways if begin in ends} - found
+        found |= ends
+    return found
 
 
 @pytest.mark.parametrize("level, state, word", [(1, "warning", "Warning"), (3, "unknown", "Unknown")])

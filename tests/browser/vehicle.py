@@ -84,6 +84,12 @@ class Server:
     def send(self, number):
         self.process.send_signal(number)
 
+    def sleep(self):
+        """Stops it, as Ctrl-Z does, until it has stopped, and lets it go on."""
+        self.send(signal.SIGSTOP)
+        os.waitpid(self.process.pid, os.WUNTRACED)
+        self.send(signal.SIGCONT)
+
     def kill(self):
         self.process.kill()
         self.process.wait(timeout=10)
