@@ -11,6 +11,7 @@ use rustdds::{DomainParticipant, QosPolicies, QosPolicyBuilder, TopicKind};
 use super::messages::{self, BOOL, DIAGNOSTIC_ARRAY};
 use super::options::BridgeOptions;
 use super::raw::RawAdapter;
+use super::session::Pulse;
 use super::{BridgeError, DIAGNOSTICS, session};
 use crate::engine::input::StatusArray;
 
@@ -33,6 +34,7 @@ pub struct Publisher {
     diagnostics: Writer,
     /// With the name as ROS has it.
     booleans: Vec<(Box<str>, Writer)>,
+    pulse: Pulse,
 }
 
 impl Publisher {
@@ -52,7 +54,7 @@ impl Publisher {
             Ok((topic.into(), writer))
         });
         let booleans = booleans.collect::<CreateResult<_>>().map_err(refused)?;
-        Ok(Publisher { participant, diagnostics, booleans })
+        Ok(Publisher { participant, diagnostics, booleans, pulse: Pulse::default() })
     }
 
     /// Publishes the statuses, in as many messages as it takes.
@@ -75,9 +77,15 @@ impl Publisher {
         write(writer, topic, messages::encode_boolean(value)).await
     }
 
+    /// Whether the threads of the DDS library have ended, as they do when a stopped process goes
+    /// on; a new publisher is due then. To be asked every now and then.
+    pub fn has_stopped(&mut self) -> bool {
+        self.pulse.has_stopped(&self.participant)
+    }
+
     /// Ends the writers, then the participant, and waits for its threads.
     pub async fn shutdown(self) {
-        let Publisher { participant, diagnostics, booleans } = self;
+        let Publisher { participant, diagnostics, booleans, .. } = self;
         drop((diagnostics, booleans));
         // A panic there was in the library, and the participant is gone either way.
         let _ = session::close(participant).await;

@@ -174,6 +174,7 @@ async fn watch_over(
     let listener = participant.status_listener();
     let mut events = listener.as_async_status_stream();
     let clock = ground.clock;
+    let mut pulse = Pulse::default();
     let mut steps = StepWatch::new(clock.wall(), clock.now());
     let now = interfaces::addresses().unwrap_or_default();
     let mut addresses = AddressWatch::new(ground.options.interface, &now);
@@ -190,6 +191,9 @@ async fn watch_over(
             Some(event) = events.next() => topics.tell(&event),
             _ = looks.tick() => {
                 look += 1;
+                if pulse.has_stopped(participant) {
+                    return End::Rebuild("the threads of the DDS library have ended".to_owned());
+                }
                 if let Some(back) = steps.look(clock.wall(), clock.now()) {
                     return End::Rebuild(format!("the wall clock was set back by {back:?}"));
                 }
@@ -202,6 +206,23 @@ async fn watch_over(
                 }
             }
         }
+    }
+}
+
+/// Notices that the threads of a participant have ended: they do, and say so only in the log, when
+/// a stopped process goes on (`SIGSTOP`, Ctrl-Z, a debugger) and their system call is interrupted.
+#[derive(Debug, Default)]
+pub struct Pulse {
+    misses: u32,
+}
+
+impl Pulse {
+    /// To be asked every now and then. One miss alone may be a full queue.
+    pub fn has_stopped(&mut self, participant: &DomainParticipant) -> bool {
+        // It has no effect but on writers that must assert their own liveliness; there are none.
+        let missed = participant.assert_liveliness().is_err();
+        self.misses = if missed { self.misses + 1 } else { 0 };
+        self.misses >= 2
     }
 }
 
