@@ -10,7 +10,7 @@ use axum::response::{Html, IntoResponse, Response};
 use serde_json::{Value, json};
 
 use super::view::{self, Lang, Palette};
-use super::wording::{self, Trouble};
+use super::wording::Trouble;
 use crate::engine::input::Refusal;
 
 /// What a client reads.
@@ -83,7 +83,7 @@ pub fn refusal(reader: &Reader, trouble: Trouble) -> Response {
 
 /// Says what the engine did not grant: 409 with a page, or `{"refused": [...]}`.
 pub fn refused(reader: &Reader, reasons: &[Refusal]) -> Response {
-    let words = |lang| reasons.iter().map(move |reason| wording::refused(reason, lang));
+    let words = |lang: Lang| reasons.iter().map(move |reason| lang.refusal(reason));
     match reader.speaks {
         Speaks::Json => {
             let reasons: Vec<String> = words(Lang::En).collect();

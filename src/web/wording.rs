@@ -3,7 +3,6 @@
 use axum::http::StatusCode;
 
 use super::view::Lang;
-use crate::engine::input::Refusal;
 
 /// Why a request is answered with a refusal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,23 +75,5 @@ impl Trouble {
                 ("Nicht verfügbar", "Der Server kann das gerade nicht. Bitte noch einmal versuchen.")
             }
         }
-    }
-}
-
-/// Why the engine refused an operator's action, as a sentence.
-pub fn refused(reason: &Refusal, lang: Lang) -> String {
-    match (reason, lang) {
-        (Refusal::LogoutWhileActive, Lang::En) => {
-            "The shuttle drives by itself: it needs its operator until it has arrived.".to_owned()
-        }
-        (Refusal::LogoutWhileActive, Lang::De) => {
-            "Das Shuttle fährt automatisch: Es braucht seinen Operator, bis es angekommen ist.".to_owned()
-        }
-        (Refusal::NoSuchModule(name), Lang::En) => format!("There is no module {name}."),
-        (Refusal::NoSuchModule(name), Lang::De) => format!("Es gibt kein Modul {name}."),
-        (Refusal::NotLatched(name), Lang::En) => format!("{name} holds no error."),
-        (Refusal::NotLatched(name), Lang::De) => format!("{name} hält keinen Fehler."),
-        (Refusal::StillInError(name), Lang::En) => format!("{name} is in error still."),
-        (Refusal::StillInError(name), Lang::De) => format!("{name} meldet noch immer einen Fehler."),
     }
 }

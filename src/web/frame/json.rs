@@ -9,6 +9,7 @@ use serde::ser::{Serialize, SerializeMap, SerializeStruct, Serializer};
 use crate::clock::wall_at;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::{Alarm, NotRelevant, Path, Reason, RootCause, Snapshot};
+use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use crate::runtime::Published;
 
@@ -56,13 +57,14 @@ impl Serialize for Wire<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let context = self.0;
         let snapshot = context.snapshot;
-        // The tiles, and the statuses that nothing claims once there are some.
+        // The tiles; then the statuses that nothing claims, once there are some, and the diagnosis
+        // of the diagnosis, once something is wrong with it.
         let tops = || {
-            let other = (0..snapshot.layout.groups.len() as u32).map(GroupId).filter(|&id| {
-                let (info, _) = snapshot.group(id);
-                info.is_other && !info.modules.is_empty()
+            let others = (0..snapshot.layout.groups.len() as u32).map(GroupId).filter(|&id| {
+                let (info, view) = snapshot.group(id);
+                info.is_other && !info.modules.is_empty() || info.is_system && view.state != State::Ok
             });
-            snapshot.tiles().chain(other).map(|id| Group(context, id))
+            snapshot.tiles().chain(others).map(|id| Group(context, id))
         };
         let mut wire = serializer.serialize_struct("snapshot", 10)?;
         wire.serialize_field("seq", &snapshot.seq)?;

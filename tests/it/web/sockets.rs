@@ -141,8 +141,9 @@ async fn a_page_gets_everything_once_and_then_what_changed() {
     let server = Server::new().await;
     let cookie = server.fixture.cookie_of("operator").await;
     for (path, lang) in [("/ws", Lang::En), ("/ws?lang=de", Lang::De)] {
-        server.fixture.status("lidar", 0, "fine").await;
-        server.fixture.until(|snapshot| snapshot.overall == State::Unknown).await;
+        let message = format!("fine, {path}");
+        server.fixture.status("lidar", 0, &message).await;
+        server.fixture.until(|snapshot| *snapshot.modules[0].report.message == *message).await;
         let before = fragments(&server.app.published(), lang);
         let mut socket = server.connect(path, &cookie).await;
         let full = next_content(&mut socket).await;
