@@ -5,5 +5,6 @@ mod evaluation;
 mod hostile;
 mod peer;
 mod properties;
+mod start;
 mod tidy;
 mod web;
