@@ -107,9 +107,10 @@ fn is_free(domain: u16) -> bool {
 
 /// One screen: where to look, how to log in, what can be tried.
 fn introduction(address: SocketAddr, domain: u16) -> String {
+    let url = station::url(address);
     let mut text = format!(
         "Telltale demo: a simulated shuttle over real DDS, domain {domain}, on this machine alone.\n\n\
-         \x20 Look      http://{address}\n\n  Log in\n"
+         \x20 Look      {url}\n\n  Log in\n"
     );
     for (name, role, secret) in DEMO_USERS {
         let (kind, sees) = match role {
@@ -120,7 +121,7 @@ fn introduction(address: SocketAddr, domain: u16) -> String {
         text += &format!("            {name:<10} {kind:<8} {secret:<15} {sees}\n");
     }
     text += "\n  The shuttle waits 10 s at a stop, drives 45 s, waits again.\n";
-    text += &format!("\n  Faults    http://{address}/demo\n");
+    text += &format!("\n  Faults    {url}/demo\n");
     for fault in Fault::ALL {
         text += &format!("            {:<18} {}\n", fault.as_str(), fault.about());
     }

@@ -1,7 +1,7 @@
 //! What `serve` and `demo` share: the engine, the DDS bridge and the web server, from start to end.
 
 use std::io::ErrorKind;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 
 use anyhow::{Context as _, anyhow};
 use tokio::net::TcpListener;
@@ -45,7 +45,7 @@ impl Station {
         let link = runtime::start(loaded.model.clone(), clock);
         let bridge = ros::start(options, loaded.model, link.inputs.clone(), clock).await?;
         restore_operator(&store, &link).await?;
-        tracing::info!("the display is on http://{address}; it listens to {listens_to}");
+        tracing::info!("the display is on {}; it listens to {listens_to}", url(address));
         web::serve(listener, AppState::new(link, store, clock, settings), ending.asked()).await?;
         tracing::info!("ending");
         tokio::select! {
@@ -75,6 +75,16 @@ pub async fn bind(address: SocketAddr) -> anyhow::Result<TcpListener> {
         }
         _ => anyhow::Error::new(error).context(format!("nothing can listen on {address}")),
     })
+}
+
+/// Where a browser on this machine finds the display.
+pub fn url(address: SocketAddr) -> String {
+    let host = match address.ip() {
+        ip if ip.is_unspecified() => "localhost".to_owned(),
+        IpAddr::V4(ip) => ip.to_string(),
+        IpAddr::V6(ip) => format!("[{ip}]"),
+    };
+    format!("http://{host}:{}", address.port())
 }
 
 fn known_origins(address: SocketAddr, more: &[String]) -> anyhow::Result<Origins> {

@@ -108,6 +108,7 @@ fn velodyne_packets(world: &mut World, out: &mut StatusArray) {
     };
     let message = match level {
         OK => "Packets arrive".to_owned(),
+        _ if rate_hz == 0.0 => format!("No scan for {}", seconds(world.scan_age_ms())),
         _ => format!("Only {rate_hz:.1} scans per second"),
     };
     out.push_status(level, "velodyne_packet_alive", &message, "velodyne_front");
