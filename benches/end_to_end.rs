@@ -21,7 +21,7 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 
 /// The probe changes its state so often each second, and for so long.
-const PROBE: &str = "load --statuses 1 --rate 20 --seconds 20 --name imu:~status --levels ok --flip";
+const PROBE: &str = "load --statuses 1 --rate 20 --seconds 20 --name imu:~status --levels ok --flip --mark 7";
 const PROBED_S: u64 = 24;
 
 fn monotonic_ns() -> u64 {
@@ -179,10 +179,11 @@ async fn delays(server: (String, String), path: &str) -> (Vec<f64>, usize) {
     }
 }
 
-/// The probe's time in a frame: the one number of twenty digits.
+/// The probe's time in a frame: the number of twenty digits that begins with its mark.
 fn sent_ns(frame: &[u8]) -> Option<u64> {
     let runs = frame.split(|byte| !byte.is_ascii_digit());
-    runs.filter(|run| run.len() == 20).filter_map(|run| std::str::from_utf8(run).ok()?.parse().ok()).max()
+    let marked = runs.filter(|run| run.len() == 20 && run[0] == b'7');
+    marked.filter_map(|run| std::str::from_utf8(&run[1..]).ok()?.parse().ok()).max()
 }
 
 fn percentile(sorted: &[f64], share: f64) -> f64 {

@@ -229,7 +229,7 @@ def load(lib, participant, options):
         data[sequence_at : sequence_at + 12] = b"%012d" % sent
         if options.flip:
             data[level_at] = level + sent % 2
-        data[sent_at : sent_at + 20] = b"%020d" % time.clock_gettime_ns(clock)
+        data[sent_at : sent_at + 20] = options.mark + b"%019d" % time.clock_gettime_ns(clock)
         write(lib, writer, bytes(data))
         sent += 1
     took = (time.clock_gettime_ns(clock) - start) / 1e9
@@ -256,6 +256,7 @@ def main():
     one.add_argument("--seconds", type=float, default=5.0)
     one.add_argument("--levels", choices=["mixed", "ok"], default="mixed")
     one.add_argument("--name", help="of the first status; ~ stands for a blank")
+    one.add_argument("--mark", type=str.encode, default=b"0", help="first digit of sent_ns: tells loads apart")
     one.add_argument("--flip", action="store_true", help="the first status changes its level every time")
     one.set_defaults(run=load)
     options = parser.parse_args()
