@@ -4,14 +4,17 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
+use anyhow::Context as _;
 use serde_json::json;
 
 use super::check::{print, report};
 use super::{EXIT_NO, EXIT_USAGE};
 use crate::config;
 use crate::engine::time::Timestamp;
+use crate::sim::figure;
 use crate::sim::scenario::{self, Failure, Outcome, seconds};
 use crate::sim::scenario_file::{self, Config, File};
+use crate::sim::strips::{self, Panel};
 use crate::yaml::{Problem, Problems};
 
 /// Run scenario files in virtual time and check what they expect.
@@ -19,11 +22,15 @@ use crate::yaml::{Problem, Problems};
 /// The exit code is 1 where an expectation fails, and 2 where a file cannot be used.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  telltale scenario config/scenarios/*.yaml\n  \
-    telltale scenario --json config/scenarios/2-sensor-outage.yaml")]
+    telltale scenario --json config/scenarios/2-sensor-outage.yaml\n  \
+    telltale scenario --figure outage.svg config/scenarios/2-sensor-outage.yaml")]
 pub struct Args {
     /// Print a JSON object for each file in a line of its own: failures, and every change of a state
     #[arg(long)]
     json: bool,
+    /// Draw the states over time, one panel for each file
+    #[arg(long, value_name = "OUT.svg")]
+    figure: Option<PathBuf>,
     /// The scenario files
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
@@ -31,12 +38,14 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let mut code = 0;
+    let mut panels = Vec::new();
     for path in &args.files {
-        match scenario_file::load(path).and_then(|file| run_file(&file).map(|outcome| (file, outcome))) {
-            Ok((file, outcome)) => {
+        match scenario_file::load(path).and_then(|file| run_file(&file).map(|run| (file, run))) {
+            Ok((file, Run { outcome, panel })) => {
                 let text =
                     if args.json { json(path, &file, &outcome) } else { summary(path, &file, &outcome) };
                 print(&text);
+                panels.push(panel);
                 if !outcome.failures.is_empty() {
                     code = code.max(EXIT_NO);
                 }
@@ -47,14 +56,23 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             }
         }
     }
+    if let Some(path) = args.figure.as_ref().filter(|_| code != EXIT_USAGE) {
+        std::fs::write(path, figure::draw(&panels))
+            .with_context(|| format!("the figure cannot be written to {}", path.display()))?;
+    }
     Ok(ExitCode::from(code))
+}
+
+struct Run {
+    outcome: Outcome,
+    panel: Panel,
 }
 
 /// Runs a scenario with the configuration that it names.
 ///
 /// # Errors
 /// What is wrong with the configuration, or with the scenario in view of it.
-fn run_file(file: &File) -> Result<Outcome, Problems> {
+fn run_file(file: &File) -> Result<Run, Problems> {
     let loaded = match &file.config {
         Config::Path(path) => config::load(path)?,
         Config::Inline(node) => config::of_node(file.sources.clone(), node)?,
@@ -63,7 +81,10 @@ fn run_file(file: &File) -> Result<Outcome, Problems> {
         true => loaded.model,
         false => Arc::new(scenario::without_dependencies(&loaded.model)),
     };
-    Ok(scenario::run(model.clone(), &file.bind(&model)?))
+    let scenario = file.bind(&model)?;
+    let outcome = scenario::run(model, &scenario);
+    let panel = strips::panel(&file.name, &scenario.figure, &outcome);
+    Ok(Run { outcome, panel })
 }
 
 fn summary(path: &Path, file: &File, outcome: &Outcome) -> String {
@@ -85,7 +106,8 @@ fn json(path: &Path, file: &File, outcome: &Outcome) -> String {
     let transitions = outcome.transitions.iter().map(|change| {
         json!({
             "at_s": at_s(change.at), "node": &*change.node, "state": change.state.as_str(),
-            "reason": scenario::why_word(change.why),
+            "reason": scenario::why_word(change.why), "own": change.own.as_str(),
+            "causes": change.causes.iter().map(|cause| &**cause).collect::<Vec<_>>(),
         })
     });
     let object = json!({

@@ -7,10 +7,12 @@ use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 use std::sync::Arc;
 
+use super::expectation::compare;
 use crate::engine::Engine;
+use crate::engine::event;
 use crate::engine::input::{Input, OperatorAction, Response};
 use crate::engine::model::{ACTIVE_SIGNAL, GroupId, Model, ModuleId, NodeId, Stage};
-use crate::engine::snapshot::{NotRelevant, Reason, Snapshot};
+use crate::engine::snapshot::{Reason, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 use crate::yaml;
@@ -22,6 +24,19 @@ pub struct Scenario {
     pub start: Option<Stage>,
     pub steps: Vec<Step>,
     pub expectations: Vec<Expectation>,
+    pub figure: Figure,
+}
+
+/// What a figure of the scenario shows.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Figure {
+    /// One strip each, from top to bottom.
+    pub nodes: Vec<String>,
+    pub signals: Vec<String>,
+    pub from: Timestamp,
+    pub to: Timestamp,
+    /// Where the axis has its zero, and what happens there.
+    pub zero: Option<(Timestamp, String)>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -65,6 +80,8 @@ pub enum What {
     Counts(String, u32, u32),
     /// Raised since the start; one that moved to its cause counts once.
     Alarms(u64),
+    /// All that are active: their numbers and the nodes that they stand for.
+    ActiveAlarms(Vec<(String, String)>),
 }
 
 /// Why a node shows IGNORE, if it does.
@@ -88,13 +105,33 @@ pub struct Failure {
     pub why: Option<String>,
 }
 
-/// A node that shows something else than before.
+/// A node that shows something else than before, or reports something else behind what it shows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Transition {
     pub at: Timestamp,
     pub node: Arc<str>,
     pub state: State,
     pub why: Why,
+    /// What it would show if nothing were masked.
+    pub own: State,
+    /// What masks it, ranked.
+    pub causes: Vec<Arc<str>>,
+}
+
+/// A signal that conditions see changed; `None` is unknown.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SignalChange {
+    pub at: Timestamp,
+    pub name: Box<str>,
+    pub value: Option<bool>,
+}
+
+/// An alarm that was raised for a symptom and now stands for its cause.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Moved {
+    pub at: Timestamp,
+    pub symptom: Arc<str>,
+    pub cause: Arc<str>,
 }
 
 /// What came of a run.
@@ -103,6 +140,8 @@ pub struct Outcome {
     pub failures: Vec<Failure>,
     /// In order of time; the first ones say how everything began.
     pub transitions: Vec<Transition>,
+    pub signals: Vec<SignalChange>,
+    pub moved: Vec<Moved>,
 }
 
 /// Runs a scenario to its last step or expectation.
@@ -114,6 +153,8 @@ pub fn run(model: Arc<Model>, scenario: &Scenario) -> Outcome {
         alarms: 0,
         outcome: Outcome::default(),
     };
+    run.engine.keep_events();
+    run.signals_at_start();
     for input in start_inputs(&model, scenario.start) {
         run.engine.handle(&input, Timestamp::ZERO);
     }
@@ -162,10 +203,12 @@ fn start_inputs(model: &Model, stage: Option<Stage>) -> Vec<Input> {
     }
 }
 
+type Shown = (State, Why, State);
+
 struct Run {
     engine: Engine,
     /// What each node showed last: groups, then modules.
-    shown: Vec<(NodeId, State, Why)>,
+    shown: Vec<(NodeId, Shown)>,
     seq: Option<u64>,
     alarms: u64,
     outcome: Outcome,
@@ -203,6 +246,16 @@ impl Run {
         }
     }
 
+    fn signals_at_start(&mut self) {
+        let snapshot = self.engine.snapshot();
+        let start = |(name, value): &(Box<str>, Option<bool>)| SignalChange {
+            at: snapshot.now,
+            name: name.clone(),
+            value: *value,
+        };
+        self.outcome.signals = snapshot.signals.iter().map(start).collect();
+    }
+
     /// Notes what changed since the last look.
     fn follow(&mut self) {
         if self.seq == Some(self.engine.seq()) {
@@ -211,16 +264,28 @@ impl Run {
         let snapshot = self.engine.snapshot();
         self.seq = Some(snapshot.seq);
         self.alarms = snapshot.alarms.iter().map(|alarm| alarm.id).fold(self.alarms, u64::max);
-        let before: HashMap<NodeId, (State, Why)> =
-            self.shown.drain(..).map(|(node, state, why)| (node, (state, why))).collect();
+        let before: HashMap<NodeId, Shown> = self.shown.drain(..).collect();
         for node in nodes(&snapshot) {
             let (state, reason) = snapshot.shown(node);
-            let why = why_of(reason);
-            if before.get(&node) != Some(&(state, why)) {
-                let (at, node) = (snapshot.now, snapshot.node_name(node).clone());
-                self.outcome.transitions.push(Transition { at, node, state, why });
+            let shown = (state, why_of(reason), snapshot.own(node));
+            if before.get(&node) != Some(&shown) {
+                self.outcome.transitions.push(transition(&snapshot, node));
             }
-            self.shown.push((node, state, why));
+            self.shown.push((node, shown));
+        }
+        for event in self.engine.take_events() {
+            let at = event.at;
+            match event.what {
+                event::What::Signal { index, value } => {
+                    let name = snapshot.signals[index].0.clone();
+                    self.outcome.signals.push(SignalChange { at, name, value });
+                }
+                event::What::AlarmMoved { symptom, cause, .. } => {
+                    let name = |node| snapshot.node_name(node).clone();
+                    self.outcome.moved.push(Moved { at, symptom: name(symptom), cause: name(cause) });
+                }
+                _ => {}
+            }
         }
     }
 
@@ -234,75 +299,14 @@ impl Run {
     }
 }
 
-/// Subject, expected, got, why.
-type Difference = (String, String, String, Option<String>);
-
-fn compare(snapshot: &Snapshot, alarms: u64, what: &What) -> Result<(), Difference> {
-    let plain = |subject: &str, expected: String, got: String| equal(subject.into(), expected, got, || None);
-    match what {
-        What::Stage(stage) => plain("the stage", stage.as_str().into(), snapshot.stage.as_str().into()),
-        What::Overall(state) => plain("the vehicle", state.to_string(), snapshot.overall.to_string()),
-        What::Alarms(count) => plain("the number of alarms", count.to_string(), alarms.to_string()),
-        What::Ranking(names) => {
-            let got: Vec<&str> = snapshot.roots.iter().map(|root| &**snapshot.node_name(root.node)).collect();
-            plain("the ranking of root causes", list(names), list(&got))
-        }
-        What::Shown(name, state) => {
-            of_node(snapshot, "", name, state.to_string(), |node| snapshot.shown(node).0.to_string())
-        }
-        What::Own(name, state) => of_node(snapshot, "the own state of ", name, state.to_string(), |node| {
-            own(snapshot, node).to_string()
-        }),
-        What::Why(name, why) => of_node(snapshot, "the reason of ", name, why_word(*why).into(), |node| {
-            why_word(why_of(snapshot.shown(node).1)).into()
-        }),
-        What::Counts(name, ok, counted) => {
-            of_node(snapshot, "the count of ", name, format!("{ok}/{counted}"), |node| match node {
-                NodeId::Group(id) => {
-                    let view = snapshot.group(id).1;
-                    format!("{}/{}", view.ok, view.counted)
-                }
-                NodeId::Module(_) => "a module, which counts nothing".into(),
-            })
-        }
-        What::Roots(name, names) => {
-            let sorted = |mut names: Vec<&str>| {
-                names.sort_unstable();
-                list(&names)
-            };
-            let expected = sorted(names.iter().map(|name| &**name).collect());
-            of_node(snapshot, "the root causes of ", name, expected, |node| {
-                sorted(roots(snapshot, node).into_iter().map(|root| &**snapshot.node_name(root)).collect())
-            })
-        }
-    }
-}
-
-/// Compares something of a node, which `about` names together with the node.
-fn of_node(
-    snapshot: &Snapshot,
-    about: &str,
-    name: &str,
-    expected: String,
-    got: impl Fn(NodeId) -> String,
-) -> Result<(), Difference> {
-    match snapshot.node(name) {
-        Some(node) => equal(format!("{about}{name}"), expected, got(node), || Some(explain(snapshot, node))),
-        None => Err((format!("{about}{name}"), expected, "no such node: no status made it yet".into(), None)),
-    }
-}
-
-fn equal(
-    subject: String,
-    expected: String,
-    got: String,
-    why: impl FnOnce() -> Option<String>,
-) -> Result<(), Difference> {
-    if expected == got { Ok(()) } else { Err((subject, expected, got, why())) }
-}
-
-fn list(names: &[impl AsRef<str>]) -> String {
-    format!("[{}]", names.iter().map(AsRef::as_ref).collect::<Vec<_>>().join(", "))
+fn transition(snapshot: &Snapshot, node: NodeId) -> Transition {
+    let (state, reason) = snapshot.shown(node);
+    let causes = match reason {
+        Some(Reason::Masked { by }) => by.iter().map(|&root| snapshot.node_name(root).clone()).collect(),
+        _ => Vec::new(),
+    };
+    let (at, name) = (snapshot.now, snapshot.node_name(node).clone());
+    Transition { at, node: name, state, why: why_of(reason), own: snapshot.own(node), causes }
 }
 
 fn nodes(snapshot: &Snapshot) -> impl Iterator<Item = NodeId> {
@@ -310,29 +314,7 @@ fn nodes(snapshot: &Snapshot) -> impl Iterator<Item = NodeId> {
     groups.chain((0..snapshot.layout.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id))))
 }
 
-fn own(snapshot: &Snapshot, node: NodeId) -> State {
-    match node {
-        NodeId::Group(id) => snapshot.group(id).1.own,
-        NodeId::Module(id) => snapshot.module(id).1.own,
-    }
-}
-
-/// What a node's state comes from, itself included where it is the cause.
-fn roots(snapshot: &Snapshot, node: NodeId) -> Vec<NodeId> {
-    if let (_, Some(Reason::Masked { by })) = snapshot.shown(node) {
-        return by.to_vec();
-    }
-    match node {
-        NodeId::Group(id) => {
-            snapshot.group(id).1.paths.iter().filter_map(|path| path.last().copied()).collect()
-        }
-        NodeId::Module(_) => {
-            snapshot.roots.iter().map(|root| root.node).filter(|&root| root == node).collect()
-        }
-    }
-}
-
-fn why_of(reason: Option<&Reason>) -> Why {
+pub(super) fn why_of(reason: Option<&Reason>) -> Why {
     match reason {
         None => Why::None,
         Some(Reason::Masked { .. }) => Why::Masked,
@@ -345,42 +327,6 @@ pub fn why_word(why: Why) -> &'static str {
         Why::None => "none",
         Why::Masked => "masked",
         Why::NotRelevant => "not_relevant",
-    }
-}
-
-/// What a node shows and why, for whoever looks for the fault in a scenario.
-fn explain(snapshot: &Snapshot, node: NodeId) -> String {
-    let (state, reason) = snapshot.shown(node);
-    let name = snapshot.node_name(node);
-    let reason = match reason {
-        None => String::new(),
-        Some(Reason::Masked { by }) => {
-            let names: Vec<&str> = by.iter().map(|&root| &**snapshot.node_name(root)).collect();
-            format!(", masked by {}", names.join(", "))
-        }
-        Some(Reason::NotRelevant(NotRelevant::Stage(stage))) => format!(", the stage is {}", stage.as_str()),
-        Some(Reason::NotRelevant(NotRelevant::Signal { name, value })) => format!(", {name} is {value}"),
-    };
-    let own = own(snapshot, node);
-    match node {
-        NodeId::Module(id) => {
-            let view = snapshot.module(id).1;
-            let heard = match view.received {
-                None => "never heard".into(),
-                Some(_) if view.silent => "silent".into(),
-                Some(at) => format!("heard at {}, \"{}\"", seconds(at), view.report.message),
-            };
-            format!("{name} shows {state}{reason}; itself {own}, {heard}")
-        }
-        NodeId::Group(id) => {
-            let info = &snapshot.layout.groups[id.0 as usize];
-            let groups = info.groups.iter().map(|&id| NodeId::Group(id));
-            let members = groups.chain(info.modules.iter().map(|&id| NodeId::Module(id)));
-            let bad = members.filter(|&member| snapshot.shown(member).0 != State::Ok);
-            let bad: Vec<String> = bad.map(|member| explain(snapshot, member)).collect();
-            let bad = if bad.is_empty() { String::new() } else { format!("\n{}", bad.join("\n")) };
-            format!("{name} shows {state}{reason}; its members' own states make {own}{bad}")
-        }
     }
 }
 

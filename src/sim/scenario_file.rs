@@ -3,8 +3,8 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use super::scenario::{Expectation, Repeat, Scenario, Step, What};
-use super::scenario_raw::{Action, Raw, RawExpect, RawStatus, RawStep};
+use super::scenario::{Expectation, Figure, Repeat, Scenario, Step, What};
+use super::scenario_raw::{Action, Raw, RawExpect, RawFigure, RawStatus, RawStep};
 use crate::engine::input::{Input, StatusArray};
 use crate::engine::model::{Model, MonitorSpec};
 use crate::engine::time::Timestamp;
@@ -90,8 +90,9 @@ impl File {
         for raw in &self.raw.expect {
             bind.expect(raw, &mut expectations, &mut log);
         }
+        let figure = bind.figure(self.raw.figure.as_ref(), &expectations, &mut log);
         if log.is_empty() {
-            Ok(Scenario { start: self.raw.start, steps, expectations })
+            Ok(Scenario { start: self.raw.start, steps, expectations, figure })
         } else {
             Err(Problems::new(self.sources.clone(), log.into_problems()))
         }
@@ -142,19 +143,21 @@ impl Bind<'_> {
     }
 
     fn signals(&self, signals: &Entries<bool>, log: &mut Log) -> Vec<Input> {
-        let known = || self.model.signals.iter().map(|signal| &*signal.name);
         let mut inputs = Vec::new();
         for (key, value) in &signals.0 {
-            if !known().any(|name| name == key.text) {
-                let problem =
-                    Problem::at(key.span, format!("the configuration has no signal `{}`", key.text));
-                let help =
-                    suggest(&key.text, known()).map_or("declare it under `signals`".into(), did_you_mean);
-                log.push(problem.help(help));
-            }
+            self.check_signal(&key.text, key.span, log);
             inputs.push(Input::Signal { name: key.text.as_str().into(), value: *value });
         }
         inputs
+    }
+
+    fn check_signal(&self, name: &str, span: Span, log: &mut Log) {
+        let known = || self.model.signals.iter().map(|signal| &*signal.name);
+        if !known().any(|known| known == name) {
+            let problem = Problem::at(span, format!("the configuration has no signal `{name}`"));
+            let help = suggest(name, known()).map_or("declare it under `signals`".into(), did_you_mean);
+            log.push(problem.help(help));
+        }
     }
 
     fn expect(&self, raw: &RawExpect, expectations: &mut Vec<Expectation>, log: &mut Log) {
@@ -169,9 +172,41 @@ impl Bind<'_> {
                     names.iter().for_each(|name| self.check_node(name, *span, log));
                 }
                 What::Ranking(names) => names.iter().for_each(|name| self.check_node(name, *span, log)),
+                What::ActiveAlarms(alarms) => {
+                    alarms.iter().for_each(|(_, name)| self.check_node(name, *span, log));
+                }
                 What::Stage(_) | What::Overall(_) | What::Alarms(_) => {}
             }
             expectations.push(Expectation { span: *span, at, what: what.clone() });
+        }
+    }
+
+    /// Without a list of nodes: those whose states the file expects, in the order of their first naming.
+    fn figure(&self, raw: Option<&RawFigure>, expectations: &[Expectation], log: &mut Log) -> Figure {
+        let none = RawFigure::default();
+        let raw = raw.unwrap_or(&none);
+        for name in raw.nodes.iter().flatten() {
+            self.check_node(&name.value, name.span, log);
+        }
+        for name in &raw.signals {
+            self.check_signal(&name.value, name.span, log);
+        }
+        let mut nodes: Vec<String> = raw.nodes.iter().flatten().map(|name| name.value.clone()).collect();
+        if raw.nodes.is_none() {
+            for expectation in expectations {
+                if let What::Shown(name, _) | What::Own(name, _) = &expectation.what
+                    && !nodes.contains(name)
+                {
+                    nodes.push(name.clone());
+                }
+            }
+        }
+        Figure {
+            nodes,
+            signals: raw.signals.iter().map(|name| name.value.clone()).collect(),
+            from: raw.from.unwrap_or(Timestamp::ZERO),
+            to: raw.to.unwrap_or(self.end),
+            zero: raw.zero.map(|zero| (zero, raw.event.clone().unwrap_or_default())),
         }
     }
 

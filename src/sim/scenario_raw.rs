@@ -18,6 +18,7 @@ pub(super) struct Raw {
     pub start: Option<Stage>,
     pub steps: Vec<RawStep>,
     pub expect: Vec<RawExpect>,
+    pub figure: Option<RawFigure>,
 }
 
 impl Raw {
@@ -61,9 +62,50 @@ impl FromNode for Raw {
             start: fields.optional::<Start>("start").map(|Start(stage)| stage),
             steps: fields.or_default("steps"),
             expect: fields.or_default("expect"),
+            figure: fields.optional("figure"),
         };
         fields.finish();
         Some(raw)
+    }
+}
+
+/// What `--figure` draws of the scenario.
+#[derive(Debug, Default)]
+pub(super) struct RawFigure {
+    pub nodes: Option<Vec<Spanned<String>>>,
+    pub signals: Vec<Spanned<String>>,
+    pub from: Option<Timestamp>,
+    pub to: Option<Timestamp>,
+    pub zero: Option<Timestamp>,
+    /// What happens at `zero`.
+    pub event: Option<String>,
+}
+
+impl FromNode for RawFigure {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a figure", log)?;
+        let mut instant = |key| fields.optional(key).map(|Seconds(at)| at);
+        let (from, to, zero) = (instant("from"), instant("to"), instant("zero"));
+        let figure = RawFigure {
+            from,
+            to,
+            zero,
+            nodes: fields.optional("nodes"),
+            signals: fields.or_default("signals"),
+            event: fields.optional("event"),
+        };
+        if from.zip(to).is_some_and(|(from, to)| from >= to) {
+            fields.log.push(
+                Problem::at(node.span, "the figure ends before it begins").help("exchange `from` and `to`"),
+            );
+        }
+        if figure.event.is_some() && zero.is_none() {
+            fields.log.push(
+                Problem::at(node.span, "`event` without `zero`").help("add `zero: 3`, when it happens"),
+            );
+        }
+        fields.finish();
+        Some(figure)
     }
 }
 
@@ -255,6 +297,10 @@ impl FromNode for RawExpect {
         }
         if let Some(alarms) = fields.optional::<Spanned<u64>>("alarms") {
             what.push((alarms.span, What::Alarms(alarms.value)));
+        }
+        if let Some(alarms) = fields.optional::<Spanned<Entries<String>>>("active_alarms") {
+            let named = alarms.value.0.into_iter().map(|(number, node)| (number.text, node));
+            what.push((alarms.span, What::ActiveAlarms(named.collect())));
         }
         if let Some(node) = fields.node("countermeasure") {
             fields.log.push(not_supported(node.span, "`countermeasure`"));

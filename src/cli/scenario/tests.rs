@@ -1,10 +1,12 @@
 use super::*;
+use crate::engine::state::State;
+use crate::sim::strips::{Segment, Strip};
 
 /// Failures of a scenario, one line each: `line: message`, or what is wrong with the file.
 #[track_caller]
 fn check(text: &str, expected: &[&str]) {
     let found = match scenario_file::parse("s", text)
-        .and_then(|file| run_file(&file).map(|outcome| (file, outcome)))
+        .and_then(|file| run_file(&file).map(|run| (file, run.outcome)))
     {
         Ok((file, outcome)) => {
             let failures = outcome.failures.iter().map(problem).collect();
@@ -33,11 +35,11 @@ fn every_scenario_that_is_shipped_holds() {
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         let file = scenario_file::load(&path).unwrap_or_else(|problems| panic!("{problems}"));
-        let outcome = run_file(&file).unwrap_or_else(|problems| panic!("{problems}"));
+        let outcome = run_file(&file).unwrap_or_else(|problems| panic!("{problems}")).outcome;
         assert!(outcome.failures.is_empty(), "{}", summary(&path, &file, &outcome));
         count += 1;
     }
-    assert!(count >= 13, "only {count} scenarios were found");
+    assert!(count >= 20, "only {count} scenarios were found");
 }
 
 #[test]
@@ -134,6 +136,21 @@ fn a_file_that_is_wrong_says_where() {
         ],
     );
     check_run(
+        "figure: { nodes: [a, b], signals: [active], from: 2, to: 1, event: x, strips: 3 }\n",
+        &[
+            "3:9: the figure ends before it begins (exchange `from` and `to`)",
+            "3:9: `event` without `zero` (add `zero: 3`, when it happens)",
+            "3:71: unknown key `strips` in a figure (known here: from, to, zero, nodes, signals, event)",
+        ],
+    );
+    check_run(
+        "figure: { nodes: [a, b], signals: [active] }\n",
+        &[
+            "3:22: the configuration has no group or module `b` (write the full name)",
+            "3:36: the configuration has no signal `active` (declare it under `signals`)",
+        ],
+    );
+    check_run(
         "steps:
   - { at: 1s, status: { name: s, level: good } }
   - { at: 1, every: 0, status: { name: s, level: ok } }
@@ -181,7 +198,7 @@ fn transitions_say_when_each_node_changed() {
         "{HEAD}steps: [{{ at: 1.5, status: {{ name: s, level: ok }} }}]\nexpect: [{{ at: 4, groups: {{ a: unknown }} }}]\n"
     );
     let file = scenario_file::parse("s", &text).unwrap();
-    let outcome = run_file(&file).unwrap();
+    let outcome = run_file(&file).unwrap().outcome;
     let value: serde_json::Value = serde_json::from_str(&json(Path::new("s"), &file, &outcome)).unwrap();
     let changes: Vec<String> = value["transitions"]
         .as_array()
@@ -192,4 +209,70 @@ fn transitions_say_when_each_node_changed() {
         .collect();
     assert_eq!(changes, ["0.0 unknown", "1.5 ok", "3.5 unknown"]);
     assert_eq!(value["ok"], true);
+}
+
+/// A panel in words: each strip with its segments.
+fn described(panel: &Panel) -> Vec<String> {
+    let segment = |segment: &Segment| {
+        let own = segment.own.filter(|own| *own > State::Ok).map_or(String::new(), |own| format!("+{own}"));
+        let cause = segment.cause.as_ref().map_or(String::new(), |cause| format!("({cause})"));
+        format!("{} {:?}{own}{cause}", seconds(segment.from), segment.look)
+    };
+    let strip = |strip: &Strip| {
+        format!("{}: {}", strip.label, strip.segments.iter().map(segment).collect::<Vec<_>>().join(", "))
+    };
+    panel.strips.iter().map(strip).collect()
+}
+
+#[test]
+fn a_figure_shows_symptoms_as_owed_and_what_lies_behind_an_ignore() {
+    let text = "name: a <b> & \"c\"
+config:
+  vehicle: { stages: none }
+  signals: { active: { topic: /a, type: std_msgs/msg/Bool } }
+  groups:
+    - { id: a, modules: [{ id: m, status: a }] }
+    - { id: b, depends_on: [a], modules: [{ id: m, status: b }] }
+    - { id: c, when: { signals: { active: true } }, modules: [{ id: m, status: c }] }
+figure: { nodes: [a, b, b/m, c, c/m], signals: [active], from: 1, to: 8, zero: 2, event: it breaks }
+steps:
+  - { at: 0, signal: { active: false } }
+  - { at: 0, every: 0.5, until: 8, others: ok }
+  - { at: 0, every: 0.5, until: 2.5, status: [{ name: a, level: ok }, { name: b, level: ok }] }
+  - { at: 3, every: 0.5, until: 5, status: { name: b, level: error } }
+  - { at: 4, every: 0.5, until: 6, status: { name: a, level: error } }
+  - { at: 6.5, every: 0.5, status: { name: a, level: warning } }
+  - { at: 3, every: 0.5, until: 3.5, status: { name: a, level: ok } }
+  - { at: 5.5, every: 0.5, status: { name: b, level: stale } }
+";
+    let file = scenario_file::parse("s", text).unwrap_or_else(|problems| panic!("{problems}"));
+    let panel = run_file(&file).unwrap_or_else(|problems| panic!("{problems}")).panel;
+    assert_eq!(
+        described(&panel),
+        [
+            "a: 1 s Ok, 4 s Error, 6.5 s Warning",
+            "b: 1 s Ok, 3 s Owed(a/m), 4 s Masked+error(a/m), 5.5 s Masked+unknown(a/m), 6.5 s Unknown",
+            "m: 1 s Ok, 3 s Owed(a/m), 4 s Masked+error(a/m), 5.5 s Masked+unknown(a/m), 6.5 s Unknown",
+            "c: 1 s NotRelevant",
+            "m: 1 s NotRelevant",
+            "active: 1 s False",
+        ]
+    );
+    assert_eq!(panel.moved.iter().map(|it| (it.symptom, it.cause)).collect::<Vec<_>>(), [(2, 0)]);
+    let drawn = figure::draw(&[panel.clone(), panel]);
+    assert!(drawn.contains("(b) a &lt;b&gt; &amp; &quot;c&quot;"), "{drawn}");
+    for class in ["ok", "warning", "error", "owed", "masked", "not-relevant", "unknown", "false"] {
+        assert!(drawn.contains(&format!("class=\"bar bar-{class}\"")), "{class}");
+    }
+}
+
+#[test]
+fn a_figure_without_strips_or_time_is_still_a_figure() {
+    for text in ["", "steps: [{ at: 0, status: { name: s, level: ok } }]\nfigure: { nodes: [a] }\n"] {
+        let file = scenario_file::parse("s", &format!("{HEAD}{text}")).unwrap();
+        let panel = run_file(&file).unwrap().panel;
+        let drawn = figure::draw(&[panel]);
+        assert!(drawn.ends_with("</svg>\n") && !drawn.contains("NaN"), "{drawn}");
+    }
+    assert!(figure::draw(&[]).ends_with("</svg>\n"));
 }

@@ -7,6 +7,7 @@ use humantime::format_rfc3339_millis;
 use serde::ser::{Serialize, SerializeMap, SerializeStruct, Serializer};
 
 use crate::clock::wall_at;
+use crate::engine::input::TroubleKind;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::{Alarm, NotRelevant, Path, Reason, RootCause, Snapshot};
 use crate::engine::state::State;
@@ -66,7 +67,7 @@ impl Serialize for Wire<'_> {
             });
             snapshot.tiles().chain(others).map(|id| Group(context, id))
         };
-        let mut wire = serializer.serialize_struct("snapshot", 10)?;
+        let mut wire = serializer.serialize_struct("snapshot", 11)?;
         wire.serialize_field("seq", &snapshot.seq)?;
         wire.serialize_field("at", &rfc3339(context.at))?;
         wire.serialize_field("stage", snapshot.stage.as_str())?;
@@ -78,7 +79,28 @@ impl Serialize for Wire<'_> {
         let alarms = || snapshot.alarms.iter().map(|alarm| AlarmEntry(context, alarm));
         wire.serialize_field("alarms", &List(alarms))?;
         wire.serialize_field::<[(); 0]>("countermeasures", &[])?;
+        wire.serialize_field("counters", &Counts(context))?;
         wire.end()
+    }
+}
+
+/// What was received since the start, and what of it was lost or could not be read.
+struct Counts<'a>(&'a Context<'a>);
+
+impl Serialize for Counts<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let snapshot = self.0.snapshot;
+        let trouble = |kind: TroubleKind| -> u64 {
+            snapshot.reception.iter().filter(|it| it.kind == kind).map(|it| it.count).sum()
+        };
+        let mut counts = serializer.serialize_struct("counters", 6)?;
+        counts.serialize_field("arrays", &snapshot.counters.arrays)?;
+        counts.serialize_field("statuses", &snapshot.counters.statuses)?;
+        counts.serialize_field("dropped_names", &snapshot.counters.dropped_names)?;
+        counts.serialize_field("malformed", &trouble(TroubleKind::Malformed))?;
+        counts.serialize_field("wrong_type", &trouble(TroubleKind::WrongType))?;
+        counts.serialize_field("lost", &trouble(TroubleKind::Lost))?;
+        counts.end()
     }
 }
 

@@ -1,0 +1,398 @@
+//! Draws the states of a scenario over time, as in Fig. 6 of the paper. A pure function: the same
+//! panels make the same bytes.
+//!
+//! Every state differs by colour and by pattern or word, so that nobody needs to see the colours.
+
+use std::fmt::Write as _;
+
+use super::strips::{Look, Panel, Segment, Strip};
+use crate::engine::state::State;
+use crate::engine::time::{Span, Timestamp};
+
+const STYLE: &str = include_str!("figure.css");
+
+/// What the fills of states are made of beside their colours.
+const PATTERNS: &str = r##"<defs>
+<pattern id="warning" width="9" height="9" patternUnits="userSpaceOnUse" patternTransform="rotate(45)"><rect width="9" height="9" fill="#f2b632"/><rect width="2" height="9" fill="#d99a12"/></pattern>
+<pattern id="masked" width="6" height="6" patternUnits="userSpaceOnUse" patternTransform="rotate(-45)"><rect width="6" height="6" fill="#e7eaee"/><rect width="1.5" height="6" fill="#8c959f"/></pattern>
+<pattern id="not-relevant" width="7" height="7" patternUnits="userSpaceOnUse"><rect width="7" height="7" fill="#f6f8fa"/><circle cx="3.5" cy="3.5" r="1.1" fill="#8c959f"/></pattern>
+<pattern id="unknown" width="8" height="8" patternUnits="userSpaceOnUse"><rect width="8" height="8" fill="#dccff2"/><path d="M0 0L8 8M8 0L0 8" stroke="#9277c7" stroke-width="1"/></pattern>
+</defs>
+"##;
+
+const MARGIN: f64 = 16.0;
+const LABEL_WIDTH: f64 = 158.0;
+const PLOT_WIDTH: f64 = 320.0;
+const PANEL_GAP: f64 = 28.0;
+const TITLE_HEIGHT: f64 = 46.0;
+const STRIP_HEIGHT: f64 = 22.0;
+const STRIP_STEP: f64 = 28.0;
+const OWN_HEIGHT: f64 = 5.0;
+const AXIS_HEIGHT: f64 = 44.0;
+const LEGEND_STEP: f64 = 24.0;
+/// What a letter of a word in a bar takes at most.
+const LETTER_WIDTH: f64 = 7.9;
+const TICKS_MAX: u64 = 9;
+/// Longer labels lose their beginning; the whole name is in what a pointer tells.
+const LABEL_LETTERS: usize = 24;
+
+/// One figure of all panels, two in a row, each with a letter if there are several.
+pub fn draw(panels: &[Panel]) -> String {
+    let columns = panels.len().clamp(1, 2);
+    let panel_width = LABEL_WIDTH + PLOT_WIDTH;
+    let width = MARGIN * 2.0 + panel_width * columns as f64 + PANEL_GAP * (columns - 1) as f64;
+    let rows: Vec<&[Panel]> = panels.chunks(columns).collect();
+    let row_height = |row: &[Panel]| row.iter().map(height).fold(0.0, f64::max);
+    let legend = legend(panels, width);
+    let total = MARGIN * 2.0 + rows.iter().map(|row| row_height(row)).sum::<f64>() + legend.height;
+
+    let mut out = String::new();
+    let _ = writeln!(
+        out,
+        r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0} {total:.0}" width="{width:.0}" height="{total:.0}" role="img">"#
+    );
+    let _ = writeln!(
+        out,
+        "<style>\n{STYLE}</style>\n{PATTERNS}<rect class=\"page\" width=\"100%\" height=\"100%\"/>"
+    );
+    let mut y = MARGIN;
+    for (index, panel) in panels.iter().enumerate() {
+        let column = index % columns;
+        let x = MARGIN + (panel_width + PANEL_GAP) * column as f64;
+        let letter = (panels.len() > 1).then(|| char::from(b'a' + (index % 26) as u8));
+        Drawing { out: &mut out, panel, x, y }.draw(letter);
+        if column + 1 == columns || index + 1 == panels.len() {
+            y += row_height(rows[index / columns]);
+        }
+    }
+    let _ = writeln!(out, "<g transform=\"translate(0 {y:.1})\">\n{}</g>\n</svg>", legend.svg);
+    out
+}
+
+fn height(panel: &Panel) -> f64 {
+    TITLE_HEIGHT + STRIP_STEP * panel.strips.len() as f64 + AXIS_HEIGHT
+}
+
+struct Drawing<'a> {
+    out: &'a mut String,
+    panel: &'a Panel,
+    x: f64,
+    y: f64,
+}
+
+impl Drawing<'_> {
+    fn draw(&mut self, letter: Option<char>) {
+        let letter = letter.map_or(String::new(), |letter| format!("({letter}) "));
+        let title = escaped(&format!("{letter}{}", self.panel.title));
+        let (x, y) = (self.x, self.y + 14.0);
+        let _ = writeln!(self.out, "<g>\n<text class=\"title\" x=\"{x:.1}\" y=\"{y:.1}\">{title}</text>");
+        self.axis();
+        for (index, strip) in self.panel.strips.iter().enumerate() {
+            self.strip(strip, self.strip_y(index));
+        }
+        self.zero();
+        // After the line at zero, which would cross them out.
+        for (index, strip) in self.panel.strips.iter().enumerate() {
+            strip.segments.iter().for_each(|segment| self.segment_word(segment, self.strip_y(index)));
+        }
+        for arrow in &self.panel.moved {
+            self.arrow(arrow.at, arrow.symptom, arrow.cause);
+        }
+        self.out.push_str("</g>\n");
+    }
+
+    fn strip_y(&self, index: usize) -> f64 {
+        self.y + TITLE_HEIGHT + STRIP_STEP * index as f64
+    }
+
+    fn bottom(&self) -> f64 {
+        self.strip_y(self.panel.strips.len())
+    }
+
+    fn time_x(&self, at: Timestamp) -> f64 {
+        let whole = self.panel.to.since(self.panel.from).as_nanos().max(1) as f64;
+        self.x + LABEL_WIDTH + PLOT_WIDTH * at.since(self.panel.from).as_nanos() as f64 / whole
+    }
+
+    fn strip(&mut self, strip: &Strip, y: f64) {
+        let (class, indent) = if strip.inner { ("inner", 12.0) } else { ("label", 0.0) };
+        let (x, text_y) = (self.x + indent, y + 15.5);
+        let label = escaped(&ending(&strip.label, LABEL_LETTERS));
+        let _ = writeln!(self.out, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{text_y:.1}\">{label}</text>");
+        for segment in &strip.segments {
+            self.segment(strip, segment, y);
+        }
+    }
+
+    fn segment(&mut self, strip: &Strip, segment: &Segment, y: f64) {
+        let (left, right) = (self.time_x(segment.from), self.time_x(segment.to));
+        let class = class(segment.look);
+        let _ = write!(
+            self.out,
+            "<g><title>{}</title><rect class=\"bar bar-{class}\" x=\"{left:.1}\" y=\"{y:.1}\" width=\"{:.1}\" height=\"{STRIP_HEIGHT}\"/>",
+            escaped(&self.words(strip, segment)),
+            right - left
+        );
+        if let Some(own) = worth_a_line(segment) {
+            let own_y = y + STRIP_HEIGHT - OWN_HEIGHT;
+            let _ = write!(
+                self.out,
+                "<rect class=\"own own-{own}\" x=\"{left:.1}\" y=\"{own_y:.1}\" width=\"{:.1}\" height=\"{OWN_HEIGHT}\"/>",
+                right - left
+            );
+        }
+        self.out.push_str("</g>\n");
+    }
+
+    fn segment_word(&mut self, segment: &Segment, y: f64) {
+        let free = worth_a_line(segment).map_or(STRIP_HEIGHT, |_| STRIP_HEIGHT - OWN_HEIGHT);
+        let ends = (self.time_x(segment.from), self.time_x(segment.to));
+        word(self.out, segment.look, ends, y, free);
+    }
+
+    /// What a pointer at a segment tells.
+    fn words(&self, strip: &Strip, segment: &Segment) -> String {
+        let zero = self.panel.zero.as_ref().map_or(Timestamp::ZERO, |(zero, _)| *zero);
+        let (from, to) = (relative(segment.from, zero), relative(segment.to, zero));
+        let mut words = format!("{}: {} from {from} s to {to} s", strip.name, long_word(segment.look));
+        match (&segment.cause, segment.look) {
+            (Some(cause), Look::Owed) => {
+                let _ = write!(words, ", owed to {cause}");
+            }
+            (Some(cause), _) => {
+                let _ = write!(words, ", waits for {cause}");
+            }
+            _ => {}
+        }
+        if let Some(own) = segment.own {
+            let _ = write!(words, ", reports {own} itself");
+        }
+        words
+    }
+
+    fn axis(&mut self) {
+        let (left, right) = (self.x + LABEL_WIDTH, self.x + LABEL_WIDTH + PLOT_WIDTH);
+        let (top, bottom) = (self.strip_y(0) - 4.0, self.bottom());
+        let zero = self.panel.zero.as_ref().map_or(Timestamp::ZERO, |(zero, _)| *zero);
+        let step = tick_step(self.panel.to.since(self.panel.from));
+        let mut tick = first_tick(self.panel.from, zero, step);
+        while tick <= self.panel.to {
+            let (x, text_y) = (self.time_x(tick), bottom + 15.0);
+            let text = relative(tick, zero);
+            let _ = writeln!(
+                self.out,
+                "<path class=\"grid\" d=\"M{x:.1} {top:.1}V{bottom:.1}\"/><text class=\"tick\" text-anchor=\"middle\" x=\"{x:.1}\" y=\"{text_y:.1}\">{text}</text>"
+            );
+            tick = tick + step;
+        }
+        let (middle, title_y) = (left.midpoint(right), bottom + 31.0);
+        let _ = writeln!(self.out, "<path class=\"axis\" d=\"M{left:.1} {bottom:.1}H{right:.1}\"/>");
+        let _ = writeln!(
+            self.out,
+            "<text class=\"axis-title\" text-anchor=\"middle\" x=\"{middle:.1}\" y=\"{title_y:.1}\">time in s</text>"
+        );
+    }
+
+    fn zero(&mut self) {
+        let Some((at, event)) = &self.panel.zero else { return };
+        if !(self.panel.from..=self.panel.to).contains(at) {
+            return;
+        }
+        let (x, top, bottom) = (self.time_x(*at), self.strip_y(0) - 6.0, self.bottom());
+        let (tip, left, right, text_y) = (top + 1.0, x - 4.5, x + 4.5, top - 9.0);
+        let event = escaped(event);
+        let _ = writeln!(self.out, "<path class=\"zero\" d=\"M{x:.1} {top:.1}V{bottom:.1}\"/>");
+        let _ = writeln!(
+            self.out,
+            "<path class=\"mark\" d=\"M{left:.1} {:.1}H{right:.1}L{x:.1} {tip:.1}Z\"/>",
+            top - 7.0
+        );
+        let _ = writeln!(
+            self.out,
+            "<text class=\"event\" text-anchor=\"middle\" x=\"{x:.1}\" y=\"{text_y:.1}\">{event}</text>"
+        );
+    }
+
+    fn arrow(&mut self, at: Timestamp, symptom: usize, cause: usize) {
+        let x = self.time_x(at);
+        let (from, to) = (self.strip_y(symptom), self.strip_y(cause));
+        let down = to > from;
+        let start = from + STRIP_HEIGHT / 2.0;
+        let end = if down { to } else { to + STRIP_HEIGHT };
+        let back = if down { end - 7.0 } else { end + 7.0 };
+        let (left, right) = (x - 4.5, x + 4.5);
+        let _ = writeln!(
+            self.out,
+            "<circle class=\"moved-head\" cx=\"{x:.1}\" cy=\"{start:.1}\" r=\"3\"/><path class=\"moved\" d=\"M{x:.1} {start:.1}V{back:.1}\"/><path class=\"moved-head\" d=\"M{left:.1} {back:.1}H{right:.1}L{x:.1} {end:.1}Z\"/>"
+        );
+    }
+}
+
+/// What a node reports behind an IGNORE, where that is more than nothing or fine.
+fn worth_a_line(segment: &Segment) -> Option<State> {
+    segment.own.filter(|own| *own > State::Ok)
+}
+
+/// The state in a bar, as long as there is room: its word, or a letter, or nothing.
+fn word(out: &mut String, look: Look, (left, right): (f64, f64), y: f64, height: f64) {
+    let room = |text: &str| text.chars().count() as f64 * LETTER_WIDTH + 4.0 <= right - left;
+    let Some(text) = [short_word(look), letter(look)].into_iter().find(|text| room(text)) else { return };
+    if text.is_empty() {
+        return;
+    }
+    let (x, text_y) = (left.midpoint(right), y + height / 2.0 + 3.9);
+    if matches!(look, Look::Masked | Look::NotRelevant | Look::Unknown | Look::NotKnown) {
+        let width = text.chars().count() as f64 * LETTER_WIDTH;
+        let (plate, top) = (x - width / 2.0, y + height / 2.0 - 6.0);
+        let _ = write!(
+            out,
+            "<rect class=\"plate\" x=\"{plate:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"12\" rx=\"2\"/>"
+        );
+    }
+    let class = class(look);
+    let _ = write!(out, "<text class=\"word word-{class}\" x=\"{x:.1}\" y=\"{text_y:.1}\">{text}</text>");
+}
+
+fn class(look: Look) -> &'static str {
+    match look {
+        Look::Ok => "ok",
+        Look::Warning => "warning",
+        Look::Error => "error",
+        Look::Owed => "owed",
+        Look::Masked => "masked",
+        Look::NotRelevant => "not-relevant",
+        Look::Unknown => "unknown",
+        Look::True => "true",
+        Look::False => "false",
+        Look::NotKnown => "not-known",
+    }
+}
+
+fn short_word(look: Look) -> &'static str {
+    match look {
+        Look::Ok => "OK",
+        Look::Warning => "WARNING",
+        Look::Error | Look::Owed => "ERROR",
+        Look::Masked | Look::NotRelevant => "IGNORE",
+        Look::Unknown => "UNKNOWN",
+        Look::True => "true",
+        Look::False => "false",
+        Look::NotKnown => "unknown",
+    }
+}
+
+fn letter(look: Look) -> &'static str {
+    match look {
+        Look::Warning => "W",
+        Look::Error | Look::Owed => "E",
+        Look::Masked | Look::NotRelevant => "I",
+        Look::Unknown | Look::NotKnown => "?",
+        Look::Ok | Look::True | Look::False => "",
+    }
+}
+
+fn long_word(look: Look) -> &'static str {
+    match look {
+        Look::Ok => "OK",
+        Look::Warning => "WARNING",
+        Look::Error => "ERROR",
+        Look::Owed => "ERROR, owed to the cause that showed itself later",
+        Look::Masked => "IGNORE, because what it depends on fails",
+        Look::NotRelevant => "IGNORE, because the vehicle's state makes it pointless",
+        Look::Unknown => "UNKNOWN",
+        Look::True => "signal is true",
+        Look::False => "signal is false",
+        Look::NotKnown => "signal is unknown",
+    }
+}
+
+struct Legend {
+    svg: String,
+    height: f64,
+}
+
+/// Explains what the panels hold, and nothing else.
+fn legend(panels: &[Panel], width: f64) -> Legend {
+    let segments = || panels.iter().flat_map(|panel| &panel.strips).flat_map(|strip| &strip.segments);
+    let used = Look::ALL.into_iter().filter(|&look| segments().any(|segment| segment.look == look));
+    let mut entries: Vec<(String, String)> = used
+        .map(|look| {
+            let mut bar = format!("<rect class=\"bar bar-{}\" width=\"34\" height=\"14\"/>", class(look));
+            word(&mut bar, look, (0.0, 34.0), 0.0, 14.0);
+            (bar, long_word(look).to_owned())
+        })
+        .collect();
+    if segments().any(|segment| segment.own.is_some_and(|own| own > State::Ok)) {
+        let bar = "<rect class=\"bar bar-masked\" width=\"34\" height=\"14\"/><rect class=\"own own-error\" y=\"9\" width=\"34\" height=\"5\"/>";
+        entries.push((bar.into(), "line at the foot: what it reports behind an IGNORE".into()));
+    }
+    if panels.iter().any(|panel| !panel.moved.is_empty()) {
+        let arrow = "<circle class=\"moved-head\" cx=\"17\" cy=\"14\" r=\"3\"/><path class=\"moved\" d=\"M17 14V6\"/><path class=\"moved-head\" d=\"M12.5 6H21.5L17 0Z\"/>";
+        entries.push((arrow.into(), "the alarm moves from the symptom to its cause".into()));
+    }
+    let columns = if width > 700.0 { 2 } else { 1 };
+    let column_width = (width - MARGIN * 2.0) / columns as f64;
+    let per_column = entries.len().div_ceil(columns);
+    let mut svg = String::new();
+    for (index, (bar, words)) in entries.iter().enumerate() {
+        let (x, y) = (
+            MARGIN + column_width * (index / per_column) as f64,
+            10.0 + LEGEND_STEP * (index % per_column) as f64,
+        );
+        let _ = writeln!(
+            svg,
+            "<g transform=\"translate({x:.1} {y:.1})\">{bar}<text x=\"44\" y=\"11.5\">{words}</text></g>"
+        );
+    }
+    Legend { svg, height: LEGEND_STEP * per_column as f64 + 10.0 }
+}
+
+/// The smallest of 1, 2, 5, 10, ... (times a millisecond) that leaves few enough ticks.
+fn tick_step(whole: Span) -> Span {
+    let steps = (0..15).flat_map(|power| [1, 2, 5].map(|digit| digit * 10_u64.pow(power)));
+    let wide = |millis: &u64| whole.as_millis() / millis < TICKS_MAX;
+    Span::from_millis(steps.into_iter().find(wide).unwrap_or(u64::MAX / 2))
+}
+
+/// The first instant not before `from` that is whole steps away from `zero`.
+fn first_tick(from: Timestamp, zero: Timestamp, step: Span) -> Timestamp {
+    let step = step.as_nanos().max(1);
+    let offset = zero.as_nanos() % step;
+    let behind = from.as_nanos().saturating_sub(offset).div_ceil(step);
+    Timestamp::from_nanos(offset + behind * step)
+}
+
+/// Seconds after `zero`, with a minus sign before it.
+fn relative(at: Timestamp, zero: Timestamp) -> String {
+    let (sign, nanos) = match at >= zero {
+        true => ("", at.since(zero).as_nanos()),
+        false => ("\u{2212}", zero.since(at).as_nanos()),
+    };
+    let text = format!("{}.{:09}", nanos / 1_000_000_000, nanos % 1_000_000_000);
+    format!("{sign}{}", text.trim_end_matches('0').trim_end_matches('.'))
+}
+
+fn ending(text: &str, letters: usize) -> String {
+    let count = text.chars().count();
+    if count <= letters {
+        return text.to_owned();
+    }
+    let kept: String = text.chars().skip(count + 1 - letters).collect();
+    format!("\u{2026}{kept}")
+}
+
+fn escaped(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => escaped.push_str("&amp;"),
+            '<' => escaped.push_str("&lt;"),
+            '>' => escaped.push_str("&gt;"),
+            '"' => escaped.push_str("&quot;"),
+            // What XML cannot hold in any spelling.
+            c if c.is_control() => escaped.push(' '),
+            c => escaped.push(c),
+        }
+    }
+    escaped
+}

@@ -1,0 +1,209 @@
+//! What a run shows over time, as strips of segments: what a figure draws.
+
+use std::sync::Arc;
+
+use super::scenario::{Figure, Moved, Outcome, Transition, Why};
+use crate::engine::state::State;
+use crate::engine::time::Timestamp;
+
+/// One scenario in a figure.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Panel {
+    pub title: String,
+    pub from: Timestamp,
+    pub to: Timestamp,
+    /// Where the axis has its zero, and what happens there.
+    pub zero: Option<(Timestamp, String)>,
+    pub strips: Vec<Strip>,
+    /// From the strip of a symptom to that of its cause.
+    pub moved: Vec<Arrow>,
+}
+
+/// One node or signal over time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Strip {
+    /// The whole name.
+    pub name: String,
+    pub label: String,
+    /// Stands below the strip of the group that contains it.
+    pub inner: bool,
+    /// Without gaps from one to the next; the time before a node exists has none.
+    pub segments: Vec<Segment>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct Segment {
+    pub from: Timestamp,
+    pub to: Timestamp,
+    pub look: Look,
+    /// What the node reports behind an IGNORE.
+    pub own: Option<State>,
+    /// Which cause masks it, or owes what it showed.
+    pub cause: Option<Arc<str>>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Look {
+    Ok,
+    Warning,
+    Error,
+    /// An ERROR of a symptom that was there before its cause showed itself.
+    Owed,
+    Masked,
+    NotRelevant,
+    Unknown,
+    /// Of a signal.
+    True,
+    False,
+    NotKnown,
+}
+
+impl Look {
+    pub const ALL: [Look; 10] = [
+        Look::Ok,
+        Look::Warning,
+        Look::Error,
+        Look::Owed,
+        Look::Masked,
+        Look::NotRelevant,
+        Look::Unknown,
+        Look::True,
+        Look::False,
+        Look::NotKnown,
+    ];
+}
+
+/// An alarm that moved, by positions of strips.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Arrow {
+    pub at: Timestamp,
+    pub symptom: usize,
+    pub cause: usize,
+}
+
+/// The strips that a scenario's figure asks for.
+pub fn panel(title: &str, figure: &Figure, outcome: &Outcome) -> Panel {
+    let nodes = figure.nodes.iter().map(|name| node_strip(name, figure, outcome));
+    let signals = figure.signals.iter().map(|name| signal_strip(name, figure, outcome));
+    let strips: Vec<Strip> = nodes.chain(signals).collect();
+    let moved = outcome.moved.iter().filter(|moved| (figure.from..=figure.to).contains(&moved.at));
+    let moved = moved.filter_map(|moved| arrow(moved, &strips)).collect();
+    Panel {
+        title: title.to_owned(),
+        from: figure.from,
+        to: figure.to,
+        zero: figure.zero.clone(),
+        strips,
+        moved,
+    }
+}
+
+fn node_strip(name: &str, figure: &Figure, outcome: &Outcome) -> Strip {
+    let changes: Vec<&Transition> =
+        outcome.transitions.iter().filter(|change| *change.node == *name).collect();
+    let mut segments = Vec::new();
+    for (index, change) in changes.iter().enumerate() {
+        let next = changes.get(index + 1);
+        segments.push(Segment {
+            from: change.at,
+            to: next.map_or(figure.to, |next| next.at),
+            look: look(change),
+            own: (change.state == State::Ignore).then_some(change.own),
+            cause: change.causes.first().cloned(),
+        });
+    }
+    segments.retain(|segment| segment.from < segment.to);
+    owe(&mut segments);
+    // The strip of the group right around it says where the rest of the name belongs.
+    let around = name.rsplit_once('/').filter(|(group, _)| figure.nodes.iter().any(|node| node == group));
+    Strip {
+        name: name.to_owned(),
+        label: around.map_or(name, |(_, last)| last).to_owned(),
+        inner: around.is_some(),
+        segments: cut(merged(segments), figure),
+    }
+}
+
+fn look(change: &Transition) -> Look {
+    match (change.state, change.why) {
+        (State::Ignore, Why::Masked) => Look::Masked,
+        (State::Ignore, _) => Look::NotRelevant,
+        (State::Ok, _) => Look::Ok,
+        (State::Warning, _) => Look::Warning,
+        (State::Unknown, _) => Look::Unknown,
+        (State::Error, _) => Look::Error,
+    }
+}
+
+/// An ERROR that turns into waiting for a cause was owed to that cause (`ENGINE.md` 6).
+fn owe(segments: &mut [Segment]) {
+    for index in 1..segments.len() {
+        if (segments[index - 1].look, segments[index].look) == (Look::Error, Look::Masked) {
+            segments[index - 1].look = Look::Owed;
+            segments[index - 1].cause = segments[index].cause.clone();
+        }
+    }
+}
+
+fn signal_strip(name: &str, figure: &Figure, outcome: &Outcome) -> Strip {
+    let changes: Vec<_> = outcome.signals.iter().filter(|change| *change.name == *name).collect();
+    let segment = |(index, change): (usize, &&_)| {
+        let change: &super::scenario::SignalChange = change;
+        Segment {
+            from: change.at,
+            to: changes.get(index + 1).map_or(figure.to, |next| next.at),
+            look: match change.value {
+                Some(true) => Look::True,
+                Some(false) => Look::False,
+                None => Look::NotKnown,
+            },
+            own: None,
+            cause: None,
+        }
+    };
+    let segments = changes.iter().enumerate().map(segment).filter(|segment| segment.from < segment.to);
+    Strip {
+        name: name.to_owned(),
+        label: name.to_owned(),
+        inner: false,
+        segments: cut(merged(segments.collect()), figure),
+    }
+}
+
+/// Joins neighbours that look the same.
+fn merged(segments: Vec<Segment>) -> Vec<Segment> {
+    let mut merged: Vec<Segment> = Vec::new();
+    for segment in segments {
+        match merged.last_mut() {
+            Some(last)
+                if (last.look, last.own, &last.cause) == (segment.look, segment.own, &segment.cause) =>
+            {
+                last.to = segment.to;
+            }
+            _ => merged.push(segment),
+        }
+    }
+    merged
+}
+
+fn cut(segments: Vec<Segment>, figure: &Figure) -> Vec<Segment> {
+    let cut = |segment: Segment| Segment {
+        from: segment.from.max(figure.from),
+        to: segment.to.min(figure.to),
+        ..segment
+    };
+    segments.into_iter().map(cut).filter(|segment| segment.from < segment.to).collect()
+}
+
+/// From the strip of the symptom, or of the innermost group around it that is shown, to the cause's.
+fn arrow(moved: &Moved, strips: &[Strip]) -> Option<Arrow> {
+    let nearest = |name: &str| {
+        let contains = |strip: &Strip| {
+            name.strip_prefix(&strip.name).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+        };
+        let found = strips.iter().enumerate().filter(|(_, strip)| contains(strip));
+        found.max_by_key(|(_, strip)| strip.name.len()).map(|(index, _)| index)
+    };
+    let (symptom, cause) = (nearest(&moved.symptom)?, nearest(&moved.cause)?);
+    (symptom != cause).then_some(Arrow { at: moved.at, symptom, cause })
+}
