@@ -100,8 +100,7 @@ async fn a_request_that_acts_needs_the_origin_of_a_page_of_ours() {
         (Some("null"), None, false),
         (Some("null"), Some("cross-site"), false),
         (Some("null"), Some("same-site"), false),
-        // What a browser sends for a form of ours, under `Referrer-Policy: no-referrer`.
-        (Some("null"), Some("same-origin"), true),
+        (Some("null"), Some("same-origin"), false),
         (Some("http://evil.example"), Some("same-origin"), false),
         (Some("http://127.0.0.1"), None, false),
         (Some("http://127.0.0.1:8081"), None, false),
@@ -124,6 +123,23 @@ async fn a_request_that_acts_needs_the_origin_of_a_page_of_ours() {
             let answer = fixture.send(request).await;
             assert_eq!(answer.status != StatusCode::FORBIDDEN, permitted, "{path} {origin:?} {site:?}");
         }
+    }
+}
+
+#[tokio::test]
+async fn pages_make_browsers_send_the_origin_of_their_forms() {
+    let fixture = Fixture::new().await;
+    let operator = fixture.cookie_of("operator").await;
+    let developer = fixture.cookie_of("developer").await;
+    let meta = r#"<meta name="referrer" content="same-origin">"#;
+    for (path, cookie) in [
+        ("/login", None),
+        ("/", Some(&operator)),
+        ("/demo", Some(&operator)),
+        ("/developer", Some(&developer)),
+    ] {
+        let answer = fixture.get(path, cookie.map(String::as_str)).await;
+        assert!(answer.status == StatusCode::OK && answer.body.contains(meta), "{path}");
     }
 }
 
