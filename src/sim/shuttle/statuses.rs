@@ -31,11 +31,10 @@ pub(super) enum Node {
     PlannerMonitor,
     Planner,
     Controller,
-    Computer,
 }
 
 impl Node {
-    pub const ALL: [Node; 17] = [
+    pub const ALL: [Node; 16] = [
         Node::VelodyneMonitor,
         Node::LidarDrivers,
         Node::Camera,
@@ -52,13 +51,11 @@ impl Node {
         Node::PlannerMonitor,
         Node::Planner,
         Node::Controller,
-        Node::Computer,
     ];
 
     /// Each node has its own rhythm, and none the same phase as the one before.
     pub fn is_due(self, now_ms: u64) -> bool {
         let period_ms = match self {
-            Node::LidarDrivers | Node::Gnss | Node::MissionServer | Node::Computer => 1000,
             Node::Battery => 500,
             _ => 100,
         };
@@ -93,7 +90,6 @@ impl Node {
             Node::PlannerMonitor => planner_submitted(world, &mut out),
             Node::Planner => planner(world, &mut out),
             Node::Controller => controller(world, &mut out),
-            Node::Computer => computer(world, &mut out),
         }
         Some(out)
     }
@@ -340,13 +336,6 @@ fn controller(world: &mut World, out: &mut StatusArray) {
         let lag_ms = world.measured(42.0, 6.0);
         out.push_value("lag_ms", &format!("{lag_ms:.0}"));
     }
-}
-
-/// No component of the vehicle claims this one: it shows up under the unmatched statuses.
-fn computer(world: &mut World, out: &mut StatusArray) {
-    let load_percent = world.measured(41.0, 6.0);
-    out.push_status(OK, "onboard_computer: load", "Enough in reserve", "onboard_computer");
-    out.push_value("load_percent", &format!("{load_percent:.0}"));
 }
 
 fn judge_below(value: f64, warn: f64, error: f64) -> u8 {
