@@ -3,8 +3,18 @@
 //! Exit codes: 0; 1, the answer is no; 2, wrong usage or configuration.
 
 mod check;
+mod data;
+mod dds;
+mod demo;
+mod ending;
 mod graph;
+mod log;
 mod scenario;
+mod serve;
+mod sim;
+mod station;
+mod user;
+mod vehicle;
 
 use std::process::ExitCode;
 
@@ -24,19 +34,37 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Demo(demo::Args),
+    Serve(serve::Args),
+    Sim(sim::Args),
     Check(check::Args),
     Scenario(scenario::Args),
+    User(user::Args),
 }
 
 /// Runs the program with the arguments of the process. An error that no subcommand turned into
 /// an answer is printed with its causes and counts as wrong usage or configuration.
 pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
+        Command::Demo(args) => demo::run(&args),
+        Command::Serve(args) => serve::run(&args),
+        Command::Sim(args) => sim::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Scenario(args) => scenario::run(&args),
+        Command::User(args) => user::run(&args),
     };
     result.unwrap_or_else(|error| {
         eprintln!("telltale: {error:#}");
         ExitCode::from(EXIT_USAGE)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory as _;
+
+    #[test]
+    fn the_command_line_contradicts_itself_nowhere() {
+        super::Cli::command().debug_assert();
+    }
 }

@@ -132,6 +132,36 @@ impl StatusArray {
         }
     }
 
+    /// [`push_status`](Self::push_status) of text from outside: what is no UTF-8, and a NUL, becomes U+FFFD.
+    pub fn push_status_lossy(&mut self, level: u8, name: &[u8], message: &[u8], hardware_id: &[u8]) {
+        let name = self.append_lossy(name);
+        let message = self.append_lossy(message);
+        let hardware_id = self.append_lossy(hardware_id);
+        let first = self.values.len() as u32;
+        self.statuses.push(StatusSpans { level, name, message, hardware_id, values: first..first });
+    }
+
+    /// [`push_value`](Self::push_value) of text from outside.
+    pub fn push_value_lossy(&mut self, key: &[u8], value: &[u8]) {
+        if self.statuses.is_empty() {
+            return;
+        }
+        let pair = (self.append_lossy(key), self.append_lossy(value));
+        self.values.push(pair);
+        if let Some(status) = self.statuses.last_mut() {
+            status.values.end += 1;
+        }
+    }
+
+    /// Keeps the first `count` statuses.
+    pub fn truncate(&mut self, count: usize) {
+        if let Some(first) = self.statuses.get(count) {
+            self.text.truncate(first.name.start as usize);
+            self.values.truncate(first.values.start as usize);
+            self.statuses.truncate(count);
+        }
+    }
+
     pub fn len(&self) -> usize {
         self.statuses.len()
     }
@@ -152,6 +182,13 @@ impl StatusArray {
         let start = self.text.len() as u32;
         self.text.push_str(text);
         start..self.text.len() as u32
+    }
+
+    fn append_lossy(&mut self, bytes: &[u8]) -> Range<u32> {
+        match str::from_utf8(bytes) {
+            Ok(text) if !bytes.contains(&0) => self.append(text),
+            _ => self.append(&String::from_utf8_lossy(bytes).replace('\0', "\u{fffd}")),
+        }
     }
 
     fn text(&self, range: &Range<u32>) -> &str {

@@ -197,9 +197,10 @@ impl Engine {
         for index in touched.drain(..) {
             let route = &self.names.routes[index as usize];
             let status = array.get(route.position as usize);
-            for position in 0..route.modules.len() {
-                let module = self.names.routes[index as usize].modules[position];
+            let mut position = 0;
+            while let Some(module) = self.names.routes[index as usize].module(position) {
                 self.take_status(module, status);
+                position += 1;
             }
         }
         self.touched = touched;
@@ -225,15 +226,13 @@ impl Engine {
             self.net.report(module, State::Warning, self.now);
             self.views.set_message(module, &message);
         }
-        if claim.groups.is_empty() {
-            return None;
-        }
-        let mut modules = Vec::with_capacity(claim.groups.len());
+        let mut route = None;
         for group in claim.groups {
-            modules.push(self.net.discover(group, ModuleKind::Discovered));
+            let module = self.net.discover(group, ModuleKind::Discovered);
             self.views.discover(group, name, self.now);
+            route = Some(self.names.discovered(name, module));
         }
-        Some(self.names.discovered(name, modules))
+        route
     }
 
     fn take_signal(&mut self, name: &str, value: bool) {

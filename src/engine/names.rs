@@ -5,13 +5,33 @@ use std::collections::HashMap;
 use super::model::{GroupId, Model, ModuleId, MonitorSpec};
 
 /// What is known of one status name.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Route {
-    pub(super) modules: Vec<ModuleId>,
+    /// Nearly always there is one, so it lies here and not in a list elsewhere.
+    first: ModuleId,
+    more: Vec<ModuleId>,
     /// The array in which the name was seen last, and where: of two statuses with one name in
     /// one array the worse one counts.
     pub(super) array: u64,
     pub(super) position: u32,
+}
+
+impl Route {
+    fn new(first: ModuleId) -> Route {
+        Route { first, more: Vec::new(), array: 0, position: 0 }
+    }
+
+    /// The modules that the name feeds, by position.
+    pub(super) fn module(&self, position: usize) -> Option<ModuleId> {
+        match position {
+            0 => Some(self.first),
+            _ => self.more.get(position - 1).copied(),
+        }
+    }
+
+    fn modules(&self) -> impl Iterator<Item = ModuleId> {
+        std::iter::once(self.first).chain(self.more.iter().copied())
+    }
 }
 
 /// All names that feed a module. Declared ones stand here from the start.
@@ -42,8 +62,7 @@ impl Names {
         };
         for (index, module) in model.modules.iter().enumerate() {
             let MonitorSpec::SelfState { status } = &module.monitor;
-            let route = names.route(status);
-            names.routes[route as usize].modules.push(ModuleId(index as u32));
+            names.feed(status, ModuleId(index as u32));
         }
         names
     }
@@ -68,28 +87,27 @@ impl Names {
         Claim { groups, dropped_by }
     }
 
-    /// Remembers that `name` feeds these modules, which were made for it.
-    pub(super) fn discovered(&mut self, name: &str, modules: Vec<ModuleId>) -> u32 {
-        self.discovered += modules.len();
-        let route = self.route(name);
-        self.routes[route as usize].modules = modules;
-        route
+    /// Remembers that `name` feeds this module, which was made for it.
+    pub(super) fn discovered(&mut self, name: &str, module: ModuleId) -> u32 {
+        self.discovered += 1;
+        self.feed(name, module)
     }
 
     /// All names with their modules, in the order in which they were first seen.
-    pub(super) fn in_order(&self) -> Vec<(&str, &[ModuleId])> {
+    pub(super) fn in_order(&self) -> Vec<(&str, impl Iterator<Item = ModuleId>)> {
         let mut names: Vec<(u32, &str)> = self.index.iter().map(|(name, &route)| (route, &**name)).collect();
         names.sort_unstable();
-        let routed = |(route, name): (u32, _)| (name, &*self.routes[route as usize].modules);
+        let routed = |(route, name): (u32, _)| (name, self.routes[route as usize].modules());
         names.into_iter().map(routed).collect()
     }
 
-    fn route(&mut self, name: &str) -> u32 {
+    fn feed(&mut self, name: &str, module: ModuleId) -> u32 {
         if let Some(route) = self.find(name) {
+            self.routes[route as usize].more.push(module);
             return route;
         }
         let route = self.routes.len() as u32;
-        self.routes.push(Route::default());
+        self.routes.push(Route::new(module));
         self.index.insert(name.into(), route);
         route
     }

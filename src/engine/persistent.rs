@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-const BITS: u32 = 5;
+const BITS: u32 = 3;
 const WIDTH: usize = 1 << BITS;
 
 /// A persistent vector: `clone` costs one reference count, `get_mut` copies at most one path of

@@ -54,9 +54,8 @@ impl Engine {
 
     fn take_modules(&mut self, old: &Engine) {
         // Names that were discovered find their place again, by the new filters, in their old order.
-        for (name, modules) in old.names.in_order() {
-            let discovered =
-                modules.iter().any(|id| old.net.modules[id.0 as usize].kind == ModuleKind::Discovered);
+        for (name, mut modules) in old.names.in_order() {
+            let discovered = modules.any(|id| old.net.modules[id.0 as usize].kind == ModuleKind::Discovered);
             if discovered && self.names.find(name).is_none() {
                 self.discover(name);
             }
@@ -88,8 +87,8 @@ impl Views {
     /// Takes over the words of a module from before a reload.
     pub(super) fn copy_report(&mut self, id: ModuleId, old: &Views, from: ModuleId) {
         let before = &old.modules[from.0 as usize];
+        self.set_report(id, before.report.clone());
         if let Some(view) = self.modules.get_mut(id.0 as usize) {
-            view.report = before.report.clone();
             view.received = before.received;
         }
         if !std::mem::replace(&mut self.is_heard[id.0 as usize], true) {

@@ -38,6 +38,8 @@ pub(super) struct Views {
     /// Modules heard since their age was last written down.
     pub(super) heard: Vec<ModuleId>,
     pub(super) is_heard: Vec<bool>,
+    /// The words of each module once more, in one row: every status is compared with them.
+    reports: Vec<Arc<Report>>,
     /// A masked node for which the last search found no cause.
     unexplained: Option<NodeId>,
     seq_changed: bool,
@@ -61,6 +63,7 @@ impl Views {
             operator: None,
             heard: Vec::new(),
             is_heard: Vec::new(),
+            reports: Vec::new(),
             unexplained: None,
             seq_changed: true,
             revision_changed: true,
@@ -105,11 +108,8 @@ impl Views {
     /// Sets the words of a module that the engine itself speaks for.
     pub(super) fn set_message(&mut self, id: ModuleId, message: &str) {
         let index = id.0 as usize;
-        if *self.modules[index].report.message != *message
-            && let Some(view) = self.modules.get_mut(index)
-        {
-            view.report = Arc::new(Report { message: message.into(), ..Report::default() });
-            self.revision_changed = true;
+        if *self.reports[index].message != *message {
+            self.set_report(id, Arc::new(Report { message: message.into(), ..Report::default() }));
         }
         if !std::mem::replace(&mut self.is_heard[index], true) {
             self.heard.push(id);
@@ -122,16 +122,21 @@ impl Views {
         if !std::mem::replace(&mut self.is_heard[index], true) {
             self.heard.push(id);
         }
-        if self.modules[index].report.says(status) {
+        if self.reports[index].says(status) {
             return;
         }
-        let report = Arc::new(Report::of(status, limits));
-        if let Some(view) = self.modules.get_mut(index)
-            && view.report != report
-        {
-            view.report = report;
-            self.revision_changed = true;
+        let report = Report::of(status, limits);
+        if *self.reports[index] != report {
+            self.set_report(id, Arc::new(report));
         }
+    }
+
+    pub(super) fn set_report(&mut self, id: ModuleId, report: Arc<Report>) {
+        self.reports[id.0 as usize] = report.clone();
+        if let Some(view) = self.modules.get_mut(id.0 as usize) {
+            view.report = report;
+        }
+        self.revision_changed = true;
     }
 
     pub(super) fn discover(&mut self, group: GroupId, name: &str, now: Timestamp) {
@@ -154,6 +159,7 @@ impl Views {
 
     fn push_module(&mut self, now: Timestamp) {
         self.is_heard.push(false);
+        self.reports.push(Arc::default());
         self.modules.push(ModuleView {
             state: State::Ignore,
             own: State::Unknown,

@@ -1,1 +1,147 @@
-//! skeleton
+//! The DDS bridge: what the vehicle's ROS 2 publishes becomes [`Input`](crate::engine::input::Input)s.
+//!
+//! One participant, a task for each topic, raw readers and a lenient decoder of our own. Where the
+//! DDS library cannot recover by itself, the participant is replaced and the bridge goes on.
+
+pub mod cdr;
+mod interfaces;
+pub mod messages;
+mod options;
+mod outbox;
+mod presence;
+mod publisher;
+mod raw;
+mod readers;
+mod session;
+mod step;
+mod subscription;
+mod topic;
+mod trouble;
+mod writers;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::{mpsc, watch};
+use tokio::task::JoinHandle;
+
+pub use interfaces::{Address, addresses};
+pub use options::{BridgeOptions, DOMAIN_MAX, Interface, OptionsError};
+pub use publisher::{PublishError, Publisher};
+pub use subscription::{DIAGNOSTICS, SubscriptionError};
+
+use crate::clock::Clock;
+use crate::engine::input::Stamped;
+use crate::engine::model::Model;
+use outbox::{End, stopped};
+use session::{Ground, Legacy};
+
+/// For the log's filter: below an error the library floods, and a log that nobody drains stalls it.
+/// Its listener calls it an error to leave a multicast group on an interface that has none.
+pub const LOG_FILTER: &str = "rustdds=error,rustdds::network::udp_listener=off";
+
+/// Time between two tries to make a participant, and the least that one lives.
+const RETRY: Duration = Duration::from_secs(1);
+
+#[derive(Debug, thiserror::Error)]
+pub enum BridgeError {
+    #[error(transparent)]
+    Options(#[from] OptionsError),
+    #[error(transparent)]
+    Subscription(#[from] SubscriptionError),
+    #[error("DDS cannot be started: {0}")]
+    Participant(String),
+}
+
+/// A running bridge. It ends when it is dropped; [`Bridge::shutdown`] also waits for that.
+#[derive(Debug)]
+pub struct Bridge {
+    stop: watch::Sender<bool>,
+    rebuild: watch::Sender<u64>,
+    task: JoinHandle<()>,
+}
+
+/// Starts to read `/diagnostics` and the signals of the model. Every message is stamped with the
+/// instant at which it was taken from the library.
+///
+/// When `inputs` is full, readers wait, the library keeps the newest messages of each topic, and
+/// what is lost so is counted in a [`ReceptionTrouble`](crate::engine::input::ReceptionTrouble),
+/// from the first message of each publisher on.
+///
+/// # Errors
+/// The interface is not there, a signal cannot be read, or DDS gets no sockets.
+pub async fn start(
+    options: BridgeOptions,
+    model: Arc<Model>,
+    inputs: mpsc::Sender<Stamped>,
+    clock: Clock,
+) -> Result<Bridge, BridgeError> {
+    let subscriptions = subscription::subscriptions(&model)?.into_iter().map(Arc::new).collect();
+    let participant = session::open(&options).await?;
+    let (stop, stopping) = watch::channel(false);
+    let (rebuild, rebuilding) = watch::channel(0);
+    let ground = Ground { options, model, subscriptions, inputs, clock, stop: stopping, rebuild: rebuilding };
+    let task = tokio::spawn(run(participant, ground));
+    Ok(Bridge { stop, rebuild, task })
+}
+
+impl Bridge {
+    /// Replaces the participant, as the bridge does by itself when the wall clock is set back or
+    /// the addresses of the interfaces change.
+    pub fn rebuild(&self) {
+        self.rebuild.send_modify(|count| *count += 1);
+    }
+
+    /// Ends the readers, then the participant, and waits for its threads.
+    pub async fn shutdown(self) {
+        // An error means that the bridge has ended by itself: nobody took its inputs.
+        let _ = self.stop.send(true);
+        if let Err(panic) = self.task.await {
+            tracing::error!("the DDS bridge failed: {panic}");
+        }
+    }
+}
+
+async fn run(mut participant: rustdds::DomainParticipant, ground: Ground) {
+    let mut legacy = Legacy::default();
+    loop {
+        let started = ground.clock.now();
+        let end = session::run(&participant, &ground, &mut legacy).await;
+        let closed = session::close(participant);
+        match end {
+            End::Rebuild(reason) => tracing::warn!("the DDS participant is replaced: {reason}"),
+            End::Stopped | End::NobodyListens => {
+                // A panic there was in the library, and the participant is gone either way.
+                let _ = closed.await;
+                return;
+            }
+        }
+        let lived = Duration::from_nanos(ground.clock.now().since(started).as_nanos());
+        match reopen(&ground, RETRY.saturating_sub(lived)).await {
+            Some(next) => participant = next,
+            None => return,
+        }
+    }
+}
+
+/// Tries after `pause` until there is a participant again, or the bridge is to end.
+async fn reopen(ground: &Ground, mut pause: Duration) -> Option<rustdds::DomainParticipant> {
+    let mut stop = ground.stop.clone();
+    let mut told = false;
+    loop {
+        tokio::select! {
+            biased;
+            () = stopped(&mut stop) => return None,
+            () = tokio::time::sleep(pause) => {}
+        }
+        match session::open(&ground.options).await {
+            Ok(participant) => return Some(participant),
+            Err(error) if !told => {
+                tracing::error!("no DDS for now, trying again: {error}");
+                told = true;
+            }
+            Err(_) => {}
+        }
+        pause = RETRY;
+    }
+}

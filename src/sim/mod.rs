@@ -1,8 +1,9 @@
-//! Simulation: scenario files run through the engine in virtual time.
+//! Simulation: a shuttle with its faults, and scenario files run through the engine in virtual time.
 
 mod expectation;
 pub mod figure;
 pub mod scenario;
 pub mod scenario_file;
 mod scenario_raw;
+pub mod shuttle;
 pub mod strips;

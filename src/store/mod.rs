@@ -1,1 +1,168 @@
-//! skeleton
+//! What outlives a restart: users and their sessions, in SQLite, behind a thread of its own.
+//!
+//! One thread owns the connection and takes jobs from a bounded queue. Sessions are read from
+//! memory, so that a request never waits for the disk; every change is on the disk
+//! (`synchronous=FULL`) before its caller is answered.
+
+mod role;
+mod schema;
+mod secret;
+mod sessions;
+mod users;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::time::Duration;
+
+use rusqlite::Connection;
+use tokio::sync::oneshot;
+
+pub use role::Role;
+pub use schema::FILE_NAME;
+pub use secret::{DEMO_USERS, DemoSecrets, SecretError};
+pub use sessions::{SESSION_LIFE, Session, Token};
+pub use users::{NameError, User, Verified};
+
+use crate::clock::Clock;
+use secret::Hashing;
+use sessions::Sessions;
+
+/// Jobs that may wait for the database. A full queue refuses the next one: see [`StoreError::Busy`].
+const JOB_QUEUE: usize = 256;
+
+/// How long a change by another process (`telltale user remove`) may stay unnoticed.
+const FOREIGN_CHANGE_POLL: Duration = Duration::from_millis(500);
+
+/// What can go wrong between a caller and the database.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    #[error("the data folder {} cannot be used: {reason}. Make it writable or name another one with --data", path.display())]
+    Folder { path: PathBuf, reason: std::io::Error },
+    #[error("the database {} cannot be opened: {reason}. Check its permissions and the free space, or name another folder with --data", path.display())]
+    Open { path: PathBuf, reason: rusqlite::Error },
+    #[error(
+        "the database {} has schema {found}, this telltale knows {known}: use the newer telltale that made it, or name another folder with --data",
+        path.display()
+    )]
+    Newer { path: PathBuf, found: u32, known: u32 },
+    #[error("the database failed: {0}")]
+    Database(#[from] rusqlite::Error),
+    #[error("the store is busy; try again")]
+    Busy,
+    #[error("the store has ended")]
+    Ended,
+    #[error("the operating system gives no random numbers: {0}")]
+    Random(getrandom::Error),
+    #[error("the secret cannot be hashed: {0}")]
+    Hash(argon2::password_hash::Error),
+    #[error(transparent)]
+    Name(#[from] NameError),
+    #[error(transparent)]
+    Secret(#[from] SecretError),
+    #[error("there is a user named {0} already; change the secret with `telltale user passwd {0}`")]
+    Exists(String),
+    #[error("there is no user named {0}; `telltale user list` shows all")]
+    NoSuchUser(String),
+}
+
+/// The handle of the database. Clones use the same one; it closes when the last is dropped.
+#[derive(Debug, Clone)]
+pub struct Store {
+    jobs: SyncSender<Job>,
+    sessions: Arc<Sessions>,
+    hashing: Hashing,
+    clock: Clock,
+}
+
+type Job = Box<dyn FnOnce(&mut Database) + Send>;
+
+/// What the thread owns.
+#[derive(Debug)]
+struct Database {
+    connection: Connection,
+    sessions: Arc<Sessions>,
+    clock: Clock,
+    /// SQLite's count of changes by others, as last seen.
+    data_version: i64,
+}
+
+impl Store {
+    /// Opens or makes `telltale.db` in `folder`, and the folder too.
+    ///
+    /// # Errors
+    /// If the folder or the file cannot be written, or a newer telltale made it.
+    pub fn open(folder: &Path, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
+        Store::start(schema::open(folder)?, clock, demo)
+    }
+
+    /// A store that ends with the process, for tests and demonstrations.
+    ///
+    /// # Errors
+    /// If SQLite fails.
+    pub fn in_memory(clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
+        Store::start(schema::open_in_memory()?, clock, demo)
+    }
+
+    fn start(connection: Connection, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
+        let sessions = Arc::new(Sessions::default());
+        let mut database = Database { connection, sessions: sessions.clone(), clock, data_version: 0 };
+        database.notice_foreign_changes()?;
+        let (jobs, queue) = sync_channel(JOB_QUEUE);
+        std::thread::Builder::new()
+            .name("store".to_owned())
+            .spawn(move || database.run(&queue))
+            .map_err(|reason| StoreError::Folder { path: PathBuf::from("(a new thread)"), reason })?;
+        Ok(Store { jobs, sessions, hashing: Hashing::new(demo), clock })
+    }
+
+    /// Whether the database answers.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn check(&self) -> Result<(), StoreError> {
+        self.call(|database| Ok(database.connection.query_row("SELECT 1", [], |_| Ok(()))?)).await
+    }
+
+    /// Runs `job` on the store's thread and waits for its answer.
+    async fn call<T: Send + 'static>(
+        &self,
+        job: impl FnOnce(&mut Database) -> Result<T, StoreError> + Send + 'static,
+    ) -> Result<T, StoreError> {
+        let (reply, answer) = oneshot::channel();
+        let job: Job = Box::new(move |database| {
+            // A caller that went away no longer cares for the answer.
+            let _ = reply.send(job(database));
+        });
+        self.jobs.try_send(job).map_err(|error| match error {
+            TrySendError::Full(_) => StoreError::Busy,
+            TrySendError::Disconnected(_) => StoreError::Ended,
+        })?;
+        answer.await.map_err(|_| StoreError::Ended)?
+    }
+}
+
+impl Database {
+    fn run(mut self, queue: &Receiver<Job>) {
+        loop {
+            match queue.recv_timeout(FOREIGN_CHANGE_POLL) {
+                Ok(job) => job(&mut self),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+            if let Err(error) = self.notice_foreign_changes() {
+                tracing::warn!(%error, "the database cannot be read; sessions stay as they are");
+            }
+        }
+    }
+
+    /// Reads the sessions again if another process changed the database.
+    fn notice_foreign_changes(&mut self) -> Result<(), StoreError> {
+        let version = self.connection.pragma_query_value(None, "data_version", |row| row.get(0))?;
+        if version != self.data_version {
+            self.reload_sessions()?;
+            self.data_version = version;
+        }
+        Ok(())
+    }
+}

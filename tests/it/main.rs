@@ -1,6 +1,10 @@
 //! The integration tests, in one binary: it links once.
 
+mod dds;
 mod evaluation;
 mod hostile;
+mod peer;
 mod properties;
+mod start;
 mod tidy;
+mod web;

@@ -1,0 +1,34 @@
+//! The flags that say where on the network DDS is spoken.
+
+use crate::ros::{BridgeOptions, Interface, OptionsError};
+
+#[derive(Debug, Clone, clap::Args)]
+pub struct DdsFlags {
+    /// The DDS domain, 0 to 232 [default: `ROS_DOMAIN_ID`, or 0]
+    #[arg(long, value_name = "N")]
+    pub domain: Option<u16>,
+    /// The interface on which DDS is spoken: its IPv4 address or name, `loopback` or `all`
+    /// [default: as `ROS_AUTOMATIC_DISCOVERY_RANGE` and `ROS_LOCALHOST_ONLY` say, or `all`]
+    #[arg(long, value_name = "IP|NAME|all")]
+    pub interface: Option<String>,
+}
+
+impl DdsFlags {
+    /// Fills in what the flags leave open from the environment, as ROS 2 does.
+    ///
+    /// # Errors
+    /// What is out of range, not understood or not there.
+    pub fn resolve(&self) -> Result<BridgeOptions, OptionsError> {
+        BridgeOptions::resolve(self.domain, self.interface.as_deref(), |name| std::env::var(name).ok())
+    }
+}
+
+/// For people: `DDS domain 0 on all interfaces`.
+pub fn describe(options: &BridgeOptions) -> String {
+    let domain = options.domain;
+    match options.interface {
+        Interface::All => format!("DDS domain {domain} on all interfaces"),
+        Interface::Loopback => format!("DDS domain {domain} on the loopback interface"),
+        Interface::Ip(ip) => format!("DDS domain {domain} on {ip}"),
+    }
+}

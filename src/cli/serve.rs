@@ -1,0 +1,75 @@
+//! `telltale serve`: the display of a vehicle.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+
+use super::ending::Ending;
+use super::station::{self, Station};
+use super::{EXIT_USAGE, check, data, dds, log};
+use crate::clock::Clock;
+use crate::config::{self, Loaded};
+use crate::store::{DemoSecrets, Store};
+
+/// Listen to a vehicle's diagnostics and show them in browsers.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example:\n  telltale serve --config config/shuttle.yaml --data /var/lib/telltale\n\n\
+    Before the first start: telltale user add NAME --role operator --data DIR"
+)]
+pub struct Args {
+    /// The configuration of the vehicle
+    #[arg(long, value_name = "FILE")]
+    config: PathBuf,
+    /// Where browsers find the display
+    #[arg(long, value_name = "ADDR", default_value = station::LISTEN)]
+    listen: SocketAddr,
+    /// Another address by which browsers reach it, through a proxy or by name; may be repeated
+    #[arg(long = "origin", value_name = "URL")]
+    origins: Vec<String>,
+    /// The folder of users, sessions and history [default: $XDG_DATA_HOME/telltale or ~/.local/share/telltale]
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    #[command(flatten)]
+    dds: dds::DdsFlags,
+}
+
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    log::start("info");
+    let loaded = match config::load(&args.config) {
+        Ok(loaded) => loaded,
+        Err(problems) => {
+            check::report(&problems);
+            return Ok(ExitCode::from(EXIT_USAGE));
+        }
+    };
+    tokio::runtime::Runtime::new()
+        .context("the async runtime cannot be started")?
+        .block_on(serve(args, loaded))
+}
+
+async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
+    let ending = Ending::listen()?;
+    let options = args.dds.resolve()?;
+    let listener = station::bind(args.listen).await?;
+    let clock = Clock::start();
+    let folder = data::folder(args.data.clone())?;
+    let store = Store::open(&folder, clock, DemoSecrets::Refused)?;
+    say_if_nobody_can_log_in(&store, &folder).await?;
+    let origins = args.origins.clone();
+    Station { loaded, store, options, listener, origins, demo: None, clock }.run(ending).await?;
+    Ok(ExitCode::SUCCESS)
+}
+
+async fn say_if_nobody_can_log_in(store: &Store, data: &Path) -> anyhow::Result<()> {
+    if store.users().await?.is_empty() {
+        tracing::warn!(
+            "there are no users yet, so nobody can log in. Add one, while this runs: \
+             telltale user add NAME --role operator --data {}",
+            data.display()
+        );
+    }
+    Ok(())
+}

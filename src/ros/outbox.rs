@@ -1,0 +1,112 @@
+//! The way to the engine, bounded in bytes as well as in number.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use tokio::sync::{mpsc, watch};
+
+use crate::engine::input::{Input, Stamped};
+use crate::engine::time::Timestamp;
+
+/// Bytes of messages that may wait for the engine from one topic.
+const WAITING_BYTES_MAX: usize = 64 << 20;
+
+/// Why a topic is read no longer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum End {
+    /// As told.
+    Stopped,
+    /// Nobody takes the inputs any more.
+    NobodyListens,
+    /// The participant has to be replaced.
+    Rebuild(String),
+}
+
+pub struct Outbox {
+    inputs: mpsc::Sender<Stamped>,
+    stop: watch::Receiver<bool>,
+    /// Sizes of the last inputs that were sent, at most as many as the queue holds.
+    sizes: VecDeque<usize>,
+    bytes: usize,
+}
+
+impl Outbox {
+    pub fn new(inputs: mpsc::Sender<Stamped>, stop: watch::Receiver<bool>) -> Outbox {
+        Outbox { inputs, stop, sizes: VecDeque::new(), bytes: 0 }
+    }
+
+    /// Waits while the queue is full. Meanwhile the library keeps the newest samples of the topic
+    /// and drops the oldest, which shows as a gap.
+    ///
+    /// # Errors
+    /// The end came while it waited.
+    pub async fn send(&mut self, input: Input, received: Timestamp, bytes: usize) -> Result<(), End> {
+        let Outbox { inputs, stop, sizes, bytes: waiting } = self;
+        let sent = async {
+            loop {
+                // Of what was sent, at most so many still wait: others share the queue.
+                let queued = inputs.max_capacity() - inputs.capacity();
+                while sizes.len() > queued {
+                    *waiting -= sizes.pop_front().unwrap_or(0);
+                }
+                if *waiting <= WAITING_BYTES_MAX {
+                    break;
+                }
+                tokio::time::sleep(Duration::from_millis(1)).await;
+            }
+            inputs.send(Stamped { input, received }).await.map_err(|_| End::NobodyListens)
+        };
+        tokio::select! {
+            sent = sent => sent?,
+            () = stopped(stop) => return Err(End::Stopped),
+        }
+        sizes.push_back(bytes);
+        *waiting += bytes;
+        Ok(())
+    }
+}
+
+/// Ends when `stop` is true, or whoever could make it so is gone.
+pub async fn stopped(stop: &mut watch::Receiver<bool>) {
+    // An error means that the sender is gone: nobody is left to read for.
+    let _ = stop.wait_for(|stop| *stop).await;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn outbox(queue: usize) -> (Outbox, mpsc::Receiver<Stamped>, watch::Sender<bool>) {
+        let (inputs, received) = mpsc::channel(queue);
+        let (stop, stopped) = watch::channel(false);
+        (Outbox::new(inputs, stopped), received, stop)
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn bytes_hold_back_before_the_queue_is_full() {
+        let (mut outbox, mut received, _stop) = outbox(1000);
+        let large = WAITING_BYTES_MAX / 2;
+        for _ in 0..3 {
+            outbox.send(Input::Tick, Timestamp::ZERO, large).await.unwrap();
+        }
+        let held = tokio::time::timeout(Duration::from_secs(5), outbox.send(Input::Tick, Timestamp::ZERO, 1));
+        assert!(held.await.is_err());
+        received.recv().await.unwrap();
+        outbox.send(Input::Tick, Timestamp::ZERO, 1).await.unwrap();
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_end_is_noticed_while_it_waits() {
+        let (mut outbox, received, stop) = outbox(1);
+        outbox.send(Input::Tick, Timestamp::ZERO, 1).await.unwrap();
+        let (end, _) = tokio::join!(outbox.send(Input::Tick, Timestamp::ZERO, 1), async {
+            tokio::time::sleep(Duration::from_secs(1)).await;
+            stop.send(true)
+        });
+        assert_eq!(end, Err(End::Stopped));
+        drop(received);
+        let (mut outbox, received, _stop) = super::tests::outbox(1);
+        drop(received);
+        assert_eq!(outbox.send(Input::Tick, Timestamp::ZERO, 1).await, Err(End::NobodyListens));
+    }
+}

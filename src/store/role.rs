@@ -1,0 +1,29 @@
+//! What a user may do.
+
+/// The role of a user.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Role {
+    /// Sits in the vehicle and answers for it.
+    Operator,
+    /// Sees everything and may change what is diagnosed.
+    Developer,
+    /// May read everything and touch nothing.
+    Authority,
+}
+
+impl Role {
+    pub const ALL: [Role; 3] = [Role::Operator, Role::Developer, Role::Authority];
+
+    /// The word used in files, in the database and on the command line.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Role::Operator => "operator",
+            Role::Developer => "developer",
+            Role::Authority => "authority",
+        }
+    }
+
+    pub fn from_word(word: &str) -> Option<Role> {
+        Role::ALL.into_iter().find(|role| role.as_str() == word)
+    }
+}

@@ -1,0 +1,165 @@
+//! The file, its settings and its schema.
+
+use std::path::Path;
+use std::time::Duration;
+
+use rusqlite::{Connection, TransactionBehavior};
+
+use super::StoreError;
+
+/// The database in the data folder.
+pub const FILE_NAME: &str = "telltale.db";
+
+/// How long to wait for another process that writes.
+const LOCK_WAIT: Duration = Duration::from_secs(2);
+
+/// Step N takes schema N to N + 1. Steps are never edited, only added.
+const MIGRATIONS: &[&str] = &["
+    CREATE TABLE users (
+        id INTEGER PRIMARY KEY,
+        name TEXT NOT NULL UNIQUE,
+        role TEXT NOT NULL CHECK (role IN ('operator', 'developer', 'authority')),
+        secret_hash TEXT NOT NULL,
+        created_ms INTEGER NOT NULL
+    ) STRICT;
+    CREATE TABLE sessions (
+        token_hash BLOB PRIMARY KEY CHECK (length(token_hash) = 32),
+        user INTEGER NOT NULL REFERENCES users(id) ON DELETE CASCADE,
+        created_ms INTEGER NOT NULL,
+        expires_ms INTEGER NOT NULL
+    ) STRICT, WITHOUT ROWID;
+    CREATE INDEX sessions_by_user ON sessions(user);
+    CREATE TABLE seat (
+        one INTEGER PRIMARY KEY CHECK (one = 1),
+        user INTEGER NOT NULL REFERENCES users(id) ON DELETE CASCADE
+    ) STRICT;
+"];
+
+pub(super) fn open(folder: &Path) -> Result<Connection, StoreError> {
+    let folder_error = |reason| StoreError::Folder { path: folder.to_owned(), reason };
+    make_folder(folder).map_err(folder_error)?;
+    let path = folder.join(FILE_NAME);
+    make_private_file(&path).map_err(folder_error)?;
+    let open_error = |reason| StoreError::Open { path: path.clone(), reason };
+    let mut connection = Connection::open(&path).map_err(open_error)?;
+    configure(&connection).map_err(open_error)?;
+    migrate(&mut connection, &path)?;
+    Ok(connection)
+}
+
+pub(super) fn open_in_memory() -> Result<Connection, StoreError> {
+    let mut connection = Connection::open_in_memory()?;
+    configure(&connection)?;
+    migrate(&mut connection, Path::new(":memory:"))?;
+    Ok(connection)
+}
+
+fn configure(connection: &Connection) -> rusqlite::Result<()> {
+    connection.busy_timeout(LOCK_WAIT)?;
+    connection.pragma_update_and_check(None, "journal_mode", "WAL", |_| Ok(()))?;
+    connection.pragma_update(None, "synchronous", "FULL")?;
+    connection.pragma_update(None, "foreign_keys", true)?;
+    connection.pragma_update(None, "trusted_schema", false)
+}
+
+fn migrate(connection: &mut Connection, path: &Path) -> Result<(), StoreError> {
+    let open_error = |reason| StoreError::Open { path: path.to_owned(), reason };
+    let known = MIGRATIONS.len() as u32;
+    // The lock is taken before the version is read: two processes may start at once.
+    let transaction =
+        connection.transaction_with_behavior(TransactionBehavior::Immediate).map_err(open_error)?;
+    let found: u32 =
+        transaction.pragma_query_value(None, "user_version", |row| row.get(0)).map_err(open_error)?;
+    if found > known {
+        return Err(StoreError::Newer { path: path.to_owned(), found, known });
+    }
+    for step in &MIGRATIONS[found as usize..] {
+        transaction.execute_batch(step).map_err(open_error)?;
+    }
+    transaction.pragma_update(None, "user_version", known).map_err(open_error)?;
+    transaction.commit().map_err(open_error)
+}
+
+#[cfg(unix)]
+fn make_folder(folder: &Path) -> std::io::Result<()> {
+    use std::os::unix::fs::DirBuilderExt;
+    std::fs::DirBuilder::new().recursive(true).mode(0o700).create(folder)
+}
+
+#[cfg(not(unix))]
+fn make_folder(folder: &Path) -> std::io::Result<()> {
+    std::fs::create_dir_all(folder)
+}
+
+/// The file holds hashes of secrets: nobody else may read it, whatever the umask.
+fn make_private_file(path: &Path) -> std::io::Result<()> {
+    let mut options = std::fs::OpenOptions::new();
+    options.append(true).create(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    options.open(path).map(drop)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Clock;
+    use crate::store::{DemoSecrets, Role, Store};
+
+    /// A folder that goes with the test.
+    struct Folder(std::path::PathBuf);
+
+    impl Folder {
+        fn new(name: &str) -> Folder {
+            Folder(std::env::temp_dir().join(format!("telltale-{name}-{}", std::process::id())))
+        }
+    }
+
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            // What a failed test leaves behind lies in the folder for that.
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
+    }
+
+    #[tokio::test]
+    async fn users_sessions_and_the_seat_outlive_a_restart() {
+        let folder = Folder::new("restart");
+        let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+        store.add_user("anna", Role::Operator, "135791").await.unwrap();
+        let user = store.authenticate("anna", "135791").await.unwrap().unwrap();
+        let (token, before) = store.open_session(&user).await.unwrap();
+        store.take_seat("anna").await.unwrap();
+        drop(store);
+
+        let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+        let session = store.session(&token).unwrap();
+        assert_eq!((&*session.user, session.role), ("anna", Role::Operator));
+        assert!(session.expires <= before.expires, "a restart makes no session longer");
+        assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("anna"));
+        let file = std::fs::read(folder.0.join(FILE_NAME)).unwrap();
+        let wal = std::fs::read(folder.0.join(format!("{FILE_NAME}-wal"))).unwrap_or_default();
+        for secret in [b"135791".as_slice(), token.as_str().as_bytes()] {
+            let holds = |bytes: &[u8]| bytes.windows(secret.len()).any(|window| window == secret);
+            assert!(!holds(&file) && !holds(&wal), "a secret lies on the disk");
+        }
+    }
+
+    #[test]
+    fn a_folder_or_file_that_cannot_be_used_says_which_and_what_to_do() {
+        let folder = Folder::new("wrong");
+        let open = || Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap_err().to_string();
+        drop(super::open(&folder.0).unwrap());
+        let path = folder.0.join(FILE_NAME);
+        let newer = Connection::open(&path).unwrap();
+        newer.pragma_update(None, "user_version", MIGRATIONS.len() as u32 + 1).unwrap();
+        drop(newer);
+        let error = open();
+        assert!(error.contains(path.to_str().unwrap()) && error.contains("newer telltale"), "{error}");
+        std::fs::write(&path, [b'x'; 4096]).unwrap();
+        let error = open();
+        assert!(error.contains(path.to_str().unwrap()) && error.contains("--data"), "{error}");
+        let inside_a_file = Store::open(&path, Clock::start(), DemoSecrets::Refused).unwrap_err().to_string();
+        assert!(inside_a_file.contains("cannot be used") && inside_a_file.contains("--data"));
+    }
+}

@@ -1,0 +1,216 @@
+//! Users: who they are and how they prove it.
+
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use rusqlite::{OptionalExtension, params};
+
+use super::secret::check_policy;
+use super::{DEMO_USERS, Role, Store, StoreError};
+
+/// A user as lists show it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct User {
+    pub name: String,
+    pub role: Role,
+    pub created: SystemTime,
+}
+
+/// Proof that somebody gave the secret of this user just now.
+#[derive(Debug)]
+pub struct Verified {
+    pub(super) id: i64,
+    pub(super) name: String,
+    pub(super) role: Role,
+    pub(super) secret_hash: String,
+}
+
+impl Verified {
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    pub fn role(&self) -> Role {
+        self.role
+    }
+}
+
+/// Why a name is not one.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum NameError {
+    #[error("a name has 1 to {NAME_CHARS_MAX} characters")]
+    Length,
+    #[error("a name has visible characters only, no spaces")]
+    Invisible,
+}
+
+const NAME_CHARS_MAX: usize = 64;
+
+impl Store {
+    /// # Errors
+    /// If the name or the secret is not acceptable, the name is taken, or the database fails.
+    pub async fn add_user(&self, name: &str, role: Role, secret: &str) -> Result<(), StoreError> {
+        check_name(name)?;
+        check_policy(role, secret)?;
+        self.insert_user(name, role, secret).await
+    }
+
+    /// Adds those of [`DEMO_USERS`] that are not there.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn add_demo_users(&self) -> Result<(), StoreError> {
+        for (name, role, secret) in DEMO_USERS {
+            match self.insert_user(name, role, secret).await {
+                Ok(()) | Err(StoreError::Exists(_)) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+
+    async fn insert_user(&self, name: &str, role: Role, secret: &str) -> Result<(), StoreError> {
+        let hash = self.hashing.hash(secret.to_owned()).await?;
+        let name = name.to_owned();
+        let created_ms = to_unix_ms(self.clock.wall());
+        self.call(move |database| {
+            let added = database.connection.execute(
+                "INSERT INTO users (name, role, secret_hash, created_ms) VALUES (?1, ?2, ?3, ?4)
+                 ON CONFLICT (name) DO NOTHING",
+                params![name, role.as_str(), hash, created_ms],
+            )?;
+            if added == 0 { Err(StoreError::Exists(name)) } else { Ok(()) }
+        })
+        .await
+    }
+
+    /// All users by name.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn users(&self) -> Result<Vec<User>, StoreError> {
+        self.call(|database| {
+            let mut query =
+                database.connection.prepare("SELECT name, role, created_ms FROM users ORDER BY name")?;
+            let rows = query.query_map([], |row| {
+                Ok(User { name: row.get(0)?, role: role(row, 1)?, created: from_unix_ms(row.get(2)?) })
+            })?;
+            Ok(rows.collect::<Result<_, _>>()?)
+        })
+        .await
+    }
+
+    /// Gives a user another secret and ends all of its sessions.
+    ///
+    /// # Errors
+    /// If there is no such user, the secret is not acceptable, or the database fails.
+    pub async fn change_secret(&self, name: &str, secret: &str) -> Result<(), StoreError> {
+        let unknown = || StoreError::NoSuchUser(name.to_owned());
+        let user = self.find_user(name).await?.ok_or_else(unknown)?;
+        check_policy(user.role, secret)?;
+        let hash = self.hashing.hash(secret.to_owned()).await?;
+        self.call(move |database| {
+            let transaction = database.connection.transaction()?;
+            transaction.execute("UPDATE users SET secret_hash = ?2 WHERE id = ?1", params![user.id, hash])?;
+            transaction.execute("DELETE FROM sessions WHERE user = ?1", [user.id])?;
+            transaction.commit()?;
+            database.reload_sessions()
+        })
+        .await
+    }
+
+    /// Removes a user and all of its sessions.
+    ///
+    /// # Errors
+    /// If there is no such user, or the database fails.
+    pub async fn remove_user(&self, name: &str) -> Result<(), StoreError> {
+        let name = name.to_owned();
+        self.call(move |database| {
+            let removed = database.connection.execute("DELETE FROM users WHERE name = ?1", [&name])?;
+            database.reload_sessions()?;
+            if removed == 0 { Err(StoreError::NoSuchUser(name)) } else { Ok(()) }
+        })
+        .await
+    }
+
+    /// Proves a name and its secret. It takes as long for names that do not exist.
+    ///
+    /// # Errors
+    /// If too many logins wait, or the database fails. A wrong secret is no error but `None`.
+    pub async fn authenticate(&self, name: &str, secret: &str) -> Result<Option<Verified>, StoreError> {
+        let user = if check_name(name).is_ok() { self.find_user(name).await? } else { None };
+        let hash = user.as_ref().map(|user| user.secret_hash.clone());
+        let proven = self.hashing.verify(secret.to_owned(), hash).await?;
+        Ok(user.filter(|_| proven))
+    }
+
+    async fn find_user(&self, name: &str) -> Result<Option<Verified>, StoreError> {
+        let name = name.to_owned();
+        self.call(move |database| {
+            let user = database.connection.query_row(
+                "SELECT id, name, role, secret_hash FROM users WHERE name = ?1",
+                [name],
+                |row| {
+                    Ok(Verified {
+                        id: row.get(0)?,
+                        name: row.get(1)?,
+                        role: role(row, 2)?,
+                        secret_hash: row.get(3)?,
+                    })
+                },
+            );
+            Ok(user.optional()?)
+        })
+        .await
+    }
+}
+
+/// Reads a role; a word that is none is a fault of the database.
+pub(super) fn role(row: &rusqlite::Row<'_>, column: usize) -> rusqlite::Result<Role> {
+    let word: String = row.get(column)?;
+    Role::from_word(&word)
+        .ok_or_else(|| rusqlite::Error::InvalidColumnType(column, word, rusqlite::types::Type::Text))
+}
+
+pub(super) fn to_unix_ms(time: SystemTime) -> i64 {
+    let since = time.duration_since(UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
+}
+
+pub(super) fn from_unix_ms(ms: i64) -> SystemTime {
+    UNIX_EPOCH + Duration::from_millis(u64::try_from(ms).unwrap_or(0))
+}
+
+fn check_name(name: &str) -> Result<(), NameError> {
+    let chars = name.chars().count();
+    if chars == 0 || chars > NAME_CHARS_MAX {
+        return Err(NameError::Length);
+    }
+    if name.chars().any(is_invisible) {
+        return Err(NameError::Invisible);
+    }
+    Ok(())
+}
+
+/// White space, control characters, and those that only steer how others are shown.
+fn is_invisible(char: char) -> bool {
+    char.is_whitespace()
+        || char.is_control()
+        || matches!(char, '\u{ad}' | '\u{61c}' | '\u{180e}' | '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}'
+            | '\u{2060}'..='\u{206f}' | '\u{feff}' | '\u{fff9}'..='\u{fffb}' | '\u{e0000}'..='\u{e007f}')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_visible() {
+        let long = "x".repeat(64);
+        for good in ["a", "Jürgen", "bus-1_operator", "运营", long.as_str()] {
+            assert_eq!(check_name(good), Ok(()), "{good}");
+        }
+        for bad in ["", &"x".repeat(65), "a b", "a\n", "\u{202e}rotarepo", "a\u{200b}", "\u{0}"] {
+            assert!(check_name(bad).is_err(), "{bad:?}");
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! Who asks, and answers in the form and language they read.
+
+use std::convert::Infallible;
+
+use axum::extract::FromRequestParts;
+use axum::http::header::{ACCEPT, ACCEPT_LANGUAGE, CONTENT_TYPE, COOKIE};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::response::{Html, IntoResponse, Response};
+use serde_json::{Value, json};
+
+use super::view::{self, Lang, Palette};
+use super::wording::Trouble;
+use crate::engine::input::Refusal;
+
+/// What a client reads.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Speaks {
+    /// A browser.
+    Html,
+    /// A program.
+    Json,
+}
+
+/// How an answer has to look.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reader {
+    pub speaks: Speaks,
+    pub lang: Lang,
+    pub palette: Palette,
+}
+
+impl Reader {
+    pub fn of(uri: &Uri, headers: &HeaderMap) -> Reader {
+        let accepts_json = header(headers, ACCEPT.as_str())
+            .is_some_and(|accept| accept.contains("application/json") && !accept.contains("text/html"));
+        let speaks =
+            if accepts_json || uri.path().starts_with("/api/") { Speaks::Json } else { Speaks::Html };
+        let lang = cookie(headers, "lang").and_then(Lang::from_word).or_else(|| preferred(headers));
+        let palette = cookie(headers, "palette").and_then(Palette::from_word);
+        Reader { speaks, lang: lang.unwrap_or_default(), palette: palette.unwrap_or_default() }
+    }
+}
+
+impl<S: Sync> FromRequestParts<S> for Reader {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<Reader, Infallible> {
+        Ok(Reader::of(&parts.uri, &parts.headers))
+    }
+}
+
+/// A header that is text; the first, if it is there more than once.
+pub fn header<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
+    headers.get(name)?.to_str().ok()
+}
+
+/// A cookie by its name; the first, if it is there more than once.
+pub fn cookie<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
+    let lines = headers.get_all(COOKIE).iter().filter_map(|line| line.to_str().ok());
+    let mut pairs = lines.flat_map(|line| line.split(';')).filter_map(|pair| pair.trim().split_once('='));
+    pairs.find(|(found, _)| *found == name).map(|(_, value)| value)
+}
+
+/// The first language of `Accept-Language` that there is. Browsers list the best one first.
+fn preferred(headers: &HeaderMap) -> Option<Lang> {
+    let tags = header(headers, ACCEPT_LANGUAGE.as_str())?.split(',');
+    tags.filter_map(|tag| tag.trim().get(..2)).find_map(|tag| Lang::from_word(&tag.to_ascii_lowercase()))
+}
+
+/// Says what is wrong: a page, or `{"error": ...}`.
+pub fn refusal(reader: &Reader, trouble: Trouble) -> Response {
+    let status = trouble.status();
+    match reader.speaks {
+        Speaks::Json => json_answer(status, &json!({ "error": trouble.say(Lang::En).1 })),
+        Speaks::Html => {
+            let (title, text) = trouble.say(reader.lang);
+            (status, Html(view::message_page(status.as_u16(), title, text, reader.lang, reader.palette)))
+                .into_response()
+        }
+    }
+}
+
+/// Says what the engine did not grant: 409 with a page, or `{"refused": [...]}`.
+pub fn refused(reader: &Reader, reasons: &[Refusal]) -> Response {
+    let words = |lang: Lang| reasons.iter().map(move |reason| lang.refusal(reason));
+    match reader.speaks {
+        Speaks::Json => {
+            let reasons: Vec<String> = words(Lang::En).collect();
+            json_answer(StatusCode::CONFLICT, &json!({ "refused": reasons }))
+        }
+        Speaks::Html => {
+            let title = match reader.lang {
+                Lang::En => "Refused",
+                Lang::De => "Abgelehnt",
+            };
+            let text = words(reader.lang).collect::<Vec<_>>().join(" ");
+            let status = StatusCode::CONFLICT;
+            (status, Html(view::message_page(status.as_u16(), title, &text, reader.lang, reader.palette)))
+                .into_response()
+        }
+    }
+}
+
+pub fn json_answer(status: StatusCode, value: &Value) -> Response {
+    (status, [(CONTENT_TYPE, "application/json")], value.to_string()).into_response()
+}

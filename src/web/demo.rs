@@ -1,0 +1,101 @@
+//! Faults of the simulated shuttle, switched from a page. There are none on a vehicle.
+
+use std::collections::BTreeSet;
+use std::sync::{Mutex, PoisonError};
+
+use axum::extract::rejection::FormRejection;
+use axum::extract::{Form, State};
+use axum::http::StatusCode;
+use axum::response::{Html, IntoResponse, Redirect, Response};
+use serde::Deserialize;
+use serde_json::json;
+use tokio::sync::mpsc;
+
+use super::answer::{Reader, Speaks, json_answer, refusal};
+use super::guard::SignedIn;
+use super::pages::page_context;
+use super::state::AppState;
+use super::view::{self, DemoFault};
+use super::wording::Trouble;
+
+/// The faults there are, and the way to the shuttle that has them.
+#[derive(Debug)]
+pub struct DemoFaults {
+    names: Vec<&'static str>,
+    switch: mpsc::Sender<FaultSwitch>,
+    active: Mutex<BTreeSet<&'static str>>,
+}
+
+/// Turns one fault on or off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FaultSwitch {
+    pub name: &'static str,
+    pub active: bool,
+}
+
+impl DemoFaults {
+    /// `names` are those the simulation knows; it takes the switches from the other end.
+    pub fn new(names: Vec<&'static str>, switch: mpsc::Sender<FaultSwitch>) -> DemoFaults {
+        DemoFaults { names, switch, active: Mutex::default() }
+    }
+
+    fn list(&self) -> Vec<DemoFault> {
+        let active = self.active.lock().unwrap_or_else(PoisonError::into_inner);
+        let fault =
+            |name: &&'static str| DemoFault { name: (*name).to_owned(), active: active.contains(name) };
+        self.names.iter().map(fault).collect()
+    }
+
+    /// Whether the simulation was told.
+    fn set(&self, switch: FaultSwitch) -> bool {
+        let mut active = self.active.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.switch.try_send(switch).is_err() {
+            return false;
+        }
+        if switch.active {
+            active.insert(switch.name)
+        } else {
+            active.remove(switch.name)
+        };
+        true
+    }
+}
+
+/// `GET /demo`
+pub async fn page(State(app): State<AppState>, SignedIn(session): SignedIn, reader: Reader) -> Response {
+    let Some(faults) = &app.settings.demo else { return refusal(&reader, Trouble::NotFound) };
+    Html(view::demo_page(&faults.list(), &page_context(&app, &session, &reader))).into_response()
+}
+
+#[derive(Debug, Deserialize)]
+pub struct FaultForm {
+    name: String,
+    active: bool,
+}
+
+/// `POST /demo/fault`
+pub async fn fault(
+    State(app): State<AppState>,
+    reader: Reader,
+    form: Result<Form<FaultForm>, FormRejection>,
+) -> Response {
+    let Some(faults) = &app.settings.demo else { return refusal(&reader, Trouble::NotFound) };
+    let form = match form {
+        Ok(Form(form)) => form,
+        Err(rejection) => {
+            let wrong = json!({ "error": rejection.body_text(), "names": faults.names });
+            return json_answer(rejection.status(), &wrong);
+        }
+    };
+    let Some(&name) = faults.names.iter().find(|name| **name == form.name) else {
+        let wrong = json!({ "error": format!("there is no fault {:?}", form.name), "names": faults.names });
+        return json_answer(StatusCode::UNPROCESSABLE_ENTITY, &wrong);
+    };
+    if !faults.set(FaultSwitch { name, active: form.active }) {
+        return refusal(&reader, Trouble::Unavailable);
+    }
+    match reader.speaks {
+        Speaks::Json => json_answer(StatusCode::OK, &json!({ "name": name, "active": form.active })),
+        Speaks::Html => Redirect::to("/demo").into_response(),
+    }
+}

@@ -1,0 +1,150 @@
+//! Fragments of the operator's page as messages of htmx's WebSocket extension.
+
+use std::fmt::Write as _;
+use std::sync::{Arc, OnceLock};
+
+use axum::extract::ws::Utf8Bytes;
+
+use crate::web::view::Fragment;
+
+/// All fragments at one snapshot, each with the revision of its last change. Words change
+/// without a new `seq`, so `seq` is what pages are told and the revision is what decides.
+#[derive(Debug)]
+pub struct Frame {
+    seq: u64,
+    revision: u64,
+    /// Revision of the frame that came before this one, if one did.
+    previous: Option<u64>,
+    parts: Vec<Part>,
+    /// The message that most listeners need: they showed the previous frame.
+    step: OnceLock<Option<Utf8Bytes>>,
+    full: OnceLock<Utf8Bytes>,
+}
+
+#[derive(Debug)]
+struct Part {
+    id: String,
+    html: String,
+    /// `html` as the inside of a JSON string.
+    escaped: Arc<str>,
+    changed: u64,
+}
+
+impl Frame {
+    /// The frame of these fragments; those that are as they were keep the revision of their change.
+    pub(super) fn new(seq: u64, revision: u64, fragments: Vec<Fragment>, before: Option<&Frame>) -> Frame {
+        let parts = fragments.into_iter().enumerate().map(|(index, Fragment { id, html })| {
+            let old = before.and_then(|before| before.part(index, &id)).filter(|old| old.html == html);
+            match old {
+                Some(old) => Part { escaped: old.escaped.clone(), changed: old.changed, html, id },
+                None => Part { escaped: escape(&html).into(), changed: revision, html, id },
+            }
+        });
+        Frame {
+            seq,
+            revision,
+            previous: before.map(Frame::revision),
+            parts: parts.collect(),
+            step: OnceLock::new(),
+            full: OnceLock::new(),
+        }
+    }
+
+    pub fn seq(&self) -> u64 {
+        self.seq
+    }
+
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// Everything, for who just connected.
+    pub fn full(&self) -> Utf8Bytes {
+        self.full.get_or_init(|| self.message(self.parts.iter())).clone()
+    }
+
+    /// What changed since the frame of the revision `shown`; `None` if nothing did.
+    pub fn since(&self, shown: u64) -> Option<Utf8Bytes> {
+        if self.previous == Some(shown) {
+            return self.step.get_or_init(|| self.changes(shown)).clone();
+        }
+        self.changes(shown)
+    }
+
+    fn changes(&self, shown: u64) -> Option<Utf8Bytes> {
+        let changed = || self.parts.iter().filter(|part| part.changed > shown);
+        changed().next()?;
+        Some(self.message(changed()))
+    }
+
+    fn message<'a>(&self, parts: impl Iterator<Item = &'a Part>) -> Utf8Bytes {
+        let mut message = format!("{{\"seq\":{},\"content\":\"", self.seq);
+        for part in parts {
+            message.push_str(&part.escaped);
+        }
+        message.push_str("\"}");
+        Utf8Bytes::from(message)
+    }
+
+    /// Fragments keep their places nearly always, so the search is the exception.
+    fn part(&self, index: usize, id: &str) -> Option<&Part> {
+        let here = self.parts.get(index).filter(|part| part.id == id);
+        here.or_else(|| self.parts.iter().find(|part| part.id == id))
+    }
+}
+
+fn escape(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len() + text.len() / 8);
+    for char in text.chars() {
+        match char {
+            '"' => escaped.push_str("\\\""),
+            '\\' => escaped.push_str("\\\\"),
+            '\n' => escaped.push_str("\\n"),
+            // Writing to a string cannot fail.
+            char if char < ' ' => drop(write!(escaped, "\\u{:04x}", char as u32)),
+            char => escaped.push(char),
+        }
+    }
+    escaped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame(revision: u64, parts: &[(&str, &str)], before: Option<&Frame>) -> Frame {
+        let fragment = |(id, html): &(&str, &str)| Fragment { id: (*id).into(), html: (*html).into() };
+        Frame::new(40 + revision, revision, parts.iter().map(fragment).collect(), before)
+    }
+
+    #[test]
+    fn everybody_gets_what_changed_since_they_looked() {
+        let first = frame(1, &[("a", "<a1>"), ("b", "<b1>")], None);
+        let second = frame(2, &[("a", "<a2>"), ("b", "<b1>")], Some(&first));
+        let third = frame(5, &[("a", "<a2>"), ("b", "<b2>")], Some(&second));
+        let same = frame(6, &[("a", "<a2>"), ("b", "<b2>")], Some(&third));
+        let more = frame(7, &[("c", "<c1>"), ("a", "<a2>"), ("b", "<b2>")], Some(&same));
+        for (frame, since, expected) in [
+            (&first, 0, Some("<a1><b1>")),
+            (&second, 1, Some("<a2>")),
+            (&third, 2, Some("<b2>")),
+            (&third, 1, Some("<a2><b2>")),
+            (&third, 5, None),
+            (&same, 5, None),
+            (&same, 2, Some("<b2>")),
+            (&more, 6, Some("<c1>")),
+        ] {
+            let expected = expected.map(|html| format!("{{\"seq\":{},\"content\":\"{html}\"}}", frame.seq));
+            let message = frame.since(since);
+            assert_eq!(message.as_ref().map(Utf8Bytes::as_str), expected.as_deref(), "{since}");
+        }
+        assert_eq!(third.full().as_str(), "{\"seq\":45,\"content\":\"<a2><b2>\"}");
+    }
+
+    #[test]
+    fn escaped_text_reads_back_as_it_was() {
+        let text = "<p class=\"a\\b\">\u{0}\u{1f}\t\r\n\u{7f}\u{2028}ä運\u{1f68c}</p>";
+        let message = format!("\"{}\"", escape(text));
+        assert_eq!(serde_json::from_str::<String>(&message).unwrap(), text);
+    }
+}

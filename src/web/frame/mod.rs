@@ -1,0 +1,100 @@
+//! What goes over the wire: the only place that knows its form.
+//!
+//! Every frame is made once per snapshot and shared by all who listen, by the first of them
+//! that needs it: without a listener nothing is made, and nobody waits for another task.
+
+mod html;
+mod json;
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::SystemTime;
+
+use axum::extract::ws::Utf8Bytes;
+
+pub use html::Frame;
+
+use super::view::{self, Lang};
+use crate::engine::model::Stage;
+use crate::engine::persistent::PersistentVec;
+use crate::engine::snapshot::{Layout, Snapshot};
+use crate::engine::state::State;
+use crate::runtime::Published;
+
+/// The latest frames, one per form.
+#[derive(Debug, Default)]
+pub struct Frames {
+    html: [Mutex<Option<Arc<Frame>>>; Lang::ALL.len()],
+    json: Mutex<Option<(Arc<Snapshot>, Utf8Bytes)>>,
+}
+
+impl Frames {
+    /// The frame of this snapshot, or of a newer one that another listener has seen already.
+    pub fn html(&self, published: &Published, lang: Lang) -> Arc<Frame> {
+        let mut latest = self.html[lang as usize].lock().unwrap_or_else(PoisonError::into_inner);
+        match &*latest {
+            Some(frame) if frame.revision() >= published.snapshot.revision => frame.clone(),
+            before => {
+                let Published { snapshot, .. } = published;
+                let fragments = view::fragments(&permitted(published), lang);
+                let frame =
+                    Arc::new(Frame::new(snapshot.seq, snapshot.revision, fragments, before.as_deref()));
+                *latest = Some(frame.clone());
+                frame
+            }
+        }
+    }
+
+    /// The snapshot as JSON (`DESIGN.md` 4).
+    pub fn json(&self, published: &Published) -> Utf8Bytes {
+        let mut latest = self.json.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*latest {
+            Some((of, json))
+                if of.revision >= published.snapshot.revision && of.now >= published.snapshot.now =>
+            {
+                json.clone()
+            }
+            _ => {
+                let json = Utf8Bytes::from(json::encode(&permitted(published)));
+                *latest = Some((published.snapshot.clone(), json.clone()));
+                json
+            }
+        }
+    }
+}
+
+/// A sign of life for a page that shows everything up to `seq`; `number` grows by one each time.
+pub fn beat(number: u64, seq: u64, at: SystemTime) -> Utf8Bytes {
+    Utf8Bytes::from(format!("{{\"beat\":{number},\"seq\":{seq},\"at\":\"{}\"}}", json::rfc3339(at)))
+}
+
+/// What may be shown: everything, but in the stage `locked` nothing that tells of the vehicle's
+/// parts (`ENGINE.md` 9). Every page and every frame is made from this.
+pub fn permitted(published: &Published) -> Published {
+    let snapshot = &published.snapshot;
+    if snapshot.stage != Stage::Locked {
+        return published.clone();
+    }
+    let layout = Layout {
+        vehicle_id: snapshot.layout.vehicle_id.clone(),
+        vehicle_name: snapshot.layout.vehicle_name.clone(),
+        groups: Vec::new(),
+        modules: Vec::new(),
+    };
+    let withheld = Snapshot {
+        seq: snapshot.seq,
+        revision: snapshot.revision,
+        now: snapshot.now,
+        stage: snapshot.stage,
+        operator: snapshot.operator.clone(),
+        overall: State::Ignore,
+        layout: Arc::new(layout),
+        groups: PersistentVec::default(),
+        modules: PersistentVec::default(),
+        roots: Arc::new([]),
+        alarms: Arc::new([]),
+        signals: Arc::new([]),
+        reception: Arc::new([]),
+        counters: snapshot.counters,
+    };
+    Published { snapshot: Arc::new(withheld), at: published.at }
+}

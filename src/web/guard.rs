@@ -1,0 +1,146 @@
+//! What stands before every route: the name by which the server was asked, a session unless the
+//! table of routes says that none is needed, the origin of whatever changes something, the role.
+//!
+//! A path that no route claims needs a session too: nobody learns from outside what there is.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use axum::extract::{FromRequestParts, MatchedPath, Request, State};
+use axum::http::header::{AUTHORIZATION, HOST, ORIGIN, UPGRADE, WWW_AUTHENTICATE};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, HeaderValue, Method};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Redirect, Response};
+
+use super::answer::{Reader, Speaks, cookie, header, refusal};
+use super::assets;
+use super::state::AppState;
+use super::wording::Trouble;
+use crate::store::{Role, Session, Token};
+
+/// Who may use a route.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Access {
+    /// Everybody: nothing behind it tells of the vehicle.
+    Open,
+    /// A file below `/static/`: without a session only what the login page needs.
+    Asset,
+    /// Everybody who is logged in.
+    Session,
+    /// Those who are logged in with one of these roles.
+    Roles(&'static [Role]),
+}
+
+/// Who may use what, by path as routed and by method.
+pub type AccessTable = HashMap<(&'static str, Method), Access>;
+
+/// The cookie of a session. Under TLS its prefix makes browsers refuse it from anywhere else.
+pub const fn cookie_name(secure: bool) -> &'static str {
+    if secure { "__Host-telltale" } else { "telltale" }
+}
+
+/// The session with which a request came. The guard has checked it.
+#[derive(Debug, Clone)]
+pub struct SignedIn(pub Session);
+
+impl<S: Sync> FromRequestParts<S> for SignedIn {
+    type Rejection = Response;
+
+    async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<SignedIn, Response> {
+        let signed_in = parts.extensions.get::<SignedIn>().cloned();
+        signed_in.ok_or_else(|| refusal(&Reader::of(&parts.uri, &parts.headers), Trouble::NoSession))
+    }
+}
+
+/// The middleware around all routes and around what is none.
+pub async fn guard(
+    State((app, table)): State<(AppState, Arc<AccessTable>)>,
+    mut request: Request,
+    next: Next,
+) -> Response {
+    let reader = Reader::of(request.uri(), request.headers());
+    let headers = request.headers();
+    if !header(headers, HOST.as_str()).is_some_and(|host| app.settings.origins.has_host(host)) {
+        return refusal(&reader, Trouble::ForeignHost);
+    }
+    let access = access(&request, &table);
+    let caller = Caller::of(&app, headers);
+    let needs_session = match access {
+        Access::Open => false,
+        Access::Asset => !assets::is_open(request.uri().path()),
+        Access::Session | Access::Roles(_) => true,
+    };
+    if needs_session && caller.session.is_none() {
+        return not_signed_in(&reader, &request);
+    }
+    if acts(&request) && !caller.is_bearer && !has_own_origin(&app, headers) {
+        return refusal(&reader, Trouble::ForeignOrigin);
+    }
+    if let Some(session) = caller.session {
+        if matches!(access, Access::Roles(roles) if !roles.contains(&session.role)) {
+            return refusal(&reader, Trouble::Forbidden);
+        }
+        request.extensions_mut().insert(SignedIn(session));
+    }
+    next.run(request).await
+}
+
+fn access(request: &Request, table: &AccessTable) -> Access {
+    let Some(path) = request.extensions().get::<MatchedPath>() else { return Access::Session };
+    // A HEAD is answered as its GET is.
+    let method = if request.method() == Method::HEAD { &Method::GET } else { request.method() };
+    let row = table.iter().find(|((routed, of), _)| *routed == path.as_str() && of == method);
+    row.map_or(Access::Session, |(_, access)| *access)
+}
+
+struct Caller {
+    session: Option<Session>,
+    /// The token came in a header that no browser sends by itself.
+    is_bearer: bool,
+}
+
+impl Caller {
+    fn of(app: &AppState, headers: &HeaderMap) -> Caller {
+        let bearer = header(headers, AUTHORIZATION.as_str()).and_then(|value| value.strip_prefix("Bearer "));
+        if let Some(token) = bearer {
+            let session = Token::parse(token).and_then(|token| app.session(&token));
+            return Caller { is_bearer: session.is_some(), session };
+        }
+        Caller { session: cookie_session(app, headers), is_bearer: false }
+    }
+}
+
+/// The session of the cookie, if there is one.
+pub fn cookie_session(app: &AppState, headers: &HeaderMap) -> Option<Session> {
+    let token = cookie(headers, cookie_name(app.settings.secure)).and_then(Token::parse)?;
+    app.session(&token)
+}
+
+/// Whether a request may change something, or opens a socket.
+fn acts(request: &Request) -> bool {
+    !matches!(*request.method(), Method::GET | Method::HEAD) || is_upgrade(request)
+}
+
+fn is_upgrade(request: &Request) -> bool {
+    request.headers().contains_key(UPGRADE)
+}
+
+/// Whether a page of this server sent the request. Under `Referrer-Policy: no-referrer` alone
+/// browsers would send a form's origin as `null`: every page relaxes it by a `meta` of its own.
+fn has_own_origin(app: &AppState, headers: &HeaderMap) -> bool {
+    header(headers, ORIGIN.as_str()).is_some_and(|origin| app.settings.origins.has(origin))
+}
+
+/// Browsers are led to the login when they ask for a page; all others get 401.
+fn not_signed_in(reader: &Reader, request: &Request) -> Response {
+    let is_page = reader.speaks == Speaks::Html
+        && !is_upgrade(request)
+        && !request.uri().path().starts_with("/static/");
+    if is_page {
+        return Redirect::to("/login").into_response();
+    }
+    let mut answer = refusal(reader, Trouble::NoSession);
+    answer.headers_mut().insert(WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+    answer
+}

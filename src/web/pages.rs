@@ -1,0 +1,77 @@
+//! Pages and the snapshot, for who is logged in; and the probes, which tell nothing.
+
+use axum::extract::State;
+use axum::http::header::CONTENT_TYPE;
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::{Html, IntoResponse, Response};
+
+use super::answer::{Reader, refusal};
+use super::frame::permitted;
+use super::guard::SignedIn;
+use super::state::AppState;
+use super::view::{self, PageContext};
+use super::wording::Trouble;
+use crate::store::Session;
+
+/// `GET /`
+pub async fn operator(
+    State(app): State<AppState>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+) -> Html<String> {
+    Html(view::operator_page(&permitted(&app.published()), &page_context(&app, &session, &reader)))
+}
+
+/// `GET /developer`
+pub async fn developer(
+    State(app): State<AppState>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+) -> Html<String> {
+    Html(view::developer_page(&permitted(&app.published()), &page_context(&app, &session, &reader)))
+}
+
+/// `GET /api/v1/snapshot`
+pub async fn snapshot(State(app): State<AppState>) -> Response {
+    let json = app.frames.json(&app.published());
+    ([(CONTENT_TYPE, "application/json")], axum::body::Bytes::from(json)).into_response()
+}
+
+/// `GET /healthz`: the process answers.
+pub async fn healthz() -> &'static str {
+    "ok\n"
+}
+
+/// `GET /readyz`: the engine and the store work.
+pub async fn readyz(State(app): State<AppState>) -> (StatusCode, &'static str) {
+    if app.is_engine_alive() && app.store.check().await.is_ok() {
+        (StatusCode::OK, "ready\n")
+    } else {
+        (StatusCode::SERVICE_UNAVAILABLE, "not ready\n")
+    }
+}
+
+/// What no route claims.
+pub async fn not_found(reader: Reader) -> Response {
+    refusal(&reader, Trouble::NotFound)
+}
+
+/// A route that does not take this method.
+pub async fn wrong_method(reader: Reader) -> Response {
+    refusal(&reader, Trouble::WrongMethod)
+}
+
+/// `GET /static/...`
+pub async fn asset(uri: axum::http::Uri, headers: HeaderMap, reader: Reader) -> Response {
+    super::assets::answer(uri.path(), &headers).unwrap_or_else(|| refusal(&reader, Trouble::NotFound))
+}
+
+pub fn page_context(app: &AppState, session: &Session, reader: &Reader) -> PageContext {
+    PageContext {
+        lang: reader.lang,
+        palette: reader.palette,
+        user: session.user.to_string(),
+        role: session.role,
+        demo: app.settings.demo.is_some(),
+    }
+}

@@ -1,0 +1,85 @@
+//! The table of contents: every route, who may use it, and what answers.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::extract::DefaultBodyLimit;
+use axum::handler::Handler;
+use axum::http::{Method, StatusCode};
+use axum::middleware::{from_fn, from_fn_with_state};
+use axum::routing::{MethodRouter, get, post};
+use tower_http::compression::CompressionLayer;
+use tower_http::limit::RequestBodyLimitLayer;
+use tower_http::timeout::TimeoutLayer;
+
+use super::guard::Access::{Asset, Open, Roles, Session};
+use super::guard::{Access, AccessTable, guard};
+use super::state::AppState;
+use super::{demo, headers, login, pages, socket};
+use crate::store::Role::{Authority, Developer, Operator};
+
+/// The largest body of a request.
+pub const BODY_BYTES_MAX: usize = 16 * 1024;
+/// For a whole request with its body, sockets apart.
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// One row of the table.
+#[derive(Debug)]
+pub struct Route {
+    pub method: Method,
+    pub path: &'static str,
+    pub access: Access,
+    answer: MethodRouter<AppState>,
+}
+
+/// All routes of this server.
+pub fn routes(has_demo: bool) -> Vec<Route> {
+    let mut routes = vec![
+        on_get("/", Session, pages::operator),
+        on_get("/login", Open, login::page),
+        on_post("/login", Open, login::login),
+        on_post("/logout", Session, login::logout),
+        on_get("/ws", Session, socket::page),
+        on_get("/developer", Roles(&[Developer, Authority]), pages::developer),
+        on_get("/api/v1/snapshot", Session, pages::snapshot),
+        on_get("/api/v1/stream", Session, socket::stream),
+        on_get("/healthz", Open, pages::healthz),
+        on_get("/readyz", Open, pages::readyz),
+        on_get("/static/{*path}", Asset, pages::asset),
+    ];
+    if has_demo {
+        routes.push(on_get("/demo", Session, demo::page));
+        routes.push(on_post("/demo/fault", Roles(&[Operator, Developer]), demo::fault));
+    }
+    routes
+}
+
+/// The service of all routes, behind the guard.
+pub fn router(app: AppState) -> Router {
+    let mut router = Router::new();
+    let mut table: AccessTable = HashMap::new();
+    for route in routes(app.settings.demo.is_some()) {
+        table.insert((route.path, route.method), route.access);
+        router = router.route(route.path, route.answer);
+    }
+    router
+        .fallback(pages::not_found)
+        .method_not_allowed_fallback(pages::wrong_method)
+        .layer(DefaultBodyLimit::max(BODY_BYTES_MAX))
+        .layer(from_fn_with_state((app.clone(), Arc::new(table)), guard))
+        .layer(RequestBodyLimitLayer::new(BODY_BYTES_MAX))
+        .layer(TimeoutLayer::with_status_code(StatusCode::REQUEST_TIMEOUT, REQUEST_TIMEOUT))
+        .layer(from_fn(headers::secure))
+        .layer(CompressionLayer::new())
+        .with_state(app)
+}
+
+fn on_get<T: 'static>(path: &'static str, access: Access, answer: impl Handler<T, AppState>) -> Route {
+    Route { method: Method::GET, path, access, answer: get(answer) }
+}
+
+fn on_post<T: 'static>(path: &'static str, access: Access, answer: impl Handler<T, AppState>) -> Route {
+    Route { method: Method::POST, path, access, answer: post(answer) }
+}

@@ -1,0 +1,278 @@
+//! The live connections: fragments for pages, snapshots for programs.
+//!
+//! Each connection holds at most the latest state and sends one message at a time, so a slow
+//! one skips what lies between and delays nobody. It ends with its session, at once.
+
+use std::time::Duration;
+
+use axum::extract::rejection::QueryRejection;
+use axum::extract::ws::rejection::WebSocketUpgradeRejection;
+use axum::extract::ws::{CloseFrame, Message, Utf8Bytes, WebSocket, WebSocketUpgrade, close_code};
+use axum::extract::{Query, State};
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use tokio::sync::watch;
+use tokio::time::{MissedTickBehavior, interval, timeout};
+
+use super::answer::{Reader, refusal};
+use super::displays::Place;
+use super::frame::{self, Frame};
+use super::guard::SignedIn;
+use super::state::{AppState, turned};
+use super::view::Lang;
+use super::wording::Trouble;
+use crate::runtime::Published;
+use crate::store::Session;
+
+/// The largest message that a client may send.
+pub const INBOUND_BYTES_MAX: usize = 16 * 1024;
+/// A page that hears nothing for 1 s says that it is not live.
+const BEAT_EVERY: Duration = Duration::from_millis(250);
+/// A ping goes out with every fourth beat.
+const BEATS_PER_PING: u64 = 4;
+/// A client that answers none of so many pings in a row does not read.
+const PINGS_UNANSWERED_MAX: u32 = 5;
+/// A message that the socket does not take for this long finds nobody who reads.
+const SEND_TIMEOUT: Duration = Duration::from_secs(5);
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
+
+#[derive(Debug, Deserialize)]
+pub struct PageQuery {
+    lang: Option<String>,
+}
+
+/// `GET /ws`
+pub async fn page(
+    State(app): State<AppState>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+    query: Result<Query<PageQuery>, QueryRejection>,
+    upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
+) -> Response {
+    let asked = query.ok().and_then(|Query(query)| query.lang);
+    let lang = asked.as_deref().and_then(Lang::from_word).unwrap_or(reader.lang);
+    open(app, session, &reader, upgrade, Feed::Page { lang, shown: None })
+}
+
+/// `GET /api/v1/stream`
+pub async fn stream(
+    State(app): State<AppState>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+    upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
+) -> Response {
+    open(app, session, &reader, upgrade, Feed::Snapshots)
+}
+
+fn open(
+    app: AppState,
+    session: Session,
+    reader: &Reader,
+    upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
+    feed: Feed,
+) -> Response {
+    let upgrade = match upgrade {
+        Ok(upgrade) => upgrade,
+        Err(rejection) => return rejection.into_response(),
+    };
+    let Some(place) = app.displays.enter(&session) else { return refusal(reader, Trouble::TooManySockets) };
+    let upgrade = upgrade.max_message_size(INBOUND_BYTES_MAX).max_frame_size(INBOUND_BYTES_MAX);
+    upgrade.on_upgrade(move |socket| async move {
+        let line = Line { socket, session, pings_unanswered: 0 };
+        Connection { app, line, feed, place, seq: 0 }.run().await;
+    })
+}
+
+/// What a connection carries.
+#[derive(Debug)]
+enum Feed {
+    /// Fragments of the operator's page; `shown` is the revision that was sent last.
+    Page { lang: Lang, shown: Option<u64> },
+    /// Whole snapshots as JSON.
+    Snapshots,
+}
+
+struct Connection {
+    app: AppState,
+    line: Line,
+    feed: Feed,
+    place: Place,
+    /// Of the state that was sent last.
+    seq: u64,
+}
+
+/// Why a connection ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Ending {
+    /// The session ended: whoever it was must log in again.
+    Revoked,
+    /// The server ends; a new one may come.
+    Closing,
+    /// The engine ended; there is nothing to show.
+    NoEngine,
+    /// The client said something that is no answer.
+    Nonsense,
+    /// The client does not read.
+    Unread,
+    /// The client went away.
+    Gone,
+}
+
+impl Connection {
+    async fn run(mut self) {
+        let ending = match self.serve().await {
+            Ok(never) => match never {},
+            Err(ending) => ending,
+        };
+        tracing::debug!(?ending, user = &*self.line.session.user, "socket closed");
+        // The place is free before the farewell: a client may take its time for that.
+        let Connection { line, place, .. } = self;
+        drop(place);
+        line.close(ending).await;
+    }
+
+    async fn serve(&mut self) -> Result<std::convert::Infallible, Ending> {
+        let mut snapshots = self.app.link.snapshots.clone();
+        let mut closing = self.app.closing.subscribe();
+        let mut beats = interval(BEAT_EVERY);
+        // After a stop of the whole process there is one beat to make up for, not all.
+        beats.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut beat = 0;
+        self.show(&latest(&mut snapshots)).await?;
+        loop {
+            tokio::select! {
+                () = self.line.session.ended() => return Err(Ending::Revoked),
+                () = turned(&mut closing) => return Err(Ending::Closing),
+                changed = snapshots.changed() => {
+                    changed.map_err(|_| Ending::NoEngine)?;
+                    self.show(&latest(&mut snapshots)).await?;
+                }
+                received = self.line.socket.recv() => self.hear(received)?,
+                _ = beats.tick() => {
+                    beat += 1;
+                    self.beat(beat).await?;
+                }
+            }
+        }
+    }
+
+    /// Sends what this client does not have yet.
+    async fn show(&mut self, published: &Published) -> Result<(), Ending> {
+        match &mut self.feed {
+            Feed::Page { lang, shown } => {
+                let frame = self.app.frames.html(published, *lang);
+                let message = news(&frame, *shown);
+                *shown = Some(frame.revision());
+                self.seq = frame.seq();
+                match message {
+                    Some(message) => self.line.send(Message::Text(message)).await,
+                    None => Ok(()),
+                }
+            }
+            Feed::Snapshots => {
+                let json = self.app.frames.json(published);
+                self.line.send(Message::Text(json)).await
+            }
+        }
+    }
+
+    /// Says that this server and its engine live. A page that hears nothing is covered by its own
+    /// script, so nothing is said while the engine is silent.
+    async fn beat(&mut self, number: u64) -> Result<(), Ending> {
+        if let Feed::Page { .. } = self.feed
+            && self.app.is_engine_alive()
+        {
+            let beat = frame::beat(number, self.seq, self.app.clock.wall());
+            self.line.send(Message::Text(beat)).await?;
+        }
+        if number.is_multiple_of(BEATS_PER_PING) { self.line.ping().await } else { Ok(()) }
+    }
+
+    fn hear(&mut self, received: Option<Result<Message, axum::Error>>) -> Result<(), Ending> {
+        let Some(Ok(message)) = received else { return Err(Ending::Gone) };
+        self.line.pings_unanswered = 0;
+        match (message, &self.feed) {
+            (Message::Ping(_) | Message::Pong(_), _) => Ok(()),
+            (Message::Close(_), _) => Err(Ending::Gone),
+            (Message::Text(text), Feed::Page { .. }) => {
+                let Shown { shown } = serde_json::from_str(&text).map_err(|_| Ending::Nonsense)?;
+                if shown > self.seq {
+                    return Err(Ending::Nonsense);
+                }
+                self.place.confirm(shown, self.app.clock.now());
+                Ok(())
+            }
+            (Message::Text(_) | Message::Binary(_), _) => Err(Ending::Nonsense),
+        }
+    }
+}
+
+/// What a page answers once it shows a message.
+#[derive(Debug, Deserialize)]
+struct Shown {
+    shown: u64,
+}
+
+fn news(frame: &Frame, shown: Option<u64>) -> Option<Utf8Bytes> {
+    match shown {
+        Some(shown) => frame.since(shown),
+        None => Some(frame.full()),
+    }
+}
+
+fn latest(snapshots: &mut watch::Receiver<Published>) -> Published {
+    snapshots.borrow_and_update().clone()
+}
+
+/// A socket and the session that it lives by.
+struct Line {
+    socket: WebSocket,
+    session: Session,
+    pings_unanswered: u32,
+}
+
+impl Line {
+    /// Sends one message, unless the session ends first.
+    async fn send(&mut self, message: Message) -> Result<(), Ending> {
+        if !self.session.is_open() {
+            return Err(Ending::Revoked);
+        }
+        tokio::select! {
+            biased;
+            () = self.session.ended() => Err(Ending::Revoked),
+            sent = timeout(SEND_TIMEOUT, self.socket.send(message)) => match sent {
+                Ok(Ok(())) => Ok(()),
+                Ok(Err(_)) => Err(Ending::Gone),
+                Err(_) => Err(Ending::Unread),
+            },
+        }
+    }
+
+    async fn ping(&mut self) -> Result<(), Ending> {
+        if self.pings_unanswered >= PINGS_UNANSWERED_MAX {
+            return Err(Ending::Unread);
+        }
+        self.pings_unanswered += 1;
+        self.send(Message::Ping(axum::body::Bytes::new())).await
+    }
+
+    /// Says why and waits a little for the answer, so that the client reads the reason.
+    async fn close(mut self, ending: Ending) {
+        let (code, reason) = match ending {
+            Ending::Revoked => (close_code::POLICY, "the session has ended"),
+            Ending::Closing => (close_code::RESTART, "the server ends"),
+            Ending::NoEngine => (close_code::ERROR, "the engine has ended"),
+            Ending::Nonsense => (close_code::UNSUPPORTED, "not understood"),
+            Ending::Unread => (close_code::AGAIN, "nobody reads"),
+            Ending::Gone => return,
+        };
+        let farewell = Message::Close(Some(CloseFrame { code, reason: Utf8Bytes::from_static(reason) }));
+        let goodbye = async {
+            if self.socket.send(farewell).await.is_ok() {
+                while let Some(Ok(_)) = self.socket.recv().await {}
+            }
+        };
+        // Whoever does not answer in time is left without a farewell.
+        let _ = timeout(CLOSE_TIMEOUT, goodbye).await;
+    }
+}

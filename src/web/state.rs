@@ -1,0 +1,132 @@
+//! What all requests share.
+
+use std::ops::Deref;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use tokio::sync::{oneshot, watch};
+use tokio::time::timeout;
+
+use super::demo::DemoFaults;
+use super::displays::Displays;
+use super::frame::Frames;
+use super::origins::Origins;
+use super::throttle::Throttle;
+use crate::clock::Clock;
+use crate::engine::input::{OperatorAction, Response};
+use crate::engine::model::Stage;
+use crate::engine::snapshot::Snapshot;
+use crate::engine::time::Span;
+use crate::runtime::{self, Command, Link, Published};
+use crate::store::{Role, Session, Store, Token};
+
+/// The engine answers in well under a millisecond; one that takes this long hangs.
+const COMMAND_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Four pulses of the engine.
+const ENGINE_SILENT_MAX: Span = Span::from_millis(4 * runtime::PULSE_EVERY.as_millis());
+
+/// What the command line says about the server.
+#[derive(Debug)]
+pub struct Settings {
+    pub origins: Origins,
+    /// Browsers come over TLS: cookies are for that alone.
+    pub secure: bool,
+    /// Switches of the simulated shuttle; `None` on a vehicle.
+    pub demo: Option<DemoFaults>,
+}
+
+/// Shared by all requests; clones are the same.
+#[derive(Debug, Clone)]
+pub struct AppState(Arc<Shared>);
+
+#[derive(Debug)]
+pub struct Shared {
+    pub link: Link,
+    pub store: Store,
+    pub clock: Clock,
+    pub settings: Settings,
+    pub frames: Frames,
+    pub displays: Displays,
+    pub throttle: Mutex<Throttle>,
+    /// Turns true when the server ends.
+    pub closing: watch::Sender<bool>,
+}
+
+/// The engine does not answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the engine does not answer")]
+pub struct NoAnswer;
+
+impl AppState {
+    pub fn new(link: Link, store: Store, clock: Clock, settings: Settings) -> AppState {
+        AppState(Arc::new(Shared {
+            link,
+            store,
+            clock,
+            settings,
+            frames: Frames::default(),
+            displays: Displays::default(),
+            throttle: Mutex::default(),
+            closing: watch::channel(false).0,
+        }))
+    }
+}
+
+impl Deref for AppState {
+    type Target = Shared;
+
+    fn deref(&self) -> &Shared {
+        &self.0
+    }
+}
+
+impl Shared {
+    pub fn published(&self) -> Published {
+        self.link.snapshots.borrow().clone()
+    }
+
+    /// Whether the engine said something lately: it does even when nothing happens. What it said
+    /// last is of no worth to a display once it hangs.
+    pub fn is_engine_alive(&self) -> bool {
+        let snapshots = &self.link.snapshots;
+        let silent_since = snapshots.borrow().snapshot.now;
+        snapshots.has_changed().is_ok() && self.clock.now().since(silent_since) < ENGINE_SILENT_MAX
+    }
+
+    /// The session of a token, unless it has expired.
+    pub fn session(&self, token: &Token) -> Option<Session> {
+        self.store.session(token).filter(|session| !self.has_expired(session))
+    }
+
+    /// Whether a session is over. The operator of a vehicle that drives keeps it.
+    pub fn has_expired(&self, session: &Session) -> bool {
+        let published = self.link.snapshots.borrow();
+        let drives = published.snapshot.stage == Stage::Active && is_seated(session, &published.snapshot);
+        session.expires <= self.clock.now() && !drives
+    }
+
+    /// Hands an operator's action to the engine.
+    ///
+    /// # Errors
+    /// If it does not answer; the action may have happened then or not.
+    pub async fn command(&self, action: OperatorAction) -> Result<Response, NoAnswer> {
+        let (reply, answer) = oneshot::channel();
+        let exchange = async {
+            self.link.commands.send(Command { action, reply }).await.map_err(|_| NoAnswer)?;
+            answer.await.map_err(|_| NoAnswer)
+        };
+        timeout(COMMAND_TIMEOUT, exchange).await.map_err(|_| NoAnswer)?
+    }
+}
+
+/// Whether this is a session of the operator in the seat.
+pub fn is_seated(session: &Session, snapshot: &Snapshot) -> bool {
+    session.role == Role::Operator && snapshot.operator.as_deref() == Some(&*session.user)
+}
+
+/// Waits until the server ends.
+pub async fn turned(closing: &mut watch::Receiver<bool>) {
+    // A sender that is gone has ended with the server.
+    let _ = closing.wait_for(|closing| *closing).await;
+}

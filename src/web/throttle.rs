@@ -1,0 +1,161 @@
+//! How long a login must wait after failures, per account and per source.
+//!
+//! No account is ever locked: the delay of an account holds for what comes from outside of the
+//! machine, so a stranger cannot keep the operator at the vehicle's own display out.
+
+use std::collections::HashMap;
+use std::net::{IpAddr, Ipv6Addr};
+
+use crate::engine::time::{Span, Timestamp};
+
+/// Failures before the first delay: typing errors are no attack.
+const FREE_FAILURES: u32 = 3;
+const ACCOUNT_DELAY_MAX: Span = Span::from_secs(30);
+const SOURCE_DELAY_MAX: Span = Span::from_secs(60);
+/// Without a failure for this long, earlier ones are forgotten.
+const FORGET_AFTER: Span = Span::from_secs(15 * 60);
+/// The entry that failed least recently makes place for a new one.
+const ENTRIES_MAX: usize = 4096;
+
+/// Failed logins, as they are remembered.
+#[derive(Debug, Default)]
+pub struct Throttle(HashMap<Key, Failures>);
+
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+enum Key {
+    Source(IpAddr),
+    /// An account as tried from this machine, or from anywhere else.
+    Account {
+        name: Box<str>,
+        is_local: bool,
+    },
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Failures {
+    count: u32,
+    last: Timestamp,
+}
+
+impl Throttle {
+    /// Asks whether a login may be tried now, and counts it as failed until
+    /// [`Throttle::succeeded`] says else: logins that are tried at once count too.
+    ///
+    /// # Errors
+    /// How long to wait. A refused try makes the wait no longer.
+    pub fn attempt(&mut self, now: Timestamp, name: &str, source: IpAddr) -> Result<(), Span> {
+        let keys = keys(name, source);
+        let wait = keys.iter().map(|key| self.wait(now, key)).max().unwrap_or_default();
+        if !wait.is_zero() {
+            return Err(wait);
+        }
+        for key in keys {
+            self.count(now, key);
+        }
+        Ok(())
+    }
+
+    /// The login that was tried last for this account and source was right.
+    pub fn succeeded(&mut self, name: &str, source: IpAddr) {
+        let [source, account] = keys(name, source);
+        self.0.remove(&account);
+        // The others that failed from there stay: whoever has an account must not clear them.
+        if let Some(failures) = self.0.get_mut(&source) {
+            failures.count -= 1;
+            if failures.count == 0 {
+                self.0.remove(&source);
+            }
+        }
+    }
+
+    fn wait(&self, now: Timestamp, key: &Key) -> Span {
+        let Some(failures) = self.0.get(key) else { return Span::ZERO };
+        let since = now.since(failures.last);
+        if failures.count < FREE_FAILURES || since > FORGET_AFTER {
+            return Span::ZERO;
+        }
+        let doubled = Span::from_secs(1 << (failures.count - FREE_FAILURES).min(10));
+        let delay_max = if matches!(key, Key::Source(_)) { SOURCE_DELAY_MAX } else { ACCOUNT_DELAY_MAX };
+        doubled.min(delay_max) - since
+    }
+
+    fn count(&mut self, now: Timestamp, key: Key) {
+        if self.0.len() >= ENTRIES_MAX && !self.0.contains_key(&key) {
+            let oldest = self.0.iter().min_by_key(|(_, failures)| failures.last).map(|(key, _)| key.clone());
+            oldest.map(|key| self.0.remove(&key));
+        }
+        let failures = self.0.entry(key).or_insert(Failures { count: 0, last: now });
+        let forgotten = now.since(failures.last) > FORGET_AFTER;
+        failures.count = if forgotten { 1 } else { failures.count.saturating_add(1) };
+        failures.last = now;
+    }
+}
+
+fn keys(name: &str, source: IpAddr) -> [Key; 2] {
+    let source = source.to_canonical();
+    let account = Key::Account { name: name.chars().take(64).collect(), is_local: source.is_loopback() };
+    [Key::Source(network(source)), account]
+}
+
+/// Whoever has an IPv6 address has 2^64 of them.
+fn network(ip: IpAddr) -> IpAddr {
+    match ip {
+        IpAddr::V4(_) => ip,
+        IpAddr::V6(ip) => IpAddr::V6(Ipv6Addr::from_bits(ip.to_bits() & !u128::from(u64::MAX))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LOCAL: &str = "127.0.0.1";
+    const STRANGER: &str = "10.0.0.66";
+
+    fn failed(throttle: &mut Throttle, at_s: u64, name: &str, source: &str) -> Result<(), Span> {
+        throttle.attempt(Timestamp::from_millis(at_s * 1000), name, source.parse().unwrap())
+    }
+
+    #[test]
+    fn delays_grow_to_their_bound_and_are_forgotten() {
+        let mut throttle = Throttle::default();
+        let mut now_s = 100;
+        for delay_s in [0, 0, 1, 2, 4, 8, 16, 32, 60, 60] {
+            assert_eq!(failed(&mut throttle, now_s, "anna", LOCAL), Ok(()));
+            if delay_s > 0 {
+                let wait = Err(Span::from_secs(delay_s));
+                assert_eq!(failed(&mut throttle, now_s, "anna", LOCAL), wait, "{delay_s}");
+                assert_eq!(failed(&mut throttle, now_s, "bert", LOCAL), wait, "the source waits too");
+            }
+            now_s += delay_s;
+        }
+        now_s += 15 * 60 + 1;
+        for _ in 0..3 {
+            assert_eq!(failed(&mut throttle, now_s, "anna", LOCAL), Ok(()));
+        }
+    }
+
+    #[test]
+    fn a_stranger_delays_strangers_but_not_the_vehicles_own_display() {
+        let mut throttle = Throttle::default();
+        for source in 0..10 {
+            let _ = failed(&mut throttle, 100, "anna", &format!("10.0.0.{source}"));
+        }
+        assert!(failed(&mut throttle, 100, "anna", STRANGER).is_err(), "one account, many sources");
+        assert_eq!(failed(&mut throttle, 100, "anna", LOCAL), Ok(()));
+        throttle.succeeded("anna", LOCAL.parse().unwrap());
+        for _ in 0..3 {
+            assert_eq!(failed(&mut throttle, 100, "anna", LOCAL), Ok(()), "a success forgets");
+        }
+    }
+
+    #[test]
+    fn what_is_remembered_is_bounded() {
+        let mut throttle = Throttle::default();
+        for source in 0..20_000_u32 {
+            let ip = IpAddr::from(source.to_be_bytes());
+            let _ = throttle.attempt(Timestamp::from_millis(u64::from(source)), "anna", ip);
+        }
+        assert!(throttle.0.len() <= ENTRIES_MAX);
+    }
+}

@@ -1,0 +1,138 @@
+//! What stands behind a tile: why it shows its state, and its modules.
+
+use askama::Template;
+
+use crate::engine::model::{ModuleId, NodeId};
+use crate::engine::snapshot::{ModuleView, Reason};
+use crate::engine::state::State;
+
+use super::board::Tile;
+use super::clean::{ID, MESSAGE, VALUE, clean};
+use super::node::{icon, own_matters, reason_word};
+use super::{Fragment, View, html};
+use crate::web::text::Words;
+
+/// Modules of one component that are listed; the worst first, the rest is counted.
+const ROWS: usize = 40;
+/// Values of one module that are shown.
+const VALUES: usize = 8;
+
+struct Row {
+    id: String,
+    title: String,
+    label: String,
+    state: &'static str,
+    reason: &'static str,
+    icon: &'static str,
+    word: &'static str,
+    because: String,
+    own: Option<&'static str>,
+    since: String,
+    message: String,
+    values: Vec<(String, String)>,
+}
+
+#[derive(Template)]
+#[template(path = "partials/detail.html")]
+struct DetailHtml<'a> {
+    words: &'static Words,
+    swap: bool,
+    path: &'a str,
+    name: String,
+    state: &'static str,
+    reason: &'static str,
+    icon: &'static str,
+    word: &'static str,
+    because: String,
+    since: String,
+    count: String,
+    behind: Option<String>,
+    /// Names of the components from the root cause to this one.
+    chain: Vec<String>,
+    root: String,
+    rows: Vec<Row>,
+    more: Option<String>,
+}
+
+pub fn detail(view: &View<'_>, tile: Tile) -> Fragment {
+    let id = view.board.tiles[tile];
+    let (info, group) = view.snapshot.group(id);
+    let mut modules = view.modules_of(id);
+    let masked = matches!(group.reason, Some(Reason::Masked { .. }));
+    let failing = |module: &&ModuleId| view.snapshot.module(**module).1.own == State::Error;
+    let behind = if masked { modules.iter().filter(failing).count() } else { 0 };
+    modules.sort_by_key(|&module| std::cmp::Reverse(weight(view.snapshot.module(module).1)));
+    let more = modules.len().saturating_sub(ROWS);
+    let (chain, root) = if masked { why(view, tile) } else { (Vec::new(), String::new()) };
+    let html = html(&DetailHtml {
+        words: view.words,
+        swap: view.swap,
+        path: &info.path,
+        name: view.group_name(id),
+        state: group.state.as_str(),
+        reason: reason_word(group.reason.as_ref()),
+        icon: icon(group.state, group.reason.as_ref()),
+        word: view.lang.state(group.state),
+        because: view.reason(NodeId::Group(id), group.reason.as_ref()),
+        since: view.wall(group.since),
+        count: if group.counted > 0 { view.lang.ok_of(group.ok, group.counted) } else { String::new() },
+        behind: (behind > 0).then(|| view.lang.errors_behind(behind)),
+        chain,
+        root,
+        rows: modules.iter().take(ROWS).map(|&module| row(view, module)).collect(),
+        more: (more > 0).then(|| view.lang.and_more(more)),
+    });
+    Fragment { id: format!("detail-{}", info.path), html }
+}
+
+/// The way from the first root cause to this component, and what the root cause says.
+fn why(view: &View<'_>, tile: Tile) -> (Vec<String>, String) {
+    let (_, group) = view.snapshot.group(view.board.tiles[tile]);
+    let Some(path) = group.paths.first() else { return (Vec::new(), String::new()) };
+    let mut steps: Vec<Tile> = path.iter().filter_map(|&node| view.board.tile_of(node)).collect();
+    steps.dedup();
+    let chain = steps.iter().rev().map(|&step| view.group_name(view.board.tiles[step])).collect();
+    let root = match path.last() {
+        Some(&NodeId::Module(id)) => view.fault(id, view.snapshot.module(id).1.state),
+        _ => String::new(),
+    };
+    (chain, root)
+}
+
+/// What needs eyes stands first; the order of the configuration stays otherwise.
+fn weight(module: &ModuleView) -> u8 {
+    match module.state {
+        State::Error => 5,
+        State::Unknown => 4,
+        State::Warning => 3,
+        State::Ignore if own_matters(module) => 2,
+        _ => 1,
+    }
+}
+
+fn row(view: &View<'_>, id: ModuleId) -> Row {
+    let (info, module) = view.snapshot.module(id);
+    let own = own_matters(module);
+    let failing = if own { module.own } else { module.state };
+    let label = view.label(info);
+    let named = matches!(failing, State::Warning | State::Error) && info.name.is_some();
+    let values = module.report.values.iter().take(VALUES);
+    Row {
+        id: clean(&info.id, ID),
+        title: if named { view.fault(id, failing) } else { label.clone() },
+        label: if named { label } else { String::new() },
+        state: module.state.as_str(),
+        reason: reason_word(module.reason.as_ref()),
+        icon: icon(module.state, module.reason.as_ref()),
+        word: view.lang.state(module.state),
+        because: view.reason(NodeId::Module(id), module.reason.as_ref()),
+        own: own.then(|| view.lang.state(module.own)),
+        since: view.wall(module.since),
+        message: if module.received.is_none() {
+            view.words.no_report.to_owned()
+        } else {
+            clean(&module.report.message, MESSAGE)
+        },
+        values: values.map(|(key, value)| (clean(key, VALUE), clean(value, VALUE))).collect(),
+    }
+}

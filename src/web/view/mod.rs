@@ -1,0 +1,213 @@
+//! The pages and their fragments as HTML. Nothing here reads a request or sends an answer.
+//!
+//! All that is shown comes from one [`Snapshot`]; text that the vehicle or a publisher wrote goes
+//! through [`clean`] and is escaped by the templates.
+
+mod arrows;
+mod board;
+mod causes;
+pub mod clean;
+mod detail;
+mod developer;
+mod node;
+mod pages;
+#[cfg(test)]
+mod sample;
+#[cfg(test)]
+mod tests;
+mod tile;
+mod top;
+
+use std::time::{Duration, SystemTime};
+
+use crate::clock::wall_at;
+use crate::engine::model::Stage;
+use crate::engine::snapshot::Snapshot;
+use crate::engine::time::Timestamp;
+use crate::runtime::Published;
+use crate::store::Role;
+use crate::web::text::Words;
+use board::Board;
+
+pub use pages::{demo_page, login_page, message_page, operator_page};
+
+/// Files below `static/` that the login page needs: served without a session, so none of them may
+/// name a part of the vehicle. An entry that ends in `/` names a folder.
+pub const LOGIN_ASSETS: &[&str] =
+    &["telltale.css", "page.js", "icon.svg", "vendor/inter-latin-wght-normal.woff2"];
+
+/// A language of the pages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Lang {
+    #[default]
+    En,
+    De,
+}
+
+impl Lang {
+    pub const ALL: [Lang; 2] = [Lang::En, Lang::De];
+
+    /// The tag of the `lang` attribute and cookie: `en`, `de`.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Lang::En => "en",
+            Lang::De => "de",
+        }
+    }
+
+    pub fn from_word(word: &str) -> Option<Lang> {
+        Lang::ALL.into_iter().find(|lang| lang.as_str() == word)
+    }
+}
+
+/// The colours of the pages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Palette {
+    Day,
+    #[default]
+    Night,
+}
+
+impl Palette {
+    /// The word of the `data-palette` attribute and cookie: `day`, `night`.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Palette::Day => "day",
+            Palette::Night => "night",
+        }
+    }
+
+    pub fn from_word(word: &str) -> Option<Palette> {
+        [Palette::Day, Palette::Night].into_iter().find(|palette| palette.as_str() == word)
+    }
+}
+
+/// One element of the operator's page that changes by itself.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Fragment {
+    /// The `id` of the element: the same for the same part of the vehicle, always.
+    pub id: String,
+    /// The element, ready to be swapped in by its id.
+    pub html: String,
+}
+
+/// For whom a page is made.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PageContext {
+    pub lang: Lang,
+    pub palette: Palette,
+    pub user: String,
+    pub role: Role,
+    /// The simulated shuttle runs in this process: pages may link to `/demo`.
+    pub demo: bool,
+}
+
+/// What the login page shows.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LoginContext {
+    pub lang: Lang,
+    pub palette: Palette,
+    /// The name that was typed last.
+    pub name: String,
+    pub failure: Option<LoginFailure>,
+    pub demo: bool,
+}
+
+/// Why a login did not work. It never says whether the name exists.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LoginFailure {
+    /// The name or the secret is wrong.
+    Wrong,
+    /// Too many failures: this many seconds until the next try is looked at.
+    Wait { seconds: u64 },
+    /// The server can not check logins now.
+    Unavailable,
+    /// No user exists yet; `telltale user add` makes one.
+    NoUsers,
+}
+
+/// A fault of the simulated shuttle.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DemoFault {
+    /// As `POST /demo/fault` takes it: `sensor_outage`.
+    pub name: String,
+    pub active: bool,
+}
+
+/// Every element of the operator's page that changes with the snapshot, in page order. While the
+/// vehicle is locked that is the top bar alone, which tells the page to leave.
+pub fn fragments(published: &Published, lang: Lang) -> Vec<Fragment> {
+    let view = View::new(published, lang, true);
+    if published.snapshot.stage == Stage::Locked {
+        return vec![top::top(&view)];
+    }
+    Parts::of(&view).into_fragments()
+}
+
+/// Everything that was received, dense, for a developer.
+pub fn developer_page(published: &Published, context: &PageContext) -> String {
+    developer::page(&View::new(published, context.lang, false), context)
+}
+
+/// What all parts of a page are made from.
+struct View<'a> {
+    snapshot: &'a Snapshot,
+    at: SystemTime,
+    lang: Lang,
+    words: &'static Words,
+    board: Board,
+    /// The elements carry the mark by which htmx swaps them in.
+    swap: bool,
+}
+
+impl<'a> View<'a> {
+    fn new(published: &'a Published, lang: Lang, swap: bool) -> View<'a> {
+        let snapshot = &*published.snapshot;
+        let board = Board::of(&snapshot.layout);
+        View { snapshot, at: published.at, lang, words: lang.words(), board, swap }
+    }
+
+    /// When `then` was, by the wall clock, to the second: the page counts on from there. Finer
+    /// would differ a little with each snapshot and send what has not changed.
+    fn wall(&self, then: Timestamp) -> String {
+        let exact = wall_at(self.at, self.snapshot.now, then);
+        let rounded = exact.checked_add(Duration::from_millis(500)).unwrap_or(exact);
+        humantime::format_rfc3339_seconds(rounded).to_string()
+    }
+}
+
+/// The elements of the operator's page.
+struct Parts {
+    top: Fragment,
+    arrows: Fragment,
+    tiles: Vec<Fragment>,
+    causes: Fragment,
+    actions: Fragment,
+    details: Vec<Fragment>,
+}
+
+impl Parts {
+    fn of(view: &View<'_>) -> Parts {
+        Parts {
+            top: top::top(view),
+            arrows: tile::arrows(view),
+            tiles: (0..view.board.tiles.len()).map(|tile| tile::tile(view, tile)).collect(),
+            causes: causes::causes(view),
+            actions: top::actions(view),
+            details: (0..view.board.tiles.len()).map(|tile| detail::detail(view, tile)).collect(),
+        }
+    }
+
+    fn into_fragments(self) -> Vec<Fragment> {
+        let mut all = vec![self.top, self.arrows];
+        all.extend(self.tiles);
+        all.extend([self.causes, self.actions]);
+        all.extend(self.details);
+        all
+    }
+}
+
+/// Renders a template of this crate.
+fn html(template: &impl askama::Template) -> String {
+    template.render().expect("writing into a string does not fail")
+}

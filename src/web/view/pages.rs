@@ -1,0 +1,158 @@
+//! Whole pages: the operator's screen, the login, the demo's switches, and pages of one sentence.
+
+use askama::Template;
+
+use crate::engine::model::Stage;
+use crate::runtime::Published;
+use crate::store::Role;
+use crate::web::assets;
+use crate::web::text::Words;
+
+use super::clean::{MESSAGE, NAME, clean};
+use super::{DemoFault, Lang, LoginContext, LoginFailure, PageContext, Palette, Parts, View, html, top};
+
+/// What every page is framed by.
+pub struct Frame {
+    pub lang: &'static str,
+    pub palette: &'static str,
+    pub words: &'static Words,
+    /// Both languages, for words that change their language, or must show, without a server.
+    pub both: [(&'static str, &'static Words); 2],
+}
+
+impl Frame {
+    pub fn new(lang: Lang, palette: Palette) -> Frame {
+        let both = Lang::ALL.map(|lang| (lang.as_str(), lang.words()));
+        Frame { lang: lang.as_str(), palette: palette.as_str(), words: lang.words(), both }
+    }
+
+    /// Where a file of `static/` is found.
+    pub fn asset(&self, name: &str) -> String {
+        assets::url(name)
+    }
+}
+
+#[derive(Template)]
+#[template(path = "operator.html")]
+struct OperatorHtml {
+    frame: Frame,
+    stage: &'static str,
+    layout: String,
+    columns: usize,
+    rows: usize,
+    demo: bool,
+    developer: bool,
+    top: String,
+    arrows: String,
+    tiles: Vec<String>,
+    causes: String,
+    actions: String,
+    /// The path of each tile with what stands behind it.
+    panels: Vec<(String, String)>,
+}
+
+/// The operator's screen. In the stage `locked` it is the login: nothing of the vehicle shows.
+pub fn operator_page(published: &Published, context: &PageContext) -> String {
+    if published.snapshot.stage == Stage::Locked {
+        let name = String::new();
+        let PageContext { lang, palette, demo, .. } = *context;
+        return login_page(&LoginContext { lang, palette, name, failure: None, demo });
+    }
+    let view = View::new(published, context.lang, false);
+    let parts = Parts::of(&view);
+    let paths = view.board.tiles.iter().map(|&id| view.snapshot.group(id).0.path.to_string());
+    let text = |fragment: super::Fragment| fragment.html;
+    html(&OperatorHtml {
+        frame: Frame::new(context.lang, context.palette),
+        stage: published.snapshot.stage.as_str(),
+        layout: top::layout_mark(&view),
+        columns: view.board.columns,
+        rows: view.board.rows,
+        demo: context.demo,
+        developer: context.role != Role::Operator,
+        top: parts.top.html,
+        arrows: parts.arrows.html,
+        tiles: parts.tiles.into_iter().map(text).collect(),
+        causes: parts.causes.html,
+        actions: parts.actions.html,
+        panels: paths.zip(parts.details.into_iter().map(text)).collect(),
+    })
+}
+
+#[derive(Template)]
+#[template(path = "login.html")]
+struct LoginHtml {
+    frame: Frame,
+    name: String,
+    failure: Option<String>,
+    demo: bool,
+}
+
+pub fn login_page(context: &LoginContext) -> String {
+    let words = context.lang.words();
+    let failure = context.failure.map(|failure| match failure {
+        LoginFailure::Wrong => words.login_wrong.to_owned(),
+        LoginFailure::Wait { seconds } => context.lang.login_wait(seconds),
+        LoginFailure::Unavailable => words.login_unavailable.to_owned(),
+        LoginFailure::NoUsers => words.login_no_users.to_owned(),
+    });
+    html(&LoginHtml {
+        frame: Frame::new(context.lang, context.palette),
+        name: clean(&context.name, NAME),
+        failure,
+        demo: context.demo,
+    })
+}
+
+struct FaultHtml {
+    name: String,
+    title: String,
+    text: &'static str,
+    active: bool,
+}
+
+#[derive(Template)]
+#[template(path = "demo.html")]
+struct DemoHtml {
+    frame: Frame,
+    faults: Vec<FaultHtml>,
+}
+
+/// The switches of the simulated shuttle's faults.
+pub fn demo_page(faults: &[DemoFault], context: &PageContext) -> String {
+    let words = context.lang.words();
+    let faults = faults.iter().map(|fault| {
+        let (title, text) = match &*fault.name {
+            "sensor_outage" => (words.sensor_outage, words.sensor_outage_text),
+            "localization_jump" => (words.localization_jump, words.localization_jump_text),
+            "costmap_delay" => (words.costmap_delay, words.costmap_delay_text),
+            "planner_stall" => (words.planner_stall, words.planner_stall_text),
+            "can_loss" => (words.can_loss, words.can_loss_text),
+            "low_battery" => (words.low_battery, words.low_battery_text),
+            _ => ("", ""),
+        };
+        let title = if title.is_empty() { clean(&fault.name, NAME) } else { title.to_owned() };
+        FaultHtml { name: clean(&fault.name, NAME), title, text, active: fault.active }
+    });
+    let faults = faults.collect();
+    html(&DemoHtml { frame: Frame::new(context.lang, context.palette), faults })
+}
+
+#[derive(Template)]
+#[template(path = "message.html")]
+struct MessageHtml {
+    frame: Frame,
+    status: u16,
+    title: String,
+    text: String,
+}
+
+/// A page that says one thing; `title` and `text` are in the reader's language and not yet escaped.
+pub fn message_page(status: u16, title: &str, text: &str, lang: Lang, palette: Palette) -> String {
+    html(&MessageHtml {
+        frame: Frame::new(lang, palette),
+        status,
+        title: clean(title, MESSAGE),
+        text: clean(text, 2 * MESSAGE),
+    })
+}

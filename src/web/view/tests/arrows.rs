@@ -1,0 +1,35 @@
+use super::*;
+
+fn hot(published: &Published) -> Vec<(String, String)> {
+    let html = fragment(published, Lang::En, "arrows");
+    let arrows = html.split("<g ").filter(|arrow| arrow.contains("data-hot"));
+    let attribute = |arrow: &str, name: &str| {
+        let rest = arrow.split_once(&format!("{name}=\"")).expect("the attribute").1;
+        rest.split('"').next().unwrap_or_default().to_owned()
+    };
+    let mut hot: Vec<_> =
+        arrows.map(|arrow| (attribute(arrow, "data-from"), attribute(arrow, "data-to"))).collect();
+    hot.sort();
+    hot
+}
+
+#[test]
+fn implied_dependencies_are_not_drawn() {
+    let calm = Sample::shuttle(true).published();
+    let html = fragment(&calm, Lang::En, "arrows");
+    assert_eq!(html.matches("<g ").count(), 7, "{html}");
+    assert!(!html.contains(r#"data-from="localization" data-to="planning""#));
+    assert!(hot(&calm).is_empty());
+}
+
+#[test]
+fn the_way_from_the_root_cause_is_drawn_as_one_path() {
+    let fault = jump().pass(4).published();
+    let expect = [
+        ("localization", "perception"),
+        ("perception", "prediction"),
+        ("planning", "execution"),
+        ("prediction", "planning"),
+    ];
+    assert_eq!(hot(&fault), expect.map(|(from, to)| (from.to_owned(), to.to_owned())));
+}

@@ -1,0 +1,81 @@
+use super::*;
+
+#[test]
+fn a_root_cause_stands_with_what_to_do_and_how_many_wait() {
+    let fault = jump().pass(4).published();
+    let expect = [
+        r#"data-node="localization/tf_quality""#,
+        r#"data-state="error""#,
+        "Position jumped",
+        "Localization, ",
+        "Position jumped by 1.2 m",
+        "Four others wait",
+        "Watch the road. Be ready to stop.",
+        r#"<time datetime="2026-11-20T12:01:01Z""#,
+    ];
+    check(&fault, Lang::En, "causes", &expect, &["All ", "costmap"]);
+    let expect = ["Position ist gesprungen", "Vier andere warten", "Straße beobachten. Bremsbereit sein."];
+    check(&fault, Lang::De, "causes", &expect, &[]);
+}
+
+#[test]
+fn roots_come_first_and_the_rest_is_counted() {
+    let many = jump()
+        .report("can/battery", 1, "18 %", &[])
+        .report("sensors/gnss", 1, "4 satellites", &[])
+        .silence("mission/server")
+        .pass(5)
+        .published();
+    let html = fragment(&many, Lang::En, "causes");
+    let order: Vec<_> =
+        html.split("data-node=\"").skip(1).filter_map(|rest| rest.split('"').next()).collect();
+    assert_eq!(order, ["localization/tf_quality", "mission/server"]);
+    assert!(html.contains("and 2 more"), "{html}");
+}
+
+#[test]
+fn all_okay_is_said_only_when_it_is_true() {
+    let calm = Sample::shuttle(true).published();
+    check(
+        &calm,
+        Lang::En,
+        "causes",
+        &["All 8 active components okay", r#"data-good="true""#],
+        &["data-node"],
+    );
+    let standby = Sample::shuttle(false).published();
+    check(&standby, Lang::De, "causes", &["Alle 6 aktiven Komponenten okay"], &[]);
+    let start = Sample::of(parts()).login().published();
+    check(&start, Lang::En, "causes", &["data-node"], &["okay"]);
+}
+
+#[test]
+fn what_the_diagnosis_says_of_itself_is_heard() {
+    let trouble = Sample::shuttle(true)
+        .trouble("/diagnostics", TroubleKind::Malformed, 1, "string runs past the end")
+        .published();
+    let expect =
+        [r#"data-node="telltale/reception""#, "Messages cannot be read", "You may drive. Report it."];
+    check(&trouble, Lang::En, "causes", &expect, &["All ", "popovertarget"]);
+    assert!(!operator_page(&trouble, &context(Lang::En, Palette::Night)).contains("tile-telltale"));
+}
+
+#[test]
+fn many_of_one_kind_in_one_component_are_one_entry() {
+    let start = Sample::of(parts()).login().published();
+    check(&start, Lang::En, "causes", &[r#"data-node="sensors""#, "4 × Unknown"], &["gnss"]);
+}
+
+#[test]
+fn an_empty_component_is_named_because_nothing_inside_explains_it() {
+    let parts = ModelParts {
+        groups: vec![group("a", Text::plain("Alpha")), group("b", Text::plain("Beta"))],
+        modules: vec![module("a", 0, "x")],
+        signals: Vec::new(),
+        stages: StageModel::None,
+        ..parts()
+    };
+    let empty = Sample::of(parts).pass(3).published();
+    check(&empty, Lang::En, "causes", &[r#"data-node="b""#, "Beta"], &["All", "The one"]);
+    check(&empty, Lang::En, "tile-b", &[r#"data-state="unknown""#, "nothing to watch"], &[]);
+}

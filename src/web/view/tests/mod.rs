@@ -1,0 +1,45 @@
+//! What the pages say of a vehicle's states: snapshot in, attributes and words out.
+
+mod arrows;
+mod causes;
+mod details;
+mod hostile;
+mod pages;
+mod stages;
+mod states;
+
+use super::sample::{Sample, group, module, on_group, parts, text};
+use super::*;
+use crate::engine::input::TroubleKind;
+use crate::engine::model::{GroupId, Parts as ModelParts, StageModel, Text, When};
+
+fn context(lang: Lang, palette: Palette) -> PageContext {
+    PageContext { lang, palette, user: "operator".to_owned(), role: Role::Operator, demo: false }
+}
+
+fn fragment(published: &Published, lang: Lang, id: &str) -> String {
+    let all = fragments(published, lang);
+    let found = all.into_iter().find(|fragment| fragment.id == id);
+    found.unwrap_or_else(|| panic!("no fragment {id}")).html
+}
+
+/// The fragment `id` contains every part of `expect`, and none of `not`.
+#[track_caller]
+fn check(published: &Published, lang: Lang, id: &str, expect: &[&str], not: &[&str]) {
+    let html = fragment(published, lang, id);
+    for part in expect {
+        assert!(html.contains(part), "{id} lacks {part:?}:\n{html}");
+    }
+    for part in not {
+        assert!(!html.contains(part), "{id} has {part:?}:\n{html}");
+    }
+}
+
+fn jump() -> Sample {
+    Sample::shuttle(true).report(
+        "localization/tf_quality",
+        2,
+        "Position jumped by 1.2 m",
+        &[("jump_m", "1.20"), ("limit_m", "0.30")],
+    )
+}

@@ -1,0 +1,90 @@
+//! One component of the vehicle at a glance, and the arrows between components.
+
+use askama::Template;
+
+use crate::engine::model::NodeId;
+use crate::engine::state::State;
+
+use super::board::Tile;
+use super::node::{icon, reason_word};
+use super::{Fragment, View, arrows as lines, html};
+use crate::web::text::Words;
+
+#[derive(Template)]
+#[template(path = "partials/tile.html")]
+struct TileHtml<'a> {
+    words: &'static Words,
+    swap: bool,
+    path: &'a str,
+    place: (usize, usize),
+    name: String,
+    state: &'static str,
+    reason: &'static str,
+    icon: &'static str,
+    word: &'static str,
+    line: String,
+}
+
+pub fn tile(view: &View<'_>, tile: Tile) -> Fragment {
+    let id = view.board.tiles[tile];
+    let (info, group) = view.snapshot.group(id);
+    let line = match group.state {
+        State::Ignore => view.reason(NodeId::Group(id), group.reason.as_ref()),
+        _ if group.counted == 0 => view.words.no_member.to_owned(),
+        State::Unknown if group.ok == 0 => view.words.no_news.to_owned(),
+        _ => view.lang.ok_of(group.ok, group.counted),
+    };
+    let (column, row) = view.board.places[tile];
+    let html = html(&TileHtml {
+        words: view.words,
+        swap: view.swap,
+        path: &info.path,
+        place: (column + 1, row + 1),
+        name: view.group_name(id),
+        state: group.state.as_str(),
+        reason: reason_word(group.reason.as_ref()),
+        icon: icon(group.state, group.reason.as_ref()),
+        word: view.lang.state(group.state),
+        line,
+    });
+    Fragment { id: format!("tile-{}", info.path), html }
+}
+
+struct ArrowHtml<'a> {
+    from: &'a str,
+    to: &'a str,
+    hot: bool,
+    line: String,
+    head: String,
+}
+
+#[derive(Template)]
+#[template(path = "partials/arrows.html")]
+struct ArrowsHtml<'a> {
+    swap: bool,
+    width: f64,
+    height: f64,
+    arrows: Vec<ArrowHtml<'a>>,
+}
+
+/// All arrows in one drawing, those of a root-cause path on top.
+pub fn arrows(view: &View<'_>) -> Fragment {
+    let hot = view.board.hot_edges(view.snapshot);
+    let mut edges = view.board.edges.clone();
+    edges.extend(hot.iter().filter(|edge| !view.board.edges.contains(edge)));
+    let ((width, height), drawn) = lines::draw(&view.board, &edges);
+    let path = |tile: Tile| &*view.snapshot.group(view.board.tiles[tile]).0.path;
+    let mut arrows: Vec<ArrowHtml<'_>> = drawn
+        .into_iter()
+        .map(|arrow| ArrowHtml {
+            from: path(arrow.from),
+            to: path(arrow.to),
+            hot: hot.contains(&(arrow.from, arrow.to)),
+            line: arrow.line,
+            head: arrow.head,
+        })
+        .collect();
+    arrows.sort_by_key(|arrow| arrow.hot);
+    let html = html(&ArrowsHtml { swap: view.swap, width, height, arrows });
+    Fragment { id: "arrows".to_owned(), html }
+}

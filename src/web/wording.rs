@@ -1,0 +1,79 @@
+//! What the server says when it does not do what was asked.
+
+use axum::http::StatusCode;
+
+use super::view::Lang;
+
+/// Why a request is answered with a refusal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Trouble {
+    NotFound,
+    WrongMethod,
+    NoSession,
+    /// The role may not do this.
+    Forbidden,
+    ForeignOrigin,
+    ForeignHost,
+    BadForm,
+    TooManySockets,
+    Unavailable,
+}
+
+impl Trouble {
+    pub const fn status(self) -> StatusCode {
+        match self {
+            Trouble::NotFound => StatusCode::NOT_FOUND,
+            Trouble::WrongMethod => StatusCode::METHOD_NOT_ALLOWED,
+            Trouble::NoSession => StatusCode::UNAUTHORIZED,
+            Trouble::Forbidden | Trouble::ForeignOrigin => StatusCode::FORBIDDEN,
+            Trouble::ForeignHost => StatusCode::MISDIRECTED_REQUEST,
+            Trouble::BadForm => StatusCode::UNPROCESSABLE_ENTITY,
+            Trouble::TooManySockets | Trouble::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
+        }
+    }
+
+    /// A title and a sentence.
+    pub const fn say(self, lang: Lang) -> (&'static str, &'static str) {
+        match (self, lang) {
+            (Trouble::NotFound, Lang::En) => ("Not found", "There is nothing at this address."),
+            (Trouble::NotFound, Lang::De) => ("Nicht gefunden", "Unter dieser Adresse gibt es nichts."),
+            (Trouble::WrongMethod, Lang::En) => {
+                ("Not like this", "This address does not take that kind of request.")
+            }
+            (Trouble::WrongMethod, Lang::De) => {
+                ("So nicht", "Diese Adresse nimmt diese Art von Anfrage nicht an.")
+            }
+            (Trouble::NoSession, Lang::En) => ("Not logged in", "Log in first."),
+            (Trouble::NoSession, Lang::De) => ("Nicht angemeldet", "Bitte zuerst anmelden."),
+            (Trouble::Forbidden, Lang::En) => ("Not permitted", "Your role does not permit this."),
+            (Trouble::Forbidden, Lang::De) => ("Nicht erlaubt", "Ihre Rolle erlaubt das nicht."),
+            (Trouble::ForeignOrigin, Lang::En) => {
+                ("Not permitted", "This request does not come from a page of this server.")
+            }
+            (Trouble::ForeignOrigin, Lang::De) => {
+                ("Nicht erlaubt", "Diese Anfrage kommt nicht von einer Seite dieses Servers.")
+            }
+            (Trouble::ForeignHost, Lang::En) => {
+                ("Unknown name", "This server does not go by this name. Its configuration lists the names.")
+            }
+            (Trouble::ForeignHost, Lang::De) => (
+                "Unbekannter Name",
+                "Dieser Server hat diesen Namen nicht. Die Konfiguration nennt seine Namen.",
+            ),
+            (Trouble::BadForm, Lang::En) => ("Not understood", "The form is not as it should be."),
+            (Trouble::BadForm, Lang::De) => ("Nicht verstanden", "Das Formular ist nicht, wie es sein soll."),
+            (Trouble::TooManySockets, Lang::En) => {
+                ("Too many displays", "Close one of the open displays first.")
+            }
+            (Trouble::TooManySockets, Lang::De) => {
+                ("Zu viele Anzeigen", "Bitte zuerst eine der offenen Anzeigen schließen.")
+            }
+            (Trouble::Unavailable, Lang::En) => {
+                ("Not available", "The server cannot do this now. Try again.")
+            }
+            (Trouble::Unavailable, Lang::De) => {
+                ("Nicht verfügbar", "Der Server kann das gerade nicht. Bitte noch einmal versuchen.")
+            }
+        }
+    }
+}

@@ -1,0 +1,28 @@
+// What every page can do without the server: its colours and its language.
+(() => {
+  "use strict";
+  const root = document.documentElement;
+
+  const remember = (name, value) => {
+    document.cookie = `${name}=${value}; path=/; max-age=31536000; samesite=strict`;
+  };
+
+  const switchPalette = () => {
+    root.dataset.palette = root.dataset.palette === "day" ? "night" : "day";
+    remember("palette", root.dataset.palette);
+  };
+
+  const switchLanguage = () => {
+    const lang = root.lang === "de" ? "en" : "de";
+    remember("lang", lang);
+    const live = new CustomEvent("telltale:language", { detail: { lang }, cancelable: true });
+    // A page with a live connection takes its words from there; any other loads itself anew.
+    if (document.dispatchEvent(live)) location.reload();
+  };
+
+  document.addEventListener("click", (event) => {
+    const tool = event.target.closest?.("[data-tool]")?.dataset.tool;
+    if (tool === "palette") switchPalette();
+    if (tool === "language") switchLanguage();
+  });
+})();

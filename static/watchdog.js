@@ -1,0 +1,148 @@
+// Says whether the display is live. It trusts the server's heartbeat and the monotonic clock
+// alone: not htmx, not the socket's state. The looks of "stale" and "dead" are the stylesheet's.
+(() => {
+  "use strict";
+  const STALE_MS = 1000;
+  const DEAD_MS = 2000;
+  const CHECK_MS = 100;
+  // A connection that hangs without an end is replaced after this.
+  const HANG_MS = 4000;
+
+  const body = document.body;
+  const mark = document.querySelector("#live .pulse");
+  const clock = document.getElementById("clock");
+
+  let lastBeat = performance.now();
+  let everBeat = false;
+  let lastTry = performance.now();
+  // The server's wall clock at the last heartbeat.
+  let serverAt = NaN;
+  // The first message that came and is not on the screen yet.
+  let unshownSince = null;
+  let received = -1;
+  let opened = false;
+
+  const setText = (element, text) => {
+    if (element.textContent !== text) element.textContent = text;
+  };
+
+  // --- times that count on by themselves
+
+  const span = (ms) => {
+    const s = Math.max(0, Math.round(ms / 1000));
+    if (s < 60) return `${s} s`;
+    if (s < 3600) return `${Math.floor(s / 60)} min`;
+    if (s < 86400) return `${Math.floor(s / 3600)} h ${Math.floor((s % 3600) / 60)} min`;
+    return `${Math.floor(s / 86400)} d`;
+  };
+
+  const tickTimes = () => {
+    if (Number.isNaN(serverAt)) return;
+    const now = serverAt + (performance.now() - lastBeat);
+    for (const time of document.querySelectorAll("time[datetime]")) {
+      setText(time, span(now - Date.parse(time.dateTime)));
+    }
+  };
+
+  // --- live, stale, dead
+
+  const judge = () => {
+    const now = performance.now();
+    const age = Math.max(now - lastBeat, unshownSince === null ? 0 : now - unshownSince);
+    const live = age >= DEAD_MS ? "dead" : age >= STALE_MS || !everBeat ? "stale" : "live";
+    if (body.dataset.live !== live) body.dataset.live = live;
+    if (live === "live") tickTimes();
+    if (live === "dead" && now - lastTry > HANG_MS) connect(document.documentElement.lang);
+  };
+
+  const beat = (message) => {
+    lastBeat = performance.now();
+    everBeat = true;
+    serverAt = Date.parse(message.at);
+    delete body.dataset.waiting;
+    mark.dataset.phase = message.beat % 8;
+    setText(clock, new Date(serverAt).toTimeString().slice(0, 8));
+    judge();
+  };
+
+  // --- the connection
+
+  // A new element closes the old connection and opens one of its own.
+  const connect = (lang) => {
+    lastTry = performance.now();
+    htmx.swap({
+      sourceElement: body,
+      target: "#socket",
+      swap: "outerHTML",
+      text: `<div id="socket" hidden hx-ws:connect="/ws?lang=${lang === "de" ? "de" : "en"}"></div>`,
+    });
+  };
+
+  // The server answers a request without a session with the way to the login.
+  const leaveIfLoggedOut = async () => {
+    try {
+      const answer = await fetch("/", { method: "HEAD", redirect: "manual", cache: "no-store" });
+      if (answer.type === "opaqueredirect") location.assign("/login");
+    } catch {
+      // Nobody answers: the display says so already.
+    }
+  };
+
+  document.addEventListener("htmx:ws:after:connection", (event) => {
+    const { socket } = event.detail.connection;
+    opened = true;
+    lastTry = performance.now();
+    unshownSince = null;
+    socket.addEventListener("message", ({ data }) => {
+      if (typeof data !== "string") return;
+      let message;
+      try {
+        message = JSON.parse(data);
+      } catch {
+        return;
+      }
+      if (typeof message.beat === "number") beat(message);
+      if (typeof message.content === "string") {
+        received = message.seq;
+        unshownSince ??= performance.now();
+      }
+    });
+  });
+
+  document.addEventListener("htmx:ws:close", (event) => {
+    if (event.detail.code === 1008) location.assign("/login");
+    else if (!opened) leaveIfLoggedOut();
+    opened = false;
+  });
+
+  document.addEventListener("htmx:ws:after:message:incoming", async (event) => {
+    const { connection, message } = event.detail;
+    const { seq, content } = JSON.parse(await message.text());
+    if (typeof content !== "string") return;
+    requestAnimationFrame(() => {
+      if (seq >= received) unshownSince = null;
+      if (connection.socket?.readyState === WebSocket.OPEN) {
+        connection.socket.send(JSON.stringify({ shown: seq }));
+      }
+    });
+  });
+
+  // --- what the swapped elements say about the page around them
+
+  document.addEventListener("htmx:after:swap", () => {
+    const { stage, layout } = document.getElementById("top").dataset;
+    body.dataset.stage = stage;
+    if (stage === "locked") location.assign("/login");
+    else if (layout !== body.dataset.layout) location.reload();
+    tickTimes();
+  });
+
+  document.addEventListener("telltale:language", (event) => {
+    event.preventDefault();
+    document.documentElement.lang = event.detail.lang;
+    connect(event.detail.lang);
+  });
+
+  body.dataset.watched = "";
+  setInterval(judge, CHECK_MS);
+})();

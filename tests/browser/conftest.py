@@ -1,0 +1,67 @@
+"""A server, a vehicle and a browser page for each test that asks for them."""
+
+import os
+
+import pytest
+from playwright.sync_api import sync_playwright
+
+from vehicle import CHROMIUM, OPERATOR, Server, Vehicle, own_domain
+
+
+@pytest.fixture(scope="session")
+def chromium():
+    # Chromium's own sandbox needs a user that is not root.
+    arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def server(tmp_path):
+    server = Server(tmp_path, own_domain())
+    server.add_user(*OPERATOR)
+    server.start()
+    yield server
+    code = server.stop()
+    assert code == 0, f"exit code {code}:\n{server.read_log()}"
+
+
+@pytest.fixture
+def vehicle(server, tmp_path):
+    vehicle = Vehicle(server.domain, tmp_path)
+    yield vehicle
+    vehicle.close()
+
+
+class Trouble(list):
+    """What the browser complained about."""
+
+    def expect(self, *parts):
+        """Forgets complaints that a test provokes: those which contain one of these parts."""
+        self[:] = [text for text in self if not any(part in text for part in parts)]
+
+
+@pytest.fixture
+def trouble():
+    """Errors on the console, uncaught exceptions and breaches of the content security policy:
+    any of them fails the test."""
+    trouble = Trouble()
+    yield trouble
+    assert not trouble, "\n".join(trouble)
+
+
+@pytest.fixture
+def page(chromium, trouble):
+    context = chromium.new_context(viewport={"width": 1280, "height": 800}, locale="en-GB")
+    context.set_default_timeout(10_000)
+    page = context.new_page()
+    page.on("console", lambda message: message.type in ("error", "warning") and trouble.append(message.text))
+    page.on("pageerror", lambda error: trouble.append(str(error)))
+    page.add_init_script(
+        "addEventListener('securitypolicyviolation',"
+        " event => console.error(`CSP: ${event.violatedDirective} ${event.blockedURI}`))"
+    )
+    yield page
+    context.close()

@@ -1,0 +1,162 @@
+"""`telltale demo` from the outside: every fault shows as it should, read as a program reads it."""
+
+import contextlib
+import json
+import time
+
+import pytest
+from websockets.sync.client import connect
+
+from vehicle import Client, Server, own_domain
+
+OPERATOR = ("operator", "246810")
+DEPARTURE_S = 30
+# From a departure to the next stop, and a fault on the way.
+A_LEG_S = 70
+
+
+class Stream:
+    """The snapshots of `/api/v1/stream`, each at the moment it came."""
+
+    def __init__(self, server, client):
+        url = server.url.replace("http", "ws", 1) + "/api/v1/stream"
+        self.open = contextlib.ExitStack()
+        headers = {"Cookie": client.cookie()}
+        self.socket = self.open.enter_context(connect(url, additional_headers=headers, origin=server.url, max_size=2**22))
+
+    def wait(self, condition, seconds, what):
+        """All snapshots until the first that meets the condition, which is the last of them."""
+        deadline, seen = time.monotonic() + seconds, []
+        while True:
+            left = deadline - time.monotonic()
+            try:
+                seen.append(json.loads(self.socket.recv(timeout=max(left, 0.001))))
+            except TimeoutError:
+                raise AssertionError(f"not within {seconds} s: {what}; last: {brief(seen[-1:])}") from None
+            if condition(seen[-1]):
+                return seen
+
+    def close(self):
+        self.open.close()
+
+
+def brief(snapshots):
+    return [(s["stage"], {g["id"]: g["state"] for g in s["groups"]}, roots(s)) for s in snapshots]
+
+
+def group(snapshot, name):
+    return next(group for group in snapshot["groups"] if group["id"] == name)
+
+
+def state(snapshot, name):
+    return group(snapshot, name)["state"]
+
+
+def roots(snapshot):
+    return [root["node"] for root in snapshot["roots"]]
+
+
+def masked_by(snapshot, name):
+    reason = group(snapshot, name)["reason"]
+    return reason["by"] if reason and reason["kind"] == "masked" else None
+
+
+def healthy(snapshot):
+    # Nobody claims the statuses of `other`; whatever they say, they count for nothing.
+    shown = {group["id"]: group["state"] for group in snapshot["groups"] if group["id"] != "other"}
+    planner = [shown.pop("planning"), shown.pop("execution")]
+    driving = snapshot["stage"] == "active"
+    return set(shown.values()) == {"ok"} and planner == (["ok"] * 2 if driving else ["ignore"] * 2) and not roots(snapshot)
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    server = Server(tmp_path_factory.mktemp("demo"), own_domain() + 40, "demo").start()
+    yield server
+    assert server.stop() == 0
+
+
+@pytest.fixture(scope="module")
+def client(demo):
+    return Client(demo, *OPERATOR)
+
+
+@pytest.fixture
+def stream(demo, client):
+    stream = Stream(demo, client)
+    yield stream
+    stream.close()
+
+
+def test_a_demo_that_was_put_to_sleep_wakes_up_whole(demo, stream):
+    stream.wait(healthy, A_LEG_S, "all is well")
+    demo.sleep()
+    woken = time.monotonic()
+    # Its statuses would be silent for longer than their timeout of 2 s by then.
+    stream.wait(lambda s: time.monotonic() - woken > 4 and healthy(s), 10, "all is well again")
+
+
+class Faults:
+    def __init__(self, client):
+        self.client = client
+
+    def set(self, name, active):
+        self.client.post("/demo/fault", name=name, active="true" if active else "false")
+
+
+@pytest.fixture
+def faults(client):
+    return Faults(client)
+
+
+def test_a_stalled_planner_matters_only_while_driving(stream, faults):
+    stream.wait(lambda s: s["stage"] == "standby" and healthy(s), A_LEG_S, "all is well at a stop")
+    faults.set("planner_stall", True)
+    seen = stream.wait(lambda s: s["stage"] == "active", DEPARTURE_S, "departure")
+    for snapshot in seen[:-1]:
+        assert state(snapshot, "planning") == "ignore" and not roots(snapshot), brief([snapshot])
+    seen = stream.wait(lambda s: state(s, "planning") == "error", 2, "Planning in ERROR")
+    assert roots(seen[-1]) == ["planning/planner_submitted"]
+    assert masked_by(seen[-1], "execution") == ["planning/planner_submitted"]
+    faults.set("planner_stall", False)
+    stream.wait(lambda s: s["stage"] == "active" and healthy(s), 10, "all is well while driving")
+
+
+def test_in_a_sensor_outage_localization_shows_it_first_and_then_waits_for_the_cause(stream, faults):
+    cause = "sensors/velodyne_packet_alive"
+    stream.wait(healthy, A_LEG_S, "all is well")
+    faults.set("sensor_outage", True)
+    seen = stream.wait(lambda s: state(s, "sensors") == "error", 5, "Sensors in ERROR")
+    states = [(state(snapshot, "sensors"), state(snapshot, "localization")) for snapshot in seen]
+    assert ("ok", "error") in states, states
+    assert ("warning", "error") in states, states
+    last = stream.wait(lambda s: masked_by(s, "localization") == [cause], 1, "Localization waits")[-1]
+    assert roots(last) == [cause]
+    assert group(last, "localization")["own"] == "error"
+    faults.set("sensor_outage", False)
+    seen = stream.wait(healthy, 10, "all is well again")
+    after = [snapshot for snapshot in seen if state(snapshot, "sensors") != "error"]
+    assert not any(root for snapshot in after for root in roots(snapshot)), brief(after)
+
+
+@pytest.mark.parametrize(
+    "fault, group_name, shown, cause, waits",
+    [
+        ("localization_jump", "localization", "error", "localization/tf_quality", ["perception", "prediction"]),
+        ("costmap_delay", "perception", "error", "perception/costmap_delay", ["prediction"]),
+        ("can_loss", "can", "error", "can/bus", ["localization", "perception", "prediction"]),
+        ("low_battery", "can", "warning", None, []),
+    ],
+)
+def test_a_fault_shows_at_its_group_and_what_depends_on_it_waits(stream, faults, fault, group_name, shown, cause, waits):
+    stream.wait(healthy, A_LEG_S, "all is well")
+    faults.set(fault, True)
+    seen = stream.wait(
+        lambda s: state(s, group_name) == shown and all(masked_by(s, name) == [cause] for name in waits),
+        5,
+        f"{group_name} in {shown}, {waits} wait",
+    )
+    assert roots(seen[-1]) == ([cause] if cause else [])
+    faults.set(fault, False)
+    seen = stream.wait(healthy, 10, "all is well again")
+    assert {root for snapshot in seen for root in roots(snapshot)} <= {cause}, brief(seen)

@@ -1,0 +1,145 @@
+"""The operator's screen over real DDS: what is shown of a vehicle, and of its faults."""
+
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+from vehicle import OPERATOR, until
+
+TILES = ["sensors", "localization", "perception", "prediction", "can", "mission", "planning", "execution"]
+BEHIND_SENSORS = ["localization", "perception", "prediction", "planning", "execution"]
+CAUSE = "sensors/velodyne_packet_alive"
+
+
+def log_in(page, server, name=OPERATOR[0], secret=OPERATOR[1]):
+    page.goto(server.url + "/")
+    page.wait_for_url(server.url + "/login*")
+    page.locator("[name=name]").fill(name)
+    page.locator("[name=secret]").fill(secret)
+    page.locator("[name=secret]").press("Enter")
+
+
+def tile(page, name):
+    return page.locator(f"#tile-{name}")
+
+
+def expect_tile(page, name, state, reason=None):
+    expect(tile(page, name)).to_have_attribute("data-state", state)
+    if reason is None:
+        expect(tile(page, name)).not_to_have_attribute("data-reason", re.compile("."))
+    else:
+        expect(tile(page, name)).to_have_attribute("data-reason", reason)
+
+
+def expect_standing(page):
+    """Logged in at a stop: all is well, and nobody asks the planner."""
+    expect(page.locator("body")).to_have_attribute("data-stage", "standby")
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+    for name in TILES:
+        if name in ("planning", "execution"):
+            expect_tile(page, name, "ignore", "not_relevant")
+            expect(tile(page, name)).to_contain_text("not driving")
+        else:
+            expect_tile(page, name, "ok")
+            expect(tile(page, name)).to_contain_text("Okay")
+
+
+def test_nothing_of_the_vehicle_is_shown_before_the_login(server, vehicle, page, trouble):
+    page.goto(server.url + "/")
+    page.wait_for_url(server.url + "/login*")
+    words = page.content().lower()
+    for name in TILES:
+        if name != "can":
+            assert name not in words, f"{name} on the login page"
+    log_in(page, server, secret="864209")
+    expect(page.locator("body")).not_to_have_attribute("data-live", "live")
+    assert page.url.startswith(server.url + "/login")
+    trouble.expect("401", "403")
+
+
+def test_a_fault_over_dds_turns_its_tile_red_and_what_waits_for_it_grey(server, vehicle, page, trouble):
+    log_in(page, server)
+    expect_standing(page)
+    expect(page.locator("#causes [data-node]")).to_have_count(0)
+
+    vehicle.drive(True)
+    expect(page.locator("body")).to_have_attribute("data-stage", "active")
+    for name in TILES:
+        expect_tile(page, name, "ok")
+
+    vehicle.set("velodyne_packet_alive", 2, "Only 2.0 scans per second")
+    expect_tile(page, "sensors", "error")
+    expect(tile(page, "sensors")).to_contain_text("Error")
+    for name in BEHIND_SENSORS:
+        expect_tile(page, name, "ignore", "masked")
+        expect(tile(page, name)).to_contain_text("Ignored")
+        expect(tile(page, name)).to_contain_text("waits for")
+        expect(tile(page, name)).not_to_contain_text("not driving")
+    for name in ("can", "mission"):
+        expect_tile(page, name, "ok")
+    causes = page.locator("#causes [data-node]")
+    expect(causes).to_have_count(1)
+    expect(causes).to_have_attribute("data-node", CAUSE)
+    expect(causes).to_contain_text("LiDAR data missing")
+    expect(causes).to_contain_text("Stop. Call the control room.")
+
+    vehicle.set("velodyne_packet_alive", 0)
+    for name in TILES:
+        expect_tile(page, name, "ok")
+    expect(causes).to_have_count(0)
+    vehicle.drive(False)
+    expect_standing(page)
+
+
+def test_the_path_from_the_cause_to_what_it_masks_is_drawn(server, vehicle, page, trouble):
+    log_in(page, server)
+    vehicle.drive(True)
+    expect_tile(page, "execution", "ok")
+    drawn = page.locator(".arrow[data-hot]")
+    expect(drawn).to_have_count(0)
+    vehicle.set("velodyne_packet_alive", 2, "Only 2.0 scans per second")
+    expect_tile(page, "execution", "ignore", "masked")
+    way = lambda arrow: (arrow.get_attribute("data-from"), arrow.get_attribute("data-to"))
+    ways = lambda: {way(arrow) for arrow in drawn.all()}
+    until(lambda: reaches(ways(), "sensors") == set(BEHIND_SENSORS), 5, lambda: f"the path is {ways()}")
+    for arrow in drawn.all():
+        box = arrow.bounding_box()
+        assert box and box["width"] + box["height"] > 10, f"{way(arrow)} cannot be seen: {box}"
+
+
+def reaches(ways, start):
+    """Where one gets along the arrows."""
+    found, ends = set(), {start}
+    while ends:
+        ends = {end for begin, end in ways if begin in ends} - found
+        found |= ends
+    return found
+
+
+@pytest.mark.parametrize("level, state, word", [(1, "warning", "Warning"), (3, "unknown", "Unknown")])
+def test_a_warning_and_the_unknown_mask_nothing(server, vehicle, page, trouble, level, state, word):
+    log_in(page, server)
+    expect_standing(page)
+    vehicle.set("localization: tf_quality", level, "not sure")
+    expect_tile(page, "localization", state)
+    expect(tile(page, "localization")).to_contain_text(word)
+    for name in ("perception", "prediction"):
+        expect_tile(page, name, "ok")
+
+
+def test_a_status_that_stops_coming_is_unknown_never_okay(server, vehicle, page, trouble):
+    log_in(page, server)
+    expect_standing(page)
+    del vehicle.statuses["mission: server"]
+    expect_tile(page, "mission", "unknown")
+
+
+def test_hostile_words_from_the_vehicle_are_shown_as_words(server, vehicle, page, trouble):
+    log_in(page, server)
+    expect_standing(page)
+    hostile = "<img src=x onerror=alert(1)>\u202e</script>"
+    vehicle.set("velodyne_packet_alive", 2, hostile)
+    expect_tile(page, "sensors", "error")
+    assert page.locator("img[src=x]").count() == 0
+    assert "\u202e" not in page.locator("body").inner_text()

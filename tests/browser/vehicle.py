@@ -1,0 +1,206 @@
+"""The processes around a browser test: the real server, and the foreign DDS peers of a vehicle."""
+
+import http.cookiejar
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import urllib.error
+import urllib.parse
+import urllib.request
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+TELLTALE = os.environ.get("TELLTALE", str(ROOT / "target/debug/telltale"))
+CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium")
+PYTHON = sys.executable
+CONFIG = ROOT / "config/shuttle.yaml"
+OPERATOR = ("anna", "975310")
+STARTUP_S = 20
+
+
+def until(condition, seconds, what):
+    """Waits for a condition, at most so long; returns what it returned."""
+    deadline = time.monotonic() + seconds
+    while True:
+        value = condition()
+        if value:
+            return value
+        assert time.monotonic() < deadline, f"not within {seconds} s: {what() if callable(what) else what}"
+        time.sleep(0.02)
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def own_domain():
+    """A DDS domain that parallel runs on one machine hardly share; its ports stay below the
+    range from which the kernel gives out others."""
+    return 20 + os.getpid() % 40
+
+
+class Server:
+    """`telltale serve` or `telltale demo` on a port and a data folder of its own."""
+
+    def __init__(self, folder, domain, command="serve"):
+        self.folder, self.domain, self.command = folder, domain, command
+        self.port = free_port()
+        self.url = f"http://127.0.0.1:{self.port}"
+        self.process = None
+
+    def add_user(self, name, secret, role="operator"):
+        words = [TELLTALE, "user", "add", name, "--role", role, "--data", str(self.folder)]
+        subprocess.run(words, input=f"{secret}\n{secret}\n", text=True, check=True, capture_output=True, timeout=30)
+
+    def start(self):
+        words = [TELLTALE, self.command, "--listen", f"127.0.0.1:{self.port}", "--domain", str(self.domain)]
+        if self.command == "serve":
+            words += ["--config", str(CONFIG), "--data", str(self.folder), "--interface", "127.0.0.1"]
+        self.log = open(self.folder / f"{self.command}.log", "ab")
+        self.process = subprocess.Popen(words, stdout=self.log, stderr=self.log, stdin=subprocess.DEVNULL)
+        until(self.answers, STARTUP_S, lambda: f"the server answers\n{self.read_log()}")
+        return self
+
+    def answers(self):
+        assert self.process.poll() is None, f"the server ended:\n{self.read_log()}"
+        try:
+            with urllib.request.urlopen(self.url + "/healthz", timeout=1) as answer:
+                return answer.status == 200
+        except (urllib.error.URLError, OSError):
+            return False
+
+    def read_log(self):
+        return (self.folder / f"{self.command}.log").read_text(errors="replace")
+
+    def send(self, number):
+        self.process.send_signal(number)
+
+    def sleep(self):
+        """Stops it, as Ctrl-Z does, until it has stopped, and lets it go on."""
+        self.send(signal.SIGSTOP)
+        os.waitpid(self.process.pid, os.WUNTRACED)
+        self.send(signal.SIGCONT)
+
+    def kill(self):
+        self.process.kill()
+        self.process.wait(timeout=10)
+        self.log.close()
+
+    def stop(self):
+        """Asks it to end, as systemd does, and returns its exit code."""
+        if self.process is None or self.process.poll() is not None:
+            return self.process and self.process.returncode
+        self.send(signal.SIGCONT)
+        self.send(signal.SIGTERM)
+        try:
+            return self.process.wait(timeout=10)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            raise AssertionError(f"the server does not end on SIGTERM:\n{self.read_log()}") from None
+        finally:
+            self.log.close()
+
+
+class Client:
+    """A program with a session, as the HTTP interface offers it."""
+
+    def __init__(self, server, name, secret):
+        self.server = server
+        self.jar = http.cookiejar.CookieJar()
+        self.opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(self.jar))
+        self.post("/login", name=name, secret=secret)
+        assert self.cookie(), f"no session for {name}"
+
+    def cookie(self):
+        return "; ".join(f"{cookie.name}={cookie.value}" for cookie in self.jar)
+
+    def post(self, path, **fields):
+        body = urllib.parse.urlencode(fields).encode()
+        headers = {"Origin": self.server.url, "Accept": "application/json"}
+        request = urllib.request.Request(self.server.url + path, data=body, headers=headers)
+        with self.opener.open(request, timeout=10) as answer:
+            return answer.read()
+
+    def snapshot(self):
+        with self.opener.open(self.server.url + "/api/v1/snapshot", timeout=10) as answer:
+            return json.load(answer)
+
+
+class Writer:
+    """One topic of a foreign DDS participant in a process of its own."""
+
+    def __init__(self, domain, topic, type_name, log):
+        self.log = open(log, "ab")
+        words = [PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(domain), "pub", "--topic", topic, "--type", type_name]
+        self.process = subprocess.Popen(
+            words, stdin=subprocess.PIPE, stdout=self.log, stderr=self.log, text=True, bufsize=1
+        )
+
+    def write(self, **message):
+        self.process.stdin.write(json.dumps(message) + "\n")
+        self.process.stdin.flush()
+
+    def close(self):
+        try:
+            self.process.stdin.close()
+        except BrokenPipeError:
+            pass
+        self.process.terminate()
+        self.process.wait(timeout=10)
+        self.log.close()
+
+
+class Vehicle:
+    """Publishes every status that the configuration names, ten times a second, and the signal."""
+
+    PERIOD_S = 0.1
+
+    def __init__(self, domain, folder):
+        found = re.findall(r"\bstatus: (?:'([^']+)'|([^\s},]+))", CONFIG.read_text())
+        names = [quoted or plain for quoted, plain in found]
+        assert len(names) > 20, f"statuses found in {CONFIG}: {names}"
+        self.statuses = {name: (0, "fine") for name in names}
+        self.active = False
+        self.diagnostics = Writer(domain, "rt/diagnostics", "DiagnosticArray", folder / "diagnostics.log")
+        self.signal = Writer(domain, "rt/mission/active", "Bool", folder / "active.log")
+        self.lock = threading.Lock()
+        self.ended = threading.Event()
+        self.thread = threading.Thread(target=self.run, daemon=True)
+        self.thread.start()
+
+    def run(self):
+        while not self.ended.wait(self.PERIOD_S):
+            self.publish()
+
+    def publish(self):
+        with self.lock:
+            self.signal.write(bool=self.active)
+            statuses = [
+                {"level": level, "name": name, "message": message, "hardware_id": "vehicle", "values": {"n": "1"}}
+                for name, (level, message) in self.statuses.items()
+            ]
+            self.diagnostics.write(statuses=statuses)
+
+    def set(self, name, level, message="fine"):
+        assert name in self.statuses, name
+        self.statuses[name] = (level, message)
+        self.publish()
+
+    def drive(self, active):
+        self.active = active
+        self.publish()
+
+    def close(self):
+        self.ended.set()
+        self.thread.join(timeout=10)
+        self.diagnostics.close()
+        self.signal.close()

@@ -1,0 +1,445 @@
+//! The bridge against Eclipse Cyclone DDS, in a process of its own.
+
+use std::sync::Arc;
+
+use serde_json::{Value, json};
+use telltale::clock::Clock;
+use telltale::engine::input::{Input, ReceptionTrouble, Stamped, StatusArray, TroubleKind};
+use telltale::engine::model::{FieldSource, Limits, Model, Parts, Policy, SignalSpec, StageModel, Text};
+use telltale::engine::time::Span;
+use telltale::ros::messages::GidSize;
+use telltale::ros::{self, Bridge, BridgeOptions, Publisher};
+use tokio::sync::mpsc;
+
+use crate::peer::{Domain, PATIENCE, Peer};
+
+struct Reading {
+    bridge: Bridge,
+    inputs: mpsc::Receiver<Stamped>,
+    received: Vec<Input>,
+}
+
+impl Reading {
+    async fn start(domain: &Domain) -> Reading {
+        Reading::with(BridgeOptions::loopback(domain.id)).await
+    }
+
+    async fn with(options: BridgeOptions) -> Reading {
+        let (sender, inputs) = mpsc::channel(1024);
+        let bridge = ros::start(options, model(), sender, Clock::start()).await.expect("the bridge starts");
+        Reading { bridge, inputs, received: Vec::new() }
+    }
+
+    /// Receives until an input fits; what came before it stays in `received`.
+    async fn until<T>(&mut self, what: &str, mut fits: impl FnMut(&Input) -> Option<T>) -> T {
+        let found = async {
+            loop {
+                let input = self.inputs.recv().await.expect("the bridge lives").input;
+                let found = fits(&input);
+                self.received.push(input);
+                if let Some(found) = found {
+                    return found;
+                }
+            }
+        };
+        let found = tokio::time::timeout(PATIENCE, found).await;
+        found.unwrap_or_else(|_| panic!("no {what}; received: {}", summary(&self.received)))
+    }
+
+    async fn status(&mut self, name: &str) -> StatusArray {
+        self.until(name, |input| match input {
+            Input::Diagnostics(array) if array.iter().any(|status| status.name() == name) => {
+                Some(array.clone())
+            }
+            _ => None,
+        })
+        .await
+    }
+
+    async fn trouble(&mut self, kind: TroubleKind) -> ReceptionTrouble {
+        self.until(&format!("{kind:?}"), |input| match input {
+            Input::Reception(trouble) if trouble.kind == kind => Some(trouble.clone()),
+            _ => None,
+        })
+        .await
+    }
+
+    async fn signal(&mut self, name: &str, value: bool) {
+        let expected = Input::Signal { name: name.into(), value };
+        self.until(&format!("{expected:?}"), |input| (*input == expected).then_some(())).await;
+    }
+
+    fn troubles(&self) -> Vec<&Input> {
+        self.received.iter().filter(|input| matches!(input, Input::Reception(_))).collect()
+    }
+}
+
+fn summary(received: &[Input]) -> String {
+    let words = received.iter().rev().take(20).map(|input| match input {
+        Input::Diagnostics(array) => format!("{} statuses", array.len()),
+        other => format!("{other:?}"),
+    });
+    words.collect::<Vec<_>>().join(", ")
+}
+
+fn model() -> Arc<Model> {
+    let signal = |name: &str, topic: &str, type_name: &str, present_for| SignalSpec {
+        name: name.into(),
+        source: FieldSource { topic: topic.into(), type_name: type_name.into(), field: "data".into() },
+        timeout: None,
+        present_for,
+    };
+    let parts = Parts {
+        vehicle_id: "test".into(),
+        vehicle_name: Text::plain("Test"),
+        stages: StageModel::None,
+        signals: vec![
+            signal("active", "/mission/active", "std_msgs/msg/Bool", None),
+            signal("goal", "/goal", "std_msgs/msg/String", Some(Span::from_secs(1))),
+        ],
+        groups: Vec::new(),
+        modules: Vec::new(),
+        discovered: Policy::default(),
+        limits: Limits::default(),
+    };
+    Arc::new(Model::new(parts).expect("nothing depends on anything"))
+}
+
+fn one(name: &str) -> Value {
+    json!({"statuses": [{"name": name, "level": 1, "message": "m", "hardware_id": "h", "values": {"k": "v"}}]})
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn every_quality_of_service_in_both_orders_of_start() {
+    for quality in ["reliable", "best_effort"] {
+        for publisher_first in [true, false] {
+            let domain = Domain::take();
+            let arguments = format!("--reliability {quality} pub");
+            let (mut peer, mut reading);
+            if publisher_first {
+                peer = Peer::start(&domain, &arguments);
+                reading = Reading::start(&domain).await;
+            } else {
+                reading = Reading::start(&domain).await;
+                peer = Peer::start(&domain, &arguments);
+            }
+            peer.wait_matched(1);
+            peer.write(&one("first"));
+            peer.write(&one("second"));
+            let array = reading.status("second").await;
+            let status = array.get(0);
+            assert_eq!((status.level(), status.message(), status.hardware_id()), (1, "m", "h"));
+            assert_eq!(status.values().collect::<Vec<_>>(), [("k", "v")]);
+            assert_eq!(reading.received.len(), 2, "{quality}, publisher first: {publisher_first}");
+            reading.bridge.shutdown().await;
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_second_publisher_of_another_quality_is_read_too_and_nothing_twice() {
+    let domain = Domain::take();
+    let mut reading = Reading::start(&domain).await;
+    let mut reliable = Peer::start(&domain, "pub");
+    reliable.wait_matched(1);
+    reliable.write(&one("before"));
+    reading.status("before").await;
+    let mut best_effort = Peer::start(&domain, "--reliability best_effort pub");
+    best_effort.wait_matched(1);
+    reliable.wait_matched(2);
+    best_effort.write(&one("other"));
+    reading.status("other").await;
+    for number in 0..50 {
+        reliable.write(&one(&format!("reliable {number}")));
+    }
+    reading.status("reliable 49").await;
+    assert_eq!(reading.received.len(), 52, "{}", summary(&reading.received));
+    reading.bridge.shutdown().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn one_bad_string_does_not_lose_its_array() {
+    let domain = Domain::take();
+    let mut reading = Reading::start(&domain).await;
+    let mut peer = Peer::start(&domain, "pub");
+    peer.wait_matched(1);
+    // A lone surrogate is a byte that is no UTF-8; no JSON library of ours would write one.
+    let command = r#"{"statuses": [{"name": "a", "message": "b\udcffc"}, {"name": "b"}]}"#;
+    peer.tell_raw(command);
+    let array = reading.status("b").await;
+    assert_eq!((array.len(), array.get(0).message()), (2, "b\u{fffd}c"));
+    assert!(reading.troubles().is_empty());
+    reading.bridge.shutdown().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_cut_message_is_told_and_the_next_one_is_read() {
+    let domain = Domain::take();
+    let mut reading = Reading::start(&domain).await;
+    let mut peer = Peer::start(&domain, "pub");
+    peer.wait_matched(1);
+    peer.write(&json!({"statuses": [{"name": "kept"}, {"name": "lost"}], "cut": 64}));
+    let array = reading.status("kept").await;
+    assert_eq!(array.len(), 1);
+    let trouble = reading.trouble(TroubleKind::Malformed).await;
+    assert_eq!((&*trouble.topic, trouble.count), ("/diagnostics", 1));
+    assert!(trouble.text.contains("cut at byte"), "{}", trouble.text);
+    // A lying length, noise, next to nothing.
+    for raw in ["00010000ffffffffffffffffffffffff", "000100000102ffffff0001", "00010000ff"] {
+        peer.write(&json!({"raw": raw}));
+    }
+    peer.write(&one("good"));
+    reading.status("good").await;
+    reading.bridge.shutdown().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_flood_of_bad_messages_is_summed_up() {
+    let domain = Domain::take();
+    let mut reading = Reading::start(&domain).await;
+    let mut peer = Peer::start(&domain, "pub");
+    peer.wait_matched(1);
+    // Losses count from the first message that is received of a publisher.
+    peer.write(&one("first"));
+    reading.status("first").await;
+    peer.write(&json!({"raw": "0001000001", "times": 2000}));
+    peer.write(&one("good"));
+    reading.status("good").await;
+    // What a busy machine loses of such a flood is told as well: nothing is unaccounted for.
+    let counts = |inputs: &[Input]| {
+        let troubles = inputs.iter().filter_map(|input| match input {
+            Input::Reception(trouble) => Some(trouble.count),
+            _ => None,
+        });
+        troubles.collect::<Vec<_>>()
+    };
+    while counts(&reading.received).iter().sum::<u64>() < 2000 {
+        reading.until("trouble", |input| matches!(input, Input::Reception(_)).then_some(())).await;
+    }
+    let told = counts(&reading.received);
+    assert!(told.len() < 200 && told.iter().sum::<u64>() == 2000, "{told:?}");
+    reading.bridge.shutdown().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_a_slow_engine_loses_is_counted() {
+    let domain = Domain::take();
+    let (sender, mut inputs) = mpsc::channel(1);
+    let options = BridgeOptions::loopback(domain.id);
+    let bridge = ros::start(options, model(), sender, Clock::start()).await.expect("the bridge starts");
+    let mut peer = Peer::start(&domain, "pub");
+    peer.wait_matched(1);
+    // Gaps count from the first message that is received of a publisher.
+    peer.write(&one("first"));
+    assert!(matches!(inputs.recv().await.expect("the bridge lives").input, Input::Diagnostics(_)));
+    peer.write(&json!({"statuses": [{"name": "many"}], "times": 20_000}));
+    let (mut arrays, mut lost) = (0, 0);
+    let all = async {
+        while arrays + lost < 20_000 {
+            match inputs.recv().await.expect("the bridge lives").input {
+                Input::Diagnostics(_) => arrays += 1,
+                Input::Reception(trouble) if trouble.kind == TroubleKind::Lost => lost += trouble.count,
+                other => panic!("{other:?}"),
+            }
+        }
+    };
+    assert!(tokio::time::timeout(PATIENCE, all).await.is_ok(), "{arrays} taken, {lost} told as lost");
+    assert!(arrays + lost == 20_000 && lost > 0, "{arrays} taken, {lost} told as lost");
+    bridge.shutdown().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn another_type_on_the_topic_is_told_and_never_decoded() {
+    let domain = Domain::take();
+    let mut reading = Reading::start(&domain).await;
+    let mut wrong = Peer::start(&domain, "pub --type String");
+    let trouble = reading.trouble(TroubleKind::WrongType).await;
+    assert_eq!(&*trouble.topic, "/diagnostics");
+    assert_eq!(
+        &*trouble.text,
+        "topic has type std_msgs/msg/String, configuration says diagnostic_msgs/msg/DiagnosticArray"
+    );
+    wrong.write(&json!({"text": "not for us", "times": 3}));
+    let mut right = Peer::start(&domain, "pub");
+    right.wait_matched(1);
+    right.write(&one("right"));
+    reading.status("right").await;
+    assert!(reading.received.iter().all(|input| !matches!(
+        input,
+        Input::Reception(ReceptionTrouble { kind: TroubleKind::Malformed, .. })
+    )));
+    reading.bridge.shutdown().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_late_joiner_learns_the_last_value_of_a_signal_but_no_old_event() {
+    let domain = Domain::take();
+    let mut active = Peer::start(
+        &domain,
+        "--durability transient_local --depth 1 pub --topic rt/mission/active --type Bool",
+    );
+    active.write(&json!({"bool": false}));
+    active.write(&json!({"bool": true}));
+    let mut goal =
+        Peer::start(&domain, "--durability transient_local --depth 1 pub --topic rt/goal --type String");
+    goal.write(&json!({"text": "long ago", "age_s": 60}));
+    let mut reading = Reading::start(&domain).await;
+    reading.signal("active", true).await;
+    active.write(&json!({"bool": false}));
+    reading.signal("active", false).await;
+    // A volatile publisher of the same signal does not match a reader that asks for last values.
+    let mut volatile = Peer::start(&domain, "pub --topic rt/mission/active --type Bool");
+    volatile.wait_matched(1);
+    volatile.write(&json!({"bool": true}));
+    reading.signal("active", true).await;
+    goal.wait_matched(1);
+    assert!(
+        reading
+            .received
+            .iter()
+            .all(|input| !matches!(input, Input::Signal { name, .. } if &**name == "goal"))
+    );
+    goal.write(&json!({"text": "now"}));
+    reading.signal("goal", true).await;
+    assert_eq!(reading.received.len(), 4, "{}", summary(&reading.received));
+    reading.bridge.shutdown().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_new_participant_goes_on_where_the_old_one_ended() {
+    let domain = Domain::take();
+    let mut active = Peer::start(
+        &domain,
+        "--durability transient_local --depth 1 pub --topic rt/mission/active --type Bool",
+    );
+    active.write(&json!({"bool": true}));
+    let mut reading = Reading::start(&domain).await;
+    reading.signal("active", true).await;
+    for round in 0..2 {
+        reading.bridge.rebuild();
+        let mut peer = Peer::start(&domain, "--durability transient_local pub");
+        // Published to whichever participant is there: what the old one took is not told again.
+        peer.wait_matched(1);
+        let name = format!("round {round}");
+        peer.write(&one(&name));
+        let again = async {
+            loop {
+                peer.write(&one(&name));
+                tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+            }
+        };
+        tokio::select! {
+            _ = reading.status(&name) => {}
+            () = again => {}
+        }
+    }
+    active.write(&json!({"bool": false}));
+    reading.signal("active", false).await;
+    let signals = reading.received.iter().filter(|input| matches!(input, Input::Signal { .. })).count();
+    assert_eq!(signals, 2, "{}", summary(&reading.received));
+    reading.bridge.shutdown().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn large_arrays_arrive_from_both_sides() {
+    let domain = Domain::take();
+    let mut reading = Reading::start(&domain).await;
+    let mut peer = Peer::start(&domain, "pub");
+    peer.wait_matched(1);
+    peer.write(&json!({"count": 10_000, "times": 3}));
+    for _ in 0..3 {
+        assert_eq!(reading.status("/load/node_09999: rate").await.len(), 10_000);
+    }
+    assert!(reading.troubles().is_empty());
+    reading.bridge.shutdown().await;
+    drop(peer);
+
+    let domain = Domain::take();
+    let mut foreign = Peer::start(&domain, "sub --topic rt/diagnostics=DiagnosticArray");
+    let publisher =
+        Publisher::open(&BridgeOptions::loopback(domain.id), &[]).await.expect("the publisher starts");
+    let mut array = StatusArray::default();
+    for index in 0..10_000 {
+        array.push_status(2, &format!("node {index}"), "an odd length of text", "");
+    }
+    // Nobody says when the reader has matched: publish until it hears of it.
+    let stamp = std::time::UNIX_EPOCH + std::time::Duration::new(1_700_000_000, 5);
+    let mut names = std::collections::BTreeSet::new();
+    let mut largest = 0;
+    for _ in 0..300 {
+        publisher.diagnostics(&array, stamp).await.expect("a reader takes it");
+        tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+        for line in foreign.so_far() {
+            assert_eq!(line["value"]["stamp"], json!([1_700_000_000, 5]));
+            largest = largest.max(line["bytes"].as_u64().expect("it counts bytes"));
+            let statuses = line["value"]["statuses"].as_array().expect("an array");
+            names.extend(statuses.iter().map(|status| status["name"].as_str().expect("a name").to_owned()));
+        }
+        if names.len() == 10_000 {
+            break;
+        }
+    }
+    assert_eq!(names.len(), 10_000);
+    // Above what fits into one datagram, so that fragments were put together.
+    assert!(largest > 100_000, "{largest}");
+    publisher.shutdown().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn published_signals_reach_foreign_late_joiners_and_our_own_bridge() {
+    let domain = Domain::take();
+    let options = BridgeOptions::loopback(domain.id);
+    let publisher = Publisher::open(&options, &["/mission/active"]).await.expect("the publisher starts");
+    publisher.boolean("/mission/active", false).await.expect("nobody holds it back");
+    publisher.boolean("mission/active", true).await.expect("nobody holds it back");
+    assert!(publisher.boolean("/other", true).await.is_err());
+    let mut foreign = Peer::start(&domain, "--durability transient_local sub --topic rt/mission/active=Bool");
+    while foreign.expect("value")["value"]["data"] != json!(true) {}
+    let mut reading = Reading::start(&domain).await;
+    reading.signal("active", true).await;
+    publisher.boolean("/mission/active", false).await.expect("nobody holds it back");
+    reading.signal("active", false).await;
+    reading.bridge.shutdown().await;
+    publisher.shutdown().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_node_is_announced_in_the_size_that_the_others_use() {
+    const LISTEN: &str =
+        "--durability transient_local sub --topic ros_discovery_info=ParticipantEntitiesInfo";
+    for (told, theirs, expected) in
+        [(Some(GidSize::Bytes24), None, 24), (None, Some(24), 24), (None, Some(16), 16), (None, None, 0)]
+    {
+        let domain = Domain::take();
+        let mut listener = Peer::start(&domain, LISTEN);
+        let options = BridgeOptions { gid_size: told, ..BridgeOptions::loopback(domain.id) };
+        let mut reading = Reading::with(options).await;
+        let mut other = Peer::start(
+            &domain,
+            "--durability transient_local pub --topic ros_discovery_info --type ParticipantEntitiesInfo",
+        );
+        if let Some(size) = theirs {
+            other.write(&json!({"info": {"size": size, "name": "other"}}));
+        }
+        let is_ours = |line: &Value| line["value"]["nodes"][0]["name"] == "telltale";
+        if expected == 0 {
+            // What is heard over the same two participants comes after an announcement would have.
+            let mut peer = Peer::start(&domain, "pub");
+            peer.wait_matched(1);
+            peer.write(&one("a while later"));
+            reading.status("a while later").await;
+            assert!(!listener.so_far().iter().any(is_ours));
+        } else {
+            let ours = loop {
+                let line = listener.next().expect("our node is announced");
+                if is_ours(&line) {
+                    break line;
+                }
+            };
+            assert_eq!(ours["value"]["gid_size"], expected);
+            let readers = ours["value"]["nodes"][0]["readers"].as_array().expect("gids");
+            assert_eq!(readers.len(), 3, "one for each topic");
+        }
+        reading.bridge.shutdown().await;
+    }
+}

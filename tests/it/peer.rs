@@ -1,0 +1,129 @@
+//! The foreign DDS peer, `tests/dds/peer.py`, as a child process.
+
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpListener;
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::mpsc;
+use std::time::Duration;
+
+use serde_json::Value;
+
+/// Nothing here takes longer, even on a busy machine.
+pub const PATIENCE: Duration = Duration::from_secs(30);
+
+/// A DDS domain that no other test uses, in this process or another.
+pub struct Domain {
+    pub id: u16,
+    /// Held as a lock between processes.
+    _lock: TcpListener,
+}
+
+impl Domain {
+    pub fn take() -> Domain {
+        // Domains up to 101 keep their ports below the ephemeral ones. Starting at the process id
+        // spreads processes; the lock settles the rest.
+        let start = u16::try_from(std::process::id() % 101).expect("less than 101");
+        let domains = (0..101).map(|step| 1 + (start + step) % 101);
+        domains
+            .filter_map(|id| {
+                TcpListener::bind(("127.0.0.1", 5200 + id)).ok().map(|_lock| Domain { id, _lock })
+            })
+            .next()
+            .expect("a free DDS domain for a test")
+    }
+}
+
+pub struct Peer {
+    child: Child,
+    input: Option<ChildStdin>,
+    lines: mpsc::Receiver<Value>,
+}
+
+impl Peer {
+    /// Starts `peer.py` and waits until it is ready. `arguments` are split at blanks.
+    pub fn start(domain: &Domain, arguments: &str) -> Peer {
+        let python = std::env::var("TELLTALE_PEER_PYTHON").unwrap_or_else(|_| {
+            panic!(
+                "TELLTALE_PEER_PYTHON is not set: it names a Python that has cyclonedds 11.0.1; `tests/run.sh` makes \
+                 one, or: python3 -m venv V && V/bin/pip install cyclonedds==11.0.1 && export \
+                 TELLTALE_PEER_PYTHON=V/bin/python"
+            )
+        });
+        let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/dds/peer.py");
+        let mut child = Command::new(&python)
+            .arg(script)
+            .args(["--domain", &domain.id.to_string()])
+            .args(arguments.split_whitespace())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap_or_else(|error| panic!("TELLTALE_PEER_PYTHON={python} does not start: {error}"));
+        let output = BufReader::new(child.stdout.take().expect("it is piped"));
+        let (sender, lines) = mpsc::channel();
+        std::thread::spawn(move || {
+            for line in output.lines().map_while(Result::ok) {
+                let value = serde_json::from_str(&line).unwrap_or(Value::String(line));
+                if sender.send(value).is_err() {
+                    return;
+                }
+            }
+        });
+        let input = child.stdin.take();
+        let mut peer = Peer { child, input, lines };
+        peer.expect("ready");
+        peer
+    }
+
+    /// Sends one command of `peer.py pub`.
+    pub fn tell(&mut self, command: &Value) {
+        self.tell_raw(&command.to_string());
+    }
+
+    /// The same, for what is no proper JSON to others.
+    pub fn tell_raw(&mut self, command: &str) {
+        let input = self.input.as_mut().expect("not closed yet");
+        writeln!(input, "{command}").expect("the peer reads its input");
+        input.flush().expect("the peer reads its input");
+    }
+
+    /// Sends a command and waits until it is done.
+    pub fn write(&mut self, command: &Value) {
+        self.tell(command);
+        self.expect("written");
+    }
+
+    /// Waits until so many readers match.
+    pub fn wait_matched(&mut self, readers: usize) {
+        self.tell(&serde_json::json!({"wait_matched": readers, "timeout": PATIENCE.as_secs()}));
+        self.expect("matched");
+    }
+
+    /// The next line that has this key.
+    pub fn expect(&mut self, key: &str) -> Value {
+        loop {
+            let line =
+                self.next().unwrap_or_else(|| panic!("the peer said no {key:?}; see its errors above"));
+            if line.get(key).is_some() {
+                return line;
+            }
+        }
+    }
+
+    /// The next line; `None` if none comes.
+    pub fn next(&mut self) -> Option<Value> {
+        self.lines.recv_timeout(PATIENCE).ok()
+    }
+
+    /// The lines that are there already.
+    pub fn so_far(&mut self) -> Vec<Value> {
+        self.lines.try_iter().collect()
+    }
+}
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        // It may have ended by itself, which is as good.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

@@ -1,0 +1,91 @@
+//! What the program says when it cannot start: what is wrong, what to do, exit code 2.
+
+use std::net::TcpListener;
+use std::path::PathBuf;
+use std::process::{Command, Output};
+
+const SHUTTLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/config/shuttle.yaml");
+
+fn telltale(words: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
+    for variable in ["ROS_DOMAIN_ID", "ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "RUST_LOG"] {
+        command.env_remove(variable);
+    }
+    command.args(words).output().expect("the program can be run")
+}
+
+/// A folder of this test's own, below the one that cargo gives for that.
+fn folder(name: &str) -> PathBuf {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("start-{name}"));
+    std::fs::create_dir_all(&folder).expect("cargo's folder can be written");
+    folder
+}
+
+fn refuses(words: &[&str], said: &[&str]) {
+    let output = telltale(words);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{words:?}: {text}");
+    for part in said {
+        assert!(text.contains(part), "{words:?} does not say {part:?}: {text}");
+    }
+}
+
+#[test]
+fn a_broken_configuration_is_shown_where_it_breaks() {
+    let file = folder("broken").join("broken.yaml");
+    std::fs::write(&file, "vehicle: { id: a, nam: b }\ngroups: []\n").expect("the folder is there");
+    let file = file.to_str().expect("the path is text");
+    for command in ["serve", "sim"] {
+        refuses(
+            &[command, "--config", file],
+            &["broken.yaml:1:19", "unknown key `nam`", "did you mean `name`?"],
+        );
+        refuses(
+            &[command, "--config", "/nowhere.yaml"],
+            &["/nowhere.yaml", "does not exist", "check the path"],
+        );
+    }
+}
+
+#[test]
+fn a_port_in_use_and_an_address_of_others_are_told() {
+    let taken = TcpListener::bind("127.0.0.1:0").expect("some port is free");
+    let address = taken.local_addr().expect("it is bound").to_string();
+    let data = folder("port");
+    let data = data.to_str().expect("the path is text");
+    let serve = ["serve", "--config", SHUTTLE, "--data", data, "--interface", "loopback", "--listen"];
+    refuses(&[&serve[..], &[&*address]].concat(), &[&address, "is in use", "--listen"]);
+    refuses(&["demo", "--listen", &address], &[&address, "is in use", "--listen"]);
+    refuses(&[&serve[..], &["203.0.113.9:8080"]].concat(), &["no address 203.0.113.9", "--listen"]);
+}
+
+#[test]
+fn an_interface_and_a_domain_that_do_not_exist_are_told() {
+    let data = folder("interface");
+    let data = data.to_str().expect("the path is text");
+    let serve = ["serve", "--config", SHUTTLE, "--listen", "127.0.0.1:0", "--data", data];
+    refuses(
+        &[&serve[..], &["--interface", "203.0.113.9"]].concat(),
+        &["no interface has 203.0.113.9", "127.0.0.1 (lo)"],
+    );
+    refuses(&[&serve[..], &["--domain", "300"]].concat(), &["domain 300", "0 to 232"]);
+    refuses(&["demo", "--listen", "127.0.0.1:0", "--domain", "300"], &["domain 300", "0 to 232"]);
+}
+
+#[test]
+fn a_data_folder_that_cannot_be_written_is_told() {
+    let serve = ["serve", "--config", SHUTTLE, "--listen", "127.0.0.1:0", "--interface", "loopback"];
+    refuses(&[&serve[..], &["--data", "/proc/telltale"]].concat(), &["/proc/telltale", "writable", "--data"]);
+}
+
+#[test]
+fn an_origin_that_is_none_is_told() {
+    let data = folder("origin");
+    let data = data.to_str().expect("the path is text");
+    let serve =
+        ["serve", "--config", SHUTTLE, "--listen", "127.0.0.1:0", "--interface", "loopback", "--data", data];
+    refuses(
+        &[&serve[..], &["--origin", "here"]].concat(),
+        &["--origin", "\"here\" is no origin", "https://"],
+    );
+}

@@ -1,0 +1,290 @@
+//! Who gets what: without a session, by role, from foreign pages and under foreign names.
+
+use axum::body::Body;
+use axum::http::header::{AUTHORIZATION, HOST, ORIGIN};
+use axum::http::{Method, Request, StatusCode};
+use telltale::store::{DemoSecrets, Role};
+use telltale::web::{Access, BODY_BYTES_MAX, Route, assets, routes};
+
+use super::fixture::{ADDRESS, COMPONENTS, Fixture, OWN_ORIGIN, as_program, form_request, request};
+
+fn concrete(route: &Route) -> String {
+    route.path.replace("{*path}", "vendor/htmx.min.js")
+}
+
+fn by_route(route: &Route, cookie: Option<&str>) -> Request<Body> {
+    let mut request = request(route.method.clone(), &concrete(route), cookie);
+    if route.method != Method::GET {
+        request.headers_mut().insert(ORIGIN, OWN_ORIGIN.parse().unwrap());
+    }
+    request
+}
+
+#[tokio::test]
+async fn without_a_session_every_route_is_closed_but_the_open_ones_and_those_tell_nothing() {
+    let fixture = Fixture::new().await;
+    fixture.cookie_of("operator").await;
+    fixture.status("lidar", 2, "broken").await;
+    fixture.until(|snapshot| !snapshot.roots.is_empty()).await;
+    for route in routes(true) {
+        for is_program in [false, true] {
+            let request = by_route(&route, None);
+            let answer = fixture.send(if is_program { as_program(request) } else { request }).await;
+            let is_closed = match (is_program, answer.status) {
+                (true, status) => status == StatusCode::UNAUTHORIZED,
+                (false, StatusCode::SEE_OTHER) => answer.leads_to() == Some("/login"),
+                (false, status) => status == StatusCode::UNAUTHORIZED,
+            };
+            assert_eq!(is_closed, route.access != Access::Open, "{route:?}: {}", answer.status);
+            for name in COMPONENTS {
+                assert!(!answer.body.to_lowercase().contains(name), "{route:?} tells of {name}");
+            }
+        }
+    }
+}
+
+#[tokio::test]
+async fn without_a_session_what_is_no_route_looks_like_one() {
+    let fixture = Fixture::new().await;
+    let methods = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE", "PROPFIND"];
+    for path in ["/nothing", "/ws/", "/api/v1/nothing", "/..%2fetc", "/developer/x", "//", "/login/x", "/"] {
+        for method in methods {
+            let method = Method::from_bytes(method.as_bytes()).unwrap();
+            let answer = fixture.send(request(method.clone(), path, None)).await;
+            let is_closed = matches!(answer.status, StatusCode::SEE_OTHER | StatusCode::UNAUTHORIZED);
+            assert!(is_closed, "{method} {path}: {}", answer.status);
+        }
+    }
+}
+
+#[tokio::test]
+async fn with_a_session_what_is_no_route_is_not_found() {
+    let fixture = Fixture::new().await;
+    let cookie = fixture.cookie_of("developer").await;
+    assert_eq!(fixture.get("/nothing", Some(&cookie)).await.status, StatusCode::NOT_FOUND);
+    assert_eq!(fixture.get("/static/../Cargo.toml", Some(&cookie)).await.status, StatusCode::NOT_FOUND);
+    let answer = fixture.get("/api/v1/nothing", Some(&cookie)).await;
+    assert_eq!(answer.status, StatusCode::NOT_FOUND);
+    assert!(serde_json::from_str::<serde_json::Value>(&answer.body).is_ok_and(|it| it["error"].is_string()));
+    let answer = fixture.send(request(Method::HEAD, "/api/v1/snapshot", Some(&cookie))).await;
+    assert_eq!((answer.status, answer.body.len()), (StatusCode::OK, 0));
+    assert_eq!(fixture.post("/developer", Some(&cookie), "").await.status, StatusCode::METHOD_NOT_ALLOWED);
+}
+
+#[tokio::test]
+async fn a_role_may_use_what_the_table_says() {
+    let fixture = Fixture::new().await;
+    for role in Role::ALL {
+        for route in routes(true) {
+            // Some routes end the session.
+            let cookie = fixture.cookie_of(role.as_str()).await;
+            let permitted = match route.access {
+                Access::Roles(roles) => roles.contains(&role),
+                Access::Open | Access::Asset | Access::Session => true,
+            };
+            let answer = fixture.send(by_route(&route, Some(&cookie))).await;
+            assert_eq!(answer.status != StatusCode::FORBIDDEN, permitted, "{role:?} {route:?}");
+            assert_ne!(answer.status, StatusCode::UNAUTHORIZED, "{role:?} {route:?}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_request_that_acts_needs_the_origin_of_a_page_of_ours() {
+    let fixture = Fixture::new().await;
+    let cookie = fixture.cookie_of("developer").await;
+    let cases = [
+        (Some(OWN_ORIGIN), None, true),
+        (Some("http://localhost:8080"), None, true),
+        (None, None, false),
+        (Some("null"), None, false),
+        (Some("null"), Some("cross-site"), false),
+        (Some("null"), Some("same-site"), false),
+        (Some("null"), Some("same-origin"), false),
+        (Some("http://evil.example"), Some("same-origin"), false),
+        (Some("http://127.0.0.1"), None, false),
+        (Some("http://127.0.0.1:8081"), None, false),
+        (Some("http://127.0.0.1:80800"), None, false),
+        (Some("https://127.0.0.1:8080"), None, false),
+        (Some("http://127.0.0.1:8080.evil.example"), None, false),
+        (Some("http://evil.example/http://127.0.0.1:8080"), None, false),
+        (Some(""), None, false),
+    ];
+    for (path, cookie) in [("/demo/fault", Some(cookie.as_str())), ("/login", None)] {
+        for (origin, site, permitted) in cases {
+            let mut request = form_request(path, cookie, "");
+            request.headers_mut().remove(ORIGIN);
+            if let Some(origin) = origin {
+                request.headers_mut().insert(ORIGIN, origin.parse().unwrap());
+            }
+            if let Some(site) = site {
+                request.headers_mut().insert("sec-fetch-site", site.parse().unwrap());
+            }
+            let answer = fixture.send(request).await;
+            assert_eq!(answer.status != StatusCode::FORBIDDEN, permitted, "{path} {origin:?} {site:?}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn pages_make_browsers_send_the_origin_of_their_forms() {
+    let fixture = Fixture::new().await;
+    let operator = fixture.cookie_of("operator").await;
+    let developer = fixture.cookie_of("developer").await;
+    let meta = r#"<meta name="referrer" content="same-origin">"#;
+    for (path, cookie) in [
+        ("/login", None),
+        ("/", Some(&operator)),
+        ("/demo", Some(&operator)),
+        ("/developer", Some(&developer)),
+    ] {
+        let answer = fixture.get(path, cookie.map(String::as_str)).await;
+        assert!(answer.status == StatusCode::OK && answer.body.contains(meta), "{path}");
+    }
+}
+
+#[tokio::test]
+async fn a_bearer_is_no_page_and_needs_no_origin() {
+    let fixture = Fixture::new().await;
+    let cookie = fixture.cookie_of("developer").await;
+    let (_, token) = cookie.split_once('=').unwrap();
+    let with = |token: &str| {
+        let mut request = form_request("/demo/fault", None, "name=can_loss&active=true");
+        request.headers_mut().remove(ORIGIN);
+        request.headers_mut().insert(AUTHORIZATION, format!("Bearer {token}").parse().unwrap());
+        as_program(request)
+    };
+    assert_eq!(fixture.send(with(token)).await.status, StatusCode::OK);
+    for wrong in [&token[1..], &"0".repeat(64), "", "é"] {
+        let mut request = with("0");
+        if let Ok(value) = axum::http::HeaderValue::from_bytes(format!("Bearer {wrong}").as_bytes()) {
+            request.headers_mut().insert(AUTHORIZATION, value);
+        }
+        assert_eq!(fixture.send(request).await.status, StatusCode::UNAUTHORIZED, "{wrong:?}");
+    }
+    let mut request = with("0");
+    request.headers_mut().insert("cookie", cookie.parse().unwrap());
+    let answer = fixture.send(request).await;
+    assert_eq!(answer.status, StatusCode::UNAUTHORIZED, "a wrong bearer does not fall back to the cookie");
+}
+
+#[tokio::test]
+async fn a_foreign_name_for_this_machine_is_not_served() {
+    let fixture = Fixture::new().await;
+    for (host, served) in [
+        (Some(ADDRESS), true),
+        (Some("LOCALHOST:8080"), true),
+        (Some("[::1]:8080"), true),
+        (Some("evil.example:8080"), false),
+        (Some("127.0.0.1"), false),
+        (Some("127.0.0.1:8081"), false),
+        (Some("127.0.0.1:8080.evil.example"), false),
+        (None, false),
+    ] {
+        let mut request = request(Method::GET, "/login", None);
+        request.headers_mut().remove(HOST);
+        if let Some(host) = host {
+            request.headers_mut().insert(HOST, host.parse().unwrap());
+        }
+        let status = fixture.send(request).await.status;
+        assert_eq!(status, if served { StatusCode::OK } else { StatusCode::MISDIRECTED_REQUEST }, "{host:?}");
+    }
+}
+
+const HEADERS: [(&str, &str); 5] = [
+    (
+        "content-security-policy",
+        "default-src 'self'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'; \
+         object-src 'none'; base-uri 'none'; frame-ancestors 'none'; form-action 'self'",
+    ),
+    ("x-content-type-options", "nosniff"),
+    ("referrer-policy", "no-referrer"),
+    ("cross-origin-opener-policy", "same-origin"),
+    ("cache-control", "no-store"),
+];
+
+#[tokio::test]
+async fn every_answer_has_the_headers() {
+    let fixture = Fixture::new().await;
+    let mut requests = vec![
+        request(Method::GET, "/nothing", None),
+        form_request("/login", None, &"x".repeat(BODY_BYTES_MAX + 1)),
+    ];
+    for route in routes(true) {
+        requests.push(by_route(&route, None));
+        let cookie = fixture.cookie_of("developer").await;
+        requests.push(by_route(&route, Some(&cookie)));
+    }
+    for request in requests {
+        let what = format!("{} {}", request.method(), request.uri());
+        let is_file = what.contains("/static/");
+        let answer = fixture.send(request).await;
+        for (name, value) in HEADERS {
+            let found = answer.header(name);
+            // A file that is served says how long it may be kept.
+            let is_kept_file = is_file && name == "cache-control" && answer.status == StatusCode::OK;
+            assert!(is_kept_file || found == Some(value), "{what}: {name}: {found:?}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn files_are_kept_under_their_version_only() {
+    let fixture = Fixture::new().await;
+    let cookie = fixture.cookie_of("developer").await;
+    let name = "vendor/htmx.min.js";
+    let versioned = fixture.get(&assets::url(name), Some(&cookie)).await;
+    let plain = fixture.get(&format!("/static/{name}"), Some(&cookie)).await;
+    assert_eq!((versioned.status, plain.status), (StatusCode::OK, StatusCode::OK));
+    assert_eq!(versioned.header("cache-control"), Some("public, max-age=31536000, immutable"));
+    assert_eq!(plain.header("cache-control"), Some("no-cache"));
+    assert_eq!(plain.header("content-type"), Some("text/javascript; charset=utf-8"));
+    let mut again = request(Method::GET, &format!("/static/{name}"), Some(&cookie));
+    again.headers_mut().insert("if-none-match", plain.headers["etag"].clone());
+    assert_eq!(fixture.send(again).await.status, StatusCode::NOT_MODIFIED);
+    let old = format!("/static/0123456789abcdef/{name}");
+    assert_eq!(fixture.get(&old, Some(&cookie)).await.status, StatusCode::NOT_FOUND);
+}
+
+#[tokio::test]
+async fn a_body_that_is_too_large_is_refused() {
+    let fixture = Fixture::new().await;
+    let name = "x".repeat(BODY_BYTES_MAX - "name=&secret=y".len());
+    let fits = fixture.log_in(&name, "y").await;
+    assert_eq!(fits.status, StatusCode::UNAUTHORIZED);
+    assert_eq!(fixture.log_in(&format!("{name}x"), "y").await.status, StatusCode::PAYLOAD_TOO_LARGE);
+    let chunked = Body::from_stream(futures_util::stream::iter(std::iter::repeat_n(
+        Ok::<_, std::convert::Infallible>(axum::body::Bytes::from_static(&[b'x'; 1024])),
+        BODY_BYTES_MAX / 1024 + 1,
+    )));
+    let mut request = form_request("/login", None, "");
+    *request.body_mut() = chunked;
+    assert_eq!(fixture.send(request).await.status, StatusCode::PAYLOAD_TOO_LARGE);
+}
+
+#[tokio::test]
+async fn faults_are_switched_by_name_and_not_on_a_vehicle() {
+    let mut fixture = Fixture::new().await;
+    let cookie = fixture.cookie_of("operator").await;
+    let post = |form: &'static str| form_request("/demo/fault", Some(&cookie), form);
+    let answer = fixture.send(post("name=can_loss&active=true")).await;
+    assert_eq!((answer.status, answer.leads_to()), (StatusCode::SEE_OTHER, Some("/demo")));
+    let switch = fixture.faults.try_recv().unwrap();
+    assert_eq!((switch.name, switch.active), ("can_loss", true));
+    let answer = fixture.send(as_program(post("name=can_loss&active=false"))).await;
+    assert_eq!(
+        (answer.status, answer.body.as_str()),
+        (StatusCode::OK, r#"{"active":false,"name":"can_loss"}"#)
+    );
+    for wrong in ["name=flat_tyre&active=true", "name=can_loss&active=maybe", "name=can_loss", ""] {
+        let answer = fixture.send(as_program(post(wrong))).await;
+        assert_eq!(answer.status, StatusCode::UNPROCESSABLE_ENTITY, "{wrong}");
+        assert!(answer.body.contains(r#""names":["sensor_outage","can_loss"]"#), "{}", answer.body);
+    }
+    let vehicle = Fixture::with(ADDRESS, false, DemoSecrets::Refused).await;
+    vehicle.store.add_user("dora", Role::Developer, "a long password").await.unwrap();
+    let cookie = vehicle.log_in("dora", "a+long+password").await.cookie().unwrap();
+    for path in ["/demo", "/demo/fault"] {
+        assert_eq!(vehicle.get(path, Some(&cookie)).await.status, StatusCode::NOT_FOUND);
+    }
+}

@@ -1,0 +1,239 @@
+//! A small vehicle behind the real engine, the real store in memory, and requests to the router.
+
+use std::sync::Arc;
+
+use axum::Router;
+use axum::body::{Body, to_bytes};
+use axum::http::header::{ACCEPT, CONTENT_TYPE, COOKIE, HOST, LOCATION, ORIGIN, SET_COOKIE};
+use axum::http::{HeaderMap, Method, Request, StatusCode};
+use telltale::clock::Clock;
+use telltale::engine::input::{Input, Stamped, StatusArray};
+use telltale::engine::model::{
+    Combine, Dependency, DependsOn, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec,
+    NodeId, Parts, Policy, SignalSpec, Stage, StageModel, Text, When,
+};
+use telltale::engine::snapshot::Snapshot;
+use telltale::runtime::{self, Link};
+use telltale::store::{DemoSecrets, Store};
+use telltale::web::{AppState, DemoFaults, FaultSwitch, Origins, Settings, router};
+use tokio::sync::mpsc;
+use tower::ServiceExt;
+
+pub const ADDRESS: &str = "127.0.0.1:8080";
+pub const OWN_ORIGIN: &str = "http://127.0.0.1:8080";
+/// What no answer may hold before the login.
+pub const COMPONENTS: [&str; 5] = ["sensors", "localization", "planning", "lidar", "imu"];
+
+pub struct Fixture {
+    pub store: Store,
+    pub clock: Clock,
+    pub link: Link,
+    pub router: Router,
+    pub faults: mpsc::Receiver<FaultSwitch>,
+}
+
+pub struct Answer {
+    pub status: StatusCode,
+    pub headers: HeaderMap,
+    pub body: String,
+}
+
+impl Answer {
+    pub fn header(&self, name: &str) -> Option<&str> {
+        self.headers.get(name).map(|value| value.to_str().unwrap())
+    }
+
+    pub fn leads_to(&self) -> Option<&str> {
+        self.header(LOCATION.as_str())
+    }
+
+    /// The `name=value` of the cookie that it sets.
+    pub fn cookie(&self) -> Option<String> {
+        let (pair, _) = self.header(SET_COOKIE.as_str())?.split_once(';')?;
+        Some(pair.to_owned())
+    }
+}
+
+impl Fixture {
+    pub async fn new() -> Fixture {
+        Fixture::with(ADDRESS, false, DemoSecrets::Accepted).await
+    }
+
+    /// On a vehicle: demo secrets open nothing, and there is no simulation.
+    pub async fn with(address: &str, secure: bool, demo: DemoSecrets) -> Fixture {
+        let clock = Clock::start();
+        let link = runtime::start(Arc::new(model()), clock);
+        let store = Store::in_memory(clock, demo).unwrap();
+        store.add_demo_users().await.unwrap();
+        let (switch, faults) = mpsc::channel(4);
+        let origins = Origins::of_listener(address.parse().unwrap(), secure);
+        let faulty = DemoFaults::new(vec!["sensor_outage", "can_loss"], switch);
+        let settings = Settings { origins, secure, demo: (demo == DemoSecrets::Accepted).then_some(faulty) };
+        let app = AppState::new(link.clone(), store.clone(), clock, settings);
+        Fixture { router: router(app), store, clock, link, faults }
+    }
+
+    pub async fn send(&self, request: Request<Body>) -> Answer {
+        let answer = self.router.clone().oneshot(request).await.unwrap();
+        let (parts, body) = answer.into_parts();
+        let body = to_bytes(body, 1 << 20).await.unwrap();
+        Answer {
+            status: parts.status,
+            headers: parts.headers,
+            body: String::from_utf8_lossy(&body).into_owned(),
+        }
+    }
+
+    pub async fn get(&self, path: &str, cookie: Option<&str>) -> Answer {
+        self.send(request(Method::GET, path, cookie)).await
+    }
+
+    pub async fn get_json(&self, path: &str, cookie: &str) -> serde_json::Value {
+        let answer = self.get(path, Some(cookie)).await;
+        assert_eq!(
+            (answer.status, answer.header("content-type")),
+            (StatusCode::OK, Some("application/json"))
+        );
+        serde_json::from_str(&answer.body).unwrap()
+    }
+
+    pub async fn post(&self, path: &str, cookie: Option<&str>, form: &str) -> Answer {
+        self.send(form_request(path, cookie, form)).await
+    }
+
+    pub async fn log_in(&self, name: &str, secret: &str) -> Answer {
+        self.post("/login", None, &format!("name={name}&secret={secret}")).await
+    }
+
+    /// A session of the demo user with this name.
+    pub async fn cookie_of(&self, name: &str) -> String {
+        let secret = match name {
+            "operator" => "246810",
+            "developer" => "demo-developer",
+            _ => "demo-authority",
+        };
+        let answer = self.log_in(name, secret).await;
+        assert_eq!((answer.status, answer.leads_to()), (StatusCode::SEE_OTHER, Some("/")), "{name}");
+        answer.cookie().unwrap()
+    }
+
+    pub async fn status(&self, name: &str, level: u8, message: &str) {
+        let mut array = StatusArray::default();
+        array.push_status(level, name, message, "");
+        array.push_value("n", "1");
+        self.input(Input::Diagnostics(array)).await;
+    }
+
+    /// The vehicle starts or stops to drive by itself, and the engine knows.
+    pub async fn drive(&self, active: bool) {
+        self.input(Input::Signal { name: "active".into(), value: active }).await;
+        self.until(|snapshot| (snapshot.stage == Stage::Active) == active).await;
+    }
+
+    async fn input(&self, input: Input) {
+        self.link.inputs.send(Stamped { input, received: self.clock.now() }).await.unwrap();
+    }
+
+    pub async fn until(&self, condition: impl Fn(&Snapshot) -> bool) -> Arc<Snapshot> {
+        let mut snapshots = self.link.snapshots.clone();
+        let waited = snapshots.wait_for(|published| condition(&published.snapshot));
+        let seen = tokio::time::timeout(std::time::Duration::from_secs(5), waited).await;
+        seen.expect("the engine gets there").unwrap().snapshot.clone()
+    }
+
+    pub fn stage(&self) -> Stage {
+        self.link.snapshots.borrow().snapshot.stage
+    }
+}
+
+pub fn request(method: Method, path: &str, cookie: Option<&str>) -> Request<Body> {
+    let mut request = Request::builder().method(method).uri(path).header(HOST, ADDRESS);
+    if let Some(cookie) = cookie {
+        request = request.header(COOKIE, cookie);
+    }
+    request.body(Body::empty()).unwrap()
+}
+
+pub fn form_request(path: &str, cookie: Option<&str>, form: &str) -> Request<Body> {
+    let mut request = request(Method::POST, path, cookie);
+    let headers = request.headers_mut();
+    headers.insert(ORIGIN, OWN_ORIGIN.parse().unwrap());
+    headers.insert(CONTENT_TYPE, "application/x-www-form-urlencoded".parse().unwrap());
+    *request.body_mut() = Body::from(form.to_owned());
+    request
+}
+
+/// As a program asks: it wants JSON.
+pub fn as_program(mut request: Request<Body>) -> Request<Body> {
+    request.headers_mut().insert(ACCEPT, "application/json".parse().unwrap());
+    request
+}
+
+/// Sensors with a LiDAR and, inside, an IMU; Localization on top of them; Planning while active.
+pub fn model() -> Model {
+    let parts = Parts {
+        vehicle_id: "shuttle-1".into(),
+        vehicle_name: Text::plain("Shuttle 1"),
+        stages: StageModel::Shuttle,
+        signals: vec![SignalSpec {
+            name: "active".into(),
+            source: FieldSource {
+                topic: "/mission/active".into(),
+                type_name: "std_msgs/msg/Bool".into(),
+                field: "data".into(),
+            },
+            timeout: None,
+            present_for: None,
+        }],
+        groups: vec![
+            group("sensors", "Sensors", None),
+            group("sensors/inside", "Inside", Some(GroupId(0))),
+            GroupSpec {
+                depends_on: vec![Dependency {
+                    on: DependsOn::Node(NodeId::Group(GroupId(0))),
+                    masks_unknown: false,
+                }],
+                ..group("localization", "Localization", None)
+            },
+            GroupSpec {
+                when: Some(When { stages: vec![Stage::Active], signals: Vec::new() }),
+                ..group("planning", "Planning", None)
+            },
+        ],
+        modules: vec![
+            module("sensors/lidar", 0, "lidar"),
+            module("sensors/inside/imu", 1, "imu"),
+            module("localization/tf", 2, "tf"),
+            module("planning/planner", 3, "planner"),
+        ],
+        discovered: Policy::default(),
+        limits: Limits::default(),
+    };
+    Model::new(parts).unwrap()
+}
+
+fn group(path: &str, name: &str, parent: Option<GroupId>) -> GroupSpec {
+    GroupSpec {
+        path: path.into(),
+        name: Text::plain(name),
+        parent,
+        combine: Combine::Worst,
+        when: None,
+        depends_on: Vec::new(),
+        filters: Vec::new(),
+        tile: None,
+    }
+}
+
+fn module(id: &str, group: u32, status: &str) -> ModuleSpec {
+    ModuleSpec {
+        id: id.into(),
+        name: None,
+        help: None,
+        group: GroupId(group),
+        policy: Policy::default(),
+        when: None,
+        depends_on: Vec::new(),
+        monitor: MonitorSpec::SelfState { status: status.into() },
+    }
+}

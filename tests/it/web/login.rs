@@ -1,0 +1,165 @@
+//! Login, logout, cookies, and what the vehicle makes of them.
+
+use axum::http::header::SET_COOKIE;
+use axum::http::{Method, StatusCode};
+use telltale::engine::model::Stage;
+use telltale::store::{DEMO_USERS, DemoSecrets, Role};
+
+use super::fixture::{ADDRESS, COMPONENTS, Fixture, as_program, form_request, request};
+
+#[tokio::test]
+async fn an_operators_login_unlocks_the_vehicle_and_the_others_do_not() {
+    let fixture = Fixture::new().await;
+    for name in ["developer", "authority"] {
+        fixture.cookie_of(name).await;
+        assert_eq!(fixture.stage(), Stage::Locked);
+    }
+    let cookie = fixture.cookie_of("operator").await;
+    assert_eq!(fixture.stage(), Stage::Standby);
+    assert_eq!(fixture.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
+    assert_eq!(fixture.get("/", Some(&cookie)).await.status, StatusCode::OK);
+    assert_eq!(fixture.get("/login", Some(&cookie)).await.leads_to(), Some("/"));
+}
+
+#[tokio::test]
+async fn while_the_vehicle_is_locked_nobody_sees_a_diagnosis() {
+    let fixture = Fixture::new().await;
+    let cookie = fixture.cookie_of("developer").await;
+    fixture.status("lidar", 2, "broken").await;
+    fixture.until(|snapshot| snapshot.counters.statuses > 0).await;
+    for path in ["/", "/developer", "/api/v1/snapshot"] {
+        let answer = fixture.get(path, Some(&cookie)).await;
+        assert_eq!(answer.status, StatusCode::OK, "{path}");
+        for name in COMPONENTS {
+            assert!(!answer.body.to_lowercase().contains(name), "{path} tells of {name}");
+        }
+    }
+    let snapshot = fixture.get_json("/api/v1/snapshot", &cookie).await;
+    assert_eq!((snapshot["stage"].as_str(), &snapshot["groups"]), (Some("locked"), &serde_json::json!([])));
+    fixture.cookie_of("operator").await;
+    let snapshot = fixture.get_json("/api/v1/snapshot", &cookie).await;
+    assert_eq!(snapshot["groups"].as_array().unwrap().len(), 3);
+}
+
+#[tokio::test]
+async fn a_cookie_is_for_this_server_alone() {
+    for (secure, prefix, suffix) in [(false, "telltale=", ""), (true, "__Host-telltale=", "; Secure")] {
+        let fixture = Fixture::with("127.0.0.1:8080", secure, DemoSecrets::Accepted).await;
+        let mut login = form_request("/login", None, "name=operator&secret=246810");
+        if secure {
+            login.headers_mut().insert("origin", "https://127.0.0.1:8080".parse().unwrap());
+        }
+        let answer = fixture.send(login).await;
+        let line = answer.header(SET_COOKIE.as_str()).unwrap();
+        let token = line.strip_prefix(prefix).unwrap().split(';').next().unwrap();
+        assert!(token.len() == 64 && token.bytes().all(|byte| byte.is_ascii_hexdigit()), "{token}");
+        let attributes = format!("; Path=/; Max-Age=43200; HttpOnly; SameSite=Strict{suffix}");
+        assert_eq!(line, format!("{prefix}{token}{attributes}"));
+    }
+}
+
+#[tokio::test]
+async fn a_failed_login_says_the_same_whatever_was_wrong() {
+    let fixture = Fixture::new().await;
+    let bodies = [("operator", "135791"), ("nobody", "246810"), ("operator", "demo-developer")];
+    let mut answers = Vec::new();
+    for (name, secret) in bodies {
+        let login = form_request("/login", None, &format!("name={name}&secret={secret}"));
+        let answer = fixture.send(as_program(login)).await;
+        assert_eq!((answer.status, answer.cookie()), (StatusCode::UNAUTHORIZED, None));
+        answers.push(answer.body);
+    }
+    assert!(answers.iter().all(|body| *body == answers[0]), "{answers:?}");
+    assert_eq!(fixture.stage(), Stage::Locked);
+    let answer = fixture.log_in("operator", "246810").await;
+    assert_eq!(answer.status, StatusCode::TOO_MANY_REQUESTS, "the source failed three times");
+    assert_eq!(answer.header("retry-after"), Some("1"));
+}
+
+#[tokio::test]
+async fn what_is_no_login_form_is_refused() {
+    let fixture = Fixture::new().await;
+    for form in ["", "name=operator", "secret=246810", "name=operator&name=x&secret=1", "%ff=%ff", "{}"] {
+        let status = fixture.post("/login", None, form).await.status;
+        assert_eq!(status, StatusCode::UNPROCESSABLE_ENTITY, "{form}");
+    }
+}
+
+#[tokio::test]
+async fn a_vehicle_refuses_the_secrets_of_the_demonstration() {
+    let fixture = Fixture::with(ADDRESS, false, DemoSecrets::Refused).await;
+    for (name, _, secret) in DEMO_USERS {
+        let answer = fixture.log_in(name, secret).await;
+        assert_eq!((answer.status, answer.cookie()), (StatusCode::UNAUTHORIZED, None), "{name}");
+    }
+    for (_, role, secret) in DEMO_USERS {
+        assert!(fixture.store.add_user("new", role, secret).await.is_err());
+    }
+    fixture.store.add_user("anna", Role::Operator, "135791").await.unwrap();
+}
+
+#[tokio::test]
+async fn a_login_gives_a_new_token_and_ends_the_session_before() {
+    let fixture = Fixture::new().await;
+    let planted = format!("telltale={}", "a".repeat(64));
+    assert_eq!(fixture.get("/", Some(&planted)).await.leads_to(), Some("/login"));
+    let first = fixture.post("/login", Some(&planted), "name=developer&secret=demo-developer").await;
+    let first = first.cookie().unwrap();
+    assert_ne!(first, planted);
+    assert_eq!(fixture.get("/", Some(&planted)).await.leads_to(), Some("/login"));
+    let second = fixture.post("/login", Some(&first), "name=developer&secret=demo-developer").await;
+    let second = second.cookie().unwrap();
+    assert_ne!(second, first);
+    assert_eq!(fixture.get("/", Some(&first)).await.leads_to(), Some("/login"));
+    assert_eq!(fixture.get("/", Some(&second)).await.status, StatusCode::OK);
+}
+
+#[tokio::test]
+async fn logout_ends_the_session_and_locks_the_vehicle() {
+    let fixture = Fixture::new().await;
+    let cookie = fixture.cookie_of("operator").await;
+    let other_display = fixture.cookie_of("operator").await;
+    let answer = fixture.post("/logout", Some(&cookie), "").await;
+    assert_eq!((answer.status, answer.leads_to()), (StatusCode::SEE_OTHER, Some("/login")));
+    assert!(answer.header("set-cookie").unwrap().starts_with("telltale=; Path=/; Max-Age=0; "));
+    assert_eq!(fixture.stage(), Stage::Locked);
+    for cookie in [cookie, other_display] {
+        assert_eq!(fixture.get("/", Some(&cookie)).await.leads_to(), Some("/login"));
+    }
+    assert_eq!(fixture.store.seated_operator().await.unwrap(), None);
+}
+
+#[tokio::test]
+async fn the_operator_stays_while_the_vehicle_drives_and_is_told_why() {
+    let fixture = Fixture::new().await;
+    let cookie = fixture.cookie_of("operator").await;
+    let developer = fixture.cookie_of("developer").await;
+    fixture.drive(true).await;
+    let answer = fixture.send(as_program(form_request("/logout", Some(&cookie), ""))).await;
+    assert_eq!(answer.status, StatusCode::CONFLICT);
+    let body: serde_json::Value = serde_json::from_str(&answer.body).unwrap();
+    assert_eq!(body["refused"].as_array().unwrap().len(), 1, "{body}");
+    assert_eq!(fixture.get("/", Some(&cookie)).await.status, StatusCode::OK);
+    assert_eq!(fixture.post("/logout", Some(&cookie), "").await.status, StatusCode::CONFLICT);
+    assert_eq!(fixture.post("/logout", Some(&developer), "").await.leads_to(), Some("/login"));
+    fixture.drive(false).await;
+    assert_eq!(fixture.post("/logout", Some(&cookie), "").await.leads_to(), Some("/login"));
+}
+
+#[tokio::test]
+async fn a_driving_vehicle_without_an_operator_asks_for_a_login() {
+    let fixture = Fixture::new().await;
+    fixture.drive(true).await;
+    assert_eq!(fixture.get("/", None).await.leads_to(), Some("/login"));
+    let cookie = fixture.cookie_of("operator").await;
+    assert_eq!(fixture.stage(), Stage::Active);
+    assert_eq!(fixture.get("/", Some(&cookie)).await.status, StatusCode::OK);
+}
+
+#[tokio::test]
+async fn readiness_needs_engine_and_store_and_health_neither() {
+    let fixture = Fixture::new().await;
+    for path in ["/healthz", "/readyz"] {
+        assert_eq!(fixture.send(request(Method::GET, path, None)).await.status, StatusCode::OK, "{path}");
+    }
+}

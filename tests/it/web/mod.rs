@@ -1,0 +1,7 @@
+//! The HTTP server: the router without a socket, and sockets on a free port.
+
+mod access;
+mod fixture;
+mod login;
+mod sockets;
+mod wire;

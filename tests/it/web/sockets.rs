@@ -1,0 +1,327 @@
+//! Live connections over real sockets on a free port.
+
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use futures_util::{SinkExt, StreamExt};
+use serde_json::Value;
+use telltale::engine::model::Stage;
+use telltale::engine::state::State;
+use telltale::store::{DemoSecrets, Store, Token};
+use telltale::web::view::{Lang, fragments};
+use telltale::web::{AppState, Origins, Settings, serve};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::oneshot;
+use tokio::time::timeout;
+use tokio_tungstenite::tungstenite::client::IntoClientRequest;
+use tokio_tungstenite::tungstenite::http::StatusCode;
+use tokio_tungstenite::tungstenite::protocol::frame::coding::CloseCode;
+use tokio_tungstenite::tungstenite::{self, Message};
+use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
+
+use super::fixture::Fixture;
+
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// The fixture's vehicle behind a listener.
+struct Server {
+    fixture: Fixture,
+    app: AppState,
+    address: SocketAddr,
+    shutdown: oneshot::Sender<()>,
+    served: tokio::task::JoinHandle<std::io::Result<()>>,
+}
+
+type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
+
+impl Server {
+    async fn new() -> Server {
+        let fixture = Fixture::new().await;
+        let store = fixture.store.clone();
+        Server::with(fixture, store).await
+    }
+
+    async fn with(fixture: Fixture, store: Store) -> Server {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap();
+        let settings = Settings { origins: Origins::of_listener(address, false), secure: false, demo: None };
+        let app = AppState::new(fixture.link.clone(), store, fixture.clock, settings);
+        let (shutdown, ended) = oneshot::channel::<()>();
+        let served = tokio::spawn(serve(listener, app.clone(), async {
+            let _ = ended.await;
+        }));
+        Server { fixture, app, address, shutdown, served }
+    }
+
+    fn origin(&self) -> String {
+        format!("http://{}", self.address)
+    }
+
+    async fn try_connect(&self, path: &str, headers: &[(&'static str, &str)]) -> Result<Socket, StatusCode> {
+        let mut request = format!("ws://{}{path}", self.address).into_client_request().unwrap();
+        for (name, value) in headers {
+            request.headers_mut().insert(*name, value.parse().unwrap());
+        }
+        match connect_async(request).await {
+            Ok((socket, _)) => Ok(socket),
+            Err(tungstenite::Error::Http(answer)) => Err(answer.status()),
+            Err(error) => panic!("{error}"),
+        }
+    }
+
+    async fn connect(&self, path: &str, cookie: &str) -> Socket {
+        self.try_connect(path, &[("cookie", cookie), ("origin", &self.origin())]).await.unwrap()
+    }
+
+    async fn break_lidar(&self) {
+        self.fixture.status("lidar", 2, "no packets").await;
+        self.fixture.until(|snapshot| snapshot.overall == State::Error).await;
+    }
+}
+
+async fn next(socket: &mut Socket) -> Option<Message> {
+    timeout(PATIENCE, socket.next()).await.expect("a message comes in time").map(Result::unwrap)
+}
+
+/// The next message that is JSON and meets the condition.
+async fn next_json(socket: &mut Socket, condition: impl Fn(&Value) -> bool) -> Value {
+    loop {
+        if let Message::Text(text) = next(socket).await.expect("the socket is open") {
+            let value: Value = serde_json::from_str(&text).unwrap();
+            if condition(&value) {
+                return value;
+            }
+        }
+    }
+}
+
+async fn next_content(socket: &mut Socket) -> Value {
+    next_json(socket, |value| value.get("content").is_some()).await
+}
+
+/// Reads until the server closes, and returns why.
+async fn closed(socket: &mut Socket) -> CloseCode {
+    loop {
+        if let Message::Close(frame) = next(socket).await.expect("a close frame comes first") {
+            return frame.expect("it has a reason").code;
+        }
+    }
+}
+
+#[tokio::test]
+async fn an_upgrade_needs_a_session_and_an_origin_of_ours() {
+    let server = Server::new().await;
+    let cookie = server.fixture.cookie_of("operator").await;
+    let own = server.origin();
+    let suffix = format!("{own}.evil.example");
+    let other_port = format!("http://127.0.0.1:{}", server.address.port() ^ 1);
+    let forged = format!("telltale={}", "0".repeat(64));
+    let bearer = format!("Bearer {}", cookie.split_once('=').unwrap().1);
+    let (cookie, own) = (cookie.as_str(), own.as_str());
+    for path in ["/ws", "/api/v1/stream"] {
+        for (headers, refused) in [
+            (vec![], Some(StatusCode::UNAUTHORIZED)),
+            (vec![("origin", own)], Some(StatusCode::UNAUTHORIZED)),
+            (vec![("origin", own), ("cookie", &forged)], Some(StatusCode::UNAUTHORIZED)),
+            (vec![("cookie", cookie)], Some(StatusCode::FORBIDDEN)),
+            (vec![("cookie", cookie), ("origin", "null")], Some(StatusCode::FORBIDDEN)),
+            (vec![("cookie", cookie), ("origin", &suffix)], Some(StatusCode::FORBIDDEN)),
+            (vec![("cookie", cookie), ("origin", &other_port)], Some(StatusCode::FORBIDDEN)),
+            (vec![("cookie", cookie), ("origin", own)], None),
+            (vec![("authorization", &bearer)], None),
+        ] {
+            let connected = server.try_connect(path, &headers).await;
+            assert_eq!(connected.err(), refused, "{path} {headers:?}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_page_gets_everything_once_and_then_what_changed() {
+    let server = Server::new().await;
+    let cookie = server.fixture.cookie_of("operator").await;
+    for (path, lang) in [("/ws", Lang::En), ("/ws?lang=de", Lang::De)] {
+        let message = format!("fine, {path}");
+        server.fixture.status("lidar", 0, &message).await;
+        server.fixture.until(|snapshot| *snapshot.modules[0].report.message == *message).await;
+        let before = fragments(&server.app.published(), lang);
+        let mut socket = server.connect(path, &cookie).await;
+        let full = next_content(&mut socket).await;
+        let all: String = before.iter().map(|fragment| fragment.html.as_str()).collect();
+        assert_eq!(full["content"].as_str(), Some(all.as_str()));
+        assert_eq!(full["seq"].as_u64(), Some(server.app.published().snapshot.seq));
+
+        server.fixture.drive(true).await;
+        let after = fragments(&server.app.published(), lang);
+        let changed: String = after
+            .iter()
+            .filter(|fragment| !before.contains(fragment))
+            .map(|fragment| fragment.html.as_str())
+            .collect();
+        let step = next_content(&mut socket).await;
+        assert_eq!(step["content"].as_str(), Some(changed.as_str()));
+        assert!(step["seq"].as_u64() > full["seq"].as_u64());
+        server.fixture.drive(false).await;
+    }
+}
+
+#[tokio::test]
+async fn beats_count_up_and_time_alone_sends_no_page() {
+    let server = Server::new().await;
+    let cookie = server.fixture.cookie_of("developer").await;
+    let mut socket = server.connect("/ws", &cookie).await;
+    let full = next_content(&mut socket).await;
+    for number in 1..=4 {
+        let beat = next_json(&mut socket, |_| true).await;
+        assert_eq!((beat["beat"].as_u64(), &beat["seq"]), (Some(number), &full["seq"]), "{beat}");
+        assert!(beat["at"].as_str().unwrap().ends_with('Z') && beat.get("content").is_none());
+    }
+}
+
+#[tokio::test]
+async fn a_program_gets_whole_snapshots() {
+    let server = Server::new().await;
+    let cookie = server.fixture.cookie_of("operator").await;
+    let mut socket = server.connect("/api/v1/stream", &cookie).await;
+    let first = next_json(&mut socket, |_| true).await;
+    assert_eq!(first["groups"].as_array().unwrap().len(), 3);
+    server.break_lidar().await;
+    let broken = next_json(&mut socket, |snapshot| snapshot["overall"] == "error").await;
+    assert_eq!(broken["roots"][0]["node"], "sensors/lidar");
+    assert_eq!(broken["groups"][0]["modules"][0]["message"], "no packets");
+}
+
+#[tokio::test]
+async fn whoever_does_not_read_delays_nobody_and_is_closed() {
+    let server = Server::new().await;
+    let cookie = server.fixture.cookie_of("operator").await;
+    let mut silent = Vec::new();
+    for path in ["/ws", "/api/v1/stream", "/api/v1/stream"] {
+        silent.push(server.connect(path, &cookie).await);
+    }
+    let mut reader = server.connect("/api/v1/stream", &cookie).await;
+    // Far more than what sockets hold, so that those who do not read are stuck.
+    for round in 0..20 {
+        let message = format!("{round}{}", "x".repeat(4000));
+        for name in 0..100 {
+            server.fixture.status(&format!("big {name}"), round % 2, &message).await;
+        }
+        let level = if round % 2 == 0 { 2 } else { 0 };
+        server.fixture.status("lidar", level, &message).await;
+        let sent_at = server.fixture.clock.now();
+        let is_new = |snapshot: &Value| {
+            let text = snapshot["groups"][0]["modules"][0]["message"].as_str();
+            text.is_some_and(|text| text.starts_with(&format!("{round}x")))
+        };
+        next_json(&mut reader, is_new).await;
+        let took = server.fixture.clock.now().since(sent_at);
+        assert!(took.as_millis() < 1000, "round {round} took {} ms", took.as_millis());
+    }
+    let deadline = server.fixture.clock.now() + telltale::engine::time::Span::from_secs(12);
+    while server.app.displays.count() > 1 {
+        assert!(server.fixture.clock.now() < deadline, "{} sockets open", server.app.displays.count());
+        next_json(&mut reader, |_| true).await;
+    }
+}
+
+#[tokio::test]
+async fn a_socket_ends_with_its_session() {
+    for how in ["logout", "passwd", "remove"] {
+        let server = Server::new().await;
+        let cookie = server.fixture.cookie_of("operator").await;
+        let bystander = server.fixture.cookie_of("developer").await;
+        let mut sockets =
+            [server.connect("/ws", &cookie).await, server.connect("/api/v1/stream", &cookie).await];
+        let mut other = server.connect("/ws", &bystander).await;
+        for socket in &mut sockets {
+            next_json(socket, |_| true).await;
+        }
+        let store = &server.fixture.store;
+        match how {
+            "logout" => drop(server.fixture.post("/logout", Some(&cookie), "").await),
+            "passwd" => store.change_secret("operator", "135791").await.unwrap(),
+            _ => store.remove_user("operator").await.unwrap(),
+        }
+        for socket in &mut sockets {
+            let closed = timeout(Duration::from_secs(1), closed(socket)).await.expect("within a second");
+            assert_eq!(closed, CloseCode::Policy, "{how}");
+            assert!(next(socket).await.is_none());
+        }
+        // Nobody is left in the seat.
+        server.fixture.until(|snapshot| snapshot.stage == Stage::Locked).await;
+        next_json(&mut other, |value| value.get("beat").is_some()).await;
+    }
+}
+
+#[tokio::test]
+async fn a_socket_ends_when_another_process_removes_its_user() {
+    let folder = std::env::temp_dir().join(format!("telltale-web-{}", std::process::id()));
+    let fixture = Fixture::new().await;
+    let clock = fixture.clock;
+    let store = Store::open(&folder, clock, DemoSecrets::Accepted).unwrap();
+    store.add_demo_users().await.unwrap();
+    let user = store.authenticate("developer", "demo-developer").await.unwrap().unwrap();
+    let (token, _) = store.open_session(&user).await.unwrap();
+    let server = Server::with(fixture, store).await;
+    let mut socket = server.connect("/ws", &format!("telltale={}", token.as_str())).await;
+    next_content(&mut socket).await;
+
+    let other = Store::open(&folder, clock, DemoSecrets::Refused).unwrap();
+    other.remove_user("developer").await.unwrap();
+    let closed = timeout(Duration::from_secs(1), closed(&mut socket)).await.expect("within a second");
+    assert_eq!(closed, CloseCode::Policy);
+    assert!(server.app.session(&Token::parse(token.as_str()).unwrap()).is_none());
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[tokio::test]
+async fn a_page_may_say_what_it_shows_and_nothing_else() {
+    let server = Server::new().await;
+    let cookie = server.fixture.cookie_of("operator").await;
+    let token = Token::parse(cookie.split_once('=').unwrap().1).unwrap();
+    let session = server.app.session(&token).unwrap();
+    let mut socket = server.connect("/ws", &cookie).await;
+    let seq = next_content(&mut socket).await["seq"].as_u64().unwrap();
+    assert_eq!(server.app.displays.confirmed(&session), None);
+    socket.send(Message::text(format!("{{\"shown\":{seq}}}"))).await.unwrap();
+    socket.send(Message::text("{\"shown\":0}")).await.unwrap();
+    // A page may speak with more words than are needed.
+    socket.send(Message::text(format!("{{\"shown\":{seq},\"headers\":{{}}}}"))).await.unwrap();
+    next_json(&mut socket, |value| value["beat"].as_u64() > Some(1)).await;
+    assert_eq!(server.app.displays.confirmed(&session).map(|(shown, _)| shown), Some(seq));
+
+    let future = format!("{{\"shown\":{}}}", seq + 1000);
+    let long = format!("{{\"shown\":1,\"x\":\"{}\"}}", "x".repeat(17 * 1024));
+    for nonsense in ["", "hello", "{}", "{\"shown\":-1}", "{\"shown\":\"1\"}", "[]", &future] {
+        let mut socket = server.connect("/ws", &cookie).await;
+        next_content(&mut socket).await;
+        socket.send(Message::text(nonsense)).await.unwrap();
+        assert_eq!(closed(&mut socket).await, CloseCode::Unsupported, "{nonsense}");
+    }
+    let mut socket = server.connect("/ws", &cookie).await;
+    next_content(&mut socket).await;
+    socket.send(Message::text(long)).await.unwrap();
+    // The protocol's own bound ends this one, perhaps without a farewell.
+    while let Some(Ok(message)) = timeout(PATIENCE, socket.next()).await.expect("it ends in time") {
+        assert!(!matches!(&message, Message::Text(text) if text.contains("\"beat\":9")), "it goes on");
+    }
+}
+
+#[tokio::test]
+async fn sockets_are_bounded_and_the_end_of_the_server_is_told() {
+    let server = Server::new().await;
+    let cookie = server.fixture.cookie_of("operator").await;
+    let mut sockets = Vec::new();
+    for _ in 0..16 {
+        sockets.push(server.connect("/ws", &cookie).await);
+    }
+    let (cookie_header, origin) = (("cookie", cookie.as_str()), server.origin());
+    let headers = [cookie_header, ("origin", origin.as_str())];
+    let refused = server.try_connect("/ws", &headers).await.err();
+    assert_eq!(refused, Some(StatusCode::SERVICE_UNAVAILABLE));
+    server.shutdown.send(()).unwrap();
+    for socket in &mut sockets {
+        assert_eq!(closed(socket).await, CloseCode::Restart);
+    }
+    timeout(PATIENCE, server.served).await.expect("it ends in time").unwrap().unwrap();
+}

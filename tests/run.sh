@@ -1,0 +1,135 @@
+#!/usr/bin/env bash
+# Runs every test: unit, property, scenario, router, DDS with a foreign peer, a real browser.
+#
+#   tests/run.sh             needs Rust, a C compiler, python3 with venv, and Chromium
+#   tests/run.sh screenshot  makes docs/screenshot.png anew instead
+#
+# What is missing is installed where that is possible (Debian, as root), else it is named and
+# nothing runs. Nothing is skipped: a test that did not run fails the whole. DDS stays on the
+# loopback interface. The last line is `N passed, N failed`.
+set -uo pipefail
+cd "$(dirname "$0")/.."
+root=$PWD
+work=$root/target/tests
+mkdir -p "$work"
+
+say() { printf '\n== %s\n' "$*"; }
+die() { printf 'tests/run.sh: %s\n' "$*" >&2; exit 2; }
+
+find_chromium() {
+    local name
+    for name in "${CHROMIUM:-}" chromium chromium-browser google-chrome; do
+        [ -n "$name" ] && command -v "$name" && return
+    done
+}
+
+has_venv() { python3 -c 'import ensurepip, venv' 2>/dev/null; }
+
+install_debian_packages() {
+    local packages=()
+    [ -n "$(find_chromium)" ] || packages+=(chromium)
+    has_venv || packages+=(python3 python3-venv)
+    [ ${#packages[@]} -gt 0 ] || return 0
+    if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+        say "installing ${packages[*]}"
+        apt-get update -q >"$work/apt.log" 2>&1 &&
+            DEBIAN_FRONTEND=noninteractive apt-get install -qy --no-install-recommends "${packages[@]}" \
+                >>"$work/apt.log" 2>&1 || { tail -n 20 "$work/apt.log" >&2; die "apt-get failed"; }
+    else
+        die "missing: ${packages[*]}. Install with: sudo apt-get install ${packages[*]}"
+    fi
+}
+
+# One virtual environment for each list of requirements: a changed list makes a new one.
+prepare_python() {
+    local key
+    key=$({ python3 -V; cat tests/requirements.txt; } | sha256sum | cut -c1-16)
+    venv=$work/venv-$key
+    if [ ! -e "$venv/complete" ]; then
+        say "preparing python in ${venv#"$root"/}"
+        rm -rf "$work"/venv-*
+        python3 -m venv "$venv" &&
+            "$venv/bin/pip" install -q --disable-pip-version-check --require-hashes --only-binary :all: \
+                -r tests/requirements.txt &&
+            touch "$venv/complete" || die "the python packages could not be installed"
+    fi
+}
+
+passed=0 failed=0
+# count NAME PASSED FAILED: one runner's result. A runner that ran nothing has failed.
+count() {
+    passed=$((passed + $2)) failed=$((failed + $3))
+    if [ $(($2 + $3)) -eq 0 ]; then
+        echo "$1: no test ran" >&2
+        failed=$((failed + 1))
+    fi
+}
+
+# Adds up what cargo's test binaries say. Ignored tests count as failed.
+rust_tests() {
+    say "rust: unit, property, router, DDS"
+    cargo test --locked --no-fail-fast 2>&1 | tee "$work/cargo.log"
+    local code=${PIPESTATUS[0]} sums
+    read -r -a sums < <(awk '/^test result:/ { for (i = 2; i <= NF; i++) {
+            if ($i == "passed;") p += $(i - 1)
+            if ($i == "failed;" || $i == "ignored;") f += $(i - 1) } }
+        END { print p + 0, f + 0 }' "$work/cargo.log")
+    [ "$code" -eq 0 ] || [ "${sums[1]}" -gt 0 ] || sums[1]=1
+    count rust "${sums[@]}"
+}
+
+scenarios() {
+    say "scenarios in virtual time"
+    local file good=0 bad=0
+    for file in config/scenarios/*.yaml; do
+        [ -e "$file" ] || continue
+        if "$TELLTALE" scenario "$file"; then good=$((good + 1)); else bad=$((bad + 1)); fi
+    done
+    count scenarios "$good" "$bad"
+}
+
+# The real program, a foreign DDS peer, a real browser. Skipped tests count as failed.
+browser_tests() {
+    say "the whole program: foreign DDS peer, real browser"
+    local report=$work/pytest.xml sums=(0 0) code
+    rm -f "$report"
+    "$TELLTALE_PEER_PYTHON" -m pytest -p no:cacheprovider -q --tb=short --junit-xml="$report" tests/browser
+    code=$?
+    [ ! -e "$report" ] || read -r -a sums < <("$TELLTALE_PEER_PYTHON" - "$report" <<'PY'
+import sys, xml.etree.ElementTree as tree
+suites = list(tree.parse(sys.argv[1]).getroot().iter("testsuite"))
+total = lambda *names: sum(int(suite.get(name, 0)) for suite in suites for name in names)
+bad = total("failures", "errors", "skipped")
+print(max(0, total("tests") - bad), bad)
+PY
+    )
+    [ "$code" -eq 0 ] || [ "${sums[1]}" -gt 0 ] || sums[1]=1
+    count browser "${sums[@]}"
+}
+
+case ${1:-} in
+    "" | screenshot) ;;
+    *) die "unknown word ${1}: tests/run.sh [screenshot]" ;;
+esac
+command -v cargo >/dev/null || die "missing: cargo. Install Rust from https://rustup.rs"
+command -v cc >/dev/null || die "missing: a C compiler. Install with: sudo apt-get install gcc libc6-dev"
+install_debian_packages
+prepare_python
+
+export PYTHONDONTWRITEBYTECODE=1
+export TELLTALE_PEER_PYTHON=$venv/bin/python
+export TELLTALE=$root/target/debug/telltale
+CHROMIUM=$(find_chromium)
+export CHROMIUM
+
+say "building"
+cargo build --locked --bin telltale || die "the program does not build"
+if [ "${1:-}" = screenshot ]; then
+    exec "$TELLTALE_PEER_PYTHON" tests/browser/screenshot.py
+fi
+rust_tests
+scenarios
+browser_tests
+
+printf '\n%d passed, %d failed\n' "$passed" "$failed"
+[ "$failed" -eq 0 ]
