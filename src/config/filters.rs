@@ -1,11 +1,19 @@
 //! Filters, and those among them that can never take anything.
 
+use std::collections::HashSet;
+
+use regex_automata::Anchored;
+use regex_automata::dfa::{Automaton, StartKind, dense};
+use regex_automata::util::start;
 use regex_syntax::hir::Hir;
 
 use super::names::Names;
 use super::raw::{self, FilterKind};
 use crate::engine::filter::Filter;
 use crate::yaml::{Log, Problem, Span};
+
+/// Larger automata are not looked at.
+const AUTOMATON_BYTES_MAX: usize = 1 << 20;
 
 pub(super) fn filters(raw: &[raw::Filter], names: &Names, log: &mut Log) -> Vec<Filter> {
     let mut filters: Vec<(Filter, Span)> = Vec::new();
@@ -57,9 +65,9 @@ fn regex(filter: &raw::Filter, log: &mut Log) -> Option<Filter> {
             return None;
         }
     };
-    if never_matches(&hir) {
+    if never_matches(&hir, pattern) {
         let problem = Problem::at(span, "this regular expression can never match").label("matches nothing");
-        log.push(problem.help("remove the filter, or the empty character class in it"));
+        log.push(problem.help("remove the filter, or what contradicts itself in the expression"));
     }
     match Filter::regex(pattern) {
         Ok(filter) => Some(filter),
@@ -94,9 +102,30 @@ fn point(span: Span, pattern: &str, at: usize) -> Span {
     Span { start, end: start + length, ..span }
 }
 
-/// An expression without a shortest match has none.
-fn never_matches(hir: &Hir) -> bool {
-    hir.properties().minimum_len().is_none()
+/// An expression without a shortest match has none; nor has one whose automaton never accepts.
+fn never_matches(hir: &Hir, pattern: &str) -> bool {
+    hir.properties().minimum_len().is_none() || accepts_nothing(pattern) == Some(true)
+}
+
+/// Walks every state of the automaton. `None` if it is too large, or cannot be made because of a
+/// word border that depends on more than one byte.
+fn accepts_nothing(pattern: &str) -> Option<bool> {
+    let config = dense::Config::new()
+        .dfa_size_limit(Some(AUTOMATON_BYTES_MAX))
+        .determinize_size_limit(Some(AUTOMATON_BYTES_MAX))
+        .start_kind(StartKind::Anchored);
+    let dfa = dense::Builder::new().configure(config).build(&format!(r"\A(?:{pattern})\z")).ok()?;
+    let start = dfa.start_state(&start::Config::new().anchored(Anchored::Yes)).ok()?;
+    let mut seen = HashSet::from([start]);
+    let mut waiting = vec![start];
+    while let Some(state) = waiting.pop() {
+        if dfa.is_match_state(state) {
+            return Some(false);
+        }
+        let next = (0..=u8::MAX).map(|byte| dfa.next_state(state, byte)).chain([dfa.next_eoi_state(state)]);
+        waiting.extend(next.filter(|&state| seen.insert(state)));
+    }
+    Some(true)
 }
 
 /// Whether the first takes all that the second takes, as far as that can be told from their texts.

@@ -67,12 +67,18 @@ fn filters_can_take_something() {
         &filters("{ regex: 'a(b' }"),
         &["1:71: this is no regular expression: unclosed group (see character 2 of the expression)"],
     );
-    check(
-        &filters("{ regex: 'a[b&&c]' }"),
-        &[
-            "1:69: this regular expression can never match (remove the filter, or the empty character class in it)",
-        ],
-    );
+    // An empty class, and what cannot stand in the middle of a name.
+    for pattern in ["a[b&&c]", "a^b", "a$b", r"x\Ay|z\zz", r"(?-u:a\bb)"] {
+        check(
+            &filters(&format!("{{ regex: '{pattern}' }}")),
+            &[
+                "1:69: this regular expression can never match (remove the filter, or what contradicts itself in the expression)",
+            ],
+        );
+    }
+    for pattern in ["^a$", "a|b^c", r"(?-u:\b)a.*", "", ".*", "(a|b)*c{3,}"] {
+        assert!(parse("c", &filters(&format!("{{ regex: 'x|{pattern}' }}"))).is_ok(), "{pattern}");
+    }
     check(
         &filters("{ regex: 'a{1000}{1000}' }"),
         &[
