@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use telltale::config::parse;
+use telltale::config::{difference, parse};
 use telltale::sim::scenario_file;
 
 const SHUTTLE: &str = include_str!("../../config/shuttle.yaml");
@@ -33,9 +33,16 @@ fn edits() -> impl Strategy<Value = Vec<(prop::sample::Index, usize, usize)>> {
 proptest! {
     #[test]
     fn a_broken_configuration_is_refused_in_words(edits in edits()) {
-        if let Err(problems) = parse("c", &broken(SHUTTLE, &edits)) {
-            prop_assert!(!problems.list().is_empty());
-            prop_assert!(!problems.render(false).is_empty());
+        match parse("c", &broken(SHUTTLE, &edits)) {
+            Ok(loaded) => {
+                prop_assert_eq!(difference(&loaded, &loaded), []);
+                let (_, warnings) = loaded.soundness();
+                prop_assert!(warnings.is_none_or(|warnings| !warnings.render(false).is_empty()));
+            }
+            Err(problems) => {
+                prop_assert!(!problems.list().is_empty());
+                prop_assert!(!problems.render(false).is_empty());
+            }
         }
     }
 
