@@ -6,7 +6,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use super::EXIT_USAGE;
+use super::{EXIT_NO, EXIT_USAGE, graph};
+use crate::config::soundness::{Soundness, What};
 use crate::config::{self, Loaded};
 use crate::engine::filter::Filter;
 use crate::engine::model::{
@@ -19,14 +20,23 @@ use crate::yaml::Problems;
 /// Check a configuration and print its graph of groups, modules and dependencies.
 ///
 /// Errors go to standard error, each with file, line, column and what to do; the exit code is then 2.
+/// Warnings go there too: conditions, dependencies and groups that cannot do what they are there for,
+/// each with a situation in which it can be seen. A vehicle runs with them; the exit code is 0.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  telltale check config/shuttle.yaml\n  \
+    telltale check --svg config/shuttle.yaml > graph.svg\n  \
     telltale check --dot config/shuttle.yaml | dot -Tsvg > graph.svg\n  \
     telltale check --schema > telltale.schema.json")]
 pub struct Args {
     /// Print the graph for Graphviz instead
     #[arg(long)]
     dot: bool,
+    /// Print a drawing of the graph instead
+    #[arg(long, conflicts_with = "dot")]
+    svg: bool,
+    /// Exit with 1 where there is a warning
+    #[arg(long, conflicts_with = "schema")]
+    strict: bool,
     /// Print the JSON Schema of configurations, for editors
     #[arg(long, conflicts_with_all = ["dot", "file"])]
     schema: bool,
@@ -42,14 +52,47 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     };
     match config::load(file) {
         Ok(loaded) => {
-            print(&if args.dot { dot(&loaded.model) } else { text(&loaded) });
-            Ok(ExitCode::SUCCESS)
+            let (found, problems) = loaded.soundness();
+            match (args.dot, args.svg) {
+                (true, _) => print(&dot(&loaded.model)),
+                (_, true) => print(&graph::draw(&loaded.model)),
+                _ => print(&text(&loaded, &found)),
+            }
+            if let Some(problems) = &problems {
+                report(problems);
+            }
+            Ok(ExitCode::from(judged(args, &found)))
         }
         Err(problems) => {
             report(&problems);
             Ok(ExitCode::from(EXIT_USAGE))
         }
     }
+}
+
+/// A fault of the engine's own rules is an error; everything else a vehicle can run with.
+fn judged(args: &Args, found: &Soundness) -> u8 {
+    let fault = found.findings.iter().any(|finding| finding.what == What::Unexplained);
+    match (fault, args.strict && !found.findings.is_empty()) {
+        (true, _) => EXIT_USAGE,
+        (false, true) => EXIT_NO,
+        (false, false) => 0,
+    }
+}
+
+fn soundness_text(found: &Soundness) -> String {
+    let looked = format!("{} situations with {} states of the modules", found.situations, found.pictures);
+    let claim = match found.findings.iter().any(|finding| finding.what == What::Unexplained) {
+        true => "a node can be masked without a cause in sight",
+        false => "whatever is masked has a cause in sight",
+    };
+    let warnings = match found.findings.len() {
+        0 => "No warnings.".into(),
+        1 => "1 warning.".into(),
+        count => format!("{count} warnings."),
+    };
+    let rest = if found.complete { "" } else { " There are more than were looked at." };
+    format!("Looked at {looked}: {claim}.{rest} {warnings}\n")
 }
 
 /// Prints what is wrong with a file to standard error.
@@ -63,7 +106,7 @@ pub(super) fn print(text: &str) {
     let _ = std::io::stdout().write_all(text.as_bytes());
 }
 
-fn text(loaded: &Loaded) -> String {
+fn text(loaded: &Loaded, found: &Soundness) -> String {
     let model = &loaded.model;
     let mut out = format!(
         "{} \"{}\": {} groups, {} modules, {} stops. No errors.\n",
@@ -73,6 +116,7 @@ fn text(loaded: &Loaded) -> String {
         model.modules.len(),
         loaded.stops.len()
     );
+    out.push_str(&soundness_text(found));
     for signal in &model.signals {
         let _ = writeln!(out, "signal {}: {}", signal.name, signal_text(signal));
     }
@@ -182,15 +226,27 @@ fn dot(model: &Model) -> String {
     for index in (0..model.groups.len()).filter(|&index| model.groups[index].parent.is_none()) {
         dot_group(&mut out, model, GroupId(index as u32), 1);
     }
-    for (index, group) in model.groups.iter().enumerate() {
-        dot_edges(&mut out, model, NodeId::Group(GroupId(index as u32)), &group.depends_on);
-    }
-    for (index, module) in model.modules.iter().enumerate() {
-        let id = NodeId::Module(ModuleId(index as u32));
-        dot_edges(&mut out, model, id, &module.depends_on);
+    for (node, depends_on) in dependencies(model) {
+        dot_edges(&mut out, model, node, depends_on);
     }
     out.push_str("}\n");
     out
+}
+
+/// All nodes with what they depend on: groups, then modules.
+pub(super) fn dependencies(model: &Model) -> impl Iterator<Item = (NodeId, &[Dependency])> {
+    let groups = (0..).map(GroupId).zip(&model.groups);
+    let groups = groups.map(|(id, group)| (NodeId::Group(id), &*group.depends_on));
+    let modules = (0..).map(ModuleId).zip(&model.modules);
+    groups.chain(modules.map(|(id, module)| (NodeId::Module(id), &*module.depends_on)))
+}
+
+/// What a dependency names, and whether that is a redundancy set.
+pub(super) fn targets(dependency: &Dependency) -> (&[NodeId], bool) {
+    match &dependency.on {
+        DependsOn::Node(node) => (std::slice::from_ref(node), false),
+        DependsOn::AnyOf(members) => (members, true),
+    }
 }
 
 fn dot_group(out: &mut String, model: &Model, id: GroupId, depth: usize) {
@@ -216,10 +272,8 @@ fn dot_edges(out: &mut String, model: &Model, from: NodeId, depends_on: &[Depend
         NodeId::Module(_) => String::new(),
     };
     for dependency in depends_on {
-        let (targets, style) = match &dependency.on {
-            DependsOn::Node(node) => (std::slice::from_ref(node), "solid"),
-            DependsOn::AnyOf(members) => (members.as_slice(), "dashed"),
-        };
+        let (targets, any_of) = targets(dependency);
+        let style = if any_of { "dashed" } else { "solid" };
         for &to in targets {
             let (tail, head) = (cluster(from, "ltail"), cluster(to, "lhead"));
             let (from, to) = (node_name(model, from), node_name(model, to));
@@ -228,7 +282,7 @@ fn dot_edges(out: &mut String, model: &Model, from: NodeId, depends_on: &[Depend
     }
 }
 
-fn node_name(model: &Model, node: NodeId) -> &str {
+pub(super) fn node_name(model: &Model, node: NodeId) -> &str {
     match node {
         NodeId::Group(id) => &model.groups[id.0 as usize].path,
         NodeId::Module(id) => &model.modules[id.0 as usize].id,

@@ -7,6 +7,7 @@ mod data;
 mod dds;
 mod demo;
 mod ending;
+mod graph;
 mod log;
 mod scenario;
 mod serve;

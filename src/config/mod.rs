@@ -3,16 +3,20 @@
 
 mod filters;
 mod names;
+mod places;
 mod raw;
 mod raw_node;
 mod relations;
 mod resolve;
+pub mod soundness;
 mod units;
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use self::places::Places;
+use self::soundness::Soundness;
 use crate::engine::model::{Model, Text};
 use crate::engine::time;
 use crate::yaml::{FromNode, Log, Node, Problem, Problems, Sources, Span, Spanned, tree};
@@ -31,6 +35,21 @@ pub struct Loaded {
     pub stops: Vec<Stop>,
     /// Localization counts as done when its group was OK for this long.
     pub localized_after: time::Span,
+    places: Arc<Places>,
+}
+
+impl Loaded {
+    /// What can happen with this configuration and should not: see [`soundness`].
+    pub fn soundness(&self) -> (Soundness, Option<Problems>) {
+        let found = soundness::look(&self.model);
+        let problems: Vec<Problem> = found
+            .findings
+            .iter()
+            .map(|finding| soundness::problem(&self.model, &self.places, finding))
+            .collect();
+        let problems = (!problems.is_empty()).then(|| Problems::new(self.places.sources.clone(), problems));
+        (found, problems)
+    }
 }
 
 /// A place at which an operator may localize the vehicle: metres and degrees in the map's frame.
@@ -86,7 +105,10 @@ fn finish(mut sources: Sources, mut log: Log, node: Option<&Node>) -> Result<Loa
         resolve::resolve(&file, &mut log)
     });
     match loaded {
-        Some(loaded) if log.is_empty() => Ok(loaded),
+        Some(loaded) if log.is_empty() => {
+            let places = Arc::new(Places { sources, ..Arc::unwrap_or_clone(loaded.places) });
+            Ok(Loaded { places, ..loaded })
+        }
         _ => Err(Problems::new(sources, log.into_problems())),
     }
 }

@@ -171,6 +171,7 @@ impl FromNode for MasksWhen {
 
 #[derive(Debug)]
 pub(super) struct When {
+    pub span: Span,
     /// Empty if no stage is named.
     pub stages: Vec<Stage>,
     pub signals: Entries<bool>,
@@ -189,7 +190,7 @@ impl FromNode for When {
             fields.log.push(problem.help("add `stages: [...]` or `signals: { NAME: true }`, or remove it"));
         }
         let stages = stages.map(|stages| stages.value.0).unwrap_or_default();
-        let when = When { stages, signals: fields.or_default("signals") };
+        let when = When { span: node.span, stages, signals: fields.or_default("signals") };
         fields.finish();
         Some(when)
     }

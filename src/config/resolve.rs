@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::names::{self, Names, check_id};
+use super::places::{NodePlace, Places};
 use super::raw;
 use super::relations::{self, Signals};
 use super::{Loaded, Stop};
@@ -12,7 +13,7 @@ use crate::engine::model::{
     SignalSpec, StageModel, Text,
 };
 use crate::engine::time;
-use crate::yaml::{Log, Problem, Span, Spanned};
+use crate::yaml::{Log, Problem, Sources, Span, Spanned};
 
 const LOCALIZED_AFTER: time::Span = time::Span::from_secs(2);
 const TILE_MAX: u64 = 12;
@@ -50,7 +51,19 @@ pub(super) fn resolve(file: &raw::File, log: &mut Log) -> Option<Loaded> {
             return None;
         }
     };
-    Some(Loaded { model, stops, localized_after: file.localized_after.unwrap_or(LOCALIZED_AFTER) })
+    let localized_after = file.localized_after.unwrap_or(LOCALIZED_AFTER);
+    Some(Loaded { model, stops, localized_after, places: Arc::new(places(&names)) })
+}
+
+fn places(names: &Names) -> Places {
+    let place = |node: NodeId, when: Option<&raw::When>| NodePlace {
+        id: names.span(node),
+        when: when.map(|when| when.span),
+        depends_on: names.dependencies(node).iter().map(|dependency| dependency.span).collect(),
+    };
+    let groups = names.groups().map(|(id, group)| place(NodeId::Group(id), group.raw.when.as_ref()));
+    let modules = names.modules().map(|(id, module)| place(NodeId::Module(id), module.raw.when.as_ref()));
+    Places { sources: Sources::default(), groups: groups.collect(), modules: modules.collect() }
 }
 
 fn policy(raw: &raw::Policy, around: &Policy, log: &mut Log) -> Policy {

@@ -1,5 +1,6 @@
 mod nodes;
 mod schema;
+mod soundness;
 
 use std::path::PathBuf;
 

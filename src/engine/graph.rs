@@ -42,6 +42,17 @@ pub(super) fn targets(dependency: &Dependency) -> &[NodeId] {
 }
 
 impl Order {
+    /// All visits, each after what it rests on.
+    pub(super) fn visits(&self) -> Vec<Visit> {
+        let groups = (0..).map(GroupId).zip(self.enter.iter().zip(&self.leave));
+        let groups =
+            groups.flat_map(|(id, (enter, leave))| [(*enter, Visit::Enter(id)), (*leave, Visit::Leave(id))]);
+        let modules = (0..).map(ModuleId).zip(&self.module).map(|(id, rank)| (*rank, Visit::Module(id)));
+        let mut visits: Vec<(u32, Visit)> = groups.chain(modules).collect();
+        visits.sort_unstable_by_key(|(rank, _)| *rank);
+        visits.into_iter().map(|(_, visit)| visit).collect()
+    }
+
     /// Orders the parts, in configuration order where dependencies leave a choice.
     pub(super) fn of(parts: &Parts) -> Result<Order, Cycle> {
         let mut members = vec![Vec::new(); parts.groups.len()];
@@ -142,8 +153,8 @@ fn find_cycle(parts: &Parts, members: &[Vec<NodeId>]) -> Result<(), Cycle> {
 }
 
 /// One meeting with a node, see the module's words.
-#[derive(Clone, Copy)]
-enum Visit {
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Visit {
     Enter(GroupId),
     Leave(GroupId),
     Module(ModuleId),

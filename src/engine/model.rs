@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use super::filter::Filter;
-use super::graph::{Cycle, Order};
+use super::graph::{Cycle, Order, Visit};
 use super::state::State;
 use super::time::Span;
 
@@ -241,6 +241,11 @@ impl Model {
     pub fn new(parts: Parts) -> Result<Model, Cycle> {
         let order = Order::of(&parts)?;
         Ok(Model { parts, order })
+    }
+
+    /// All nodes in an order in which each can be judged after what it rests on.
+    pub fn visits(&self) -> Vec<Visit> {
+        self.order.visits()
     }
 }
 

@@ -4,7 +4,7 @@ use std::fmt;
 
 use miette::{
     Diagnostic, GraphicalReportHandler, GraphicalTheme, LabeledSpan, MietteError, MietteSpanContents,
-    SourceCode, SourceSpan, SpanContents,
+    Severity, SourceCode, SourceSpan, SpanContents,
 };
 
 use super::source::{Sources, Span};
@@ -25,6 +25,8 @@ pub struct Problem {
     pub also: Vec<(Span, String)>,
     /// What to do.
     pub help: Option<String>,
+    /// Worth a look, but no reason to refuse the file.
+    pub warning: bool,
 }
 
 impl Problem {
@@ -35,12 +37,20 @@ impl Problem {
             label: "here".into(),
             also: Vec::new(),
             help: None,
+            warning: false,
         }
+    }
+
+    /// The same as something that the file may be used with.
+    pub fn as_warning(mut self) -> Problem {
+        self.warning = true;
+        self
     }
 
     pub fn of_file(name: &str, what: &str, help: &str) -> Problem {
         let message = format!("`{name}` {what}");
-        Problem { message, span: None, label: String::new(), also: Vec::new(), help: Some(help.into()) }
+        let help = Some(help.into());
+        Problem { message, span: None, label: String::new(), also: Vec::new(), help, warning: false }
     }
 
     pub fn label(mut self, label: impl Into<String>) -> Problem {
@@ -137,6 +147,10 @@ impl fmt::Display for Report<'_> {
 impl std::error::Error for Report<'_> {}
 
 impl Diagnostic for Report<'_> {
+    fn severity(&self) -> Option<Severity> {
+        Some(if self.problem.warning { Severity::Warning } else { Severity::Error })
+    }
+
     fn help<'b>(&'b self) -> Option<Box<dyn fmt::Display + 'b>> {
         let elsewhere = self.problem.also.iter().filter(|(span, _)| Some(span.file) != self.file());
         let elsewhere = elsewhere.map(|(span, label)| format!("{}: {label}", self.sources.place(*span)));

@@ -3,6 +3,7 @@
 
 mod cases;
 mod oracle;
+mod soundness;
 
 use std::collections::BTreeSet;
 use std::sync::Arc;

@@ -1,0 +1,234 @@
+//! What every node shows in a situation if its modules report this or that: the rules of
+//! `ENGINE.md` 3 to 5 on a still picture, without time. The tests compare it with the engine.
+
+use super::situation::Situation;
+use crate::engine::graph::Visit;
+use crate::engine::model::{Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, When};
+use crate::engine::state::{State, Tally};
+
+/// The model with what is asked of it often.
+#[derive(Debug)]
+pub struct Judge<'m> {
+    pub model: &'m Model,
+    visits: Vec<Visit>,
+    /// Takes the worst member of redundant groups too: then nothing can fail more than with every
+    /// module in ERROR. As it is, a member without members may keep a redundant group from ERROR
+    /// until something masks it.
+    pub pessimistic: bool,
+    /// By group: its groups, then its modules.
+    pub members: Vec<Vec<NodeId>>,
+}
+
+/// What becomes of one node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Facts {
+    pub relevant: bool,
+    pub blocked: bool,
+    pub own: State,
+    pub shown: State,
+    /// A module, or a group without members, that fails in sight is behind the block.
+    pub block_explained: bool,
+    /// The same for its failing.
+    pub failure_explained: bool,
+}
+
+/// What becomes of all of them.
+#[derive(Debug)]
+pub struct Picture {
+    groups: Vec<Facts>,
+    modules: Vec<Facts>,
+}
+
+const UNSEEN: Facts = Facts {
+    relevant: false,
+    blocked: false,
+    own: State::Ignore,
+    shown: State::Ignore,
+    block_explained: false,
+    failure_explained: false,
+};
+
+impl Facts {
+    pub fn masked(&self) -> bool {
+        self.relevant && self.blocked
+    }
+
+    fn fails(&self, masks_unknown: bool) -> bool {
+        let worst = self.shown.max(self.own);
+        self.relevant && (worst == State::Error || masks_unknown && worst == State::Unknown)
+    }
+}
+
+impl Picture {
+    pub fn of(&self, node: NodeId) -> &Facts {
+        match node {
+            NodeId::Group(id) => &self.groups[id.0 as usize],
+            NodeId::Module(id) => &self.modules[id.0 as usize],
+        }
+    }
+}
+
+impl<'m> Judge<'m> {
+    pub fn new(model: &'m Model) -> Judge<'m> {
+        let mut members = vec![Vec::new(); model.groups.len()];
+        for (id, group) in (0..).map(GroupId).zip(&model.groups) {
+            if let Some(parent) = group.parent {
+                members[parent.0 as usize].push(NodeId::Group(id));
+            }
+        }
+        for (id, module) in (0..).map(ModuleId).zip(&model.modules) {
+            members[module.group.0 as usize].push(NodeId::Module(id));
+        }
+        Judge { model, visits: model.visits(), pessimistic: false, members }
+    }
+
+    pub fn nodes(&self) -> impl Iterator<Item = NodeId> {
+        let groups = (0..self.model.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
+        groups.chain((0..self.model.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id))))
+    }
+
+    pub fn parent(&self, node: NodeId) -> Option<GroupId> {
+        match node {
+            NodeId::Group(id) => self.model.groups[id.0 as usize].parent,
+            NodeId::Module(id) => Some(self.model.modules[id.0 as usize].group),
+        }
+    }
+
+    /// The groups around a node, from the inside out.
+    pub fn around(&self, node: NodeId) -> impl Iterator<Item = GroupId> {
+        std::iter::successors(self.parent(node), |&group| self.parent(NodeId::Group(group)))
+    }
+
+    pub fn when(&self, node: NodeId) -> Option<&'m When> {
+        match node {
+            NodeId::Group(id) => self.model.groups[id.0 as usize].when.as_ref(),
+            NodeId::Module(id) => self.model.modules[id.0 as usize].when.as_ref(),
+        }
+    }
+
+    pub fn depends_on(&self, node: NodeId) -> &'m [Dependency] {
+        match node {
+            NodeId::Group(id) => &self.model.groups[id.0 as usize].depends_on,
+            NodeId::Module(id) => &self.model.modules[id.0 as usize].depends_on,
+        }
+    }
+
+    pub fn name(&self, node: NodeId) -> &'m str {
+        match node {
+            NodeId::Group(id) => &self.model.groups[id.0 as usize].path,
+            NodeId::Module(id) => &self.model.modules[id.0 as usize].id,
+        }
+    }
+
+    /// Whether statuses may make members of the group at run time.
+    pub fn discovers(&self, id: GroupId) -> bool {
+        !self.model.groups[id.0 as usize].filters.is_empty() && self.model.limits.discovered_modules > 0
+    }
+
+    /// Judges everything. `discovered` is what a module reports that a filter could make, one in each
+    /// group that has filters.
+    pub fn picture(
+        &self,
+        situation: &Situation,
+        reports: impl Fn(ModuleId) -> State,
+        discovered: Option<State>,
+    ) -> Picture {
+        let groups = vec![UNSEEN; self.model.groups.len()];
+        let mut picture = Picture { groups, modules: vec![UNSEEN; self.model.modules.len()] };
+        for &visit in &self.visits {
+            match visit {
+                Visit::Enter(id) => {
+                    picture.groups[id.0 as usize] = self.entered(&picture, situation, NodeId::Group(id));
+                }
+                Visit::Module(id) => {
+                    let entered = self.entered(&picture, situation, NodeId::Module(id));
+                    let own = reports(id);
+                    let shown = if entered.relevant && !entered.blocked { own } else { State::Ignore };
+                    let failure_explained = shown > State::Warning || entered.block_explained;
+                    picture.modules[id.0 as usize] = Facts { own, shown, failure_explained, ..entered };
+                }
+                Visit::Leave(id) => {
+                    picture.groups[id.0 as usize] = self.left(&picture, situation, id, discovered);
+                }
+            }
+        }
+        picture
+    }
+
+    fn entered(&self, picture: &Picture, situation: &Situation, node: NodeId) -> Facts {
+        let around = self.parent(node).map(|group| *picture.of(NodeId::Group(group)));
+        let relevant = around.is_none_or(|group| group.relevant) && situation.meets(self.when(node));
+        let mut blocked = around.is_some_and(|group| group.blocked);
+        let mut block_explained = around.is_some_and(|group| group.block_explained);
+        for dependency in self.depends_on(node).iter().filter(|dependency| blocks(picture, dependency)) {
+            blocked = true;
+            block_explained |= targets(dependency).iter().any(|&target| {
+                let facts = picture.of(target);
+                if facts.blocked { facts.block_explained } else { facts.failure_explained }
+            });
+        }
+        Facts { relevant, blocked, block_explained, ..UNSEEN }
+    }
+
+    fn left(
+        &self,
+        picture: &Picture,
+        situation: &Situation,
+        id: GroupId,
+        discovered: Option<State>,
+    ) -> Facts {
+        let facts = *picture.of(NodeId::Group(id));
+        let discovered = discovered.filter(|_| self.discovers(id));
+        let members = &self.members[id.0 as usize];
+        let nobody = members.is_empty() && discovered.is_none();
+        let (mut shown, mut own) = (Tally::default(), Tally::default());
+        for &member in members {
+            let member = picture.of(member);
+            shown.add(member.shown);
+            own.add(if member.relevant { member.own } else { State::Ignore });
+        }
+        // What is made at run time has no condition, and what has none is not relevant while locked.
+        if let Some(state) = discovered.filter(|_| facts.relevant && situation.meets(None)) {
+            own.add(state);
+            shown.add(if facts.blocked { State::Ignore } else { state });
+        }
+        let nothing = if nobody { State::Unknown } else { State::Ignore };
+        let fold = |tally: &Tally| match self.model.groups[id.0 as usize].combine {
+            Combine::Worst => tally.worst(),
+            Combine::Any if self.pessimistic => tally.worst(),
+            Combine::Any => tally.best(),
+        };
+        let open = facts.relevant && !facts.blocked;
+        let shown = if open { fold(&shown).unwrap_or(nothing) } else { State::Ignore };
+        let own = fold(&own).unwrap_or(nothing);
+        let bar = shown.max(own);
+        let to_blame = |&member: &NodeId| {
+            let member = picture.of(member);
+            member.relevant && member.shown.max(member.own) >= bar && member.failure_explained
+        };
+        let failure_explained = facts.block_explained
+            || nobody
+            || discovered.is_some_and(|state| state >= bar)
+            || members.iter().any(to_blame);
+        Facts { shown, own, failure_explained, ..facts }
+    }
+}
+
+/// The nodes that a dependency names.
+pub fn targets(dependency: &Dependency) -> &[NodeId] {
+    match &dependency.on {
+        DependsOn::Node(node) => std::slice::from_ref(node),
+        DependsOn::AnyOf(nodes) => nodes,
+    }
+}
+
+/// A node that is not relevant passes on what blocks it, but keeps a redundancy set open.
+pub fn blocks(picture: &Picture, dependency: &Dependency) -> bool {
+    let fails = |node: NodeId| picture.of(node).fails(dependency.masks_unknown);
+    match &dependency.on {
+        DependsOn::Node(node) => picture.of(*node).blocked || fails(*node),
+        DependsOn::AnyOf(nodes) => {
+            nodes.iter().all(|&node| picture.of(node).relevant && (picture.of(node).blocked || fails(node)))
+        }
+    }
+}

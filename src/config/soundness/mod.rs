@@ -1,0 +1,411 @@
+//! What can happen with a configuration and should not, each with a counterexample.
+//!
+//! Every situation that the conditions can tell apart is looked at: with all modules OK, with all in
+//! ERROR, with each in ERROR alone, and with the fewest failures that make each dependency block. By
+//! `ENGINE.md` 4 to 6 no node can be masked without a cause in sight; this holds it for the model in
+//! hand. The rest are conditions, dependencies and groups that cannot do what they are there for.
+
+pub mod judge;
+pub mod situation;
+mod words;
+
+use std::collections::BTreeSet;
+
+use judge::{Judge, Picture, blocks, targets};
+use situation::Situation;
+
+use crate::engine::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId};
+use crate::engine::state::State;
+
+pub(super) use words::problem;
+
+/// More situations than this are not looked at; a vehicle has a handful of signals that matter.
+const SITUATIONS_MAX: usize = 4096;
+/// Facts of nodes that are kept at once, over all situations: about 200 MB.
+const FACTS_MAX: usize = 10_000_000;
+/// Ways to make one dependency block that are tried.
+const CUTS_MAX: usize = 256;
+/// Judgements of one node, in all: a few seconds. What is past it is not tried, and said.
+const WORK_MAX: usize = 100_000_000;
+
+/// What was looked at, and what came of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Soundness {
+    pub situations: usize,
+    /// Combinations of a situation and failing modules that were judged.
+    pub pictures: usize,
+    /// Nothing was left out: what is not among the findings is not there.
+    pub complete: bool,
+    /// By kind, then in the order of the configuration.
+    pub findings: Vec<Finding>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// Whose condition, dependency or state it is.
+    pub node: NodeId,
+    pub what: What,
+    /// Where it happens; none where it is about every situation.
+    pub example: Option<Example>,
+}
+
+/// A situation with failing modules in which it can be seen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Example {
+    pub situation: Situation,
+    pub failing: Vec<ModuleId>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum What {
+    /// The node is masked and nothing that fails in sight is behind it: a fault of this program.
+    Unexplained,
+    /// Entry `dependency` can mask `masked` while every tile shows that it is well.
+    HiddenCause { dependency: usize, masked: NodeId },
+    /// Entry `dependency` blocks with every module OK: `on` has no members and is UNKNOWN.
+    AlwaysMasked { dependency: usize },
+    /// Entry `dependency` can never block.
+    DeadDependency { dependency: usize, why: Dead },
+    /// The condition never holds while its signals are known.
+    NeverHolds,
+    /// The condition changes nothing: what is around it says as much.
+    AlwaysHolds,
+    /// The group can never show OK.
+    NeverOk { why: Dead },
+}
+
+/// Why nothing comes of a group or of what a dependency names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Dead {
+    NoMembers(NodeId),
+    /// It is never relevant when it would matter.
+    NotRelevant(NodeId),
+    /// It, or a member that counts, waits for what never can be OK.
+    Waits(NodeId),
+}
+
+/// Looks at everything that a model can do.
+pub fn look(model: &Model) -> Soundness {
+    let judge = Judge::new(model);
+    let mut look =
+        Look { named: situation::named_in(model), judge, pictures: 0, complete: true, findings: Vec::new() };
+    let situations = look.situations();
+    look.explanations(&situations);
+    look.hidden_causes(&situations);
+    look.possibilities(&situations);
+    look.conditions();
+    let Look { pictures, complete, mut findings, .. } = look;
+    // What is wrong for one reason is said once.
+    findings.dedup();
+    Soundness { situations: situations.len(), pictures, complete, findings }
+}
+
+struct Look<'m> {
+    judge: Judge<'m>,
+    named: BTreeSet<usize>,
+    pictures: usize,
+    complete: bool,
+    findings: Vec<Finding>,
+}
+
+impl Look<'_> {
+    /// All situations, or those with known signals, or only those in which all are unknown.
+    fn situations(&mut self) -> Vec<Situation> {
+        let model = self.judge.model;
+        let most = (FACTS_MAX / self.judge.nodes().count().max(1)).clamp(8, SITUATIONS_MAX);
+        let all = situation::all(model, &self.named, true, most);
+        self.complete = all.is_some();
+        let known = || situation::all(model, &self.named, false, most);
+        let unknown = || situation::all(model, &BTreeSet::new(), true, most);
+        all.or_else(known).or_else(unknown).unwrap_or_default()
+    }
+
+    /// With these modules in this state and all others OK.
+    fn failing(&mut self, situation: &Situation, failing: &[ModuleId], state: State) -> Picture {
+        self.pictures += 1;
+        let report = |id| if failing.contains(&id) { state } else { State::Ok };
+        self.judge.picture(situation, report, Some(State::Ok))
+    }
+
+    fn all(&mut self, situation: &Situation, state: State) -> Picture {
+        self.pictures += 1;
+        self.judge.picture(situation, |_| state, Some(state))
+    }
+
+    fn example(situation: &Situation, failing: &[ModuleId]) -> Option<Example> {
+        Some(Example { situation: situation.clone(), failing: failing.to_vec() })
+    }
+
+    /// I1: whatever is masked has a cause in sight.
+    fn explanations(&mut self, situations: &[Situation]) {
+        let modules = self.judge.model.modules.len();
+        let nodes = self.judge.nodes().count();
+        let all: Vec<ModuleId> = (0..modules as u32).map(ModuleId).collect();
+        for (situation, state) in situations.iter().flat_map(|it| [(it, State::Error), (it, State::Unknown)])
+        {
+            let picture = self.all(situation, state);
+            self.unexplained(situation, &picture, &all);
+            for &module in &all {
+                if self.pictures.saturating_mul(nodes) > WORK_MAX {
+                    self.complete = false;
+                    return;
+                }
+                let picture = self.failing(situation, &[module], state);
+                self.unexplained(situation, &picture, &[module]);
+            }
+        }
+    }
+
+    fn unexplained(&mut self, situation: &Situation, picture: &Picture, failing: &[ModuleId]) {
+        let hidden = self.judge.nodes().find(|&node| {
+            let facts = picture.of(node);
+            facts.masked() && !facts.block_explained
+        });
+        if let Some(node) = hidden {
+            let example = Look::example(situation, failing);
+            self.findings.push(Finding { node, what: What::Unexplained, example });
+        }
+    }
+
+    /// A cause inside of a redundant group: it is named wherever causes are, but its tile is well.
+    fn hidden_causes(&mut self, situations: &[Situation]) {
+        for holder in self.judge.nodes().collect::<Vec<_>>() {
+            for (index, dependency) in self.judge.depends_on(holder).iter().enumerate() {
+                let redundant =
+                    |target: &NodeId| self.judge.around(*target).any(|group| self.combines_any(group));
+                if !targets(dependency).iter().all(redundant) {
+                    continue;
+                }
+                let found = situations.iter().find_map(|situation| self.hidden(situation, dependency));
+                if let Some((masked, example)) = found {
+                    let what = What::HiddenCause { dependency: index, masked };
+                    self.findings.push(Finding { node: holder, what, example });
+                }
+            }
+        }
+    }
+
+    fn combines_any(&self, group: GroupId) -> bool {
+        self.judge.model.groups[group.0 as usize].combine == Combine::Any
+    }
+
+    fn hidden(
+        &mut self,
+        situation: &Situation,
+        dependency: &Dependency,
+    ) -> Option<(NodeId, Option<Example>)> {
+        let relevant = self.all(situation, State::Ok);
+        let cuts = self.all_of(&relevant, targets(dependency));
+        cuts.into_iter().find_map(|failing| {
+            let picture = self.failing(situation, &failing, State::Error);
+            if !blocks(&picture, dependency) || self.tile_fails(&picture) {
+                return None;
+            }
+            let masked = self.judge.nodes().find(|&node| picture.of(node).masked())?;
+            Some((masked, Look::example(situation, &failing)))
+        })
+    }
+
+    fn tile_fails(&self, picture: &Picture) -> bool {
+        let tiles = (0..).map(GroupId).zip(&self.judge.model.groups);
+        let mut tiles = tiles.filter(|(_, group)| group.parent.is_none());
+        tiles.any(|(id, _)| picture.of(NodeId::Group(id)).shown >= State::Unknown)
+    }
+
+    /// Each smallest set of relevant modules that makes a node fail.
+    fn cuts(&mut self, relevant: &Picture, node: NodeId) -> Vec<Vec<ModuleId>> {
+        if !relevant.of(node).relevant {
+            return Vec::new();
+        }
+        let id = match node {
+            NodeId::Module(id) => return vec![vec![id]],
+            // Without members it is UNKNOWN, and nothing need fail for that.
+            NodeId::Group(id) if self.is_empty(id) => return vec![Vec::new()],
+            NodeId::Group(id) => id,
+        };
+        let members = &self.judge.members[id.0 as usize];
+        let counted: Vec<NodeId> =
+            members.iter().copied().filter(|&member| relevant.of(member).relevant).collect();
+        if self.combines_any(id) {
+            return if counted.is_empty() { Vec::new() } else { self.all_of(relevant, &counted) };
+        }
+        let mut cuts = Vec::new();
+        for member in counted {
+            cuts.extend(self.cuts(relevant, member));
+        }
+        self.bounded(cuts)
+    }
+
+    /// Each smallest set that makes all of these nodes fail.
+    fn all_of(&mut self, relevant: &Picture, nodes: &[NodeId]) -> Vec<Vec<ModuleId>> {
+        let mut sets: Vec<Vec<ModuleId>> = vec![Vec::new()];
+        for &node in nodes {
+            let cuts = self.cuts(relevant, node);
+            let joined = sets.iter().flat_map(|set| {
+                cuts.iter().map(move |cut| {
+                    let mut joined = set.clone();
+                    joined.extend(cut.iter().filter(|id| !set.contains(id)));
+                    joined
+                })
+            });
+            sets = joined.take(CUTS_MAX + 1).collect();
+            sets = self.bounded(sets);
+        }
+        sets
+    }
+
+    fn bounded(&mut self, mut sets: Vec<Vec<ModuleId>>) -> Vec<Vec<ModuleId>> {
+        self.complete &= sets.len() <= CUTS_MAX;
+        sets.truncate(CUTS_MAX);
+        sets
+    }
+
+    /// What dependencies and groups can do at best and at worst.
+    fn possibilities(&mut self, situations: &[Situation]) {
+        let pictures: Vec<(Picture, Picture)> = situations
+            .iter()
+            .map(|situation| {
+                let best = self.all(situation, State::Ok);
+                self.judge.pessimistic = true;
+                let worst = self.all(situation, State::Error);
+                self.judge.pessimistic = false;
+                (best, worst)
+            })
+            .collect();
+        for holder in self.judge.nodes().collect::<Vec<_>>() {
+            for (index, dependency) in self.judge.depends_on(holder).iter().enumerate() {
+                self.dependency(situations, &pictures, holder, (index, dependency));
+            }
+        }
+        // Only what was looked at whole can be said of every situation.
+        if self.complete {
+            for id in (0..self.judge.model.groups.len() as u32).map(GroupId) {
+                self.never_ok(situations, &pictures, id);
+            }
+        }
+    }
+
+    fn dependency(
+        &mut self,
+        situations: &[Situation],
+        pictures: &[(Picture, Picture)],
+        holder: NodeId,
+        (index, dependency): (usize, &Dependency),
+    ) {
+        let best = situations.iter().zip(pictures).find(|(_, (best, _))| {
+            best.of(holder).relevant && blocks(best, dependency) && self.at_fault(best, dependency)
+        });
+        if let Some((situation, _)) = best {
+            let example = Look::example(situation, &[]);
+            self.findings.push(Finding {
+                node: holder,
+                what: What::AlwaysMasked { dependency: index },
+                example,
+            });
+            return;
+        }
+        let passes_on = self.is_needed(holder);
+        let matters = |picture: &Picture| passes_on || picture.of(holder).relevant;
+        let ever_matters = pictures.iter().any(|(_, worst)| matters(worst));
+        let ever_blocks = pictures.iter().any(|(_, worst)| matters(worst) && blocks(worst, dependency));
+        if self.complete && ever_matters && !ever_blocks {
+            let why = self.why_dead(pictures, dependency, matters);
+            let what = What::DeadDependency { dependency: index, why };
+            self.findings.push(Finding { node: holder, what, example: None });
+        }
+    }
+
+    /// A target that fails by itself, not because of what is behind it.
+    fn at_fault(&self, picture: &Picture, dependency: &Dependency) -> bool {
+        targets(dependency).iter().any(|&target| !picture.of(target).blocked)
+    }
+
+    /// Whether something depends on the node or on what is inside of it.
+    fn is_needed(&self, node: NodeId) -> bool {
+        let inside = |target: NodeId| {
+            target == node || self.judge.around(target).any(|group| NodeId::Group(group) == node)
+        };
+        let needs = |holder: NodeId| {
+            self.judge.depends_on(holder).iter().flat_map(targets).any(|&target| inside(target))
+        };
+        self.judge.nodes().any(needs)
+    }
+
+    fn why_dead(
+        &self,
+        pictures: &[(Picture, Picture)],
+        dependency: &Dependency,
+        matters: impl Fn(&Picture) -> bool,
+    ) -> Dead {
+        let ever_relevant =
+            |node: NodeId| pictures.iter().any(|(_, worst)| matters(worst) && worst.of(node).relevant);
+        let named = targets(dependency);
+        let idle = named.iter().copied().find(|&target| !ever_relevant(target));
+        let node = idle.or(named.first().copied()).unwrap_or(NodeId::Group(GroupId(0)));
+        match node {
+            NodeId::Group(id) if idle.is_none() && self.is_empty(id) => Dead::NoMembers(node),
+            _ => Dead::NotRelevant(node),
+        }
+    }
+
+    fn is_empty(&self, id: GroupId) -> bool {
+        self.judge.members[id.0 as usize].is_empty() && !self.judge.discovers(id)
+    }
+
+    /// A group that is relevant sometimes and OK never, if no member of it says the same.
+    fn never_ok(&mut self, situations: &[Situation], pictures: &[(Picture, Picture)], id: GroupId) {
+        let node = NodeId::Group(id);
+        let never = |node: NodeId| {
+            pictures.iter().any(|(best, _)| best.of(node).relevant)
+                && pictures.iter().all(|(best, _)| best.of(node).shown != State::Ok)
+        };
+        let open = situations.iter().zip(pictures).find(|(_, (best, _))| {
+            let facts = best.of(node);
+            facts.relevant && !facts.blocked
+        });
+        let (true, Some((situation, _))) = (never(node), open) else { return };
+        let members = &self.judge.members[id.0 as usize];
+        if members.iter().any(|&member| matches!(member, NodeId::Group(_)) && never(member)) {
+            return;
+        }
+        let relevant = |&&member: &&NodeId| pictures.iter().any(|(best, _)| best.of(member).relevant);
+        let why = match members.iter().find(relevant) {
+            _ if self.is_empty(id) => Dead::NoMembers(node),
+            Some(&member) => Dead::Waits(member),
+            None => Dead::NotRelevant(node),
+        };
+        let example = Look::example(situation, &[]);
+        self.findings.push(Finding { node, what: What::NeverOk { why }, example });
+    }
+
+    /// Conditions against what is around them, each with the signals of its own surroundings.
+    fn conditions(&mut self) {
+        let mut never: BTreeSet<GroupId> = BTreeSet::new();
+        for node in self.judge.nodes().collect::<Vec<_>>() {
+            let Some(when) = self.judge.when(node) else { continue };
+            let around: Vec<GroupId> = self.judge.around(node).collect();
+            if around.iter().any(|group| never.contains(group)) {
+                continue;
+            }
+            let whens: Vec<_> =
+                around.iter().filter_map(|&group| self.judge.when(NodeId::Group(group))).collect();
+            let named = situation::named(whens.iter().copied().chain([when]));
+            let known = situation::all(self.judge.model, &named, false, SITUATIONS_MAX);
+            let Some(known) = known else {
+                self.complete = false;
+                continue;
+            };
+            let open =
+                |it: &&Situation| around.iter().all(|&group| it.meets(self.judge.when(NodeId::Group(group))));
+            let open: Vec<&Situation> = known.iter().filter(open).collect();
+            if open.iter().all(|it| !it.meets(Some(when))) {
+                self.findings.push(Finding { node, what: What::NeverHolds, example: None });
+                if let NodeId::Group(id) = node {
+                    never.insert(id);
+                }
+            } else if open.iter().all(|it| it.meets(Some(when)) == it.meets(None)) {
+                self.findings.push(Finding { node, what: What::AlwaysHolds, example: None });
+            }
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! The situations that a vehicle can be in, as far as its conditions can tell them apart.
+
+use std::collections::BTreeSet;
+
+use crate::engine::model::{ACTIVE_SIGNAL, Model, Stage, StageModel, When};
+
+/// A stage, and what conditions see of each of the model's signals; `None` is unknown.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Situation {
+    pub stage: Stage,
+    pub signals: Vec<Option<bool>>,
+}
+
+impl Situation {
+    /// Whether a condition holds, as `ENGINE.md` 3 has it. A signal that is unknown meets every condition.
+    pub fn meets(&self, when: Option<&When>) -> bool {
+        let in_stage = match when {
+            Some(when) if !when.stages.is_empty() => when.stages.contains(&self.stage),
+            _ => self.stage != Stage::Locked,
+        };
+        let met = |&(index, wanted): &(usize, bool)| self.signals[index].is_none_or(|value| value == wanted);
+        in_stage && when.is_none_or(|when| when.signals.iter().all(met))
+    }
+
+    /// For people: `stage standby, doors true, active unknown`.
+    pub fn describe(&self, model: &Model) -> String {
+        let mut text = format!("stage {}", self.stage.as_str());
+        for index in named_in(model) {
+            let value = self.signals[index].map_or("unknown".into(), |value| value.to_string());
+            text.push_str(&format!(", {} {value}", model.signals[index].name));
+        }
+        text
+    }
+}
+
+/// The signals that the model's conditions name.
+pub fn named_in(model: &Model) -> BTreeSet<usize> {
+    let groups = model.groups.iter().filter_map(|group| group.when.as_ref());
+    named(groups.chain(model.modules.iter().filter_map(|module| module.when.as_ref())))
+}
+
+/// The signals that these conditions name.
+pub fn named<'a>(whens: impl IntoIterator<Item = &'a When>) -> BTreeSet<usize> {
+    whens.into_iter().flat_map(|when| when.signals.iter().map(|(index, _)| *index)).collect()
+}
+
+/// All situations in which the named signals take every value that they can; `None` if there are more than `most`.
+pub fn all(model: &Model, named: &BTreeSet<usize>, unknown_too: bool, most: usize) -> Option<Vec<Situation>> {
+    let stages: &[Stage] = match model.stages {
+        StageModel::Shuttle => &Stage::ALL,
+        StageModel::None => &[Stage::Active],
+    };
+    let mut situations = Vec::new();
+    for &stage in stages {
+        let mut partial = vec![Situation { stage, signals: vec![None; model.signals.len()] }];
+        for &index in named {
+            let values = values(model, index, stage, unknown_too);
+            if partial.len().saturating_mul(values.len()) > most {
+                return None;
+            }
+            let with = |situation: &Situation, value| {
+                let mut next = situation.clone();
+                next.signals[index] = value;
+                next
+            };
+            partial =
+                partial.iter().flat_map(|it| values.iter().map(move |&value| with(it, value))).collect();
+        }
+        situations.extend(partial);
+        if situations.len() > most {
+            return None;
+        }
+    }
+    Some(situations)
+}
+
+/// What conditions can see of a signal in a stage.
+fn values(model: &Model, index: usize, stage: Stage, unknown_too: bool) -> Vec<Option<bool>> {
+    let spec = &model.signals[index];
+    let makes_the_stage = &*spec.name == ACTIVE_SIGNAL && model.stages == StageModel::Shuttle;
+    let mut values = match (makes_the_stage, stage) {
+        (true, Stage::Active) => vec![Some(true)],
+        (true, _) => vec![Some(false)],
+        (false, _) => vec![Some(false), Some(true)],
+    };
+    // Before its first sample it is unknown, and after its timeout; but what never came did not make
+    // the vehicle active, and an event that did not come is known to be absent.
+    let can_be_unknown = spec.present_for.is_none()
+        && (spec.timeout.is_some() || !(makes_the_stage && stage == Stage::Active));
+    if unknown_too && can_be_unknown {
+        values.push(None);
+    }
+    values
+}

@@ -1,0 +1,83 @@
+//! Findings as problems with their places.
+
+use super::{Dead, Example, Finding, What};
+use crate::config::places::Places;
+use crate::engine::model::{Model, NodeId};
+use crate::yaml::{Problem, Span};
+
+/// A finding in words, where it is written.
+pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
+    let node = finding.node;
+    let place = places.of(node);
+    let name = name(model, node);
+    let dependency = |index: usize| place.depends_on.get(index).copied().unwrap_or(place.id);
+    let example = finding.example.as_ref().map_or(String::new(), |example| self::example(model, example));
+    let (span, message, help): (Span, String, &str) = match &finding.what {
+        What::Unexplained => (
+            place.id,
+            format!("`{name}` can be masked without a cause in sight{example}"),
+            "this is a fault of telltale: please report it with the configuration",
+        ),
+        What::HiddenCause { dependency: index, masked } => (
+            dependency(*index),
+            format!("`{}` can be masked while every tile is well{example}", self::name(model, *masked)),
+            "the cause is named in the list of causes only: depend on the redundant group as a whole, or let the group combine the worst",
+        ),
+        What::AlwaysMasked { dependency: index } => (
+            dependency(*index),
+            format!("this masks `{name}` even while every module is OK{example}"),
+            "give the group that it names members, or let only `error` mask",
+        ),
+        What::DeadDependency { dependency: index, why } => (
+            dependency(*index),
+            format!("this dependency of `{name}` can never mask: {}", dead(model, *why)),
+            "remove it",
+        ),
+        What::NeverHolds => (
+            place.when.unwrap_or(place.id),
+            format!("`{name}` is never relevant while its signals are known"),
+            "its own condition and those of the groups around it exclude each other: widen one of them",
+        ),
+        What::AlwaysHolds => (
+            place.when.unwrap_or(place.id),
+            format!("this condition of `{name}` changes nothing"),
+            "it holds whenever the groups around it are relevant: remove it",
+        ),
+        What::NeverOk { why } => {
+            let help = match why {
+                Dead::NoMembers(_) => "give it `modules`, `match` or `groups`, or remove it",
+                _ => "let its members be relevant when it is",
+            };
+            (place.id, format!("`{name}` can never show OK: {}{example}", dead(model, *why)), help)
+        }
+    };
+    let problem = Problem::at(span, message).help(help);
+    if finding.what == What::Unexplained { problem } else { problem.as_warning() }
+}
+
+fn example(model: &Model, example: &Example) -> String {
+    let failing: Vec<&str> = example.failing.iter().map(|id| &*model.modules[id.0 as usize].id).collect();
+    let with = match failing.as_slice() {
+        [] => String::new(),
+        names => format!(", with {} in ERROR", names.join(" and ")),
+    };
+    format!(" (in {}{with})", example.situation.describe(model))
+}
+
+fn dead(model: &Model, why: Dead) -> String {
+    match why {
+        Dead::NoMembers(node) => format!("`{}` has no members", name(model, node)),
+        Dead::NotRelevant(node) => match node {
+            NodeId::Group(_) => format!("`{}`, or what is in it, is never relevant then", name(model, node)),
+            NodeId::Module(_) => format!("`{}` is never relevant then", name(model, node)),
+        },
+        Dead::Waits(node) => format!("`{}` waits for what is never OK", name(model, node)),
+    }
+}
+
+fn name(model: &Model, node: NodeId) -> &str {
+    match node {
+        NodeId::Group(id) => &model.groups[id.0 as usize].path,
+        NodeId::Module(id) => &model.modules[id.0 as usize].id,
+    }
+}

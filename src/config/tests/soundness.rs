@@ -1,0 +1,139 @@
+//! What `telltale check` says of configurations that can be used and should not be.
+
+use crate::config::parse;
+use crate::config::soundness::{Soundness, look};
+
+const SIGNALS: &str = "signals:
+  active: { topic: /active, type: std_msgs/msg/Bool }
+  doors: { topic: /doors, type: std_msgs/msg/Bool }
+";
+
+/// All warnings of a list of groups, as `line:column: message (what to do)`, lines from that of `groups:`.
+#[track_caller]
+fn check(groups: &str, expected: &[&str]) -> Soundness {
+    let text = format!("{SIGNALS}{groups}");
+    let loaded = parse("c", &text).unwrap_or_else(|problems| panic!("{problems}"));
+    let (found, problems) = loaded.soundness();
+    let lines = problems.map_or_else(Vec::new, |problems| problems.lines());
+    let from_groups = |line: &String| {
+        let mut parts = line.splitn(3, ':');
+        let (_, number, rest) = (parts.next(), parts.next().unwrap(), parts.next().unwrap());
+        format!("{}:{rest}", number.parse::<usize>().unwrap() - 3)
+    };
+    let lines: Vec<String> = lines.iter().map(from_groups).collect();
+    assert_eq!(lines, expected);
+    assert!(found.complete);
+    found
+}
+
+#[test]
+fn a_sound_vehicle_has_no_warnings() {
+    let found = check(
+        "groups:
+  - { id: a, combine: any, modules: [{ id: m, status: a }, { id: n, status: b }] }
+  - { id: b, depends_on: [a, { any_of: [c, d] }], when: { signals: { doors: true } }, modules: [{ id: m, status: c }] }
+  - { id: c, match: [{ contains: c }], when: { stages: [locked, standby, active] } }
+  - { id: d, modules: [{ id: m, status: d, when: { signals: { active: true } } }] }
+",
+        &[],
+    );
+    // Four stages in which nobody drives, with the doors open, shut and unknown; then the same while
+    // driving. Not driving may be unknown.
+    assert_eq!(found.situations, 4 * 2 * 3 + 3);
+}
+
+#[test]
+fn the_shuttle_is_sound() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("config/shuttle.yaml");
+    let loaded = crate::config::load(&path).unwrap();
+    assert_eq!(look(&loaded.model).findings, []);
+}
+
+#[test]
+fn conditions_that_never_hold_or_change_nothing() {
+    check(
+        "groups:
+  - { id: a, when: { stages: [standby], signals: { active: true } }, modules: [{ id: m, status: a, when: { signals: { doors: true } } }] }
+  - id: b
+    when: { signals: { doors: true } }
+    modules:
+      - { id: m, status: b, when: { signals: { doors: false } } }
+      - { id: n, status: c, when: { stages: [active] } }
+      - { id: o, status: d, when: { stages: [localizing, standby, cleared, active] } }
+  - { id: c, modules: [{ id: m, status: e, when: { stages: [locked] } }], match: [{ name: x }] }
+",
+        &[
+            "2:20: `a` is never relevant while its signals are known (its own condition and those of the groups around it exclude each other: widen one of them)",
+            "6:35: `b/m` is never relevant while its signals are known (its own condition and those of the groups around it exclude each other: widen one of them)",
+            "8:35: this condition of `b/o` changes nothing (it holds whenever the groups around it are relevant: remove it)",
+            "9:50: `c/m` is never relevant while its signals are known (its own condition and those of the groups around it exclude each other: widen one of them)",
+        ],
+    );
+}
+
+#[test]
+fn groups_that_can_never_be_ok() {
+    check(
+        "groups:
+  - { id: a }
+  - { id: b, groups: [{ id: in }], modules: [{ id: m, status: b }] }
+  - { id: c, when: { stages: [standby] }, modules: [{ id: m, status: c, when: { stages: [standby], signals: { active: true } } }] }
+  - { id: d, when: { stages: [standby] }, modules: [{ id: m, status: d, when: { stages: [active] } }] }
+",
+        &[
+            "2:11: `a` can never show OK: `a` has no members (in stage localizing, active false) (give it `modules`, `match` or `groups`, or remove it)",
+            "3:29: `b/in` can never show OK: `b/in` has no members (in stage localizing, active false) (give it `modules`, `match` or `groups`, or remove it)",
+            "4:79: `c/m` is never relevant while its signals are known (its own condition and those of the groups around it exclude each other: widen one of them)",
+            "5:11: `d` can never show OK: `d`, or what is in it, is never relevant then (in stage standby, active false) (let its members be relevant when it is)",
+            "5:79: `d/m` is never relevant while its signals are known (its own condition and those of the groups around it exclude each other: widen one of them)",
+        ],
+    );
+}
+
+#[test]
+fn dependencies_that_never_or_always_mask() {
+    check(
+        "groups:
+  - { id: empty }
+  - { id: late, when: { stages: [active] }, modules: [{ id: m, status: a }] }
+  - { id: b, when: { stages: [standby] }, depends_on: [late, { any_of: [c, late] }], modules: [{ id: m, status: b }] }
+  - { id: c, depends_on: [empty], modules: [{ id: m, status: c }] }
+  - { id: d, depends_on: [{ on: empty, masks_when: [error, unknown] }], modules: [{ id: m, status: d }] }
+",
+        &[
+            "2:11: `empty` can never show OK: `empty` has no members (in stage localizing) (give it `modules`, `match` or `groups`, or remove it)",
+            "4:56: this dependency of `b` can never mask: `late`, or what is in it, is never relevant then (remove it)",
+            "4:62: this dependency of `b` can never mask: `late`, or what is in it, is never relevant then (remove it)",
+            "5:27: this dependency of `c` can never mask: `empty` has no members (remove it)",
+            "6:27: this masks `d` even while every module is OK (in stage localizing) (give the group that it names members, or let only `error` mask)",
+        ],
+    );
+}
+
+#[test]
+fn a_dependency_passes_on_what_is_behind_it() {
+    // `mid` is never relevant together with `last`, but what `mid` needs is.
+    check(
+        "groups:
+  - { id: first, modules: [{ id: m, status: a }] }
+  - { id: mid, when: { stages: [standby] }, depends_on: [first], modules: [{ id: m, status: b }] }
+  - { id: last, when: { stages: [active] }, depends_on: [mid], modules: [{ id: m, status: c }] }
+",
+        &[],
+    );
+}
+
+#[test]
+fn a_cause_inside_of_a_redundant_group_is_seen_by_no_tile() {
+    check(
+        "groups:
+  - { id: position, combine: any, modules: [{ id: gnss, status: g }, { id: slam, status: s }] }
+  - { id: clock, depends_on: [position/gnss], modules: [{ id: drift, status: d }] }
+  - { id: driving, depends_on: [position], modules: [{ id: m, status: m }] }
+  - { id: both, depends_on: [{ any_of: [position/gnss, position/slam] }], modules: [{ id: m, status: b }] }
+",
+        &[
+            "3:31: `clock` can be masked while every tile is well (in stage localizing, with position/gnss in ERROR) (the cause is named in the list of causes only: depend on the redundant group as a whole, or let the group combine the worst)",
+        ],
+    );
+}

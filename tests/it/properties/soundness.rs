@@ -1,0 +1,217 @@
+//! What `telltale check` claims of a configuration, against the engine: every situation that can be
+//! reached, with every combination of failing statuses.
+
+use std::sync::Arc;
+
+use proptest::collection::vec;
+use proptest::prelude::*;
+use telltale::config::soundness::judge::Judge;
+use telltale::config::soundness::situation::{self, Situation};
+use telltale::config::soundness::{Finding, What, look};
+use telltale::engine::Engine;
+use telltale::engine::input::{Input, OperatorAction, StatusArray};
+use telltale::engine::model::{GroupId, Model, ModuleId, MonitorSpec, NodeId, Parts, Stage, StageModel};
+use telltale::engine::snapshot::{Reason, Snapshot};
+use telltale::engine::state::State;
+use telltale::engine::time::Timestamp;
+
+use super::cases::{self, Choices};
+
+fn numbers() -> impl Strategy<Value = Vec<u32>> {
+    vec(any::<u32>(), 20..160)
+}
+
+fn config() -> ProptestConfig {
+    ProptestConfig { cases: super::config().cases.div_ceil(100), ..super::config() }
+}
+
+/// A random vehicle of few enough statuses, with room for what its filters take.
+fn parts(numbers: &[u32]) -> Parts {
+    let mut parts = cases::parts(&mut Choices::new(numbers));
+    for module in &mut parts.modules {
+        let MonitorSpec::SelfState { status } = &mut module.monitor;
+        let number = status[1..].parse::<usize>().expect("named s0 to s8");
+        *status = format!("s{}", number % 4).into();
+    }
+    parts.limits.discovered_modules = 100;
+    parts
+}
+
+/// Situations that the engine can be brought into.
+fn reachable(model: &Model) -> Vec<Situation> {
+    let named = (0..model.signals.len()).collect();
+    let all = situation::all(model, &named, true, 1000).expect("there are two signals");
+    let stages = [Stage::Locked, Stage::Standby, Stage::Active];
+    all.into_iter().filter(|situation| stages.contains(&situation.stage)).collect()
+}
+
+/// What the engine shows where status `s{n}` has the state of `states[n]`, and what filters take is OK.
+fn run(model: &Arc<Model>, situation: &Situation, states: &[State]) -> Arc<Snapshot> {
+    let now = Timestamp::ZERO;
+    let mut engine = Engine::new(model.clone(), now);
+    if situation.stage != Stage::Locked {
+        engine.handle(&Input::Operator(OperatorAction::Login { name: "anna".into() }), now);
+    }
+    for (spec, value) in model.signals.iter().zip(&situation.signals) {
+        if let Some(value) = *value {
+            engine.handle(&Input::Signal { name: spec.name.clone(), value }, now);
+        }
+    }
+    let mut array = StatusArray::default();
+    for (number, state) in states.iter().enumerate() {
+        let level = match state {
+            State::Ok => 0,
+            State::Error => 2,
+            _ => 3,
+        };
+        array.push_status(level, &format!("s{number}"), "", "");
+    }
+    array.push_status(0, "/d0/x", "", "");
+    array.push_status(0, "/d1/x", "", "");
+    engine.handle(&Input::Diagnostics(array), now);
+    let snapshot = engine.snapshot();
+    assert!(model.stages == StageModel::None || snapshot.stage == situation.stage);
+    snapshot
+}
+
+/// OK or ERROR for each of the four statuses, and UNKNOWN for all.
+fn assignments() -> Vec<Vec<State>> {
+    let state = |failing: bool| if failing { State::Error } else { State::Ok };
+    let errors = (0..16).map(|bits| (0..4).map(|bit| state(bits & 1 << bit != 0)).collect());
+    errors.chain([vec![State::Unknown; 4]]).collect()
+}
+
+fn status_of(model: &Model, id: ModuleId) -> usize {
+    let MonitorSpec::SelfState { status } = &model.modules[id.0 as usize].monitor;
+    status[1..].parse().expect("named s0 to s3")
+}
+
+fn masked(snapshot: &Snapshot, node: NodeId) -> bool {
+    matches!(snapshot.shown(node).1, Some(Reason::Masked { .. }))
+}
+
+fn any_tile_is_bad(snapshot: &Snapshot) -> bool {
+    snapshot.tiles().any(|tile| snapshot.group(tile).1.state >= State::Unknown)
+}
+
+proptest! {
+    #![proptest_config(config())]
+
+    #[test]
+    fn the_still_picture_of_a_check_is_what_the_engine_shows(numbers in numbers()) {
+        let model = Arc::new(Model::new(parts(&numbers)).expect("no cycles"));
+        let judge = Judge::new(&model);
+        for situation in reachable(&model) {
+            for states in assignments() {
+                let snapshot = run(&model, &situation, &states);
+                let picture =
+                    judge.picture(&situation, |id| states[status_of(&model, id)], Some(State::Ok));
+                for node in judge.nodes() {
+                    let facts = picture.of(node);
+                    let name = judge.name(node);
+                    prop_assert_eq!(facts.shown, snapshot.shown(node).0, "{} in {:?}", name, situation);
+                    if facts.relevant {
+                        prop_assert_eq!(facts.own, snapshot.own(node), "own state of {}", name);
+                        prop_assert!(!facts.blocked || masked(&snapshot, node), "{}", name);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_a_check_claims_holds_in_the_engine(numbers in numbers()) {
+        let parts = parts(&numbers);
+        let model = Arc::new(Model::new(parts.clone()).expect("no cycles"));
+        let found = look(&model);
+        prop_assert!(found.complete);
+        let hidden = found.findings.iter().any(|it| matches!(it.what, What::HiddenCause { .. }));
+        let mut ok = vec![false; model.groups.len()];
+        for situation in reachable(&model) {
+            for states in assignments() {
+                let snapshot = run(&model, &situation, &states);
+                for (group, ok) in (0..).map(GroupId).zip(&mut ok) {
+                    *ok |= snapshot.group(group).1.state == State::Ok;
+                }
+                for node in Judge::new(&model).nodes() {
+                    let Some(Reason::Masked { by }) = snapshot.shown(node).1 else { continue };
+                    prop_assert!(!by.is_empty());
+                    prop_assert!(by.iter().all(|&root| snapshot.shown(root).0 >= State::Unknown));
+                    prop_assert!(hidden || any_tile_is_bad(&snapshot), "{:?} {:?}", situation, states);
+                }
+            }
+        }
+        for finding in &found.findings {
+            prop_assert!(finding.what != What::Unexplained);
+            if let (What::NeverOk { .. }, NodeId::Group(id)) = (&finding.what, finding.node) {
+                prop_assert!(!ok[id.0 as usize], "{finding:?}");
+            }
+            replay(&model, finding);
+            without(&parts, &model, finding);
+        }
+    }
+}
+
+/// Brings the engine into the example of a finding.
+fn replay(model: &Arc<Model>, finding: &Finding) {
+    let Some(example) = &finding.example else { return };
+    if !reachable(model).iter().any(|it| it.stage == example.situation.stage) {
+        return;
+    }
+    let mut states = vec![State::Ok; 4];
+    for &id in &example.failing {
+        states[status_of(model, id)] = State::Error;
+    }
+    // Modules may share a status; then more fails than the example says.
+    let shared = (0..model.modules.len() as u32)
+        .map(ModuleId)
+        .any(|id| states[status_of(model, id)] == State::Error && !example.failing.contains(&id));
+    if shared {
+        return;
+    }
+    let mut situation = example.situation.clone();
+    if situation.stage == Stage::Active && model.stages == StageModel::Shuttle {
+        // No condition asks for it, but without it nothing drives.
+        situation.signals[0] = Some(true);
+    }
+    let snapshot = run(model, &situation, &states);
+    match finding.what {
+        What::HiddenCause { masked: node, .. } => {
+            assert!(masked(&snapshot, node) && !any_tile_is_bad(&snapshot), "{finding:?}");
+        }
+        What::AlwaysMasked { .. } => assert!(masked(&snapshot, finding.node), "{finding:?}"),
+        _ => {}
+    }
+}
+
+/// What can never mask, and a condition that changes nothing, can be left out.
+fn without(parts: &Parts, model: &Arc<Model>, finding: &Finding) {
+    let mut less = parts.clone();
+    let (depends_on, when) = match finding.node {
+        NodeId::Group(id) => {
+            let group = &mut less.groups[id.0 as usize];
+            (&mut group.depends_on, &mut group.when)
+        }
+        NodeId::Module(id) => {
+            let module = &mut less.modules[id.0 as usize];
+            (&mut module.depends_on, &mut module.when)
+        }
+    };
+    match finding.what {
+        What::DeadDependency { dependency, .. } => drop(depends_on.remove(dependency)),
+        What::AlwaysHolds => *when = None,
+        _ => return,
+    }
+    let less = Arc::new(Model::new(less).expect("leaving out closes no circle"));
+    for situation in reachable(model) {
+        if finding.what == What::AlwaysHolds && situation.signals.contains(&None) {
+            continue;
+        }
+        for states in assignments() {
+            let (with, without) = (run(model, &situation, &states), run(&less, &situation, &states));
+            for node in Judge::new(model).nodes() {
+                assert_eq!(with.shown(node), without.shown(node), "{finding:?} in {situation:?}");
+            }
+        }
+    }
+}
