@@ -19,6 +19,9 @@ pub const INPUT_QUEUE: usize = 1024;
 /// Commands that may wait for the engine. A full queue makes the senders wait.
 pub const COMMAND_QUEUE: usize = 64;
 
+/// New configurations that may wait for the engine. A full queue makes the senders wait.
+pub const RELOAD_QUEUE: usize = 1;
+
 /// Inputs handled before the others get their turn and a changed state is published.
 const BATCH_MAX: usize = 32;
 
@@ -43,11 +46,40 @@ pub struct Command {
     pub reply: oneshot::Sender<Response>,
 }
 
+/// Another configuration for the engine, to be taken whole. What was wrong with it was said before.
+#[derive(Debug)]
+pub struct Reload {
+    pub model: Arc<Model>,
+    /// Told when the engine runs by it and has published a snapshot of it.
+    pub done: oneshot::Sender<()>,
+}
+
+/// Somebody asks that the file of the configuration be read again.
+#[derive(Debug)]
+pub struct Reread {
+    /// Whether the engine is to run by it, or only the difference is asked for.
+    pub take: bool,
+    pub reply: oneshot::Sender<Rereading>,
+}
+
+/// What came of it, in words for a developer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Rereading {
+    pub taken: bool,
+    /// One sentence each; empty if it means the same as what runs.
+    pub differences: Vec<String>,
+    /// Everything that is wrong with the file. Then the old configuration stays.
+    pub problems: Option<String>,
+    /// What can happen with it and should not.
+    pub warnings: Option<String>,
+}
+
 /// What the rest of the program holds of the engine. Clones feed and watch the same one.
 #[derive(Debug, Clone)]
 pub struct Link {
     pub inputs: mpsc::Sender<Stamped>,
     pub commands: mpsc::Sender<Command>,
+    pub reloads: mpsc::Sender<Reload>,
     /// Holds at most the latest; whoever is slow skips what lies between.
     pub snapshots: watch::Receiver<Published>,
 }
@@ -56,6 +88,7 @@ pub struct Link {
 pub fn start(model: Arc<Model>, clock: Clock) -> Link {
     let (inputs, inputs_rx) = mpsc::channel(INPUT_QUEUE);
     let (commands, commands_rx) = mpsc::channel(COMMAND_QUEUE);
+    let (reloads, reloads_rx) = mpsc::channel(RELOAD_QUEUE);
     let mut engine = Engine::new(model, clock.now());
     let first = Published { snapshot: engine.snapshot(), at: clock.wall() };
     let (publish, snapshots) = watch::channel(first);
@@ -67,8 +100,15 @@ pub fn start(model: Arc<Model>, clock: Clock) -> Link {
         clock,
         publish,
     };
-    tokio::spawn(async move { turn.run(inputs_rx, commands_rx).await });
-    Link { inputs, commands, snapshots }
+    let queues = Queues { inputs: inputs_rx, commands: commands_rx, reloads: reloads_rx };
+    tokio::spawn(async move { turn.run(queues).await });
+    Link { inputs, commands, reloads, snapshots }
+}
+
+struct Queues {
+    inputs: mpsc::Receiver<Stamped>,
+    commands: mpsc::Receiver<Command>,
+    reloads: mpsc::Receiver<Reload>,
 }
 
 struct Loop {
@@ -81,7 +121,7 @@ struct Loop {
 }
 
 impl Loop {
-    async fn run(&mut self, mut inputs: mpsc::Receiver<Stamped>, mut commands: mpsc::Receiver<Command>) {
+    async fn run(&mut self, Queues { mut inputs, mut commands, mut reloads }: Queues) {
         let mut batch = Vec::with_capacity(BATCH_MAX);
         loop {
             let wake = tokio::time::Instant::from_std(self.clock.instant(self.next_turn()));
@@ -91,6 +131,10 @@ impl Loop {
                 biased;
                 command = commands.recv() => match command {
                     Some(command) => self.obey(command),
+                    None => return,
+                },
+                reload = reloads.recv() => match reload {
+                    Some(reload) => self.reload(reload),
                     None => return,
                 },
                 received = inputs.recv_many(&mut batch, BATCH_MAX) => {
@@ -122,6 +166,13 @@ impl Loop {
         self.publish_if_due();
         // Who asked may have gone; the action stands all the same.
         let _ = command.reply.send(response);
+    }
+
+    fn reload(&mut self, Reload { model, done }: Reload) {
+        self.engine.reload(model, self.clock.now());
+        self.publish_if_due();
+        // Who asked may have gone; the engine runs by it all the same.
+        let _ = done.send(());
     }
 
     fn publish_if_due(&mut self) {

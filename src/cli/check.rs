@@ -4,17 +4,11 @@ use std::fmt::Write as _;
 use std::io::{IsTerminal, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Duration;
 
 use super::{EXIT_NO, EXIT_USAGE, graph};
 use crate::config::soundness::{Soundness, What};
-use crate::config::{self, Loaded};
-use crate::engine::filter::Filter;
-use crate::engine::model::{
-    Combine, Dependency, DependsOn, GroupId, Model, ModuleId, MonitorSpec, NodeId, Policy, SignalSpec, Stage,
-    When,
-};
-use crate::engine::time::Span;
+use crate::config::{self, Loaded, words};
+use crate::engine::model::{Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, When};
 use crate::yaml::Problems;
 
 /// Check a configuration and print its graph of groups, modules and dependencies.
@@ -118,26 +112,13 @@ fn text(loaded: &Loaded, found: &Soundness) -> String {
     );
     out.push_str(&soundness_text(found));
     for signal in &model.signals {
-        let _ = writeln!(out, "signal {}: {}", signal.name, signal_text(signal));
+        let _ = writeln!(out, "signal {}: {}", signal.name, words::signal(signal));
     }
     for index in (0..model.groups.len()).filter(|&index| model.groups[index].parent.is_none()) {
         out.push('\n');
         group_text(&mut out, model, GroupId(index as u32), 0);
     }
     out
-}
-
-fn signal_text(signal: &SignalSpec) -> String {
-    let source = &signal.source;
-    let dot = if source.field.is_empty() { "" } else { "." };
-    let mut text = format!("{} {}{dot}{}", source.topic, source.type_name, source.field);
-    if let Some(present) = signal.present_for {
-        let _ = write!(text, ", true for {} after each message", span(present));
-    }
-    if let Some(timeout) = signal.timeout {
-        let _ = write!(text, ", unknown when older than {}", span(timeout));
-    }
-    text
 }
 
 fn group_text(out: &mut String, model: &Model, id: GroupId, depth: usize) {
@@ -147,14 +128,14 @@ fn group_text(out: &mut String, model: &Model, id: GroupId, depth: usize) {
     let _ = writeln!(out, "{pad}{} \"{}\"{any}", group.path, group.name.en);
     conditions(out, model, &pad, &group.depends_on, group.when.as_ref());
     if !group.filters.is_empty() {
-        let filters: Vec<String> = group.filters.iter().map(filter_text).collect();
+        let filters: Vec<String> = group.filters.iter().map(words::filter).collect();
         let _ = writeln!(out, "{pad}  takes statuses with {}", filters.join(", "));
     }
     for module in model.modules.iter().filter(|module| module.group == id) {
-        let MonitorSpec::SelfState { status } = &module.monitor;
+        let monitor = words::monitor(&module.monitor);
         let name = module.name.as_ref().map_or(String::new(), |name| format!(" \"{}\"", name.en));
-        let policy = policy_text(&module.policy);
-        let _ = writeln!(out, "{pad}  - {}{name}: status '{status}', {policy}", module.id);
+        let policy = words::policy(&module.policy);
+        let _ = writeln!(out, "{pad}  - {}{name}: {monitor}, {policy}", module.id);
         conditions(out, model, &format!("{pad}    "), &module.depends_on, module.when.as_ref());
     }
     let inside = model.groups.iter().enumerate().filter(|(_, inner)| inner.parent == Some(id));
@@ -163,59 +144,14 @@ fn group_text(out: &mut String, model: &Model, id: GroupId, depth: usize) {
     }
 }
 
-fn policy_text(policy: &Policy) -> String {
-    let mut text = format!("{} after {} of silence", policy.stale, span(policy.timeout));
-    for (what, after) in [("worse", policy.raise_after), ("better", policy.clear_after)] {
-        if !after.is_zero() {
-            let _ = write!(text, ", {what} after {}", span(after));
-        }
-    }
-    if let Some(latch) = policy.latch {
-        let _ = write!(text, ", an error of {} stays until reset", span(latch));
-    }
-    text
-}
-
 fn conditions(out: &mut String, model: &Model, pad: &str, depends_on: &[Dependency], when: Option<&When>) {
     if !depends_on.is_empty() {
         let names: Vec<String> =
-            depends_on.iter().map(|dependency| dependency_text(model, dependency)).collect();
+            depends_on.iter().map(|dependency| words::dependency(model, dependency)).collect();
         let _ = writeln!(out, "{pad}  depends on {}", names.join(", "));
     }
     if let Some(when) = when {
-        let _ = writeln!(out, "{pad}  only when {}", when_text(model, when));
-    }
-}
-
-fn dependency_text(model: &Model, dependency: &Dependency) -> String {
-    let on = match &dependency.on {
-        DependsOn::Node(node) => node_name(model, *node).to_owned(),
-        DependsOn::AnyOf(members) => {
-            let names: Vec<&str> = members.iter().map(|&node| node_name(model, node)).collect();
-            format!("any of ({})", names.join(", "))
-        }
-    };
-    if dependency.masks_unknown { format!("{on} (also when unknown)") } else { on }
-}
-
-fn when_text(model: &Model, when: &When) -> String {
-    let stages: Vec<&str> = when.stages.iter().map(|stage: &Stage| stage.as_str()).collect();
-    let stages = (!stages.is_empty()).then(|| format!("the stage is {}", stages.join(" or ")));
-    let signals =
-        when.signals.iter().map(|&(index, value)| format!("{} is {value}", model.signals[index].name));
-    stages.into_iter().chain(signals).collect::<Vec<_>>().join(" and ")
-}
-
-fn filter_text(filter: &Filter) -> String {
-    match filter {
-        Filter::Name(name) => format!("the name '{name}'"),
-        Filter::Namespace(prefix) => format!("the namespace '{prefix}'"),
-        Filter::Contains(part) => format!("'{part}' in the name"),
-        Filter::Regex(regex) => {
-            // The engine keeps the expression anchored; people wrote it without.
-            let pattern = regex.as_str().strip_prefix(r"\A(?:").and_then(|rest| rest.strip_suffix(r")\z"));
-            format!("a name that matches '{}'", pattern.unwrap_or(regex.as_str()))
-        }
+        let _ = writeln!(out, "{pad}  only when {}", words::when(model, when));
     }
 }
 
@@ -268,7 +204,7 @@ fn dot_group(out: &mut String, model: &Model, id: GroupId, depth: usize) {
 
 fn dot_edges(out: &mut String, model: &Model, from: NodeId, depends_on: &[Dependency]) {
     let cluster = |node: NodeId, end: &str| match node {
-        NodeId::Group(_) => format!(" {end}=\"cluster {}\"", node_name(model, node)),
+        NodeId::Group(_) => format!(" {end}=\"cluster {}\"", words::node_name(model, node)),
         NodeId::Module(_) => String::new(),
     };
     for dependency in depends_on {
@@ -276,23 +212,12 @@ fn dot_edges(out: &mut String, model: &Model, from: NodeId, depends_on: &[Depend
         let style = if any_of { "dashed" } else { "solid" };
         for &to in targets {
             let (tail, head) = (cluster(from, "ltail"), cluster(to, "lhead"));
-            let (from, to) = (node_name(model, from), node_name(model, to));
+            let (from, to) = (words::node_name(model, from), words::node_name(model, to));
             let _ = writeln!(out, "  \"{from}\" -> \"{to}\" [style={style}{tail}{head}];");
         }
     }
 }
 
-pub(super) fn node_name(model: &Model, node: NodeId) -> &str {
-    match node {
-        NodeId::Group(id) => &model.groups[id.0 as usize].path,
-        NodeId::Module(id) => &model.modules[id.0 as usize].id,
-    }
-}
-
 fn quoted(text: &str) -> String {
     format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
-}
-
-fn span(span: Span) -> String {
-    humantime::format_duration(Duration::from_nanos(span.as_nanos())).to_string()
 }

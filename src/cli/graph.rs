@@ -7,7 +7,8 @@ use std::fmt::Write as _;
 
 use layers::{Item, Layers};
 
-use super::check::{dependencies, node_name};
+use super::check::dependencies;
+use crate::config::words::node_name;
 use crate::engine::model::{Combine, GroupId, Model, ModuleId, NodeId, When};
 
 const STYLE: &str = include_str!("graph.css");

@@ -9,6 +9,7 @@ mod demo;
 mod ending;
 mod graph;
 mod log;
+pub mod reload;
 mod scenario;
 mod serve;
 mod sim;

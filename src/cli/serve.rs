@@ -14,6 +14,9 @@ use crate::config::{self, Loaded};
 use crate::store::{DemoSecrets, Store};
 
 /// Listen to a vehicle's diagnostics and show them in browsers.
+///
+/// SIGHUP reads the configuration again: with an error in it the old one stays, otherwise it is
+/// taken whole, and the log says what is different. Modules that stay keep their state.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  telltale serve --config config/shuttle.yaml --data /var/lib/telltale\n\n\
@@ -59,7 +62,8 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let store = Store::open(&folder, clock, DemoSecrets::Refused)?;
     say_if_nobody_can_log_in(&store, &folder).await?;
     let origins = args.origins.clone();
-    Station { loaded, store, options, listener, origins, demo: None, clock }.run(ending).await?;
+    let file = Some(args.config.clone());
+    Station { loaded, file, store, options, listener, origins, demo: None, clock }.run(ending).await?;
     Ok(ExitCode::SUCCESS)
 }
 

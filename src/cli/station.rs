@@ -2,13 +2,14 @@
 
 use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr};
+use std::path::PathBuf;
 
 use anyhow::{Context as _, anyhow};
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 
-use super::dds;
 use super::ending::Ending;
+use super::{dds, reload};
 use crate::clock::Clock;
 use crate::config::Loaded;
 use crate::engine::input::{OperatorAction, Response};
@@ -23,6 +24,8 @@ pub const LISTEN: &str = "127.0.0.1:8080";
 /// Everything that a running display is made of.
 pub struct Station {
     pub loaded: Loaded,
+    /// The file that it was read from, to read it again.
+    pub file: Option<PathBuf>,
     pub store: Store,
     pub options: BridgeOptions,
     pub listener: TcpListener,
@@ -38,11 +41,13 @@ impl Station {
     /// # Errors
     /// What keeps it from starting: DDS, the database, an origin that is none.
     pub async fn run(self, mut ending: Ending) -> anyhow::Result<()> {
-        let Station { loaded, store, options, listener, origins, demo, clock } = self;
+        let Station { loaded, file, store, options, listener, origins, demo, clock } = self;
         let address = listener.local_addr().context("the listener has no address")?;
         let settings = Settings { origins: known_origins(address, &origins)?, secure: false, demo };
         let listens_to = dds::describe(&options);
         let link = runtime::start(loaded.model.clone(), clock);
+        let _reloads =
+            file.map(|file| reload::start(file, loaded.clone(), link.reloads.clone())).transpose()?;
         let bridge = ros::start(options, loaded.model, link.inputs.clone(), clock).await?;
         restore_operator(&store, &link).await?;
         tracing::info!("the display is on {}; it listens to {listens_to}", url(address));

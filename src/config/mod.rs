@@ -1,6 +1,7 @@
 //! The configuration: from YAML files to a [`Model`] that cannot be wrong. Every problem is found
 //! in one pass and says file, line and what to do.
 
+mod difference;
 mod filters;
 mod names;
 mod places;
@@ -10,6 +11,9 @@ mod relations;
 mod resolve;
 pub mod soundness;
 mod units;
+pub mod words;
+
+pub use difference::{Change, Difference, difference};
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};

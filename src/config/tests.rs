@@ -1,3 +1,4 @@
+mod difference;
 mod nodes;
 mod schema;
 mod soundness;

@@ -60,7 +60,7 @@ pub struct Example {
 pub enum What {
     /// The node is masked and nothing that fails in sight is behind it: a fault of this program.
     Unexplained,
-    /// Entry `dependency` can mask `masked` while every tile shows that it is well.
+    /// Entry `dependency` can mask `masked` while no tile gets worse.
     HiddenCause { dependency: usize, masked: NodeId },
     /// Entry `dependency` blocks with every module OK: `on` has no members and is UNKNOWN.
     AlwaysMasked { dependency: usize },
@@ -198,7 +198,7 @@ impl Look<'_> {
         let cuts = self.all_of(&relevant, targets(dependency));
         cuts.into_iter().find_map(|failing| {
             let picture = self.failing(situation, &failing, State::Error);
-            if !blocks(&picture, dependency) || self.tile_fails(&picture) {
+            if !blocks(&picture, dependency) || self.tile_gets_worse(&relevant, &picture) {
                 return None;
             }
             let masked = self.judge.nodes().find(|&node| picture.of(node).masked())?;
@@ -206,10 +206,12 @@ impl Look<'_> {
         })
     }
 
-    fn tile_fails(&self, picture: &Picture) -> bool {
+    /// A tile that shows UNKNOWN or ERROR only since something fails.
+    fn tile_gets_worse(&self, before: &Picture, after: &Picture) -> bool {
+        let bad = |picture: &Picture, id| picture.of(NodeId::Group(id)).shown >= State::Unknown;
         let tiles = (0..).map(GroupId).zip(&self.judge.model.groups);
         let mut tiles = tiles.filter(|(_, group)| group.parent.is_none());
-        tiles.any(|(id, _)| picture.of(NodeId::Group(id)).shown >= State::Unknown)
+        tiles.any(|(id, _)| bad(after, id) && !bad(before, id))
     }
 
     /// Each smallest set of relevant modules that makes a node fail.

@@ -20,7 +20,7 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
         ),
         What::HiddenCause { dependency: index, masked } => (
             dependency(*index),
-            format!("`{}` can be masked while every tile is well{example}", self::name(model, *masked)),
+            format!("`{}` can be masked while no tile gets worse{example}", self::name(model, *masked)),
             "the cause is named in the list of causes only: depend on the redundant group as a whole, or let the group combine the worst",
         ),
         What::AlwaysMasked { dependency: index } => (

@@ -133,7 +133,7 @@ fn a_cause_inside_of_a_redundant_group_is_seen_by_no_tile() {
   - { id: both, depends_on: [{ any_of: [position/gnss, position/slam] }], modules: [{ id: m, status: b }] }
 ",
         &[
-            "3:31: `clock` can be masked while every tile is well (in stage localizing, with position/gnss in ERROR) (the cause is named in the list of causes only: depend on the redundant group as a whole, or let the group combine the worst)",
+            "3:31: `clock` can be masked while no tile gets worse (in stage localizing, with position/gnss in ERROR) (the cause is named in the list of causes only: depend on the redundant group as a whole, or let the group combine the worst)",
         ],
     );
 }

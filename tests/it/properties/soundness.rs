@@ -91,7 +91,11 @@ fn masked(snapshot: &Snapshot, node: NodeId) -> bool {
 }
 
 fn any_tile_is_bad(snapshot: &Snapshot) -> bool {
-    snapshot.tiles().any(|tile| snapshot.group(tile).1.state >= State::Unknown)
+    snapshot.tiles().any(|tile| is_bad(snapshot.group(tile).1.state))
+}
+
+fn is_bad(state: State) -> bool {
+    state >= State::Unknown
 }
 
 proptest! {
@@ -177,7 +181,11 @@ fn replay(model: &Arc<Model>, finding: &Finding) {
     let snapshot = run(model, &situation, &states);
     match finding.what {
         What::HiddenCause { masked: node, .. } => {
-            assert!(masked(&snapshot, node) && !any_tile_is_bad(&snapshot), "{finding:?}");
+            let before = run(model, &situation, &[State::Ok; 4]);
+            let worse = snapshot
+                .tiles()
+                .any(|tile| is_bad(snapshot.group(tile).1.state) && !is_bad(before.group(tile).1.state));
+            assert!(masked(&snapshot, node) && !worse, "{finding:?}");
         }
         What::AlwaysMasked { .. } => assert!(masked(&snapshot, finding.node), "{finding:?}"),
         _ => {}

@@ -1,0 +1,142 @@
+use super::*;
+use crate::clock::Clock;
+use crate::engine::input::{Input, Stamped, StatusArray};
+use crate::engine::snapshot::Snapshot;
+use crate::engine::state::State;
+use crate::runtime::{self, Link};
+
+const OLD: &str = "vehicle: { stages: none }
+groups:
+  - { id: a, modules: [{ id: kept, status: k, timeout: 1h }, { id: gone, status: g, timeout: 1h }] }
+";
+const NEW: &str = "vehicle: { stages: none }
+signals: { doors: { topic: /doors, type: std_msgs/msg/Bool } }
+groups:
+  - { id: a, modules: [{ id: kept, status: k, timeout: 1h, name: Kept }] }
+  - { id: b, depends_on: [a], modules: [{ id: new, status: g, timeout: 1h }] }
+";
+
+/// A configuration file that is removed with the test, and an engine that runs by it.
+struct Bench {
+    folder: PathBuf,
+    path: PathBuf,
+    loaded: Loaded,
+    link: Link,
+    clock: Clock,
+}
+
+impl Bench {
+    fn new(name: &str) -> Bench {
+        let folder = std::env::temp_dir().join(format!("telltale-reload-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let path = folder.join("vehicle.yaml");
+        std::fs::write(&path, OLD).unwrap();
+        let loaded = config::load(&path).unwrap();
+        let clock = Clock::start();
+        let link = runtime::start(loaded.model.clone(), clock);
+        Bench { folder, path, loaded, link, clock }
+    }
+
+    fn write(&self, text: &str) {
+        std::fs::write(&self.path, text).unwrap();
+    }
+
+    /// Feeds an ERROR of both modules and waits until it shows.
+    async fn break_both(&mut self) {
+        let mut array = StatusArray::default();
+        array.push_status(2, "k", "broken", "");
+        array.push_status(2, "g", "broken", "");
+        let input = Input::Diagnostics(array);
+        self.link.inputs.send(Stamped { input, received: self.clock.now() }).await.unwrap();
+        self.link.snapshots.wait_for(|it| shown(&it.snapshot, "a/kept") == Some(State::Error)).await.unwrap();
+    }
+
+    fn shown(&self, name: &str) -> Option<State> {
+        shown(&self.link.snapshots.borrow().snapshot, name)
+    }
+}
+
+impl Drop for Bench {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+fn shown(snapshot: &Snapshot, name: &str) -> Option<State> {
+    snapshot.node(name).map(|node| snapshot.shown(node).0)
+}
+
+fn sentences(differences: &[Difference]) -> Vec<String> {
+    differences.iter().map(ToString::to_string).collect()
+}
+
+#[tokio::test]
+async fn what_stays_keeps_its_state_and_the_rest_comes_and_goes() {
+    let mut bench = Bench::new("taken");
+    bench.break_both().await;
+    bench.write(NEW);
+    let outcome = reload(&bench.path, &bench.loaded, &bench.link.reloads).await.unwrap();
+    assert_eq!(
+        sentences(&outcome.differences),
+        [
+            "signal `doors` is new",
+            "group `b` is new",
+            "module `a/gone` is gone",
+            "module `a/kept`: name from none to \"Kept\"",
+            "module `b/new` is new",
+        ]
+    );
+    assert!(outcome.topics_changed && outcome.warnings.is_none());
+    // Published before the answer.
+    assert_eq!(bench.shown("a/kept"), Some(State::Error));
+    assert_eq!(bench.shown("a/gone"), None);
+    assert_eq!(bench.shown("b/new"), Some(State::Ignore), "it waits for `a`");
+}
+
+#[tokio::test]
+async fn a_file_with_an_error_changes_nothing_and_says_everything() {
+    let mut bench = Bench::new("refused");
+    bench.break_both().await;
+    let seq = bench.link.snapshots.borrow().snapshot.seq;
+    bench.write("groups: [{ id: b, depends_on: [c] }, { id: b }]\n");
+    let error = reload(&bench.path, &bench.loaded, &bench.link.reloads).await.unwrap_err();
+    let ReloadError::Configuration(problems) = error else { panic!("{error}") };
+    assert_eq!(problems.list().len(), 2, "{problems}");
+    assert_eq!(bench.shown("a/gone"), Some(State::Error));
+    assert_eq!(bench.link.snapshots.borrow().snapshot.seq, seq);
+}
+
+#[tokio::test]
+async fn the_same_again_is_not_taken() {
+    let bench = Bench::new("same");
+    let seq = bench.link.snapshots.borrow().snapshot.seq;
+    bench.write(&format!("# A comment.\n{OLD}"));
+    let outcome = reload(&bench.path, &bench.loaded, &bench.link.reloads).await.unwrap();
+    assert_eq!(outcome.differences, []);
+    assert_eq!(bench.link.snapshots.borrow().snapshot.seq, seq);
+}
+
+#[tokio::test]
+async fn a_request_previews_first_and_takes_when_told() {
+    let bench = Bench::new("requests");
+    let mut reloads = start(bench.path.clone(), bench.loaded.clone(), bench.link.reloads.clone()).unwrap();
+    let ask = async |take: bool| {
+        let (reply, answer) = oneshot::channel();
+        reloads.requests.send(Reread { take, reply }).await.unwrap();
+        answer.await.unwrap()
+    };
+    bench.write(NEW);
+    let preview = ask(false).await;
+    assert_eq!((preview.taken, preview.differences.len(), preview.problems), (false, 5, None));
+    assert_eq!(bench.shown("b/new"), None);
+    let taken = ask(true).await;
+    assert_eq!((taken.taken, taken.differences.len()), (true, 5));
+    assert_eq!(bench.shown("b/new"), Some(State::Unknown));
+    assert_eq!(reloads.running.borrow_and_update().model.groups.len(), 2);
+    // From what runs now, not from what ran at first.
+    assert_eq!(ask(true).await.differences.len(), 0);
+    bench.write("groups: 3\n");
+    let refused = ask(true).await;
+    assert!(!refused.taken && refused.problems.unwrap().contains("expected a list"));
+    assert_eq!(bench.shown("b/new"), Some(State::Unknown));
+}

@@ -1,0 +1,89 @@
+//! Parts of a model in words, for people who compare it with their file.
+
+use std::fmt::Write as _;
+use std::time::Duration;
+
+use crate::engine::filter::Filter;
+use crate::engine::model::{Dependency, DependsOn, Model, MonitorSpec, NodeId, Policy, SignalSpec, When};
+use crate::engine::time::Span;
+
+/// `/mission/active std_msgs/msg/Bool.data, unknown when older than 2s`
+pub fn signal(signal: &SignalSpec) -> String {
+    let source = &signal.source;
+    let dot = if source.field.is_empty() { "" } else { "." };
+    let mut text = format!("{} {}{dot}{}", source.topic, source.type_name, source.field);
+    if let Some(present) = signal.present_for {
+        let _ = write!(text, ", true for {} after each message", span(present));
+    }
+    if let Some(timeout) = signal.timeout {
+        let _ = write!(text, ", unknown when older than {}", span(timeout));
+    }
+    text
+}
+
+/// `status 'imu: status'`
+pub fn monitor(monitor: &MonitorSpec) -> String {
+    let MonitorSpec::SelfState { status } = monitor;
+    format!("status '{status}'")
+}
+
+/// `unknown after 2s of silence, worse after 200ms`
+pub fn policy(policy: &Policy) -> String {
+    let mut text = format!("{} after {} of silence", policy.stale, span(policy.timeout));
+    for (what, after) in [("worse", policy.raise_after), ("better", policy.clear_after)] {
+        if !after.is_zero() {
+            let _ = write!(text, ", {what} after {}", span(after));
+        }
+    }
+    if let Some(latch) = policy.latch {
+        let _ = write!(text, ", an error of {} stays until reset", span(latch));
+    }
+    text
+}
+
+/// `any of (can, sensors/imu) (also when unknown)`
+pub fn dependency(model: &Model, dependency: &Dependency) -> String {
+    let on = match &dependency.on {
+        DependsOn::Node(node) => node_name(model, *node).to_owned(),
+        DependsOn::AnyOf(members) => {
+            let names: Vec<&str> = members.iter().map(|&node| node_name(model, node)).collect();
+            format!("any of ({})", names.join(", "))
+        }
+    };
+    if dependency.masks_unknown { format!("{on} (also when unknown)") } else { on }
+}
+
+/// `the stage is standby or active and doors is true`
+pub fn when(model: &Model, when: &When) -> String {
+    let stages: Vec<&str> = when.stages.iter().map(|stage| stage.as_str()).collect();
+    let stages = (!stages.is_empty()).then(|| format!("the stage is {}", stages.join(" or ")));
+    let signals =
+        when.signals.iter().map(|&(index, value)| format!("{} is {value}", model.signals[index].name));
+    stages.into_iter().chain(signals).collect::<Vec<_>>().join(" and ")
+}
+
+/// `the namespace '/sensors'`
+pub fn filter(filter: &Filter) -> String {
+    match filter {
+        Filter::Name(name) => format!("the name '{name}'"),
+        Filter::Namespace(prefix) => format!("the namespace '{prefix}'"),
+        Filter::Contains(part) => format!("'{part}' in the name"),
+        Filter::Regex(regex) => {
+            // The engine keeps the expression anchored; people wrote it without.
+            let pattern = regex.as_str().strip_prefix(r"\A(?:").and_then(|rest| rest.strip_suffix(r")\z"));
+            format!("a name that matches '{}'", pattern.unwrap_or(regex.as_str()))
+        }
+    }
+}
+
+pub fn node_name(model: &Model, node: NodeId) -> &str {
+    match node {
+        NodeId::Group(id) => &model.groups[id.0 as usize].path,
+        NodeId::Module(id) => &model.modules[id.0 as usize].id,
+    }
+}
+
+/// `1h 30m`
+pub fn span(span: Span) -> String {
+    humantime::format_duration(Duration::from_nanos(span.as_nanos())).to_string()
+}
