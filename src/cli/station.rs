@@ -43,11 +43,12 @@ impl Station {
     pub async fn run(self, mut ending: Ending) -> anyhow::Result<()> {
         let Station { loaded, file, store, options, listener, origins, demo, clock } = self;
         let address = listener.local_addr().context("the listener has no address")?;
-        let settings = Settings { origins: known_origins(address, &origins)?, secure: false, demo };
         let listens_to = dds::describe(&options);
         let link = runtime::start(loaded.model.clone(), clock);
-        let _reloads =
+        let reloads =
             file.map(|file| reload::start(file, loaded.clone(), link.reloads.clone())).transpose()?;
+        let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
+        let settings = Settings { origins: known_origins(address, &origins)?, secure: false, demo, rereads };
         let bridge = ros::start(options, loaded.model, link.inputs.clone(), clock).await?;
         restore_operator(&store, &link).await?;
         tracing::info!("the display is on {}; it listens to {listens_to}", url(address));
