@@ -74,7 +74,8 @@ pub async fn reload(
     Ok(outcome)
 }
 
-fn sources(model: &Model) -> Vec<&FieldSource> {
+/// The topics from which signals come.
+pub fn sources(model: &Model) -> Vec<&FieldSource> {
     model.signals.iter().map(|signal| &signal.source).collect()
 }
 
@@ -152,7 +153,7 @@ impl Task {
             Ok(outcome) => {
                 tracing::info!("{file} was read again and taken:{}", bullets(&outcome.differences));
                 if outcome.topics_changed {
-                    tracing::warn!("signals come from other topics now");
+                    tracing::info!("signals come from other topics now");
                 }
                 if let Some(warnings) = &outcome.warnings {
                     tracing::warn!("{file} can be used, but:\n{warnings}");

@@ -3,17 +3,19 @@
 use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow};
 use tokio::net::TcpListener;
-use tokio::sync::oneshot;
+use tokio::sync::{mpsc, oneshot, watch};
 
 use super::ending::Ending;
 use super::{dds, reload};
 use crate::clock::Clock;
 use crate::config::Loaded;
-use crate::engine::input::{OperatorAction, Response};
-use crate::ros::{self, BridgeOptions};
+use crate::engine::input::{OperatorAction, Response, Stamped};
+use crate::engine::model::Model;
+use crate::ros::{self, Bridge, BridgeOptions};
 use crate::runtime::{self, Command, Link};
 use crate::store::Store;
 use crate::web::{self, AppState, DemoFaults, Origins, Settings};
@@ -43,15 +45,21 @@ impl Station {
     pub async fn run(self, mut ending: Ending) -> anyhow::Result<()> {
         let Station { loaded, file, store, options, listener, origins, demo, clock } = self;
         let address = listener.local_addr().context("the listener has no address")?;
-        let settings = Settings { origins: known_origins(address, &origins)?, secure: false, demo };
         let listens_to = dds::describe(&options);
         let link = runtime::start(loaded.model.clone(), clock);
-        let _reloads =
+        let reloads =
             file.map(|file| reload::start(file, loaded.clone(), link.reloads.clone())).transpose()?;
-        let bridge = ros::start(options, loaded.model, link.inputs.clone(), clock).await?;
+        let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
+        let settings = Settings { origins: known_origins(address, &origins)?, secure: false, demo, rereads };
+        let listening = Listening { options, inputs: link.inputs.clone(), clock };
+        let bridge = listening.to(loaded.model.clone()).await?;
         restore_operator(&store, &link).await?;
         tracing::info!("the display is on {}; it listens to {listens_to}", url(address));
-        web::serve(listener, AppState::new(link, store, clock, settings), ending.asked()).await?;
+        let bridge = {
+            let serving = web::serve(listener, AppState::new(link, store, clock, settings), ending.asked());
+            let running = reloads.map(|reloads| reloads.running);
+            listening.while_serving(serving, bridge, loaded.model, running).await?
+        };
         tracing::info!("ending");
         tokio::select! {
             () = bridge.shutdown() => {}
@@ -59,6 +67,55 @@ impl Station {
         }
         Ok(())
     }
+}
+
+/// What it takes to listen to DDS, each time anew.
+struct Listening {
+    options: BridgeOptions,
+    inputs: mpsc::Sender<Stamped>,
+    clock: Clock,
+}
+
+impl Listening {
+    async fn to(&self, model: Arc<Model>) -> anyhow::Result<Bridge> {
+        Ok(ros::start(self.options.clone(), model, self.inputs.clone(), self.clock).await?)
+    }
+
+    /// Serves until the end, and follows the configuration: where signals come from other topics, the
+    /// bridge is built anew. Gives back the bridge of the end.
+    async fn while_serving(
+        &self,
+        serving: impl Future<Output = std::io::Result<()>>,
+        mut bridge: Bridge,
+        mut model: Arc<Model>,
+        mut running: Option<watch::Receiver<Loaded>>,
+    ) -> anyhow::Result<Bridge> {
+        let mut serving = std::pin::pin!(serving);
+        loop {
+            let next = tokio::select! {
+                served = &mut serving => {
+                    served?;
+                    return Ok(bridge);
+                }
+                next = changed(&mut running) => next,
+            };
+            if reload::sources(&model) != reload::sources(&next) {
+                bridge.shutdown().await;
+                bridge = self.to(next.clone()).await?;
+            }
+            model = next;
+        }
+    }
+}
+
+/// The model of the next configuration that is taken; never, where there is none to come.
+async fn changed(running: &mut Option<watch::Receiver<Loaded>>) -> Arc<Model> {
+    if let Some(running) = running
+        && running.changed().await.is_ok()
+    {
+        return running.borrow_and_update().model.clone();
+    }
+    std::future::pending().await
 }
 
 /// Listens for browsers.

@@ -3,6 +3,7 @@
 mod answer;
 pub mod assets;
 mod demo;
+mod developer;
 mod displays;
 pub mod frame;
 mod guard;

@@ -22,15 +22,6 @@ pub async fn operator(
     Html(view::operator_page(&permitted(&app.published()), &page_context(&app, &session, &reader)))
 }
 
-/// `GET /developer`
-pub async fn developer(
-    State(app): State<AppState>,
-    SignedIn(session): SignedIn,
-    reader: Reader,
-) -> Html<String> {
-    Html(view::developer_page(&permitted(&app.published()), &page_context(&app, &session, &reader)))
-}
-
 /// `GET /api/v1/snapshot`
 pub async fn snapshot(State(app): State<AppState>) -> Response {
     let json = app.frames.json(&app.published());
@@ -73,5 +64,6 @@ pub fn page_context(app: &AppState, session: &Session, reader: &Reader) -> PageC
         user: session.user.to_string(),
         role: session.role,
         demo: app.settings.demo.is_some(),
+        configuration: app.settings.rereads.is_some(),
     }
 }

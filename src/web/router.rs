@@ -17,7 +17,7 @@ use tower_http::timeout::TimeoutLayer;
 use super::guard::Access::{Asset, Open, Roles, Session};
 use super::guard::{Access, AccessTable, guard};
 use super::state::AppState;
-use super::{demo, headers, login, pages, socket};
+use super::{demo, developer, headers, login, pages, socket};
 use crate::store::Role::{Authority, Developer, Operator};
 
 /// The largest body of a request.
@@ -42,7 +42,10 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_post("/login", Open, login::login),
         on_post("/logout", Session, login::logout),
         on_get("/ws", Session, socket::page),
-        on_get("/developer", Roles(&[Developer, Authority]), pages::developer),
+        on_get("/developer", Roles(&[Developer, Authority]), developer::statuses),
+        on_get("/developer/why", Roles(&[Developer, Authority]), developer::why),
+        on_get("/developer/configuration", Roles(&[Developer, Authority]), developer::configuration),
+        on_post("/developer/configuration/reload", Roles(&[Developer]), developer::reload),
         on_get("/api/v1/snapshot", Session, pages::snapshot),
         on_get("/api/v1/stream", Session, socket::stream),
         on_get("/healthz", Open, pages::healthz),

@@ -4,7 +4,7 @@ use std::ops::Deref;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use tokio::sync::{oneshot, watch};
+use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::timeout;
 
 use super::demo::DemoFaults;
@@ -17,7 +17,7 @@ use crate::engine::input::{OperatorAction, Response};
 use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Span;
-use crate::runtime::{self, Command, Link, Published};
+use crate::runtime::{self, Command, Link, Published, Reread};
 use crate::store::{Role, Session, Store, Token};
 
 /// The engine answers in well under a millisecond; one that takes this long hangs.
@@ -34,6 +34,8 @@ pub struct Settings {
     pub secure: bool,
     /// Switches of the simulated shuttle; `None` on a vehicle.
     pub demo: Option<DemoFaults>,
+    /// Who reads the configuration's file again; `None` where it comes from no file.
+    pub rereads: Option<mpsc::Sender<Reread>>,
 }
 
 /// Shared by all requests; clones are the same.

@@ -132,6 +132,14 @@ words! {
     dev_statuses: "statuses", "Status";
     dev_dropped: "dropped names", "verworfene Namen";
     dev_unknown_signals: "unknown signals", "unbekannte Signale";
+    dev_back: "Back to the overview", "Zurück zur Übersicht";
+    dev_configuration: "Configuration", "Konfiguration";
+    dev_config_same: "The file means the same as what runs.", "Die Datei bedeutet dasselbe wie das, was läuft.";
+    dev_config_differs: "The file differs from what runs", "Die Datei weicht von dem ab, was läuft";
+    dev_config_taken: "The file was taken. This has changed", "Die Datei wurde übernommen. Das hat sich geändert";
+    dev_config_refused: "The file cannot be used; what runs stays", "Die Datei ist unbrauchbar; was läuft, bleibt";
+    dev_config_warnings: "What can happen with it and should not", "Was damit geschehen kann und nicht sollte";
+    dev_config_take: "Take it", "Übernehmen";
     dev_late: "The server does not answer: this page is old.", "Der Server antwortet nicht: Diese Seite ist alt.";
 }
 

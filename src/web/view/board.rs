@@ -1,6 +1,6 @@
 //! Where the tiles stand and which arrows join them: the graph of the top-level groups.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::BTreeSet;
 
 use crate::engine::model::{DependsOn, GroupId, NodeId};
 use crate::engine::snapshot::{Layout, Snapshot};
@@ -23,7 +23,7 @@ pub struct Board {
     pub places: Vec<(usize, usize)>,
     pub columns: usize,
     pub rows: usize,
-    /// From what is depended upon to what depends, without those that others imply.
+    /// From what is depended upon to what depends.
     pub edges: Vec<(Tile, Tile)>,
     /// The tile that contains each group; none for what is no component.
     pub(super) top: Vec<Option<Tile>>,
@@ -36,8 +36,7 @@ impl Board {
         let (tiles, top) = tops(layout);
         let module_top = layout.modules.iter().map(|module| top[module.group.0 as usize]).collect();
         let mut board = Board { tiles, top, module_top, ..Board::default() };
-        let (all, whole) = board.dependencies(layout);
-        board.edges = reduce(&all, &whole);
+        board.edges = board.dependencies(layout).into_iter().collect();
         board.places = board.given_places(layout).unwrap_or_else(|| place(board.tiles.len(), &board.edges));
         board.columns = board.places.iter().map(|place| place.0 + 1).max().unwrap_or(1);
         board.rows = board.places.iter().map(|place| place.1 + 1).max().unwrap_or(1);
@@ -52,8 +51,7 @@ impl Board {
         }
     }
 
-    /// The arrows that lead from root causes to the tiles they put aside. A step of a path that
-    /// is not drawn itself follows the arrows which imply it.
+    /// The arrows that lead from root causes to the tiles they put aside.
     pub fn hot_edges(&self, snapshot: &Snapshot) -> Edges {
         let mut hot = Edges::new();
         for &id in &self.tiles {
@@ -64,38 +62,15 @@ impl Board {
             for path in view.paths.iter() {
                 let mut steps: Vec<Tile> = path.iter().filter_map(|&node| self.tile_of(node)).collect();
                 steps.dedup();
-                for step in steps.windows(2) {
-                    hot.extend(self.route(step[1], step[0]));
-                }
+                hot.extend(steps.windows(2).map(|step| (step[1], step[0])));
             }
         }
         hot
     }
 
-    /// The shortest way along drawn arrows, or the direct arrow where none is drawn.
-    fn route(&self, from: Tile, to: Tile) -> Vec<(Tile, Tile)> {
-        let mut before: Vec<Option<Tile>> = vec![None; self.tiles.len()];
-        let mut queue = VecDeque::from([from]);
-        while let Some(at) = queue.pop_front() {
-            for &(_, next) in self.edges.iter().filter(|edge| edge.0 == at) {
-                if next != from && before[next].is_none() {
-                    before[next] = Some(at);
-                    queue.push_back(next);
-                }
-            }
-        }
-        let mut route = Vec::new();
-        let mut at = to;
-        while let Some(previous) = before[at] {
-            route.push((previous, at));
-            at = previous;
-        }
-        if route.is_empty() { vec![(from, to)] } else { route }
-    }
-
-    /// All dependencies between tiles, and those in which a whole tile rests on a whole tile.
-    fn dependencies(&self, layout: &Layout) -> (Edges, Edges) {
-        let (mut all, mut whole) = (Edges::new(), Edges::new());
+    /// All dependencies between tiles, their own and those of what they contain.
+    fn dependencies(&self, layout: &Layout) -> Edges {
+        let mut all = Edges::new();
         let groups = layout.groups.iter().zip(&self.top).map(|(group, &top)| (top, &group.depends_on));
         let modules = layout.modules.iter().zip(&self.module_top);
         let modules = modules.map(|(module, &top)| (top, &module.depends_on));
@@ -110,18 +85,7 @@ impl Board {
                 all.extend(from.filter(|&from| from != to).map(|from| (from, to)));
             }
         }
-        for (to, &id) in self.tiles.iter().enumerate() {
-            for on in &layout.groups[id.0 as usize].depends_on {
-                if let DependsOn::Node(node @ NodeId::Group(on)) = on
-                    && let Some(from) = self.tile_of(*node)
-                    && self.tiles[from] == *on
-                    && from != to
-                {
-                    whole.insert((from, to));
-                }
-            }
-        }
-        (all, whole)
+        all
     }
 
     /// The places of the configuration, if every tile has one of its own within the bounds.
@@ -169,23 +133,6 @@ fn tops(layout: &Layout) -> (Vec<GroupId>, Vec<Option<Tile>>) {
         });
     }
     (tiles, top)
-}
-
-/// Leaves out each arrow that a longer way of whole dependencies implies: fewer lines say the same.
-fn reduce(all: &Edges, whole: &Edges) -> Vec<(Tile, Tile)> {
-    let implied = |&(from, to): &(Tile, Tile)| {
-        let mut seen = BTreeSet::from([from]);
-        let mut queue = VecDeque::from([from]);
-        while let Some(at) = queue.pop_front() {
-            for &(_, next) in whole.range((at, 0)..(at + 1, 0)) {
-                if (at, next) != (from, to) && seen.insert(next) {
-                    queue.push_back(next);
-                }
-            }
-        }
-        seen.contains(&to)
-    };
-    all.iter().filter(|edge| !implied(edge)).copied().collect()
 }
 
 /// A layout for tiles without places: left to right along the dependencies where that fits,
@@ -249,13 +196,6 @@ fn layered(layers: &[usize], depth: usize, height: usize, edges: &[(Tile, Tile)]
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn implied_arrows_are_left_out_only_along_whole_dependencies() {
-        let all = BTreeSet::from([(0, 1), (1, 2), (0, 2)]);
-        assert_eq!(reduce(&all, &all), [(0, 1), (1, 2)]);
-        assert_eq!(reduce(&all, &BTreeSet::from([(0, 1), (0, 2)])), [(0, 1), (0, 2), (1, 2)]);
-    }
 
     #[test]
     fn any_number_of_tiles_gets_places_of_their_own() {

@@ -7,6 +7,7 @@ mod arrows;
 mod board;
 mod causes;
 pub mod clean;
+mod configuration;
 mod detail;
 mod developer;
 mod node;
@@ -17,14 +18,15 @@ mod sample;
 mod tests;
 mod tile;
 mod top;
+mod why;
 
 use std::time::{Duration, SystemTime};
 
 use crate::clock::wall_at;
-use crate::engine::model::Stage;
+use crate::engine::model::{NodeId, Stage};
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Timestamp;
-use crate::runtime::Published;
+use crate::runtime::{Published, Rereading};
 use crate::store::Role;
 use crate::web::text::Words;
 use board::Board;
@@ -100,6 +102,8 @@ pub struct PageContext {
     pub role: Role,
     /// The simulated shuttle runs in this process: pages may link to `/demo`.
     pub demo: bool,
+    /// The configuration comes from a file: pages may link to its page.
+    pub configuration: bool,
 }
 
 /// What the login page shows.
@@ -147,6 +151,16 @@ pub fn fragments(published: &Published, lang: Lang) -> Vec<Fragment> {
 /// Everything that was received, dense, for a developer.
 pub fn developer_page(published: &Published, context: &PageContext) -> String {
     developer::page(&View::new(published, context.lang, false), context)
+}
+
+/// Why one node shows what it shows.
+pub fn why_page(published: &Published, node: NodeId, context: &PageContext) -> String {
+    why::page(&View::new(published, context.lang, false), node, context)
+}
+
+/// What the configuration's file would change, or has changed.
+pub fn configuration_page(read: &Rereading, may_take: bool, context: &PageContext) -> String {
+    configuration::page(read, may_take, context)
 }
 
 /// What all parts of a page are made from.

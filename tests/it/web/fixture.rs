@@ -13,7 +13,7 @@ use telltale::engine::model::{
     NodeId, Parts, Policy, SignalSpec, Stage, StageModel, Text, When,
 };
 use telltale::engine::snapshot::Snapshot;
-use telltale::runtime::{self, Link};
+use telltale::runtime::{self, Link, Reread};
 use telltale::store::{DemoSecrets, Store};
 use telltale::web::{AppState, DemoFaults, FaultSwitch, Origins, Settings, router};
 use tokio::sync::mpsc;
@@ -30,6 +30,8 @@ pub struct Fixture {
     pub link: Link,
     pub router: Router,
     pub faults: mpsc::Receiver<FaultSwitch>,
+    /// Who is asked to read the configuration again.
+    pub rereads: mpsc::Receiver<Reread>,
 }
 
 pub struct Answer {
@@ -68,9 +70,15 @@ impl Fixture {
         let (switch, faults) = mpsc::channel(4);
         let origins = Origins::of_listener(address.parse().unwrap(), secure);
         let faulty = DemoFaults::new(vec!["sensor_outage", "can_loss"], switch);
-        let settings = Settings { origins, secure, demo: (demo == DemoSecrets::Accepted).then_some(faulty) };
+        let (asks, rereads) = mpsc::channel(4);
+        let settings = Settings {
+            origins,
+            secure,
+            demo: (demo == DemoSecrets::Accepted).then_some(faulty),
+            rereads: Some(asks),
+        };
         let app = AppState::new(link.clone(), store.clone(), clock, settings);
-        Fixture { router: router(app), store, clock, link, faults }
+        Fixture { router: router(app), store, clock, link, faults, rereads }
     }
 
     pub async fn send(&self, request: Request<Body>) -> Answer {

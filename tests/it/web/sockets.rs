@@ -44,7 +44,12 @@ impl Server {
     async fn with(fixture: Fixture, store: Store) -> Server {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
-        let settings = Settings { origins: Origins::of_listener(address, false), secure: false, demo: None };
+        let settings = Settings {
+            origins: Origins::of_listener(address, false),
+            secure: false,
+            demo: None,
+            rereads: None,
+        };
         let app = AppState::new(fixture.link.clone(), store, fixture.clock, settings);
         let (shutdown, ended) = oneshot::channel::<()>();
         let served = tokio::spawn(serve(listener, app.clone(), async {

@@ -14,7 +14,14 @@ use crate::engine::input::TroubleKind;
 use crate::engine::model::{GroupId, Parts as ModelParts, StageModel, Text, When};
 
 fn context(lang: Lang, palette: Palette) -> PageContext {
-    PageContext { lang, palette, user: "operator".to_owned(), role: Role::Operator, demo: false }
+    PageContext {
+        lang,
+        palette,
+        user: "operator".to_owned(),
+        role: Role::Operator,
+        demo: false,
+        configuration: false,
+    }
 }
 
 fn fragment(published: &Published, lang: Lang, id: &str) -> String {

@@ -1,0 +1,91 @@
+//! The developer's pages: what was received, why a node shows what it shows, and the configuration.
+
+use axum::extract::{Query, State};
+use axum::http::StatusCode;
+use axum::response::{Html, IntoResponse, Response};
+use serde::Deserialize;
+use serde_json::json;
+use tokio::sync::oneshot;
+
+use super::answer::{Reader, Speaks, json_answer, refusal};
+use super::frame::permitted;
+use super::guard::SignedIn;
+use super::pages::page_context;
+use super::state::AppState;
+use super::view;
+use super::wording::Trouble;
+use crate::runtime::{Reread, Rereading};
+use crate::store::Role;
+
+/// `GET /developer`
+pub async fn statuses(
+    State(app): State<AppState>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+) -> Html<String> {
+    Html(view::developer_page(&permitted(&app.published()), &page_context(&app, &session, &reader)))
+}
+
+#[derive(Debug, Deserialize)]
+pub struct NodeQuery {
+    node: String,
+}
+
+/// `GET /developer/why?node=group/module`
+pub async fn why(
+    State(app): State<AppState>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+    Query(query): Query<NodeQuery>,
+) -> Response {
+    let published = permitted(&app.published());
+    let Some(node) = published.snapshot.node(&query.node) else {
+        return refusal(&reader, Trouble::NotFound);
+    };
+    Html(view::why_page(&published, node, &page_context(&app, &session, &reader))).into_response()
+}
+
+/// `GET /developer/configuration`: what the file would change, if it were taken now.
+pub async fn configuration(
+    State(app): State<AppState>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+) -> Response {
+    match reread(&app, false).await {
+        Ok(read) => {
+            let may_take = session.role == Role::Developer;
+            let context = page_context(&app, &session, &reader);
+            Html(view::configuration_page(&read, may_take, &context)).into_response()
+        }
+        Err(trouble) => refusal(&reader, trouble),
+    }
+}
+
+/// `POST /developer/configuration/reload`: the file is taken whole, or not at all.
+pub async fn reload(State(app): State<AppState>, SignedIn(session): SignedIn, reader: Reader) -> Response {
+    let read = match reread(&app, true).await {
+        Ok(read) => read,
+        Err(trouble) => return refusal(&reader, trouble),
+    };
+    let status = if read.problems.is_some() { StatusCode::UNPROCESSABLE_ENTITY } else { StatusCode::OK };
+    match reader.speaks {
+        Speaks::Json => {
+            let Rereading { taken, differences, problems, warnings } = read;
+            let answer = json!({
+                "taken": taken, "differences": differences, "problems": problems, "warnings": warnings,
+            });
+            json_answer(status, &answer)
+        }
+        Speaks::Html => {
+            let context = page_context(&app, &session, &reader);
+            (status, Html(view::configuration_page(&read, true, &context))).into_response()
+        }
+    }
+}
+
+async fn reread(app: &AppState, take: bool) -> Result<Rereading, Trouble> {
+    let rereads = app.settings.rereads.as_ref().ok_or(Trouble::NotFound)?;
+    let (reply, answer) = oneshot::channel();
+    rereads.send(Reread { take, reply }).await.map_err(|_| Trouble::Unavailable)?;
+    answer.await.map_err(|_| Trouble::Unavailable)
+}

@@ -1,0 +1,64 @@
+//! The developer's pages: why a node shows what it shows, and another configuration.
+
+use axum::http::StatusCode;
+use telltale::engine::snapshot::Reason;
+use telltale::runtime::Rereading;
+
+use super::fixture::{Fixture, as_program, form_request};
+
+#[tokio::test]
+async fn a_page_says_why_a_node_shows_what_it_shows() {
+    let fixture = Fixture::new().await;
+    let operator = fixture.cookie_of("operator").await;
+    let developer = fixture.cookie_of("developer").await;
+    fixture.status("lidar", 2, "<b>broken</b>").await;
+    let masked = |reason: Option<&Reason>| matches!(reason, Some(Reason::Masked { .. }));
+    fixture
+        .until(|snapshot| snapshot.node("localization").is_some_and(|node| masked(snapshot.shown(node).1)))
+        .await;
+    let why = async |node: &str, cookie: &str| {
+        fixture.get(&format!("/developer/why?node={node}"), Some(cookie)).await
+    };
+
+    let module = why("sensors/lidar", &developer).await.body;
+    assert!(module.contains("It reports: Error") && module.contains("It shows: Error"), "{module}");
+    assert!(!module.contains("<b>broken"), "{module}");
+    let group = why("localization", &developer).await.body;
+    assert!(group.contains("It is put aside because of") && group.contains("sensors/lidar"), "{group}");
+    assert_eq!(why("nothing", &developer).await.status, StatusCode::NOT_FOUND);
+    assert_eq!(why("sensors", &operator).await.status, StatusCode::FORBIDDEN);
+}
+
+#[tokio::test]
+async fn a_configuration_is_shown_as_a_difference_before_it_is_taken() {
+    let mut fixture = Fixture::new().await;
+    let developer = fixture.cookie_of("developer").await;
+    let authority = fixture.cookie_of("authority").await;
+    let router = fixture.router.clone();
+    let mut rereads = std::mem::replace(&mut fixture.rereads, tokio::sync::mpsc::channel(1).1);
+    let answering = tokio::spawn(async move {
+        let mut asked = Vec::new();
+        while let Some(reread) = rereads.recv().await {
+            asked.push(reread.take);
+            let differences = vec!["group <new> was added".to_owned()];
+            let read = Rereading { taken: reread.take, differences, problems: None, warnings: None };
+            reread.reply.send(read).unwrap();
+            if asked.len() == 3 {
+                break;
+            }
+        }
+        asked
+    });
+    let shown = fixture.get("/developer/configuration", Some(&developer)).await;
+    assert!(shown.body.contains("group &#60;new&#62; was added"), "{}", shown.body);
+    assert!(shown.body.contains(r#"name="reload""#));
+    let read_only = fixture.get("/developer/configuration", Some(&authority)).await;
+    assert!(!read_only.body.contains(r#"name="reload""#), "{}", read_only.body);
+    let reload = "/developer/configuration/reload";
+    assert_eq!(fixture.post(reload, Some(&authority), "").await.status, StatusCode::FORBIDDEN);
+    let taken = fixture.send(as_program(form_request(reload, Some(&developer), ""))).await;
+    let taken: serde_json::Value = serde_json::from_str(&taken.body).unwrap();
+    assert_eq!((&taken["taken"], &taken["problems"]), (&true.into(), &serde_json::Value::Null));
+    assert_eq!(answering.await.unwrap(), [false, false, true]);
+    drop(router);
+}
