@@ -233,6 +233,15 @@ impl Net {
         }
     }
 
+    /// A member is out for another reason than before, and the groups around it may be out because
+    /// of that member, see [`Net::kept_out_by`]: nothing else about them need have changed.
+    fn mark_around(&mut self, mut parent: Option<GroupId>) {
+        while let Some(id) = parent {
+            self.mark_leave(id);
+            parent = self.groups[id.0 as usize].node.parent;
+        }
+    }
+
     fn mark(&mut self, id: NodeId) {
         match id {
             NodeId::Group(id) => self.mark_enter(id),
@@ -281,17 +290,6 @@ impl Net {
         around.or_else(|| unmet(when, stage, signals))
     }
 
-    /// The condition that keeps a node out: its own, or that of the first member that has one.
-    pub(super) fn kept_out_by(&self, node: NodeId) -> Option<NotRelevant> {
-        let own = self.node(node).not_relevant.clone();
-        own.or_else(|| match node {
-            NodeId::Module(_) => None,
-            NodeId::Group(id) => {
-                self.groups[id.0 as usize].members.iter().find_map(|&member| self.kept_out_by(member))
-            }
-        })
-    }
-
     fn enter(&mut self, id: GroupId, stage: Stage, signals: &Signals) {
         let index = id.0 as usize;
         let parent = self.groups[index].node.parent;
@@ -309,7 +307,11 @@ impl Net {
         }
         node.facts.blocked = blocked;
         node.facts.relevant = not_relevant.is_none();
+        let other_reason = node.not_relevant.is_some() && not_relevant.is_some();
         node.not_relevant = not_relevant;
+        if other_reason {
+            self.mark_around(parent);
+        }
         for position in 0..self.groups[index].members.len() {
             let member = self.groups[index].members[position];
             self.mark(member);
@@ -335,10 +337,16 @@ impl Net {
         let blocked = module.node.blocking > 0 || around_blocked;
         let masked = relevant && blocked;
         let shown = if relevant && !masked { own } else { State::Ignore };
+        let other_reason = not_relevant.is_some()
+            && module.node.not_relevant.is_some()
+            && module.node.not_relevant != not_relevant;
         module.node.not_relevant = not_relevant;
         let before =
             std::mem::replace(&mut module.node.facts, Facts { relevant, blocked, masked, shown, own });
         self.rearm.push(id);
+        if other_reason {
+            self.mark_around(parent);
+        }
         self.tell(NodeId::Module(id), before);
     }
 

@@ -1,6 +1,7 @@
 //! Which conditions hold: the vehicle's state decides what is worth looking at (`ENGINE.md` 3).
 
-use super::model::{Stage, When};
+use super::model::{NodeId, Stage, When};
+use super::net::Net;
 use super::signals::Signals;
 use super::snapshot::NotRelevant;
 
@@ -19,4 +20,17 @@ pub(super) fn unmet(when: Option<&When>, stage: Stage, signals: &Signals) -> Opt
         let value = signals.value(index).filter(|&value| value != wanted)?;
         Some(NotRelevant::Signal { name: signals.name(index).into(), value })
     })
+}
+
+impl Net {
+    /// The condition that keeps a node out: its own, or that of the first member that has one.
+    pub(super) fn kept_out_by(&self, node: NodeId) -> Option<NotRelevant> {
+        let own = self.node(node).not_relevant.clone();
+        own.or_else(|| match node {
+            NodeId::Module(_) => None,
+            NodeId::Group(id) => {
+                self.groups[id.0 as usize].members.iter().find_map(|&member| self.kept_out_by(member))
+            }
+        })
+    }
 }

@@ -15,7 +15,7 @@ use proptest::prelude::*;
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, StatusArray};
 use telltale::engine::model::{GroupId, Model, NodeId};
-use telltale::engine::snapshot::{Path, Reason, Snapshot};
+use telltale::engine::snapshot::{NotRelevant, Path, Reason, Snapshot};
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
 
@@ -161,6 +161,16 @@ fn check(model: &Model, snapshot: &Snapshot) {
         let masked = matches!(reason, Some(Reason::Masked { .. }));
         assert_eq!(masked, oracle.masked(node), "masked: {name}");
         assert_eq!(reason.is_some(), state == State::Ignore, "reason of {name}");
+        match reason {
+            Some(Reason::NotRelevant(NotRelevant::Stage(stage))) => {
+                assert_eq!(*stage, snapshot.stage, "the stage that {name} names");
+            }
+            Some(Reason::NotRelevant(NotRelevant::Signal { name: signal, value })) => {
+                let now = snapshot.signals.iter().find(|(known, _)| known == signal);
+                assert_eq!(now.and_then(|(_, now)| *now), Some(*value), "the signal that {name} names");
+            }
+            _ => {}
+        }
         if let NodeId::Group(id) = node {
             let view = &snapshot.groups[id.0 as usize];
             assert_eq!(view.own, oracle.own(node), "own state of {name}");
