@@ -96,6 +96,7 @@ fn signals(file: &raw::File, log: &mut Log) -> Vec<SignalSpec> {
             log.push(Problem::at(span.span, "expected a duration above 0").help("for example `2s`"));
         }
         if let Some(source) = field_source(raw, log) {
+            one_type_a_topic(&source, raw, &signals, log);
             signals.push(SignalSpec {
                 name: key.text.as_str().into(),
                 source,
@@ -122,11 +123,32 @@ fn field_source(raw: &raw::Signal, log: &mut Log) -> Option<FieldSource> {
             return None;
         }
     };
+    let is_type = type_name.value.contains("/msg/");
+    if is_type && raw.present_for.is_none() && (&*type_name.value, field) != ("std_msgs/msg/Bool", "data") {
+        let problem =
+            Problem::at(type_name.span, format!("a signal cannot be read from {}.{field}", type_name.value));
+        log.push(problem.help(
+            "use a std_msgs/msg/Bool and its field `data`, or `present_for: 1h` if only the arrival of a message matters",
+        ));
+        return None;
+    }
     Some(FieldSource {
         topic: topic.value.as_str().into(),
         type_name: type_name.value.as_str().into(),
         field: field.into(),
     })
+}
+
+/// A topic has one type, whoever reads it.
+fn one_type_a_topic(source: &FieldSource, raw: &raw::Signal, others: &[SignalSpec], log: &mut Log) {
+    let diagnostics = (&*source.topic == "/diagnostics").then_some("diagnostic_msgs/msg/DiagnosticArray");
+    let other = others.iter().map(|other| &other.source).find(|other| other.topic == source.topic);
+    let known =
+        diagnostics.or(other.map(|other| &*other.type_name)).filter(|known| **known != *source.type_name);
+    if let (Some(known), Some(type_name)) = (known, &raw.type_name) {
+        let problem = Problem::at(type_name.span, format!("{} is read as {known} already", source.topic));
+        log.push(problem.help("a topic has one type; name the topic that carries this signal"));
+    }
 }
 
 fn check_topic(topic: &Spanned<String>, log: &mut Log) {

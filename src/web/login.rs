@@ -68,7 +68,7 @@ pub async fn login(
     {
         tracing::error!(%error, "the session before this login stays open");
     }
-    match open(&app, &user).await {
+    match whole(open(app.clone(), user)).await {
         Ok((token, session)) => welcome(&app, &reader, &token, &session),
         Err(NotOpened::Refused(reasons)) => refused(&reader, &reasons),
         Err(NotOpened::Unavailable) => failed(&app, &reader, &form.name, LoginFailure::Unavailable),
@@ -77,7 +77,7 @@ pub async fn login(
 
 /// `POST /logout`
 pub async fn logout(State(app): State<AppState>, SignedIn(session): SignedIn, reader: Reader) -> Response {
-    match close(&app, &session).await {
+    match whole(close(app.clone(), session.clone())).await {
         Ok(()) => {}
         Err(NotOpened::Refused(reasons)) => return refused(&reader, &reasons),
         Err(NotOpened::Unavailable) => return refusal(&reader, Trouble::Unavailable),
@@ -126,9 +126,18 @@ impl From<StoreError> for NotOpened {
     }
 }
 
+/// Runs to its end whoever still listens: a browser that goes on to another page drops its request,
+/// and half a logout would leave a session open behind a locked vehicle.
+async fn whole<T: Send + 'static>(
+    change: impl Future<Output = Result<T, NotOpened>> + Send + 'static,
+) -> Result<T, NotOpened> {
+    // It ends early only if the whole program does.
+    tokio::spawn(change).await.unwrap_or(Err(NotOpened::Unavailable))
+}
+
 /// Opens a session; an operator takes the seat, and the vehicle is unlocked by that.
-async fn open(app: &AppState, user: &Verified) -> Result<(Token, Session), NotOpened> {
-    let (token, session) = app.store.open_session(user).await?;
+async fn open(app: AppState, user: Verified) -> Result<(Token, Session), NotOpened> {
+    let (token, session) = app.store.open_session(&user).await?;
     if user.role() != Role::Operator {
         return Ok((token, session));
     }
@@ -149,9 +158,9 @@ async fn open(app: &AppState, user: &Verified) -> Result<(Token, Session), NotOp
 }
 
 /// Ends a session. The operator in the seat leaves it, at all displays, if the vehicle permits.
-async fn close(app: &AppState, session: &Session) -> Result<(), NotOpened> {
-    if !is_seated(session, &app.published().snapshot) {
-        return Ok(app.store.end_session(session).await?);
+async fn close(app: AppState, session: Session) -> Result<(), NotOpened> {
+    if !is_seated(&session, &app.published().snapshot) {
+        return Ok(app.store.end_session(&session).await?);
     }
     match app.command(OperatorAction::Logout).await {
         Ok(Answer::Done) => {}

@@ -42,6 +42,7 @@ words! {
     next_silent: "Not ready to drive. Not every component reports.", "Nicht fahrbereit. Nicht alle Komponenten melden sich.";
     next_cleared: "Cleared. The vehicle may start at any moment.", "Freigegeben. Das Fahrzeug kann jederzeit anfahren.";
     next_driving: "Drives by itself. Watch the road.", "Fährt selbst. Straße beobachten.";
+    next_driving_unknown: "Drives by itself, state unknown. Be ready to take over.", "Fährt selbst, Zustand unbekannt. Bereit sein zu übernehmen.";
     next_driving_error: "Drives by itself, with an error. Be ready to take over.", "Fährt selbst, mit Fehler. Bereit sein zu übernehmen.";
 
     not_locked: "locked", "gesperrt";
@@ -194,6 +195,7 @@ impl Lang {
             (Stage::Standby, _) => words.next_ready,
             (Stage::Cleared, _) => words.next_cleared,
             (Stage::Active, State::Error) => words.next_driving_error,
+            (Stage::Active, State::Unknown) => words.next_driving_unknown,
             (Stage::Active, _) => words.next_driving,
         }
     }
@@ -390,6 +392,7 @@ mod tests {
             for state in [State::Error, State::Unknown] {
                 assert_ne!(lang.stage(Stage::Standby, state), lang.words().ready);
                 assert_ne!(lang.next(Stage::Standby, state), lang.words().next_ready);
+                assert_ne!(lang.next(Stage::Active, state), lang.words().next_driving);
             }
         }
     }

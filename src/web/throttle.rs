@@ -35,6 +35,8 @@ enum Key {
 struct Failures {
     count: u32,
     last: Timestamp,
+    /// The failure before the last: a right login takes itself back as if it had never been tried.
+    before: Timestamp,
 }
 
 impl Throttle {
@@ -61,7 +63,8 @@ impl Throttle {
         self.0.remove(&account);
         // The others that failed from there stay: whoever has an account must not clear them.
         if let Some(failures) = self.0.get_mut(&source) {
-            failures.count -= 1;
+            failures.count = failures.count.saturating_sub(1);
+            failures.last = failures.before;
             if failures.count == 0 {
                 self.0.remove(&source);
             }
@@ -84,9 +87,10 @@ impl Throttle {
             let oldest = self.0.iter().min_by_key(|(_, failures)| failures.last).map(|(key, _)| key.clone());
             oldest.map(|key| self.0.remove(&key));
         }
-        let failures = self.0.entry(key).or_insert(Failures { count: 0, last: now });
+        let failures = self.0.entry(key).or_insert(Failures { count: 0, last: now, before: now });
         let forgotten = now.since(failures.last) > FORGET_AFTER;
         failures.count = if forgotten { 1 } else { failures.count.saturating_add(1) };
+        failures.before = failures.last;
         failures.last = now;
     }
 }
@@ -108,6 +112,19 @@ fn network(ip: IpAddr) -> IpAddr {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_right_login_makes_nobody_else_wait() {
+        let mut throttle = Throttle::default();
+        let source = IpAddr::from([127, 0, 0, 1]);
+        let at = |seconds: u64| Timestamp::ZERO + Span::from_secs(seconds);
+        for _ in 0..3 {
+            throttle.attempt(at(100), "dora", source).unwrap();
+        }
+        throttle.attempt(at(700), "dora", source).unwrap();
+        throttle.succeeded("dora", source);
+        assert_eq!(throttle.attempt(at(700), "anna", source), Ok(()));
+    }
 
     const LOCAL: &str = "127.0.0.1";
     const STRANGER: &str = "10.0.0.66";

@@ -233,3 +233,14 @@ fn tiles_have_a_place_of_their_own() {
         ],
     );
 }
+
+#[test]
+fn signals_are_of_a_type_that_can_be_read() {
+    check(
+        "signals:\n  a: { topic: /a, type: std_msgs/msg/Float64, field: data }\n  b: { topic: /diagnostics, type: std_msgs/msg/Bool }\ngroups: [{ id: g, match: [{ name: n }] }]\n",
+        &[
+            "2:25: a signal cannot be read from std_msgs/msg/Float64.data (use a std_msgs/msg/Bool and its field `data`, or `present_for: 1h` if only the arrival of a message matters)",
+            "3:35: /diagnostics is read as diagnostic_msgs/msg/DiagnosticArray already (a topic has one type; name the topic that carries this signal)",
+        ],
+    );
+}

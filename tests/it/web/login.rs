@@ -163,3 +163,25 @@ async fn readiness_needs_engine_and_store_and_health_neither() {
         assert_eq!(fixture.send(request(Method::GET, path, None)).await.status, StatusCode::OK, "{path}");
     }
 }
+
+#[tokio::test]
+async fn a_browser_that_leaves_in_the_middle_of_a_logout_is_logged_out_all_the_same() {
+    let fixture = Fixture::new().await;
+    let cookie = fixture.cookie_of("operator").await;
+    let mut snapshots = fixture.link.snapshots.clone();
+    {
+        let leaving = fixture.post("/logout", Some(&cookie), "");
+        let locked = snapshots.wait_for(|published| published.snapshot.stage == Stage::Locked);
+        tokio::select! {
+            biased;
+            _ = locked => {}
+            _ = leaving => {}
+        }
+    }
+    let ended = async {
+        while fixture.get("/api/v1/snapshot", Some(&cookie)).await.status != StatusCode::UNAUTHORIZED {
+            tokio::task::yield_now().await;
+        }
+    };
+    tokio::time::timeout(std::time::Duration::from_secs(5), ended).await.expect("the session ends");
+}
