@@ -194,7 +194,8 @@ impl Loop {
 mod tests {
     use super::*;
     use crate::engine::input::{Input, StatusArray};
-    use crate::engine::model::{Limits, NodeId, Parts, Policy, Stage, StageModel, Text};
+    use crate::engine::model::{Driving, Limits, NodeId, Parts, Policy, Stage, StageModel, Text};
+    use crate::engine::monitor::spec::Watched;
     use crate::engine::state::State;
 
     fn empty_model() -> Arc<Model> {
@@ -205,6 +206,8 @@ mod tests {
             signals: Vec::new(),
             groups: Vec::new(),
             modules: Vec::new(),
+            watched: Watched::default(),
+            driving: Driving::default(),
             discovered: Policy::default(),
             limits: Limits::default(),
         };

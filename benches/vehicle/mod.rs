@@ -6,9 +6,10 @@ use std::sync::Arc;
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, OperatorAction, StatusArray};
 use telltale::engine::model::{
-    Combine, Dependency, DependsOn, GroupId, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId,
-    Parts, Policy, StageModel, Text,
+    Combine, Dependency, DependsOn, Driving, GroupId, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec,
+    NodeId, Parts, Policy, StageModel, Text,
 };
+use telltale::engine::monitor::spec::Watched;
 use telltale::engine::time::{Span, Timestamp};
 
 pub const MODULES_PER_GROUP: usize = 100;
@@ -55,6 +56,8 @@ pub fn model(modules: usize) -> Arc<Model> {
         signals: Vec::new(),
         groups: (0..groups).map(group).collect(),
         modules: (0..modules).map(module).collect(),
+        watched: Watched::default(),
+        driving: Driving::default(),
         discovered: Policy::default(),
         limits: Limits::default(),
     };

@@ -108,7 +108,7 @@ fn text(loaded: &Loaded, found: &Soundness) -> String {
         model.vehicle_name.en,
         model.groups.len(),
         model.modules.len(),
-        loaded.stops.len()
+        loaded.model.driving.stops.len()
     );
     out.push_str(&soundness_text(found));
     for signal in &model.signals {

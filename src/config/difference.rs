@@ -3,9 +3,10 @@
 use std::collections::HashMap;
 use std::fmt;
 
-use super::{Loaded, Stop, words};
+use super::{Loaded, words};
 use crate::engine::model::{
-    Combine, Dependency, GroupSpec, Limits, Model, ModuleSpec, Parts, SignalSpec, StageModel, Text, When,
+    Combine, Dependency, GroupSpec, Limits, Model, ModuleSpec, Parts, SignalSpec, StageModel, Stop, Text,
+    When,
 };
 
 /// One thing that is different. Prints as a sentence without a full stop.
@@ -43,7 +44,7 @@ pub fn difference(old: &Loaded, new: &Loaded) -> Vec<Difference> {
     vehicle(old, new, &mut found);
     let (was, is) = (&*old.model, &*new.model);
     signals(was, is, &mut found);
-    stops(&old.stops, &new.stops, &mut found);
+    stops(&was.driving.stops, &is.driving.stops, &mut found);
     groups(was, is, &mut found);
     modules(was, is, &mut found);
     found
@@ -65,6 +66,9 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
             signals: _,
             groups: _,
             modules: _,
+            // Follows from the modules.
+            watched: _,
+            driving,
         } = &**loaded.model;
         let Limits { discovered_modules, values_per_status, string_bytes } = limits;
         vec![
@@ -75,7 +79,7 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
             ("limits.discovered_modules", discovered_modules.to_string()),
             ("limits.values_per_status", values_per_status.to_string()),
             ("limits.string_bytes", string_bytes.to_string()),
-            ("localized_after", words::span(loaded.localized_after)),
+            ("localized_after", words::span(driving.localized_after)),
         ]
     };
     changed("the vehicle", facts(old), facts(new), found);

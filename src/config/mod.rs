@@ -21,8 +21,7 @@ use std::sync::Arc;
 
 use self::places::Places;
 use self::soundness::Soundness;
-use crate::engine::model::{Model, Text};
-use crate::engine::time;
+use crate::engine::model::Model;
 use crate::yaml::{FromNode, Log, Node, Problem, Problems, Sources, Span, Spanned, tree};
 
 /// More files than this are not included.
@@ -35,10 +34,6 @@ pub const SCHEMA: &str = include_str!("schema.json");
 #[derive(Debug, Clone)]
 pub struct Loaded {
     pub model: Arc<Model>,
-    /// Where the vehicle stops, in the order of the file.
-    pub stops: Vec<Stop>,
-    /// Localization counts as done when its group was OK for this long.
-    pub localized_after: time::Span,
     places: Arc<Places>,
 }
 
@@ -54,16 +49,6 @@ impl Loaded {
         let problems = (!problems.is_empty()).then(|| Problems::new(self.places.sources.clone(), problems));
         (found, problems)
     }
-}
-
-/// A place at which an operator may localize the vehicle: metres and degrees in the map's frame.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Stop {
-    pub id: Arc<str>,
-    pub name: Text,
-    pub x_m: f64,
-    pub y_m: f64,
-    pub yaw_deg: f64,
 }
 
 /// Reads a configuration and the files that it includes.

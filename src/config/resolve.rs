@@ -3,15 +3,16 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use super::Loaded;
 use super::names::{self, Names, check_id};
 use super::places::{NodePlace, Places};
 use super::raw;
 use super::relations::{self, Signals};
-use super::{Loaded, Stop};
 use crate::engine::model::{
-    Combine, FieldSource, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, Parts, Policy,
-    SignalSpec, StageModel, Text,
+    Combine, Driving, FieldSource, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, Parts, Policy,
+    SignalSpec, StageModel, Stop, Text,
 };
+use crate::engine::monitor::spec::Watched;
 use crate::engine::time;
 use crate::yaml::{Log, Problem, Sources, Span, Spanned};
 
@@ -30,7 +31,11 @@ pub(super) fn resolve(file: &raw::File, log: &mut Log) -> Option<Loaded> {
     let signals = signals(file, log);
     let names = Names::of(file, log);
     let index = signals.iter().enumerate().map(|(index, signal)| (&*signal.name, index)).collect();
-    let stops = stops(file, log);
+    let driving = Driving {
+        stops: stops(file, log),
+        localized_after: file.localized_after.unwrap_or(LOCALIZED_AFTER),
+        countermeasures: Vec::new(),
+    };
     let groups = groups(&names, &index, log);
     let modules = modules(&names, &index, &defaults, log);
     let limits = limits(file.limits.as_ref(), log);
@@ -41,6 +46,8 @@ pub(super) fn resolve(file: &raw::File, log: &mut Log) -> Option<Loaded> {
         signals,
         groups,
         modules,
+        watched: Watched::default(),
+        driving,
         discovered: defaults,
         limits,
     };
@@ -51,8 +58,7 @@ pub(super) fn resolve(file: &raw::File, log: &mut Log) -> Option<Loaded> {
             return None;
         }
     };
-    let localized_after = file.localized_after.unwrap_or(LOCALIZED_AFTER);
-    Some(Loaded { model, stops, localized_after, places: Arc::new(places(&names)) })
+    Some(Loaded { model, places: Arc::new(places(&names)) })
 }
 
 fn places(names: &Names) -> Places {
@@ -76,6 +82,7 @@ fn policy(raw: &raw::Policy, around: &Policy, log: &mut Log) -> Policy {
         stale: raw.stale.unwrap_or(around.stale),
         raise_after: raw.raise_after.unwrap_or(around.raise_after),
         clear_after: raw.clear_after.unwrap_or(around.clear_after),
+        no_publisher: around.no_publisher,
         latch: raw.latch.or(around.latch),
     }
 }

@@ -7,8 +7,10 @@ use std::path::PathBuf;
 
 use super::*;
 use crate::engine::filter::Filter;
+use crate::engine::model::Text;
 use crate::engine::model::{Combine, DependsOn, GroupId, ModuleId, NodeId, Policy, Stage};
 use crate::engine::state::State;
+use crate::engine::time;
 
 /// All problems of a text, in order, as `line:column: message (what to do)`.
 #[track_caller]
@@ -37,7 +39,7 @@ fn a_minimal_configuration_has_defaults() {
     assert_eq!(model.groups[0].name, Text::plain("a"));
     assert_eq!(&*model.modules[0].id, "a/m");
     assert_eq!(model.modules[0].policy, Policy::default());
-    assert_eq!(loaded.localized_after, time::Span::from_secs(2));
+    assert_eq!(loaded.model.driving.localized_after, time::Span::from_secs(2));
 }
 
 #[test]
@@ -70,7 +72,14 @@ groups:
     assert_eq!(model.signals[0].timeout, Some(time::Span::from_secs(3)));
     assert_eq!(model.signals[1].present_for, Some(time::Span::from_secs(3600)));
     assert_eq!((&*model.signals[0].source.field, &*model.signals[1].source.field), ("data", ""));
-    assert_eq!((loaded.stops[0].x_m, loaded.stops[0].y_m, loaded.stops[0].yaw_deg), (1.5, -2.0, 90.0));
+    assert_eq!(
+        (
+            loaded.model.driving.stops[0].x_m,
+            loaded.model.driving.stops[0].y_m,
+            loaded.model.driving.stops[0].yaw_deg
+        ),
+        (1.5, -2.0, 90.0)
+    );
     assert_eq!(model.limits.discovered_modules, 7);
 
     let group = &model.groups[0];

@@ -23,8 +23,7 @@ pub fn signal(signal: &SignalSpec) -> String {
 
 /// `status 'imu: status'`
 pub fn monitor(monitor: &MonitorSpec) -> String {
-    let MonitorSpec::SelfState { status } = monitor;
-    format!("status '{status}'")
+    monitor.status().map_or_else(String::new, |status| format!("status '{status}'"))
 }
 
 /// `unknown after 2s of silence, worse after 200ms`

@@ -3,6 +3,7 @@
 
 use std::ops::Range;
 
+use super::sample::{Probe, Sample, TopicNews};
 use super::state::State;
 use super::time::Timestamp;
 
@@ -13,6 +14,12 @@ pub enum Input {
     Diagnostics(StatusArray),
     /// A sample of a signal that the configuration names.
     Signal { name: Box<str>, value: bool },
+    /// A message of a topic that monitors watch.
+    Sample(Sample),
+    /// Who publishes a topic that monitors watch; said at the start and whenever it changes.
+    Topic(TopicNews),
+    /// A watchdog's probe came to its end.
+    Probe(Probe),
     /// Something about the reception itself went wrong.
     Reception(ReceptionTrouble),
     /// An operator did something on the page.

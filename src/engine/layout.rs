@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::model::{GroupId, GroupSpec, Model, ModuleId, MonitorSpec, Text};
+use super::model::{GroupId, GroupSpec, Model, ModuleId, Text};
 use super::snapshot::{Class, GroupInfo, Layout, ModuleInfo};
 use super::system::{OTHER_GROUP, SYSTEM_GROUP, SystemCheck};
 
@@ -50,9 +50,7 @@ pub(super) fn layout(model: &Model) -> Layout {
             group: spec.group,
             depends_on: spec.depends_on.iter().map(|dependency| dependency.on.clone()).collect(),
             discovered: false,
-            class: match spec.monitor {
-                MonitorSpec::SelfState { .. } => SELF_STATE,
-            },
+            class: SELF_STATE,
         }));
     }
     let system = GroupId(groups.len() as u32 - 1);

@@ -5,6 +5,7 @@
 
 mod alarm;
 mod causes;
+pub mod countermeasure;
 pub mod event;
 pub mod filter;
 pub mod graph;
@@ -12,6 +13,7 @@ pub mod input;
 mod layout;
 pub mod model;
 mod module;
+pub mod monitor;
 mod names;
 mod net;
 mod node;
@@ -19,6 +21,7 @@ mod overflow;
 pub mod persistent;
 mod relevance;
 mod reload;
+pub mod sample;
 mod signals;
 pub mod snapshot;
 pub mod state;
@@ -114,6 +117,7 @@ impl Engine {
             Input::Diagnostics(array) => self.take_array(array),
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
+            Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {}
             Input::Operator(action) => response = self.operate(action),
             Input::Tick => return response,
         }

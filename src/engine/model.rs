@@ -4,8 +4,11 @@
 
 use std::sync::Arc;
 
+use super::countermeasure::Rule;
 use super::filter::Filter;
 use super::graph::{Cycle, Order, Visit};
+pub use super::monitor::spec::MonitorSpec;
+use super::monitor::spec::Watched;
 use super::state::State;
 use super::time::Span;
 
@@ -161,6 +164,8 @@ pub struct Policy {
     pub clear_after: Span,
     /// An ERROR that lasted this long stays until it is reset.
     pub latch: Option<Span>,
+    /// The state while nobody publishes a topic that the module watches: UNKNOWN or ERROR.
+    pub no_publisher: State,
 }
 
 impl Default for Policy {
@@ -171,6 +176,7 @@ impl Default for Policy {
             raise_after: Span::ZERO,
             clear_after: Span::ZERO,
             latch: None,
+            no_publisher: State::Unknown,
         }
     }
 }
@@ -187,13 +193,6 @@ pub struct ModuleSpec {
     pub when: Option<When>,
     pub depends_on: Vec<Dependency>,
     pub monitor: MonitorSpec,
-}
-
-/// What a module watches (`ENGINE.md` 7).
-#[derive(Debug, Clone, PartialEq)]
-pub enum MonitorSpec {
-    /// The level in the status of exactly this name.
-    SelfState { status: Arc<str> },
 }
 
 /// Bounds on everything that is fed from outside.
@@ -220,9 +219,37 @@ pub struct Parts {
     pub signals: Vec<SignalSpec>,
     pub groups: Vec<GroupSpec>,
     pub modules: Vec<ModuleSpec>,
+    /// What the modules' monitors need from outside.
+    pub watched: Watched,
+    pub driving: Driving,
     /// Policy of modules that are made at run time.
     pub discovered: Policy,
     pub limits: Limits,
+}
+
+/// What leads the vehicle from stage to stage, and what stops it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Driving {
+    pub stops: Vec<Stop>,
+    /// Localization counts as done when its group was OK for this long.
+    pub localized_after: Span,
+    pub countermeasures: Vec<Rule>,
+}
+
+impl Default for Driving {
+    fn default() -> Driving {
+        Driving { stops: Vec::new(), localized_after: Span::from_secs(2), countermeasures: Vec::new() }
+    }
+}
+
+/// A place at which an operator may localize the vehicle: metres and degrees in the map's frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stop {
+    pub id: Arc<str>,
+    pub name: Text,
+    pub x_m: f64,
+    pub y_m: f64,
+    pub yaw_deg: f64,
 }
 
 /// Parts whose references exist and whose dependencies have an order.

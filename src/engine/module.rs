@@ -224,13 +224,7 @@ mod tests {
     use State::*;
 
     fn policy() -> Policy {
-        Policy {
-            timeout: Span::from_secs(2),
-            stale: Unknown,
-            raise_after: Span::ZERO,
-            clear_after: Span::ZERO,
-            latch: None,
-        }
+        Policy::default()
     }
 
     /// Reports at milliseconds, then own states at milliseconds; relevant from the start.

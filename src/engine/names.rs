@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::model::{GroupId, Model, ModuleId, MonitorSpec};
+use super::model::{GroupId, Model, ModuleId};
 
 /// What is known of one status name.
 #[derive(Debug)]
@@ -61,8 +61,9 @@ impl Names {
             discovered_max: model.limits.discovered_modules,
         };
         for (index, module) in model.modules.iter().enumerate() {
-            let MonitorSpec::SelfState { status } = &module.monitor;
-            names.feed(status, ModuleId(index as u32));
+            if let Some(status) = module.monitor.status() {
+                names.feed(status, ModuleId(index as u32));
+            }
         }
         names
     }

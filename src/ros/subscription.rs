@@ -131,7 +131,8 @@ impl Subscription {
 mod tests {
     use super::*;
     use crate::engine::input::StatusArray;
-    use crate::engine::model::{FieldSource, Parts, Policy, StageModel, Text};
+    use crate::engine::model::{Driving, FieldSource, Parts, Policy, StageModel, Text};
+    use crate::engine::monitor::spec::Watched;
     use crate::engine::time::Span;
 
     fn signal(name: &str, topic: &str, type_name: &str, present_for: Option<Span>) -> SignalSpec {
@@ -147,6 +148,8 @@ mod tests {
             signals,
             groups: Vec::new(),
             modules: Vec::new(),
+            watched: Watched::default(),
+            driving: Driving::default(),
             discovered: Policy::default(),
             limits: Limits::default(),
         };

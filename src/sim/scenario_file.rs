@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::scenario::{Expectation, Figure, Repeat, Scenario, Step, What};
 use super::scenario_raw::{Action, Raw, RawExpect, RawFigure, RawStatus, RawStep};
 use crate::engine::input::{Input, StatusArray};
-use crate::engine::model::{Model, MonitorSpec};
+use crate::engine::model::Model;
 use crate::engine::time::Timestamp;
 use crate::yaml::decode::{Entries, did_you_mean};
 use crate::yaml::{FromNode, Kind, Log, Node, Problem, Problems, Sources, Span, suggest, tree};
@@ -134,8 +134,9 @@ impl Bind<'_> {
         let mut array = StatusArray::default();
         let mut seen = self.named.clone();
         for module in &self.model.modules {
-            let MonitorSpec::SelfState { status } = &module.monitor;
-            if seen.insert(status) {
+            if let Some(status) = module.monitor.status()
+                && seen.insert(status)
+            {
                 array.push_status(level, status, "", "");
             }
         }

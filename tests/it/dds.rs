@@ -5,7 +5,10 @@ use std::sync::Arc;
 use serde_json::{Value, json};
 use telltale::clock::Clock;
 use telltale::engine::input::{Input, ReceptionTrouble, Stamped, StatusArray, TroubleKind};
-use telltale::engine::model::{FieldSource, Limits, Model, Parts, Policy, SignalSpec, StageModel, Text};
+use telltale::engine::model::{
+    Driving, FieldSource, Limits, Model, Parts, Policy, SignalSpec, StageModel, Text,
+};
+use telltale::engine::monitor::spec::Watched;
 use telltale::engine::time::Span;
 use telltale::ros::messages::GidSize;
 use telltale::ros::{self, Bridge, BridgeOptions, Publisher};
@@ -99,6 +102,8 @@ fn model() -> Arc<Model> {
         ],
         groups: Vec::new(),
         modules: Vec::new(),
+        watched: Watched::default(),
+        driving: Driving::default(),
         discovered: Policy::default(),
         limits: Limits::default(),
     };

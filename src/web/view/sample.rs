@@ -8,9 +8,10 @@ use crate::engine::Engine;
 use crate::engine::filter::Filter;
 use crate::engine::input::{Input, OperatorAction, ReceptionTrouble, StatusArray, TroubleKind};
 use crate::engine::model::{
-    Combine, Dependency, DependsOn, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec,
-    NodeId, Parts, Policy, SignalSpec, StageModel, Text, When,
+    Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleSpec,
+    MonitorSpec, NodeId, Parts, Policy, SignalSpec, StageModel, Text, When,
 };
+use crate::engine::monitor::spec::Watched;
 use crate::engine::time::{Span, Timestamp};
 use crate::runtime::Published;
 
@@ -291,6 +292,8 @@ pub fn parts() -> Parts {
         }],
         groups: groups.collect(),
         modules: modules.collect(),
+        watched: Watched::default(),
+        driving: Driving::default(),
         discovered: Policy::default(),
         limits: Limits::default(),
     }

@@ -6,9 +6,10 @@ use std::sync::Arc;
 use telltale::engine::filter::Filter;
 use telltale::engine::input::{Input, OperatorAction, StatusArray};
 use telltale::engine::model::{
-    Combine, Dependency, DependsOn, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleId, ModuleSpec,
-    MonitorSpec, NodeId, Parts, Policy, SignalSpec, Stage, StageModel, Text, When,
+    Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleId,
+    ModuleSpec, MonitorSpec, NodeId, Parts, Policy, SignalSpec, Stage, StageModel, Text, When,
 };
+use telltale::engine::monitor::spec::Watched;
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
 
@@ -95,6 +96,8 @@ fn empty(choices: &mut Choices<'_>) -> Parts {
         signals: SIGNALS.map(signal).to_vec(),
         groups: Vec::new(),
         modules: Vec::new(),
+        watched: Watched::default(),
+        driving: Driving::default(),
         discovered: policy(choices),
         limits: Limits { discovered_modules: choices.below(6), ..Limits::default() },
     }
@@ -125,6 +128,7 @@ fn policy(choices: &mut Choices<'_>) -> Policy {
         raise_after,
         clear_after,
         latch: Some(latch).filter(|latch| !latch.is_zero()),
+        no_publisher: State::Unknown,
     }
 }
 

@@ -9,9 +9,10 @@ use axum::http::{HeaderMap, Method, Request, StatusCode};
 use telltale::clock::Clock;
 use telltale::engine::input::{Input, Stamped, StatusArray};
 use telltale::engine::model::{
-    Combine, Dependency, DependsOn, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec,
-    NodeId, Parts, Policy, SignalSpec, Stage, StageModel, Text, When,
+    Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleSpec,
+    MonitorSpec, NodeId, Parts, Policy, SignalSpec, Stage, StageModel, Text, When,
 };
+use telltale::engine::monitor::spec::Watched;
 use telltale::engine::snapshot::Snapshot;
 use telltale::runtime::{self, Link, Reread};
 use telltale::store::{DemoSecrets, Store};
@@ -214,6 +215,8 @@ pub fn model() -> Model {
             module("localization/tf", 2, "tf"),
             module("planning/planner", 3, "planner"),
         ],
+        watched: Watched::default(),
+        driving: Driving::default(),
         discovered: Policy::default(),
         limits: Limits::default(),
     };

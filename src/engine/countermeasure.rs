@@ -1,0 +1,56 @@
+//! Countermeasures: what the vehicle is asked to do when something fails (`ENGINE.md` 10; paper,
+//! Sec. IV-D).
+
+use super::model::{NodeId, Stage};
+use super::state::State;
+use super::time::Span;
+
+/// What is asked of the vehicle, weakest first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Request {
+    /// On the screen alone.
+    Notify,
+    /// The maneuver component's own safe stop.
+    ManeuverStop,
+    /// To slow down by this much until it stands.
+    Decelerate { mps2: f64 },
+}
+
+impl Request {
+    /// The word in files and on the wire.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Request::Notify => "notify",
+            Request::ManeuverStop => "maneuver_stop",
+            Request::Decelerate { .. } => "decelerate",
+        }
+    }
+}
+
+/// When one of the nodes shows at least `state` in one of the stages, `request` is made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rule {
+    pub request: Request,
+    pub nodes: Vec<NodeId>,
+    /// WARNING or ERROR.
+    pub state: State,
+    /// Never empty.
+    pub stages: Vec<Stage>,
+    pub confirmation: Option<Confirmation>,
+}
+
+/// How the vehicle says that it does what was asked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Confirmation {
+    pub by: ConfirmedBy,
+    /// Later than this after the request it counts as not confirmed.
+    pub within: Span,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ConfirmedBy {
+    /// Index of a signal that is true then.
+    Signal(usize),
+    /// The status of exactly this name is OK then.
+    Status(Box<str>),
+}

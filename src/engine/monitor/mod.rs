@@ -1,0 +1,3 @@
+//! Diagnosis modules that watch from the outside (paper, Sec. III-D; `ENGINE.md` 7).
+
+pub mod spec;
