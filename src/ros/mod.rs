@@ -27,7 +27,7 @@ use tokio::task::JoinHandle;
 
 pub use interfaces::{Address, addresses};
 pub use options::{BridgeOptions, DOMAIN_MAX, Interface, OptionsError};
-pub use publisher::{PublishError, Publisher};
+pub use publisher::{PublishError, Publisher, Quality};
 pub use subscription::{DIAGNOSTICS, SubscriptionError};
 
 use crate::clock::Clock;
