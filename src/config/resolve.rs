@@ -11,8 +11,8 @@ use super::relations::{self, Signals};
 use super::topics::{self, Topics};
 use super::{Loaded, countermeasures, monitors, publishing};
 use crate::engine::model::{
-    Combine, Driving, FieldSource, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, Parts, Policy,
-    SignalSpec, StageModel, Stop, Text,
+    Combine, Driving, FieldSource, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, POSED_SIGNAL,
+    Parts, Policy, SignalSpec, StageModel, Stop, Text,
 };
 use crate::engine::time;
 use crate::yaml::{Log, Problem, Sources, Span, Spanned};
@@ -105,7 +105,7 @@ fn signals(file: &raw::File, topics: &mut Topics, log: &mut Log) -> (Vec<SignalS
     let (mut signals, mut places) = (Vec::new(), Vec::new());
     for (key, raw) in &file.signals.0 {
         check_id(&Spanned { value: key.text.clone(), span: key.span }, "signal", log);
-        if key.text == relations::POSED {
+        if key.text == POSED_SIGNAL {
             let problem = Problem::at(key.span, "`posed` is built in: it says that the operator gave a pose");
             log.push(problem.help("choose another name"));
         }

@@ -8,7 +8,7 @@ use std::time::Duration;
 pub use self::monitor::monitor;
 use crate::engine::countermeasure::{ConfirmedBy, Request, Rule};
 use crate::engine::filter::Filter;
-use crate::engine::model::{Dependency, DependsOn, Model, NodeId, Policy, SignalSpec, When};
+use crate::engine::model::{Dependency, DependsOn, Model, NodeId, POSED_SIGNAL, Policy, SignalSpec, When};
 use crate::engine::state::State;
 use crate::engine::time::Span;
 
@@ -81,7 +81,8 @@ pub fn when(model: &Model, when: &When) -> String {
     let stages = (!stages.is_empty()).then(|| format!("the stage is {}", stages.join(" or ")));
     let signals =
         when.signals.iter().map(|&(index, value)| format!("{} is {value}", model.signals[index].name));
-    stages.into_iter().chain(signals).collect::<Vec<_>>().join(" and ")
+    let posed = when.posed.map(|value| format!("{POSED_SIGNAL} is {value}"));
+    stages.into_iter().chain(signals).chain(posed).collect::<Vec<_>>().join(" and ")
 }
 
 /// `the namespace '/sensors'`
