@@ -4,6 +4,7 @@
 //! DDS library cannot recover by itself, the participant is replaced and the bridge goes on.
 
 pub mod cdr;
+pub mod fields;
 mod interfaces;
 pub mod messages;
 mod options;
