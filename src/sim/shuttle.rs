@@ -52,11 +52,23 @@ pub enum Message {
     /// Where the localization says that the shuttle is.
     Position(Pose),
     /// Where the wheels say that it is, from where they began to count.
-    Odometry { pose: Pose, speed_mps: f64, yaw_rate: f64 },
-    WheelSpeed { mps: f64 },
-    Battery { charge: f64, voltage_v: f64, current_a: f64 },
+    Odometry {
+        pose: Pose,
+        speed_mps: f64,
+        yaw_rate: f64,
+    },
+    WheelSpeed {
+        mps: f64,
+    },
+    Battery {
+        charge: f64,
+        voltage_v: f64,
+        current_a: f64,
+    },
     /// What is around the shuttle, as old as it is when it is published.
-    Costmap { age: Span },
+    Costmap {
+        age: Span,
+    },
     /// Others on the road, seen from the shuttle.
     Objects(Vec<Pose>),
     /// Free road ahead.

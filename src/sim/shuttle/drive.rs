@@ -47,12 +47,19 @@ pub(super) struct Drive {
 #[derive(Debug, Clone, Copy)]
 enum Phase {
     /// No goal yet.
-    Boarding { elapsed_ms: u64, total_ms: u64 },
+    Boarding {
+        elapsed_ms: u64,
+        total_ms: u64,
+    },
     /// There is a goal, and the shuttle may not leave yet.
     Waiting,
     /// It may; the planner begins.
-    Departing { elapsed_ms: u64 },
-    Driving { left_m: f64 },
+    Departing {
+        elapsed_ms: u64,
+    },
+    Driving {
+        left_m: f64,
+    },
 }
 
 impl Drive {

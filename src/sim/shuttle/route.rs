@@ -88,10 +88,10 @@ impl Route {
             ];
         }
         let next = stops.iter().cycle().skip(1);
-        let legs = stops.iter().zip(next).map(|((name, from), (_, to))| Leg {
-            name: name.clone(),
-            points: points(*from, *to),
-        });
+        let legs = stops
+            .iter()
+            .zip(next)
+            .map(|((name, from), (_, to))| Leg { name: name.clone(), points: points(*from, *to) });
         Route { legs: legs.collect() }
     }
 

@@ -62,8 +62,7 @@ impl Topics {
     }
 
     fn confirmations(&mut self, world: &World, send: &mut impl FnMut(Message)) {
-        let (obedience, due) =
-            (&world.drive.obedience, world.now_ms().is_multiple_of(CONFIRMATION_EVERY_MS));
+        let (obedience, due) = (&world.drive.obedience, world.now_ms().is_multiple_of(CONFIRMATION_EVERY_MS));
         if changed(&mut self.decelerates, obedience.decelerates()) || due {
             send(Message::Decelerates(obedience.decelerates()));
         }
