@@ -1,5 +1,9 @@
+mod countermeasures;
 mod difference;
+mod expression;
+mod monitors;
 mod nodes;
+mod publishing;
 mod schema;
 mod soundness;
 
@@ -215,14 +219,6 @@ fn values_must_be_what_the_key_says() {
     check_beside_group(
         "vehicle: { stages: shutle }\n",
         &["2:20: unknown stage model `shutle` (did you mean `shuttle`?)"],
-    );
-}
-
-#[test]
-fn what_this_version_cannot_do_is_refused() {
-    check_beside_group(
-        "countermeasures: []\n",
-        &["2:1: `countermeasures` is not supported by this version (remove it)"],
     );
 }
 
