@@ -6,6 +6,7 @@ mod nodes;
 mod publishing;
 mod schema;
 mod soundness;
+mod watching;
 
 use std::path::PathBuf;
 
@@ -161,7 +162,7 @@ fn keys_must_be_known_and_stand_once() {
     check_beside_group(
         "colour: red\n",
         &[
-            "2:1: unknown key `colour` in a configuration (known here: include, vehicle, signals, stops, defaults, limits, localized_after, groups, countermeasures)",
+            "2:1: unknown key `colour` in a configuration (known here: include, vehicle, signals, stops, defaults, limits, localized_after, groups, countermeasures, publish, message_folders)",
         ],
     );
     check_beside_group("groups: []\n", &["2:1: `groups` stands twice (keep one of the two)"]);

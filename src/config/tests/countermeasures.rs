@@ -42,7 +42,10 @@ fn rules_reach_the_model_with_their_defaults() {
 #[test]
 fn requests_are_known_and_bearable() {
     let when = "when: { groups: [planning] }";
-    wrong(&format!("{{ request: decelarate, {when} }}"), &["4:14: unknown request `decelarate` (did you mean `decelerate`?)"]);
+    wrong(
+        &format!("{{ request: decelarate, {when} }}"),
+        &["4:14: unknown request `decelarate` (did you mean `decelerate`?)"],
+    );
     wrong(
         &format!("{{ {when} }}"),
         &["4:3: a countermeasure needs `request` (add `request: decelerate`, `maneuver_stop` or `notify`)"],
@@ -64,7 +67,9 @@ fn requests_are_known_and_bearable() {
     wrong("{ request: notify }", &["4:3: a countermeasure needs `when` (add `when: ...`)"]);
     wrong(
         &format!("{{ request: notify, {when}, level: 2 }}"),
-        &["4:51: unknown key `level` in a countermeasure (known here: request, mps2, when, confirmed_by, within)"],
+        &[
+            "4:52: unknown key `level` in a countermeasure (known here: request, mps2, when, confirmed_by, within)",
+        ],
     );
 }
 
@@ -75,7 +80,10 @@ fn rules_watch_nodes_that_there_are() {
         &rule("state: error"),
         &["4:28: this countermeasure watches nothing (add `groups: [...]` or `modules: [...]`)"],
     );
-    wrong(&rule("groups: [planing]"), &["4:39: there is no group or module `planing` (did you mean `planning`?)"]);
+    wrong(
+        &rule("groups: [planing]"),
+        &["4:39: there is no group or module `planing` (did you mean `planning`?)"],
+    );
     wrong(&rule("groups: [planning/m]"), &["4:39: `planning/m` is a module (name it in `modules`)"]);
     wrong(&rule("modules: [planning]"), &["4:40: `planning` is a group (name it in `groups`)"]);
     wrong(
@@ -92,7 +100,9 @@ fn rules_watch_nodes_that_there_are() {
     );
     wrong(
         &rule("groups: [planning], stages: []"),
-        &["4:58: without a stage this would never be asked for (name the stages, or remove `stages`: then it is `[active]`)"],
+        &[
+            "4:58: without a stage this would never be asked for (name the stages, or remove `stages`: then it is `[active]`)",
+        ],
     );
 }
 
@@ -101,19 +111,21 @@ fn confirmations_come_from_somewhere() {
     let rule = |rest: &str| format!("{{ request: decelerate, when: {{ groups: [planning] }}, {rest} }}");
     wrong(
         &rule("confirmed_by: { signal: brakin }"),
-        &["4:79: there is no signal `brakin` (did you mean `braking`?)"],
+        &["4:80: there is no signal `brakin` (did you mean `braking`?)"],
     );
     wrong(
         &rule("confirmed_by: { signal: braking, status: s }"),
-        &["4:69: a confirmation needs either `signal` or `status` (for example `confirmed_by: { signal: braking }`)"],
+        &[
+            "4:70: a confirmation needs either `signal` or `status` (for example `confirmed_by: { signal: braking }`)",
+        ],
     );
     wrong(
         &rule("within: 1s"),
-        &["4:63: `within` without `confirmed_by` (add `confirmed_by: { signal: NAME }`, or remove `within`)"],
+        &["4:64: `within` without `confirmed_by` (add `confirmed_by: { signal: NAME }`, or remove `within`)"],
     );
     wrong(
         &rule("confirmed_by: { signal: braking }, within: 2m"),
-        &["4:98: `within` is not between 0 and 1m (for example `1s`)"],
+        &["4:99: `within` is not between 0 and 1m (for example `1s`)"],
     );
     wrong(
         "{ request: notify, when: { groups: [planning] }, confirmed_by: { signal: braking } }",

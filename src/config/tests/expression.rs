@@ -6,7 +6,8 @@ use crate::engine::monitor::spec::Condition;
 use crate::engine::sample::{FieldValue, Pose};
 
 fn text(condition: &str) -> String {
-    let inputs = ["x", "y", "on", "word"].map(|name| format!("{name}: {{ status: s, key: {name} }}")).join(", ");
+    let inputs =
+        ["x", "y", "on", "word"].map(|name| format!("{name}: {{ status: s, key: {name} }}")).join(", ");
     format!(
         "groups:\n- id: a\n  modules:\n  - id: m\n    monitor:\n      expression:\n        inputs: {{ {inputs} }}\n        error: {condition}\n"
     )
@@ -20,7 +21,12 @@ fn condition(condition: &str) -> Condition {
 
 /// x is 2.5, y is 4, on is true, word is `ready`.
 fn values() -> [FieldValue; 4] {
-    [FieldValue::Number(2.5), FieldValue::Number(4.0), FieldValue::Bool(true), FieldValue::Text("ready".into())]
+    [
+        FieldValue::Number(2.5),
+        FieldValue::Number(4.0),
+        FieldValue::Bool(true),
+        FieldValue::Text("ready".into()),
+    ]
 }
 
 #[track_caller]
@@ -68,8 +74,8 @@ fn conditions_mean_what_they_say() {
 fn without_an_answer_there_is_a_reason() {
     let cases = [
         ("x", "the condition is neither true nor false"),
-        ("word > 3", "can not be compared"),
-        ("word * 2 > 3", "overload"),
+        ("word > 3", "no matching overload"),
+        ("word * 2 > 3", "Unsupported binary operator"),
         ("double(word) > 1", ""),
     ];
     for (written, expected) in cases {
@@ -80,31 +86,56 @@ fn without_an_answer_there_is_a_reason() {
         assert!(condition("x > 1").holds(&[missing]).is_err());
     }
     assert!(condition("x > 1").holds(&[]).is_err());
-    // NaN is no answer that could be OK by accident: the engine does not ask with it.
-    assert_eq!(condition("x > 1").holds(&[FieldValue::Number(f64::NAN)]), Ok(false));
+    assert!(condition("x > 1").holds(&[FieldValue::Number(f64::NAN)]).is_err());
 }
 
 #[test]
 fn what_is_wrong_is_said_with_its_place() {
-    wrong("x >", &[]);
-    wrong("spede > 3", &[]);
-    wrong("worrd == 'a'", &[]);
-    wrong("maths.abs(x) > 1", &[]);
-    wrong("math.abz(x) > 1", &[]);
-    wrong("x + 1", &[]);
-    wrong("x && y > 1", &[]);
-    wrong("x + 'a' == 'b'", &[]);
-    wrong("(x > 1) + 1 > 2", &[]);
-    wrong("(x > 1) * 2 > 2", &[]);
-    wrong("x.y > 1", &[]);
-    wrong("x[0] > 1", &[]);
-    wrong("x % 2 == 0", &[]);
-    wrong("\"[1, 2].all(i, i > x)\"", &[]);
-    wrong("\"has(x.y)\"", &[]);
-    wrong("\"{'a': 1} == x\"", &[]);
-    wrong("x == null", &[]);
-    wrong("'x > 1 && yy'", &[]);
-    wrong("''", &[]);
+    wrong("x >", &["18: this is no CEL: mismatched input the end (for example `speed > 3 && !stopped`)"]);
+    wrong("spede > 3", &["16: there is no input `spede` (the inputs are: x, y, on, word)"]);
+    wrong("worrd == 'a'", &["16: there is no input `worrd` (did you mean `word`?)"]);
+    wrong("maths.abs(x) > 1", &["25: there is no function `maths.abs` (did you mean `math.abs`?)"]);
+    wrong("math.abz(x) > 1", &["24: there is no function `math.abz` (did you mean `math.abs`?)"]);
+    wrong("'x > 1 ? 1 : 2'", &["23: a condition must be true or false (compare it: `... > 0`)"]);
+    wrong("\"on ? 'a' : 3\"", &["28: this is a number, not a text (correct one of the parts)"]);
+    wrong("x > 1 == 3", &["25: this is a number, not a truth value (correct one of the parts)"]);
+    wrong("math.abs('a') > 1", &["25: this is a text, not a number (correct one of the parts)"]);
+    wrong("x + 1", &["18: a condition must be true or false (compare it: `... > 0`)"]);
+    wrong(
+        "(x > 1) + 1 > 2",
+        &[
+            "26: this is a number, not a truth value (correct one of the parts)",
+            "30: this is a number, not a truth value (correct one of the parts)",
+        ],
+    );
+    wrong("(x > 1) * 2 > 2", &["19: this is a truth value, not a number (correct one of the parts)"]);
+    wrong("x.y > 1", &["17: an input has no members (name the field in the input's `field`)"]);
+    wrong(
+        "x[0] > 1",
+        &[
+            "17: there is no function `[_]` (an input is one value: choose the element in the input's `field`)",
+        ],
+    );
+    wrong("x % 2 == 0", &["18: there is no function `%` (numbers are not whole here; compare with a limit)"]);
+    wrong(
+        "\"[1, 2].all(i, i > x)\"",
+        &[
+            "27: there is no function `all` (the functions are: contains, startsWith, endsWith, double, math.abs, math.sign, math.sqrt, math.floor, math.ceil, math.round, math.trunc, math.greatest, math.least, math.isNaN)",
+        ],
+    );
+    wrong(
+        "\"has(x.y)\"",
+        &[
+            "20: there is no function `has` (the functions are: contains, startsWith, endsWith, double, math.abs, math.sign, math.sqrt, math.floor, math.ceil, math.round, math.trunc, math.greatest, math.least, math.isNaN)",
+        ],
+    );
+    wrong(
+        "\"{'a': 1} == x\"",
+        &["17: this is not supported (an input is a number, a truth value or a text)"],
+    );
+    wrong("x == null", &["21: no input is like this (compare with a number, a truth value or a text)"]);
+    wrong("'x > 1 && yy'", &["26: there is no input `yy` (the inputs are: x, y, on, word)"]);
+    wrong("''", &["16: expected a text, found nothing (write a value)"]);
 }
 
 #[test]
@@ -112,7 +143,12 @@ fn hostile_conditions_are_bounded() {
     let deep = format!("\"{}x{} > 1\"", "(".repeat(480), ")".repeat(480));
     let lines = parse("c", &text(&deep)).unwrap_err().lines();
     assert!(lines[0].contains("this is no CEL"), "{lines:?}");
-    wrong(&format!("{} > 1", "x+".repeat(600)), &[]);
+    wrong(
+        &format!("{} > 1", "x+".repeat(600)),
+        &[
+            "16: a condition of more than 1000 bytes (let a node of your own diagnose this, and read its status)",
+        ],
+    );
     let long = format!("\"{}x > 1\"", "x + ".repeat(240));
     assert_eq!(condition(&long).holds(&values()), Ok(true));
     let nots = format!("\"{}on\"", "!".repeat(900));
@@ -122,16 +158,24 @@ fn hostile_conditions_are_bounded() {
 #[test]
 fn inputs_have_names_that_conditions_can_write() {
     let text = |name: &str| {
-        format!("groups: [{{ id: a, modules: [{{ id: m, monitor: {{ expression: {{ inputs: {{ {name}: {{ status: s, key: k }} }}, error: 'true' }} }} }}] }}]\n")
+        format!(
+            "groups: [{{ id: a, modules: [{{ id: m, monitor: {{ expression: {{ inputs: {{ {name}: {{ status: s, key: k }} }}, error: 'true' }} }} }}] }}]\n"
+        )
     };
     for name in ["'a b'", "9a", "in", "math", "true", "a-b"] {
         let lines = parse("c", &text(name)).unwrap_err().lines();
         let expected = format!(
-            "c:1:71: `{}` cannot be the name of an input (use letters, digits and `_`, for example `speed`)",
+            "c:1:73: `{}` cannot be the name of an input (use letters, digits and `_`, for example `speed`)",
             name.trim_matches('\'')
         );
         assert_eq!(lines, [expected]);
     }
     let none = "groups: [{ id: a, modules: [{ id: m, monitor: { expression: { inputs: {} } } }] }]\n";
-    check(none, &[]);
+    check(
+        none,
+        &[
+            "1:61: an expression needs `warning` or `error` (for example `error: x > 3 && !stopped`)",
+            "1:63: 0 inputs, not 1 to 32 (name what the conditions use: `x: { topic: /t, type: T, field: PATH }`)",
+        ],
+    );
 }

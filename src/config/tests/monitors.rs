@@ -114,7 +114,10 @@ fn what_is_watched_stands_in_the_model_once() {
     });
     assert_eq!(fields.collect::<Vec<_>>(), [(0, 0), (0, 0), (0, 1), (1, 0)]);
     let [one, five] = &watched.watchdogs[..] else { panic!("{watched:?}") };
-    assert_eq!((&one.target, one.every), (&ProbeTarget::Node { name: "/n".into() }, time::Span::from_secs(1)));
+    assert_eq!(
+        (&one.target, one.every),
+        (&ProbeTarget::Node { name: "/n".into() }, time::Span::from_secs(1))
+    );
     assert_eq!(five.every, time::Span::from_secs(5));
 }
 
@@ -136,9 +139,9 @@ fn the_places_of_types_and_fields_are_kept() {
         [
             "c:1:34: SignalType(0) (correct it)",
             "c:1:50: SignalField(0) (correct it)",
-            "c:5:50: Type(TopicId(0)) (correct it)",
-            "c:5:66: Field(TopicId(0), 0) (correct it)",
-            "c:6:52: Stamp(TopicId(0)) (correct it)",
+            "c:5:51: Type(TopicId(0)) (correct it)",
+            "c:5:67: Field(TopicId(0), 0) (correct it)",
+            "c:6:53: Stamp(TopicId(0)) (correct it)",
         ]
     );
     assert!(loaded.problems([]).is_none());
@@ -146,13 +149,19 @@ fn the_places_of_types_and_fields_are_kept() {
 
 #[test]
 fn a_monitor_has_one_known_kind_and_known_keys() {
-    wrong("frequenzy: { topic: /t }", &["1: unknown kind of monitor `frequenzy` (did you mean `frequency`?)"]);
+    wrong(
+        "frequenzy: { topic: /t }",
+        &["1: unknown kind of monitor `frequenzy` (did you mean `frequency`?)"],
+    );
     let kinds = "one of: self_state, frequency, latency, value, watchdog, rate_ratio, sequence, agreement, expression, external";
     wrong("magic: {}", &[&format!("1: unknown kind of monitor `magic` ({kinds})")]);
-    wrong("{ self_state: { status: s }, external: { status: s } }", &[&format!("1: a monitor has one kind ({kinds})")]);
+    wrong(
+        "{ self_state: { status: s }, external: { status: s } }",
+        &[&format!("1: a monitor has one kind ({kinds})")],
+    );
     wrong(
         &format!("frequency: {{ {TOPIC}, windo: 2s, error_below: 1 }}"),
-        &["39: unknown key `windo` in a frequency monitor (did you mean `window`?)"],
+        &["40: unknown key `windo` in a frequency monitor (did you mean `window`?)"],
     );
     wrong(
         "frequency: { error_below: 1 }",
@@ -181,42 +190,42 @@ fn limits_are_there_and_in_order() {
     );
     wrong(
         &frequency("warning_below: 3, error_below: 5"),
-        &["70: `error_below` is above `warning_below` (exchange the two, or correct one of them)"],
+        &["71: `error_below` is above `warning_below` (exchange the two, or correct one of them)"],
     );
     wrong(
         &frequency("warning_above: 5, error_above: 3"),
-        &["54: `warning_above` is above `error_above` (exchange the two, or correct one of them)"],
+        &["55: `warning_above` is above `error_above` (exchange the two, or correct one of them)"],
     );
     wrong(
         &frequency("error_below: 5, error_above: 3"),
-        &["52: no value lies between these limits (exchange the two, or correct one of them)"],
+        &["53: no value lies between these limits (exchange the two, or correct one of them)"],
     );
     for bad in ["x", "NaN", ".inf", "inf", "5 kHz", "[1]"] {
         let found = if bad == "[1]" { "a list".to_owned() } else { format!("`{bad}`") };
         wrong(
             &frequency(&format!("error_below: {bad}")),
             &[&format!(
-                "52: expected a rate, found {found} (write a number in hertz, for example `9` or `9 Hz`)"
+                "53: expected a rate, found {found} (write a number in hertz, for example `9` or `9 Hz`)"
             )],
         );
     }
     wrong(
         &frequency("error_below: 0"),
-        &["52: what is measured here is never below 0 (choose a limit above 0, or remove it)"],
+        &["53: what is measured here is never below 0 (choose a limit above 0, or remove it)"],
     );
     wrong(
         &frequency("error_above: -1"),
-        &["52: what is measured here is never above -1 (choose a limit above 0, or remove it)"],
+        &["53: what is measured here is never above -1 (choose a limit above 0, or remove it)"],
     );
     wrong(
         &format!("latency: {{ {TOPIC}, error_above: 300 }}"),
         &[
-            "50: expected a duration, found `300` (write a number with one of the units ns, us, ms, s, m, h: for example `300ms`)",
+            "51: expected a duration, found `300` (write a number with one of the units ns, us, ms, s, m, h: for example `300ms`)",
         ],
     );
     wrong(
         &format!("value: {{ {TOPIC}, field: x, error_above: .nan }}"),
-        &["58: expected a number, found `.nan` (write digits with a point, for example `12.5`)"],
+        &["59: expected a number, found `.nan` (write digits with a point, for example `12.5`)"],
     );
 }
 
@@ -229,32 +238,33 @@ fn times_are_within_bounds() {
     ];
     for (kind, key, value, text) in cases {
         let limit = if kind == "latency" { "1s" } else { "1" };
-        let found = parse("c", &module(&format!("{kind}: {{ {TOPIC}, {key}: {value}, error_above: {limit} }}")));
+        let found =
+            parse("c", &module(&format!("{kind}: {{ {TOPIC}, {key}: {value}, error_above: {limit} }}")));
         let lines = found.unwrap_err().lines();
         assert!(lines.len() == 1 && lines[0].contains(text), "{lines:?}");
     }
     wrong(
         &format!("frequency: {{ {TOPIC}, window: -2s, error_below: 1 }}"),
         &[
-            "47: expected a duration, found `-2s` (write a number with one of the units ns, us, ms, s, m, h: for example `2s`)",
+            "48: expected a duration, found `-2s` (write a number with one of the units ns, us, ms, s, m, h: for example `2s`)",
         ],
     );
     wrong(
         "watchdog: { node: /n, every: 0s, misses: 0 }",
         &[
-            "29: `every` is not between 100ms and 1h (choose another duration)",
-            "41: 0 is not between 1 and 1000 (the default is 3)",
+            "30: `every` is not between 100ms and 1h (choose another duration)",
+            "42: 0 is not between 1 and 1000 (the default is 3)",
         ],
     );
     wrong(
         "sequence: { earlier: { status: s, key: a }, later: { status: s, key: b }, max_gap: 0s, error_above: 1 }",
-        &["83: `max_gap` is not between 1ns and 1h (choose another duration)"],
+        &["84: `max_gap` is not between 1ns and 1h (choose another duration)"],
     );
     wrong(
         "agreement: { a: { status: s, key: a }, b: { status: s, key: b }, max_age: 2h, motion_over: 0s, error_above: 1 }",
         &[
-            "74: `max_age` is not between 1ns and 1h (choose another duration)",
-            "91: `motion_over` is not between 1ns and 10m (choose another duration)",
+            "75: `max_age` is not between 1ns and 1h (choose another duration)",
+            "92: `motion_over` is not between 1ns and 10m (choose another duration)",
         ],
     );
 }
@@ -263,7 +273,9 @@ fn times_are_within_bounds() {
 fn a_value_comes_from_one_place_and_is_judged_in_one_way() {
     wrong(
         "value: { error_above: 1 }",
-        &["8: it is not said where the value comes from (write `topic`, `type` and `field`, or `status` and `key`)"],
+        &[
+            "8: it is not said where the value comes from (write `topic`, `type` and `field`, or `status` and `key`)",
+        ],
     );
     wrong(
         &format!("value: {{ {TOPIC}, field: x, status: s, key: k, error_above: 1 }}"),
@@ -304,7 +316,7 @@ fn a_value_comes_from_one_place_and_is_judged_in_one_way() {
         &format!("value: {{ {TOPIC}, pose: p, error_above: 1 }}"),
         &[
             "8: a value monitor needs `field` (add `field: ...`)",
-            "35: unknown key `pose` in a value monitor (known here: topic, type, field, status, key, warning_below, error_below, warning_above, error_above, error_unless, warning_unless)",
+            "36: unknown key `pose` in a value monitor (known here: topic, type, field, status, key, warning_below, error_below, warning_above, error_above, error_unless, warning_unless)",
         ],
     );
 }
@@ -336,11 +348,14 @@ fn watchdogs_ask_what_can_be_asked() {
 fn two_sides_are_of_one_kind_and_not_the_same() {
     wrong(
         "rate_ratio: { input: { topic: /i, type: a/msg/B }, output: { topic: /i, type: a/msg/B }, error_below: 1 }",
-        &["68: input and output are one topic (name the topic that goes out)"],
+        &["69: input and output are one topic (name the topic that goes out)"],
     );
     wrong(
         "rate_ratio: { input: { topic: /i }, error_below: 1 }",
-        &["13: a rate_ratio monitor needs `output` (add `output: ...`)", "22: a topic needs `type` (add `type: ...`)"],
+        &[
+            "13: a rate_ratio monitor needs `output` (add `output: ...`)",
+            "22: a topic needs `type` (add `type: ...`)",
+        ],
     );
     let agreement = |a: &str, b: &str, rest: &str| {
         format!("agreement: {{ a: {{ {TOPIC}, {a} }}, b: {{ {TOPIC}, {b} }}, {rest} }}")
@@ -351,7 +366,9 @@ fn two_sides_are_of_one_kind_and_not_the_same() {
     );
     wrong(
         &agreement("pose: p, field: x", "field: x", "error_above: 1"),
-        &["18: either `field` or `pose` (`pose` for a position with its rotation, `field` for a single value)"],
+        &[
+            "17: either `field` or `pose` (`pose` for a position with its rotation, `field` for a single value)",
+        ],
     );
     wrong(
         &agreement("pose: p", "pose: q", "error_above: 1"),
@@ -368,19 +385,19 @@ fn two_sides_are_of_one_kind_and_not_the_same() {
     wrong(
         &agreement("pose: p", "pose: q", "rotation_deg: { error_above: 181 }, translation: {}"),
         &[
-            "121: what is measured here is never above 181 (choose a limit between 0 and 180, or remove it)",
-            "141: without a limit this would never be anything but OK (add at least one of warning_below, error_below, warning_above, error_above)",
+            "127: what is measured here is never above 181 (choose a limit between 0 and 180, or remove it)",
+            "147: without a limit this would never be anything but OK (add at least one of warning_below, error_below, warning_above, error_above)",
         ],
     );
     wrong(
         &agreement("field: x", "field: y", "translation: { error_above: 1 }"),
         &[
-            "92: only poses have a translation and a rotation (write the limits beside `a` and `b`, or `pose` instead of `field`)",
+            "100: only poses have a translation and a rotation (write the limits beside `a` and `b`, or `pose` instead of `field`)",
         ],
     );
     wrong(
         &agreement("field: x", "field: x", "error_above: 1"),
-        &["87: this is the same value as the other (name a second, independent source)"],
+        &["95: this is the same value as the other (name a second, independent source)"],
     );
 }
 
@@ -391,64 +408,16 @@ fn classes_are_words_of_the_paper() {
     wrong(
         &external("{ location: isolatd, information: data, flow: up }"),
         &[
-            "41: unknown location `isolatd` (did you mean `isolated`?)",
-            "63: unknown information `data` (one of: content, meta)",
-            "75: unknown flow `up` (one of: sequential, parallel)",
+            "43: unknown location `isolatd` (did you mean `isolated`?)",
+            "65: unknown information `data` (one of: content, meta)",
+            "77: unknown flow `up` (one of: sequential, parallel)",
         ],
     );
     wrong(
         &external("{ flow: null }"),
         &[
-            "30: a class needs `information` (add `information: content` or `information: meta`)",
-            "30: a class needs `location` (add `location: isolated` or `location: contextual`)",
+            "31: a class needs `location` (add `location: isolated` or `location: contextual`)",
+            "31: a class needs `information` (add `information: content` or `information: meta`)",
         ],
-    );
-}
-
-#[test]
-fn a_status_stands_in_the_module_or_in_its_monitor() {
-    let module = |module: &str| format!("groups: [{{ id: a, modules: [{{ id: m, {module} }}] }}]\n");
-    let class = "class: { location: isolated, information: meta }";
-    for good in [
-        "status: s, monitor: { self_state: {} }".to_owned(),
-        format!("status: s, monitor: {{ external: {{ {class} }} }}"),
-        format!("monitor: {{ external: {{ status: s, {class} }} }}"),
-    ] {
-        let loaded = parse("c", &module(&good)).unwrap_or_else(|problems| panic!("{problems}"));
-        assert_eq!(loaded.model.modules[0].monitor.status().map(|status| &**status), Some("s"));
-    }
-    check(
-        &module("monitor: { self_state: {} }"),
-        &["1:36: a monitor of a status needs `status` (add `status: 'NAME OF THE STATUS'` to it)"],
-    );
-    check(
-        &module("status: s, monitor: { frequency: { topic: /t, type: a/msg/B, error_below: 1 } }"),
-        &["1:47: a module has either `status` or `monitor` (remove one of the two)"],
-    );
-}
-
-#[test]
-fn a_topic_has_one_type_whoever_reads_it() {
-    let text = "signals: { s: { topic: /s, type: std_msgs/msg/Bool } }\ngroups:\n- id: a\n  modules:\n  - { id: m, monitor: { frequency: { topic: /s, type: a/msg/B, error_below: 1 } } }\n  - { id: n, monitor: { frequency: { topic: /t, type: a/msg/B, error_below: 1 } } }\n  - { id: o, monitor: { frequency: { topic: /t, type: a/msg/C, error_below: 1 } } }\n  - { id: p, monitor: { frequency: { topic: /diagnostics, type: a/msg/C, error_below: 1 } } }\n";
-    let help = "(a topic has one type; correct the type, or name another topic)";
-    check(
-        text,
-        &[
-            &format!("5:53: /s is read as std_msgs/msg/Bool already {help}"),
-            &format!("7:53: /t is read as a/msg/B already {help}"),
-            &format!("8:63: /diagnostics is read as diagnostic_msgs/msg/DiagnosticArray already {help}"),
-        ],
-    );
-}
-
-#[test]
-fn no_publisher_is_unknown_or_an_error() {
-    let text = "defaults: { no_publisher: error }\ngroups: [{ id: a, modules: [{ id: m, status: s }, { id: n, status: t, no_publisher: unknown }] }]\n";
-    let loaded = parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
-    let states: Vec<_> = loaded.model.modules.iter().map(|module| module.policy.no_publisher).collect();
-    assert_eq!(states, [State::Error, State::Unknown]);
-    check_beside_group(
-        "defaults: { no_publisher: warning }\n",
-        &["2:27: unknown state `warning` (one of: unknown, error)"],
     );
 }

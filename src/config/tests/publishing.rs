@@ -11,9 +11,8 @@ fn names_and_rates_can_be_chosen() {
         "{GROUP}publish: {{ diagnostics_agg: {{ rate: 2 Hz }}, toplevel_state: false, initialpose: {{ topic: /pose }}, deceleration_request: {{ topic: /slow, rate: 10 }} }}\n"
     );
     let loaded = parse("c", &text).unwrap_or_else(|problems| panic!("{problems}"));
-    let periodic = |topic: &str, millis| {
-        Some(Periodic { topic: topic.into(), period: time::Span::from_millis(millis) })
-    };
+    let periodic =
+        |topic: &str, millis| Some(Periodic { topic: topic.into(), period: time::Span::from_millis(millis) });
     let expected = Publishing {
         diagnostics_agg: periodic("/diagnostics_agg", 500),
         toplevel_state: None,
