@@ -19,8 +19,8 @@ use crate::yaml::{Log, Problem, Span, Spanned, suggest};
 
 const TEXT_BYTES_MAX: usize = 1000;
 
-/// What a condition may use, beside `? :`, `in [...]` and brackets.
-const OPERATORS: [&str; 15] = [
+/// What a condition may use.
+const OPERATORS: [&str; 16] = [
     operators::CONDITIONAL,
     operators::LOGICAL_AND,
     operators::LOGICAL_OR,
@@ -36,6 +36,7 @@ const OPERATORS: [&str; 15] = [
     operators::GREATER,
     operators::LESS,
     operators::NEGATE,
+    operators::IN,
 ];
 const FUNCTIONS: [&str; 14] = [
     "contains",
@@ -88,8 +89,7 @@ pub(super) fn condition(text: &Spanned<String>, names: &[&str], log: &mut Log) -
             for error in &errors.errors {
                 let (line, column) = error.pos;
                 let at = offset(value, line, column);
-                let what = error.msg.trim_start_matches("Syntax error: ").replace('\n', " ");
-                let problem = Problem::at(point(*span, value, at, 1), format!("this is no CEL: {what}"));
+                let problem = Problem::at(point(*span, value, at, 1), syntax(&error.msg));
                 log.push(problem.help("for example `speed > 3 && !stopped`"));
             }
             return None;
@@ -103,6 +103,14 @@ pub(super) fn condition(text: &Spanned<String>, names: &[&str], log: &mut Log) -
     }
     let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
     check.good.then(|| Condition::new(value, move |values| holds(&expression, &names, values)))
+}
+
+/// The parser's words without the list of all that could have stood there.
+fn syntax(message: &str) -> String {
+    let message = message.trim_start_matches("Syntax error: ");
+    let short = message.split(" expecting ").next().unwrap_or(message);
+    let short = short.replace("'<EOF>'", "the end").replace('\n', " ");
+    format!("this is no CEL: {short}")
 }
 
 fn holds(expression: &IdedExpr, names: &[String], values: &[FieldValue]) -> Result<bool, Box<str>> {
@@ -217,9 +225,8 @@ impl Check<'_> {
     }
 
     fn call(&mut self, id: u64, call: &mut CallExpr) -> Option<Kind> {
-        let name = called(call);
-        let known = OPERATORS.contains(&&*name) || FUNCTIONS.contains(&&*name) || name == operators::IN;
-        if !known {
+        let name = self.called(call);
+        if !OPERATORS.contains(&&*name) && !FUNCTIONS.contains(&&*name) {
             let help = match &*name {
                 operators::MODULO => "numbers are not whole here; compare with a limit".into(),
                 operators::INDEX => "an input is one value: choose the element in the input's `field`".into(),
@@ -228,21 +235,36 @@ impl Check<'_> {
             };
             let what = name.trim_matches(|c| "_@".contains(c));
             self.problem(id, &format!("there is no function `{what}`"), &help);
+            return None;
         }
         let target = call.target.as_deref_mut().filter(|_| !name.starts_with("math."));
-        let of_target = target.map(|target| (target.id, self.walk(target)));
-        let args: Vec<(u64, Option<Kind>)> =
-            call.args.iter_mut().map(|part| (part.id, self.walk(part))).collect();
-        let parts: Vec<_> = of_target.into_iter().chain(args).collect();
-        let (taken, given) = signature(&name);
-        for &(id, kind) in &parts {
+        let parts = target.into_iter().chain(&mut call.args);
+        let parts: Vec<(u64, Option<Kind>)> = parts.map(|part| (part.id, self.walk(part))).collect();
+        let (taken, given) = signature(&name, &parts);
+        for (&(id, kind), taken) in parts.iter().zip(taken) {
             if let (Some(taken), Some(kind)) = (taken, kind)
                 && taken != kind
             {
-                self.problem(id, &format!("this is {}, not {}", kind.as_str(), taken.as_str()), "correct it");
+                let text = format!("this is {}, not {}", kind.as_str(), taken.as_str());
+                self.problem(id, &text, "correct one of the parts");
             }
         }
         given
+    }
+
+    /// The function's name: `math.abs` is written as if `math` had a member.
+    fn called(&self, call: &CallExpr) -> String {
+        match call.target.as_deref() {
+            Some(IdedExpr { expr: Expr::Ident(space), .. }) if !self.names.contains(&&**space) => {
+                format!("{space}.{}", call.func_name)
+            }
+            // So the parser calls them once it has looked at what they are given.
+            _ => match &*call.func_name {
+                "math.@max" => "math.greatest".into(),
+                "math.@min" => "math.least".into(),
+                name => name.to_owned(),
+            },
+        }
     }
 
     fn problem(&mut self, id: u64, text: &str, help: &str) {
@@ -254,29 +276,28 @@ impl Check<'_> {
     }
 }
 
-/// The function's name: `math.abs` is written as if `math` had a member.
-fn called(call: &CallExpr) -> String {
-    match call.target.as_deref() {
-        Some(IdedExpr { expr: Expr::Ident(space), .. }) if space == "math" => {
-            format!("{space}.{}", call.func_name)
-        }
-        _ => call.func_name.clone(),
-    }
-}
-
-/// What all parts of a call must be, and what comes of it.
-fn signature(name: &str) -> (Option<Kind>, Option<Kind>) {
+/// What each part of a call must be, and what comes of it.
+fn signature(name: &str, parts: &[(u64, Option<Kind>)]) -> (Vec<Option<Kind>>, Option<Kind>) {
     use operators as op;
+    let all = |kind: Kind| vec![Some(kind); parts.len()];
+    // What one part is, the others are too.
+    let known = parts.iter().find_map(|(_, kind)| *kind);
+    let alike = || vec![known; parts.len()];
     match name {
-        op::LOGICAL_AND | op::LOGICAL_OR | op::LOGICAL_NOT => (Some(Kind::Truth), Some(Kind::Truth)),
-        op::EQUALS | op::NOT_EQUALS | op::IN => (None, Some(Kind::Truth)),
-        op::GREATER | op::GREATER_EQUALS | op::LESS | op::LESS_EQUALS => (None, Some(Kind::Truth)),
-        op::SUBSTRACT | op::MULTIPLY | op::DIVIDE | op::NEGATE => (Some(Kind::Number), Some(Kind::Number)),
-        "contains" | "startsWith" | "endsWith" => (Some(Kind::Text), Some(Kind::Truth)),
-        "math.isNaN" => (Some(Kind::Number), Some(Kind::Truth)),
-        "double" => (None, Some(Kind::Number)),
-        _ if name.starts_with("math.") => (Some(Kind::Number), Some(Kind::Number)),
-        _ => (None, None),
+        op::LOGICAL_AND | op::LOGICAL_OR | op::LOGICAL_NOT => (all(Kind::Truth), Some(Kind::Truth)),
+        op::EQUALS | op::NOT_EQUALS | op::GREATER | op::GREATER_EQUALS | op::LESS | op::LESS_EQUALS => {
+            (alike(), Some(Kind::Truth))
+        }
+        op::IN => (vec![None, Some(Kind::List)], Some(Kind::Truth)),
+        op::CONDITIONAL => {
+            let of = parts.iter().skip(1).find_map(|(_, kind)| *kind);
+            (vec![Some(Kind::Truth), of, of], of)
+        }
+        op::ADD => (alike(), known),
+        "contains" | "startsWith" | "endsWith" => (all(Kind::Text), Some(Kind::Truth)),
+        "math.isNaN" => (all(Kind::Number), Some(Kind::Truth)),
+        "double" | "math.greatest" | "math.least" => (Vec::new(), Some(Kind::Number)),
+        _ => (all(Kind::Number), Some(Kind::Number)),
     }
 }
 

@@ -29,6 +29,7 @@ const WINDOW_MAX: time::Span = time::Span::from_secs(600);
 const AGE_MAX: time::Span = time::Span::from_secs(3600);
 const EVERY_MIN: time::Span = time::Span::from_millis(100);
 const MISSES_MAX: u64 = 1000;
+const INPUTS_MAX: usize = 32;
 
 const WINDOW: time::Span = time::Span::from_secs(2);
 const AGE: time::Span = time::Span::from_secs(1);
@@ -357,6 +358,13 @@ fn expression(node: &Node, log: &mut Log) -> Option<Monitor> {
         fields.log.push(problem.help("for example `error: x > 3 && !stopped`"));
     }
     let class = fields.optional("class");
+    if let Some(inputs) = inputs.as_ref().filter(|inputs| !(1..=INPUTS_MAX).contains(&inputs.0.len())) {
+        let text = format!("{} inputs, not 1 to {INPUTS_MAX}", inputs.0.len());
+        let problem = Problem::at(fields.key_span("inputs").unwrap_or(node.span), text);
+        fields
+            .log
+            .push(problem.help("name what the conditions use: `x: { topic: /t, type: T, field: PATH }`"));
+    }
     fields.finish();
     let inputs = inputs?.0.into_iter();
     let named =
