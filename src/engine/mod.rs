@@ -12,6 +12,7 @@ pub mod filter;
 pub mod graph;
 pub mod input;
 mod layout;
+mod measure;
 pub mod model;
 mod module;
 pub mod monitor;
@@ -31,6 +32,7 @@ pub mod time;
 mod timers;
 mod vehicle;
 mod views;
+mod watching;
 pub mod why;
 
 use std::sync::Arc;
@@ -39,7 +41,7 @@ use alarm::Alarms;
 use causes::Causes;
 use event::{Event, Events, What};
 use input::{Input, OperatorAction, ReceptionTrouble, Refusal, Response, Status, StatusArray};
-use model::{ACTIVE_SIGNAL, Model, ModuleId, Stage};
+use model::{ACTIVE_SIGNAL, Model, ModuleId, NodeId, Stage};
 use names::Names;
 use net::{Change, Net};
 use node::ModuleKind;
@@ -52,6 +54,7 @@ use time::Timestamp;
 use timers::{TimerKey, Timers};
 use vehicle::Vehicle;
 use views::Views;
+use watching::Watching;
 
 /// The aggregation engine of one vehicle.
 #[derive(Debug)]
@@ -67,6 +70,7 @@ pub struct Engine {
     alarms: Alarms,
     timers: Timers,
     overflow: Overflow,
+    watching: Watching,
     reception: ReceptionCheck,
     counters: Counters,
     events: Events,
@@ -95,6 +99,7 @@ impl Engine {
             alarms: Alarms::default(),
             timers: Timers::default(),
             overflow: Overflow::default(),
+            watching: Watching::new(&model),
             reception: ReceptionCheck::default(),
             counters: Counters::default(),
             events: Events::default(),
@@ -118,7 +123,13 @@ impl Engine {
             Input::Diagnostics(array) => self.take_array(array),
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
-            Input::Sample(_) | Input::Topic(_) | Input::Probe(_) | Input::Output(_) => {}
+            Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {
+                // Nearly every message says what the one before said: then nothing is to be settled.
+                if !self.take_watched(input) {
+                    return response;
+                }
+            }
+            Input::Output(_) => {}
             Input::Operator(action) => response = self.operate(action),
             Input::Tick => return response,
         }
@@ -173,6 +184,9 @@ impl Engine {
         match key {
             TimerKey::Module(index) => self.net.mark_module(ModuleId(index)),
             TimerKey::Reception => self.judge_reception(),
+            TimerKey::Monitor(index) => {
+                self.judge_monitor(index, false);
+            }
             TimerKey::Signal(index) => {
                 let changed = self.signals.refresh(index as usize, self.now);
                 self.signal_changed(index as usize, changed);
@@ -209,6 +223,7 @@ impl Engine {
             }
         }
         self.touched = touched;
+        self.take_keys(array);
     }
 
     fn take_status(&mut self, id: ModuleId, status: Status<'_>) {
@@ -331,6 +346,9 @@ impl Engine {
     /// Brings everything to what follows from what was marked, at the present instant.
     fn settle(&mut self) {
         self.follow_changes();
+        if self.turn_monitors() {
+            self.follow_changes();
+        }
         if let Some(breach) = self.breach() {
             self.report_on_self(SystemCheck::Invariants, State::Error, &breach);
             self.follow_changes();
@@ -350,6 +368,9 @@ impl Engine {
         for change in &changes {
             self.causes.note(&self.net, change);
             self.views.follow(&self.net, change, self.now);
+            if let NodeId::Module(id) = change.node {
+                self.watching.note_relevance(id, change.after.relevant);
+            }
         }
         if let Some(explained) = self.causes.explain(&self.net, self.now) {
             let roots: Vec<_> = explained.roots.iter().map(|root| root.node).collect();
