@@ -12,6 +12,8 @@ pub(super) enum TimerKey {
     Signal(u32),
     Reception,
     Monitor(u32),
+    Localization,
+    Measures,
     Module(u32),
 }
 
@@ -19,7 +21,7 @@ pub(super) enum TimerKey {
 #[derive(Debug, Default)]
 pub(super) struct Timers {
     heap: BinaryHeap<Reverse<(Timestamp, TimerKey)>>,
-    queued: [Vec<Option<Timestamp>>; 4],
+    queued: [Vec<Option<Timestamp>>; 6],
 }
 
 impl Timers {
@@ -59,6 +61,8 @@ impl Timers {
             TimerKey::Reception => (1, 0),
             TimerKey::Module(index) => (2, index as usize),
             TimerKey::Monitor(index) => (3, index as usize),
+            TimerKey::Localization => (4, 0),
+            TimerKey::Measures => (5, 0),
         };
         let slots = &mut self.queued[kind];
         if slots.len() <= index {
