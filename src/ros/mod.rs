@@ -34,8 +34,10 @@ pub use subscription::{DIAGNOSTICS, SubscriptionError};
 use crate::clock::Clock;
 use crate::engine::input::Stamped;
 use crate::engine::model::Model;
+use fields::Definitions;
 use outbox::{End, stopped};
 use session::{Ground, Legacy};
+use subscription::Plan;
 
 /// For the log's filter: below an error the library floods, and a log that nobody drains stalls it.
 /// Its listener calls it an error to leave a multicast group on an interface that has none.
@@ -59,10 +61,12 @@ pub enum BridgeError {
 pub struct Bridge {
     stop: watch::Sender<bool>,
     rebuild: watch::Sender<u64>,
+    plan: watch::Sender<Arc<Plan>>,
+    definitions: Definitions,
     task: JoinHandle<()>,
 }
 
-/// Starts to read `/diagnostics` and the signals of the model. Every message is stamped with the
+/// Starts to read `/diagnostics`, the signals of the model and what its monitors watch. Every message is stamped with the
 /// instant at which it was taken from the library.
 ///
 /// When `inputs` is full, readers wait, the library keeps the newest messages of each topic, and
@@ -73,20 +77,31 @@ pub struct Bridge {
 /// The interface is not there, a signal cannot be read, or DDS gets no sockets.
 pub async fn start(
     options: BridgeOptions,
-    model: Arc<Model>,
+    model: &Model,
     inputs: mpsc::Sender<Stamped>,
     clock: Clock,
 ) -> Result<Bridge, BridgeError> {
-    let subscriptions = subscription::subscriptions(&model)?.into_iter().map(Arc::new).collect();
+    let (plan, planned) = watch::channel(Arc::new(Plan::of(model, &options.definitions)?));
     let participant = session::open(&options).await?;
     let (stop, stopping) = watch::channel(false);
     let (rebuild, rebuilding) = watch::channel(0);
-    let ground = Ground { options, model, subscriptions, inputs, clock, stop: stopping, rebuild: rebuilding };
+    let definitions = options.definitions.clone();
+    let ground = Ground { options, plan: planned, inputs, clock, stop: stopping, rebuild: rebuilding };
     let task = tokio::spawn(run(participant, ground));
-    Ok(Bridge { stop, rebuild, task })
+    Ok(Bridge { stop, rebuild, plan, definitions, task })
 }
 
 impl Bridge {
+    /// Reads what another model needs. Topics that stay are read on without a gap, and all that
+    /// an engine forgets with its old model is said anew: so the engine has to run by it already.
+    ///
+    /// # Errors
+    /// A signal or a field cannot be read. Then all stays as it is.
+    pub fn follow(&self, model: &Model) -> Result<(), BridgeError> {
+        self.plan.send_replace(Arc::new(Plan::of(model, &self.definitions)?));
+        Ok(())
+    }
+
     /// Replaces the participant, as the bridge does by itself when the wall clock is set back or
     /// the addresses of the interfaces change.
     pub fn rebuild(&self) {

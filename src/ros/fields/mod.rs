@@ -12,7 +12,7 @@ mod program;
 mod shape;
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::cdr::{self, Endian, Fault};
@@ -20,7 +20,8 @@ use crate::engine::monitor::spec::{FieldKind, FieldSpec, TopicSpec};
 use crate::engine::sample::FieldValue;
 use library::Library;
 use path::Step;
-use program::{Miss, Program};
+pub use program::Miss;
+use program::Program;
 use shape::{Kind, Shape};
 
 /// The definitions of messages: those in folders, then the common packages that are built in.
@@ -47,6 +48,15 @@ impl Definitions {
     /// `FOLDER/package/msg/Name.msg`. The first that has a type wins; all win over what is built in.
     pub fn new(folders: Vec<PathBuf>) -> Definitions {
         Definitions { folders }
+    }
+
+    /// The folders, then `share` of every ROS 2 installation that was sourced: `AMENT_PREFIX_PATH`,
+    /// which `env` looks up.
+    pub fn of_environment(mut folders: Vec<PathBuf>, env: impl Fn(&str) -> Option<String>) -> Definitions {
+        let prefixes = env("AMENT_PREFIX_PATH").unwrap_or_default();
+        let prefixes = prefixes.split(':').filter(|prefix| !prefix.is_empty());
+        folders.extend(prefixes.map(|prefix| Path::new(prefix).join("share")));
+        Definitions::new(folders)
     }
 
     /// Compiles a reader for what is wanted of a topic. A topic of which nothing but the fact that a
@@ -119,8 +129,8 @@ fn stamp_of(shape: &Arc<Shape>) -> Option<Program> {
         Kind::Array(_) => ways.push(vec![member(first), Step::Index(0), member("header"), member("stamp")]),
         _ => {}
     }
-    let programs = ways.iter().filter_map(|steps| Program::compile(shape, steps, FieldKind::Scalar).ok());
-    programs.filter(Program::is_time).next()
+    let mut programs = ways.iter().filter_map(|steps| Program::compile(shape, steps, FieldKind::Scalar).ok());
+    programs.find(Program::is_time)
 }
 
 /// Reads the fields of one topic.
@@ -158,6 +168,11 @@ impl Reader {
         let values = values.collect();
         let stamp_ns = self.stamp.as_ref().and_then(|stamp| stamp.read_stamp(reader));
         Reading { values, stamp_ns, fault }
+    }
+
+    /// Nothing but the fact that a message came is wanted.
+    pub fn is_empty(&self) -> bool {
+        self.fields.is_empty() && self.stamp.is_none()
     }
 
     /// What is known of a message that cannot be read at all.

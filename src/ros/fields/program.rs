@@ -1,5 +1,6 @@
 //! A path, compiled: what to pass over in a message, and what to read then.
 
+use std::fmt;
 use std::sync::Arc;
 
 use super::definition::Primitive;
@@ -59,6 +60,15 @@ pub enum Miss {
     Absent(String),
     /// It is there and cannot be taken.
     Refused(String),
+}
+
+impl fmt::Display for Miss {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Miss::Fault(fault) => fault.fmt(f),
+            Miss::Absent(why) | Miss::Refused(why) => f.write_str(why),
+        }
+    }
 }
 
 impl From<Fault> for Miss {
