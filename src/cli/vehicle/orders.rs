@@ -38,7 +38,7 @@ impl Orders {
         clock: Clock,
     ) -> Result<Orders, BridgeError> {
         let (sender, inputs) = mpsc::channel(QUEUE);
-        let bridge = ros::start(options.clone(), Arc::new(model(publishing)), sender, clock).await?;
+        let bridge = ros::start(options.clone(), &model(publishing), sender, clock).await?;
         Ok(Orders { bridge, inputs })
     }
 
