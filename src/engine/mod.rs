@@ -206,11 +206,11 @@ impl Engine {
         match key {
             TimerKey::Module(index) => self.net.mark_module(ModuleId(index)),
             TimerKey::Reception => self.judge_reception(),
+            // Settling looks at them.
+            TimerKey::Localization | TimerKey::Measures => self.led = true,
             TimerKey::Monitor(index) => {
                 self.judge_monitor(index, false);
             }
-            // Settling looks at them.
-            TimerKey::Localization | TimerKey::Measures => self.led = true,
             TimerKey::Signal(index) => {
                 let changed = self.signals.refresh(index as usize, self.now);
                 self.signal_changed(index as usize, changed);
@@ -333,7 +333,7 @@ impl Engine {
     /// Brings everything to what follows from what was marked, at the present instant.
     fn settle(&mut self) {
         self.follow_changes();
-        while self.turn_monitors() || self.lead() {
+        while self.turn_monitors() | self.lead() {
             self.follow_changes();
         }
         if let Some(breach) = self.breach() {

@@ -11,9 +11,9 @@ use super::time::Timestamp;
 pub(super) enum TimerKey {
     Signal(u32),
     Reception,
-    Monitor(u32),
     Localization,
     Measures,
+    Monitor(u32),
     Module(u32),
 }
 
@@ -60,9 +60,9 @@ impl Timers {
             TimerKey::Signal(index) => (0, index as usize),
             TimerKey::Reception => (1, 0),
             TimerKey::Module(index) => (2, index as usize),
-            TimerKey::Monitor(index) => (3, index as usize),
-            TimerKey::Localization => (4, 0),
-            TimerKey::Measures => (5, 0),
+            TimerKey::Localization => (3, 0),
+            TimerKey::Measures => (4, 0),
+            TimerKey::Monitor(index) => (5, index as usize),
         };
         let slots = &mut self.queued[kind];
         if slots.len() <= index {
