@@ -195,7 +195,7 @@ impl GidSize {
         }
     }
 
-    const fn bytes(self) -> usize {
+    pub const fn bytes(self) -> usize {
         match self {
             GidSize::Bytes16 => 16,
             GidSize::Bytes24 => 24,

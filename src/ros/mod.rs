@@ -4,12 +4,16 @@
 //! DDS library cannot recover by itself, the participant is replaced and the bridge goes on.
 
 pub mod cdr;
+mod echo;
 pub mod fields;
 mod interfaces;
+mod lookup;
 pub mod messages;
+mod nodes;
 mod options;
 mod outbox;
 mod presence;
+mod probe;
 mod publisher;
 mod raw;
 mod readers;
@@ -35,7 +39,10 @@ use crate::clock::Clock;
 use crate::engine::input::Stamped;
 use crate::engine::model::Model;
 use fields::Definitions;
+use futures_util::FutureExt as _;
+use nodes::Nodes;
 use outbox::{End, stopped};
+use probe::Kennel;
 use session::{Ground, Legacy};
 use subscription::Plan;
 
@@ -86,8 +93,12 @@ pub async fn start(
     let (stop, stopping) = watch::channel(false);
     let (rebuild, rebuilding) = watch::channel(0);
     let definitions = options.definitions.clone();
-    let ground = Ground { options, plan: planned, inputs, clock, stop: stopping, rebuild: rebuilding };
-    let task = tokio::spawn(run(participant, ground));
+    let (nodes, known_nodes) = watch::channel(Nodes::default());
+    let kennel = Kennel { inputs: inputs.clone(), nodes: known_nodes, clock };
+    let ground = Ground { options, plan: planned, inputs, nodes, clock, stop: stopping, rebuild: rebuilding };
+    let probing = probe::run(kennel, ground.plan.clone(), ground.stop.clone());
+    let reading = run(participant, ground);
+    let task = tokio::spawn(async { tokio::join!(reading, probing) }.map(drop));
     Ok(Bridge { stop, rebuild, plan, definitions, task })
 }
 

@@ -16,6 +16,7 @@ use tokio::task::{JoinError, JoinHandle, JoinSet};
 use super::BridgeError;
 use super::interfaces::{self, AddressWatch};
 use super::messages::GidSize;
+use super::nodes::Nodes;
 use super::options::{self, BridgeOptions};
 use super::outbox::{End, stopped};
 use super::presence;
@@ -37,6 +38,8 @@ pub struct Ground {
     /// Changes at every new configuration.
     pub plan: watch::Receiver<Arc<Plan>>,
     pub inputs: mpsc::Sender<Stamped>,
+    /// For whoever asks whether a node is there.
+    pub nodes: watch::Sender<Nodes>,
     pub clock: Clock,
     pub stop: watch::Receiver<bool>,
     /// Changes when somebody asks for a new participant.
@@ -106,7 +109,7 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
         participant.clone(),
         subscriber,
         ground.options.gid_size.or(legacy.gid_size),
-        own_readers,
+        presence::Surroundings { own_readers, nodes: ground.nodes.clone(), clock: ground.clock },
         stopping,
     ));
     let end = watch_over(participant, ground, plan, &mut topics, legacy).await;
