@@ -134,3 +134,6 @@ fn introduction(address: SocketAddr, domain: u16) -> String {
     text += "\n  End       Ctrl-C\n";
     text
 }
+
+#[cfg(test)]
+mod tests;

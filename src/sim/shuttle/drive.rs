@@ -59,6 +59,7 @@ enum Phase {
     },
     Driving {
         left_m: f64,
+        since_ms: u64,
     },
 }
 
@@ -108,14 +109,15 @@ impl Drive {
                 self.phase = Phase::Departing { elapsed_ms: elapsed_ms + step_ms };
             }
             Phase::Departing { .. } => {
-                self.phase = Phase::Driving { left_m: self.route.length_m(self.stop) };
+                self.phase = Phase::Driving { left_m: self.route.length_m(self.stop), since_ms: 0 };
             }
-            Phase::Driving { left_m } => {
+            Phase::Driving { left_m, since_ms } => {
                 let step_s = step_ms as f64 / 1000.0;
                 self.speed_mps = self.next_speed(step_s, left_m, has_plan, braking_mps2);
                 self.odometer_m += self.speed_mps * step_s;
-                self.phase = Phase::Driving { left_m: left_m - self.speed_mps * step_s };
-                if left_m <= self.speed_mps * step_s {
+                let left_m = left_m - self.speed_mps * step_s;
+                self.phase = Phase::Driving { left_m, since_ms: since_ms + step_ms };
+                if left_m <= 0.0 {
                     self.arrive();
                 }
             }
@@ -179,8 +181,16 @@ impl Drive {
     /// The way that is left to the next stop; none while standing at one.
     pub fn left_m(&self) -> Option<f64> {
         match self.phase {
-            Phase::Driving { left_m } => Some(left_m),
+            Phase::Driving { left_m, .. } => Some(left_m),
             _ => None,
+        }
+    }
+
+    /// For how long it has been on its way.
+    pub fn driving_ms(&self) -> u64 {
+        match self.phase {
+            Phase::Driving { since_ms, .. } => since_ms,
+            _ => 0,
         }
     }
 

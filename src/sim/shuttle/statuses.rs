@@ -177,7 +177,8 @@ fn planner(world: &mut World, out: &mut StatusArray) {
 }
 
 fn controller(world: &mut World, out: &mut StatusArray) {
-    let plan_age_ms = world.plan_age_ms();
+    // What it missed before it set off is no fault.
+    let plan_age_ms = world.plan_age_ms().min(world.drive.driving_ms());
     let deviation_m = world.measured(0.04, 0.02);
     let (level, message) = match plan_age_ms {
         801.. => (ERROR, format!("Brakes: last trajectory is {} old", seconds(plan_age_ms))),
