@@ -4,12 +4,15 @@ use std::sync::Arc;
 
 use proptest::prelude::*;
 use telltale::engine::Engine;
-use telltale::engine::countermeasure::Request;
+use telltale::engine::countermeasure::{Request, Rule};
 use telltale::engine::event::What;
-use telltale::engine::input::{Input, OperatorAction, Response};
-use telltale::engine::model::{Model, Stage, StageModel};
+use telltale::engine::input::{AlarmRef, Input, OperatorAction, Place, Response, StatusArray};
+use telltale::engine::model::{
+    GroupId, Model, ModuleSpec, MonitorSpec, NodeId, Policy, SignalSpec, Stage, StageModel, When,
+};
 use telltale::engine::snapshot::Snapshot;
-use telltale::engine::time::Timestamp;
+use telltale::engine::state::State;
+use telltale::engine::time::{Span, Timestamp};
 use telltale::engine::vehicle::TRANSITIONS;
 
 use super::cases::{self, Choices, history};
@@ -19,12 +22,18 @@ proptest! {
     #![proptest_config(config())]
 
     #[test]
-    fn stages_follow_the_table_and_only_a_clearance_clears(numbers in numbers()) {
+    fn stages_follow_the_table_and_only_a_clearance_clears(numbers in numbers(), begin in 0..6_usize) {
         let mut choices = Choices::new(&numbers);
-        let model = cases::model(&mut choices);
+        let simple = begin < 4;
+        let model = if simple { Arc::new(simple_vehicle(&mut choices)) } else { cases::model(&mut choices) };
         let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
         engine.keep_events();
-        for (at, input) in history(&mut choices) {
+        if let Some(&stage) = Stage::ALL.get(begin) {
+            engine.start_in(stage);
+            prop_assert!(engine.snapshot().stage == stage || model.stages == StageModel::None);
+            follow_table(&mut engine, Some(&Input::Operator(CLEAR)));
+        }
+        for (at, input) in if simple { story(&mut choices) } else { history(&mut choices) } {
             // What time alone does is not what the input does.
             engine.handle(&Input::Tick, at);
             follow_table(&mut engine, None);
@@ -92,6 +101,73 @@ proptest! {
         prop_assert!(!after.clearance && after.last_alarm >= before.last_alarm);
         holds(&model, &after);
     }
+}
+
+const CLEAR: OperatorAction = OperatorAction::Clear { display_live: true, storage_ok: true };
+
+/// A vehicle that is easily cleared: it needs a position and a goal.
+fn simple_vehicle(choices: &mut Choices<'_>) -> Model {
+    let mut parts = cases::parts(&mut Choices::new(&[]));
+    parts.stages = StageModel::Shuttle;
+    parts.groups[0].path = "localization".into();
+    parts.groups[0].when = Some(When { stages: Vec::new(), signals: Vec::new(), posed: Some(true) });
+    parts.modules.push(ModuleSpec {
+        id: "localization/m".into(),
+        name: None,
+        help: None,
+        group: GroupId(0),
+        policy: Policy::default(),
+        when: None,
+        depends_on: Vec::new(),
+        monitor: MonitorSpec::SelfState { status: "s0".into() },
+    });
+    let goal =
+        SignalSpec { name: "goal".into(), present_for: Some(Span::from_secs(5)), ..parts.signals[0].clone() };
+    parts.signals.push(goal);
+    parts.signals[0].timeout = choices.one_in(2).then(|| Span::from_secs(2));
+    parts.driving.countermeasures.push(Rule {
+        request: Request::ManeuverStop,
+        nodes: vec![NodeId::Group(GroupId(0))],
+        state: State::Error,
+        stages: vec![Stage::Active, Stage::Cleared],
+        confirmation: None,
+    });
+    Model::new(parts).expect("nothing depends on anything")
+}
+
+/// What mostly leads on: all is well, and an operator who wants to drive.
+fn story(choices: &mut Choices<'_>) -> Vec<(Timestamp, Input)> {
+    let mut inputs = Vec::new();
+    let mut millis = 0;
+    while !choices.is_empty() && inputs.len() < 80 {
+        millis += [0, 10, 300][choices.below(3)];
+        let signal = |name: &str, value| Input::Signal { name: name.into(), value };
+        let input = match choices.below(12) {
+            0 => Input::Operator(OperatorAction::Login { name: "anna".into() }),
+            1 => Input::Operator(OperatorAction::Localize {
+                place: Place::Pose { x_m: 0.0, y_m: 0.0, yaw_deg: 0.0 },
+            }),
+            2 => signal("goal", true),
+            3 | 4 => Input::Operator(CLEAR),
+            5 => signal("active", true),
+            6 => signal("active", choices.one_in(4)),
+            7 => Input::Operator(OperatorAction::Acknowledge {
+                alarm: AlarmRef::Node("localization/m".into()),
+            }),
+            8 => match choices.below(4) {
+                0 => Input::Operator(OperatorAction::Logout),
+                1 => Input::Operator(OperatorAction::RequestStop),
+                _ => Input::Tick,
+            },
+            _ => {
+                let mut array = StatusArray::default();
+                array.push_status([0, 0, 0, 0, 0, 1, 2][choices.below(7)], "s0", "", "");
+                Input::Diagnostics(array)
+            }
+        };
+        inputs.push((Timestamp::from_millis(millis), input));
+    }
+    inputs
 }
 
 fn strength(snapshot: &Snapshot) -> u32 {
