@@ -61,6 +61,9 @@ struct Clearance(OperatorAction);
 
 impl FromNode for Clearance {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        if node.is_null() {
+            return Some(Clearance(CLEAR));
+        }
         if !matches!(node.kind, Kind::Mapping(_)) {
             return bool::from_node(node, log).map(|_| Clearance(CLEAR));
         }
