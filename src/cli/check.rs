@@ -152,7 +152,7 @@ fn group_text(out: &mut String, model: &Model, id: GroupId, depth: usize) {
         let _ = writeln!(out, "{pad}  takes statuses with {}", filters.join(", "));
     }
     for module in model.modules.iter().filter(|module| module.group == id) {
-        let monitor = words::monitor(&module.monitor);
+        let monitor = words::monitor(model, &module.monitor);
         let name = module.name.as_ref().map_or(String::new(), |name| format!(" \"{}\"", name.en));
         let policy = words::policy(&module.policy);
         let _ = writeln!(out, "{pad}  - {}{name}: {monitor}, {policy}", module.id);
