@@ -2,6 +2,7 @@
 
 mod dds;
 mod evaluation;
+mod fields;
 mod hostile;
 mod peer;
 mod properties;
