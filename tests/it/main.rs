@@ -3,6 +3,7 @@
 mod countermeasures;
 mod dds;
 mod evaluation;
+mod fields;
 mod hostile;
 mod peer;
 mod properties;
