@@ -248,3 +248,14 @@ fn dot_edges(out: &mut String, model: &Model, from: NodeId, depends_on: &[Depend
 fn quoted(text: &str) -> String {
     format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_documentation_shows_the_stages_as_they_are() {
+        let page = include_str!("../../docs/stages.md");
+        assert!(page.contains(stages_text().trim()), "docs/stages.md lacks:{}", stages_text());
+    }
+}

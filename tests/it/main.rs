@@ -1,5 +1,6 @@
 //! The integration tests, in one binary: it links once.
 
+mod countermeasures;
 mod dds;
 mod evaluation;
 mod fields;
