@@ -8,7 +8,10 @@ use std::process::ExitCode;
 use super::{EXIT_NO, EXIT_USAGE, fields, graph};
 use crate::config::soundness::{Soundness, What};
 use crate::config::{self, Loaded, words};
-use crate::engine::model::{Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, When};
+use crate::engine::model::{
+    Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, StageModel, When,
+};
+use crate::engine::vehicle::{Guard, TRANSITIONS, Transition};
 use crate::yaml::Problems;
 
 /// Check a configuration and print its graph of groups, modules and dependencies.
@@ -48,9 +51,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     };
     match config::load(file) {
         Ok(loaded) => {
-            let unreadable = fields::check(&loaded.model, &args.definitions.definitions());
-            if !unreadable.is_empty() {
-                eprintln!("{}", fields::list(&unreadable));
+            let definitions = args.definitions.definitions().with(&loaded.message_folders);
+            if let Some(problems) = fields::check(&loaded, &definitions) {
+                report(&problems);
                 return Ok(ExitCode::from(EXIT_USAGE));
             }
             let (found, problems) = loaded.soundness();
@@ -121,9 +124,26 @@ fn text(loaded: &Loaded, found: &Soundness) -> String {
     for signal in &model.signals {
         let _ = writeln!(out, "signal {}: {}", signal.name, words::signal(signal));
     }
+    if model.stages == StageModel::Shuttle {
+        out.push_str(&stages_text());
+    }
     for index in (0..model.groups.len()).filter(|&index| model.groups[index].parent.is_none()) {
         out.push('\n');
         group_text(&mut out, model, GroupId(index as u32), 0);
+    }
+    out
+}
+
+/// What leads from stage to stage.
+fn stages_text() -> String {
+    let mut out = "\nstages\n".to_owned();
+    for Transition { from, event, guard, to } in TRANSITIONS {
+        let from: Vec<&str> = from.iter().map(|stage| stage.as_str()).collect();
+        let guard = match guard {
+            Guard::None => String::new(),
+            guard => format!(", if: {}", guard.as_str()),
+        };
+        let _ = writeln!(out, "  {} --{}--> {}{guard}", from.join(", "), event.as_str(), to.as_str());
     }
     out
 }
@@ -227,4 +247,15 @@ fn dot_edges(out: &mut String, model: &Model, from: NodeId, depends_on: &[Depend
 
 fn quoted(text: &str) -> String {
     format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_documentation_shows_the_stages_as_they_are() {
+        let page = include_str!("../../docs/stages.md");
+        assert!(page.contains(stages_text().trim()), "docs/stages.md lacks:{}", stages_text());
+    }
 }

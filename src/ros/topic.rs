@@ -161,6 +161,7 @@ impl Topic {
         self.subscription = next;
         self.said = None;
         self.follow_discovery()?;
+        self.tell_news().await?;
         if !self.subscription.wants_last_value() {
             return Ok(());
         }

@@ -13,14 +13,14 @@ use crate::ros::messages;
 
 /// Each message stands after a line `=== Name`.
 const BUILT_IN: [(&str, &str); 8] = [
-    ("builtin_interfaces", include_str!("common/builtin_interfaces.msgs")),
-    ("diagnostic_msgs", include_str!("common/diagnostic_msgs.msgs")),
-    ("geometry_msgs", include_str!("common/geometry_msgs.msgs")),
-    ("nav_msgs", include_str!("common/nav_msgs.msgs")),
-    ("sensor_msgs", include_str!("common/sensor_msgs.msgs")),
-    ("std_msgs", include_str!("common/std_msgs.msgs")),
-    ("tf2_msgs", include_str!("common/tf2_msgs.msgs")),
-    ("velodyne_msgs", include_str!("common/velodyne_msgs.msgs")),
+    ("builtin_interfaces", include_str!("builtin_interfaces.msgs")),
+    ("diagnostic_msgs", include_str!("diagnostic_msgs.msgs")),
+    ("geometry_msgs", include_str!("geometry_msgs.msgs")),
+    ("nav_msgs", include_str!("nav_msgs.msgs")),
+    ("sensor_msgs", include_str!("sensor_msgs.msgs")),
+    ("std_msgs", include_str!("std_msgs.msgs")),
+    ("tf2_msgs", include_str!("tf2_msgs.msgs")),
+    ("velodyne_msgs", include_str!("velodyne_msgs.msgs")),
 ];
 
 /// No definition of a message is as long.

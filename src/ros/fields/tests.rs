@@ -313,6 +313,26 @@ fn definitions_in_folders_win_and_may_be_broken() {
 
 proptest! {
     #[test]
+    fn any_definition_and_path_is_taken_or_refused(
+        text in prop::collection::vec(
+            prop::sample::select(vec![
+                "float64", "string", "<=", "Pose", "geometry_msgs/", "[", "]", "3", "99999999999", " ", "x", "=", "#",
+                "'", "\n", ".", "length", "ä", "\0",
+            ]),
+            0..30,
+        ),
+    ) {
+        let text = text.concat();
+        if let Err(why) = definition::parse("own", &text) {
+            prop_assert!(!why.is_empty());
+        }
+        let spec = spec(encode::PATH, false, &scalars(&[&text]));
+        if let Err(FieldsError(errors)) = Definitions::default().check(&spec) {
+            prop_assert!(errors.len() == 1 && !errors[0].help.is_empty());
+        }
+    }
+
+    #[test]
     fn any_bytes_are_read_or_say_why_not(
         body in prop::collection::vec(prop_oneof![4 => 0..3_u8, 1 => any::<u8>()], 0..400),
         little in any::<bool>(),
