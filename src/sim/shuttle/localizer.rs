@@ -25,6 +25,8 @@ pub(super) struct Localizer {
     /// When the position was last confirmed by a scan.
     pose_at_ms: u64,
     jumps_since_ms: Option<u64>,
+    /// Without wheels it says nothing, until it matches again with them.
+    silent: bool,
     /// Where it says it is.
     pub pose: Place,
     /// Where the wheels say it is, from where they began to count.
@@ -45,6 +47,13 @@ enum Knows {
     Found,
 }
 
+/// What comes in time.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Fed {
+    pub scans: bool,
+    pub wheels: bool,
+}
+
 /// What it says of itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Match {
@@ -62,6 +71,7 @@ impl Localizer {
             matching_since_ms: None,
             pose_at_ms: 0,
             jumps_since_ms: None,
+            silent: false,
             pose: truth,
             odometry: Place::default(),
             yaw_rate: 0.0,
@@ -76,9 +86,9 @@ impl Localizer {
         self.knows = Knows::Hint { since_ms: now_ms, near };
     }
 
-    /// `fed`: scans and frames of the wheels come in time.
-    pub fn step(&mut self, now_ms: u64, truth: Place, fed: bool, jumps: bool, noise: &mut Noise) {
+    pub fn step(&mut self, now_ms: u64, truth: Place, fed: Fed, jumps: bool, noise: &mut Noise) {
         self.truth = truth;
+        self.silent |= !fed.wheels;
         if !jumps {
             self.jumps_since_ms = None;
         } else if self.jumps_since_ms.is_none() {
@@ -89,13 +99,14 @@ impl Localizer {
         {
             self.knows = Knows::Found;
         }
-        if !fed || self.knows != Knows::Found {
+        if !(fed.scans && fed.wheels) || self.knows != Knows::Found {
             self.matching_since_ms = None;
             return;
         }
         let since_ms = *self.matching_since_ms.get_or_insert(now_ms);
         if now_ms - since_ms >= SETTLE_MS {
             self.pose_at_ms = now_ms;
+            self.silent = false;
             let beside =
                 self.jumps_since_ms.is_some_and(|since_ms| (now_ms - since_ms) / JUMP_EVERY_MS % 2 == 0);
             let left_m = if beside { JUMP_M } else { 0.0 };
@@ -116,7 +127,7 @@ impl Localizer {
 
     /// Whether it publishes a position, good or not.
     pub fn publishes(&self, now_ms: u64) -> bool {
-        self.knows == Knows::Found && self.pose_age_ms(now_ms) <= GIVES_UP_AFTER_MS
+        self.knows == Knows::Found && !self.silent && self.pose_age_ms(now_ms) <= GIVES_UP_AFTER_MS
     }
 
     pub fn matches(&self, now_ms: u64) -> Match {

@@ -4,7 +4,7 @@
 use super::Fault;
 use super::drive::Drive;
 use super::feed::{Feed, Noise};
-use super::localizer::Localizer;
+use super::localizer::{Fed, Localizer};
 
 const SCAN_PERIOD_MS: u64 = 100;
 const FRAME_PERIOD_MS: u64 = 20;
@@ -95,14 +95,16 @@ impl World {
         let jitter_ms = self.noise.up_to(8);
         self.arrived.scan = self.scans.run(now, jitter_ms, !self.has(Fault::SensorOutage));
         self.arrived.frame = self.frames.run(now, 0, !self.has(Fault::CanLoss));
-        let fed = self.scan_age_ms() <= SCAN_AGE_MS_MAX && self.frame_age_ms() <= FRAME_AGE_MS_MAX;
+        let fed = Fed {
+            scans: self.scan_age_ms() <= SCAN_AGE_MS_MAX,
+            wheels: self.frame_age_ms() <= FRAME_AGE_MS_MAX,
+        };
         let jumps = self.has(Fault::LocalizationJump);
         self.localizer.step(now, place, fed, jumps, &mut self.noise);
-        if !self.has(Fault::CanLoss) {
-            let step_s = step_ms as f64 / 1000.0;
-            let turn = before.turn_to(place);
-            self.localizer.count(self.drive.speed_mps * step_s, turn, step_s, &mut self.noise);
-        }
+        // The wheels count on while nobody is told.
+        let step_s = step_ms as f64 / 1000.0;
+        let turn = before.turn_to(place);
+        self.localizer.count(self.drive.speed_mps * step_s, turn, step_s, &mut self.noise);
         if self.pose_is_good() {
             self.pose_good_at_ms = now;
         }
