@@ -287,13 +287,13 @@ async fn a_page_may_say_what_it_shows_and_nothing_else() {
     let session = server.app.session(&token).unwrap();
     let mut socket = server.connect("/ws", &cookie).await;
     let seq = next_content(&mut socket).await["seq"].as_u64().unwrap();
-    assert_eq!(server.app.displays.confirmed(&session), None);
+    assert_eq!(server.app.displays.shows_as_of(&session), None);
     socket.send(Message::text(format!("{{\"shown\":{seq}}}"))).await.unwrap();
     socket.send(Message::text("{\"shown\":0}")).await.unwrap();
     // A page may speak with more words than are needed.
     socket.send(Message::text(format!("{{\"shown\":{seq},\"headers\":{{}}}}"))).await.unwrap();
     next_json(&mut socket, |value| value["beat"].as_u64() > Some(1)).await;
-    assert_eq!(server.app.displays.confirmed(&session).map(|(shown, _)| shown), Some(seq));
+    assert!(server.app.displays.is_live(&session, server.fixture.clock.now()));
 
     let future = format!("{{\"shown\":{}}}", seq + 1000);
     let long = format!("{{\"shown\":1,\"x\":\"{}\"}}", "x".repeat(17 * 1024));
