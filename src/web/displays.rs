@@ -58,7 +58,9 @@ impl Displays {
         }
         let number = table.next;
         table.next += 1;
-        table.open.insert(number, Display { session: session.clone(), sent: VecDeque::new(), shows_as_of: None });
+        table
+            .open
+            .insert(number, Display { session: session.clone(), sent: VecDeque::new(), shows_as_of: None });
         table.count.send_replace(table.open.len());
         Some(Place { displays: self.clone(), number })
     }
@@ -78,10 +80,18 @@ impl Displays {
         self.shows_as_of(session).is_some_and(|shown| now.since(shown) < LIVE_WITHIN)
     }
 
-    /// Whether any display of this user lives.
-    pub fn is_live_for(&self, user: &str, now: Timestamp) -> bool {
-        let shown = self.newest(|display| &*display.session.user == user);
-        shown.is_some_and(|shown| now.since(shown) < LIVE_WITHIN)
+    /// Whether whoever has this session sees the vehicle as it is: on a display of this session, or
+    /// on another one of theirs where this session has none.
+    pub fn is_live_for(&self, session: &Session, now: Timestamp) -> bool {
+        let has_own = {
+            let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            table.open.values().any(|display| display.session.is(session))
+        };
+        let of = |display: &Display| match has_own {
+            true => display.session.is(session),
+            false => display.session.user == session.user,
+        };
+        self.newest(of).is_some_and(|shown| now.since(shown) < LIVE_WITHIN)
     }
 
     fn newest(&self, of: impl Fn(&Display) -> bool) -> Option<Timestamp> {

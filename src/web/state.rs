@@ -11,6 +11,7 @@ use super::demo::DemoFaults;
 use super::displays::Displays;
 use super::frame::Frames;
 use super::origins::Origins;
+use super::pending::PendingClearance;
 use super::throttle::Throttle;
 use crate::clock::Clock;
 use crate::engine::input::{OperatorAction, Response};
@@ -50,6 +51,7 @@ pub struct Shared {
     pub settings: Settings,
     pub frames: Frames,
     pub displays: Displays,
+    pub pending: PendingClearance,
     pub throttle: Mutex<Throttle>,
     /// Turns true when the server ends.
     pub closing: watch::Sender<bool>,
@@ -69,6 +71,7 @@ impl AppState {
             settings,
             frames: Frames::default(),
             displays: Displays::default(),
+            pending: PendingClearance::default(),
             throttle: Mutex::default(),
             closing: watch::channel(false).0,
         }))

@@ -7,20 +7,23 @@ use crate::web::view::Lang;
 use crate::web::view::clean::{NAME, clean};
 
 macro_rules! words {
-    ($($key:ident: $en:literal, $de:literal;)*) => {
+    ($table:ident; $($key:ident: $en:literal, $de:literal;)*) => {
         /// Fixed words of one language.
         #[derive(Debug)]
-        pub struct Words { $(pub $key: &'static str,)* }
+        pub struct $table { $(pub $key: &'static str,)* }
 
-        static EN: Words = Words { $($key: $en,)* };
-        static DE: Words = Words { $($key: $de,)* };
+        static EN: $table = $table { $($key: $en,)* };
+        static DE: $table = $table { $($key: $de,)* };
 
         #[cfg(test)]
         const ALL: &[(&str, &str, &str)] = &[$((stringify!($key), $en, $de),)*];
     };
 }
 
+pub(super) use words;
+
 words! {
+    Words;
     ok: "Okay", "Okay";
     warning: "Warning", "Warnung";
     error: "Error", "Fehler";
@@ -84,6 +87,12 @@ words! {
     login_wrong: "Name or PIN is wrong.", "Name oder PIN ist falsch.";
     login_unavailable: "Logins cannot be checked now. Try again.", "Anmeldung zurzeit nicht prüfbar. Noch einmal versuchen.";
     login_no_users: "No user exists yet. On the vehicle: telltale user add NAME --role operator", "Noch kein Benutzer. Auf dem Fahrzeug: telltale user add NAME --role operator";
+    display: "Display", "Anzeige";
+    pad_digits: "Digits", "Ziffern";
+    pad_letters: "Letters", "Buchstaben";
+    pad_erase: "Delete the last one", "Letztes löschen";
+    not_in_seat: "Somebody else leads the vehicle. Log in again to take over.", "Jemand anderes führt das Fahrzeug. Zum Übernehmen neu anmelden.";
+    refused_stale: "Things have changed since this was shown. Look again.", "Die Lage hat sich seit der Anzeige geändert. Neu hinsehen.";
     login_demo: "Demo: operator with PIN 246810", "Demo: operator mit PIN 246810";
     back: "Back to the vehicle", "Zurück zum Fahrzeug";
 
