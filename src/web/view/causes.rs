@@ -56,8 +56,6 @@ struct EntryHtml {
     state: &'static str,
     icon: &'static str,
     word: &'static str,
-    /// Message and what waits are shown too.
-    full: bool,
     waiting: bool,
     over: bool,
     masks: u32,
@@ -72,8 +70,14 @@ struct EntryHtml {
 pub fn causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
     let acknowledge = acknowledge(view, entries);
     let banner = if measure::has_banner(view) { BANNER } else { 0 };
-    let (shown, full) = fitting(entries, ROOM - banner, acknowledge.is_some());
-    let more = entries.len() - shown;
+    let fits = fitting(entries, ROOM - banner, acknowledge.is_some());
+    let more = entries.len() - fits.shown;
+    let entry = |(index, entry)| {
+        let html = of_entry(view, entry);
+        let waits = if index < fits.waits { html.waits } else { String::new() };
+        let message = if index < fits.messages { html.message } else { String::new() };
+        EntryHtml { waits, message, ..html }
+    };
     let alarms = view.snapshot.alarms.iter().filter(|alarm| alarm.active);
     let calm = entries.is_empty().then(|| calm(view));
     let html = html(&CausesHtml {
@@ -82,7 +86,7 @@ pub fn causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
         swap: view.swap,
         alarms: alarms.map(|alarm| alarm.id.to_string()).collect::<Vec<_>>().join(" "),
         last_alarm: view.snapshot.alarms.iter().map(|alarm| alarm.id).max().unwrap_or_default(),
-        entries: entries[..shown].iter().enumerate().map(|(i, it)| of_entry(view, it, i < full)).collect(),
+        entries: entries[..fits.shown].iter().enumerate().map(entry).collect(),
         more: (more > 0).then(|| view.lang.more_of(more)),
         calm,
         acknowledge,
@@ -105,7 +109,7 @@ pub fn all_causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
     let html = html(&AllCausesHtml {
         words: view.words,
         swap: view.swap,
-        entries: entries.iter().take(SHEET_MAX).map(|entry| of_entry(view, entry, true)).collect(),
+        entries: entries.iter().take(SHEET_MAX).map(|entry| of_entry(view, entry)).collect(),
         more: (more > 0).then(|| view.lang.and_more(more)),
     });
     Fragment { id: "all-causes".to_owned(), html }
@@ -124,9 +128,17 @@ fn acknowledge(view: &View<'_>, entries: &[Entry]) -> Option<AcknowledgeHtml> {
     })
 }
 
-/// How many entries have room, and how many of them with all their words, by an estimate of their
-/// lines. The first always has, and each has what to do about it.
-fn fitting(entries: &[Entry], room: usize, button: bool) -> (usize, usize) {
+/// How many entries are shown, and how many of them with what waits, and with their message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Fitting {
+    shown: usize,
+    waits: usize,
+    messages: usize,
+}
+
+/// What has room, by an estimate of its lines. The first entry always has, and each that is shown
+/// has what to do about it; then what waits counts for more than the message.
+fn fitting(entries: &[Entry], room: usize, button: bool) -> Fitting {
     let (whole, rest) = if button { (room - BUTTONS, room - BUTTONS) } else { (room, room - BUTTONS) };
     let height = |count: usize| entries[..count].iter().map(|entry| GAP + height_brief(entry)).sum::<usize>();
     // The whole list needs no button that counts the rest.
@@ -134,18 +146,17 @@ fn fitting(entries: &[Entry], room: usize, button: bool) -> (usize, usize) {
     let shown = (0..=entries.len()).rev().find(fits).unwrap_or(0).max(usize::from(!entries.is_empty()));
     let room = if shown == entries.len() { whole } else { rest };
     let mut free = (room + GAP).saturating_sub(height(shown));
-    let grows = |entry: &&Entry| {
-        let more = height_full(entry) - height_brief(entry);
-        let fits = more <= free;
-        free = free.saturating_sub(more);
-        fits
+    let mut grown = |words: fn(&Entry) -> &str| {
+        let grows = |entry: &&Entry| {
+            let more = SMALL * lines(words(entry), SMALL_EM, 2);
+            let fits = more <= free;
+            free = free.saturating_sub(more);
+            fits
+        };
+        entries[..shown].iter().take_while(grows).count()
     };
-    (shown, entries[..shown].iter().take_while(grows).count())
-}
-
-fn height_full(entry: &Entry) -> usize {
-    let small = lines(&entry.message, SMALL_EM, 2) + lines(&entry.waits, SMALL_EM, 2);
-    height_brief(entry) + SMALL * small
+    let waits = grown(|entry| &entry.waits);
+    Fitting { shown, waits, messages: grown(|entry| &entry.message) }
 }
 
 fn height_brief(entry: &Entry) -> usize {
@@ -156,7 +167,7 @@ fn height_brief(entry: &Entry) -> usize {
     (14 + title + SMALL * place + if help > 0 { 6 + LARGE * help } else { 0 }).max(88)
 }
 
-fn of_entry(view: &View<'_>, entry: &Entry, full: bool) -> EntryHtml {
+fn of_entry(view: &View<'_>, entry: &Entry) -> EntryHtml {
     let tile = view.board.tile_of(entry.node).map(|tile| view.board.tiles[tile]);
     EntryHtml {
         node: clean(view.snapshot.node_name(entry.node), ID),
@@ -164,7 +175,6 @@ fn of_entry(view: &View<'_>, entry: &Entry, full: bool) -> EntryHtml {
         state: entry.state.as_str(),
         icon: if entry.over { "ok" } else { super::node::icon(entry.state, None) },
         word: if entry.over { view.lang.steps().over } else { view.lang.state(entry.state) },
-        full,
         waiting: entry.acknowledge.is_some(),
         over: entry.over,
         masks: entry.masks,
@@ -220,16 +230,14 @@ mod tests {
     #[test]
     fn the_first_entry_always_has_room_and_the_list_a_bound() {
         let long = "w".repeat(120);
-        assert_eq!(fitting(&[], ROOM, false), (0, 0));
-        assert_eq!(fitting(&[entry(&long, &long)], ROOM, true).0, 1);
-        assert_eq!(fitting(&[entry("short", "do"), entry("short", "do")], ROOM, false), (2, 2));
+        let shown = |entries: &[Entry], room, button| fitting(entries, room, button).shown;
+        assert_eq!(shown(&[], ROOM, false), 0);
+        assert_eq!(shown(&[entry(&long, &long)], ROOM, true), 1);
+        let two = fitting(&[entry("short", "do"), entry("short", "do")], ROOM, false);
+        assert_eq!(two, Fitting { shown: 2, waits: 2, messages: 2 });
         let many: Vec<Entry> = (0..50).map(|_| entry("short", "")).collect();
         for (room, button) in [(ROOM, false), (ROOM, true), (ROOM - BANNER, true)] {
-            assert!(
-                matches!(fitting(&many, room, button), (2..=4, 0..=2)),
-                "{:?}",
-                fitting(&many, room, button)
-            );
+            assert!((2..=4).contains(&shown(&many, room, button)), "{:?}", fitting(&many, room, button));
         }
     }
 }

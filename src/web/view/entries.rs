@@ -205,7 +205,9 @@ fn past(view: &View<'_>, entries: &mut Vec<Entry>) {
                 NodeId::Module(module) => of_module(view, module, State::Error),
                 NodeId::Group(group) => of_group(view, group, State::Error, String::new()),
             };
-            let acknowledge = Some(Target { id: id.to_string(), matter: Matter::Alarm(id) });
+            // By its name all of them are meant.
+            let target = if count > 1 { view.snapshot.node_name(node).to_string() } else { id.to_string() };
+            let acknowledge = Some(Target { id: target, matter: Matter::Alarm(id) });
             let message = view.lang.so_often(count);
             let help = String::new();
             (id, Entry { since: raised, message, help, over: true, acknowledge, ..entry })

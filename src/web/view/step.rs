@@ -2,6 +2,7 @@
 
 use askama::Template;
 
+use crate::engine::input::Refusal;
 use crate::engine::model::{LOCALIZATION_GROUP, NodeId, Stage, Stop};
 use crate::engine::state::State;
 
@@ -59,9 +60,14 @@ pub fn step(view: &View<'_>) -> Fragment {
         version: view.seen.of(Matter::Stage),
         clearance_version: view.seen.of(Matter::Clearance),
         step: of_stage(view),
-        logout: snapshot.operator.is_some() && snapshot.stage != Stage::Active,
+        logout: snapshot.operator.is_some() && (snapshot.stage != Stage::Active || !has_stages(view)),
     });
     Fragment { id: "step".to_owned(), html }
+}
+
+/// Whether this machine is led from stage to stage at all.
+fn has_stages(view: &View<'_>) -> bool {
+    !view.snapshot.clearance_refusals.contains(&Refusal::NoStages)
 }
 
 fn of_stage(view: &View<'_>) -> Step {

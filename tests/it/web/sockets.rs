@@ -8,7 +8,7 @@ use serde_json::Value;
 use telltale::engine::model::Stage;
 use telltale::engine::state::State;
 use telltale::store::{DemoSecrets, Store, Token};
-use telltale::web::view::{Lang, fragments};
+use telltale::web::view::{Fragment, Lang, fragments};
 use telltale::web::{AppState, Origins, Settings, serve};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
@@ -113,6 +113,11 @@ async fn closed(socket: &mut Socket) -> CloseCode {
     }
 }
 
+fn shown(server: &Server, lang: Lang) -> Vec<Fragment> {
+    let published = server.app.published();
+    fragments(&published, &server.app.frames.observe(&published), lang)
+}
+
 #[tokio::test]
 async fn an_upgrade_needs_a_session_and_an_origin_of_ours() {
     let server = Server::new().await;
@@ -149,7 +154,7 @@ async fn a_page_gets_everything_once_and_then_what_changed() {
         let message = format!("fine, {path}");
         server.fixture.status("lidar", 0, &message).await;
         server.fixture.until(|snapshot| *snapshot.modules[0].report.message == *message).await;
-        let before = fragments(&server.app.published(), lang);
+        let before = shown(&server, lang);
         let mut socket = server.connect(path, &cookie).await;
         let full = next_content(&mut socket).await;
         let all: String = before.iter().map(|fragment| fragment.html.as_str()).collect();
@@ -157,7 +162,7 @@ async fn a_page_gets_everything_once_and_then_what_changed() {
         assert_eq!(full["seq"].as_u64(), Some(server.app.published().snapshot.seq));
 
         server.fixture.drive(true).await;
-        let after = fragments(&server.app.published(), lang);
+        let after = shown(&server, lang);
         let changed: String = after
             .iter()
             .filter(|fragment| !before.contains(fragment))

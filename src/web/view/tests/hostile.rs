@@ -11,7 +11,7 @@ fn text_from_outside_is_text_and_nothing_else() {
         .pass(3);
     let published = sample.published();
     let mut pages: Vec<String> =
-        fragments(&published, &Seen::default(), Lang::En).into_iter().map(|fragment| fragment.html).collect();
+        fragments(&published, Lang::En).into_iter().map(|fragment| fragment.html).collect();
     pages.push(operator_page(&published, &context(Lang::De, Palette::Day)));
     pages.push(developer_page(
         &published,
@@ -41,7 +41,7 @@ fn endless_text_is_cut() {
     let long = "w".repeat(4000);
     let published =
         Sample::shuttle(true).report("localization/tf_map", 2, &long, &[(&long, &long)]).pass(3).published();
-    for fragment in fragments(&published, &Seen::default(), Lang::En) {
+    for fragment in fragments(&published, Lang::En) {
         assert!(!fragment.html.contains(&"w".repeat(300)), "{}", fragment.id);
     }
 }

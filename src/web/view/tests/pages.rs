@@ -123,7 +123,7 @@ fn ids_are_single_and_fragments_are_elements_of_the_page() {
     ids.sort_unstable();
     ids.dedup();
     assert_eq!(ids.len(), count, "ids: {ids:?}");
-    for fragment in fragments(&published, &Seen::default(), Lang::En) {
+    for fragment in fragments(&published, Lang::En) {
         let marked = format!("id=\"{}\" hx-swap-oob=\"outerMorph\"", fragment.id);
         assert!(fragment.html.contains(&marked), "{}", fragment.html);
         let same = fragment.html.replace(" hx-swap-oob=\"outerMorph\"", "");
