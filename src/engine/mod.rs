@@ -125,6 +125,7 @@ impl Engine {
             signals,
             model,
         };
+        engine.signals.posed = engine.vehicle.posed();
         for check in SystemCheck::ALL {
             engine.report_on_self(check, State::Ok, "");
         }

@@ -174,7 +174,7 @@ expect:
             "8:5: a step needs one of status, others, signal, operator, sample, clock_step (write one step for each thing that happens)",
             "9:5: a step needs one of status, others, signal, operator, sample, clock_step (write one step for each thing that happens)",
             "10:22: `sample` is not supported by this version (remove it)",
-            "11:35: unknown truth value `now` (one of: true, false)",
+            "11:37: unknown truth value `now` (one of: true, false)",
             "12:26: unknown key `logn` in an operator's action (did you mean `login`?)",
             "14:5: this expects nothing (add `groups: { sensors: error }`, or remove it)",
             "15:27: unknown state `good` (one of: ignore, ok, warning, unknown, error)",
