@@ -43,6 +43,7 @@ words! {
     by_itself: "by itself", "selbsttätig";
     without_operator: "without an operator", "ohne Fahrbegleitung";
 
+    no_pose: "no position yet", "noch keine Position";
     no_goal: "No goal is set", "Kein Ziel gesetzt";
     not_localized: "The position is not confirmed", "Position nicht bestätigt";
     measure_holds: "A countermeasure is not released", "Gegenmaßnahme nicht aufgehoben";
@@ -58,7 +59,7 @@ words! {
 
     because_of: "because of", "wegen";
     asked_by_operator: "asked for by the operator", "von der Fahrbegleitung angefordert";
-    asked: "Requested by Telltale", "Von Telltale angefordert";
+    asked: "Sent to the vehicle", "An das Fahrzeug gesendet";
     engaged: "Confirmed by the vehicle", "Vom Fahrzeug bestätigt";
     unconfirmed: "Not confirmed by the vehicle. Take over.", "Vom Fahrzeug nicht bestätigt. Übernehmen.";
     held: "The cause is gone. Acknowledge to release it.", "Ursache behoben. Quittieren hebt sie auf.";
@@ -115,14 +116,6 @@ impl Lang {
         match self {
             Lang::En => format!("Acknowledge first: {name}"),
             Lang::De => format!("Zuerst quittieren: {name}"),
-        }
-    }
-
-    /// `3 more`, on a button that shows them.
-    pub fn more_of(self, count: usize) -> String {
-        match self {
-            Lang::En => format!("{count} more"),
-            Lang::De => format!("{count} weitere"),
         }
     }
 

@@ -1,6 +1,6 @@
 //! The words of the pages. A word that lacks a language does not compile.
 
-use crate::engine::model::{ACTIVE_SIGNAL, Stage, Text};
+use crate::engine::model::{ACTIVE_SIGNAL, POSED_SIGNAL, Stage, Text};
 use crate::engine::snapshot::NotRelevant;
 use crate::engine::state::State;
 use crate::web::view::Lang;
@@ -235,6 +235,7 @@ impl Lang {
             NotRelevant::Stage(Stage::Active) => words.not_while_driving,
             NotRelevant::Signal { name, value: false } if &**name == ACTIVE_SIGNAL => words.not_driving,
             NotRelevant::Signal { name, value: true } if &**name == ACTIVE_SIGNAL => words.not_while_driving,
+            NotRelevant::Signal { name, value: false } if &**name == POSED_SIGNAL => self.steps().no_pose,
             NotRelevant::Signal { name, value } => {
                 let name = clean(name, NAME);
                 return match (self, value) {

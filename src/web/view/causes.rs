@@ -13,6 +13,7 @@ use super::fit::{LARGE, LARGE_EM, SMALL, SMALL_EM, lines};
 use super::{Fragment, View, html, measure};
 use crate::web::steps::StepWords;
 use crate::web::text::Words;
+use crate::web::versions::Matter;
 
 /// Height of the list on the reference display in pixels, below its heading.
 const ROOM: usize = 472;
@@ -33,7 +34,7 @@ struct CausesHtml {
     alarms: String,
     last_alarm: u64,
     entries: Vec<EntryHtml>,
-    more: Option<String>,
+    more: Option<usize>,
     /// What to say where the list is empty, and whether that is good news.
     calm: Option<(bool, String)>,
     acknowledge: Option<AcknowledgeHtml>,
@@ -85,9 +86,9 @@ pub fn causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
         steps: view.lang.steps(),
         swap: view.swap,
         alarms: alarms.map(|alarm| alarm.id.to_string()).collect::<Vec<_>>().join(" "),
-        last_alarm: view.snapshot.alarms.iter().map(|alarm| alarm.id).max().unwrap_or_default(),
+        last_alarm: view.snapshot.last_alarm,
         entries: entries[..fits.shown].iter().enumerate().map(entry).collect(),
-        more: (more > 0).then(|| view.lang.more_of(more)),
+        more: (more > 0).then_some(more),
         calm,
         acknowledge,
     });
@@ -175,7 +176,8 @@ fn of_entry(view: &View<'_>, entry: &Entry) -> EntryHtml {
         state: entry.state.as_str(),
         icon: if entry.over { "ok" } else { super::node::icon(entry.state, None) },
         word: if entry.over { view.lang.steps().over } else { view.lang.state(entry.state) },
-        waiting: entry.acknowledge.is_some(),
+        // Only what is an alarm calls.
+        waiting: entry.acknowledge.as_ref().is_some_and(|it| matches!(it.matter, Matter::Alarm(_))),
         over: entry.over,
         masks: entry.masks,
         title: entry.title.clone(),

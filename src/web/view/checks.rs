@@ -52,22 +52,19 @@ impl View<'_> {
         Check { holds: false, text, nodes: nodes.join(" ") }
     }
 
-    fn what_holds(&self) -> Option<Check> {
+    fn what_holds(&self) -> Vec<Check> {
         let steps = self.lang.steps();
         let refusals = &self.snapshot.clearance_refusals;
-        let any = |of: fn(&Refusal) -> bool| refusals.iter().any(of);
-        let mut words = Vec::new();
-        if !any(|refusal| matches!(refusal, Refusal::Group { .. } | Refusal::Warning { .. })) {
-            words.push(steps.all_fit);
-        }
-        if !any(|refusal| matches!(refusal, Refusal::NoGoal)) {
-            words.push(steps.goal_set);
-        }
-        if !any(|refusal| matches!(refusal, Refusal::Countermeasure(_))) {
-            words.push(steps.no_measure);
-        }
-        let text = words.join(", ");
-        (!text.is_empty()).then(|| Check { holds: true, text, nodes: String::new() })
+        let holds = |fails: fn(&Refusal) -> bool| !refusals.iter().any(fails);
+        let unfit = |it: &Refusal| matches!(it, Refusal::Group { .. } | Refusal::Warning { .. });
+        let all = [
+            (holds(unfit), steps.all_fit),
+            (holds(|it| matches!(it, Refusal::NoGoal)), steps.goal_set),
+            (holds(|it| matches!(it, Refusal::Countermeasure(_))), steps.no_measure),
+        ];
+        let check =
+            |(_, text): (bool, &str)| Check { holds: true, text: text.to_owned(), nodes: String::new() };
+        all.into_iter().filter(|(holds, _)| *holds).map(check).collect()
     }
 
     /// Why something was refused, with what to do.

@@ -347,6 +347,11 @@ impl Sample {
         self
     }
 
+    /// A login alone: where the vehicle stands is not known yet.
+    pub fn unlock(self) -> Sample {
+        self.act(OperatorAction::Login { name: "operator".into() })
+    }
+
     /// Does what an operator may do; panics if it is refused.
     pub fn act(mut self, action: OperatorAction) -> Sample {
         let answer = self.engine.handle(&Input::Operator(action), self.now);

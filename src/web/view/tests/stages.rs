@@ -26,7 +26,8 @@ fn words_of(html: &str) -> String {
 fn the_stage_is_said_in_words_and_only_what_works_has_a_button() {
     let ready = Sample::shuttle(false).published();
     check(&ready, Lang::En, "top", &[r#"data-stage="standby""#, "Ready", "Shuttle 1", "operator"], &[]);
-    let expect = [r#"name="clearance""#, "Give clearance", "Goal set, No countermeasure", r#"name="logout""#];
+    let expect =
+        [r#"name="clearance""#, "Give clearance", "Goal set", "No countermeasure", r#"name="logout""#];
     check(&ready, Lang::En, "step", &expect, &["aria-disabled", r#"name="stop""#]);
     let driving = Sample::shuttle(true).published();
     check(&driving, Lang::De, "top", &[r#"data-stage="active""#, "Fährt"], &[]);
@@ -55,7 +56,7 @@ fn other_reasons_have_words_of_their_own() {
 
 #[test]
 fn the_way_from_the_login_to_the_drive_has_one_step_at_a_time() {
-    let login = Sample::of(parts()).login().signal("active", false).pass(3);
+    let login = Sample::of(parts()).unlock().pass(3);
     check(
         &login.published(),
         Lang::De,
@@ -63,7 +64,7 @@ fn the_way_from_the_login_to_the_drive_has_one_step_at_a_time() {
         &["Wo steht das Fahrzeug?", r#"value="station""#, "Hauptbahnhof"],
         &[],
     );
-    let locating = Sample::of(parts()).login().signal("active", false).pass(3).localize("station").pass(1);
+    let locating = Sample::of(parts()).unlock().pass(3).localize("station").pass(1);
     check(
         &locating.published(),
         Lang::En,
