@@ -8,7 +8,10 @@ use std::process::ExitCode;
 use super::{EXIT_NO, EXIT_USAGE, graph};
 use crate::config::soundness::{Soundness, What};
 use crate::config::{self, Loaded, words};
-use crate::engine::model::{Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, When};
+use crate::engine::model::{
+    Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, StageModel, When,
+};
+use crate::engine::vehicle::{Guard, TRANSITIONS, Transition};
 use crate::yaml::Problems;
 
 /// Check a configuration and print its graph of groups, modules and dependencies.
@@ -114,9 +117,26 @@ fn text(loaded: &Loaded, found: &Soundness) -> String {
     for signal in &model.signals {
         let _ = writeln!(out, "signal {}: {}", signal.name, words::signal(signal));
     }
+    if model.stages == StageModel::Shuttle {
+        out.push_str(&stages_text());
+    }
     for index in (0..model.groups.len()).filter(|&index| model.groups[index].parent.is_none()) {
         out.push('\n');
         group_text(&mut out, model, GroupId(index as u32), 0);
+    }
+    out
+}
+
+/// What leads from stage to stage.
+fn stages_text() -> String {
+    let mut out = "\nstages\n".to_owned();
+    for Transition { from, event, guard, to } in TRANSITIONS {
+        let from: Vec<&str> = from.iter().map(|stage| stage.as_str()).collect();
+        let guard = match guard {
+            Guard::None => String::new(),
+            guard => format!(", if: {}", guard.as_str()),
+        };
+        let _ = writeln!(out, "  {} --{}--> {}{guard}", from.join(", "), event.as_str(), to.as_str());
     }
     out
 }
@@ -132,7 +152,7 @@ fn group_text(out: &mut String, model: &Model, id: GroupId, depth: usize) {
         let _ = writeln!(out, "{pad}  takes statuses with {}", filters.join(", "));
     }
     for module in model.modules.iter().filter(|module| module.group == id) {
-        let monitor = words::monitor(&module.monitor);
+        let monitor = words::monitor(model, &module.monitor);
         let name = module.name.as_ref().map_or(String::new(), |name| format!(" \"{}\"", name.en));
         let policy = words::policy(&module.policy);
         let _ = writeln!(out, "{pad}  - {}{name}: {monitor}, {policy}", module.id);

@@ -6,6 +6,7 @@ use super::causes::Explained;
 use super::input::{ReceptionTrouble, Refusal, Status};
 use super::layout::{SELF_STATE, layout};
 use super::model::{GroupId, Limits, Model, ModuleId, NodeId, Stage};
+use super::monitor::Words;
 use super::net::{Change, Net};
 use super::persistent::PersistentVec;
 use super::signals::Signals;
@@ -130,7 +131,24 @@ impl Views {
         if *self.reports[index].message != *message {
             self.set_report(id, Arc::new(Report { message: message.into(), ..Report::default() }));
         }
-        if !std::mem::replace(&mut self.is_heard[index], true) {
+        self.note_heard(id);
+    }
+
+    /// Sets what a monitor says of its module. Returns whether it said something else before.
+    pub(super) fn set_words(&mut self, id: ModuleId, words: Words) -> bool {
+        let values = words.values.into_iter().map(|(key, value)| (key.into(), value.into()));
+        let report =
+            Report { message: words.message.into(), hardware_id: "".into(), values: values.collect() };
+        let changed = *self.reports[id.0 as usize] != report;
+        if changed {
+            self.set_report(id, Arc::new(report));
+        }
+        changed
+    }
+
+    /// Notes that the age of a module's last report is another one.
+    pub(super) fn note_heard(&mut self, id: ModuleId) {
+        if !std::mem::replace(&mut self.is_heard[id.0 as usize], true) {
             self.heard.push(id);
         }
     }
@@ -138,9 +156,7 @@ impl Views {
     /// Keeps the words of a status, if they differ from those before.
     pub(super) fn take_report(&mut self, id: ModuleId, status: Status<'_>, limits: &Limits) {
         let index = id.0 as usize;
-        if !std::mem::replace(&mut self.is_heard[index], true) {
-            self.heard.push(id);
-        }
+        self.note_heard(id);
         if self.reports[index].says(status) {
             return;
         }
