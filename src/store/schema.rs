@@ -11,10 +11,11 @@ use super::StoreError;
 pub const FILE_NAME: &str = "telltale.db";
 
 /// How long to wait for another process that writes.
-const LOCK_WAIT: Duration = Duration::from_secs(2);
+pub(super) const LOCK_WAIT: Duration = Duration::from_secs(2);
 
 /// Step N takes schema N to N + 1. Steps are never edited, only added.
-const MIGRATIONS: &[&str] = &["
+const MIGRATIONS: &[&str] = &[
+    "
     CREATE TABLE users (
         id INTEGER PRIMARY KEY,
         name TEXT NOT NULL UNIQUE,
@@ -33,7 +34,44 @@ const MIGRATIONS: &[&str] = &["
         one INTEGER PRIMARY KEY CHECK (one = 1),
         user INTEGER NOT NULL REFERENCES users(id) ON DELETE CASCADE
     ) STRICT;
-"];
+",
+    "
+    CREATE TABLE audit (
+        number INTEGER PRIMARY KEY,
+        at_ms INTEGER NOT NULL,
+        who TEXT NOT NULL,
+        role TEXT NOT NULL,
+        source TEXT NOT NULL,
+        action TEXT NOT NULL,
+        target TEXT NOT NULL,
+        outcome TEXT NOT NULL,
+        hash BLOB NOT NULL CHECK (length(hash) = 32)
+    ) STRICT;
+    CREATE TABLE tokens (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        token_hash BLOB NOT NULL UNIQUE CHECK (length(token_hash) = 32),
+        user INTEGER NOT NULL REFERENCES users(id) ON DELETE CASCADE,
+        label TEXT NOT NULL,
+        created_ms INTEGER NOT NULL,
+        expires_ms INTEGER NOT NULL
+    ) STRICT;
+    CREATE INDEX tokens_by_user ON tokens(user);
+    CREATE TABLE vehicle (
+        one INTEGER PRIMARY KEY CHECK (one = 1),
+        stage TEXT NOT NULL,
+        last_alarm INTEGER NOT NULL
+    ) STRICT;
+    CREATE TABLE alarms (
+        id INTEGER PRIMARY KEY,
+        node TEXT NOT NULL,
+        raised_ms INTEGER NOT NULL,
+        acknowledged INTEGER NOT NULL,
+        active INTEGER NOT NULL
+    ) STRICT;
+    CREATE TABLE beat (one INTEGER PRIMARY KEY CHECK (one = 1), count INTEGER NOT NULL) STRICT;
+    INSERT INTO beat VALUES (1, 0);
+",
+];
 
 pub(super) fn open(folder: &Path) -> Result<Connection, StoreError> {
     let folder_error = |reason| StoreError::Folder { path: folder.to_owned(), reason };
