@@ -9,8 +9,8 @@ use super::places::{NodePlace, Places};
 use super::raw;
 use super::relations::{self, Signals};
 use crate::engine::model::{
-    Combine, Driving, FieldSource, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, Parts, Policy,
-    SignalSpec, StageModel, Stop, Text,
+    Combine, Driving, FieldSource, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, POSED_SIGNAL,
+    Parts, Policy, SignalSpec, StageModel, Stop, Text,
 };
 use crate::engine::monitor::spec::Watched;
 use crate::engine::time;
@@ -92,7 +92,7 @@ fn signals(file: &raw::File, log: &mut Log) -> Vec<SignalSpec> {
     let mut signals = Vec::new();
     for (key, raw) in &file.signals.0 {
         check_id(&Spanned { value: key.text.clone(), span: key.span }, "signal", log);
-        if key.text == relations::POSED {
+        if key.text == POSED_SIGNAL {
             let problem = Problem::at(key.span, "`posed` is built in: it says that the operator gave a pose");
             log.push(problem.help("choose another name"));
         }

@@ -4,7 +4,9 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use crate::engine::filter::Filter;
-use crate::engine::model::{Dependency, DependsOn, Model, MonitorSpec, NodeId, Policy, SignalSpec, When};
+use crate::engine::model::{
+    Dependency, DependsOn, Model, MonitorSpec, NodeId, POSED_SIGNAL, Policy, SignalSpec, When,
+};
 use crate::engine::time::Span;
 
 /// `/mission/active std_msgs/msg/Bool.data, unknown when older than 2s`
@@ -58,7 +60,8 @@ pub fn when(model: &Model, when: &When) -> String {
     let stages = (!stages.is_empty()).then(|| format!("the stage is {}", stages.join(" or ")));
     let signals =
         when.signals.iter().map(|&(index, value)| format!("{} is {value}", model.signals[index].name));
-    stages.into_iter().chain(signals).collect::<Vec<_>>().join(" and ")
+    let posed = when.posed.map(|value| format!("{POSED_SIGNAL} is {value}"));
+    stages.into_iter().chain(signals).chain(posed).collect::<Vec<_>>().join(" and ")
 }
 
 /// `the namespace '/sensors'`

@@ -3,6 +3,7 @@
 //! No clock, no I/O, no async, no serde, no logging. Whoever feeds it says what time it is, and
 //! asks [`Engine::next_deadline`] when to call again.
 
+pub mod action;
 mod alarm;
 mod causes;
 pub mod countermeasure;
@@ -117,7 +118,7 @@ impl Engine {
             Input::Diagnostics(array) => self.take_array(array),
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
-            Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {}
+            Input::Sample(_) | Input::Topic(_) | Input::Probe(_) | Input::Output(_) => {}
             Input::Operator(action) => response = self.operate(action),
             Input::Tick => return response,
         }
@@ -296,7 +297,7 @@ impl Engine {
         let from = self.vehicle.stage;
         let granted = match action {
             OperatorAction::Reset { module } => self.reset(module).map_err(|reason| vec![reason]),
-            OperatorAction::Login { .. } | OperatorAction::Logout => self.vehicle.operate(action),
+            _ => self.vehicle.operate(action),
         };
         self.stage_changed(from);
         match granted {

@@ -41,7 +41,7 @@ impl Vehicle {
                 self.operator = None;
             }
             // Says nothing about the vehicle's stage.
-            OperatorAction::Reset { .. } => {}
+            _ => {}
         }
         self.settle();
         Ok(())

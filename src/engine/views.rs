@@ -10,8 +10,8 @@ use super::net::{Change, Net};
 use super::persistent::PersistentVec;
 use super::signals::Signals;
 use super::snapshot::{
-    Alarm, Counters, GroupView, Layout, ModuleInfo, ModuleView, Reason, Reception, Report, RootCause,
-    Snapshot,
+    Alarm, Counters, GroupView, Layout, Localization, ModuleInfo, ModuleView, Reason, Reception, Report,
+    RootCause, Snapshot,
 };
 use super::state::State;
 use super::time::Timestamp;
@@ -88,6 +88,11 @@ impl Views {
             modules: self.modules.clone(),
             roots: self.roots.clone(),
             alarms: self.alarms.clone(),
+            accepted: Arc::from([]),
+            countermeasures: Arc::from([]),
+            localization: Localization::default(),
+            clearance: false,
+            clearance_refusals: Arc::from([]),
             signals: self.signals.clone(),
             reception: self.reception.clone(),
             counters,

@@ -201,10 +201,8 @@ fn conditions_can_hold() {
         &["2:60: there is no signal `activ` (did you mean `active`?)"],
     );
     check(&when("{ signals: { active: yes } }"), &["2:68: unknown truth value `yes` (one of: true, false)"]);
-    check(
-        &when("{ signals: { posed: true } }"),
-        &["2:60: the signal `posed` is not supported by this version (remove it)"],
-    );
+    check(&when("{ signals: { pose: true } }"), &["2:60: there is no signal `pose` (did you mean `posed`?)"]);
+    check(&when("{ signals: { posed: true } }"), &[]);
 }
 
 #[test]

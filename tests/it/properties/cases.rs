@@ -107,7 +107,7 @@ fn when(choices: &mut Choices<'_>) -> Option<When> {
     if !choices.one_in(3) {
         return None;
     }
-    let mut when = When { stages: Vec::new(), signals: Vec::new() };
+    let mut when = When { stages: Vec::new(), signals: Vec::new(), posed: None };
     if choices.one_in(2) {
         when.stages = Stage::ALL.into_iter().filter(|_| choices.one_in(2)).collect();
     }

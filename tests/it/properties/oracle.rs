@@ -76,11 +76,13 @@ impl<'a> Oracle<'a> {
             Some(when) if !when.stages.is_empty() => when.stages.contains(&stage),
             _ => stage != Stage::Locked,
         };
+        let posed = stage > Stage::Localizing || self.snapshot.localization.given.is_some();
         in_stage
             && when.is_none_or(|when| {
-                when.signals.iter().all(|&(index, wanted)| {
-                    self.snapshot.signals[index].1.is_none_or(|value| value == wanted)
-                })
+                when.posed.is_none_or(|wanted| wanted == posed)
+                    && when.signals.iter().all(|&(index, wanted)| {
+                        self.snapshot.signals[index].1.is_none_or(|value| value == wanted)
+                    })
             })
     }
 
