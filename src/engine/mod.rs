@@ -68,6 +68,8 @@ pub struct Engine {
     timers: Timers,
     overflow: Overflow,
     reception: ReceptionCheck,
+    /// Why nothing can be written down.
+    storage_fault: Option<Box<str>>,
     counters: Counters,
     events: Events,
     views: Views,
@@ -96,6 +98,7 @@ impl Engine {
             timers: Timers::default(),
             overflow: Overflow::default(),
             reception: ReceptionCheck::default(),
+            storage_fault: None,
             counters: Counters::default(),
             events: Events::default(),
             views: Views::new(&model, now),
@@ -118,6 +121,7 @@ impl Engine {
             Input::Diagnostics(array) => self.take_array(array),
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
+            Input::Storage { fault } => self.take_storage(fault.clone()),
             Input::Sample(_) | Input::Topic(_) | Input::Probe(_) | Input::Output(_) => {}
             Input::Operator(action) => response = self.operate(action),
             Input::Tick => return response,
@@ -282,6 +286,12 @@ impl Engine {
         let message = std::mem::take(&mut self.reception.message);
         self.report_on_self(SystemCheck::Reception, state, &message);
         self.reception.message = message;
+    }
+
+    fn take_storage(&mut self, fault: Option<Box<str>>) {
+        let state = if fault.is_some() { State::Warning } else { State::Ok };
+        self.report_on_self(SystemCheck::Storage, state, fault.as_deref().unwrap_or_default());
+        self.storage_fault = fault;
     }
 
     /// Sets what the diagnosis says of itself.

@@ -21,15 +21,18 @@ pub enum SystemCheck {
     Invariants,
     /// Messages arrive whole and as the configuration says.
     Reception,
+    /// What must be kept can be written down.
+    Storage,
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 2] = [SystemCheck::Invariants, SystemCheck::Reception];
+    pub const ALL: [SystemCheck; 3] = [SystemCheck::Invariants, SystemCheck::Reception, SystemCheck::Storage];
 
     pub(super) fn id(self) -> &'static str {
         match self {
             SystemCheck::Invariants => "telltale/invariants",
             SystemCheck::Reception => "telltale/reception",
+            SystemCheck::Storage => "telltale/storage",
         }
     }
 
@@ -37,6 +40,7 @@ impl SystemCheck {
         let (en, de) = match self {
             SystemCheck::Invariants => ("Display contradicts itself", "Anzeige widerspricht sich"),
             SystemCheck::Reception => ("Messages cannot be read", "Meldungen sind nicht lesbar"),
+            SystemCheck::Storage => ("Nothing can be recorded", "Aufzeichnen nicht möglich"),
         };
         Text { en: en.into(), de: de.into() }
     }
@@ -48,6 +52,10 @@ impl SystemCheck {
                 "Nicht auf diese Anzeige verlassen. Leitstelle rufen.",
             ),
             SystemCheck::Reception => ("You may drive. Report it.", "Weiterfahren möglich. Melden."),
+            SystemCheck::Storage => (
+                "Finish the drive. No new clearance until it is mended. Report it.",
+                "Fahrt beenden. Bis zur Behebung keine neue Freigabe. Melden.",
+            ),
         };
         Text { en: en.into(), de: de.into() }
     }

@@ -27,7 +27,7 @@ use tokio::sync::{oneshot, watch};
 pub use chain::{Breach, Hash, Head, Verdict};
 pub use health::Fault;
 pub use role::Role;
-pub use schema::FILE_NAME;
+pub use schema::{FILE_NAME, make_folder};
 pub use secret::{DEMO_USERS, DemoSecrets, SecretError, is_pin};
 pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};
 pub use tokens::{ProgramToken, TOKEN_LIFE_DAYS};
@@ -110,6 +110,8 @@ struct Database {
     clock: Clock,
     log: Log,
     health: Health,
+    /// Of the vehicle's memory that was written last by this process.
+    remembered_seq: u64,
     /// SQLite's count of changes by others, as last seen.
     data_version: i64,
 }
@@ -150,8 +152,15 @@ impl Store {
         let log = Log::open(&mut connection, folder, clock.wall())?;
         let health = Health::new(folder);
         let fault = health.watch();
-        let mut database =
-            Database { connection, sessions: sessions.clone(), clock, log, health, data_version: 0 };
+        let mut database = Database {
+            connection,
+            sessions: sessions.clone(),
+            clock,
+            log,
+            health,
+            remembered_seq: 0,
+            data_version: 0,
+        };
         database.notice_foreign_changes()?;
         let (jobs, queue) = sync_channel(JOB_QUEUE);
         std::thread::Builder::new()
@@ -167,6 +176,17 @@ impl Store {
     /// What the database says.
     pub async fn check(&self) -> Result<(), StoreError> {
         self.call(|database| Ok(database.connection.query_row("SELECT 1", [], |_| Ok(()))?)).await
+    }
+
+    /// Waits until everything is written that was asked for, the head of the audit log too.
+    pub async fn close(self) {
+        // A store that has ended has written what it could.
+        let _ = self
+            .call(|database| {
+                database.log.note();
+                Ok(())
+            })
+            .await;
     }
 
     /// Runs `job` on the store's thread and waits for its answer.

@@ -14,11 +14,20 @@ const ALARMS_MAX: usize = 4096;
 /// [`Store::seated_operator`]; that it was cleared is never remembered.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct VehicleMemory {
+    /// Counts the states of this process: an older one than that remembered last is not written.
+    pub seq: u64,
     /// The stage's name.
     pub stage: String,
-    /// The number of the alarm that was raised last.
+    /// The number of the alarm that was raised last, as far as is known; it never becomes smaller.
     pub last_alarm: u64,
     pub alarms: Vec<AlarmMemory>,
+}
+
+impl VehicleMemory {
+    /// Whether nothing that matters has changed between the two.
+    pub fn says_the_same(&self, later: &VehicleMemory) -> bool {
+        self.stage == later.stage && self.alarms == later.alarms
+    }
 }
 
 /// One alarm that is active or not acknowledged yet.
@@ -41,10 +50,16 @@ impl Store {
     /// If the database fails: the action must not be acknowledged then.
     pub async fn remember(&self, memory: VehicleMemory, records: Vec<Record>) -> Result<(), StoreError> {
         self.call(move |database| {
+            let is_new = memory.seq >= database.remembered_seq;
+            let seq = memory.seq;
             database.change(&records, |transaction| {
+                if !is_new {
+                    return Ok(());
+                }
                 transaction.execute(
                     "INSERT INTO vehicle (one, stage, last_alarm) VALUES (1, ?1, ?2)
-                     ON CONFLICT (one) DO UPDATE SET stage = excluded.stage, last_alarm = excluded.last_alarm",
+                     ON CONFLICT (one) DO UPDATE SET stage = excluded.stage,
+                         last_alarm = max(last_alarm, excluded.last_alarm)",
                     params![memory.stage, memory.last_alarm as i64],
                 )?;
                 transaction.execute("DELETE FROM alarms", [])?;
@@ -57,7 +72,9 @@ impl Store {
                     insert.execute(params![*id as i64, node, raised_ms, acknowledged, active])?;
                 }
                 Ok(())
-            })
+            })?;
+            database.remembered_seq = database.remembered_seq.max(seq);
+            Ok(())
         })
         .await
     }
@@ -85,7 +102,7 @@ impl Store {
                 })
             })?;
             let alarms = alarms.collect::<Result<_, _>>()?;
-            Ok(Some(VehicleMemory { stage, last_alarm: last_alarm.unsigned_abs(), alarms }))
+            Ok(Some(VehicleMemory { seq: 0, stage, last_alarm: last_alarm.unsigned_abs(), alarms }))
         })
         .await
     }
@@ -112,9 +129,13 @@ mod tests {
             active: !acknowledged,
         };
         for alarms in [vec![alarm(3, false), alarm(7, true)], vec![alarm(7, true)], Vec::new()] {
-            let memory = VehicleMemory { stage: "active".to_owned(), last_alarm: 7, alarms };
+            let last_alarm = alarms.len() as u64 + 5;
+            let mut memory = VehicleMemory { seq: 4, stage: "active".to_owned(), last_alarm, alarms };
             let record = Record::of(Action::Acknowledge, TELLTALE).on("7");
             store.remember(memory.clone(), vec![record]).await.unwrap();
+            let old = VehicleMemory { seq: 3, stage: "locked".to_owned(), ..memory.clone() };
+            store.remember(old, Vec::new()).await.unwrap();
+            (memory.seq, memory.last_alarm) = (0, 7);
             assert_eq!(store.recall().await.unwrap(), Some(memory));
         }
         assert_eq!(store.audit_entries(None, 10).await.unwrap().len(), 3);

@@ -45,6 +45,7 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_get("/developer", Roles(&[Developer, Authority]), developer::statuses),
         on_get("/developer/why", Roles(&[Developer, Authority]), developer::why),
         on_get("/developer/configuration", Roles(&[Developer, Authority]), developer::configuration),
+        on_get("/developer/audit", Roles(&[Developer, Authority]), developer::audit),
         on_post("/developer/configuration/reload", Roles(&[Developer]), developer::reload),
         on_get("/api/v1/snapshot", Session, pages::snapshot),
         on_get("/api/v1/stream", Session, socket::stream),
