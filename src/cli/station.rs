@@ -7,16 +7,16 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow, bail};
 use tokio::net::TcpListener;
-use tokio::sync::{mpsc, oneshot, watch};
+use tokio::sync::{mpsc, watch};
 
 use super::ending::Ending;
 use super::{dds, reload};
 use crate::clock::Clock;
 use crate::config::Loaded;
-use crate::engine::input::{Input, OperatorAction, Response, Stamped};
+use crate::engine::input::{Input, Stamped};
 use crate::engine::model::Model;
 use crate::ros::{self, Bridge, BridgeOptions};
-use crate::runtime::{self, Command, Link};
+use crate::runtime::{self, Link};
 use crate::store::Store;
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::web::{self, AppState, DemoFaults, Enrolled, Origins, Settings, Tls};
@@ -51,7 +51,7 @@ impl Station {
         let Station { loaded, file, store, options, listener, tls, enrolled, origins, demo, clock } = self;
         let address = listener.local_addr().context("the listener has no address")?;
         let listens_to = dds::describe(&options);
-        let link = runtime::start(loaded.model.clone(), clock);
+        let link = resume(&loaded.model, &store, clock).await?;
         let reloads =
             file.map(|file| reload::start(file, loaded.clone(), link.reloads.clone())).transpose()?;
         let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
@@ -60,7 +60,6 @@ impl Station {
         let settings = Settings { origins, secure, enrolled, demo, rereads };
         let listening = Listening { options, inputs: link.inputs.clone(), clock };
         let bridge = listening.to(loaded.model.clone()).await?;
-        restore_operator(&store, &link).await?;
         store.audit(Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"))).await?;
         let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
         tracing::info!("the display is on {}; it listens to {listens_to}", url(address, secure));
@@ -203,17 +202,12 @@ pub fn check_plain(address: SocketAddr, has_tls: bool, insecure: bool) -> anyhow
     )
 }
 
-/// Who sat in the operator's seat and has an open session sits there again: a restart in the
-/// middle of a drive must not leave the vehicle without a display.
-async fn restore_operator(store: &Store, link: &Link) -> anyhow::Result<()> {
-    let Some(operator) = store.seated_operator().await? else { return Ok(()) };
-    let (reply, answer) = oneshot::channel();
-    let action = OperatorAction::Login { name: operator.as_str().into() };
-    let ended = "the engine has ended";
-    link.commands.send(Command { action, reply }).await.context(ended)?;
-    match answer.await.context(ended)? {
-        Response::Done => tracing::info!("{operator} is the operator still"),
-        Response::Refused(reasons) => tracing::warn!("{operator} cannot be the operator again: {reasons:?}"),
-    }
-    Ok(())
+/// Starts the engine where the last run ended: a restart in the middle of a drive must not leave the
+/// vehicle without a display. Nothing is known of its components until they are heard.
+async fn resume(model: &Arc<Model>, store: &Store, clock: Clock) -> anyhow::Result<Link> {
+    let Some(restored) = store.recall().await? else { return Ok(runtime::start(model.clone(), clock)) };
+    let (stage, alarms) = (restored.stage.as_str(), restored.alarms.len());
+    let operator = restored.operator.as_deref().unwrap_or("nobody");
+    tracing::info!("going on: the vehicle was {stage}, the operator is {operator}, {alarms} alarms are open");
+    Ok(runtime::resume(model.clone(), &restored, clock))
 }

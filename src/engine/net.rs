@@ -278,6 +278,10 @@ impl Net {
         }
     }
 
+    pub(super) fn is_settled(&self) -> bool {
+        self.queue.is_empty()
+    }
+
     /// Why the node is not relevant: first what is around it, then its own condition.
     fn not_relevant(
         &self,

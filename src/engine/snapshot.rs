@@ -35,6 +35,8 @@ pub struct Snapshot {
     pub roots: Arc<[RootCause]>,
     /// Active or not acknowledged, by number.
     pub alarms: Arc<[Alarm]>,
+    /// The number of the last alarm that was raised.
+    pub last_alarm: u64,
     /// Modules whose WARNING the operator accepted.
     pub accepted: Arc<[NodeId]>,
     /// What the vehicle is asked to do, strongest first; at most one of each kind.

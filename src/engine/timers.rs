@@ -11,6 +11,8 @@ use super::time::Timestamp;
 pub(super) enum TimerKey {
     Signal(u32),
     Reception,
+    Localization,
+    Measures,
     Module(u32),
 }
 
@@ -18,7 +20,7 @@ pub(super) enum TimerKey {
 #[derive(Debug, Default)]
 pub(super) struct Timers {
     heap: BinaryHeap<Reverse<(Timestamp, TimerKey)>>,
-    queued: [Vec<Option<Timestamp>>; 3],
+    queued: [Vec<Option<Timestamp>>; 5],
 }
 
 impl Timers {
@@ -57,6 +59,8 @@ impl Timers {
             TimerKey::Signal(index) => (0, index as usize),
             TimerKey::Reception => (1, 0),
             TimerKey::Module(index) => (2, index as usize),
+            TimerKey::Localization => (3, 0),
+            TimerKey::Measures => (4, 0),
         };
         let slots = &mut self.queued[kind];
         if slots.len() <= index {

@@ -3,15 +3,15 @@
 use std::sync::Arc;
 
 use super::causes::Explained;
-use super::input::{ReceptionTrouble, Status};
+use super::input::{ReceptionTrouble, Refusal, Status};
 use super::layout::{SELF_STATE, layout};
 use super::model::{GroupId, Limits, Model, ModuleId, NodeId, Stage};
 use super::net::{Change, Net};
 use super::persistent::PersistentVec;
 use super::signals::Signals;
 use super::snapshot::{
-    Alarm, Counters, GroupView, Layout, Localization, ModuleInfo, ModuleView, Reason, Reception, Report,
-    RootCause, Snapshot,
+    Alarm, Countermeasure, Counters, GroupView, Layout, Localization, ModuleInfo, ModuleView, Reason,
+    Reception, Report, RootCause, Snapshot,
 };
 use super::state::State;
 use super::time::Timestamp;
@@ -20,6 +20,17 @@ use super::why::Steps;
 
 /// Topics whose faults are remembered, for each kind of fault: past this new ones are not.
 const RECEPTION_MAX: usize = 256;
+
+/// Where the vehicle is led and what is asked of it, as the snapshot has it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Led {
+    pub(super) last_alarm: u64,
+    pub(super) accepted: Arc<[NodeId]>,
+    pub(super) countermeasures: Arc<[Countermeasure]>,
+    pub(super) localization: Localization,
+    pub(super) clearance: bool,
+    pub(super) clearance_refusals: Arc<[Refusal]>,
+}
 
 #[derive(Debug)]
 pub(super) struct Views {
@@ -30,6 +41,7 @@ pub(super) struct Views {
     pub(super) modules: PersistentVec<ModuleView>,
     roots: Arc<[RootCause]>,
     alarms: Arc<[Alarm]>,
+    led: Led,
     signals: Arc<[(Box<str>, Option<bool>)]>,
     pub(super) reception: Arc<[Reception]>,
     overall: State,
@@ -56,6 +68,7 @@ impl Views {
             modules: PersistentVec::default(),
             roots: Arc::from([]),
             alarms: Arc::from([]),
+            led: Led::default(),
             signals: Arc::from([]),
             reception: Arc::from([]),
             overall: State::Unknown,
@@ -88,11 +101,12 @@ impl Views {
             modules: self.modules.clone(),
             roots: self.roots.clone(),
             alarms: self.alarms.clone(),
-            accepted: Arc::from([]),
-            countermeasures: Arc::from([]),
-            localization: Localization::default(),
-            clearance: false,
-            clearance_refusals: Arc::from([]),
+            last_alarm: self.led.last_alarm,
+            accepted: self.led.accepted.clone(),
+            countermeasures: self.led.countermeasures.clone(),
+            localization: self.led.localization,
+            clearance: self.led.clearance,
+            clearance_refusals: self.led.clearance_refusals.clone(),
             signals: self.signals.clone(),
             reception: self.reception.clone(),
             counters,
@@ -312,6 +326,10 @@ impl Views {
         groups.chain(modules).map(|node| (node, self.name(node)))
     }
 
+    pub(super) fn roots(&self) -> Vec<NodeId> {
+        self.roots.iter().map(|root| root.node).collect()
+    }
+
     pub(super) fn no_roots(&self) -> bool {
         self.roots.is_empty()
     }
@@ -344,6 +362,18 @@ impl Views {
     pub(super) fn set_alarms(&mut self, alarms: &[Alarm]) {
         self.alarms = alarms.into();
         self.seq_changed = true;
+    }
+
+    pub(super) fn set_led(&mut self, led: Led) {
+        if self.led != led {
+            self.led = led;
+            self.seq_changed = true;
+        }
+    }
+
+    /// Whether something changed since [`Views::settle`] that is decided by.
+    pub(super) fn is_changed(&self) -> bool {
+        self.seq_changed
     }
 
     /// Counts the changes since the last call.
@@ -395,31 +425,6 @@ fn since(
 ) -> Timestamp {
     let kind = |reason: Option<&Reason>| matches!(reason, Some(Reason::Masked { .. }));
     if before == after && kind(before_reason) == kind(after_reason) { since } else { now }
-}
-
-impl Report {
-    /// Whether the status says the same in the same words. Longer than the limits, it is compared
-    /// as cut by whoever received it.
-    fn says(&self, status: Status<'_>) -> bool {
-        *self.message == *status.message()
-            && *self.hardware_id == *status.hardware_id()
-            && self.values.len() == status.values().len()
-            && self
-                .values
-                .iter()
-                .zip(status.values())
-                .all(|((k, v), (key, value))| **k == *key && **v == *value)
-    }
-
-    fn of(status: Status<'_>, limits: &Limits) -> Report {
-        let cut = |text: &str| -> Box<str> { text[..text.floor_char_boundary(limits.string_bytes)].into() };
-        let values = status.values().take(limits.values_per_status);
-        Report {
-            message: cut(status.message()),
-            hardware_id: cut(status.hardware_id()),
-            values: values.map(|(key, value)| (cut(key), cut(value))).collect(),
-        }
-    }
 }
 
 fn new_group(now: Timestamp) -> GroupView {

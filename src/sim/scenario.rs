@@ -9,9 +9,10 @@ use std::sync::Arc;
 
 use super::expectation::compare;
 use crate::engine::Engine;
+use crate::engine::countermeasure::Kind;
 use crate::engine::event;
-use crate::engine::input::{Input, OperatorAction, Response};
-use crate::engine::model::{ACTIVE_SIGNAL, GroupId, Model, ModuleId, NodeId, Stage};
+use crate::engine::input::{Input, Response};
+use crate::engine::model::{GroupId, Model, ModuleId, NodeId, Stage};
 use crate::engine::snapshot::{Reason, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
@@ -80,6 +81,8 @@ pub enum What {
     Counts(String, u32, u32),
     /// Raised since the start; one that moved to its cause counts once.
     Alarms(u64),
+    /// The strongest that is held.
+    Countermeasure(Option<Kind>),
     /// All that are active: their numbers and the nodes that they stand for.
     ActiveAlarms(Vec<(String, String)>),
 }
@@ -147,7 +150,7 @@ pub struct Outcome {
 /// Runs a scenario to its last step or expectation.
 pub fn run(model: Arc<Model>, scenario: &Scenario) -> Outcome {
     let mut run = Run {
-        engine: Engine::new(model.clone(), Timestamp::ZERO),
+        engine: Engine::new(model, Timestamp::ZERO),
         shown: Vec::new(),
         seq: None,
         alarms: 0,
@@ -155,8 +158,8 @@ pub fn run(model: Arc<Model>, scenario: &Scenario) -> Outcome {
     };
     run.engine.keep_events();
     run.signals_at_start();
-    for input in start_inputs(&model, scenario.start) {
-        run.engine.handle(&input, Timestamp::ZERO);
+    if let Some(stage) = scenario.start {
+        run.engine.start_in(stage);
     }
     run.follow();
     let mut waiting: BinaryHeap<Reverse<(Timestamp, usize)>> =
@@ -189,18 +192,6 @@ pub fn without_dependencies(model: &Model) -> Model {
     parts.modules.iter_mut().for_each(|module| module.depends_on.clear());
     Model::new(parts)
         .expect("groups that only contain each other have no cycle: parents stand before children")
-}
-
-/// What makes a vehicle be in a stage.
-fn start_inputs(model: &Model, stage: Option<Stage>) -> Vec<Input> {
-    let login = Input::Operator(OperatorAction::Login { name: "operator".into() });
-    let active = || Input::Signal { name: ACTIVE_SIGNAL.into(), value: true };
-    let knows_active = model.signals.iter().any(|signal| &*signal.name == ACTIVE_SIGNAL);
-    match stage {
-        None | Some(Stage::Locked) => Vec::new(),
-        Some(Stage::Active) if knows_active => vec![login, active()],
-        Some(_) => vec![login],
-    }
 }
 
 type Shown = (State, Why, State);

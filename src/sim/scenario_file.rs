@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::scenario::{Expectation, Figure, Repeat, Scenario, Step, What};
 use super::scenario_raw::{Action, Raw, RawExpect, RawFigure, RawStatus, RawStep};
-use crate::engine::input::{Input, StatusArray};
+use crate::engine::input::{AlarmRef, Input, OperatorAction, StatusArray};
 use crate::engine::model::Model;
 use crate::engine::time::Timestamp;
 use crate::yaml::decode::{Entries, did_you_mean};
@@ -122,7 +122,10 @@ impl Bind<'_> {
             Action::Statuses(statuses) => vec![Input::Diagnostics(array(statuses))],
             Action::Others(level) => vec![Input::Diagnostics(self.others(*level))],
             Action::Signals(signals) => self.signals(signals, log),
-            Action::Operator(action) => vec![Input::Operator(action.clone())],
+            Action::Operator(action) => {
+                self.check_action(action, raw.span, log);
+                vec![Input::Operator(action.clone())]
+            }
             // The engine lives by the clock of receipt alone.
             Action::ClockStep => Vec::new(),
         };
@@ -141,6 +144,13 @@ impl Bind<'_> {
             }
         }
         array
+    }
+
+    /// What is acknowledged by name must be a node.
+    fn check_action(&self, action: &OperatorAction, span: Span, log: &mut Log) {
+        if let OperatorAction::Acknowledge { alarm: AlarmRef::Node(name) } = action {
+            self.check_node(name, span, log);
+        }
     }
 
     fn signals(&self, signals: &Entries<bool>, log: &mut Log) -> Vec<Input> {
@@ -176,7 +186,7 @@ impl Bind<'_> {
                 What::ActiveAlarms(alarms) => {
                     alarms.iter().for_each(|(_, name)| self.check_node(name, *span, log));
                 }
-                What::Stage(_) | What::Overall(_) | What::Alarms(_) => {}
+                What::Stage(_) | What::Overall(_) | What::Alarms(_) | What::Countermeasure(_) => {}
             }
             expectations.push(Expectation { span: *span, at, what: what.clone() });
         }

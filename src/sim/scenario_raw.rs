@@ -3,6 +3,8 @@
 use std::collections::HashSet;
 
 use super::scenario::{What, Why, why_word};
+use super::scenario_operator::operator;
+use crate::engine::countermeasure::Kind as Measure;
 use crate::engine::input::OperatorAction;
 use crate::engine::model::Stage;
 use crate::engine::state::State;
@@ -116,15 +118,9 @@ impl FromNode for Start {
         let mut fields = Fields::of(node, "a start", log)?;
         let stage = fields.node("stage");
         let found = stage.and_then(|node| stage_word(node, fields.log));
-        match (stage, found) {
-            (None, _) => {
-                let problem = Problem::at(fields.span(), "a start needs `stage`");
-                fields.log.push(problem.help("add `stage: active`"));
-            }
-            (Some(node), Some(Stage::Localizing | Stage::Cleared)) => {
-                fields.log.push(not_supported(node.span, "starting in this stage"));
-            }
-            _ => {}
+        if stage.is_none() {
+            let problem = Problem::at(fields.span(), "a start needs `stage`");
+            fields.log.push(problem.help("add `stage: active`"));
         }
         fields.finish();
         found.map(Start)
@@ -208,29 +204,6 @@ fn action(fields: &mut Fields) -> Option<Action> {
     }
 }
 
-fn operator(node: &Node, log: &mut Log) -> Option<OperatorAction> {
-    if scalar(node) == Some("logout") {
-        return Some(OperatorAction::Logout);
-    }
-    let mut fields = Fields::of(node, "an operator's action", log)?;
-    let (login, reset) = (fields.optional::<String>("login"), fields.optional::<String>("reset"));
-    let logout = fields.node("logout").map(|_| OperatorAction::Logout);
-    for key in ["localize", "clearance", "acknowledge"] {
-        if let Some(node) = fields.node(key) {
-            fields.log.push(not_supported(node.span, &format!("`{key}`")));
-        }
-    }
-    let login = login.map(|name| OperatorAction::Login { name: name.into() });
-    let reset = reset.map(|module| OperatorAction::Reset { module: module.into() });
-    let found: Vec<_> = [login, logout, reset].into_iter().flatten().collect();
-    if !matches!(&node.kind, Kind::Mapping(entries) if entries.len() == 1) {
-        let problem = Problem::at(node.span, "a step has one action of the operator");
-        fields.log.push(problem.help("for example `operator: { login: operator }`"));
-    }
-    fields.finish();
-    found.into_iter().next()
-}
-
 #[derive(Debug)]
 pub(super) struct RawStatus {
     pub name: String,
@@ -303,7 +276,12 @@ impl FromNode for RawExpect {
             what.push((alarms.span, What::ActiveAlarms(named.collect())));
         }
         if let Some(node) = fields.node("countermeasure") {
-            fields.log.push(not_supported(node.span, "`countermeasure`"));
+            let words = [("none", None), ("notify", Some(Measure::Notify))];
+            let words = words
+                .into_iter()
+                .chain([Measure::ManeuverStop, Measure::Decelerate].map(|it| (it.as_str(), Some(it))));
+            let kind = word(node, fields.log, "countermeasure", &words.collect::<Vec<_>>());
+            what.extend(kind.map(|kind| (node.span, What::Countermeasure(kind))));
         }
         if matches!(&node.kind, Kind::Mapping(entries) if entries.len() < 2) {
             let problem = Problem::at(fields.span(), "this expects nothing");

@@ -32,7 +32,7 @@ pub use secret::{DEMO_USERS, DemoSecrets, SecretError, is_pin};
 pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};
 pub use tokens::{ProgramToken, TOKEN_LIFE_DAYS};
 pub use users::{NameError, User, Verified};
-pub use vehicle::{AlarmMemory, VehicleMemory};
+pub use vehicle::VehicleMemory;
 
 use crate::clock::Clock;
 use audit::Log;

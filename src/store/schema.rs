@@ -59,6 +59,11 @@ const MIGRATIONS: &[&str] = &[
     CREATE TABLE vehicle (
         one INTEGER PRIMARY KEY CHECK (one = 1),
         stage TEXT NOT NULL,
+        posed INTEGER NOT NULL,
+        pose_number INTEGER,
+        pose_x_m REAL,
+        pose_y_m REAL,
+        pose_yaw_deg REAL,
         last_alarm INTEGER NOT NULL
     ) STRICT;
     CREATE TABLE alarms (
@@ -68,6 +73,20 @@ const MIGRATIONS: &[&str] = &[
         acknowledged INTEGER NOT NULL,
         active INTEGER NOT NULL
     ) STRICT;
+    CREATE TABLE accepted (node TEXT PRIMARY KEY) STRICT, WITHOUT ROWID;
+    CREATE TABLE countermeasures (
+        number INTEGER PRIMARY KEY,
+        request TEXT NOT NULL,
+        mps2 REAL,
+        by_operator INTEGER NOT NULL
+    ) STRICT;
+    CREATE TABLE causes (
+        countermeasure INTEGER NOT NULL REFERENCES countermeasures(number) ON DELETE CASCADE,
+        position INTEGER NOT NULL,
+        node TEXT NOT NULL,
+        acknowledged INTEGER NOT NULL,
+        PRIMARY KEY (countermeasure, position)
+    ) STRICT, WITHOUT ROWID;
     CREATE TABLE beat (one INTEGER PRIMARY KEY CHECK (one = 1), count INTEGER NOT NULL) STRICT;
     INSERT INTO beat VALUES (1, 0);
 ",

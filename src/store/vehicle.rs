@@ -1,45 +1,41 @@
-//! What of the vehicle outlives a restart: the stage it was in, and its alarms with their numbers.
+//! What of the vehicle outlives a restart: its stage, its alarms with their numbers, and what an
+//! operator decided.
 
-use rusqlite::{OptionalExtension, params};
+use std::time::{Duration, SystemTime};
+
+use rusqlite::{Connection, OptionalExtension, Row, params};
 
 use super::audit::Record;
 use super::users::{from_unix_ms, to_unix_ms};
-use super::{Store, StoreError};
-use std::time::SystemTime;
+use super::{Database, Store, StoreError};
+use crate::engine::countermeasure::Request;
+use crate::engine::model::Stage;
+use crate::engine::resume::{Restored, RestoredAlarm, RestoredMeasure};
+use crate::engine::snapshot::MapPose;
+use crate::engine::time::Span;
 
-/// More alarms than an engine keeps; the rest of a longer list is not remembered.
-const ALARMS_MAX: usize = 4096;
+/// More than an engine keeps of anything; the rest of a longer list is not remembered.
+const ROWS_MAX: usize = 8192;
 
-/// The vehicle as it was last. Who sits in the operator's seat is with the sessions, see
-/// [`Store::seated_operator`]; that it was cleared is never remembered.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+/// The vehicle as it is to be remembered. Who sits in the operator's seat is with the sessions.
+#[derive(Debug, Clone, PartialEq)]
 pub struct VehicleMemory {
     /// Counts the states of this process: an older one than that remembered last is not written.
     pub seq: u64,
-    /// The stage's name.
-    pub stage: String,
-    /// The number of the alarm that was raised last, as far as is known; it never becomes smaller.
-    pub last_alarm: u64,
-    pub alarms: Vec<AlarmMemory>,
+    /// The wall time of `vehicle`: the monotonic clock starts anew.
+    pub at: SystemTime,
+    pub vehicle: Restored,
 }
 
 impl VehicleMemory {
-    /// Whether nothing that matters has changed between the two.
-    pub fn says_the_same(&self, later: &VehicleMemory) -> bool {
-        self.stage == later.stage && self.alarms == later.alarms
+    /// Whether nothing that matters has changed since the earlier one: time passes for every alarm.
+    pub fn says_the_same(&self, earlier: &VehicleMemory) -> bool {
+        let [mut now, mut then] = [self.vehicle.clone(), earlier.vehicle.clone()];
+        for alarm in now.alarms.iter_mut().chain(&mut then.alarms) {
+            alarm.age = Span::ZERO;
+        }
+        now == then
     }
-}
-
-/// One alarm that is active or not acknowledged yet.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct AlarmMemory {
-    pub id: u64,
-    /// The node's full name.
-    pub node: String,
-    /// On the wall clock: the monotonic one starts anew.
-    pub raised: SystemTime,
-    pub acknowledged: bool,
-    pub active: bool,
 }
 
 impl Store {
@@ -51,92 +47,186 @@ impl Store {
     pub async fn remember(&self, memory: VehicleMemory, records: Vec<Record>) -> Result<(), StoreError> {
         self.call(move |database| {
             let is_new = memory.seq >= database.remembered_seq;
-            let seq = memory.seq;
-            database.change(&records, |transaction| {
-                if !is_new {
-                    return Ok(());
-                }
-                transaction.execute(
-                    "INSERT INTO vehicle (one, stage, last_alarm) VALUES (1, ?1, ?2)
-                     ON CONFLICT (one) DO UPDATE SET stage = excluded.stage,
-                         last_alarm = max(last_alarm, excluded.last_alarm)",
-                    params![memory.stage, memory.last_alarm as i64],
-                )?;
-                transaction.execute("DELETE FROM alarms", [])?;
-                let mut insert = transaction.prepare_cached(
-                    "INSERT INTO alarms (id, node, raised_ms, acknowledged, active) VALUES (?1, ?2, ?3, ?4, ?5)",
-                )?;
-                for alarm in memory.alarms.iter().take(ALARMS_MAX) {
-                    let raised_ms = to_unix_ms(alarm.raised);
-                    let AlarmMemory { id, node, acknowledged, active, .. } = alarm;
-                    insert.execute(params![*id as i64, node, raised_ms, acknowledged, active])?;
-                }
-                Ok(())
-            })?;
-            database.remembered_seq = database.remembered_seq.max(seq);
+            database.change(&records, |transaction| if is_new { write(transaction, &memory) } else { Ok(()) })?;
+            database.remembered_seq = database.remembered_seq.max(memory.seq);
             Ok(())
         })
         .await
     }
 
-    /// The vehicle as it was remembered last; `None` at the first start.
+    /// The vehicle as it was remembered last, with the operator who sits in the seat still; `None`
+    /// at the first start.
     ///
     /// # Errors
     /// If the database fails.
-    pub async fn recall(&self) -> Result<Option<VehicleMemory>, StoreError> {
-        self.call(|database| {
-            let connection = &database.connection;
-            let vehicle: Option<(String, i64)> = connection
-                .query_row("SELECT stage, last_alarm FROM vehicle", [], |row| Ok((row.get(0)?, row.get(1)?)))
-                .optional()?;
-            let Some((stage, last_alarm)) = vehicle else { return Ok(None) };
-            let mut query = connection
-                .prepare_cached("SELECT id, node, raised_ms, acknowledged, active FROM alarms ORDER BY id")?;
-            let alarms = query.query_map([], |row| {
-                Ok(AlarmMemory {
-                    id: row.get::<_, i64>(0)?.unsigned_abs(),
-                    node: row.get(1)?,
-                    raised: from_unix_ms(row.get(2)?),
-                    acknowledged: row.get(3)?,
-                    active: row.get(4)?,
-                })
-            })?;
-            let alarms = alarms.collect::<Result<_, _>>()?;
-            Ok(Some(VehicleMemory { seq: 0, stage, last_alarm: last_alarm.unsigned_abs(), alarms }))
-        })
-        .await
+    pub async fn recall(&self) -> Result<Option<Restored>, StoreError> {
+        let operator = self.seated_operator().await?;
+        let restored = self.call(Database::read_vehicle).await?;
+        Ok(restored.map(|restored| Restored { operator: operator.map(Box::from), ..restored }))
     }
+}
+
+fn write(connection: &Connection, memory: &VehicleMemory) -> Result<(), StoreError> {
+    let vehicle = &memory.vehicle;
+    let (number, pose) = vehicle.pose.unzip();
+    connection
+        .prepare_cached(
+            "INSERT INTO vehicle (one, stage, posed, pose_number, pose_x_m, pose_y_m, pose_yaw_deg, last_alarm)
+             VALUES (1, ?1, ?2, ?3, ?4, ?5, ?6, ?7)
+             ON CONFLICT (one) DO UPDATE SET stage = ?1, posed = ?2, pose_number = ?3, pose_x_m = ?4,
+                 pose_y_m = ?5, pose_yaw_deg = ?6, last_alarm = max(last_alarm, ?7)",
+        )?
+        .execute(params![
+            vehicle.stage.as_str(),
+            vehicle.posed,
+            number.map(|number| number as i64),
+            pose.map(|pose| pose.x_m),
+            pose.map(|pose| pose.y_m),
+            pose.map(|pose| pose.yaw_deg),
+            vehicle.last_alarm as i64,
+        ])?;
+    connection.execute_batch(
+        "DELETE FROM alarms; DELETE FROM accepted; DELETE FROM causes; DELETE FROM countermeasures;",
+    )?;
+    let mut insert = connection.prepare_cached("INSERT INTO alarms VALUES (?1, ?2, ?3, ?4, ?5)")?;
+    for alarm in vehicle.alarms.iter().take(ROWS_MAX) {
+        let RestoredAlarm { id, node, age, acknowledged, active } = alarm;
+        let raised = memory.at.checked_sub(Duration::from_nanos(age.as_nanos()));
+        let raised_ms = to_unix_ms(raised.unwrap_or(SystemTime::UNIX_EPOCH));
+        insert.execute(params![*id as i64, node, raised_ms, acknowledged, active])?;
+    }
+    let mut insert = connection.prepare_cached("INSERT OR IGNORE INTO accepted VALUES (?1)")?;
+    for node in vehicle.accepted.iter().take(ROWS_MAX) {
+        insert.execute([node])?;
+    }
+    let mut insert = connection.prepare_cached("INSERT INTO countermeasures VALUES (?1, ?2, ?3, ?4)")?;
+    let mut insert_cause = connection.prepare_cached("INSERT INTO causes VALUES (?1, ?2, ?3, ?4)")?;
+    for (number, measure) in vehicle.countermeasures.iter().enumerate() {
+        let number = number as i64;
+        let mps2 = if let Request::Decelerate { mps2 } = measure.request { Some(mps2) } else { None };
+        insert.execute(params![number, measure.request.as_str(), mps2, measure.by_operator])?;
+        for (position, (node, acknowledged)) in measure.causes.iter().take(ROWS_MAX).enumerate() {
+            insert_cause.execute(params![number, position as i64, node, acknowledged])?;
+        }
+    }
+    Ok(())
+}
+
+impl Database {
+    fn read_vehicle(&mut self) -> Result<Option<Restored>, StoreError> {
+        let connection = &self.connection;
+        let wall = self.clock.wall();
+        let sql = "SELECT stage, posed, pose_number, pose_x_m, pose_y_m, pose_yaw_deg, last_alarm FROM vehicle";
+        let Some(vehicle) = connection.query_row(sql, [], read_first).optional()? else { return Ok(None) };
+        let mut query =
+            connection.prepare("SELECT id, node, raised_ms, acknowledged, active FROM alarms ORDER BY id")?;
+        let alarms = query.query_map([], |row| {
+            let age = wall.duration_since(from_unix_ms(row.get(2)?)).unwrap_or_default();
+            Ok(RestoredAlarm {
+                id: row.get::<_, i64>(0)?.unsigned_abs(),
+                node: row.get(1)?,
+                age: Span::from_nanos(u64::try_from(age.as_nanos()).unwrap_or(u64::MAX)),
+                acknowledged: row.get(3)?,
+                active: row.get(4)?,
+            })
+        })?;
+        let alarms = alarms.collect::<Result<_, _>>()?;
+        let mut query = connection.prepare("SELECT node FROM accepted ORDER BY node")?;
+        let accepted = query.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
+        let countermeasures = read_measures(connection)?;
+        Ok(Some(Restored { alarms, accepted, countermeasures, ..vehicle }))
+    }
+}
+
+/// A word that names no stage is a fault of the database; the vehicle is locked then.
+fn read_first(row: &Row<'_>) -> rusqlite::Result<Restored> {
+    let word: String = row.get(0)?;
+    let pose = match (row.get::<_, Option<i64>>(2)?, row.get(3)?, row.get(4)?, row.get(5)?) {
+        (Some(number), Some(x_m), Some(y_m), Some(yaw_deg)) => {
+            Some((number.unsigned_abs(), MapPose { x_m, y_m, yaw_deg }))
+        }
+        _ => None,
+    };
+    Ok(Restored {
+        stage: Stage::ALL.into_iter().find(|stage| stage.as_str() == word).unwrap_or(Stage::Locked),
+        posed: row.get(1)?,
+        pose,
+        last_alarm: row.get::<_, i64>(6)?.unsigned_abs(),
+        ..Restored::default()
+    })
+}
+
+fn read_measures(connection: &Connection) -> Result<Vec<RestoredMeasure>, StoreError> {
+    let mut query =
+        connection.prepare("SELECT number, request, mps2, by_operator FROM countermeasures ORDER BY number")?;
+    let mut causes =
+        connection.prepare("SELECT node, acknowledged FROM causes WHERE countermeasure = ?1 ORDER BY position")?;
+    let mut rows = query.query([])?;
+    let mut measures = Vec::new();
+    while let Some(row) = rows.next()? {
+        let known = [Request::Notify, Request::ManeuverStop, Request::Decelerate { mps2: 0.0 }];
+        let word: String = row.get(1)?;
+        let request = match (known.into_iter().find(|it| it.as_str() == word), row.get(2)?) {
+            (Some(Request::Decelerate { .. }), Some(mps2)) => Request::Decelerate { mps2 },
+            (Some(request @ (Request::Notify | Request::ManeuverStop)), _) => request,
+            _ => continue,
+        };
+        let causes = causes.query_map([row.get::<_, i64>(0)?], |row| Ok((row.get(0)?, row.get(1)?)))?;
+        let causes = causes.collect::<Result<_, _>>()?;
+        measures.push(RestoredMeasure { request, by_operator: row.get(3)?, causes });
+    }
+    Ok(measures)
 }
 
 #[cfg(test)]
 mod tests {
-    use std::time::{Duration, UNIX_EPOCH};
-
     use super::*;
     use crate::clock::Clock;
     use crate::store::audit::{Action, TELLTALE};
     use crate::store::{DemoSecrets, Store};
 
+    fn vehicle(stage: Stage, acknowledged: bool) -> Restored {
+        let alarm = |id, acknowledged| RestoredAlarm {
+            id,
+            node: "sensors/lidar".into(),
+            age: Span::ZERO,
+            acknowledged,
+            active: true,
+        };
+        let causes = vec![("sensors/lidar".into(), acknowledged), ("can".into(), false)];
+        Restored {
+            stage,
+            operator: None,
+            posed: true,
+            pose: Some((3, MapPose { x_m: 1.5, y_m: -2.0, yaw_deg: 90.0 })),
+            alarms: vec![alarm(3, acknowledged), alarm(7, true)],
+            last_alarm: 9,
+            accepted: vec!["can".into(), "sensors/imu".into()],
+            countermeasures: vec![
+                RestoredMeasure { request: Request::Decelerate { mps2: 1.25 }, by_operator: false, causes },
+                RestoredMeasure { request: Request::ManeuverStop, by_operator: true, causes: Vec::new() },
+            ],
+        }
+    }
+
     #[tokio::test]
     async fn the_vehicle_is_recalled_as_it_was_remembered_last() {
-        let store = Store::in_memory(Clock::start(), DemoSecrets::Refused).unwrap();
+        let clock = Clock::start();
+        let store = Store::in_memory(clock, DemoSecrets::Refused).unwrap();
         assert_eq!(store.recall().await.unwrap(), None);
-        let alarm = |id, acknowledged| AlarmMemory {
-            id,
-            node: "sensors/lidar".to_owned(),
-            raised: UNIX_EPOCH + Duration::from_millis(1_795_000_000_123),
-            acknowledged,
-            active: !acknowledged,
-        };
-        for alarms in [vec![alarm(3, false), alarm(7, true)], vec![alarm(7, true)], Vec::new()] {
-            let last_alarm = alarms.len() as u64 + 5;
-            let mut memory = VehicleMemory { seq: 4, stage: "active".to_owned(), last_alarm, alarms };
+        let bare = Restored { last_alarm: 2, ..Restored::default() };
+        let recalled = |vehicle: &Restored| VehicleMemory { seq: 0, at: clock.wall(), vehicle: vehicle.clone() };
+        for vehicle in [vehicle(Stage::Active, false), vehicle(Stage::Localizing, true), bare] {
+            let memory = VehicleMemory { seq: 4, ..recalled(&vehicle) };
             let record = Record::of(Action::Acknowledge, TELLTALE).on("7");
             store.remember(memory.clone(), vec![record]).await.unwrap();
-            let old = VehicleMemory { seq: 3, stage: "locked".to_owned(), ..memory.clone() };
+            let old = VehicleMemory { seq: 3, vehicle: Restored::default(), ..memory.clone() };
             store.remember(old, Vec::new()).await.unwrap();
-            (memory.seq, memory.last_alarm) = (0, 7);
-            assert_eq!(store.recall().await.unwrap(), Some(memory));
+            let found = store.recall().await.unwrap().unwrap();
+            assert_eq!(found.last_alarm, 9, "numbers are never given twice");
+            assert!(found.alarms.iter().all(|alarm| alarm.age < Span::from_secs(60)));
+            let expected = Restored { last_alarm: 9, ..vehicle };
+            assert!(recalled(&found).says_the_same(&recalled(&expected)), "{found:?}");
         }
         assert_eq!(store.audit_entries(None, 10).await.unwrap().len(), 3);
     }

@@ -6,11 +6,10 @@ use std::time::Duration;
 use tokio::time::sleep;
 
 use super::state::AppState;
-use crate::clock::wall_at;
 use crate::engine::model::Stage;
 use crate::runtime::Published;
 use crate::store::audit::{Action, Record, TELLTALE};
-use crate::store::{AlarmMemory, StoreError, VehicleMemory};
+use crate::store::{StoreError, VehicleMemory};
 
 /// Alarms that come and go must not wear the disk out.
 const KEEP_EVERY: Duration = Duration::from_secs(1);
@@ -27,7 +26,7 @@ impl AppState {
     /// # Errors
     /// If it cannot be kept.
     pub async fn keep(&self, record: Record) -> Result<(), StoreError> {
-        self.store.remember(memory_of(&self.published(), None), vec![record]).await
+        self.store.remember(memory_of(&self.published()), vec![record]).await
     }
 
     /// Whether what is granted can be written down.
@@ -42,9 +41,9 @@ pub async fn follow(app: AppState) {
     let mut kept = Kept::default();
     loop {
         let published = snapshots.borrow_and_update().clone();
-        let memory = memory_of(&published, kept.memory.as_ref());
+        let memory = memory_of(&published);
         let records = kept.records(&published);
-        let is_same = kept.memory.as_ref().is_some_and(|kept| kept.says_the_same(&memory));
+        let is_same = kept.memory.as_ref().is_some_and(|kept| memory.says_the_same(kept));
         if !is_same || !records.is_empty() {
             match app.store.remember(memory.clone(), records).await {
                 Ok(()) => kept.take(memory, &published),
@@ -113,22 +112,7 @@ fn measures_of(published: &Published) -> Measures {
     measures.map(|measure| (measure.request.as_str(), measure.state.as_str())).collect()
 }
 
-/// The wall clock is read anew for each snapshot: an alarm keeps the time that it was `kept` with.
-fn memory_of(published: &Published, kept: Option<&VehicleMemory>) -> VehicleMemory {
+fn memory_of(published: &Published) -> VehicleMemory {
     let snapshot = &published.snapshot;
-    let known = |id| kept?.alarms.iter().find(|alarm| alarm.id == id);
-    let alarms = snapshot.alarms.iter().map(|alarm| AlarmMemory {
-        id: alarm.id,
-        node: snapshot.node_name(alarm.node).to_string(),
-        raised: known(alarm.id)
-            .map_or_else(|| wall_at(published.at, snapshot.now, alarm.raised), |known| known.raised),
-        acknowledged: alarm.acknowledged,
-        active: alarm.active,
-    });
-    VehicleMemory {
-        seq: snapshot.seq,
-        stage: snapshot.stage.as_str().to_owned(),
-        last_alarm: snapshot.alarms.iter().map(|alarm| alarm.id).max().unwrap_or(0),
-        alarms: alarms.collect(),
-    }
+    VehicleMemory { seq: snapshot.seq, at: published.at, vehicle: snapshot.to_restore() }
 }

@@ -92,6 +92,7 @@ pub fn permitted(published: &Published) -> Published {
         modules: PersistentVec::default(),
         roots: Arc::new([]),
         alarms: Arc::new([]),
+        last_alarm: snapshot.last_alarm,
         accepted: Arc::new([]),
         countermeasures: Arc::new([]),
         localization: Localization::default(),

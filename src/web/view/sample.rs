@@ -330,6 +330,7 @@ impl Sample {
 
     pub fn login(mut self) -> Sample {
         self.input(&Input::Operator(OperatorAction::Login { name: "operator".into() }));
+        self.engine.start_in(crate::engine::model::Stage::Standby);
         self
     }
 

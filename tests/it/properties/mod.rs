@@ -2,6 +2,7 @@
 //! how many; a failure prints the numbers that its case was made from.
 
 mod cases;
+mod driving;
 mod oracle;
 mod soundness;
 
@@ -14,7 +15,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, StatusArray};
-use telltale::engine::model::{GroupId, Model, NodeId};
+use telltale::engine::model::{GroupId, Model, NodeId, POSED_SIGNAL};
 use telltale::engine::snapshot::{NotRelevant, Path, Reason, Snapshot};
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
@@ -164,6 +165,11 @@ fn check(model: &Model, snapshot: &Snapshot) {
         match reason {
             Some(Reason::NotRelevant(NotRelevant::Stage(stage))) => {
                 assert_eq!(*stage, snapshot.stage, "the stage that {name} names");
+            }
+            Some(Reason::NotRelevant(NotRelevant::Signal { name: signal, value }))
+                if &**signal == POSED_SIGNAL =>
+            {
+                assert_eq!(oracle.posed(), *value, "the pose that {name} names");
             }
             Some(Reason::NotRelevant(NotRelevant::Signal { name: signal, value })) => {
                 let now = snapshot.signals.iter().find(|(known, _)| known == signal);

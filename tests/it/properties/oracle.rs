@@ -70,13 +70,22 @@ impl<'a> Oracle<'a> {
         self.around(node).into_iter().all(|node| self.holds(self.when(node)))
     }
 
+    /// The built-in signal.
+    pub fn posed(&self) -> bool {
+        match self.snapshot.stage {
+            Stage::Locked => false,
+            Stage::Localizing => self.snapshot.localization.given.is_some(),
+            Stage::Standby | Stage::Cleared | Stage::Active => true,
+        }
+    }
+
     fn holds(&self, when: Option<&When>) -> bool {
         let stage = self.snapshot.stage;
         let in_stage = match when {
             Some(when) if !when.stages.is_empty() => when.stages.contains(&stage),
             _ => stage != Stage::Locked,
         };
-        let posed = stage > Stage::Localizing || self.snapshot.localization.given.is_some();
+        let posed = self.posed();
         in_stage
             && when.is_none_or(|when| {
                 when.posed.is_none_or(|wanted| wanted == posed)

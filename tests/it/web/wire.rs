@@ -45,7 +45,7 @@ fn a_snapshot_reads_as_documented() {
     assert_eq!(snapshot["seq"].as_u64(), Some(engine.seq()));
     for (field, expected) in [
         ("at", json!(at)),
-        ("stage", json!("standby")),
+        ("stage", json!("localizing")),
         ("operator", json!("anna")),
         ("overall", json!("error")),
         ("recording", json!(false)),
