@@ -5,20 +5,21 @@ use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use anyhow::{Context as _, anyhow};
+use anyhow::{Context as _, anyhow, bail};
 use tokio::net::TcpListener;
-use tokio::sync::{mpsc, oneshot, watch};
+use tokio::sync::{mpsc, watch};
 
 use super::ending::Ending;
 use super::{dds, reload};
 use crate::clock::Clock;
 use crate::config::Loaded;
-use crate::engine::input::{OperatorAction, Response, Stamped};
+use crate::engine::input::{Input, Stamped};
 use crate::engine::model::Model;
 use crate::ros::{self, Bridge, BridgeOptions};
-use crate::runtime::{self, Command, Link};
+use crate::runtime::{self, Link};
 use crate::store::Store;
-use crate::web::{self, AppState, DemoFaults, Origins, Settings};
+use crate::store::audit::{Action, Record, TELLTALE};
+use crate::web::{self, AppState, DemoFaults, Enrolled, Origins, Settings, Tls};
 
 /// Where browsers find the display unless told otherwise: this machine alone.
 pub const LISTEN: &str = "127.0.0.1:8080";
@@ -31,6 +32,10 @@ pub struct Station {
     pub store: Store,
     pub options: BridgeOptions,
     pub listener: TcpListener,
+    /// Without it browsers come over plain HTTP.
+    pub tls: Option<Tls>,
+    /// Where a PIN will do.
+    pub enrolled: Enrolled,
     /// Addresses by which browsers reach it, beside that of the listener.
     pub origins: Vec<String>,
     pub demo: Option<DemoFaults>,
@@ -43,28 +48,38 @@ impl Station {
     /// # Errors
     /// What keeps it from starting: DDS, the database, an origin that is none.
     pub async fn run(self, mut ending: Ending) -> anyhow::Result<()> {
-        let Station { loaded, file, store, options, listener, origins, demo, clock } = self;
+        let Station { loaded, file, store, options, listener, tls, enrolled, origins, demo, clock } = self;
         let address = listener.local_addr().context("the listener has no address")?;
         let listens_to = dds::describe(&options);
-        let link = runtime::start(loaded.model.clone(), clock);
+        let link = resume(&loaded.model, &store, clock).await?;
         let reloads =
             file.map(|file| reload::start(file, loaded.clone(), link.reloads.clone())).transpose()?;
         let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
-        let settings = Settings { origins: known_origins(address, &origins)?, secure: false, demo, rereads };
+        let secure = tls.is_some();
+        let origins = known_origins(address, secure, &origins)?;
+        let settings = Settings { origins, secure, enrolled, demo, rereads };
         let listening = Listening { options, inputs: link.inputs.clone(), clock };
         let bridge = listening.to(loaded.model.clone()).await?;
-        restore_operator(&store, &link).await?;
-        tracing::info!("the display is on {}; it listens to {listens_to}", url(address));
+        store.audit(Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"))).await?;
+        let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
+        tracing::info!("the display is on {}; it listens to {listens_to}", url(address, secure));
+        let end = store.clone();
         let bridge = {
-            let serving = web::serve(listener, AppState::new(link, store, clock, settings), ending.asked());
+            let serving =
+                web::serve(listener, tls, AppState::new(link, store, clock, settings), ending.asked());
             let running = reloads.map(|reloads| reloads.running);
             listening.while_serving(serving, bridge, loaded.model, running).await?
         };
         tracing::info!("ending");
+        storage.abort();
+        if let Err(error) = end.audit(Record::of(Action::End, TELLTALE)).await {
+            tracing::error!(%error, "the end cannot be recorded");
+        }
         tokio::select! {
             () = bridge.shutdown() => {}
             () = ending.asked() => {}
         }
+        end.close().await;
         Ok(())
     }
 }
@@ -140,34 +155,59 @@ pub async fn bind(address: SocketAddr) -> anyhow::Result<TcpListener> {
 }
 
 /// Where a browser on this machine finds the display.
-pub fn url(address: SocketAddr) -> String {
+pub fn url(address: SocketAddr, secure: bool) -> String {
     let host = match address.ip() {
         ip if ip.is_unspecified() => "localhost".to_owned(),
         IpAddr::V4(ip) => ip.to_string(),
         IpAddr::V6(ip) => format!("[{ip}]"),
     };
-    format!("http://{host}:{}", address.port())
+    let scheme = if secure { "https" } else { "http" };
+    format!("{scheme}://{host}:{}", address.port())
 }
 
-fn known_origins(address: SocketAddr, more: &[String]) -> anyhow::Result<Origins> {
-    let mut origins = Origins::of_listener(address, false);
+fn known_origins(address: SocketAddr, secure: bool, more: &[String]) -> anyhow::Result<Origins> {
+    let mut origins = Origins::of_listener(address, secure);
     for origin in more {
         origins.add(origin).context("--origin")?;
     }
     Ok(origins)
 }
 
-/// Who sat in the operator's seat and has an open session sits there again: a restart in the
-/// middle of a drive must not leave the vehicle without a display.
-async fn restore_operator(store: &Store, link: &Link) -> anyhow::Result<()> {
-    let Some(operator) = store.seated_operator().await? else { return Ok(()) };
-    let (reply, answer) = oneshot::channel();
-    let action = OperatorAction::Login { name: operator.as_str().into() };
-    let ended = "the engine has ended";
-    link.commands.send(Command { action, reply }).await.context(ended)?;
-    match answer.await.context(ended)? {
-        Response::Done => tracing::info!("{operator} is the operator still"),
-        Response::Refused(reasons) => tracing::warn!("{operator} cannot be the operator again: {reasons:?}"),
+/// Keeps the engine told of whether what happens can be written down.
+async fn tell_of_storage(store: Store, inputs: mpsc::Sender<Stamped>, clock: Clock) {
+    let mut faults = store.fault();
+    drop(store);
+    loop {
+        let fault = faults.borrow_and_update().as_deref().map(Box::from);
+        let news = Stamped { input: Input::Storage { fault }, received: clock.now() };
+        if inputs.send(news).await.is_err() || faults.changed().await.is_err() {
+            return;
+        }
     }
-    Ok(())
+}
+
+/// Plain HTTP shows secrets and sessions to everybody on the way: it leaves this machine only where
+/// somebody asked for that by name.
+///
+/// # Errors
+/// If it would, and nobody did.
+pub fn check_plain(address: SocketAddr, has_tls: bool, insecure: bool) -> anyhow::Result<()> {
+    if has_tls || insecure || address.ip().is_loopback() {
+        return Ok(());
+    }
+    bail!(
+        "{address} is beyond this machine, and plain HTTP shows secrets to everybody on the way. Give a \
+         certificate with --tls-cert and --tls-key (`telltale tls self-signed` makes one), listen on \
+         127.0.0.1, or ask for plain HTTP by name with --insecure-http"
+    )
+}
+
+/// Starts the engine where the last run ended: a restart in the middle of a drive must not leave the
+/// vehicle without a display. Nothing is known of its components until they are heard.
+async fn resume(model: &Arc<Model>, store: &Store, clock: Clock) -> anyhow::Result<Link> {
+    let Some(restored) = store.recall().await? else { return Ok(runtime::start(model.clone(), clock)) };
+    let (stage, alarms) = (restored.stage.as_str(), restored.alarms.len());
+    let operator = restored.operator.as_deref().unwrap_or("nobody");
+    tracing::info!("going on: the vehicle was {stage}, the operator is {operator}, {alarms} alarms are open");
+    Ok(runtime::resume(model.clone(), &restored, clock))
 }

@@ -2,12 +2,15 @@
 
 mod answer;
 pub mod assets;
+mod audit;
 mod demo;
 mod developer;
 mod displays;
+mod enrolled;
 pub mod frame;
 mod guard;
 mod headers;
+mod keep;
 mod listen;
 mod login;
 mod origins;
@@ -21,14 +24,18 @@ mod state;
 mod steps;
 pub mod text;
 mod throttle;
+mod tls;
 mod vehicle;
 mod versions;
 pub mod view;
 mod wording;
 
 pub use demo::{DemoFaults, FaultSwitch};
+pub use enrolled::{Display, Enrolled, NoDisplay};
 pub use guard::{Access, cookie_name};
 pub use listen::serve;
 pub use origins::{NoOrigin, Origins};
 pub use router::{BODY_BYTES_MAX, Route, router, routes};
+pub use seat::DEVELOPER_IDLE_MAX;
 pub use state::{AppState, Settings};
+pub use tls::{Tls, TlsError};

@@ -86,6 +86,8 @@ words! {
     login_text: "Log in to see the vehicle.", "Anmelden, um das Fahrzeug zu sehen.";
     login_wrong: "Name or PIN is wrong.", "Name oder PIN ist falsch.";
     login_unavailable: "Logins cannot be checked now. Try again.", "Anmeldung zurzeit nicht prüfbar. Noch einmal versuchen.";
+    login_pin_elsewhere: "A PIN works at the displays in the vehicle only. Here a password is needed.", "Eine PIN gilt nur an den Anzeigen im Fahrzeug. Hier ist ein Passwort nötig.";
+    login_take_over: "Take over", "Übernehmen";
     login_no_users: "No user exists yet. On the vehicle: telltale user add NAME --role operator", "Noch kein Benutzer. Auf dem Fahrzeug: telltale user add NAME --role operator";
     display: "Display", "Anzeige";
     pad_digits: "Digits", "Ziffern";
@@ -142,6 +144,7 @@ words! {
     dev_dropped: "dropped names", "verworfene Namen";
     dev_unknown_signals: "unknown signals", "unbekannte Signale";
     dev_back: "Back to the overview", "Zurück zur Übersicht";
+    dev_audit: "Audit log", "Protokoll";
     dev_configuration: "Configuration", "Konfiguration";
     dev_config_same: "The file means the same as what runs.", "Die Datei bedeutet dasselbe wie das, was läuft.";
     dev_config_differs: "The file differs from what runs", "Die Datei weicht von dem ab, was läuft";
@@ -315,6 +318,16 @@ impl Lang {
         match self {
             Lang::En => format!("State unknown: {name}"),
             Lang::De => format!("Zustand unbekannt: {name}"),
+        }
+    }
+
+    /// Another operator has the vehicle; the form below asks again and takes it over.
+    pub fn login_seat_taken(self, by: &str) -> String {
+        match self {
+            Lang::En => format!("{by} is the operator. To take over, enter the secret again."),
+            Lang::De => {
+                format!("{by} begleitet die Fahrt. Zum Übernehmen das Geheimnis noch einmal eingeben.")
+            }
         }
     }
 

@@ -56,7 +56,19 @@ fn a_port_in_use_and_an_address_of_others_are_told() {
     let serve = ["serve", "--config", SHUTTLE, "--data", data, "--interface", "loopback", "--listen"];
     refuses(&[&serve[..], &[&*address]].concat(), &[&address, "is in use", "--listen"]);
     refuses(&["demo", "--listen", &address], &[&address, "is in use", "--listen"]);
-    refuses(&[&serve[..], &["203.0.113.9:8080"]].concat(), &["no address 203.0.113.9", "--listen"]);
+    let foreign = [&serve[..], &["203.0.113.9:8080", "--insecure-http"]].concat();
+    refuses(&foreign, &["no address 203.0.113.9", "--listen"]);
+}
+
+#[test]
+fn plain_http_beyond_this_machine_has_to_be_asked_for_by_name() {
+    let data = folder("plain");
+    let data = data.to_str().expect("the path is text");
+    let said = ["is beyond this machine", "--tls-cert", "telltale tls self-signed", "--insecure-http"];
+    for listen in ["0.0.0.0:0", "[::]:0", "203.0.113.9:8080"] {
+        refuses(&["serve", "--config", SHUTTLE, "--data", data, "--listen", listen], &said);
+        refuses(&["demo", "--listen", listen], &said);
+    }
 }
 
 #[test]

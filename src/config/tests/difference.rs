@@ -77,9 +77,8 @@ fn an_order_is_a_difference() {
 
 #[test]
 fn every_key_of_a_monitor_is_a_difference() {
-    let text = |monitor: &str| {
-        format!("groups: [{{ id: a, modules: [{{ id: m, monitor: {{ {monitor} }} }}] }}]\n")
-    };
+    let text =
+        |monitor: &str| format!("groups: [{{ id: a, modules: [{{ id: m, monitor: {{ {monitor} }} }}] }}]\n");
     let (t, u) = ("topic: /t, type: a/msg/B", "topic: /u, type: a/msg/B");
     let pairs = [
         (format!("frequency: {{ {t}, error_below: 1 }}"), format!("frequency: {{ {u}, error_below: 1 }}")),
@@ -152,7 +151,8 @@ fn every_key_of_a_monitor_is_a_difference() {
 
 #[test]
 fn countermeasures_and_topics_that_are_published_can_be_different() {
-    let head = "groups: [{ id: a, modules: [{ id: m, status: s }] }, { id: b, modules: [{ id: m, status: t }] }]\n";
+    let head =
+        "groups: [{ id: a, modules: [{ id: m, status: s }] }, { id: b, modules: [{ id: m, status: t }] }]\n";
     let (stop, slow) = (
         "{ request: maneuver_stop, when: { groups: [a] } }",
         "{ request: decelerate, when: { groups: [b] } }",

@@ -4,6 +4,7 @@
 //! through [`clean`] and is escaped by the templates.
 
 mod arrows;
+mod audit;
 mod board;
 mod causes;
 mod checks;
@@ -38,6 +39,7 @@ use crate::web::text::Words;
 use crate::web::versions::Seen;
 use board::Board;
 
+pub use audit::{AuditPage, audit_page};
 pub use pages::{demo_page, login_page, message_page, operator_page};
 
 /// Files below `static/` that the login page needs: served without a session, so none of them may
@@ -131,16 +133,33 @@ pub struct LoginContext {
 }
 
 /// Why a login did not work. It never says whether the name exists.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum LoginFailure {
     /// The name or the secret is wrong.
     Wrong,
+    /// It is a PIN, and this is no display at which one will do.
+    PinElsewhere,
     /// Too many failures: this many seconds until the next try is looked at.
     Wait { seconds: u64 },
+    /// Another operator has the vehicle; who just proved to be one may take it over.
+    SeatTaken { by: String },
     /// The server can not check logins now.
     Unavailable,
     /// No user exists yet; `telltale user add` makes one.
     NoUsers,
+}
+
+impl LoginFailure {
+    /// For programs and the audit log.
+    pub const fn as_str(&self) -> &'static str {
+        match self {
+            LoginFailure::Wrong => "the name or the secret is wrong",
+            LoginFailure::PinElsewhere => "a PIN will do at the vehicle's own displays only; give a password",
+            LoginFailure::Wait { .. } => "too many failures; wait",
+            LoginFailure::SeatTaken { .. } => "another operator has the vehicle",
+            LoginFailure::Unavailable | LoginFailure::NoUsers => "logins cannot be checked now; try again",
+        }
+    }
 }
 
 /// A fault of the simulated shuttle.

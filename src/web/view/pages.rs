@@ -112,14 +112,19 @@ struct LoginHtml {
     frame: Frame,
     name: String,
     failure: Option<String>,
+    /// Words of the button, if the login takes the seat over from somebody.
+    take_over: Option<&'static str>,
     demo: bool,
 }
 
 pub fn login_page(context: &LoginContext) -> String {
     let words = context.lang.words();
-    let failure = context.failure.map(|failure| match failure {
+    let is_taken = matches!(context.failure, Some(LoginFailure::SeatTaken { .. }));
+    let failure = context.failure.as_ref().map(|failure| match failure {
         LoginFailure::Wrong => words.login_wrong.to_owned(),
-        LoginFailure::Wait { seconds } => context.lang.login_wait(seconds),
+        LoginFailure::PinElsewhere => words.login_pin_elsewhere.to_owned(),
+        LoginFailure::Wait { seconds } => context.lang.login_wait(*seconds),
+        LoginFailure::SeatTaken { by } => context.lang.login_seat_taken(&clean(by, NAME)),
         LoginFailure::Unavailable => words.login_unavailable.to_owned(),
         LoginFailure::NoUsers => words.login_no_users.to_owned(),
     });
@@ -127,6 +132,7 @@ pub fn login_page(context: &LoginContext) -> String {
         frame: Frame::new(context.lang, context.palette),
         name: clean(&context.name, NAME),
         failure,
+        take_over: is_taken.then_some(words.login_take_over),
         demo: context.demo,
     })
 }

@@ -16,7 +16,7 @@ use telltale::engine::monitor::spec::Watched;
 use telltale::engine::snapshot::Snapshot;
 use telltale::runtime::{self, Link, Reread};
 use telltale::store::{DemoSecrets, Store};
-use telltale::web::{AppState, DemoFaults, FaultSwitch, Origins, Settings, router};
+use telltale::web::{AppState, DemoFaults, Enrolled, FaultSwitch, Origins, Settings, router};
 use tokio::sync::mpsc;
 use tower::ServiceExt;
 
@@ -75,6 +75,7 @@ impl Fixture {
         let settings = Settings {
             origins,
             secure,
+            enrolled: Enrolled::default(),
             demo: (demo == DemoSecrets::Accepted).then_some(faulty),
             rereads: Some(asks),
         };

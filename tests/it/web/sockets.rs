@@ -9,7 +9,7 @@ use telltale::engine::model::Stage;
 use telltale::engine::state::State;
 use telltale::store::{DemoSecrets, Store, Token};
 use telltale::web::view::{Fragment, Lang, fragments};
-use telltale::web::{AppState, Origins, Settings, serve};
+use telltale::web::{AppState, Enrolled, Origins, Settings, serve};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
 use tokio::time::timeout;
@@ -47,12 +47,13 @@ impl Server {
         let settings = Settings {
             origins: Origins::of_listener(address, false),
             secure: false,
+            enrolled: Enrolled::default(),
             demo: None,
             rereads: None,
         };
         let app = AppState::new(fixture.link.clone(), store, fixture.clock, settings);
         let (shutdown, ended) = oneshot::channel::<()>();
-        let served = tokio::spawn(serve(listener, app.clone(), async {
+        let served = tokio::spawn(serve(listener, None, app.clone(), async {
             let _ = ended.await;
         }));
         Server { fixture, app, address, shutdown, served }
