@@ -5,4 +5,5 @@ mod developer;
 mod fixture;
 mod login;
 mod sockets;
+mod vehicle;
 mod wire;
