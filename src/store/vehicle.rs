@@ -47,7 +47,8 @@ impl Store {
     pub async fn remember(&self, memory: VehicleMemory, records: Vec<Record>) -> Result<(), StoreError> {
         self.call(move |database| {
             let is_new = memory.seq >= database.remembered_seq;
-            database.change(&records, |transaction| if is_new { write(transaction, &memory) } else { Ok(()) })?;
+            database
+                .change(&records, |transaction| if is_new { write(transaction, &memory) } else { Ok(()) })?;
             database.remembered_seq = database.remembered_seq.max(memory.seq);
             Ok(())
         })
@@ -116,7 +117,8 @@ impl Database {
     fn read_vehicle(&mut self) -> Result<Option<Restored>, StoreError> {
         let connection = &self.connection;
         let wall = self.clock.wall();
-        let sql = "SELECT stage, posed, pose_number, pose_x_m, pose_y_m, pose_yaw_deg, last_alarm FROM vehicle";
+        let sql =
+            "SELECT stage, posed, pose_number, pose_x_m, pose_y_m, pose_yaw_deg, last_alarm FROM vehicle";
         let Some(vehicle) = connection.query_row(sql, [], read_first).optional()? else { return Ok(None) };
         let mut query =
             connection.prepare("SELECT id, node, raised_ms, acknowledged, active FROM alarms ORDER BY id")?;
@@ -157,10 +159,10 @@ fn read_first(row: &Row<'_>) -> rusqlite::Result<Restored> {
 }
 
 fn read_measures(connection: &Connection) -> Result<Vec<RestoredMeasure>, StoreError> {
-    let mut query =
-        connection.prepare("SELECT number, request, mps2, by_operator FROM countermeasures ORDER BY number")?;
-    let mut causes =
-        connection.prepare("SELECT node, acknowledged FROM causes WHERE countermeasure = ?1 ORDER BY position")?;
+    let mut query = connection
+        .prepare("SELECT number, request, mps2, by_operator FROM countermeasures ORDER BY number")?;
+    let mut causes = connection
+        .prepare("SELECT node, acknowledged FROM causes WHERE countermeasure = ?1 ORDER BY position")?;
     let mut rows = query.query([])?;
     let mut measures = Vec::new();
     while let Some(row) = rows.next()? {
@@ -215,7 +217,8 @@ mod tests {
         let store = Store::in_memory(clock, DemoSecrets::Refused).unwrap();
         assert_eq!(store.recall().await.unwrap(), None);
         let bare = Restored { last_alarm: 2, ..Restored::default() };
-        let recalled = |vehicle: &Restored| VehicleMemory { seq: 0, at: clock.wall(), vehicle: vehicle.clone() };
+        let recalled =
+            |vehicle: &Restored| VehicleMemory { seq: 0, at: clock.wall(), vehicle: vehicle.clone() };
         for vehicle in [vehicle(Stage::Active, false), vehicle(Stage::Localizing, true), bare] {
             let memory = VehicleMemory { seq: 4, ..recalled(&vehicle) };
             let record = Record::of(Action::Acknowledge, TELLTALE).on("7");
