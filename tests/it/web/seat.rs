@@ -129,7 +129,7 @@ async fn a_programs_token_is_a_bearer_and_no_cookie() {
         (Method::GET, "/developer/audit", authority, StatusCode::OK),
         (Method::POST, "/demo/fault", authority, StatusCode::FORBIDDEN),
         // It goes through without an origin: no browser sends this header by itself.
-        (Method::POST, "/demo/fault", developer, StatusCode::UNPROCESSABLE_ENTITY),
+        (Method::POST, "/demo/fault", developer, StatusCode::UNSUPPORTED_MEDIA_TYPE),
     ] {
         assert_eq!(send(method.clone(), path, token).await, expected, "{method} {path}");
     }
