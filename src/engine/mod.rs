@@ -13,6 +13,7 @@ pub mod graph;
 pub mod input;
 mod layout;
 mod lead;
+mod measure;
 mod measures;
 pub mod model;
 mod module;
@@ -37,6 +38,7 @@ mod timers;
 pub mod vehicle;
 mod views;
 mod warnings;
+mod watching;
 pub mod why;
 
 use std::sync::Arc;
@@ -47,7 +49,7 @@ use event::{Event, Events, What};
 use input::{Input, ReceptionTrouble, Response, Status, StatusArray};
 use lead::Told;
 use measures::Measures;
-use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, LOCALIZATION_GROUP, Model, ModuleId};
+use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, LOCALIZATION_GROUP, Model, ModuleId, NodeId};
 use names::Names;
 use net::{Change, Net};
 use node::ModuleKind;
@@ -61,6 +63,7 @@ use timers::{TimerKey, Timers};
 use vehicle::Vehicle;
 use views::Views;
 use warnings::Warnings;
+use watching::Watching;
 
 /// The aggregation engine of one vehicle.
 #[derive(Debug)]
@@ -83,6 +86,7 @@ pub struct Engine {
     led: bool,
     timers: Timers,
     overflow: Overflow,
+    watching: Watching,
     reception: ReceptionCheck,
     /// Why nothing can be written down.
     storage_fault: Option<Box<str>>,
@@ -119,6 +123,7 @@ impl Engine {
             led: true,
             timers: Timers::default(),
             overflow: Overflow::default(),
+            watching: Watching::new(&model),
             reception: ReceptionCheck::default(),
             storage_fault: None,
             counters: Counters::default(),
@@ -145,7 +150,12 @@ impl Engine {
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
             Input::Storage { fault } => self.take_storage(fault.clone()),
-            Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {}
+            Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {
+                // Nearly every message says what the one before said: then nothing is to be settled.
+                if !self.take_watched(input) {
+                    return response;
+                }
+            }
             Input::Output(news) => self.take_output(news),
             Input::Operator(action) => response = self.operate(action),
             Input::Tick => return response,
@@ -203,6 +213,9 @@ impl Engine {
             TimerKey::Reception => self.judge_reception(),
             // Settling looks at them.
             TimerKey::Localization | TimerKey::Measures => self.led = true,
+            TimerKey::Monitor(index) => {
+                self.judge_monitor(index, false);
+            }
             TimerKey::Signal(index) => {
                 let changed = self.signals.refresh(index as usize, self.now);
                 self.signal_changed(index as usize, changed);
@@ -239,6 +252,7 @@ impl Engine {
             }
         }
         self.touched = touched;
+        self.take_keys(array);
     }
 
     fn take_status(&mut self, id: ModuleId, status: Status<'_>) {
@@ -330,7 +344,7 @@ impl Engine {
     /// Brings everything to what follows from what was marked, at the present instant.
     fn settle(&mut self) {
         self.follow_changes();
-        while self.lead() {
+        while self.turn_monitors() | self.lead() {
             self.follow_changes();
         }
         if let Some(breach) = self.breach() {
@@ -355,6 +369,9 @@ impl Engine {
             self.measures.note(change);
             self.led |= self.warnings.note(&self.net, change);
             self.views.follow(&self.net, change, self.now);
+            if let NodeId::Module(id) = change.node {
+                self.watching.note_relevance(id, change.after.relevant);
+            }
         }
         let heard = self.alarms.hear(&self.net, &changes);
         let explained = self.causes.explain(&self.net, self.now);

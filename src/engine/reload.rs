@@ -67,15 +67,23 @@ impl Engine {
         let kept: Vec<(ModuleId, ModuleId)> =
             self.views.module_ids().filter_map(|(name, id)| Some((id, *ids.get(name)?))).collect();
         for (id, before) in kept {
-            let monitor = |engine: &Engine, id: ModuleId| {
-                engine.model.modules.get(id.0 as usize).map(|spec| spec.monitor.clone())
+            let same = match (self.model.modules.get(id.0 as usize), old.model.modules.get(before.0 as usize))
+            {
+                (None, None) => true,
+                (Some(spec), Some(before)) => {
+                    let (watched, others) = (&self.model.watched, &old.model.watched);
+                    spec.monitor.means_the_same(watched, &before.monitor, others)
+                }
+                _ => false,
             };
-            if monitor(self, id) != monitor(old, before) {
+            if !same {
                 continue;
             }
+            self.watching.keep(id, &old.watching, before);
             self.net.modules[id.0 as usize].own = old.net.modules[before.0 as usize].own.clone();
             self.views.copy_report(id, &old.views, before);
         }
+        self.resume_monitors(old);
     }
 
     fn take_history(&mut self, old: &Engine) {

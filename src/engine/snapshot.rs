@@ -347,4 +347,8 @@ pub struct Counters {
     pub dropped_names: u64,
     /// Signals that the model does not name.
     pub unknown_signals: u64,
+    /// Messages of topics that monitors watch.
+    pub samples: u64,
+    /// Messages, news of topics and probes that were asked for by another configuration.
+    pub dropped_samples: u64,
 }

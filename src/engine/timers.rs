@@ -1,4 +1,4 @@
-//! Deadlines of modules and signals. An entry may be early: whoever owns it is asked again when
+//! Deadlines of modules, monitors and signals. An entry may be early: whoever owns it is asked again when
 //! it comes up, so hearing from a module costs no work here.
 
 use std::cmp::Reverse;
@@ -13,6 +13,7 @@ pub(super) enum TimerKey {
     Reception,
     Localization,
     Measures,
+    Monitor(u32),
     Module(u32),
 }
 
@@ -20,7 +21,7 @@ pub(super) enum TimerKey {
 #[derive(Debug, Default)]
 pub(super) struct Timers {
     heap: BinaryHeap<Reverse<(Timestamp, TimerKey)>>,
-    queued: [Vec<Option<Timestamp>>; 5],
+    queued: [Vec<Option<Timestamp>>; 6],
 }
 
 impl Timers {
@@ -61,6 +62,7 @@ impl Timers {
             TimerKey::Module(index) => (2, index as usize),
             TimerKey::Localization => (3, 0),
             TimerKey::Measures => (4, 0),
+            TimerKey::Monitor(index) => (5, index as usize),
         };
         let slots = &mut self.queued[kind];
         if slots.len() <= index {

@@ -3,15 +3,17 @@
 use std::sync::Arc;
 
 use super::causes::Explained;
-use super::input::{ReceptionTrouble, Refusal, Status};
+use super::input::{ReceptionTrouble, Status};
 use super::layout::{SELF_STATE, layout};
+use super::lead::Led;
 use super::model::{GroupId, Limits, Model, ModuleId, NodeId, Stage};
+use super::monitor::Words;
 use super::net::{Change, Net};
 use super::persistent::PersistentVec;
 use super::signals::Signals;
 use super::snapshot::{
-    Alarm, Countermeasure, Counters, GroupView, Layout, Localization, ModuleInfo, ModuleView, Reason,
-    Reception, Report, RootCause, Snapshot,
+    Alarm, Counters, GroupView, Layout, ModuleInfo, ModuleView, Reason, Reception, Report, RootCause,
+    Snapshot,
 };
 use super::state::State;
 use super::time::Timestamp;
@@ -20,17 +22,6 @@ use super::why::Steps;
 
 /// Topics whose faults are remembered, for each kind of fault: past this new ones are not.
 const RECEPTION_MAX: usize = 256;
-
-/// Where the vehicle is led and what is asked of it, as the snapshot has it.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct Led {
-    pub(super) last_alarm: u64,
-    pub(super) accepted: Arc<[NodeId]>,
-    pub(super) countermeasures: Arc<[Countermeasure]>,
-    pub(super) localization: Localization,
-    pub(super) clearance: bool,
-    pub(super) clearance_refusals: Arc<[Refusal]>,
-}
 
 #[derive(Debug)]
 pub(super) struct Views {
@@ -130,7 +121,24 @@ impl Views {
         if *self.reports[index].message != *message {
             self.set_report(id, Arc::new(Report { message: message.into(), ..Report::default() }));
         }
-        if !std::mem::replace(&mut self.is_heard[index], true) {
+        self.note_heard(id);
+    }
+
+    /// Sets what a monitor says of its module. Returns whether it said something else before.
+    pub(super) fn set_words(&mut self, id: ModuleId, words: Words) -> bool {
+        let values = words.values.into_iter().map(|(key, value)| (key.into(), value.into()));
+        let report =
+            Report { message: words.message.into(), hardware_id: "".into(), values: values.collect() };
+        let changed = *self.reports[id.0 as usize] != report;
+        if changed {
+            self.set_report(id, Arc::new(report));
+        }
+        changed
+    }
+
+    /// Notes that the age of a module's last report is another one.
+    pub(super) fn note_heard(&mut self, id: ModuleId) {
+        if !std::mem::replace(&mut self.is_heard[id.0 as usize], true) {
             self.heard.push(id);
         }
     }
@@ -138,9 +146,7 @@ impl Views {
     /// Keeps the words of a status, if they differ from those before.
     pub(super) fn take_report(&mut self, id: ModuleId, status: Status<'_>, limits: &Limits) {
         let index = id.0 as usize;
-        if !std::mem::replace(&mut self.is_heard[index], true) {
-            self.heard.push(id);
-        }
+        self.note_heard(id);
         if self.reports[index].says(status) {
             return;
         }

@@ -6,5 +6,6 @@ pub mod scenario;
 pub mod scenario_file;
 mod scenario_operator;
 mod scenario_raw;
+pub mod scenario_sample;
 pub mod shuttle;
 pub mod strips;

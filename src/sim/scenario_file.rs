@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::scenario::{Expectation, Figure, Repeat, Scenario, Step, What};
 use super::scenario_raw::{Action, Raw, RawExpect, RawFigure, RawStatus, RawStep};
+use super::scenario_sample;
 use crate::engine::input::{AlarmRef, Input, OperatorAction, StatusArray};
 use crate::engine::model::Model;
 use crate::engine::time::Timestamp;
@@ -126,10 +127,19 @@ impl Bind<'_> {
                 self.check_action(action, raw.span, log);
                 vec![Input::Operator(action.clone())]
             }
-            // The engine lives by the clock of receipt alone.
-            Action::ClockStep => Vec::new(),
+            Action::Sample(raw) => scenario_sample::sample(raw, self.model, log).into_iter().collect(),
+            Action::Publishers(raw) => {
+                scenario_sample::publishers(raw, self.model, log).into_iter().collect()
+            }
+            Action::Probe(raw) => scenario_sample::probes(raw, self.model, log),
+            Action::ClockStep(_) => Vec::new(),
         };
-        Some(Step { span: raw.span, at, repeat, inputs, refused: raw.refused })
+        let stamp = match &raw.action {
+            Some(Action::Sample(raw)) => raw.stamp.map(|stamp| stamp.value),
+            _ => None,
+        };
+        let clock_step_ns = if let Some(Action::ClockStep(nanos)) = raw.action { nanos } else { 0 };
+        Some(Step { span: raw.span, at, repeat, inputs, stamp, clock_step_ns, refused: raw.refused })
     }
 
     /// Every declared status that no step names.

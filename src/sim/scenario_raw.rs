@@ -4,6 +4,7 @@ use std::collections::HashSet;
 
 use super::scenario::{What, Why, why_word};
 use super::scenario_operator::operator;
+use super::scenario_sample::{RawProbe, RawPublishers, RawSample, Stamp};
 use crate::engine::countermeasure::Kind as Measure;
 use crate::engine::input::OperatorAction;
 use crate::engine::model::Stage;
@@ -149,7 +150,11 @@ pub(super) enum Action {
     Others(u8),
     Signals(Entries<bool>),
     Operator(OperatorAction),
-    ClockStep,
+    Sample(RawSample),
+    Publishers(RawPublishers),
+    Probe(RawProbe),
+    /// By so many nanoseconds.
+    ClockStep(i64),
 }
 
 impl FromNode for RawStep {
@@ -174,6 +179,12 @@ impl FromNode for RawStep {
             }
         }
         let action = action(&mut fields);
+        if let (Some(_), Some(Action::Sample(RawSample { stamp: Some(stamp), .. }))) = (every, &action)
+            && matches!(stamp.value, Stamp::At(_))
+        {
+            let problem = Problem::at(stamp.span, "every one of these messages would have the same stamp");
+            fields.log.push(problem.help("write how old each is when it comes: `delay: 0.05`"));
+        }
         let refused = fields.optional("refused");
         let span = fields.span();
         fields.finish();
@@ -182,7 +193,8 @@ impl FromNode for RawStep {
 }
 
 fn action(fields: &mut Fields) -> Option<Action> {
-    const KINDS: [&str; 6] = ["status", "others", "signal", "operator", "sample", "clock_step"];
+    const KINDS: [&str; 8] =
+        ["status", "others", "signal", "operator", "sample", "publishers", "probe", "clock_step"];
     let found: Vec<_> = KINDS.into_iter().filter_map(|key| Some((key, fields.node(key)?))).collect();
     let [(key, node)] = found[..] else {
         let problem = Problem::at(fields.span(), format!("a step needs one of {}", KINDS.join(", ")));
@@ -196,11 +208,10 @@ fn action(fields: &mut Fields) -> Option<Action> {
         "others" => level(node, log).map(Action::Others),
         "signal" => Entries::from_node(node, log).map(Action::Signals),
         "operator" => operator(node, log).map(Action::Operator),
-        "clock_step" => f64::from_node(node, log).map(|_| Action::ClockStep),
-        _ => {
-            log.push(not_supported(node.span, &format!("`{key}`")));
-            None
-        }
+        "sample" => RawSample::from_node(node, log).map(Action::Sample),
+        "publishers" => RawPublishers::from_node(node, log).map(Action::Publishers),
+        "probe" => RawProbe::from_node(node, log).map(Action::Probe),
+        _ => f64::from_node(node, log).map(|seconds| Action::ClockStep((seconds * 1e9).round() as i64)),
     }
 }
 
@@ -345,8 +356,4 @@ impl FromNode for Seconds {
         }
         nanos.map(|nanos| Seconds(Timestamp::from_nanos(nanos)))
     }
-}
-
-fn not_supported(span: Span, what: &str) -> Problem {
-    Problem::at(span, format!("{what} is not supported by this version")).help("remove it")
 }
