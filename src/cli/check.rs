@@ -5,7 +5,7 @@ use std::io::{IsTerminal, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use super::{EXIT_NO, EXIT_USAGE, graph};
+use super::{EXIT_NO, EXIT_USAGE, fields, graph};
 use crate::config::soundness::{Soundness, What};
 use crate::config::{self, Loaded, words};
 use crate::engine::model::{
@@ -40,6 +40,8 @@ pub struct Args {
     /// The configuration
     #[arg(value_name = "FILE", required_unless_present = "schema")]
     file: Option<PathBuf>,
+    #[command(flatten)]
+    definitions: fields::DefinitionFlags,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
@@ -49,6 +51,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     };
     match config::load(file) {
         Ok(loaded) => {
+            let unreadable = fields::check(&loaded.model, &args.definitions.definitions());
+            if !unreadable.is_empty() {
+                eprintln!("{}", fields::list(&unreadable));
+                return Ok(ExitCode::from(EXIT_USAGE));
+            }
             let (found, problems) = loaded.soundness();
             match (args.dot, args.svg) {
                 (true, _) => print(&dot(&loaded.model)),
@@ -240,4 +247,15 @@ fn dot_edges(out: &mut String, model: &Model, from: NodeId, depends_on: &[Depend
 
 fn quoted(text: &str) -> String {
     format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_documentation_shows_the_stages_as_they_are() {
+        let page = include_str!("../../docs/stages.md");
+        assert!(page.contains(stages_text().trim()), "docs/stages.md lacks:{}", stages_text());
+    }
 }

@@ -8,7 +8,7 @@ use anyhow::Context as _;
 
 use super::ending::Ending;
 use super::station::{self, Station};
-use super::{EXIT_USAGE, check, data, dds, log};
+use super::{EXIT_USAGE, check, data, dds, fields, log};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::store::{DemoSecrets, Store};
@@ -71,6 +71,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let ending = Ending::listen()?;
     let options = args.dds.resolve()?;
+    let unreadable = fields::check(&loaded.model, &options.definitions);
+    if !unreadable.is_empty() {
+        eprintln!("{}", fields::list(&unreadable));
+        return Ok(ExitCode::from(EXIT_USAGE));
+    }
     let clock = Clock::start();
     let tls = tls(args, clock)?;
     station::check_plain(args.listen, tls.is_some(), args.insecure_http)?;

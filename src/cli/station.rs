@@ -52,24 +52,27 @@ impl Station {
         let address = listener.local_addr().context("the listener has no address")?;
         let listens_to = dds::describe(&options);
         let link = resume(&loaded.model, &store, clock).await?;
-        let reloads =
-            file.map(|file| reload::start(file, loaded.clone(), link.reloads.clone())).transpose()?;
+        let reloads = file
+            .map(|file| {
+                let definitions = options.definitions.clone();
+                reload::start(file, loaded.clone(), definitions, link.reloads.clone())
+            })
+            .transpose()?;
         let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
         let secure = tls.is_some();
         let origins = known_origins(address, secure, &origins)?;
         let settings = Settings { origins, secure, enrolled, demo, rereads };
-        let listening = Listening { options, inputs: link.inputs.clone(), clock };
-        let bridge = listening.to(loaded.model.clone()).await?;
+        let bridge = ros::start(options, &loaded.model, link.inputs.clone(), clock).await?;
         store.audit(Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"))).await?;
         let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
         tracing::info!("the display is on {}; it listens to {listens_to}", url(address, secure));
         let end = store.clone();
-        let bridge = {
+        {
             let serving =
                 web::serve(listener, tls, AppState::new(link, store, clock, settings), ending.asked());
             let running = reloads.map(|reloads| reloads.running);
-            listening.while_serving(serving, bridge, loaded.model, running).await?
-        };
+            while_serving(serving, &bridge, running).await?;
+        }
         tracing::info!("ending");
         storage.abort();
         if let Err(error) = end.audit(Record::of(Action::End, TELLTALE)).await {
@@ -84,41 +87,21 @@ impl Station {
     }
 }
 
-/// What it takes to listen to DDS, each time anew.
-struct Listening {
-    options: BridgeOptions,
-    inputs: mpsc::Sender<Stamped>,
-    clock: Clock,
-}
-
-impl Listening {
-    async fn to(&self, model: Arc<Model>) -> anyhow::Result<Bridge> {
-        Ok(ros::start(self.options.clone(), model, self.inputs.clone(), self.clock).await?)
-    }
-
-    /// Serves until the end, and follows the configuration: where signals come from other topics, the
-    /// bridge is built anew. Gives back the bridge of the end.
-    async fn while_serving(
-        &self,
-        serving: impl Future<Output = std::io::Result<()>>,
-        mut bridge: Bridge,
-        mut model: Arc<Model>,
-        mut running: Option<watch::Receiver<Loaded>>,
-    ) -> anyhow::Result<Bridge> {
-        let mut serving = std::pin::pin!(serving);
-        loop {
-            let next = tokio::select! {
-                served = &mut serving => {
-                    served?;
-                    return Ok(bridge);
-                }
-                next = changed(&mut running) => next,
-            };
-            if reload::sources(&model) != reload::sources(&next) {
-                bridge.shutdown().await;
-                bridge = self.to(next.clone()).await?;
-            }
-            model = next;
+/// Serves until the end, and lets the bridge follow the configuration. The engine runs by it already:
+/// what the bridge says anew would be forgotten by an engine that changes later.
+async fn while_serving(
+    serving: impl Future<Output = std::io::Result<()>>,
+    bridge: &Bridge,
+    mut running: Option<watch::Receiver<Loaded>>,
+) -> anyhow::Result<()> {
+    let mut serving = std::pin::pin!(serving);
+    loop {
+        let next = tokio::select! {
+            served = &mut serving => return Ok(served?),
+            next = changed(&mut running) => next,
+        };
+        if let Err(error) = bridge.follow(&next) {
+            tracing::error!("the old topics are read still: {error}");
         }
     }
 }

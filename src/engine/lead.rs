@@ -1,15 +1,16 @@
 //! What follows from the state of the vehicle for its stage and for what is asked of it.
 
+use std::sync::Arc;
+
 use super::Engine;
 use super::event::What;
-use super::input::{Output, OutputNews};
-use super::model::{Stage, StageModel};
-use super::snapshot::Localization;
+use super::input::{Output, OutputNews, Refusal};
+use super::model::{NodeId, Stage, StageModel};
+use super::snapshot::{Countermeasure, Localization};
 use super::state::State;
 use super::system::SystemCheck;
 use super::timers::TimerKey;
 use super::vehicle::Event;
-use super::views::Led;
 
 /// What the diagnosis said last of the vehicle's side.
 #[derive(Debug, Default, PartialEq)]
@@ -17,6 +18,17 @@ pub(super) struct Told {
     active_unknown: bool,
     measures: Option<String>,
     outputs: Option<String>,
+}
+
+/// Where the vehicle is led and what is asked of it, as the snapshot has it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Led {
+    pub(super) last_alarm: u64,
+    pub(super) accepted: Arc<[NodeId]>,
+    pub(super) countermeasures: Arc<[Countermeasure]>,
+    pub(super) localization: Localization,
+    pub(super) clearance: bool,
+    pub(super) clearance_refusals: Arc<[Refusal]>,
 }
 
 impl Engine {
@@ -156,7 +168,7 @@ impl Engine {
         }
         self.views.set_led(Led {
             last_alarm: self.alarms.last_id(),
-            accepted: self.warnings.accepted().map(super::model::NodeId::Module).collect(),
+            accepted: self.warnings.accepted().map(NodeId::Module).collect(),
             countermeasures: self.measures.list(),
             localization: self.vehicle.localization,
             clearance: self.vehicle.stage == Stage::Cleared,

@@ -71,7 +71,7 @@ impl Engine {
         if moved {
             self.net.mark_module(id);
         }
-        if heard {
+        if heard || state.is_none() {
             self.views.note_heard(id);
         }
         let said = words.is_some_and(|words| self.views.set_words(id, words));

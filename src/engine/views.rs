@@ -3,16 +3,17 @@
 use std::sync::Arc;
 
 use super::causes::Explained;
-use super::input::{ReceptionTrouble, Refusal, Status};
+use super::input::{ReceptionTrouble, Status};
 use super::layout::{SELF_STATE, layout};
+use super::lead::Led;
 use super::model::{GroupId, Limits, Model, ModuleId, NodeId, Stage};
 use super::monitor::Words;
 use super::net::{Change, Net};
 use super::persistent::PersistentVec;
 use super::signals::Signals;
 use super::snapshot::{
-    Alarm, Countermeasure, Counters, GroupView, Layout, Localization, ModuleInfo, ModuleView, Reason,
-    Reception, Report, RootCause, Snapshot,
+    Alarm, Counters, GroupView, Layout, ModuleInfo, ModuleView, Reason, Reception, Report, RootCause,
+    Snapshot,
 };
 use super::state::State;
 use super::time::Timestamp;
@@ -21,17 +22,6 @@ use super::why::Steps;
 
 /// Topics whose faults are remembered, for each kind of fault: past this new ones are not.
 const RECEPTION_MAX: usize = 256;
-
-/// Where the vehicle is led and what is asked of it, as the snapshot has it.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct Led {
-    pub(super) last_alarm: u64,
-    pub(super) accepted: Arc<[NodeId]>,
-    pub(super) countermeasures: Arc<[Countermeasure]>,
-    pub(super) localization: Localization,
-    pub(super) clearance: bool,
-    pub(super) clearance_refusals: Arc<[Refusal]>,
-}
 
 #[derive(Debug)]
 pub(super) struct Views {

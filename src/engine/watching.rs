@@ -310,7 +310,7 @@ impl Watching {
         let write = changed || (watch.pending && words_due.is_none_or(|due| due <= now));
         if write {
             watch.worded = Some(now);
-            watch.pending = watch.monitor.moves();
+            watch.pending = watch.monitor.moves(now);
         }
         let watch = &self.watches[index as usize];
         let words = write.then(|| {

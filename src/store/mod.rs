@@ -28,7 +28,7 @@ pub use chain::{Breach, Hash, Head, Verdict};
 pub use health::Fault;
 pub use role::Role;
 pub use schema::{FILE_NAME, make_folder};
-pub use secret::{DEMO_USERS, DemoSecrets, SecretError, is_pin};
+pub use secret::{DEMO_USERS, DemoSecrets, Lane, SecretError, is_pin};
 pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};
 pub use tokens::{ProgramToken, TOKEN_LIFE_DAYS};
 pub use users::{NameError, User, Verified};

@@ -6,7 +6,7 @@ use rusqlite::{OptionalExtension, params};
 
 use super::audit::{Action, COMMAND_LINE, Record};
 use super::secret::check_policy;
-use super::{DEMO_USERS, Role, Store, StoreError};
+use super::{DEMO_USERS, Lane, Role, Store, StoreError};
 
 /// A user as lists show it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -165,9 +165,22 @@ impl Store {
     /// # Errors
     /// If too many logins wait, or the database fails. A wrong secret is no error but `None`.
     pub async fn authenticate(&self, name: &str, secret: &str) -> Result<Option<Verified>, StoreError> {
+        self.authenticate_from(Lane::Vehicle, name, secret).await
+    }
+
+    /// [`Store::authenticate`] for somebody who comes from there.
+    ///
+    /// # Errors
+    /// As there.
+    pub async fn authenticate_from(
+        &self,
+        lane: Lane,
+        name: &str,
+        secret: &str,
+    ) -> Result<Option<Verified>, StoreError> {
         let user = if check_name(name).is_ok() { self.find_user(name).await? } else { None };
         let hash = user.as_ref().map(|user| user.secret_hash.clone());
-        let proven = self.hashing.verify(secret.to_owned(), hash).await?;
+        let proven = self.hashing.verify(lane, secret.to_owned(), hash).await?;
         Ok(user.filter(|_| proven))
     }
 

@@ -173,7 +173,7 @@ fn has_own_origin(app: &AppState, headers: &HeaderMap) -> bool {
 fn not_signed_in(reader: &Reader, request: &Request) -> Response {
     let is_page = reader.speaks == Speaks::Html
         && !is_upgrade(request)
-        && !matches!(request.uri().path(), "/ws")
+        && request.uri().path() != "/ws"
         && !request.uri().path().starts_with("/static/");
     if is_page {
         return Redirect::to("/login").into_response();

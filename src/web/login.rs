@@ -21,7 +21,7 @@ use crate::engine::input::{OperatorAction, Response as Answer};
 use crate::engine::model::Stage;
 use crate::engine::time::Span;
 use crate::store::audit::{Action, Record};
-use crate::store::{Role, SESSION_LIFE, Session, SessionKind, StoreError, Token, Verified, is_pin};
+use crate::store::{Lane, Role, SESSION_LIFE, Session, SessionKind, StoreError, Token, Verified, is_pin};
 
 /// The other end of a connection.
 #[derive(Debug, Clone, Copy)]
@@ -142,7 +142,9 @@ async fn prove(app: &AppState, form: &LoginForm, source: IpAddr) -> Result<Verif
     if let Err(wait) = throttle().attempt(app.clock.now(), &form.name, source) {
         return Err(LoginFailure::Wait { seconds: whole_seconds(wait) });
     }
-    match app.store.authenticate(&form.name, &form.secret).await {
+    let is_near = source.is_loopback() || app.settings.enrolled.has(source);
+    let lane = if is_near { Lane::Vehicle } else { Lane::Elsewhere };
+    match app.store.authenticate_from(lane, &form.name, &form.secret).await {
         Ok(Some(user)) => {
             throttle().succeeded(&form.name, source);
             Ok(user)

@@ -34,6 +34,7 @@ pub use demo::{DemoFaults, FaultSwitch};
 pub use enrolled::{Display, Enrolled, NoDisplay};
 pub use guard::{Access, cookie_name};
 pub use listen::serve;
+pub use login::Peer;
 pub use origins::{NoOrigin, Origins};
 pub use router::{BODY_BYTES_MAX, Route, router, routes};
 pub use seat::DEVELOPER_IDLE_MAX;

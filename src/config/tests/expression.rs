@@ -179,3 +179,69 @@ fn inputs_have_names_that_conditions_can_write() {
         ],
     );
 }
+
+proptest::proptest! {
+    #[test]
+    fn any_text_is_a_condition_or_is_refused(parts in proptest::collection::vec(0..TOKENS.len(), 0..24), gap in 0..2_usize) {
+        let written: Vec<&str> = parts.into_iter().map(|part| TOKENS[part]).collect();
+        let written = written.join(if gap == 0 { "" } else { " " }).replace('\\', "\\\\").replace('"', "\\\"");
+        match parse("c", &text(&format!("\"{written}\""))) {
+            Err(problems) => assert!(!problems.render(false).is_empty()),
+            Ok(loaded) => {
+                let MonitorSpec::Expression { error, .. } = &loaded.model.modules[0].monitor else { panic!() };
+                let _ = error.clone().unwrap().holds(&values());
+            }
+        }
+    }
+}
+
+const TOKENS: [&str; 48] = [
+    "x",
+    "y",
+    "on",
+    "word",
+    "true",
+    "1",
+    "2.5",
+    "1e400",
+    "0x1F",
+    "9223372036854775808",
+    "-9223372036854775808",
+    "7u",
+    "'a'",
+    "\"b\"",
+    "'\\u00e4'",
+    "'\\",
+    "b'x'",
+    "r'\\d'",
+    "'''",
+    "ä",
+    "\u{1F600}",
+    "\n",
+    "(",
+    ")",
+    "[",
+    "]",
+    "{",
+    "}",
+    ",",
+    ".",
+    ":",
+    "?",
+    "+",
+    "-",
+    "*",
+    "/",
+    "%",
+    "&&",
+    "||",
+    "!",
+    "==",
+    ">",
+    "<=",
+    "in",
+    "math.abs(",
+    "math.greatest(",
+    "contains(",
+    "`",
+];

@@ -33,13 +33,10 @@ impl Frequency {
     /// Before the first full window only what is too much can be judged: it can no longer get better.
     pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
         self.window.advance(now);
-        let full = now >= self.full_at()?;
-        let state = self.at(self.window.count());
-        let too_many = Bands { warning_below: None, error_below: None, ..self.bands };
-        if full {
-            Some(state)
+        if now >= self.full_at()? {
+            Some(self.at(self.window.count()))
         } else {
-            Some(too_many.judge(self.window.rate(self.window.count()))).filter(|&state| state != State::Ok)
+            Some(self.too_many()).filter(|&state| state != State::Ok)
         }
     }
 
@@ -69,7 +66,7 @@ impl Frequency {
             return Words::plain("not measured while it does not matter".into());
         };
         let rate = self.window.rate(self.window.count());
-        if now < full_at && self.bands.judge(rate) == State::Ok {
+        if now < full_at && self.too_many() == State::Ok {
             return Words::plain(format!("measuring for {}", span(self.window.span())));
         }
         Words { message: self.bands.say(rate, "Hz"), values: self.bands.values("rate_hz", rate) }
@@ -77,6 +74,11 @@ impl Frequency {
 
     fn at(&self, count: u64) -> State {
         self.bands.judge(self.window.rate(count))
+    }
+
+    fn too_many(&self) -> State {
+        let above = Bands { warning_below: None, error_below: None, ..self.bands };
+        above.judge(self.window.rate(self.window.count()))
     }
 
     fn full_at(&self) -> Option<Timestamp> {

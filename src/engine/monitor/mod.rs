@@ -183,13 +183,14 @@ impl Monitor {
         due.filter(|&due| due > now)
     }
 
-    /// Whether what is measured changes with time alone.
-    pub(super) fn moves(&self) -> bool {
+    /// Whether what is measured, or why it is not known, changes with time alone.
+    pub(super) fn moves(&self, now: Timestamp) -> bool {
         match self {
             Monitor::Frequency(monitor) => monitor.moves(),
             Monitor::Latency(monitor) => monitor.moves(),
             Monitor::RateRatio(monitor) => monitor.moves(),
-            _ => false,
+            Monitor::Value(_) | Monitor::Sequence(_) => false,
+            Monitor::Watchdog(_) | Monitor::Agreement(_) | Monitor::Expression(_) => self.due(now).is_some(),
         }
     }
 

@@ -76,8 +76,12 @@ impl Bands {
 
 /// A measured value in as few digits as set it apart from the limits.
 fn measured(value: f64, limits: &[Option<f64>]) -> String {
-    let like_a_limit =
-        |text: &str| limits.iter().flatten().any(|&limit| limit != value && number(limit) == text);
+    let like_a_limit = |text: &str| {
+        limits
+            .iter()
+            .flatten()
+            .any(|&limit| (limit - value).abs() > 1e-9 * limit.abs() && number(limit) == text)
+    };
     let texts = (3..=9).map(|digits| rounded(value, digits));
     texts.into_iter().find(|text| !like_a_limit(text)).unwrap_or_else(|| rounded(value, 17))
 }

@@ -14,6 +14,8 @@ use telltale::engine::monitor::spec::Watched;
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
 
+use super::monitors;
+
 /// Decides by the numbers it was given; when they are used up every choice is the first one.
 pub struct Choices<'a>(std::slice::Iter<'a, u32>);
 
@@ -196,7 +198,9 @@ fn add_dependency(parts: &mut Parts, choices: &mut Choices<'_>) {
 }
 
 pub fn model(choices: &mut Choices<'_>) -> Arc<Model> {
-    Arc::new(Model::new(parts(choices)).expect("dependencies that close a cycle were left out"))
+    let mut parts = parts(choices);
+    monitors::watch(&mut parts, choices);
+    Arc::new(Model::new(parts).expect("dependencies that close a cycle were left out"))
 }
 
 /// What happens, and when; times never go back.
@@ -211,10 +215,11 @@ pub fn history(choices: &mut Choices<'_>) -> Vec<(Timestamp, Input)> {
 }
 
 fn input(choices: &mut Choices<'_>) -> Input {
-    match choices.below(8) {
+    match choices.below(12) {
         0 => Input::Tick,
         1 => Input::Signal { name: SIGNALS[choices.below(SIGNALS.len())].into(), value: choices.one_in(2) },
         2 => Input::Operator(action(choices)),
+        8.. => monitors::input(choices),
         _ => {
             let mut array = StatusArray::default();
             for _ in 0..1 + choices.below(4) {
@@ -225,6 +230,9 @@ fn input(choices: &mut Choices<'_>) -> Input {
                     _ => format!("stray{}", choices.below(3)),
                 };
                 array.push_status(choices.below(4) as u8, &name, ["", "a", "b"][choices.below(3)], "");
+                if choices.one_in(2) {
+                    array.push_value("k", ["0.5", "1", "2", "4", "nan"][choices.below(5)]);
+                }
             }
             Input::Diagnostics(array)
         }

@@ -3,6 +3,7 @@
 
 mod cases;
 mod driving;
+mod monitors;
 mod oracle;
 mod soundness;
 
@@ -10,12 +11,13 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use cases::{Choices, history, model};
+use monitors::{History, Since};
 use oracle::Oracle;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, StatusArray};
-use telltale::engine::model::{GroupId, Model, NodeId, POSED_SIGNAL};
+use telltale::engine::model::{GroupId, Model, ModuleId, NodeId, POSED_SIGNAL};
 use telltale::engine::snapshot::{NotRelevant, Path, Reason, Snapshot};
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
@@ -41,6 +43,28 @@ proptest! {
         for (at, input) in history(&mut choices) {
             engine.handle(&input, at);
             check(&model, &engine.snapshot());
+        }
+    }
+
+    #[test]
+    fn monitors_say_what_follows_from_all_that_was_received(numbers in numbers()) {
+        let mut choices = Choices::new(&numbers);
+        let model = model(&mut choices);
+        let history = history(&mut choices);
+        let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+        let mut since = vec![None; model.modules.len()];
+        for (index, (at, input)) in history.iter().enumerate() {
+            note_relevance(&engine.snapshot(), index, &mut since);
+            engine.handle(input, *at);
+            let snapshot = engine.snapshot();
+            note_relevance(&snapshot, index + 1, &mut since);
+            let seen = History { model: &model, seen: &history[..=index], now: *at };
+            for (id, since) in (0..).map(ModuleId).zip(&since) {
+                if let Some(verdict) = seen.verdict(id, *since) {
+                    let reported = snapshot.module(id).1.steps.reported;
+                    prop_assert_eq!(reported, verdict, "{:?} at {:?}", model.modules[id.0 as usize].monitor, at);
+                }
+            }
         }
     }
 
@@ -117,6 +141,16 @@ proptest! {
                     "{} went from {was} to {is}", before.group(tile).0.path
                 );
             }
+        }
+    }
+}
+
+fn note_relevance(snapshot: &Snapshot, inputs: usize, since: &mut [Option<Since>]) {
+    for (id, since) in (0..).map(ModuleId).zip(since) {
+        if matches!(snapshot.shown(NodeId::Module(id)).1, Some(Reason::NotRelevant(_))) {
+            *since = None;
+        } else if since.is_none() {
+            *since = Some(Since { at: snapshot.now, inputs });
         }
     }
 }

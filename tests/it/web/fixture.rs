@@ -6,7 +6,7 @@ use axum::Router;
 use axum::body::{Body, to_bytes};
 use axum::http::header::{ACCEPT, CONTENT_TYPE, COOKIE, HOST, LOCATION, ORIGIN, SET_COOKIE};
 use axum::http::{HeaderMap, Method, Request, StatusCode};
-use telltale::clock::Clock;
+use telltale::clock::{Clock, ClockHand};
 use telltale::engine::input::{Input, Stamped, StatusArray};
 use telltale::engine::model::{
     Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleSpec,
@@ -66,7 +66,16 @@ impl Fixture {
 
     /// On a vehicle: demo secrets open nothing, and there is no simulation.
     pub async fn with(address: &str, secure: bool, demo: DemoSecrets) -> Fixture {
-        let clock = Clock::start();
+        Fixture::at(Clock::start(), address, secure, demo).await
+    }
+
+    /// With a clock that can be set ahead.
+    pub async fn with_hand() -> (Fixture, ClockHand) {
+        let (clock, hand) = Clock::with_hand();
+        (Fixture::at(clock, ADDRESS, false, DemoSecrets::Accepted).await, hand)
+    }
+
+    async fn at(clock: Clock, address: &str, secure: bool, demo: DemoSecrets) -> Fixture {
         let link = runtime::start(Arc::new(model()), clock);
         let store = Store::in_memory(clock, demo).unwrap();
         store.add_demo_users().await.unwrap();

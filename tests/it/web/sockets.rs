@@ -24,18 +24,18 @@ use super::fixture::Fixture;
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// The fixture's vehicle behind a listener.
-struct Server {
-    fixture: Fixture,
-    app: AppState,
-    address: SocketAddr,
+pub struct Server {
+    pub fixture: Fixture,
+    pub app: AppState,
+    pub address: SocketAddr,
     shutdown: oneshot::Sender<()>,
     served: tokio::task::JoinHandle<std::io::Result<()>>,
 }
 
-type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
+pub type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 
 impl Server {
-    async fn new() -> Server {
+    pub async fn new() -> Server {
         let fixture = Fixture::new().await;
         let store = fixture.store.clone();
         Server::with(fixture, store).await
@@ -75,7 +75,7 @@ impl Server {
         }
     }
 
-    async fn connect(&self, path: &str, cookie: &str) -> Socket {
+    pub async fn connect(&self, path: &str, cookie: &str) -> Socket {
         self.try_connect(path, &[("cookie", cookie), ("origin", &self.origin())]).await.unwrap()
     }
 
@@ -90,7 +90,7 @@ async fn next(socket: &mut Socket) -> Option<Message> {
 }
 
 /// The next message that is JSON and meets the condition.
-async fn next_json(socket: &mut Socket, condition: impl Fn(&Value) -> bool) -> Value {
+pub async fn next_json(socket: &mut Socket, condition: impl Fn(&Value) -> bool) -> Value {
     loop {
         if let Message::Text(text) = next(socket).await.expect("the socket is open") {
             let value: Value = serde_json::from_str(&text).unwrap();
