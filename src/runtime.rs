@@ -9,6 +9,7 @@ use crate::clock::Clock;
 use crate::engine::Engine;
 use crate::engine::input::{Input, OperatorAction, Response, Stamped};
 use crate::engine::model::Model;
+use crate::engine::resume::Restored;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
 
@@ -86,10 +87,18 @@ pub struct Link {
 
 /// Starts the engine in a task of the current tokio runtime. It ends when all links are dropped.
 pub fn start(model: Arc<Model>, clock: Clock) -> Link {
+    run(Engine::new(model, clock.now()), clock)
+}
+
+/// [`start`] where an earlier run of the program ended.
+pub fn resume(model: Arc<Model>, restored: &Restored, clock: Clock) -> Link {
+    run(Engine::resume(model, restored, clock.now()), clock)
+}
+
+fn run(mut engine: Engine, clock: Clock) -> Link {
     let (inputs, inputs_rx) = mpsc::channel(INPUT_QUEUE);
     let (commands, commands_rx) = mpsc::channel(COMMAND_QUEUE);
     let (reloads, reloads_rx) = mpsc::channel(RELOAD_QUEUE);
-    let mut engine = Engine::new(model, clock.now());
     let first = Published { snapshot: engine.snapshot(), at: clock.wall() };
     let (publish, snapshots) = watch::channel(first);
     let mut turn = Loop {

@@ -13,7 +13,9 @@
   };
 
   const renew = async () => {
-    const answer = await fetch(location.href, { cache: "no-store", signal: AbortSignal.timeout(LATE_MS) });
+    // The server tells by the header that nobody did anything: an open page keeps no session alive.
+    const headers = { "Telltale-Renewal": "1" };
+    const answer = await fetch(location.href, { headers, cache: "no-store", signal: AbortSignal.timeout(LATE_MS) });
     if (answer.redirected) return location.assign(answer.url);
     if (!answer.ok) throw new Error(`status ${answer.status}`);
     await htmx.swap({

@@ -16,7 +16,7 @@ use crate::config::{self, Loaded};
 use crate::ros::{BridgeOptions, DOMAIN_MAX};
 use crate::sim::shuttle::{Departure, Fault};
 use crate::store::{DEMO_USERS, DemoSecrets, Role, Store};
-use crate::web::{DemoFaults, FaultSwitch};
+use crate::web::{DemoFaults, Enrolled, FaultSwitch};
 use crate::yaml::Problems;
 
 const CONFIG: &str = include_str!("../../config/shuttle.yaml");
@@ -33,6 +33,9 @@ pub struct Args {
     /// Where browsers find the display
     #[arg(long, value_name = "ADDR", default_value = station::LISTEN)]
     listen: SocketAddr,
+    /// Plain HTTP may leave this machine: everybody on the way can read and change it
+    #[arg(long)]
+    insecure_http: bool,
     /// The DDS domain, 0 to 232 [default: one that nobody uses here, 60 or higher]
     #[arg(long, value_name = "N")]
     domain: Option<u16>,
@@ -57,6 +60,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 
 async fn demo(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let ending = Ending::listen()?;
+    station::check_plain(args.listen, false, args.insecure_http)?;
     let listener = station::bind(args.listen).await?;
     let options = BridgeOptions::loopback(domain(args.domain)?);
     let clock = Clock::start();
@@ -71,9 +75,19 @@ async fn demo(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let names = Fault::ALL.map(Fault::as_str).to_vec();
     print!("{}", introduction(listener.local_addr()?, options.domain));
     let demo = Some(DemoFaults::new(names, switch));
-    Station { loaded, file: None, store, options, listener, origins: Vec::new(), demo, clock }
-        .run(ending)
-        .await?;
+    let station = Station {
+        loaded,
+        file: None,
+        store,
+        options,
+        listener,
+        tls: None,
+        enrolled: Enrolled::default(),
+        origins: Vec::new(),
+        demo,
+        clock,
+    };
+    station.run(ending).await?;
     driving.await.context("the simulated shuttle failed")?;
     Ok(ExitCode::SUCCESS)
 }
@@ -113,7 +127,7 @@ fn is_free(domain: u16) -> bool {
 
 /// One screen: where to look, how to log in, what can be tried.
 fn introduction(address: SocketAddr, domain: u16) -> String {
-    let url = station::url(address);
+    let url = station::url(address, false);
     let mut text = format!(
         "Telltale demo: a simulated shuttle over real DDS, domain {domain}, on this machine alone.\n\n\
          \x20 Look      {url}\n\n  Log in\n"

@@ -5,23 +5,22 @@ use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use anyhow::{Context as _, anyhow};
+use anyhow::{Context as _, anyhow, bail};
 use tokio::net::TcpListener;
-use tokio::sync::{oneshot, watch};
+use tokio::sync::{mpsc, watch};
 
 use super::ending::Ending;
-use super::{dds, reload};
+use super::{dds, outputs, reload};
 use crate::clock::Clock;
 use crate::config::Loaded;
-use crate::config::publishing::Publishing;
-use crate::engine::input::{OperatorAction, Response};
-use crate::engine::snapshot::Snapshot;
-use crate::engine::time::Span;
-use crate::ros::outputs::{self, OutputTopic, Outputs, What};
+use crate::engine::input::{Input, Stamped};
+use crate::engine::model::Model;
+use crate::ros::outputs::Outputs;
 use crate::ros::{self, Bridge, BridgeOptions};
-use crate::runtime::{self, Command, Link, Published};
+use crate::runtime::{self, Link};
 use crate::store::Store;
-use crate::web::{self, AppState, DemoFaults, Origins, Settings};
+use crate::store::audit::{Action, Record, TELLTALE};
+use crate::web::{self, AppState, DemoFaults, Enrolled, Origins, Settings, Tls};
 
 /// Where browsers find the display unless told otherwise: this machine alone.
 pub const LISTEN: &str = "127.0.0.1:8080";
@@ -34,6 +33,10 @@ pub struct Station {
     pub store: Store,
     pub options: BridgeOptions,
     pub listener: TcpListener,
+    /// Without it browsers come over plain HTTP.
+    pub tls: Option<Tls>,
+    /// Where a PIN will do.
+    pub enrolled: Enrolled,
     /// Addresses by which browsers reach it, beside that of the listener.
     pub origins: Vec<String>,
     pub demo: Option<DemoFaults>,
@@ -46,10 +49,10 @@ impl Station {
     /// # Errors
     /// What keeps it from starting: DDS, the database, an origin that is none.
     pub async fn run(self, mut ending: Ending) -> anyhow::Result<()> {
-        let Station { loaded, file, store, options, listener, origins, demo, clock } = self;
+        let Station { loaded, file, store, options, listener, tls, enrolled, origins, demo, clock } = self;
         let address = listener.local_addr().context("the listener has no address")?;
         let listens_to = dds::describe(&options);
-        let link = runtime::start(loaded.model.clone(), clock);
+        let link = resume(&loaded.model, &store, clock).await?;
         let reloads = file
             .map(|file| {
                 let definitions = options.definitions.clone();
@@ -57,28 +60,31 @@ impl Station {
             })
             .transpose()?;
         let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
-        let settings = Settings { origins: known_origins(address, &origins)?, secure: false, demo, rereads };
-        let outputs = outputs::start(
-            options.clone(),
-            output_topics(&loaded.publishing),
-            latest(link.snapshots.clone()),
-            link.inputs.clone(),
-            clock,
-        );
-        let outputs = outputs.await?;
+        let secure = tls.is_some();
+        let origins = known_origins(address, secure, &origins)?;
+        let settings = Settings { origins, secure, enrolled, demo, rereads };
+        let outputs = outputs::start(&options, &loaded.publishing, &link, clock).await?;
         let bridge = ros::start(options, &loaded.model, link.inputs.clone(), clock).await?;
-        restore_operator(&store, &link).await?;
-        tracing::info!("the display is on {}; it listens to {listens_to}", url(address));
+        store.audit(Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"))).await?;
+        let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
+        tracing::info!("the display is on {}; it listens to {listens_to}", url(address, secure));
+        let end = store.clone();
         {
-            let serving = web::serve(listener, AppState::new(link, store, clock, settings), ending.asked());
+            let serving =
+                web::serve(listener, tls, AppState::new(link, store, clock, settings), ending.asked());
             let running = reloads.map(|reloads| reloads.running);
             while_serving(serving, &bridge, &outputs, running).await?;
         }
         tracing::info!("ending");
+        storage.abort();
+        if let Err(error) = end.audit(Record::of(Action::End, TELLTALE)).await {
+            tracing::error!(%error, "the end cannot be recorded");
+        }
         tokio::select! {
             () = async { tokio::join!(bridge.shutdown(), outputs.shutdown()); } => {}
             () = ending.asked() => {}
         }
+        end.close().await;
         Ok(())
     }
 }
@@ -88,7 +94,7 @@ impl Station {
 async fn while_serving(
     serving: impl Future<Output = std::io::Result<()>>,
     bridge: &Bridge,
-    outputs: &Outputs,
+    publishing: &Outputs,
     mut running: Option<watch::Receiver<Loaded>>,
 ) -> anyhow::Result<()> {
     let mut serving = std::pin::pin!(serving);
@@ -97,7 +103,7 @@ async fn while_serving(
             served = &mut serving => return Ok(served?),
             next = changed(&mut running) => next,
         };
-        outputs.follow(output_topics(&next.publishing));
+        publishing.follow(outputs::topics(&next.publishing));
         if let Err(error) = bridge.follow(&next.model) {
             tracing::error!("the old topics are read still: {error}");
         }
@@ -112,27 +118,6 @@ async fn changed(running: &mut Option<watch::Receiver<Loaded>>) -> Loaded {
         return running.borrow_and_update().clone();
     }
     std::future::pending().await
-}
-
-/// What is published, as the bridge knows it.
-fn output_topics(publishing: &Publishing) -> Vec<OutputTopic> {
-    let topic = |(key, topic, period): (&str, Option<&str>, Option<Span>)| {
-        Some(OutputTopic { what: What::from_key(key)?, topic: topic?.into(), period })
-    };
-    publishing.all().into_iter().filter_map(topic).collect()
-}
-
-/// The snapshots alone, each in the moment it is there.
-fn latest(mut published: watch::Receiver<Published>) -> watch::Receiver<Arc<Snapshot>> {
-    let (sender, receiver) = watch::channel(published.borrow_and_update().snapshot.clone());
-    tokio::spawn(async move {
-        while published.changed().await.is_ok() {
-            if sender.send(published.borrow_and_update().snapshot.clone()).is_err() {
-                return;
-            }
-        }
-    });
-    receiver
 }
 
 /// Listens for browsers.
@@ -157,34 +142,59 @@ pub async fn bind(address: SocketAddr) -> anyhow::Result<TcpListener> {
 }
 
 /// Where a browser on this machine finds the display.
-pub fn url(address: SocketAddr) -> String {
+pub fn url(address: SocketAddr, secure: bool) -> String {
     let host = match address.ip() {
         ip if ip.is_unspecified() => "localhost".to_owned(),
         IpAddr::V4(ip) => ip.to_string(),
         IpAddr::V6(ip) => format!("[{ip}]"),
     };
-    format!("http://{host}:{}", address.port())
+    let scheme = if secure { "https" } else { "http" };
+    format!("{scheme}://{host}:{}", address.port())
 }
 
-fn known_origins(address: SocketAddr, more: &[String]) -> anyhow::Result<Origins> {
-    let mut origins = Origins::of_listener(address, false);
+fn known_origins(address: SocketAddr, secure: bool, more: &[String]) -> anyhow::Result<Origins> {
+    let mut origins = Origins::of_listener(address, secure);
     for origin in more {
         origins.add(origin).context("--origin")?;
     }
     Ok(origins)
 }
 
-/// Who sat in the operator's seat and has an open session sits there again: a restart in the
-/// middle of a drive must not leave the vehicle without a display.
-async fn restore_operator(store: &Store, link: &Link) -> anyhow::Result<()> {
-    let Some(operator) = store.seated_operator().await? else { return Ok(()) };
-    let (reply, answer) = oneshot::channel();
-    let action = OperatorAction::Login { name: operator.as_str().into() };
-    let ended = "the engine has ended";
-    link.commands.send(Command { action, reply }).await.context(ended)?;
-    match answer.await.context(ended)? {
-        Response::Done => tracing::info!("{operator} is the operator still"),
-        Response::Refused(reasons) => tracing::warn!("{operator} cannot be the operator again: {reasons:?}"),
+/// Keeps the engine told of whether what happens can be written down.
+async fn tell_of_storage(store: Store, inputs: mpsc::Sender<Stamped>, clock: Clock) {
+    let mut faults = store.fault();
+    drop(store);
+    loop {
+        let fault = faults.borrow_and_update().as_deref().map(Box::from);
+        let news = Stamped { input: Input::Storage { fault }, received: clock.now() };
+        if inputs.send(news).await.is_err() || faults.changed().await.is_err() {
+            return;
+        }
     }
-    Ok(())
+}
+
+/// Plain HTTP shows secrets and sessions to everybody on the way: it leaves this machine only where
+/// somebody asked for that by name.
+///
+/// # Errors
+/// If it would, and nobody did.
+pub fn check_plain(address: SocketAddr, has_tls: bool, insecure: bool) -> anyhow::Result<()> {
+    if has_tls || insecure || address.ip().is_loopback() {
+        return Ok(());
+    }
+    bail!(
+        "{address} is beyond this machine, and plain HTTP shows secrets to everybody on the way. Give a \
+         certificate with --tls-cert and --tls-key (`telltale tls self-signed` makes one), listen on \
+         127.0.0.1, or ask for plain HTTP by name with --insecure-http"
+    )
+}
+
+/// Starts the engine where the last run ended: a restart in the middle of a drive must not leave the
+/// vehicle without a display. Nothing is known of its components until they are heard.
+async fn resume(model: &Arc<Model>, store: &Store, clock: Clock) -> anyhow::Result<Link> {
+    let Some(restored) = store.recall().await? else { return Ok(runtime::start(model.clone(), clock)) };
+    let (stage, alarms) = (restored.stage.as_str(), restored.alarms.len());
+    let operator = restored.operator.as_deref().unwrap_or("nobody");
+    tracing::info!("going on: the vehicle was {stage}, the operator is {operator}, {alarms} alarms are open");
+    Ok(runtime::resume(model.clone(), &restored, clock))
 }

@@ -88,6 +88,8 @@ pub struct Engine {
     overflow: Overflow,
     watching: Watching,
     reception: ReceptionCheck,
+    /// Why nothing can be written down.
+    storage_fault: Option<Box<str>>,
     counters: Counters,
     events: Events,
     views: Views,
@@ -123,6 +125,7 @@ impl Engine {
             overflow: Overflow::default(),
             watching: Watching::new(&model),
             reception: ReceptionCheck::default(),
+            storage_fault: None,
             counters: Counters::default(),
             events: Events::default(),
             views: Views::new(&model, now),
@@ -146,6 +149,7 @@ impl Engine {
             Input::Diagnostics(array) => self.take_array(array),
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
+            Input::Storage { fault } => self.take_storage(fault.clone()),
             Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {
                 // Nearly every message says what the one before said: then nothing is to be settled.
                 if !self.take_watched(input) {
@@ -320,6 +324,12 @@ impl Engine {
         let message = std::mem::take(&mut self.reception.message);
         self.report_on_self(SystemCheck::Reception, state, &message);
         self.reception.message = message;
+    }
+
+    fn take_storage(&mut self, fault: Option<Box<str>>) {
+        let state = if fault.is_some() { State::Warning } else { State::Ok };
+        self.report_on_self(SystemCheck::Storage, state, fault.as_deref().unwrap_or_default());
+        self.storage_fault = fault;
     }
 
     /// Sets what the diagnosis says of itself.

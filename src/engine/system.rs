@@ -27,15 +27,18 @@ pub enum SystemCheck {
     Countermeasure,
     /// What the vehicle is to know can be sent.
     Outputs,
+    /// What must be kept can be written down.
+    Storage,
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 5] = [
+    pub const ALL: [SystemCheck; 6] = [
         SystemCheck::Invariants,
         SystemCheck::Reception,
         SystemCheck::Active,
         SystemCheck::Countermeasure,
         SystemCheck::Outputs,
+        SystemCheck::Storage,
     ];
 
     pub(super) fn id(self) -> &'static str {
@@ -45,6 +48,7 @@ impl SystemCheck {
             SystemCheck::Active => "telltale/active",
             SystemCheck::Countermeasure => "telltale/countermeasure",
             SystemCheck::Outputs => "telltale/outputs",
+            SystemCheck::Storage => "telltale/storage",
         }
     }
 
@@ -57,6 +61,7 @@ impl SystemCheck {
                 ("Vehicle does not react as asked", "Fahrzeug reagiert nicht wie verlangt")
             }
             SystemCheck::Outputs => ("Vehicle cannot be told", "Fahrzeug ist nicht erreichbar"),
+            SystemCheck::Storage => ("Nothing can be recorded", "Aufzeichnen nicht möglich"),
         };
         Text { en: en.into(), de: de.into() }
     }
@@ -74,6 +79,10 @@ impl SystemCheck {
             SystemCheck::Outputs => (
                 "Be ready to take over. Call the control room.",
                 "Zur Übernahme bereit sein. Leitstelle rufen.",
+            ),
+            SystemCheck::Storage => (
+                "Finish the drive. No new clearance until it is mended. Report it.",
+                "Fahrt beenden. Bis zur Behebung keine neue Freigabe. Melden.",
             ),
         };
         Text { en: en.into(), de: de.into() }

@@ -1,17 +1,23 @@
 //! The open WebSockets: how many there are, and what each of them has shown.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::watch;
 
-use crate::engine::time::Timestamp;
+use crate::engine::time::{Span, Timestamp};
 use crate::store::Session;
 
 /// A vehicle has a few displays; more sockets than this are refused.
 const SOCKETS_MAX: usize = 64;
 /// A browser that reloads leaves old sockets behind for a moment.
 const SOCKETS_PER_SESSION_MAX: usize = 16;
+
+/// A display that shows nothing younger than this is not live.
+pub const LIVE_WITHIN: Span = Span::from_secs(2);
+/// States that were sent and not confirmed are noted at most this often, and at most so many.
+const NOTED_EVERY: Span = Span::from_millis(100);
+const NOTED_MAX: usize = 32;
 
 /// All open sockets.
 #[derive(Debug, Default, Clone)]
@@ -25,11 +31,14 @@ struct Table {
 }
 
 /// One open socket.
-#[derive(Debug, Clone)]
-pub struct Display {
-    pub session: Session,
-    /// The newest snapshot that the page confirmed to show, and when it said so.
-    pub confirmed: Option<(u64, Timestamp)>,
+#[derive(Debug)]
+struct Display {
+    session: Session,
+    /// What was sent and is not confirmed: `seq` and when. Past the limit the oldest stay: they
+    /// are what the display is late with.
+    sent: VecDeque<(u64, Timestamp)>,
+    /// When that was sent which the page shows now.
+    shows_as_of: Option<Timestamp>,
 }
 
 /// The place of one socket in the table; it is free again when this is dropped.
@@ -49,7 +58,9 @@ impl Displays {
         }
         let number = table.next;
         table.next += 1;
-        table.open.insert(number, Display { session: session.clone(), confirmed: None });
+        table
+            .open
+            .insert(number, Display { session: session.clone(), sent: VecDeque::new(), shows_as_of: None });
         table.count.send_replace(table.open.len());
         Some(Place { displays: self.clone(), number })
     }
@@ -59,11 +70,33 @@ impl Displays {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).open.len()
     }
 
-    /// The newest confirmation of any display of this session.
-    pub fn confirmed(&self, session: &Session) -> Option<(u64, Timestamp)> {
+    /// Of which instant the best display of this session shows the state, if one has confirmed any.
+    pub fn shows_as_of(&self, session: &Session) -> Option<Timestamp> {
+        self.newest(|display| display.session.is(session))
+    }
+
+    /// Whether a display of this session lives: it confirmed a recent state.
+    pub fn is_live(&self, session: &Session, now: Timestamp) -> bool {
+        self.shows_as_of(session).is_some_and(|shown| now.since(shown) < LIVE_WITHIN)
+    }
+
+    /// Whether whoever has this session sees the vehicle as it is: on a display of this session, or
+    /// on another one of theirs where this session has none.
+    pub fn is_live_for(&self, session: &Session, now: Timestamp) -> bool {
+        let has_own = {
+            let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            table.open.values().any(|display| display.session.is(session))
+        };
+        let of = |display: &Display| match has_own {
+            true => display.session.is(session),
+            false => display.session.user == session.user,
+        };
+        self.newest(of).is_some_and(|shown| now.since(shown) < LIVE_WITHIN)
+    }
+
+    fn newest(&self, of: impl Fn(&Display) -> bool) -> Option<Timestamp> {
         let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let displays = table.open.values().filter(|display| display.session.is(session));
-        displays.filter_map(|display| display.confirmed).max()
+        table.open.values().filter(|display| of(display)).filter_map(|display| display.shows_as_of).max()
     }
 
     /// Waits until no socket is open.
@@ -75,11 +108,29 @@ impl Displays {
 }
 
 impl Place {
-    /// The page says that it shows `seq`.
-    pub fn confirm(&self, seq: u64, now: Timestamp) {
+    /// The state `seq` was sent, or said to be the present one still.
+    pub fn sent(&self, seq: u64, now: Timestamp) {
+        self.change(|display| {
+            let due = display.sent.back().is_none_or(|(_, noted)| now.since(*noted) >= NOTED_EVERY);
+            if due && display.sent.len() < NOTED_MAX {
+                display.sent.push_back((seq, now));
+            }
+        });
+    }
+
+    /// The page says that it shows `seq`, and so everything that was sent up to it.
+    pub fn confirm(&self, seq: u64) {
+        self.change(|display| {
+            while let Some((_, sent)) = display.sent.pop_front_if(|(sent, _)| *sent <= seq) {
+                display.shows_as_of = display.shows_as_of.max(Some(sent));
+            }
+        });
+    }
+
+    fn change(&self, change: impl FnOnce(&mut Display)) {
         let mut table = self.displays.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(display) = table.open.get_mut(&self.number) {
-            display.confirmed = display.confirmed.max(Some((seq, now)));
+            change(display);
         }
     }
 }

@@ -1,0 +1,105 @@
+"""Nothing that was acknowledged is lost, whenever the program is killed.
+
+TELLTALE_CRASH_ROUNDS says how often: 20 unless told otherwise, 200 for a longer run.
+"""
+
+import json
+import os
+import random
+import subprocess
+import threading
+import time
+import urllib.error
+import urllib.request
+
+from vehicle import OPERATOR, TELLTALE, Client, Server, own_domain
+
+ROUNDS = int(os.environ.get("TELLTALE_CRASH_ROUNDS", "20"))
+RESTART_S = 3
+DEVELOPER = ("dora", "a long password")
+# A user's oldest sessions end when there are more.
+LOGINS_MAX = 8
+
+
+class Round:
+    """What was acknowledged between a start and a kill."""
+
+    def __init__(self, server, number):
+        self.server, self.number = server, number
+        self.cookies, self.users = [], []
+        self.killed = threading.Event()
+        self.threads = [threading.Thread(target=target, daemon=True) for target in (self.log_in, self.add_users)]
+
+    def log_in(self):
+        while not self.killed.is_set() and len(self.cookies) < LOGINS_MAX:
+            try:
+                self.cookies.append(Client(self.server, *DEVELOPER).cookie())
+            except OSError:
+                return
+
+    def add_users(self):
+        for count in range(100):
+            if self.killed.is_set():
+                return
+            name = f"user-{self.number}-{count}"
+            words = [TELLTALE, "user", "add", name, "--role", "authority", "--data", str(self.server.folder)]
+            added = subprocess.run(words, input="a long password\n" * 2, text=True, capture_output=True, timeout=60)
+            if added.returncode == 0:
+                self.users.append(name)
+
+    def until_killed(self, after_s):
+        for thread in self.threads:
+            thread.start()
+        time.sleep(after_s)
+        self.server.kill()
+        self.killed.set()
+        for thread in self.threads:
+            thread.join(timeout=60)
+            assert not thread.is_alive()
+
+
+def get(server, path, cookie):
+    request = urllib.request.Request(server.url + path, headers={"Cookie": cookie})
+    with urllib.request.urlopen(request, timeout=10) as answer:
+        return answer.read()
+
+
+def telltale(server, *words):
+    done = subprocess.run(
+        [TELLTALE, *words, "--data", str(server.folder)], text=True, capture_output=True, timeout=60
+    )
+    assert done.returncode == 0, f"{words}: {done.stdout}{done.stderr}"
+    return done.stdout
+
+
+def test_nothing_acknowledged_is_lost_when_the_program_is_killed(tmp_path):
+    chance = random.Random(1)
+    server = Server(tmp_path, own_domain())
+    server.add_user(*OPERATOR)
+    server.add_user(*DEVELOPER, role="developer")
+    server.start()
+    operator = Client(server, *OPERATOR).cookie()
+    logins, users = 1, {OPERATOR[0], DEVELOPER[0]}
+    for number in range(ROUNDS):
+        stage = json.loads(get(server, "/api/v1/snapshot", operator))["stage"]
+        current = Round(server, number)
+        current.until_killed(chance.uniform(0.05, 0.8))
+        logins += len(current.cookies)
+        users |= set(current.users)
+
+        started = time.monotonic()
+        server.start()
+        took_s = time.monotonic() - started
+        assert took_s < RESTART_S, f"round {number}: the restart took {took_s:.1f} s"
+        for cookie in [operator, *current.cookies]:
+            snapshot = json.loads(get(server, "/api/v1/snapshot", cookie))
+            assert (snapshot["stage"], snapshot["operator"]) == (stage, OPERATOR[0]), f"round {number}: {snapshot}"
+        states = {group["state"] for group in snapshot["groups"] if group["id"] != "telltale"}
+        assert states <= {"unknown", "ignore"}, f"round {number}: {states}"
+        listed = {line.split()[-1] for line in telltale(server, "user", "list").splitlines()}
+        assert users <= listed, f"round {number}: lost {users - listed}"
+        assert telltale(server, "audit", "verify").startswith("ok"), f"round {number}"
+    assert logins > ROUNDS / 2, "the rounds are too short to acknowledge anything"
+    assert server.stop() == 0
+    records = int(telltale(server, "audit", "verify").split()[1])
+    assert records >= logins + len(users), f"{records} records for {logins} logins and {len(users)} users"
