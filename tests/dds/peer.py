@@ -33,6 +33,10 @@ TYPES = {
     "DiagnosticArray": wire.DIAGNOSTIC_ARRAY,
     "Bool": wire.BOOL,
     "String": wire.STRING,
+    "DiagnosticStatus": wire.STATUS,
+    "TwistStamped": wire.TWIST_STAMPED,
+    "AccelStamped": wire.ACCEL_STAMPED,
+    "PoseWithCovarianceStamped": wire.POSE_WITH_COVARIANCE_STAMPED,
     "ParticipantEntitiesInfo": wire.PARTICIPANT_ENTITIES_INFO,
 }
 
