@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use crate::engine::model::Model;
 use crate::ros::fields::{Definitions, FieldError};
+use crate::ros::{self, SubscriptionError};
 
 /// Where definitions of messages are found.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -52,7 +53,23 @@ pub fn check(model: &Model, definitions: &Definitions) -> Vec<FieldProblem> {
         let errors = definitions.check(spec).err().map(|all| all.0).unwrap_or_default();
         errors.into_iter().map(|error| problem(&spec.topic, error))
     });
-    signals.chain(monitors).collect()
+    let problems: Vec<_> = signals.chain(monitors).collect();
+    match ros::check(model, definitions) {
+        Err(error) if problems.is_empty() => vec![of_topics(&error)],
+        _ => problems,
+    }
+}
+
+/// What is wrong with topics beside their fields.
+fn of_topics(error: &SubscriptionError) -> FieldProblem {
+    let (topic, help) = match error {
+        SubscriptionError::TwoTypes { topic, .. } => (topic, "give it the type that its publisher has"),
+        SubscriptionError::NoType { topic, .. } | SubscriptionError::Fields { topic, .. } => {
+            (topic, "write a type as nav_msgs/msg/Odometry")
+        }
+        SubscriptionError::NoBool { signal, .. } => (signal, "name a field of type bool"),
+    };
+    FieldProblem { topic: topic.clone(), path: None, text: error.to_string(), help: help.to_owned() }
 }
 
 /// For people, one line each.
@@ -96,11 +113,18 @@ mod tests {
             fields: Vec::new(),
         };
         parts.watched.topics = vec![std::sync::Arc::new(spec)];
+        let mut two_types = parts.clone();
         let model = Model::new(parts).expect("nothing depends on anything");
         let problems = check(&model, &Definitions::default());
         let paths: Vec<_> =
             problems.iter().map(|problem| (&*problem.topic, problem.path.as_deref())).collect();
         assert_eq!(paths, [("/cloud", Some("is_dens")), ("/cloud", Some("width")), ("/x", None)]);
+        two_types.signals.truncate(1);
+        two_types.signals[0].source.topic = "/diagnostics".into();
+        two_types.watched.topics.clear();
+        let model = Model::new(two_types).expect("nothing depends on anything");
+        let of_type = check(&model, &Definitions::default());
+        assert!(of_type.len() == 1 && of_type[0].text.contains("two types"), "{of_type:?}");
         let text = list(&problems);
         assert!(
             text.contains("did you mean `is_dense`?") && text.contains("my_msgs/msg/Unknown.msg"),
