@@ -25,6 +25,7 @@ impl Engine {
         next.counters = self.counters;
         next.events = std::mem::take(&mut self.events);
         next.reception = std::mem::take(&mut self.reception);
+        next.told = std::mem::take(&mut self.told);
         next.take_signals(self);
         next.take_modules(self);
         if let Some(due) = next.reception.due() {
