@@ -71,7 +71,7 @@ impl Station {
             let serving =
                 web::serve(listener, tls, AppState::new(link, store, clock, settings), ending.asked());
             let running = reloads.map(|reloads| reloads.running);
-            while_serving(serving, &bridge, running).await?;
+            while_serving(serving, &bridge, running, &end).await?;
         }
         tracing::info!("ending");
         storage.abort();
@@ -93,6 +93,7 @@ async fn while_serving(
     serving: impl Future<Output = std::io::Result<()>>,
     bridge: &Bridge,
     mut running: Option<watch::Receiver<Loaded>>,
+    store: &Store,
 ) -> anyhow::Result<()> {
     let mut serving = std::pin::pin!(serving);
     loop {
@@ -100,6 +101,10 @@ async fn while_serving(
             served = &mut serving => return Ok(served?),
             next = changed(&mut running) => next,
         };
+        let record = Record::of(Action::Configuration, TELLTALE).on("the file that was read again is taken");
+        if let Err(error) = store.audit(record).await {
+            tracing::error!(%error, "a new configuration cannot be recorded");
+        }
         if let Err(error) = bridge.follow(&next) {
             tracing::error!("the old topics are read still: {error}");
         }

@@ -6,13 +6,14 @@ TELLTALE_CRASH_ROUNDS says how often: 20 unless told otherwise, 200 for a longer
 import json
 import os
 import random
+import sqlite3
 import subprocess
 import threading
 import time
 import urllib.error
 import urllib.request
 
-from vehicle import OPERATOR, TELLTALE, Client, Server, own_domain
+from vehicle import OPERATOR, TELLTALE, Client, Server, own_domain, until
 
 ROUNDS = int(os.environ.get("TELLTALE_CRASH_ROUNDS", "20"))
 RESTART_S = 3
@@ -103,3 +104,30 @@ def test_nothing_acknowledged_is_lost_when_the_program_is_killed(tmp_path):
     assert server.stop() == 0
     records = int(telltale(server, "audit", "verify").split()[1])
     assert records >= logins + len(users), f"{records} records for {logins} logins and {len(users)} users"
+
+
+def alarms_on_disk(server):
+    database = sqlite3.connect(f"file:{server.folder}/telltale.db?mode=ro", uri=True)
+    try:
+        return database.execute("SELECT id, node FROM alarms ORDER BY id").fetchall()
+    finally:
+        database.close()
+
+
+def test_a_drive_goes_on_after_a_kill_and_nothing_is_known_of_the_components(server, vehicle):
+    operator = Client(server, *OPERATOR)
+    vehicle.drive(True)
+    until(lambda: operator.snapshot()["stage"] == "active", 10, "the vehicle drives")
+    vehicle.set("velodyne_packet_alive", 2, "no packets")
+    node = "sensors/velodyne_packet_alive"
+    until(lambda: node in [alarm["node"] for alarm in operator.snapshot()["alarms"]], 10, "an alarm")
+    until(lambda: node in [name for _, name in alarms_on_disk(server)], 10, "the alarm is kept")
+    kept = {node: number for number, node in alarms_on_disk(server)}
+    vehicle.close()
+    server.kill()
+    server.start()
+    snapshot = operator.snapshot()
+    assert (snapshot["stage"], snapshot["operator"]) == ("active", OPERATOR[0]), snapshot["stage"]
+    assert not any(group["state"] == "ok" for group in snapshot["groups"] if group["id"] != "telltale")
+    found = {alarm["node"]: alarm["id"] for alarm in snapshot["alarms"]}
+    assert found.get(node) == kept[node], f"kept {kept}, found {found}"
