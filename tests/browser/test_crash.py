@@ -20,6 +20,8 @@ RESTART_S = 3
 DEVELOPER = ("dora", "a long password")
 # A user's oldest sessions end when there are more.
 LOGINS_MAX = 8
+# A machine may be busy: a round ends by what was acknowledged, not by the clock.
+ROUND_S_MAX = 30
 
 
 class Round:
@@ -48,9 +50,13 @@ class Round:
             if added.returncode == 0:
                 self.users.append(name)
 
-    def until_killed(self, after_s):
+    def acknowledged(self):
+        return len(self.cookies) + len(self.users)
+
+    def until_killed(self, count, after_s):
         for thread in self.threads:
             thread.start()
+        until(lambda: self.acknowledged() >= count, ROUND_S_MAX, lambda: f"{self.acknowledged()} of {count}")
         time.sleep(after_s)
         self.server.kill()
         self.killed.set()
@@ -84,7 +90,7 @@ def test_nothing_acknowledged_is_lost_when_the_program_is_killed(tmp_path):
     for number in range(ROUNDS):
         stage = json.loads(get(server, "/api/v1/snapshot", operator))["stage"]
         current = Round(server, number)
-        current.until_killed(chance.uniform(0.05, 0.8))
+        current.until_killed(chance.randrange(6), chance.uniform(0, 0.2))
         logins += len(current.cookies)
         users |= set(current.users)
 
@@ -100,7 +106,6 @@ def test_nothing_acknowledged_is_lost_when_the_program_is_killed(tmp_path):
         listed = {line.split()[-1] for line in telltale(server, "user", "list").splitlines()}
         assert users <= listed, f"round {number}: lost {users - listed}"
         assert telltale(server, "audit", "verify").startswith("ok"), f"round {number}"
-    assert logins > ROUNDS / 2, "the rounds are too short to acknowledge anything"
     assert server.stop() == 0
     records = int(telltale(server, "audit", "verify").split()[1])
     assert records >= logins + len(users), f"{records} records for {logins} logins and {len(users)} users"
