@@ -10,10 +10,9 @@ import sqlite3
 import subprocess
 import threading
 import time
-import urllib.error
 import urllib.request
 
-from vehicle import OPERATOR, TELLTALE, Client, Server, own_domain, until
+from vehicle import OPERATOR, TELLTALE, Client, until
 
 ROUNDS = int(os.environ.get("TELLTALE_CRASH_ROUNDS", "20"))
 RESTART_S = 3
@@ -79,12 +78,9 @@ def telltale(server, *words):
     return done.stdout
 
 
-def test_nothing_acknowledged_is_lost_when_the_program_is_killed(tmp_path):
+def test_nothing_acknowledged_is_lost_when_the_program_is_killed(server):
     chance = random.Random(1)
-    server = Server(tmp_path, own_domain())
-    server.add_user(*OPERATOR)
     server.add_user(*DEVELOPER, role="developer")
-    server.start()
     operator = Client(server, *OPERATOR).cookie()
     logins, users = 1, {OPERATOR[0], DEVELOPER[0]}
     for number in range(ROUNDS):
