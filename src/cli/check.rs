@@ -51,9 +51,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     };
     match config::load(file) {
         Ok(loaded) => {
-            let unreadable = fields::check(&loaded.model, &args.definitions.definitions());
-            if !unreadable.is_empty() {
-                eprintln!("{}", fields::list(&unreadable));
+            let definitions = args.definitions.definitions().with(&loaded.message_folders);
+            if let Some(problems) = fields::check(&loaded, &definitions) {
+                report(&problems);
                 return Ok(ExitCode::from(EXIT_USAGE));
             }
             let (found, problems) = loaded.soundness();

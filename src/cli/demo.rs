@@ -14,7 +14,7 @@ use super::{EXIT_USAGE, check, log};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::ros::{BridgeOptions, DOMAIN_MAX};
-use crate::sim::shuttle::Fault;
+use crate::sim::shuttle::{Departure, Fault};
 use crate::store::{DEMO_USERS, DemoSecrets, Role, Store};
 use crate::web::{DemoFaults, Enrolled, FaultSwitch};
 use crate::yaml::Problems;
@@ -39,6 +39,9 @@ pub struct Args {
     /// The DDS domain, 0 to 232 [default: one that nobody uses here, 60 or higher]
     #[arg(long, value_name = "N")]
     domain: Option<u16>,
+    /// Let the shuttle leave every stop by itself, without an operator
+    #[arg(long)]
+    drive: bool,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
@@ -63,7 +66,8 @@ async fn demo(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let clock = Clock::start();
     let store = Store::in_memory(clock, DemoSecrets::Accepted)?;
     store.add_demo_users().await?;
-    let vehicle = Vehicle::open(&options, &loaded.model, clock).await?;
+    let departure = if args.drive { Departure::Alone } else { Departure::Cleared };
+    let vehicle = Vehicle::open(&options, &loaded, departure, clock).await?;
     let (fault_sender, faults) = mpsc::channel(SWITCHES);
     let (switch, switches) = mpsc::channel(SWITCHES);
     let driving = tokio::spawn(vehicle.run(faults));

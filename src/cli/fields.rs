@@ -1,11 +1,12 @@
 //! Whether the fields that a configuration names can be read: before anything starts, and before
 //! another configuration is taken.
 
-use std::fmt;
 use std::path::PathBuf;
 
-use crate::engine::model::Model;
+use crate::config::{Loaded, Place};
+use crate::engine::monitor::spec::TopicId;
 use crate::ros::fields::{Definitions, FieldError};
+use crate::yaml::Problems;
 
 /// Where definitions of messages are found.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -22,89 +23,54 @@ impl DefinitionFlags {
     }
 }
 
-/// Something of a topic that cannot be read.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct FieldProblem {
-    /// As ROS names it: `/odometry`.
-    pub topic: Box<str>,
-    /// The field that it is about; `None` if it is the type or its stamp.
-    pub path: Option<Box<str>>,
-    pub text: String,
-    /// What to do.
-    pub help: String,
-}
-
-/// Everything that the signals and monitors of a model want of topics and cannot have.
-pub fn check(model: &Model, definitions: &Definitions) -> Vec<FieldProblem> {
-    let problem = |topic: &str, error: FieldError| FieldProblem {
-        topic: topic.into(),
-        path: error.path,
-        text: error.text,
-        help: error.help,
-    };
-    let levels = model.signals.iter().filter(|signal| signal.present_for.is_none());
-    let signals = levels.filter_map(|signal| {
+/// Everything that the signals and monitors of a configuration want of topics and cannot have, each
+/// with its place.
+pub fn check(loaded: &Loaded, definitions: &Definitions) -> Option<Problems> {
+    let about = |topic: &str, error: FieldError| (format!("topic {topic}: {}", error.text), error.help);
+    let levels = loaded.model.signals.iter().enumerate().filter(|(_, signal)| signal.present_for.is_none());
+    let signals = levels.filter_map(|(index, signal)| {
         let source = &signal.source;
         let error = definitions.boolean(&source.type_name, &source.field).err()?;
-        Some(problem(&source.topic, error))
+        let field = error.path.is_some();
+        let (text, help) = about(&source.topic, error);
+        Some((if field { Place::SignalField(index) } else { Place::SignalType(index) }, text, help))
     });
-    let monitors = model.watched.topics.iter().flat_map(|spec| {
+    let topics = (0..).map(TopicId).zip(&loaded.model.watched.topics);
+    let monitors = topics.flat_map(|(id, spec)| {
         let errors = definitions.check(spec).err().map(|all| all.0).unwrap_or_default();
-        errors.into_iter().map(|error| problem(&spec.topic, error))
+        errors.into_iter().map(move |error| {
+            let field = spec.fields.iter().position(|field| Some(&field.path) == error.path.as_ref());
+            let (text, help) = about(&spec.topic, error);
+            (field.map_or(Place::Type(id), |field| Place::Field(id, field as u32)), text, help)
+        })
     });
-    signals.chain(monitors).collect()
-}
-
-/// For people, one line each.
-pub fn list(problems: &[FieldProblem]) -> String {
-    let lines: Vec<_> = problems.iter().map(ToString::to_string).collect();
-    lines.join("\n")
-}
-
-impl fmt::Display for FieldProblem {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "topic {}: {}\n  help: {}", self.topic, self.text, self.help)
-    }
+    loaded.problems(signals.chain(monitors))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::config;
-    use crate::engine::model::FieldSource;
 
     #[test]
-    fn every_signal_and_topic_is_judged() {
-        let loaded = config::parse("c", "groups: [{ id: a }]").expect("it is one");
-        let mut parts = (**loaded.model).clone();
-        let source = |field: &str| FieldSource {
-            topic: "/cloud".into(),
-            type_name: "sensor_msgs/msg/PointCloud2".into(),
-            field: field.into(),
-        };
-        let signal = |field: &str| crate::engine::model::SignalSpec {
-            name: field.into(),
-            source: source(field),
-            timeout: None,
-            present_for: None,
-        };
-        parts.signals = vec![signal("is_dense"), signal("is_dens"), signal("width")];
-        let spec = crate::engine::monitor::spec::TopicSpec {
-            topic: "/x".into(),
-            type_name: "my_msgs/msg/Unknown".into(),
-            stamp: true,
-            fields: Vec::new(),
-        };
-        parts.watched.topics = vec![std::sync::Arc::new(spec)];
-        let model = Model::new(parts).expect("nothing depends on anything");
-        let problems = check(&model, &Definitions::default());
-        let paths: Vec<_> =
-            problems.iter().map(|problem| (&*problem.topic, problem.path.as_deref())).collect();
-        assert_eq!(paths, [("/cloud", Some("is_dens")), ("/cloud", Some("width")), ("/x", None)]);
-        let text = list(&problems);
-        assert!(
-            text.contains("did you mean `is_dense`?") && text.contains("my_msgs/msg/Unknown.msg"),
-            "{text}"
-        );
+    fn every_signal_and_topic_is_judged_at_its_place() {
+        let text = "signals:
+  good: { topic: /cloud, type: sensor_msgs/msg/PointCloud2, field: is_dense }
+  dens: { topic: /cloud, type: sensor_msgs/msg/PointCloud2, field: is_dens }
+  wide: { topic: /cloud, type: sensor_msgs/msg/PointCloud2, field: width }
+groups:
+- id: a
+  modules:
+  - { id: l, monitor: { latency: { topic: /x, type: my_msgs/msg/Unknown, error_above: 1s } } }
+  - { id: v, monitor: { value: { topic: /odom, type: nav_msgs/msg/Odometry, field: twist.twist.linear.w, error_above: 1 } } }
+";
+        let loaded = config::parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
+        let lines =
+            check(&loaded, &Definitions::default()).map(|problems| problems.lines()).unwrap_or_default();
+        let places: Vec<&str> =
+            lines.iter().map(|line| line.split(": ").next().unwrap_or_default()).collect();
+        assert_eq!(places, ["c:3:68", "c:4:68", "c:8:53", "c:9:84"], "{lines:#?}");
+        assert!(lines[0].contains("did you mean `is_dense`?"), "{lines:#?}");
+        assert!(lines[2].contains("my_msgs/msg/Unknown.msg"), "{lines:#?}");
     }
 }

@@ -37,8 +37,6 @@ pub enum ReloadError {
     #[error("{0}")]
     Configuration(#[from] Problems),
     /// Every field that cannot be read. The old configuration stays.
-    #[error("{0}")]
-    Fields(String),
     #[error("the engine has ended")]
     Ended,
 }
@@ -56,9 +54,9 @@ pub async fn preview(
     // Files, and a judgement of every situation: too long for a thread that others wait for.
     let read = tokio::task::spawn_blocking(move || {
         let loaded = config::load(&path)?;
-        let unreadable = fields::check(&loaded.model, &definitions);
-        if !unreadable.is_empty() {
-            return Err(ReloadError::Fields(fields::list(&unreadable)));
+        // By the folders of the start: what reads the messages knows no others.
+        if let Some(problems) = fields::check(&loaded, &definitions) {
+            return Err(ReloadError::Configuration(problems));
         }
         let differences = config::difference(&current, &loaded);
         let topics_changed = sources(&current.model) != sources(&loaded.model);
@@ -182,7 +180,7 @@ impl Task {
                     tracing::warn!("{file} can be used, but:\n{warnings}");
                 }
             }
-            Err(problems @ (ReloadError::Configuration(_) | ReloadError::Fields(_))) => {
+            Err(problems @ ReloadError::Configuration(_)) => {
                 tracing::error!(
                     "{file} was read again and refused; the old configuration stays:\n{problems}"
                 );

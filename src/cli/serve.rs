@@ -70,10 +70,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 
 async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let ending = Ending::listen()?;
-    let options = args.dds.resolve()?;
-    let unreadable = fields::check(&loaded.model, &options.definitions);
-    if !unreadable.is_empty() {
-        eprintln!("{}", fields::list(&unreadable));
+    let mut options = args.dds.resolve()?;
+    options.definitions = options.definitions.with(&loaded.message_folders);
+    if let Some(problems) = fields::check(&loaded, &options.definitions) {
+        check::report(&problems);
         return Ok(ExitCode::from(EXIT_USAGE));
     }
     let clock = Clock::start();

@@ -13,10 +13,14 @@ use super::ending::Ending;
 use super::{dds, reload};
 use crate::clock::Clock;
 use crate::config::Loaded;
+use crate::config::publishing::Publishing;
 use crate::engine::input::{Input, Stamped};
 use crate::engine::model::Model;
+use crate::engine::snapshot::Snapshot;
+use crate::engine::time::Span;
+use crate::ros::outputs::{self, OutputTopic, Outputs, What};
 use crate::ros::{self, Bridge, BridgeOptions};
-use crate::runtime::{self, Link};
+use crate::runtime::{self, Link, Published};
 use crate::store::Store;
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::web::{self, AppState, DemoFaults, Enrolled, Origins, Settings, Tls};
@@ -62,6 +66,14 @@ impl Station {
         let secure = tls.is_some();
         let origins = known_origins(address, secure, &origins)?;
         let settings = Settings { origins, secure, enrolled, demo, rereads };
+        let outputs = outputs::start(
+            options.clone(),
+            output_topics(&loaded.publishing),
+            latest(link.snapshots.clone()),
+            link.inputs.clone(),
+            clock,
+        );
+        let outputs = outputs.await?;
         let bridge = ros::start(options, &loaded.model, link.inputs.clone(), clock).await?;
         store.audit(Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"))).await?;
         let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
@@ -71,7 +83,7 @@ impl Station {
             let serving =
                 web::serve(listener, tls, AppState::new(link, store, clock, settings), ending.asked());
             let running = reloads.map(|reloads| reloads.running);
-            while_serving(serving, &bridge, running).await?;
+            while_serving(serving, &bridge, &outputs, running).await?;
         }
         tracing::info!("ending");
         storage.abort();
@@ -79,7 +91,7 @@ impl Station {
             tracing::error!(%error, "the end cannot be recorded");
         }
         tokio::select! {
-            () = bridge.shutdown() => {}
+            () = async { tokio::join!(bridge.shutdown(), outputs.shutdown()); } => {}
             () = ending.asked() => {}
         }
         end.close().await;
@@ -92,6 +104,7 @@ impl Station {
 async fn while_serving(
     serving: impl Future<Output = std::io::Result<()>>,
     bridge: &Bridge,
+    outputs: &Outputs,
     mut running: Option<watch::Receiver<Loaded>>,
 ) -> anyhow::Result<()> {
     let mut serving = std::pin::pin!(serving);
@@ -100,20 +113,42 @@ async fn while_serving(
             served = &mut serving => return Ok(served?),
             next = changed(&mut running) => next,
         };
-        if let Err(error) = bridge.follow(&next) {
+        outputs.follow(output_topics(&next.publishing));
+        if let Err(error) = bridge.follow(&next.model) {
             tracing::error!("the old topics are read still: {error}");
         }
     }
 }
 
-/// The model of the next configuration that is taken; never, where there is none to come.
-async fn changed(running: &mut Option<watch::Receiver<Loaded>>) -> Arc<Model> {
+/// The next configuration that is taken; never, where there is none to come.
+async fn changed(running: &mut Option<watch::Receiver<Loaded>>) -> Loaded {
     if let Some(running) = running
         && running.changed().await.is_ok()
     {
-        return running.borrow_and_update().model.clone();
+        return running.borrow_and_update().clone();
     }
     std::future::pending().await
+}
+
+/// What is published, as the bridge knows it.
+fn output_topics(publishing: &Publishing) -> Vec<OutputTopic> {
+    let topic = |(key, topic, period): (&str, Option<&str>, Option<Span>)| {
+        Some(OutputTopic { what: What::from_key(key)?, topic: topic?.into(), period })
+    };
+    publishing.all().into_iter().filter_map(topic).collect()
+}
+
+/// The snapshots alone, each in the moment it is there.
+fn latest(mut published: watch::Receiver<Published>) -> watch::Receiver<Arc<Snapshot>> {
+    let (sender, receiver) = watch::channel(published.borrow_and_update().snapshot.clone());
+    tokio::spawn(async move {
+        while published.changed().await.is_ok() {
+            if sender.send(published.borrow_and_update().snapshot.clone()).is_err() {
+                return;
+            }
+        }
+    });
+    receiver
 }
 
 /// Listens for browsers.

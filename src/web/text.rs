@@ -143,6 +143,8 @@ words! {
     dev_statuses: "statuses", "Status";
     dev_dropped: "dropped names", "verworfene Namen";
     dev_unknown_signals: "unknown signals", "unbekannte Signale";
+    dev_samples: "watched messages", "beobachtete Nachrichten";
+    dev_dropped_samples: "of another configuration", "einer anderen Konfiguration";
     dev_back: "Back to the overview", "Zurück zur Übersicht";
     dev_audit: "Audit log", "Protokoll";
     dev_configuration: "Configuration", "Konfiguration";

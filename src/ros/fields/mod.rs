@@ -59,6 +59,11 @@ impl Definitions {
         Definitions::new(folders)
     }
 
+    /// The same with further folders, behind those that it has.
+    pub fn with(&self, folders: &[PathBuf]) -> Definitions {
+        Definitions::new(self.folders.iter().chain(folders).cloned().collect())
+    }
+
     /// Compiles a reader for what is wanted of a topic. A topic of which nothing but the fact that a
     /// message came is wanted can have any type.
     ///
