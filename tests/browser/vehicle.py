@@ -20,7 +20,8 @@ ROOT = Path(__file__).resolve().parents[2]
 TELLTALE = os.environ.get("TELLTALE", str(ROOT / "target/debug/telltale"))
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium")
 PYTHON = sys.executable
-CONFIG = ROOT / "config/shuttle.yaml"
+# Every module of it is a status, so one writer is the whole vehicle.
+CONFIG = ROOT / "config/self-diagnosing-shuttle.yaml"
 OPERATOR = ("anna", "975310")
 STARTUP_S = 20
 
