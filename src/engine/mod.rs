@@ -150,6 +150,7 @@ impl Engine {
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
             Input::Storage { fault } => self.take_storage(fault.clone()),
+            Input::Display { late } => self.take_display(late.as_deref()),
             Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {
                 // Nearly every message says what the one before said: then nothing is to be settled.
                 if !self.take_watched(input) {
@@ -330,6 +331,12 @@ impl Engine {
         let state = if fault.is_some() { State::Warning } else { State::Ok };
         self.report_on_self(SystemCheck::Storage, state, fault.as_deref().unwrap_or_default());
         self.storage_fault = fault;
+    }
+
+    fn take_display(&mut self, late: Option<&str>) {
+        let state = if late.is_some() { State::Warning } else { State::Ok };
+        let words = late.map(|whose| format!("the display of {whose} does not say that it shows anything"));
+        self.report_on_self(SystemCheck::Display, state, &words.unwrap_or_default());
     }
 
     /// Sets what the diagnosis says of itself.
