@@ -39,6 +39,8 @@ pub(super) struct Watch {
     topics: Box<[TopicId]>,
     by_the_clock: bool,
     said: Option<State>,
+    /// When time alone changes its state, or somewhat before.
+    due: Option<Timestamp>,
     /// When its words were last written.
     worded: Option<Timestamp>,
     /// What is measured may have changed since then.
@@ -150,6 +152,7 @@ impl Watching {
             topics: topics.into(),
             by_the_clock: spec.by_the_clock(),
             said: None,
+            due: None,
             worded: None,
             pending: false,
             running: false,
@@ -312,6 +315,11 @@ impl Watching {
             watch.worded = Some(now);
             watch.pending = watch.monitor.moves(now);
         }
+        // Of one topic more messages only put off what time does: it need not be computed each time.
+        let put_off = matches!(watch.monitor, Monitor::Frequency(_)) && !changed;
+        if !put_off || watch.due.is_none_or(|due| due <= now) {
+            watch.due = watch.monitor.due(now);
+        }
         let watch = &self.watches[index as usize];
         let words = write.then(|| {
             let words = watch.monitor.words(now);
@@ -322,7 +330,7 @@ impl Watching {
             }
         });
         let words_due = watch.worded.filter(|_| watch.pending).map(|worded| worded + WORDS_EVERY);
-        let due = [words_due, watch.monitor.due(now)].into_iter().flatten().filter(|&due| due > now).min();
+        let due = [words_due, watch.due].into_iter().flatten().filter(|&due| due > now).min();
         Told { state, changed, words, due }
     }
 

@@ -103,6 +103,14 @@ pub async fn start(
     Ok(Bridge { stop, rebuild, plan, definitions, task })
 }
 
+/// Whether everything that a model needs can be read.
+///
+/// # Errors
+/// The first thing that cannot; all fields are better asked for with [`Definitions`].
+pub fn check(model: &Model, definitions: &Definitions) -> Result<(), SubscriptionError> {
+    Plan::of(model, definitions).map(drop)
+}
+
 impl Bridge {
     /// Reads what another model needs. Topics that stay are read on without a gap, and all that
     /// an engine forgets with its old model is said anew: so the engine has to run by it already.

@@ -20,8 +20,8 @@ pub enum SubscriptionError {
          message is an event"
     )]
     NoBool { signal: Box<str>, type_name: Box<str>, field: Box<str>, why: FieldError },
-    #[error("{what}: {type_name:?} is no type: write it as package/msg/Name")]
-    NoType { what: Box<str>, type_name: Box<str> },
+    #[error("topic {topic}: {type_name:?} is no type: write it as package/msg/Name")]
+    NoType { topic: Box<str>, type_name: Box<str> },
     #[error("topic {topic} is used with two types: {first} and {second}")]
     TwoTypes { topic: Box<str>, first: Box<str>, second: Box<str> },
     #[error("topic {topic} cannot be read: {why}")]
@@ -80,18 +80,16 @@ impl Plan {
     /// A signal or a field that no message of its type can feed.
     pub fn of(model: &Model, definitions: &Definitions) -> Result<Plan, SubscriptionError> {
         let mut all = Vec::new();
-        subscribe(&mut all, DIAGNOSTICS, DIAGNOSTIC_ARRAY, DIAGNOSTICS, &model.limits)?.diagnostics = true;
+        subscribe(&mut all, DIAGNOSTICS, DIAGNOSTIC_ARRAY, &model.limits)?.diagnostics = true;
         for spec in &model.signals {
             let level = level(spec, definitions)?;
             let source = &spec.source;
-            let what = format!("signal {}", spec.name);
-            subscribe(&mut all, &source.topic, &source.type_name, &what, &model.limits)?
+            subscribe(&mut all, &source.topic, &source.type_name, &model.limits)?
                 .signals
                 .push(Signal { name: spec.name.clone(), level });
         }
         for spec in &model.watched.topics {
-            let what = format!("topic {}", spec.topic);
-            let subscription = subscribe(&mut all, &spec.topic, &spec.type_name, &what, &model.limits)?;
+            let subscription = subscribe(&mut all, &spec.topic, &spec.type_name, &model.limits)?;
             let reader = definitions
                 .check(spec)
                 .map_err(|why| SubscriptionError::Fields { topic: spec.topic.clone(), why })?;
@@ -107,7 +105,6 @@ fn subscribe<'a>(
     all: &'a mut Vec<Subscription>,
     topic: &str,
     type_name: &str,
-    what: &str,
     limits: &Limits,
 ) -> Result<&'a mut Subscription, SubscriptionError> {
     let topic = format!("/{}", topic.trim_start_matches('/'));
@@ -122,7 +119,7 @@ fn subscribe<'a>(
         Some(at) => at,
         None => {
             let dds_type = messages::dds_type_name(type_name).ok_or_else(|| SubscriptionError::NoType {
-                what: what.into(),
+                topic: topic.as_str().into(),
                 type_name: type_name.into(),
             })?;
             all.push(Subscription {

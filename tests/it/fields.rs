@@ -10,7 +10,8 @@ use telltale::engine::model::{Driving, Limits, Model, Parts, Policy, StageModel,
 use telltale::engine::monitor::spec::{FieldKind, FieldSpec, ProbeTarget, TopicSpec, WatchdogSpec, Watched};
 use telltale::engine::sample::{FieldValue, Pose, ProbeOutcome, Sample, TopicNews};
 use telltale::engine::time::Span;
-use telltale::ros::{self, Bridge, BridgeOptions};
+use telltale::ros::messages::encode;
+use telltale::ros::{self, Bridge, BridgeOptions, Publisher, Quality};
 use tokio::sync::mpsc;
 
 use crate::peer::{Domain, PATIENCE, Peer};
@@ -272,4 +273,38 @@ async fn a_node_is_there_until_it_is_announced_no_longer() {
     peer.end();
     watching.until("its end", outcome(|it| matches!(it, ProbeOutcome::Missed(_)))).await;
     watching.bridge.shutdown().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn our_own_publisher_offers_any_type_in_every_quality() {
+    let domain = Domain::take();
+    let fields = [("packets.length", FieldKind::Scalar)];
+    let names = ["/reliable", "/best_effort", "/last_value"];
+    let topics = names.map(|name| topic(name, encode::VELODYNE_SCAN, true, &fields));
+    let mut watching = Watching::start(&domain, &model(topics.to_vec(), Vec::new())).await;
+    let options = BridgeOptions::loopback(domain.id);
+    let mut publisher = Publisher::open(&options, &[]).await.expect("the publisher starts");
+    assert!(publisher.offer("/x", "no type", Quality::Reliable).is_err());
+    assert!(publisher.publish("/reliable", Vec::new()).await.is_err(), "it is not offered yet");
+    for (name, quality) in names.into_iter().zip([Quality::Reliable, Quality::BestEffort, Quality::LastValue])
+    {
+        publisher.offer(name, encode::VELODYNE_SCAN, quality).expect("the topic is offered");
+    }
+    for name in names {
+        let again = async {
+            loop {
+                let stamp = std::time::UNIX_EPOCH + std::time::Duration::new(1_700_000_000, 5);
+                let scan = encode::velodyne_scan(encode::Header { stamp, frame_id: "velodyne" }, 76);
+                publisher.publish(name, scan).await.expect("nobody holds it back");
+                tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+            }
+        };
+        let sample = tokio::select! {
+            sample = watching.sample(name) => sample,
+            () = again => unreachable!("it goes on for ever"),
+        };
+        assert_eq!((&*sample.values, sample.stamp_ns), (&[number(76.0)][..], STAMP_NS), "{name}");
+    }
+    watching.bridge.shutdown().await;
+    publisher.shutdown().await;
 }

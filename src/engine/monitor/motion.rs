@@ -94,7 +94,7 @@ impl History {
         let (until, end) = self.latest.ok_or(TooShort::Young)?;
         let begins = until.as_nanos().checked_sub(over.as_nanos()).ok_or(TooShort::Young)?;
         let begins = Timestamp::from_nanos(begins);
-        let after = self.kept.iter().position(|(at, _)| *at > begins).unwrap_or(self.kept.len());
+        let after = self.kept.partition_point(|(at, _)| *at <= begins);
         let (from, before) =
             *self.kept.get(after.checked_sub(1).ok_or(TooShort::Young)?).ok_or(TooShort::Young)?;
         let (to, next) = self.kept.get(after).copied().unwrap_or((until, end));

@@ -41,24 +41,27 @@ impl RateRatio {
         (now >= self.full_at()?).then(|| self.at(self.input.count(), self.output.count()))
     }
 
-    /// The first instant at which what leaves the windows changes the state.
+    /// No later than what leaves the windows changes the state: as if only outputs left, or only inputs.
+    /// What leaves the other window pulls the ratio the other way.
     pub(super) fn due(&self, now: Timestamp) -> Option<Timestamp> {
         let full_at = self.full_at()?;
         if now < full_at {
             return Some(full_at);
         }
-        let (mut input, mut output) = (self.input.count(), self.output.count());
+        let (input, output) = (self.input.count(), self.output.count());
         let state = self.at(input, output);
-        let mut inputs = self.input.leaving().peekable();
-        let mut outputs = self.output.leaving().peekable();
-        while let Some(at) = [inputs.peek(), outputs.peek()].into_iter().flatten().map(|next| next.0).min() {
-            input -= inputs.next_if(|next| next.0 == at).map_or(0, |next| next.1);
-            output -= outputs.next_if(|next| next.0 == at).map_or(0, |next| next.1);
-            if self.at(input, output) != state {
-                return Some(at);
-            }
-        }
-        None
+        let first = |window: &Window, at: &dyn Fn(u64) -> State| {
+            let mut left = window.count();
+            let mut leaving = window.leaving();
+            let change = leaving.find(|(_, count)| {
+                left -= count;
+                at(left) != state
+            });
+            change.map(|(at, _)| at)
+        };
+        let of_output = first(&self.output, &|left| self.at(input, left));
+        let of_input = first(&self.input, &|left| self.at(left, output));
+        [of_output, of_input].into_iter().flatten().min()
     }
 
     pub(super) fn moves(&self) -> bool {

@@ -19,21 +19,22 @@ pub(super) struct Window {
     span: Span,
     buckets: VecDeque<Bucket>,
     count: u64,
-    /// Smallest and largest value in the window.
-    extremes: Option<(f64, f64)>,
+    /// By the start of their buckets: values that nothing later is below, and above; the first is the
+    /// smallest, or largest, of the window.
+    low: VecDeque<(Timestamp, f64)>,
+    high: VecDeque<(Timestamp, f64)>,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Bucket {
     start: Timestamp,
     count: u64,
-    min: f64,
-    max: f64,
 }
 
 impl Window {
     pub(super) fn new(span: Span) -> Window {
-        Window { span: span.max(SHORTEST), buckets: VecDeque::new(), count: 0, extremes: None }
+        let (low, high) = (VecDeque::new(), VecDeque::new());
+        Window { span: span.max(SHORTEST), buckets: VecDeque::new(), count: 0, low, high }
     }
 
     pub(super) fn span(&self) -> Span {
@@ -43,38 +44,45 @@ impl Window {
     pub(super) fn clear(&mut self) {
         self.buckets.clear();
         self.count = 0;
-        self.extremes = None;
+        self.low.clear();
+        self.high.clear();
     }
 
     /// Takes a message with a value; whoever counts only gives 0.
     pub(super) fn push(&mut self, value: f64, now: Timestamp) {
         self.advance(now);
         let width = Span::from_nanos(self.span.as_nanos() / BUCKETS);
-        match self.buckets.back_mut() {
+        let start = match self.buckets.back_mut() {
             Some(last) if now < last.start + width => {
                 last.count += 1;
-                last.min = last.min.min(value);
-                last.max = last.max.max(value);
+                last.start
             }
-            _ => self.buckets.push_back(Bucket { start: now, count: 1, min: value, max: value }),
-        }
+            _ => {
+                self.buckets.push_back(Bucket { start: now, count: 1 });
+                now
+            }
+        };
         self.count += 1;
-        self.extremes =
-            Some(self.extremes.map_or((value, value), |(min, max)| (min.min(value), max.max(value))));
+        while self.low.pop_back_if(|(_, low)| *low >= value).is_some() {}
+        // Of one bucket, whose values leave together, one is enough.
+        if self.low.back().is_none_or(|(last, _)| *last != start) {
+            self.low.push_back((start, value));
+        }
+        while self.high.pop_back_if(|(_, high)| *high <= value).is_some() {}
+        if self.high.back().is_none_or(|(last, _)| *last != start) {
+            self.high.push_back((start, value));
+        }
     }
 
     /// Lets go what is too old at `now`.
     pub(super) fn advance(&mut self, now: Timestamp) {
-        let mut lost_extreme = false;
-        while let Some(first) = self.buckets.front().filter(|first| first.start + self.span <= now) {
+        let span = self.span;
+        let old = |start: Timestamp| start + span <= now;
+        while let Some(first) = self.buckets.pop_front_if(|first| old(first.start)) {
             self.count -= first.count;
-            lost_extreme |= self.extremes.is_none_or(|(min, max)| first.min <= min || first.max >= max);
-            self.buckets.pop_front();
         }
-        if lost_extreme {
-            let all = self.buckets.iter().map(|bucket| (bucket.min, bucket.max));
-            self.extremes = all.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-        }
+        while self.low.pop_front_if(|(start, _)| old(*start)).is_some() {}
+        while self.high.pop_front_if(|(start, _)| old(*start)).is_some() {}
     }
 
     pub(super) fn count(&self) -> u64 {
@@ -85,8 +93,9 @@ impl Window {
         self.count == 0
     }
 
+    /// The smallest and the largest value in the window.
     pub(super) fn extremes(&self) -> Option<(f64, f64)> {
-        self.extremes
+        Some((self.low.front()?.1, self.high.front()?.1))
     }
 
     /// Messages in a second, if there are `count` in the window. A rate that is equal to a limit
@@ -109,7 +118,7 @@ mod tests {
     fn after(hertz: u64) -> Window {
         let mut window = Window::new(Span::from_secs(2));
         for number in 0..10 * hertz {
-            window.push(0.0, Timestamp::from_nanos(number * 1_000_000_000 / hertz));
+            window.push(number as f64, Timestamp::from_nanos(number * 1_000_000_000 / hertz));
         }
         window
     }
@@ -124,7 +133,7 @@ mod tests {
             let window = after(hertz);
             let wrong = 1.0 - window.rate(window.count()) / hertz as f64;
             assert!((0.0..=1.0 / 256.0).contains(&wrong), "{hertz} Hz: {wrong}");
-            assert!(window.buckets.len() <= 257, "{}", window.buckets.len());
+            assert!(window.buckets.len() <= 257 && window.low.len() <= 257, "{}", window.buckets.len());
         }
     }
 
