@@ -73,7 +73,7 @@ async fn demo(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let driving = tokio::spawn(vehicle.run(faults));
     tokio::spawn(forward(switches, fault_sender));
     let names = Fault::ALL.map(Fault::as_str).to_vec();
-    print!("{}", introduction(listener.local_addr()?, options.domain));
+    print!("{}", introduction(listener.local_addr()?, options.domain, args.drive));
     let demo = Some(DemoFaults::new(names, switch));
     let station = Station {
         loaded,
@@ -126,7 +126,7 @@ fn is_free(domain: u16) -> bool {
 }
 
 /// One screen: where to look, how to log in, what can be tried.
-fn introduction(address: SocketAddr, domain: u16) -> String {
+fn introduction(address: SocketAddr, domain: u16, alone: bool) -> String {
     let url = station::url(address, false);
     let mut text = format!(
         "Telltale demo: a simulated shuttle over real DDS, domain {domain}, on this machine alone.\n\n\
@@ -140,7 +140,12 @@ fn introduction(address: SocketAddr, domain: u16) -> String {
         };
         text += &format!("            {name:<10} {kind:<8} {secret:<15} {sees}\n");
     }
-    text += "\n  The shuttle waits 10 s at a stop, drives 45 s, waits again.\n";
+    text += if alone {
+        "\n  The shuttle leaves every stop by itself after 10 s and drives for about a minute.\n"
+    } else {
+        "\n  Drive     Log in as operator. Say that the shuttle stands at the Depot. When there is a goal,\n\
+         \x20           clear it; it drives to the next stop, waits for the next clearance, and so on.\n"
+    };
     text += &format!("\n  Faults    {url}/demo\n");
     for fault in Fault::ALL {
         text += &format!("            {:<18} {}\n", fault.as_str(), fault.about());

@@ -10,17 +10,14 @@ use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 
 use super::ending::Ending;
-use super::{dds, reload};
+use super::{dds, outputs, reload};
 use crate::clock::Clock;
 use crate::config::Loaded;
-use crate::config::publishing::Publishing;
 use crate::engine::input::{Input, Stamped};
 use crate::engine::model::Model;
-use crate::engine::snapshot::Snapshot;
-use crate::engine::time::Span;
-use crate::ros::outputs::{self, OutputTopic, Outputs, What};
+use crate::ros::outputs::Outputs;
 use crate::ros::{self, Bridge, BridgeOptions};
-use crate::runtime::{self, Link, Published};
+use crate::runtime::{self, Link};
 use crate::store::Store;
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::web::{self, AppState, DemoFaults, Enrolled, Origins, Settings, Tls};
@@ -66,14 +63,7 @@ impl Station {
         let secure = tls.is_some();
         let origins = known_origins(address, secure, &origins)?;
         let settings = Settings { origins, secure, enrolled, demo, rereads };
-        let outputs = outputs::start(
-            options.clone(),
-            output_topics(&loaded.publishing),
-            latest(link.snapshots.clone()),
-            link.inputs.clone(),
-            clock,
-        );
-        let outputs = outputs.await?;
+        let outputs = outputs::start(&options, &loaded.publishing, &link, clock).await?;
         let bridge = ros::start(options, &loaded.model, link.inputs.clone(), clock).await?;
         store.audit(Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"))).await?;
         let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
@@ -104,7 +94,7 @@ impl Station {
 async fn while_serving(
     serving: impl Future<Output = std::io::Result<()>>,
     bridge: &Bridge,
-    outputs: &Outputs,
+    publishing: &Outputs,
     mut running: Option<watch::Receiver<Loaded>>,
     store: &Store,
 ) -> anyhow::Result<()> {
@@ -114,7 +104,7 @@ async fn while_serving(
             served = &mut serving => return Ok(served?),
             next = changed(&mut running) => next,
         };
-        outputs.follow(output_topics(&next.publishing));
+        publishing.follow(outputs::topics(&next.publishing));
         let record = Record::of(Action::Configuration, TELLTALE).on("the file that was read again is taken");
         if let Err(error) = store.audit(record).await {
             tracing::error!(%error, "a new configuration cannot be recorded");
@@ -133,27 +123,6 @@ async fn changed(running: &mut Option<watch::Receiver<Loaded>>) -> Loaded {
         return running.borrow_and_update().clone();
     }
     std::future::pending().await
-}
-
-/// What is published, as the bridge knows it.
-fn output_topics(publishing: &Publishing) -> Vec<OutputTopic> {
-    let topic = |(key, topic, period): (&str, Option<&str>, Option<Span>)| {
-        Some(OutputTopic { what: What::from_key(key)?, topic: topic?.into(), period })
-    };
-    publishing.all().into_iter().filter_map(topic).collect()
-}
-
-/// The snapshots alone, each in the moment it is there.
-fn latest(mut published: watch::Receiver<Published>) -> watch::Receiver<Arc<Snapshot>> {
-    let (sender, receiver) = watch::channel(published.borrow_and_update().snapshot.clone());
-    tokio::spawn(async move {
-        while published.changed().await.is_ok() {
-            if sender.send(published.borrow_and_update().snapshot.clone()).is_err() {
-                return;
-            }
-        }
-    });
-    receiver
 }
 
 /// Listens for browsers.
