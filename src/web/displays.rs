@@ -182,3 +182,39 @@ impl Drop for Place {
         table.count.send_replace(table.open.len());
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Clock;
+    use crate::store::{DemoSecrets, Store};
+
+    #[tokio::test]
+    async fn a_display_lives_by_what_it_confirms() {
+        let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
+        store.add_demo_users().await.unwrap();
+        let user = store.authenticate("operator", "246810").await.unwrap().unwrap();
+        let (_, session) = store.open_session(&user).await.unwrap();
+        let displays = Displays::default();
+        let at = Timestamp::from_millis;
+        assert!(!displays.is_live_for(&session, at(0)) && !displays.is_late("operator", at(9_000)));
+        let place = displays.enter(&session).unwrap();
+        place.sent(1, at(1_000));
+        assert!(!displays.is_live_for(&session, at(1_000)), "nothing is confirmed");
+        place.confirm(1);
+        assert!(displays.is_live_for(&session, at(2_999)) && !displays.is_live_for(&session, at(3_000)));
+        for ms in (2_000..9_000).step_by(100) {
+            place.sent(ms, at(ms));
+        }
+        // It goes on to answer, but shows what is old.
+        place.confirm(2_000);
+        assert!(!displays.is_live_for(&session, at(4_000)) && displays.is_late("operator", at(4_100)));
+        place.confirm(8_900);
+        assert_eq!(displays.shows_as_of(&session).map(|shown| shown > at(5_000)), Some(true));
+        place.sent(9_000, at(9_000));
+        place.confirm(9_000);
+        assert!(displays.is_live_for(&session, at(9_500)) && !displays.is_late("operator", at(10_900)));
+        drop(place);
+        assert!(!displays.is_live_for(&session, at(9_500)) && !displays.is_late("operator", at(20_000)));
+    }
+}
