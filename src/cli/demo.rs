@@ -14,7 +14,7 @@ use super::{EXIT_USAGE, check, log};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::ros::{BridgeOptions, DOMAIN_MAX};
-use crate::sim::shuttle::Fault;
+use crate::sim::shuttle::{Departure, Fault};
 use crate::store::{DEMO_USERS, DemoSecrets, Role, Store};
 use crate::web::{DemoFaults, Enrolled, FaultSwitch};
 use crate::yaml::Problems;
@@ -39,6 +39,9 @@ pub struct Args {
     /// The DDS domain, 0 to 232 [default: one that nobody uses here, 60 or higher]
     #[arg(long, value_name = "N")]
     domain: Option<u16>,
+    /// Let the shuttle leave every stop by itself, without an operator
+    #[arg(long)]
+    drive: bool,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
@@ -63,13 +66,14 @@ async fn demo(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let clock = Clock::start();
     let store = Store::in_memory(clock, DemoSecrets::Accepted)?;
     store.add_demo_users().await?;
-    let vehicle = Vehicle::open(&options, &loaded.model, clock).await?;
+    let departure = if args.drive { Departure::Alone } else { Departure::Cleared };
+    let vehicle = Vehicle::open(&options, &loaded, departure, clock).await?;
     let (fault_sender, faults) = mpsc::channel(SWITCHES);
     let (switch, switches) = mpsc::channel(SWITCHES);
     let driving = tokio::spawn(vehicle.run(faults));
     tokio::spawn(forward(switches, fault_sender));
     let names = Fault::ALL.map(Fault::as_str).to_vec();
-    print!("{}", introduction(listener.local_addr()?, options.domain));
+    print!("{}", introduction(listener.local_addr()?, options.domain, args.drive));
     let demo = Some(DemoFaults::new(names, switch));
     let station = Station {
         loaded,
@@ -122,7 +126,7 @@ fn is_free(domain: u16) -> bool {
 }
 
 /// One screen: where to look, how to log in, what can be tried.
-fn introduction(address: SocketAddr, domain: u16) -> String {
+fn introduction(address: SocketAddr, domain: u16, alone: bool) -> String {
     let url = station::url(address, false);
     let mut text = format!(
         "Telltale demo: a simulated shuttle over real DDS, domain {domain}, on this machine alone.\n\n\
@@ -136,7 +140,12 @@ fn introduction(address: SocketAddr, domain: u16) -> String {
         };
         text += &format!("            {name:<10} {kind:<8} {secret:<15} {sees}\n");
     }
-    text += "\n  The shuttle waits 10 s at a stop, drives 45 s, waits again.\n";
+    text += if alone {
+        "\n  The shuttle leaves every stop by itself after 10 s and drives for about a minute.\n"
+    } else {
+        "\n  Drive     Log in as operator. Say that the shuttle stands at the Depot. When there is a goal,\n\
+         \x20           clear it; it drives to the next stop, waits for the next clearance, and so on.\n"
+    };
     text += &format!("\n  Faults    {url}/demo\n");
     for fault in Fault::ALL {
         text += &format!("            {:<18} {}\n", fault.as_str(), fault.about());

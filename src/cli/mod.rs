@@ -11,6 +11,7 @@ mod ending;
 pub mod fields;
 mod graph;
 mod log;
+mod outputs;
 pub mod reload;
 mod scenario;
 mod serve;

@@ -10,11 +10,12 @@ use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 
 use super::ending::Ending;
-use super::{dds, reload};
+use super::{dds, outputs, reload};
 use crate::clock::Clock;
 use crate::config::Loaded;
 use crate::engine::input::{Input, Stamped};
 use crate::engine::model::Model;
+use crate::ros::outputs::Outputs;
 use crate::ros::{self, Bridge, BridgeOptions};
 use crate::runtime::{self, Link};
 use crate::store::Store;
@@ -62,6 +63,7 @@ impl Station {
         let secure = tls.is_some();
         let origins = known_origins(address, secure, &origins)?;
         let settings = Settings { origins, secure, enrolled, demo, rereads };
+        let outputs = outputs::start(&options, &loaded.publishing, &link, clock).await?;
         let bridge = ros::start(options, &loaded.model, link.inputs.clone(), clock).await?;
         store.audit(Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"))).await?;
         let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
@@ -71,7 +73,7 @@ impl Station {
             let serving =
                 web::serve(listener, tls, AppState::new(link, store, clock, settings), ending.asked());
             let running = reloads.map(|reloads| reloads.running);
-            while_serving(serving, &bridge, running, &end).await?;
+            while_serving(serving, &bridge, &outputs, running, &end).await?;
         }
         tracing::info!("ending");
         storage.abort();
@@ -79,7 +81,7 @@ impl Station {
             tracing::error!(%error, "the end cannot be recorded");
         }
         tokio::select! {
-            () = bridge.shutdown() => {}
+            () = async { tokio::join!(bridge.shutdown(), outputs.shutdown()); } => {}
             () = ending.asked() => {}
         }
         end.close().await;
@@ -92,6 +94,7 @@ impl Station {
 async fn while_serving(
     serving: impl Future<Output = std::io::Result<()>>,
     bridge: &Bridge,
+    publishing: &Outputs,
     mut running: Option<watch::Receiver<Loaded>>,
     store: &Store,
 ) -> anyhow::Result<()> {
@@ -101,22 +104,23 @@ async fn while_serving(
             served = &mut serving => return Ok(served?),
             next = changed(&mut running) => next,
         };
+        publishing.follow(outputs::topics(&next.publishing));
         let record = Record::of(Action::Configuration, TELLTALE).on("the file that was read again is taken");
         if let Err(error) = store.audit(record).await {
             tracing::error!(%error, "a new configuration cannot be recorded");
         }
-        if let Err(error) = bridge.follow(&next) {
+        if let Err(error) = bridge.follow(&next.model) {
             tracing::error!("the old topics are read still: {error}");
         }
     }
 }
 
-/// The model of the next configuration that is taken; never, where there is none to come.
-async fn changed(running: &mut Option<watch::Receiver<Loaded>>) -> Arc<Model> {
+/// The next configuration that is taken; never, where there is none to come.
+async fn changed(running: &mut Option<watch::Receiver<Loaded>>) -> Loaded {
     if let Some(running) = running
         && running.changed().await.is_ok()
     {
-        return running.borrow_and_update().model.clone();
+        return running.borrow_and_update().clone();
     }
     std::future::pending().await
 }

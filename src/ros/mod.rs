@@ -12,6 +12,7 @@ pub mod messages;
 mod nodes;
 mod options;
 mod outbox;
+pub mod outputs;
 mod presence;
 mod probe;
 mod publisher;

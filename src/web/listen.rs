@@ -21,7 +21,7 @@ use super::login::Peer;
 use super::router::router;
 use super::state::{AppState, turned};
 use super::tls::Tls;
-use super::{keep, seat};
+use super::{displays, keep, seat};
 
 const CONNECTIONS_MAX: usize = 512;
 /// One source must not take all places. The vehicle's own display is not counted.
@@ -53,7 +53,11 @@ pub async fn serve(
     let service = router(app.clone());
     let sources = Sources::default();
     let mut connections = JoinSet::new();
-    let watches = [tokio::spawn(seat::watch(app.clone())), tokio::spawn(keep::follow(app.clone()))];
+    let watches = [
+        tokio::spawn(seat::watch(app.clone())),
+        tokio::spawn(keep::follow(app.clone())),
+        tokio::spawn(displays::watch(app.clone())),
+    ];
     let mut shutdown = pin!(shutdown);
     loop {
         let has_room = connections.len() < CONNECTIONS_MAX;

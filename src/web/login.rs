@@ -96,12 +96,32 @@ pub async fn logout(
     SignedIn(session): SignedIn,
     reader: Reader,
 ) -> Response {
+    leave(app, peer, session, &reader, OperatorAction::Logout).await
+}
+
+/// `POST /vehicle/shutdown`: the operator ends the work with the vehicle, and leaves it.
+pub async fn shutdown(
+    State(app): State<AppState>,
+    peer: Option<Extension<Peer>>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+) -> Response {
+    leave(app, peer, session, &reader, OperatorAction::Shutdown).await
+}
+
+async fn leave(
+    app: AppState,
+    peer: Option<Extension<Peer>>,
+    session: Session,
+    reader: &Reader,
+    action: OperatorAction,
+) -> Response {
     let source = source_of(peer.map(|Extension(peer)| peer));
-    match whole(close(app.clone(), session.clone(), source)).await {
+    match whole(close(app.clone(), session.clone(), source, action)).await {
         Ok(()) => {}
-        Err(NotOpened::Refused(reasons)) => return refused(&reader, &reasons),
+        Err(NotOpened::Refused(reasons)) => return refused(reader, &reasons),
         Err(NotOpened::SeatTaken(_) | NotOpened::Unavailable) => {
-            return refusal(&reader, Trouble::Unavailable);
+            return refusal(reader, Trouble::Unavailable);
         }
     }
     tracing::info!(user = &*session.user, "logged out");
@@ -245,7 +265,12 @@ impl Entrance {
 }
 
 /// Ends a session. The operator in the seat leaves it, at all displays, if the vehicle permits.
-async fn close(app: AppState, session: Session, source: IpAddr) -> Result<(), NotOpened> {
+async fn close(
+    app: AppState,
+    session: Session,
+    source: IpAddr,
+    action: OperatorAction,
+) -> Result<(), NotOpened> {
     let _seat = app.seat.lock().await;
     let record = record_of(&session, Action::Logout, source);
     if session.kind == SessionKind::Program {
@@ -255,7 +280,7 @@ async fn close(app: AppState, session: Session, source: IpAddr) -> Result<(), No
         app.store.end_session(&session).await?;
         return Ok(app.audit(record).await?);
     }
-    match app.command(OperatorAction::Logout).await {
+    match app.command(action).await {
         Ok(Answer::Done) => {}
         Ok(Answer::Refused(reasons)) => {
             app.audit(record.refused(format!("{reasons:?}"))).await?;

@@ -15,14 +15,18 @@ mod listen;
 mod login;
 mod origins;
 mod pages;
+mod pending;
 mod refusals;
 mod router;
 mod seat;
 mod socket;
 mod state;
+mod steps;
 pub mod text;
 mod throttle;
 mod tls;
+mod vehicle;
+mod versions;
 pub mod view;
 mod wording;
 

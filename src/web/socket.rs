@@ -164,6 +164,7 @@ impl Connection {
                 let message = news(&frame, *shown);
                 *shown = Some(frame.revision());
                 self.seq = frame.seq();
+                self.place.sent(self.seq, self.app.clock.now());
                 match message {
                     Some(message) => self.line.send(Message::Text(message)).await,
                     None => Ok(()),
@@ -183,6 +184,7 @@ impl Connection {
             && self.app.is_engine_alive()
         {
             let beat = frame::beat(number, self.seq, self.app.clock.wall());
+            self.place.sent(self.seq, self.app.clock.now());
             self.line.send(Message::Text(beat)).await?;
         }
         if number.is_multiple_of(BEATS_PER_PING) { self.line.ping().await } else { Ok(()) }
@@ -199,7 +201,7 @@ impl Connection {
                 if shown > self.seq {
                     return Err(Ending::Nonsense);
                 }
-                self.place.confirm(shown, self.app.clock.now());
+                self.place.confirm(shown);
                 Ok(())
             }
             (Message::Text(_) | Message::Binary(_), _) => Err(Ending::Nonsense),

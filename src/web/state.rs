@@ -13,6 +13,7 @@ use super::displays::Displays;
 use super::enrolled::Enrolled;
 use super::frame::Frames;
 use super::origins::Origins;
+use super::pending::PendingClearance;
 use super::seat::has_idled_out;
 use super::throttle::Throttle;
 use crate::clock::Clock;
@@ -55,6 +56,7 @@ pub struct Shared {
     pub settings: Settings,
     pub frames: Frames,
     pub displays: Displays,
+    pub pending: PendingClearance,
     pub throttle: Mutex<Throttle>,
     pub(super) audit_limit: Mutex<Limit>,
     /// Held while the audit log is read.
@@ -79,6 +81,7 @@ impl AppState {
             settings,
             frames: Frames::default(),
             displays: Displays::default(),
+            pending: PendingClearance::default(),
             throttle: Mutex::default(),
             audit_limit: Mutex::default(),
             audit_readers: tokio::sync::Mutex::default(),

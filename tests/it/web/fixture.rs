@@ -10,10 +10,11 @@ use telltale::clock::{Clock, ClockHand};
 use telltale::engine::input::{Input, Stamped, StatusArray};
 use telltale::engine::model::{
     Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleSpec,
-    MonitorSpec, NodeId, Parts, Policy, SignalSpec, Stage, StageModel, Text, When,
+    MonitorSpec, NodeId, Parts, Policy, SignalSpec, Stage, StageModel, Stop, Text, When,
 };
 use telltale::engine::monitor::spec::Watched;
 use telltale::engine::snapshot::Snapshot;
+use telltale::engine::time::Span;
 use telltale::runtime::{self, Link, Reread};
 use telltale::store::{DemoSecrets, Store};
 use telltale::web::{AppState, DemoFaults, Enrolled, FaultSwitch, Origins, Settings, router};
@@ -30,6 +31,7 @@ pub struct Fixture {
     pub clock: Clock,
     pub link: Link,
     pub router: Router,
+    pub app: AppState,
     pub faults: mpsc::Receiver<FaultSwitch>,
     /// Who is asked to read the configuration again.
     pub rereads: mpsc::Receiver<Reread>,
@@ -89,7 +91,7 @@ impl Fixture {
             rereads: Some(asks),
         };
         let app = AppState::new(link.clone(), store.clone(), clock, settings);
-        Fixture { router: router(app), store, clock, link, faults, rereads }
+        Fixture { router: router(app.clone()), app, store, clock, link, faults, rereads }
     }
 
     pub async fn send(&self, request: Request<Body>) -> Answer {
@@ -226,7 +228,17 @@ pub fn model() -> Model {
             module("planning/planner", 3, "planner"),
         ],
         watched: Watched::default(),
-        driving: Driving::default(),
+        driving: Driving {
+            stops: vec![Stop {
+                id: "depot".into(),
+                name: Text::plain("Depot"),
+                x_m: 0.0,
+                y_m: 0.0,
+                yaw_deg: 0.0,
+            }],
+            localized_after: Span::ZERO,
+            ..Driving::default()
+        },
         discovered: Policy::default(),
         limits: Limits::default(),
     };

@@ -9,4 +9,5 @@ mod login;
 mod seat;
 mod sockets;
 mod tls;
+mod vehicle;
 mod wire;

@@ -8,7 +8,7 @@ use serde_json::Value;
 use telltale::engine::model::Stage;
 use telltale::engine::state::State;
 use telltale::store::{DemoSecrets, Role, Store, Token};
-use telltale::web::view::{Lang, fragments};
+use telltale::web::view::{Fragment, Lang, fragments};
 use telltale::web::{AppState, Enrolled, Origins, Settings, serve};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
@@ -114,6 +114,11 @@ async fn closed(socket: &mut Socket) -> CloseCode {
     }
 }
 
+fn shown(server: &Server, lang: Lang) -> Vec<Fragment> {
+    let published = server.app.published();
+    fragments(&published, &server.app.frames.observe(&published), lang)
+}
+
 #[tokio::test]
 async fn an_upgrade_needs_a_session_and_an_origin_of_ours() {
     let server = Server::new().await;
@@ -150,7 +155,7 @@ async fn a_page_gets_everything_once_and_then_what_changed() {
         let message = format!("fine, {path}");
         server.fixture.status("lidar", 0, &message).await;
         server.fixture.until(|snapshot| *snapshot.modules[0].report.message == *message).await;
-        let before = fragments(&server.app.published(), lang);
+        let before = shown(&server, lang);
         let mut socket = server.connect(path, &cookie).await;
         let full = next_content(&mut socket).await;
         let all: String = before.iter().map(|fragment| fragment.html.as_str()).collect();
@@ -158,7 +163,7 @@ async fn a_page_gets_everything_once_and_then_what_changed() {
         assert_eq!(full["seq"].as_u64(), Some(server.app.published().snapshot.seq));
 
         server.fixture.drive(true).await;
-        let after = fragments(&server.app.published(), lang);
+        let after = shown(&server, lang);
         let changed: String = after
             .iter()
             .filter(|fragment| !before.contains(fragment))
@@ -289,13 +294,13 @@ async fn a_page_may_say_what_it_shows_and_nothing_else() {
     let session = server.app.session(&token).unwrap();
     let mut socket = server.connect("/ws", &cookie).await;
     let seq = next_content(&mut socket).await["seq"].as_u64().unwrap();
-    assert_eq!(server.app.displays.confirmed(&session), None);
+    assert_eq!(server.app.displays.shows_as_of(&session), None);
     socket.send(Message::text(format!("{{\"shown\":{seq}}}"))).await.unwrap();
     socket.send(Message::text("{\"shown\":0}")).await.unwrap();
     // A page may speak with more words than are needed.
     socket.send(Message::text(format!("{{\"shown\":{seq},\"headers\":{{}}}}"))).await.unwrap();
     next_json(&mut socket, |value| value["beat"].as_u64() > Some(1)).await;
-    assert_eq!(server.app.displays.confirmed(&session).map(|(shown, _)| shown), Some(seq));
+    assert!(server.app.displays.is_live(&session, server.fixture.clock.now()));
 
     let future = format!("{{\"shown\":{}}}", seq + 1000);
     let long = format!("{{\"shown\":1,\"x\":\"{}\"}}", "x".repeat(17 * 1024));
