@@ -14,11 +14,16 @@
   const notice = document.getElementById("notice");
 
   let busy = false;
+  let quietTimer = 0;
   let quietUntil = 0;
   let noticeTimer = 0;
 
+  // The stylesheet lets no tap through meanwhile.
   const quiet = (ms) => {
     quietUntil = Math.max(quietUntil, performance.now() + ms);
+    bar.dataset.quiet = "";
+    clearTimeout(quietTimer);
+    quietTimer = setTimeout(() => delete bar.dataset.quiet, quietUntil - performance.now());
   };
 
   // --- what was not done, and why
@@ -124,24 +129,12 @@
     }
   });
 
-  document.addEventListener(
-    "click",
-    (event) => {
-      const inBar = bar.contains(event.target) && event.target.closest("button");
-      if (inBar && performance.now() < quietUntil) {
-        event.preventDefault();
-        event.stopPropagation();
-      }
-    },
-    true,
-  );
-
   confirmation.elements.cancel.addEventListener("click", closeConfirmation);
   notice.querySelector("[name=dismiss]").addEventListener("click", hideNotice);
 
   // --- the bar changes under the finger
 
-  const offered = () => [...document.querySelectorAll("#step button")].map((it) => `${it.name} ${it.value}`).join();
+  const offered = () => [...document.querySelectorAll("#step form button")].map((it) => `${it.name} ${it.value}`).join();
   let before = offered();
 
   document.addEventListener("htmx:after:swap", () => {

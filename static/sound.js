@@ -8,12 +8,14 @@
 
   const body = document.body;
   const tool = document.querySelector("[data-tool=sound]");
-  const context = new AudioContext();
+  const silence = new URL("silence.wav", document.currentScript.src);
+  // Made when sound is permitted: earlier the browser would complain.
+  let context = null;
   // Whoever only looks on hears nothing unless they want to.
   let wanted = body.dataset.role === "operator";
   let playsUntil = 0;
 
-  const isOn = () => wanted && context.state === "running";
+  const isOn = () => wanted && context?.state === "running";
 
   const mark = () => {
     tool.dataset.sound = isOn() ? "on" : "off";
@@ -56,10 +58,15 @@
   };
 
   const unlock = () => {
-    if (wanted && context.state === "suspended") context.resume().then(mark, mark);
+    if (!wanted) return;
+    if (context === null) {
+      context = new AudioContext();
+      context.addEventListener("statechange", mark);
+    }
+    if (context.state === "suspended") context.resume().then(mark, mark);
+    mark();
   };
 
-  context.addEventListener("statechange", mark);
   for (const touch of ["pointerdown", "keydown"]) document.addEventListener(touch, unlock, { capture: true });
   tool.addEventListener("click", () => {
     wanted = !isOn();
@@ -67,8 +74,9 @@
     mark();
   });
   document.addEventListener("htmx:after:swap", listen);
-  // A login by touch permits sound on the page it leads to.
-  unlock();
   mark();
-  listen();
+  // A login by touch permits sound on the page it leads to, and a kiosk may permit it always:
+  // silence that is permitted tells.
+  const ready = navigator.userActivation?.hasBeenActive ? Promise.resolve() : new Audio(silence).play();
+  ready.then(unlock, mark).finally(listen);
 })();

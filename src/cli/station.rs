@@ -73,7 +73,7 @@ impl Station {
             let serving =
                 web::serve(listener, tls, AppState::new(link, store, clock, settings), ending.asked());
             let running = reloads.map(|reloads| reloads.running);
-            while_serving(serving, &bridge, &outputs, running).await?;
+            while_serving(serving, &bridge, &outputs, running, &end).await?;
         }
         tracing::info!("ending");
         storage.abort();
@@ -96,6 +96,7 @@ async fn while_serving(
     bridge: &Bridge,
     publishing: &Outputs,
     mut running: Option<watch::Receiver<Loaded>>,
+    store: &Store,
 ) -> anyhow::Result<()> {
     let mut serving = std::pin::pin!(serving);
     loop {
@@ -104,6 +105,10 @@ async fn while_serving(
             next = changed(&mut running) => next,
         };
         publishing.follow(outputs::topics(&next.publishing));
+        let record = Record::of(Action::Configuration, TELLTALE).on("the file that was read again is taken");
+        if let Err(error) = store.audit(record).await {
+            tracing::error!(%error, "a new configuration cannot be recorded");
+        }
         if let Err(error) = bridge.follow(&next.model) {
             tracing::error!("the old topics are read still: {error}");
         }

@@ -30,6 +30,11 @@ pub enum Input {
         /// What is wrong, for a developer; `None`: nothing.
         fault: Option<Box<str>>,
     },
+    /// The operator's display shows, or does not show, what is. Said when that changes.
+    Display {
+        /// Whose display it is; `None`: nothing is wrong.
+        late: Option<Box<str>>,
+    },
     /// An operator did something on the page.
     Operator(OperatorAction),
     /// Nothing but time passed.

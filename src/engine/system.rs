@@ -29,16 +29,19 @@ pub enum SystemCheck {
     Outputs,
     /// What must be kept can be written down.
     Storage,
+    /// The operator's display shows what is.
+    Display,
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 6] = [
+    pub const ALL: [SystemCheck; 7] = [
         SystemCheck::Invariants,
         SystemCheck::Reception,
         SystemCheck::Active,
         SystemCheck::Countermeasure,
         SystemCheck::Outputs,
         SystemCheck::Storage,
+        SystemCheck::Display,
     ];
 
     pub(super) fn id(self) -> &'static str {
@@ -49,6 +52,7 @@ impl SystemCheck {
             SystemCheck::Countermeasure => "telltale/countermeasure",
             SystemCheck::Outputs => "telltale/outputs",
             SystemCheck::Storage => "telltale/storage",
+            SystemCheck::Display => "telltale/display",
         }
     }
 
@@ -62,6 +66,7 @@ impl SystemCheck {
             }
             SystemCheck::Outputs => ("Vehicle cannot be told", "Fahrzeug ist nicht erreichbar"),
             SystemCheck::Storage => ("Nothing can be recorded", "Aufzeichnen nicht möglich"),
+            SystemCheck::Display => ("Display not live", "Anzeige nicht live"),
         };
         Text { en: en.into(), de: de.into() }
     }
@@ -83,6 +88,10 @@ impl SystemCheck {
             SystemCheck::Storage => (
                 "Finish the drive. No new clearance until it is mended. Report it.",
                 "Fahrt beenden. Bis zur Behebung keine neue Freigabe. Melden.",
+            ),
+            SystemCheck::Display => (
+                "Do not rely on it. Be ready to take over.",
+                "Nicht darauf verlassen. Zur Übernahme bereit sein.",
             ),
         };
         Text { en: en.into(), de: de.into() }

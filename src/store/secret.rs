@@ -42,8 +42,10 @@ const PIN_DIGITS_MIN: usize = 6;
 const PASSWORD_CHARS_MIN: usize = 12;
 const SECRET_BYTES_MAX: usize = 256;
 
-/// On a machine with few cores the engine and the displays go first, whoever tries to log in.
-const HASHING_NICENESS: i32 = 19;
+/// On a machine with few cores the engine and the displays go first, whoever tries to log in; and
+/// on a busy one, whoever does at the vehicle itself has a share still.
+const VEHICLE_NICENESS: i32 = 5;
+const ELSEWHERE_NICENESS: i32 = 19;
 /// Hashing takes 19 MiB and tens of milliseconds of one core, so there are two lanes. In each, so
 /// many logins may wait for their hash; more are refused, a flood must not fill the memory.
 const HASHES_WAITING: usize = 64;
@@ -100,7 +102,11 @@ type Work = Box<dyn FnOnce() + Send>;
 
 impl Hashing {
     pub(super) fn new(demo: DemoSecrets) -> Result<Hashing, StoreError> {
-        Ok(Hashing { vehicle: start_lane()?, elsewhere: start_lane()?, demo })
+        Ok(Hashing {
+            vehicle: start_lane(VEHICLE_NICENESS)?,
+            elsewhere: start_lane(ELSEWHERE_NICENESS)?,
+            demo,
+        })
     }
 
     pub(super) async fn hash(&self, secret: String) -> Result<String, StoreError> {
@@ -153,13 +159,13 @@ impl Hashing {
     }
 }
 
-fn start_lane() -> Result<SyncSender<Work>, StoreError> {
+fn start_lane(niceness: i32) -> Result<SyncSender<Work>, StoreError> {
     let (work, queue) = sync_channel::<Work>(HASHES_WAITING);
     std::thread::Builder::new()
         .name("hashing".to_owned())
         .spawn(move || {
             // On Linux this is of the calling thread alone. Without it hashing still works.
-            let _ = rustix::process::nice(HASHING_NICENESS);
+            let _ = rustix::process::nice(niceness);
             queue.iter().for_each(|work| work());
         })
         .map_err(|reason| StoreError::Folder { path: PathBuf::from("(a new thread)"), reason })?;

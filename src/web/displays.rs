@@ -2,9 +2,13 @@
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use tokio::sync::watch;
+use tokio::time::{MissedTickBehavior, interval};
 
+use super::state::AppState;
+use crate::engine::input::{Input, Stamped};
 use crate::engine::time::{Span, Timestamp};
 use crate::store::Session;
 
@@ -15,6 +19,7 @@ const SOCKETS_PER_SESSION_MAX: usize = 16;
 
 /// A display that shows nothing younger than this is not live.
 pub const LIVE_WITHIN: Span = Span::from_secs(2);
+const CHECK_EVERY: Duration = Duration::from_millis(250);
 /// States that were sent and not confirmed are noted at most this often, and at most so many.
 const NOTED_EVERY: Span = Span::from_millis(100);
 const NOTED_MAX: usize = 32;
@@ -94,6 +99,19 @@ impl Displays {
         self.newest(of).is_some_and(|shown| now.since(shown) < LIVE_WITHIN)
     }
 
+    /// Whether a page of this user is open and none of theirs says that it shows anything.
+    pub fn is_late(&self, user: &str, now: Timestamp) -> bool {
+        let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut late = false;
+        for display in table.open.values().filter(|display| &*display.session.user == user) {
+            if display.shows_as_of.is_some_and(|shown| now.since(shown) < LIVE_WITHIN) {
+                return false;
+            }
+            late |= display.sent.front().is_some_and(|(_, sent)| now.since(*sent) >= LIVE_WITHIN);
+        }
+        late
+    }
+
     fn newest(&self, of: impl Fn(&Display) -> bool) -> Option<Timestamp> {
         let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         table.open.values().filter(|display| of(display)).filter_map(|display| display.shows_as_of).max()
@@ -104,6 +122,28 @@ impl Displays {
         let mut count = self.0.lock().unwrap_or_else(PoisonError::into_inner).count.subscribe();
         // The sender lives as long as `self`.
         let _ = count.wait_for(|count| *count == 0).await;
+    }
+}
+
+/// Tells the engine while the operator's display shows nothing, for as long as the server runs.
+pub async fn watch(app: AppState) {
+    let mut checks = interval(CHECK_EVERY);
+    checks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut told = false;
+    loop {
+        checks.tick().await;
+        let now = app.clock.now();
+        let operator = app.published().snapshot.operator.clone();
+        let late = operator.filter(|operator| app.displays.is_late(operator, now));
+        if late.is_some() == told {
+            continue;
+        }
+        told = late.is_some();
+        tracing::warn!(late = told, "the operator's display");
+        let input = Input::Display { late: late.map(|operator| Box::from(&*operator)) };
+        if app.link.inputs.send(Stamped { input, received: now }).await.is_err() {
+            return;
+        }
     }
 }
 
@@ -140,5 +180,41 @@ impl Drop for Place {
         let mut table = self.displays.0.lock().unwrap_or_else(PoisonError::into_inner);
         table.open.remove(&self.number);
         table.count.send_replace(table.open.len());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Clock;
+    use crate::store::{DemoSecrets, Store};
+
+    #[tokio::test]
+    async fn a_display_lives_by_what_it_confirms() {
+        let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
+        store.add_demo_users().await.unwrap();
+        let user = store.authenticate("operator", "246810").await.unwrap().unwrap();
+        let (_, session) = store.open_session(&user).await.unwrap();
+        let displays = Displays::default();
+        let at = Timestamp::from_millis;
+        assert!(!displays.is_live_for(&session, at(0)) && !displays.is_late("operator", at(9_000)));
+        let place = displays.enter(&session).unwrap();
+        place.sent(1, at(1_000));
+        assert!(!displays.is_live_for(&session, at(1_000)), "nothing is confirmed");
+        place.confirm(1);
+        assert!(displays.is_live_for(&session, at(2_999)) && !displays.is_live_for(&session, at(3_000)));
+        for ms in (2_000..9_000).step_by(100) {
+            place.sent(ms, at(ms));
+        }
+        // It goes on to answer, but shows what is old.
+        place.confirm(2_000);
+        assert!(!displays.is_live_for(&session, at(4_000)) && displays.is_late("operator", at(4_100)));
+        place.confirm(8_900);
+        assert_eq!(displays.shows_as_of(&session).map(|shown| shown > at(5_000)), Some(true));
+        place.sent(9_000, at(9_000));
+        place.confirm(9_000);
+        assert!(displays.is_live_for(&session, at(9_500)) && !displays.is_late("operator", at(10_900)));
+        drop(place);
+        assert!(!displays.is_live_for(&session, at(9_500)) && !displays.is_late("operator", at(20_000)));
     }
 }

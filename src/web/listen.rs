@@ -21,7 +21,7 @@ use super::login::Peer;
 use super::router::router;
 use super::state::{AppState, turned};
 use super::tls::Tls;
-use super::{keep, seat};
+use super::{displays, keep, seat};
 
 const CONNECTIONS_MAX: usize = 512;
 /// One source must not take all places. The vehicle's own display is not counted.
@@ -53,7 +53,11 @@ pub async fn serve(
     let service = router(app.clone());
     let sources = Sources::default();
     let mut connections = JoinSet::new();
-    let watches = [tokio::spawn(seat::watch(app.clone())), tokio::spawn(keep::follow(app.clone()))];
+    let watches = [
+        tokio::spawn(seat::watch(app.clone())),
+        tokio::spawn(keep::follow(app.clone())),
+        tokio::spawn(displays::watch(app.clone())),
+    ];
     let mut shutdown = pin!(shutdown);
     loop {
         let has_room = connections.len() < CONNECTIONS_MAX;
@@ -161,5 +165,27 @@ impl Drop for SourcePlace {
                 counts.remove(&self.source);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_source_does_not_take_all_places_and_the_vehicles_own_display_is_not_counted() {
+        let sources = Sources::default();
+        let stranger: IpAddr = "10.0.0.66".parse().unwrap();
+        let mut places: Vec<_> = (0..CONNECTIONS_PER_SOURCE_MAX).map(|_| sources.enter(stranger)).collect();
+        assert!(places.iter().all(Option::is_some));
+        assert!(sources.enter(stranger).is_none());
+        assert!(sources.enter("::ffff:10.0.0.66".parse().unwrap()).is_none(), "the same one");
+        assert!(sources.enter("10.0.0.67".parse().unwrap()).is_some());
+        let local: Vec<_> = (0..CONNECTIONS_MAX).map(|_| sources.enter([127, 0, 0, 1].into())).collect();
+        assert!(local.iter().all(Option::is_some));
+        places.pop();
+        assert!(sources.enter(stranger).is_some(), "a place is free again");
+        drop((places, local));
+        assert!(sources.0.lock().unwrap().is_empty(), "nothing is kept of who has gone");
     }
 }

@@ -58,3 +58,31 @@ impl PendingClearance {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Clock;
+    use crate::store::{DemoSecrets, Store};
+
+    #[tokio::test]
+    async fn a_confirmation_counts_once_and_for_ten_seconds() {
+        let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
+        store.add_demo_users().await.unwrap();
+        let user = store.authenticate("operator", "246810").await.unwrap().unwrap();
+        let (_, session) = store.open_session(&user).await.unwrap();
+        let (_, other) = store.open_session(&user).await.unwrap();
+        let pending = PendingClearance::default();
+        let cases = [(0, Ok(7)), (9_999, Ok(7)), (10_000, Err(NotPending::TooLate))];
+        for (waited_ms, expect) in cases {
+            let asked = Timestamp::from_millis(5_000);
+            let now = asked + Span::from_millis(waited_ms);
+            let token = pending.ask(&session, 7, asked).unwrap();
+            assert_eq!(token.len(), 32);
+            assert_eq!(pending.redeem(&token, &other, now), Err(NotPending::Unknown));
+            assert_eq!(pending.redeem("", &session, now), Err(NotPending::Unknown));
+            assert_eq!(pending.redeem(&token, &session, now), expect, "{waited_ms} ms");
+            assert_eq!(pending.redeem(&token, &session, now), Err(NotPending::Unknown), "used");
+        }
+    }
+}

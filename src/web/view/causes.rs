@@ -80,7 +80,7 @@ pub fn causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
         EntryHtml { waits, message, ..html }
     };
     let alarms = view.snapshot.alarms.iter().filter(|alarm| alarm.active);
-    let calm = entries.is_empty().then(|| calm(view));
+    let calm = entries.iter().all(|entry| entry.over).then(|| calm(view));
     let html = html(&CausesHtml {
         words: view.words,
         steps: view.lang.steps(),

@@ -11,6 +11,9 @@ use super::View;
 use super::clean::{MESSAGE, clean};
 use crate::web::versions::Matter;
 
+/// WARNINGs of one component that are entries of their own; more of them are one.
+const WARNINGS_NAMED: usize = 3;
+
 /// One entry of the list.
 #[derive(Debug, Clone)]
 pub struct Entry {
@@ -158,6 +161,14 @@ fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
                 .copied()
                 .filter(|module| visible(module) && !roots.contains(&NodeId::Module(*module)))
                 .collect();
+            // Somebody who accepts a WARNING reads which one.
+            if state == State::Warning && of_state.len() <= WARNINGS_NAMED {
+                found.extend(of_state.iter().map(|&one| Entry {
+                    acknowledge: of_warnings(view, id, &[one]),
+                    ..of_module(view, one, state)
+                }));
+                continue;
+            }
             let entry = match *of_state {
                 [] => continue,
                 [one] => of_module(view, one, state),

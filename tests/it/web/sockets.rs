@@ -7,7 +7,7 @@ use futures_util::{SinkExt, StreamExt};
 use serde_json::Value;
 use telltale::engine::model::Stage;
 use telltale::engine::state::State;
-use telltale::store::{DemoSecrets, Store, Token};
+use telltale::store::{DemoSecrets, Role, Store, Token};
 use telltale::web::view::{Fragment, Lang, fragments};
 use telltale::web::{AppState, Enrolled, Origins, Settings, serve};
 use tokio::net::{TcpListener, TcpStream};
@@ -237,7 +237,7 @@ async fn whoever_does_not_read_delays_nobody_and_is_closed() {
 
 #[tokio::test]
 async fn a_socket_ends_with_its_session() {
-    for how in ["logout", "passwd", "remove"] {
+    for how in ["logout", "passwd", "role", "remove"] {
         let server = Server::new().await;
         let cookie = server.fixture.cookie_of("operator").await;
         let bystander = server.fixture.cookie_of("developer").await;
@@ -251,6 +251,7 @@ async fn a_socket_ends_with_its_session() {
         match how {
             "logout" => drop(server.fixture.post("/logout", Some(&cookie), "").await),
             "passwd" => store.change_secret("operator", "135791").await.unwrap(),
+            "role" => store.change_role("operator", Role::Authority, "a long password").await.unwrap(),
             _ => store.remove_user("operator").await.unwrap(),
         }
         for socket in &mut sockets {

@@ -147,11 +147,12 @@ async fn a_token_is_good_once_for_one_login_and_for_the_state_it_was_given_for()
     let token = operator.token().await;
     operator.fixture.status("tf", 1, "unsure").await;
     operator.fixture.until(|snapshot| snapshot.overall == State::Warning).await;
+    // Somebody was shown it, if only for a moment.
+    operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
     operator.fixture.status("tf", 0, "fine").await;
     operator.fixture.until(|snapshot| snapshot.overall == State::Ok).await;
-    // The page that shows this state has seen it change, if only for a moment.
-    operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
-    operator.confirm(&token).await;
+    refused(&operator.confirm(&token).await);
+    assert_eq!(operator.fixture.stage(), Stage::Standby);
 
     let operator = Operator::standing().await;
     operator.look();

@@ -94,7 +94,7 @@ fn one_button_acknowledges_what_is_first() {
     let noted = jump().pass(4).act(OperatorAction::Acknowledge { alarm: AlarmRef::Number(1) });
     check(&noted.published(), Lang::En, "causes", &["Position jumped"], &["acknowledge", "data-waiting"]);
     let over = jump().pass(4).report("localization/tf_quality", 0, "fine", &[]).pass(4);
-    check(&over.published(), Lang::En, "causes", &["data-over", "Over", number], &["All 8"]);
+    check(&over.published(), Lang::En, "causes", &["data-past=", "Over", number, "All 8"], &["data-node"]);
     let warned = Sample::shuttle(false).report("can/battery", 1, "18 %", &[]).pass(2);
     check(&warned.published(), Lang::En, "causes", &["/alarms/can/battery/acknowledge"], &[]);
 }
