@@ -109,7 +109,12 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
         participant.clone(),
         subscriber,
         ground.options.gid_size.or(legacy.gid_size),
-        presence::Surroundings { own_readers, nodes: ground.nodes.clone(), clock: ground.clock },
+        presence::Surroundings {
+            own_readers,
+            nodes: ground.nodes.clone(),
+            clock: ground.clock,
+            node: ground.options.node,
+        },
         stopping,
     ));
     let end = watch_over(participant, ground, plan, &mut topics, legacy).await;
