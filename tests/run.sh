@@ -5,6 +5,9 @@
 #   tests/run.sh screenshot  makes docs/screenshot.png anew instead
 #   tests/run.sh screens     makes docs/screens/ anew instead
 #
+# TELLTALE_CRASH_ROUNDS=200 kills the program that often, not 20 times. The tests of full and
+# read-only disks need mount namespaces.
+#
 # What is missing is installed where that is possible (Debian, as root), else it is named and
 # nothing runs. Nothing is skipped: a test that did not run fails the whole. DDS stays on the
 # loopback interface. The last line is `N passed, N failed`.

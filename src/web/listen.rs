@@ -167,3 +167,25 @@ impl Drop for SourcePlace {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_source_does_not_take_all_places_and_the_vehicles_own_display_is_not_counted() {
+        let sources = Sources::default();
+        let stranger: IpAddr = "10.0.0.66".parse().unwrap();
+        let mut places: Vec<_> = (0..CONNECTIONS_PER_SOURCE_MAX).map(|_| sources.enter(stranger)).collect();
+        assert!(places.iter().all(Option::is_some));
+        assert!(sources.enter(stranger).is_none());
+        assert!(sources.enter("::ffff:10.0.0.66".parse().unwrap()).is_none(), "the same one");
+        assert!(sources.enter("10.0.0.67".parse().unwrap()).is_some());
+        let local: Vec<_> = (0..CONNECTIONS_MAX).map(|_| sources.enter([127, 0, 0, 1].into())).collect();
+        assert!(local.iter().all(Option::is_some));
+        places.pop();
+        assert!(sources.enter(stranger).is_some(), "a place is free again");
+        drop((places, local));
+        assert!(sources.0.lock().unwrap().is_empty(), "nothing is kept of who has gone");
+    }
+}

@@ -227,19 +227,29 @@ impl Entrance {
         if self.user.role() != Role::Operator {
             return Ok(app.audit(self.record(Action::Login)).await?);
         }
+        // Written first: while nothing can be written, whoever has the vehicle keeps it.
+        app.store.take_seat(self.user.name()).await?;
         let action = OperatorAction::Login { name: self.user.name().into() };
-        match app.command(action).await {
-            Ok(Answer::Done) => {}
-            Ok(Answer::Refused(reasons)) => {
-                app.audit(self.record(Action::Login).refused(format!("{reasons:?}"))).await?;
-                return Err(NotOpened::Refused(reasons));
-            }
+        let not_opened = match app.command(action).await {
+            Ok(Answer::Done) => None,
+            Ok(Answer::Refused(reasons)) => Some(NotOpened::Refused(reasons)),
             Err(error) => {
                 tracing::error!(%error, "nobody can log in");
-                return Err(NotOpened::Unavailable);
+                Some(NotOpened::Unavailable)
             }
+        };
+        if let Some(not_opened) = not_opened {
+            match other {
+                Some(other) => app.store.take_seat(other).await?,
+                None => app.store.leave_seat().await?,
+            }
+            let why = match &not_opened {
+                NotOpened::Refused(reasons) => format!("{reasons:?}"),
+                _ => "the engine does not answer".to_owned(),
+            };
+            app.audit(self.record(Action::Login).refused(why)).await?;
+            return Err(not_opened);
         }
-        app.store.take_seat(self.user.name()).await?;
         if let Some(other) = other {
             app.audit(self.record(Action::HandOver).on(format!("from {other}"))).await?;
             app.store.end_sessions_of(other).await?;

@@ -1,9 +1,10 @@
 """A full disk, a read-only one, a broken database: the display goes on and says so.
 
-It needs root and mount namespaces; where they are not to be had it fails.
+It needs mount namespaces, as root or through those of users; where they are not to be had it fails.
 """
 
 import json
+import os
 import subprocess
 import urllib.error
 
@@ -11,6 +12,7 @@ import pytest
 
 from vehicle import CONFIG, OPERATOR, STARTUP_S, TELLTALE, Client, Server, own_domain, until
 
+IS_ROOT = os.geteuid() == 0
 # A probe every five seconds, and some.
 NOTICE_S = 12
 
@@ -32,14 +34,16 @@ class Mounted(Server):
             exec {' '.join(map(str, serve))}
         """
         self.log = open(self.folder / "serve.log", "ab")
-        words = ["unshare", "--mount", "--propagation", "private", "sh", "-c", script]
+        words = ["unshare", "--mount", "--propagation", "private", *([] if IS_ROOT else ["--map-root-user"])]
+        words += ["sh", "-c", script]
         self.process = subprocess.Popen(words, stdout=self.log, stderr=self.log, stdin=subprocess.DEVNULL)
         until(self.answers, STARTUP_S, lambda: f"the server answers\n{self.read_log()}")
         return self
 
     def inside(self, script):
         """Runs a script where the server sees its data folder."""
-        words = ["nsenter", "--mount", "--target", str(self.process.pid), "sh", "-ec", f"cd {self.data}\n{script}"]
+        words = ["nsenter", *([] if IS_ROOT else ["--user", "--preserve-credentials"]), "--mount"]
+        words += ["--target", str(self.process.pid), "sh", "-ec", f"cd {self.data}\n{script}"]
         return subprocess.run(words, text=True, capture_output=True, timeout=60, check=True).stdout
 
 

@@ -179,3 +179,25 @@ fn users_and_tokens_are_made_on_the_command_line_and_recorded() {
     assert!(other.status.code() == Some(1) && said.contains("record 3"), "{said}");
     refuses(&["audit", "verify", "--data", data, "--head", "3"], &["a head is a number, a colon"]);
 }
+
+#[test]
+fn a_certificate_that_cannot_be_used_is_told_before_anything_listens() {
+    let folder = folder("tls");
+    let data = folder.to_str().expect("the path is text");
+    let made = telltale(&["tls", "self-signed", "--replace", "--name", "shuttle-1.example", "--data", data]);
+    assert!(made.status.success(), "{made:?}");
+    let [certificate, key] = ["tls-cert.pem", "tls-key.pem"].map(|name| format!("{data}/{name}"));
+    let serve =
+        ["serve", "--config", SHUTTLE, "--listen", "127.0.0.1:0", "--interface", "loopback", "--data", data];
+    let with = |more: &[&str], said: &[&str]| refuses(&[&serve[..], more].concat(), said);
+    with(&["--tls-cert", &certificate], &["--tls-key"]);
+    with(&["--tls-cert", &key, "--tls-key", &key], &["tls-key.pem", "holds no certificate"]);
+    with(&["--tls-cert", &certificate, "--tls-key", "/nowhere.pem"], &["/nowhere.pem", "cannot be read"]);
+    let origin = ["--tls-cert", &certificate, "--tls-key", &key, "--origin", "https://shuttle-2.example"];
+    with(
+        &origin,
+        &["--origin https://shuttle-2.example", "does not name shuttle-2.example", "shuttle-1.example"],
+    );
+    with(&["--display", "shuttle"], &["is no display", "loopback"]);
+    refuses(&["tls", "self-signed", "--data", data], &["tls-cert.pem is there already", "--replace"]);
+}

@@ -1,13 +1,18 @@
 //! The audit log: what is in it, who reads it, and that a flood does not fill it.
 
 use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
 
 use axum::http::header::{AUTHORIZATION, ORIGIN};
 use axum::http::{Method, StatusCode};
+use telltale::engine::Engine;
+use telltale::engine::input::{Input, OperatorAction};
+use telltale::engine::state::State;
+use telltale::engine::time::Timestamp;
 use telltale::store::audit::Entry;
 use telltale::web::Peer;
 
-use super::fixture::{Fixture, as_program, form_request, request};
+use super::fixture::{Fixture, as_program, form_request, model, request};
 
 /// The records so far, oldest first, as `action who target outcome`.
 async fn records(fixture: &Fixture) -> Vec<String> {
@@ -98,4 +103,24 @@ async fn a_flood_of_refusals_does_not_fill_the_log_and_hides_no_login() {
     let records = records(&fixture).await;
     assert!(records.len() < 70, "{}", records.len());
     assert_eq!(records.last().map(String::as_str), Some("login operator operator done"));
+}
+
+#[test]
+fn storage_that_fails_is_a_warning_until_it_works_again_and_a_reload_does_not_forget_it() {
+    let model = Arc::new(model());
+    let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+    engine.handle(&Input::Operator(OperatorAction::Login { name: "anna".into() }), Timestamp::ZERO);
+    let shown = |engine: &mut Engine| {
+        let snapshot = engine.snapshot();
+        let node = snapshot.node("telltale/storage").expect("it is always there");
+        snapshot.shown(node).0
+    };
+    assert_eq!(shown(&mut engine), State::Ok);
+    for (fault, expected) in [(Some("the disk is full"), State::Warning), (None, State::Ok)] {
+        let now = Timestamp::from_millis(1000);
+        engine.handle(&Input::Storage { fault: fault.map(Box::from) }, now);
+        assert_eq!(shown(&mut engine), expected);
+        engine.reload(model.clone(), now);
+        assert_eq!(shown(&mut engine), expected, "after a reload");
+    }
 }
