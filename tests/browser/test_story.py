@@ -76,6 +76,7 @@ def test_the_story_by_touch_alone(demo, display, trouble):
     step(page, "logout").tap()
     page.wait_for_url(demo.url + "/login*")
     expect(page.locator(".known button")).to_have_text(["operator"])
+    expect(page.locator(".digits")).to_be_visible()
 
 
 def test_a_refused_clearance_lists_every_check_and_a_double_tap_clears_nothing(demo, display, trouble):
