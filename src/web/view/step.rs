@@ -137,7 +137,7 @@ fn clear(view: &View<'_>) -> Step {
     let failing = checks.iter().filter(|check| !check.holds).count();
     let mut shown = fitting(SMALL_EM_BAR);
     if shown < failing {
-        shown = fitting(SMALL_EM_BAR_NARROW).clamp(1, failing - 1);
+        shown = fitting(SMALL_EM_BAR_NARROW).clamp(1, (failing - 1).max(1));
     }
     let more = failing.saturating_sub(shown);
     checks.truncate(shown);
