@@ -89,12 +89,15 @@ def stream(demo, client):
     stream.close()
 
 
-def test_a_demo_that_was_put_to_sleep_wakes_up_whole(demo, stream):
+def test_a_demo_that_was_put_to_sleep_wakes_up_whole(demo, client, stream):
     stream.wait(healthy, A_LEG_S, "all is well")
     demo.sleep()
     woken = time.monotonic()
     # Its statuses would be silent for longer than their timeout of 2 s by then.
     stream.wait(lambda s: time.monotonic() - woken > 4 and healthy(s), 10, "all is well again")
+    # Nothing was heard for a moment, in the middle of a drive: the shuttle was asked to slow down.
+    acknowledge_all(client)
+    stream.wait(lambda s: not s["countermeasures"], 5, "countermeasures are released")
 
 
 class Faults:

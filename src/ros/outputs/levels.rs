@@ -114,3 +114,109 @@ impl Levels {
         self.clearance == Some(true)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::engine::Engine;
+    use crate::engine::countermeasure::Request;
+    use crate::engine::model::{Driving, Limits, Model, Parts, Policy, StageModel, Text};
+    use crate::engine::monitor::spec::Watched;
+    use crate::engine::snapshot::{Countermeasure, MeasureState};
+
+    fn at(ms: u64) -> Timestamp {
+        Timestamp::from_millis(ms)
+    }
+
+    fn calm() -> Snapshot {
+        let parts = Parts {
+            vehicle_id: "v".into(),
+            vehicle_name: Text::plain("V"),
+            stages: StageModel::Shuttle,
+            signals: Vec::new(),
+            groups: Vec::new(),
+            modules: Vec::new(),
+            watched: Watched::default(),
+            driving: Driving::default(),
+            discovered: Policy::default(),
+            limits: Limits::default(),
+        };
+        let model = Arc::new(Model::new(parts).expect("nothing depends on anything"));
+        (*Engine::new(model, Timestamp::ZERO).snapshot()).clone()
+    }
+
+    fn asking(requests: &[Request]) -> Snapshot {
+        let measure = |&request: &Request| Countermeasure {
+            request,
+            by_operator: false,
+            causes: Arc::from([]),
+            since: Timestamp::ZERO,
+            state: MeasureState::Requested,
+            latched: false,
+        };
+        Snapshot { countermeasures: requests.iter().map(measure).collect(), ..calm() }
+    }
+
+    /// Says all that is due, and returns it.
+    fn say(levels: &mut Levels, snapshot: &Snapshot, ms: u64) -> Vec<Say> {
+        let due = levels.due(snapshot, at(ms));
+        due.iter().for_each(|&say| levels.said(say, at(ms)));
+        due
+    }
+
+    #[test]
+    fn a_level_is_said_once_when_it_changes_and_again_to_a_new_participant() {
+        let mut levels = Levels::new(Span::from_millis(50), &calm());
+        let all = [Say::ManeuverStop(false), Say::Clearance(false), Say::Stage(Stage::Locked)];
+        assert_eq!(say(&mut levels, &calm(), 0), all);
+        assert_eq!(say(&mut levels, &calm(), 10_000), []);
+        let cleared = Snapshot { clearance: true, stage: Stage::Cleared, ..calm() };
+        assert_eq!(say(&mut levels, &cleared, 0), [Say::Clearance(true), Say::Stage(Stage::Cleared)]);
+        assert!(levels.cleared());
+        levels.forget();
+        assert_eq!(say(&mut levels, &cleared, 0).len(), 3);
+    }
+
+    #[test]
+    fn what_was_not_said_stays_due() {
+        let levels = Levels::new(Span::from_millis(50), &calm());
+        assert_eq!(levels.due(&calm(), at(0)), levels.due(&calm(), at(5)));
+    }
+
+    #[test]
+    fn a_deceleration_goes_first_is_repeated_and_ends_in_silence() {
+        let mut levels = Levels::new(Span::from_millis(50), &calm());
+        say(&mut levels, &calm(), 0);
+        let asked = asking(&[Request::Decelerate { mps2: 1.0 }, Request::ManeuverStop]);
+        assert_eq!(say(&mut levels, &asked, 10), [Say::Deceleration(1.0), Say::ManeuverStop(true)]);
+        assert_eq!(levels.repeat_at(&asked), Some(at(60)));
+        assert_eq!(say(&mut levels, &asked, 59), []);
+        assert_eq!(say(&mut levels, &asked, 60), [Say::Deceleration(1.0)]);
+        let stronger = asking(&[Request::Decelerate { mps2: 2.0 }, Request::ManeuverStop]);
+        assert_eq!(say(&mut levels, &stronger, 61), [Say::Deceleration(2.0)], "at once");
+        assert_eq!(say(&mut levels, &calm(), 70), [Say::ManeuverStop(false)]);
+        assert_eq!(levels.repeat_at(&calm()), None);
+        assert_eq!(
+            say(&mut levels, &stronger, 71).first(),
+            Some(&Say::Deceleration(2.0)),
+            "a new one, at once"
+        );
+    }
+
+    #[test]
+    fn a_pose_is_given_once_and_none_from_before_the_start() {
+        let posed = |number| {
+            let pose = MapPose { x_m: 1.0, y_m: 2.0, yaw_deg: 90.0 };
+            let mut snapshot = calm();
+            (snapshot.localization.number, snapshot.localization.pose) = (number, Some(pose));
+            snapshot
+        };
+        let mut levels = Levels::new(Span::from_millis(50), &posed(3));
+        assert!(!say(&mut levels, &posed(3), 0).iter().any(|say| matches!(say, Say::Pose(..))));
+        assert!(matches!(say(&mut levels, &posed(4), 0)[..], [Say::Pose(4, _)]));
+        levels.forget();
+        assert!(!say(&mut levels, &posed(4), 0).iter().any(|say| matches!(say, Say::Pose(..))));
+    }
+}

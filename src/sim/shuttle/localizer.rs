@@ -107,8 +107,9 @@ impl Localizer {
         if now_ms - since_ms >= SETTLE_MS {
             self.pose_at_ms = now_ms;
             self.silent = false;
-            let beside =
-                self.jumps_since_ms.is_some_and(|since_ms| (now_ms - since_ms) / JUMP_EVERY_MS % 2 == 0);
+            let beside = self
+                .jumps_since_ms
+                .is_some_and(|since_ms| ((now_ms - since_ms) / JUMP_EVERY_MS).is_multiple_of(2));
             let left_m = if beside { JUMP_M } else { 0.0 };
             self.pose = truth.moved(noise.around(0.015), left_m + noise.around(0.015), noise.around(0.001));
         }
