@@ -67,7 +67,7 @@ async fn demo(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let names = Fault::ALL.map(Fault::as_str).to_vec();
     print!("{}", introduction(listener.local_addr()?, options.domain));
     let demo = Some(DemoFaults::new(names, switch));
-    Station { loaded, file: None, store, options, listener, origins: Vec::new(), demo, clock }
+    Station { loaded, file: None, store, folder: None, options, listener, origins: Vec::new(), demo, clock }
         .run(ending)
         .await?;
     driving.await.context("the simulated shuttle failed")?;

@@ -63,7 +63,8 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     say_if_nobody_can_log_in(&store, &folder).await?;
     let origins = args.origins.clone();
     let file = Some(args.config.clone());
-    Station { loaded, file, store, options, listener, origins, demo: None, clock }.run(ending).await?;
+    let folder = Some(folder);
+    Station { loaded, file, store, folder, options, listener, origins, demo: None, clock }.run(ending).await?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -2,8 +2,9 @@
 
 use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::mpsc::SyncSender;
 
 use anyhow::{Context as _, anyhow};
 use tokio::net::TcpListener;
@@ -15,9 +16,10 @@ use crate::clock::Clock;
 use crate::config::Loaded;
 use crate::engine::input::{OperatorAction, Response, Stamped};
 use crate::engine::model::Model;
+use crate::engine::record::Record;
 use crate::ros::{self, Bridge, BridgeOptions};
 use crate::runtime::{self, Command, Link};
-use crate::store::Store;
+use crate::store::{History, Store};
 use crate::web::{self, AppState, DemoFaults, Origins, Settings};
 
 /// Where browsers find the display unless told otherwise: this machine alone.
@@ -29,6 +31,8 @@ pub struct Station {
     /// The file that it was read from, to read it again.
     pub file: Option<PathBuf>,
     pub store: Store,
+    /// The folder of the history; without one it is kept in memory.
+    pub folder: Option<PathBuf>,
     pub options: BridgeOptions,
     pub listener: TcpListener,
     /// Addresses by which browsers reach it, beside that of the listener.
@@ -43,14 +47,15 @@ impl Station {
     /// # Errors
     /// What keeps it from starting: DDS, the database, an origin that is none.
     pub async fn run(self, mut ending: Ending) -> anyhow::Result<()> {
-        let Station { loaded, file, store, options, listener, origins, demo, clock } = self;
+        let Station { loaded, file, store, folder, options, listener, origins, demo, clock } = self;
         let address = listener.local_addr().context("the listener has no address")?;
         let listens_to = dds::describe(&options);
-        let link = runtime::start(loaded.model.clone(), clock);
+        let (history, records) = open_history(folder.as_deref(), clock).unzip();
+        let link = runtime::start_recorded(loaded.model.clone(), clock, records);
         let reloads =
             file.map(|file| reload::start(file, loaded.clone(), link.reloads.clone())).transpose()?;
         let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
-        let settings = Settings { origins: known_origins(address, &origins)?, secure: false, demo, rereads };
+        let settings = Settings { origins: known_origins(address, &origins)?, secure: false, demo, rereads, history };
         let listening = Listening { options, inputs: link.inputs.clone(), clock };
         let bridge = listening.to(loaded.model.clone()).await?;
         restore_operator(&store, &link).await?;
@@ -67,6 +72,12 @@ impl Station {
         }
         Ok(())
     }
+}
+
+/// The history is no reason not to start: without it, its page says so.
+fn open_history(folder: Option<&Path>, clock: Clock) -> Option<(History, SyncSender<Vec<Record>>)> {
+    let opened = folder.map_or_else(|| History::in_memory(clock), |folder| History::open(folder, clock));
+    opened.inspect_err(|error| tracing::error!("nothing will be recorded: {error}")).ok()
 }
 
 /// What it takes to listen to DDS, each time anew.

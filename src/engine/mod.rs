@@ -19,6 +19,7 @@ mod net;
 mod node;
 mod overflow;
 pub mod persistent;
+pub mod record;
 mod relevance;
 mod reload;
 pub mod sample;

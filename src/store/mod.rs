@@ -4,6 +4,7 @@
 //! memory, so that a request never waits for the disk; every change is on the disk
 //! (`synchronous=FULL`) before its caller is answered.
 
+mod history;
 mod role;
 mod schema;
 mod secret;
@@ -18,6 +19,7 @@ use std::time::Duration;
 use rusqlite::Connection;
 use tokio::sync::oneshot;
 
+pub use history::{HISTORY_FILE, Happened, History, HistoryQuery, NodePast, Past, Stretch};
 pub use role::Role;
 pub use schema::FILE_NAME;
 pub use secret::{DEMO_USERS, DemoSecrets, SecretError};

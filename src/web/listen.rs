@@ -20,6 +20,7 @@ use super::login::Peer;
 use super::router::router;
 use super::seat;
 use super::state::{AppState, turned};
+use super::trends;
 
 const CONNECTIONS_MAX: usize = 512;
 /// One source must not take all places. The vehicle's own display is not counted.
@@ -49,6 +50,7 @@ pub async fn serve(
     let sources = Sources::default();
     let mut connections = JoinSet::new();
     let seat = tokio::spawn(seat::watch(app.clone()));
+    let trends = tokio::spawn(trends::watch(app.clone()));
     let mut shutdown = pin!(shutdown);
     loop {
         let has_room = connections.len() < CONNECTIONS_MAX;
@@ -70,6 +72,7 @@ pub async fn serve(
     }
     drop(listener);
     seat.abort();
+    trends.abort();
     app.closing.send_replace(true);
     let drained = async {
         app.displays.all_gone().await;

@@ -18,6 +18,7 @@ mod socket;
 mod state;
 pub mod text;
 mod throttle;
+mod trends;
 pub mod view;
 mod wording;
 

@@ -12,13 +12,14 @@ use super::displays::Displays;
 use super::frame::Frames;
 use super::origins::Origins;
 use super::throttle::Throttle;
+use super::view::Trends;
 use crate::clock::Clock;
 use crate::engine::input::{OperatorAction, Response};
 use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Span;
 use crate::runtime::{self, Command, Link, Published, Reread};
-use crate::store::{Role, Session, Store, Token};
+use crate::store::{History, Role, Session, Store, Token};
 
 /// The engine answers in well under a millisecond; one that takes this long hangs.
 const COMMAND_TIMEOUT: Duration = Duration::from_secs(2);
@@ -36,6 +37,8 @@ pub struct Settings {
     pub demo: Option<DemoFaults>,
     /// Who reads the configuration's file again; `None` where it comes from no file.
     pub rereads: Option<mpsc::Sender<Reread>>,
+    /// What happened; `None` where it cannot be kept.
+    pub history: Option<History>,
 }
 
 /// Shared by all requests; clones are the same.
@@ -50,6 +53,7 @@ pub struct Shared {
     pub settings: Settings,
     pub frames: Frames,
     pub displays: Displays,
+    pub trends: Trends,
     pub throttle: Mutex<Throttle>,
     /// Turns true when the server ends.
     pub closing: watch::Sender<bool>,
@@ -69,6 +73,7 @@ impl AppState {
             settings,
             frames: Frames::default(),
             displays: Displays::default(),
+            trends: Trends::default(),
             throttle: Mutex::default(),
             closing: watch::channel(false).0,
         }))

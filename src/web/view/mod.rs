@@ -7,7 +7,6 @@ mod arrows;
 mod board;
 mod causes;
 pub mod clean;
-mod configuration;
 mod detail;
 mod developer;
 mod node;
@@ -18,19 +17,22 @@ mod sample;
 mod tests;
 mod tile;
 mod top;
-mod why;
 
 use std::time::{Duration, SystemTime};
 
 use crate::clock::wall_at;
-use crate::engine::model::{NodeId, Stage};
+use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Timestamp;
-use crate::runtime::{Published, Rereading};
+use crate::runtime::Published;
 use crate::store::Role;
 use crate::web::text::Words;
 use board::Board;
 
+pub use developer::{
+    Asked, Trends, Window, configuration_page, coverage_page, developer_page, masking_page, timeline_page,
+    why_page,
+};
 pub use pages::{demo_page, login_page, message_page, operator_page};
 
 /// Files below `static/` that the login page needs: served without a session, so none of them may
@@ -146,21 +148,6 @@ pub fn fragments(published: &Published, lang: Lang) -> Vec<Fragment> {
         return vec![top::top(&view)];
     }
     Parts::of(&view).into_fragments()
-}
-
-/// Everything that was received, dense, for a developer.
-pub fn developer_page(published: &Published, context: &PageContext) -> String {
-    developer::page(&View::new(published, context.lang, false), context)
-}
-
-/// Why one node shows what it shows.
-pub fn why_page(published: &Published, node: NodeId, context: &PageContext) -> String {
-    why::page(&View::new(published, context.lang, false), node, context)
-}
-
-/// What the configuration's file would change, or has changed.
-pub fn configuration_page(read: &Rereading, may_take: bool, context: &PageContext) -> String {
-    configuration::page(read, may_take, context)
 }
 
 /// What all parts of a page are made from.

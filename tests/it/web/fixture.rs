@@ -15,7 +15,7 @@ use telltale::engine::model::{
 use telltale::engine::monitor::spec::Watched;
 use telltale::engine::snapshot::Snapshot;
 use telltale::runtime::{self, Link, Reread};
-use telltale::store::{DemoSecrets, Store};
+use telltale::store::{DemoSecrets, History, Store};
 use telltale::web::{AppState, DemoFaults, FaultSwitch, Origins, Settings, router};
 use tokio::sync::mpsc;
 use tower::ServiceExt;
@@ -65,7 +65,8 @@ impl Fixture {
     /// On a vehicle: demo secrets open nothing, and there is no simulation.
     pub async fn with(address: &str, secure: bool, demo: DemoSecrets) -> Fixture {
         let clock = Clock::start();
-        let link = runtime::start(Arc::new(model()), clock);
+        let (history, records) = History::in_memory(clock).unwrap();
+        let link = runtime::start_recorded(Arc::new(model()), clock, Some(records));
         let store = Store::in_memory(clock, demo).unwrap();
         store.add_demo_users().await.unwrap();
         let (switch, faults) = mpsc::channel(4);
@@ -77,6 +78,7 @@ impl Fixture {
             secure,
             demo: (demo == DemoSecrets::Accepted).then_some(faulty),
             rereads: Some(asks),
+            history: Some(history),
         };
         let app = AppState::new(link.clone(), store.clone(), clock, settings);
         Fixture { router: router(app), store, clock, link, faults, rereads }

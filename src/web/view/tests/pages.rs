@@ -45,7 +45,7 @@ fn all() -> Vec<(String, String)> {
                 let context = PageContext { demo: *name == "calm", ..context(lang, palette) };
                 let file = format!("{name}-{}-{}", lang.as_str(), palette.as_str());
                 pages.push((file.clone(), operator_page(published, &context)));
-                pages.push((format!("developer-{file}"), developer_page(published, &context)));
+                pages.push((format!("developer-{file}"), developer_page(published, &context, &Asked::default(), &Trends::default())));
             }
         }
     }
@@ -154,7 +154,7 @@ fn the_developer_sees_all_that_was_received() {
         .trouble("/diagnostics", TroubleKind::Malformed, 7, "string runs past the end")
         .pass(3)
         .published();
-    let page = developer_page(&published, &context(Lang::En, Palette::Night));
+    let page = developer_page(&published, &context(Lang::En, Palette::Night), &Asked::default(), &Trends::default());
     for part in [
         "nobody: knows",
         "mine alone",

@@ -6,7 +6,7 @@ fn a_locked_vehicle_shows_nothing_of_itself() {
     let fragments = fragments(&locked, Lang::En);
     assert_eq!(fragments.len(), 1);
     let page = operator_page(&locked, &context(Lang::En, Palette::Night));
-    let developer = developer_page(&locked, &context(Lang::En, Palette::Night));
+    let developer = developer_page(&locked, &context(Lang::En, Palette::Night), &Asked::default(), &Trends::default());
     for html in [&fragments[0].html, &page, &developer] {
         assert!(html.contains(r#"data-stage="locked""#));
         for secret in ["can", "bus", "Sensors", "sensors", "tile", "error"] {

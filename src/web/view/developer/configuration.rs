@@ -1,0 +1,27 @@
+//! The configuration's file against what runs: what would change, and the button that takes it.
+
+use askama::Template;
+
+use crate::runtime::Rereading;
+use crate::web::view::pages::Frame;
+use crate::web::view::{PageContext, View, html};
+
+use super::{DevFrame, Page};
+
+#[derive(Template)]
+#[template(path = "developer/configuration.html")]
+struct ConfigurationHtml<'a> {
+    frame: Frame,
+    dev: DevFrame,
+    read: &'a Rereading,
+    /// The reader may let the engine run by it.
+    may_take: bool,
+}
+
+pub fn page(view: &View<'_>, read: &Rereading, may_take: bool, context: &PageContext) -> String {
+    let mut dev = DevFrame::new(view, context, Page::Configuration, 0);
+    // The file is no diagnosis: it may be mended before anybody logs in.
+    dev.locked = false;
+    dev.fixed = true;
+    html(&ConfigurationHtml { frame: super::frame(context), dev, read, may_take })
+}
