@@ -237,6 +237,7 @@
   });
 
   const afterShow = () => {
+    applyZoom();
     if (timeline) {
       const asked = new URLSearchParams(location.search);
       if (!asked.get("at") && document.activeElement !== moment) moment.value = 1000;
@@ -244,6 +245,66 @@
       if (document.activeElement !== until) until.value = asked.get("until") ? local(to) : "";
     }
   };
+
+  // --- the graph: larger and smaller, around the pointer
+
+  let zoom = 1;
+  const applyZoom = (x, y, before) => {
+    const graph = document.getElementById("graph");
+    if (!graph) return;
+    const { width, height } = graph.viewBox.baseVal;
+    graph.style.width = `${width * zoom}px`;
+    graph.style.height = `${height * zoom}px`;
+    if (before === undefined) return;
+    const frame = graph.parentElement;
+    frame.scrollLeft = (frame.scrollLeft + x) * (zoom / before) - x;
+    frame.scrollTop = (frame.scrollTop + y) * (zoom / before) - y;
+  };
+  const whole = () => {
+    const graph = document.getElementById("graph");
+    const { width, height } = graph.viewBox.baseVal;
+    const frame = graph.parentElement;
+    zoom = Math.min(1, (frame.clientWidth - 30) / width, Math.max(300, innerHeight - frame.offsetTop - 40) / height);
+    applyZoom();
+  };
+  const zoomBy = (factor, x, y) => {
+    const before = zoom;
+    zoom = Math.min(4, Math.max(0.1, zoom * factor));
+    applyZoom(x, y, before);
+  };
+  document.addEventListener("click", (event) => {
+    const how = event.target.closest?.("[data-zoom]")?.dataset.zoom;
+    const frame = document.getElementById("picture");
+    if (!how || !frame) return;
+    if (how === "whole") return whole();
+    zoomBy(how === "in" ? 1.25 : 0.8, frame.clientWidth / 2, frame.clientHeight / 2);
+  });
+  document.addEventListener(
+    "wheel",
+    (event) => {
+      const frame = event.target.closest?.("#picture");
+      if (!frame || event.shiftKey) return;
+      event.preventDefault();
+      const box = frame.getBoundingClientRect();
+      zoomBy(event.deltaY < 0 ? 1.15 : 1 / 1.15, event.clientX - box.left, event.clientY - box.top);
+    },
+    { passive: false },
+  );
+
+  // Dragged like a map.
+  let drag = null;
+  document.addEventListener("pointerdown", (event) => {
+    const frame = event.target.closest?.("#picture");
+    if (frame && event.button === 0 && !event.target.closest("a")) {
+      drag = { frame, x: event.clientX + frame.scrollLeft, y: event.clientY + frame.scrollTop };
+    }
+  });
+  document.addEventListener("pointermove", (event) => {
+    if (!drag) return;
+    drag.frame.scrollLeft = drag.x - event.clientX;
+    drag.frame.scrollTop = drag.y - event.clientY;
+  });
+  for (const type of ["pointerup", "pointercancel"]) document.addEventListener(type, () => (drag = null));
 
   // --- keys
 
@@ -292,6 +353,7 @@
 
   for (const form of document.querySelectorAll("form[data-soft]")) form.dataset.scripted = "";
   localTimes();
+  if (document.getElementById("graph")) whole();
   afterShow();
   keepForm();
   connect();

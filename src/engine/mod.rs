@@ -351,7 +351,11 @@ impl Engine {
             self.causes.note(&self.net, change);
             self.views.follow(&self.net, change, self.now);
         }
+        let mut blamed = Vec::new();
         if let Some(explained) = self.causes.explain(&self.net, self.now) {
+            if self.events.wanted() {
+                blamed = self.views.blamed_anew(&explained.masked, &changes);
+            }
             let roots: Vec<_> = explained.roots.iter().map(|root| root.node).collect();
             self.views.set_causes(explained);
             let views = &self.views;
@@ -361,6 +365,7 @@ impl Engine {
         }
         if self.events.wanted() {
             self.keep_changes(&changes);
+            blamed.into_iter().for_each(|what| self.events.push(self.now, what));
         }
         // The list is handed back empty: its room is used again.
         self.net.changes = changes;

@@ -1,12 +1,15 @@
 //! What happened, with names in the place of ids: it can be kept when the configuration is another.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use super::event::{Event, What};
 use super::model::{GroupId, ModuleId, NodeId, Stage};
+use super::net::Change;
 use super::snapshot::{Reason, Snapshot};
 use super::state::State;
 use super::time::Timestamp;
+use super::views::Views;
 
 /// One line of a history.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,6 +32,26 @@ pub enum Recorded {
     AlarmCleared { id: u64, node: Arc<str> },
     /// So many records before this one were dropped.
     Lost(u64),
+}
+
+impl Views {
+    /// Nodes that stay masked, by another cause than before: what they show changes in that alone.
+    pub(super) fn blamed_anew(&self, masked: &[(NodeId, Arc<[NodeId]>)], changes: &[Change]) -> Vec<What> {
+        let changed: HashSet<NodeId> = changes.iter().map(|change| change.node).collect();
+        let anew = |(node, by): &(NodeId, Arc<[NodeId]>)| {
+            let known = match self.reason(*node) {
+                Some(Reason::Masked { by }) if !changed.contains(node) => by.first(),
+                _ => return None,
+            };
+            let own = match *node {
+                NodeId::Group(id) => self.groups.get(id.0 as usize)?.own,
+                NodeId::Module(id) => self.modules.get(id.0 as usize)?.own,
+            };
+            let (from, to) = (State::Ignore, State::Ignore);
+            (known != by.first()).then(|| What::Shown { node: *node, from, to, own, cause: by.first().copied() })
+        };
+        masked.iter().filter_map(anew).collect()
+    }
 }
 
 impl Record {

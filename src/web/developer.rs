@@ -59,6 +59,11 @@ pub async fn why(State(app): State<AppState>, visit: Visit) -> Response {
     Html(view::why_page(&visit.published, node, &visit.context, &app.trends)).into_response()
 }
 
+/// `GET /developer/graph?open=GROUP`
+pub async fn graph(visit: Visit) -> Html<String> {
+    Html(view::graph_page(&visit.published, &visit.context, &visit.asked))
+}
+
 /// `GET /developer/timeline?node=NODE&span=SECONDS&until=MS&at=THOUSANDTHS`
 pub async fn timeline(State(app): State<AppState>, visit: Visit) -> Html<String> {
     let Visit { published, context, asked, .. } = visit;

@@ -44,6 +44,7 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_get("/ws", Session, socket::page),
         on_get("/developer", Roles(&[Developer, Authority]), developer::statuses),
         on_get("/developer/why", Roles(&[Developer, Authority]), developer::why),
+        on_get("/developer/graph", Roles(&[Developer, Authority]), developer::graph),
         on_get("/developer/timeline", Roles(&[Developer, Authority]), developer::timeline),
         on_get("/developer/masking", Roles(&[Developer, Authority]), developer::masking),
         on_get("/developer/coverage", Roles(&[Developer, Authority]), developer::coverage),

@@ -4,6 +4,7 @@
 mod asked;
 mod configuration;
 mod coverage;
+mod graph;
 mod masking;
 mod statuses;
 mod timeline;
@@ -28,6 +29,7 @@ use words::DevWords;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Page {
     Statuses,
+    Graph,
     Timeline,
     Masking,
     Coverage,
@@ -35,11 +37,13 @@ pub enum Page {
 }
 
 impl Page {
-    const ALL: [Page; 5] = [Page::Statuses, Page::Timeline, Page::Masking, Page::Coverage, Page::Configuration];
+    const ALL: [Page; 6] =
+        [Page::Statuses, Page::Graph, Page::Timeline, Page::Masking, Page::Coverage, Page::Configuration];
 
     pub const fn path(self) -> &'static str {
         match self {
             Page::Statuses => "/developer",
+            Page::Graph => "/developer/graph",
             Page::Timeline => "/developer/timeline",
             Page::Masking => "/developer/masking",
             Page::Coverage => "/developer/coverage",
@@ -50,6 +54,7 @@ impl Page {
     const fn word(self, words: &'static DevWords) -> &'static str {
         match self {
             Page::Statuses => words.statuses,
+            Page::Graph => words.graph,
             Page::Timeline => words.timeline,
             Page::Masking => words.masking,
             Page::Coverage => words.coverage,
@@ -153,6 +158,11 @@ pub fn developer_page(
 /// Why one node shows what it shows.
 pub fn why_page(published: &Published, node: NodeId, context: &PageContext, trends: &Trends) -> String {
     why::page(&View::new(published, context.lang, false), node, context, trends)
+}
+
+/// What depends on what, as it stands now.
+pub fn graph_page(published: &Published, context: &PageContext, asked: &Asked) -> String {
+    graph::page(&View::new(published, context.lang, false), context, asked)
 }
 
 /// What nodes showed, over time.

@@ -22,7 +22,7 @@ use super::{Asked, DevFrame, Page, Trends, why_address};
 const ROWS: usize = 100;
 /// Rows that may be pinned above it.
 const PINS: usize = 20;
-const VALUES: usize = 8;
+const VALUES: usize = 5;
 const TROUBLES: usize = 12;
 /// Ages change without anything else.
 const RENEW_MS: u32 = 1000;

@@ -11,6 +11,8 @@ use crate::engine::time::{Span, Timestamp};
 pub const SAMPLE_EVERY: Span = Span::from_secs(2);
 /// Samples of one value that are kept: five minutes.
 const SAMPLES: usize = 150;
+/// A past that is shorter is drawn as if it were this long: a minute.
+const SAMPLES_DRAWN: usize = 30;
 /// Values of one module that are followed.
 const VALUES: usize = 16;
 /// Values of all modules that are followed; those that come later have no past.
@@ -148,14 +150,15 @@ fn draw(key: &str, samples: &VecDeque<f32>) -> Option<Trend> {
     let (least, most) = (known().fold(f32::INFINITY, f32::min), known().fold(f32::NEG_INFINITY, f32::max));
     let range = most - least;
     // The present is at the right end, however short the past is.
-    let first = SAMPLES - samples.len();
+    let width = samples.len().max(SAMPLES_DRAWN);
+    let first = width - samples.len();
     let (mut line, mut pen_down) = (String::new(), false);
     for (index, value) in samples.iter().enumerate() {
         if value.is_nan() {
             pen_down = false;
             continue;
         }
-        let x = (first + index) as f32 * WIDTH / (SAMPLES - 1) as f32;
+        let x = (first + index) as f32 * WIDTH / (width - 1) as f32;
         let share = if range > 0.0 && range.is_finite() { (value - least) / range } else { 0.5 };
         let y = HEIGHT - 1.0 - share * (HEIGHT - 2.0);
         let _ = write!(line, "{}{x:.1} {y:.1}", if pen_down { "L" } else { "M" });
@@ -183,12 +186,12 @@ mod tests {
         let of = trends.of(index, "can/battery");
         let [trend] = &*of else { panic!("{of:?}") };
         assert_eq!((&*trend.key, trend.least, trend.most), ("v", 1.0, 3.0));
-        assert_eq!(trend.line, "M98.7 19.0L99.3 1.0L100.0 10.0");
+        assert_eq!(trend.line, "M93.1 19.0L96.6 1.0L100.0 10.0");
         assert!(trends.of(index, "another").is_empty());
 
         let mut sample = sample.silence("can/battery").pass(8);
         trends.sample(&sample.snapshot());
         let trend = trends.of(index, "can/battery").remove(0);
-        assert_eq!(trend.line, "M98.0 19.0L98.7 1.0L99.3 10.0", "the present is unknown");
+        assert_eq!(trend.line, "M89.7 19.0L93.1 1.0L96.6 10.0", "the present is unknown");
     }
 }

@@ -133,6 +133,7 @@ words! {
     add_node: "Add a node", "Knoten hinzufügen";
     add: "Add", "Hinzufügen";
     remove: "Remove", "Entfernen";
+    time: "Time", "Zeit";
     event: "Event", "Ereignis";
     events: "What happened", "Was geschah";
     no_events: "Nothing happened in this span.", "In dieser Spanne geschah nichts.";
