@@ -64,7 +64,9 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let origins = args.origins.clone();
     let file = Some(args.config.clone());
     let folder = Some(folder);
-    Station { loaded, file, store, folder, options, listener, origins, demo: None, clock }.run(ending).await?;
+    Station { loaded, file, store, folder, options, listener, origins, demo: None, clock }
+        .run(ending)
+        .await?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -55,7 +55,8 @@ impl Station {
         let reloads =
             file.map(|file| reload::start(file, loaded.clone(), link.reloads.clone())).transpose()?;
         let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
-        let settings = Settings { origins: known_origins(address, &origins)?, secure: false, demo, rereads, history };
+        let settings =
+            Settings { origins: known_origins(address, &origins)?, secure: false, demo, rereads, history };
         let listening = Listening { options, inputs: link.inputs.clone(), clock };
         let bridge = listening.to(loaded.model.clone()).await?;
         restore_operator(&store, &link).await?;

@@ -22,14 +22,34 @@ pub struct Record {
 pub enum Recorded {
     /// The engine started, or took another configuration: what was shown before ends here, and
     /// every node that there is follows.
-    Started { anew: bool },
+    Started {
+        anew: bool,
+    },
     /// A node shows this from now on. A `cause` is the root cause that masks it.
-    Shown { node: Arc<str>, state: State, own: State, cause: Option<Arc<str>> },
+    Shown {
+        node: Arc<str>,
+        state: State,
+        own: State,
+        cause: Option<Arc<str>>,
+    },
     Stage(Stage),
-    Signal { name: Box<str>, value: Option<bool> },
-    AlarmRaised { id: u64, node: Arc<str> },
-    AlarmMoved { id: u64, symptom: Arc<str>, cause: Arc<str> },
-    AlarmCleared { id: u64, node: Arc<str> },
+    Signal {
+        name: Box<str>,
+        value: Option<bool>,
+    },
+    AlarmRaised {
+        id: u64,
+        node: Arc<str>,
+    },
+    AlarmMoved {
+        id: u64,
+        symptom: Arc<str>,
+        cause: Arc<str>,
+    },
+    AlarmCleared {
+        id: u64,
+        node: Arc<str>,
+    },
     /// So many records before this one were dropped.
     Lost(u64),
 }
@@ -48,7 +68,13 @@ impl Views {
                 NodeId::Module(id) => self.modules.get(id.0 as usize)?.own,
             };
             let (from, to) = (State::Ignore, State::Ignore);
-            (known != by.first()).then(|| What::Shown { node: *node, from, to, own, cause: by.first().copied() })
+            (known != by.first()).then(|| What::Shown {
+                node: *node,
+                from,
+                to,
+                own,
+                cause: by.first().copied(),
+            })
         };
         masked.iter().filter_map(anew).collect()
     }
@@ -81,10 +107,8 @@ impl Record {
     /// What is, as the first lines of a history: the stage, the signals, and what every node shows.
     pub fn present(snapshot: &Snapshot, anew: bool) -> Vec<Record> {
         let first = [Recorded::Started { anew }, Recorded::Stage(snapshot.stage)];
-        let signal = |(name, value): &(Box<str>, Option<bool>)| Recorded::Signal {
-            name: name.clone(),
-            value: *value,
-        };
+        let signal =
+            |(name, value): &(Box<str>, Option<bool>)| Recorded::Signal { name: name.clone(), value: *value };
         let shown = |node: NodeId| {
             let (state, reason) = snapshot.shown(node);
             let cause = match reason {

@@ -109,14 +109,17 @@ mod tests {
         assert!(records.try_recv().is_err(), "it waits for others");
         recorder.follow(&mut engine, at(100));
         for ms in [200, 300] {
-            let action = if ms == 200 { OperatorAction::Login { name: "a".into() } } else { OperatorAction::Logout };
+            let action =
+                if ms == 200 { OperatorAction::Login { name: "a".into() } } else { OperatorAction::Logout };
             engine.handle(&Input::Operator(action), at(ms));
             recorder.follow(&mut engine, at(ms));
         }
         let first = records.try_recv().unwrap();
         assert_eq!(first[0].what, Recorded::Started { anew: false });
         assert_eq!(first[1].what, Recorded::Stage(Stage::Locked));
-        assert!(first.iter().any(|it| matches!(&it.what, Recorded::Shown { node, .. } if &**node == "telltale")));
+        assert!(
+            first.iter().any(|it| matches!(&it.what, Recorded::Shown { node, .. } if &**node == "telltale"))
+        );
         assert!(records.try_recv().is_err(), "the queue was full");
         engine.handle(&Input::Operator(OperatorAction::Login { name: "a".into() }), at(400));
         recorder.follow(&mut engine, at(400));

@@ -87,7 +87,7 @@ struct Shown {
     cause: Option<Arc<str>>,
 }
 
-/// The last start before the span, and all in it.
+/// The last start before the span, all in it, and the next: it tells when the run before it ended.
 fn starts(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<Vec<Start>> {
     let start = |row: &Row<'_>| {
         let (id, at_ms): (i64, i64) = (row.get(0)?, row.get(1)?);
@@ -106,6 +106,11 @@ fn starts(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<Vec
     for found in within.query_map([STARTED, query.from_ms, query.to_ms], start)? {
         starts.push(found?);
     }
+    let mut after = connection.prepare_cached(
+        "SELECT id, at_ms, number FROM records WHERE kind = ? AND kind <> 1 AND at_ms > ?
+            ORDER BY at_ms, id LIMIT 1",
+    )?;
+    starts.extend(after.query_row([STARTED, query.to_ms], start).optional()?);
     Ok(starts)
 }
 

@@ -60,7 +60,10 @@ fn shown(node: &str, state: State, cause: Option<&str>) -> Recorded {
 #[test]
 fn what_a_node_showed_is_known_for_any_span() {
     let mut disk = Disk::new(ROWS_MAX);
-    disk.write(0, &[Recorded::Started { anew: false }, shown("a", State::Ok, None), shown("b", State::Ok, None)]);
+    disk.write(
+        0,
+        &[Recorded::Started { anew: false }, shown("a", State::Ok, None), shown("b", State::Ok, None)],
+    );
     disk.write(1000, &[shown("a", State::Ignore, Some("b"))]);
     disk.write(3000, &[shown("a", State::Ok, None)]);
     let (ok, ignore) = (State::Ok, State::Ignore);
@@ -80,7 +83,10 @@ fn what_a_node_showed_is_known_for_any_span() {
 #[test]
 fn nothing_is_claimed_for_the_time_between_two_runs_nor_of_what_is_gone() {
     let mut disk = Disk::new(ROWS_MAX);
-    disk.write(0, &[Recorded::Started { anew: false }, shown("a", State::Error, None), shown("b", State::Ok, None)]);
+    disk.write(
+        0,
+        &[Recorded::Started { anew: false }, shown("a", State::Error, None), shown("b", State::Ok, None)],
+    );
     disk.write(2000, &[]);
     disk.restart();
     disk.write(9000, &[Recorded::Started { anew: false }, shown("a", State::Ok, None)]);

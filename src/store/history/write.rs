@@ -87,7 +87,11 @@ impl Writer {
         let now_ms = millis(now.0);
         let mut rows = self.rows;
         if self.lost > 0 {
-            insert(&transaction, now_ms, Row { kind: LOST, number: Some(self.lost as i64), ..Row::default() })?;
+            insert(
+                &transaction,
+                now_ms,
+                Row { kind: LOST, number: Some(self.lost as i64), ..Row::default() },
+            )?;
             rows += 1;
         }
         for record in batch {

@@ -44,6 +44,12 @@ pub fn clean(text: &str, letters: usize) -> String {
     out
 }
 
+/// `text` as it is laid out, without what cannot be seen: for messages that draw with letters.
+pub fn clean_lines(text: &str) -> String {
+    let seen = |&letter: &char| letter == '\n' || !letter.is_control() && !is_invisible(letter);
+    text.chars().filter(seen).collect()
+}
+
 /// Characters that change how others read and are not seen themselves.
 const fn is_invisible(letter: char) -> bool {
     matches!(letter,

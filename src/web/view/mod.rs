@@ -30,8 +30,8 @@ use crate::web::text::Words;
 use board::Board;
 
 pub use developer::{
-    Asked, Trends, Window, configuration_page, coverage_page, developer_page, graph_page, masking_page, timeline_page,
-    why_page,
+    Asked, Trends, Window, configuration_page, coverage_page, developer_page, graph_page, masking_page,
+    timeline_page, why_page,
 };
 pub use pages::{demo_page, login_page, message_page, operator_page};
 

@@ -3,6 +3,8 @@
 
 use std::fmt::Write as _;
 
+use crate::web::view::clean::clean;
+
 /// Fields of one address; what is beyond is not looked at.
 const PAIRS: usize = 64;
 /// Letters of one value.
@@ -47,10 +49,22 @@ impl Asked {
         address(kept.map(pair).chain(more))
     }
 
+    /// These fields for a form that has to keep them. What cannot be seen cannot stand in a page.
+    pub fn kept(&self, names: &[&'static str]) -> Vec<(&'static str, String)> {
+        let values = |&name: &&'static str| self.all(name).map(move |value| (name, value));
+        let visible = names.iter().flat_map(values).filter(|(_, value)| is_clean(value));
+        visible.map(|(name, value)| (name, value.to_owned())).collect()
+    }
+
     /// The address of this page without some fields.
     pub fn without(&self, names: &[&str]) -> String {
         address(self.0.iter().filter(|(key, _)| !names.contains(&&**key)).map(pair))
     }
+}
+
+/// Whether a text can stand in a page as it is.
+pub fn is_clean(text: &str) -> bool {
+    clean(text, text.len()) == text
 }
 
 fn pair((name, value): &(String, String)) -> (&str, &str) {

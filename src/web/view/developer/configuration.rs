@@ -3,6 +3,7 @@
 use askama::Template;
 
 use crate::runtime::Rereading;
+use crate::web::view::clean::{MESSAGE, clean, clean_lines};
 use crate::web::view::pages::Frame;
 use crate::web::view::{PageContext, View, html};
 
@@ -10,10 +11,13 @@ use super::{DevFrame, Page};
 
 #[derive(Template)]
 #[template(path = "developer/configuration.html")]
-struct ConfigurationHtml<'a> {
+struct ConfigurationHtml {
     frame: Frame,
     dev: DevFrame,
-    read: &'a Rereading,
+    taken: bool,
+    differences: Vec<String>,
+    problems: Option<String>,
+    warnings: Option<String>,
     /// The reader may let the engine run by it.
     may_take: bool,
 }
@@ -23,5 +27,14 @@ pub fn page(view: &View<'_>, read: &Rereading, may_take: bool, context: &PageCon
     // The file is no diagnosis: it may be mended before anybody logs in.
     dev.locked = false;
     dev.fixed = true;
-    html(&ConfigurationHtml { frame: super::frame(context), dev, read, may_take })
+    let lines = |text: &Option<String>| text.as_deref().map(clean_lines);
+    html(&ConfigurationHtml {
+        frame: super::frame(context),
+        dev,
+        taken: read.taken,
+        differences: read.differences.iter().map(|text| clean(text, 4 * MESSAGE)).collect(),
+        problems: lines(&read.problems),
+        warnings: lines(&read.warnings),
+        may_take,
+    })
 }

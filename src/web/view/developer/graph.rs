@@ -213,7 +213,8 @@ impl<'a> Drawing<'a> {
         let ends: Vec<(GroupId, GroupId)> =
             links.keys().map(|&(on, from)| (self.top(on), self.top(from))).collect();
         // Lines between the same two boxes share their lanes.
-        let ways: Vec<(GroupId, GroupId)> = ends.iter().copied().collect::<BTreeSet<_>>().into_iter().collect();
+        let ways: Vec<(GroupId, GroupId)> =
+            ends.iter().copied().collect::<BTreeSet<_>>().into_iter().collect();
         let layers = Layers::of(&tiles, &ways, BOX_GAP, LANE);
         for (column, items) in layers.columns.iter().enumerate() {
             for (item, top) in items {
@@ -240,7 +241,8 @@ impl<'a> Drawing<'a> {
     /// From what is depended on to what depends, as far as both are drawn apart.
     fn links(&self) -> BTreeMap<(NodeId, NodeId), Link> {
         let layout = &self.view.snapshot.layout;
-        let groups = (0..).map(|id| NodeId::Group(GroupId(id))).zip(layout.groups.iter().map(|it| &it.depends_on));
+        let groups =
+            (0..).map(|id| NodeId::Group(GroupId(id))).zip(layout.groups.iter().map(|it| &it.depends_on));
         let modules =
             (0..).map(|id| NodeId::Module(ModuleId(id))).zip(layout.modules.iter().map(|it| &it.depends_on));
         let mut links: BTreeMap<(NodeId, NodeId), Link> = BTreeMap::new();
@@ -273,8 +275,14 @@ impl<'a> Drawing<'a> {
             (_, (_, Some(Reason::Masked { by: further }))) => by.iter().any(|root| further.contains(root)),
             (_, (_, Some(Reason::NotRelevant(_)))) => false,
             (NodeId::Group(id), (State::Error | State::Unknown, None)) => {
-                by.contains(&on) || by.iter().any(|&root| self.is_inside(root, id))
-                    || snapshot.group(id).1.paths.iter().any(|path| path.last().is_some_and(|root| by.contains(root)))
+                by.contains(&on)
+                    || by.iter().any(|&root| self.is_inside(root, id))
+                    || snapshot
+                        .group(id)
+                        .1
+                        .paths
+                        .iter()
+                        .any(|path| path.last().is_some_and(|root| by.contains(root)))
             }
             (NodeId::Module(_), _) => by.contains(&on),
             _ => false,
@@ -335,7 +343,11 @@ impl<'a> Drawing<'a> {
             reason: reason_word(group.reason.as_ref()),
             name: fitted(&name, width - 84.0),
             // Of what is ignored nothing counts.
-            count: if group.counted == 0 { "\u{2013}".to_owned() } else { format!("{}/{}", group.ok, group.counted) },
+            count: if group.counted == 0 {
+                "\u{2013}".to_owned()
+            } else {
+                format!("{}/{}", group.ok, group.counted)
+            },
             title: format!("{}: {state} {because}", clean(&info.path, 2 * NAME)),
             why: why_address(&info.path),
             toggle: self.toggle(&info.path),
@@ -413,7 +425,8 @@ impl<'a> Drawing<'a> {
             let (mut x, mut y) = (on_right, on_y);
             let mut bend = |path: &mut String, to_x: f64, to_y: f64| {
                 let half = ((to_x - x) / 2.0).abs().max(24.0);
-                let _ = write!(path, "C{:.0} {y:.0} {:.0} {to_y:.0} {to_x:.0} {to_y:.0}", x + half, to_x - half);
+                let _ =
+                    write!(path, "C{:.0} {y:.0} {:.0} {to_y:.0} {to_x:.0} {to_y:.0}", x + half, to_x - half);
                 (x, y) = (to_x, to_y);
             };
             for &(column, lane_y) in lanes {

@@ -116,12 +116,11 @@ pub fn page(view: &View<'_>, context: &PageContext, asked: &Asked, trends: &Tren
     let row = |id: ModuleId| row(view, id, asked, &pins, trends);
     let rows: Vec<Row> = shown.map(|&id| row(id)).collect();
     let to = |page: usize| asked.with("page", &page.to_string());
-    let keep = |name: &'static str| asked.all(name).map(move |value| (name, value.to_owned()));
     html(&StatusesHtml {
         filter: clean(asked.get("q"), MESSAGE),
         levels: levels(view, words, asked),
         groups: groups(view, words, asked),
-        kept: ["sort", "desc", "pin"].into_iter().flat_map(keep).collect(),
+        kept: asked.kept(&["sort", "desc", "pin"]),
         troubles: if dev.locked { Vec::new() } else { troubles(view, words) },
         more_troubles: snapshot.reception.len().saturating_sub(TROUBLES),
         counters: [

@@ -13,7 +13,7 @@ use crate::web::view::clean::{NAME, clean};
 use crate::web::view::pages::Frame;
 use crate::web::view::{Lang, PageContext, View, html};
 
-use super::asked::address;
+use super::asked::{address, is_clean};
 use super::words::DevWords;
 use super::{Asked, DevFrame, NodeLink, Page, why_address};
 
@@ -154,7 +154,6 @@ pub fn page(
     dev.fixed = !window.live;
     let half = window.span_s as i64 * 500;
     let shift = |to: i64| asked.with("until", &to.to_string());
-    let keep = |name: &'static str| asked.all(name).map(move |value| (name, value.to_owned()));
     let strip = |past: &NodePast| strip(view, words, window, past, asked);
     let trouble = match past {
         None => Some(words.no_history),
@@ -166,7 +165,7 @@ pub fn page(
         live: window.live,
         spans: spans(window),
         until: if window.live { String::new() } else { to_ms.to_string() },
-        kept: ["until", "span", "at", "node"].into_iter().flat_map(keep).collect(),
+        kept: asked.kept(&["until", "span", "at", "node"]),
         offered: offered(view, nodes),
         from_ms,
         to_ms,
@@ -196,9 +195,7 @@ fn spans(window: &Window) -> Vec<Choice> {
         all.push(window.span_s);
     }
     all.sort_unstable();
-    all.into_iter()
-        .map(|value| Choice { value, word: word(value), chosen: value == window.span_s })
-        .collect()
+    all.into_iter().map(|value| Choice { value, word: word(value), chosen: value == window.span_s }).collect()
 }
 
 /// Names that are not shown yet.
@@ -206,11 +203,17 @@ fn offered(view: &View<'_>, shown: &[String]) -> Vec<String> {
     let layout = &view.snapshot.layout;
     let groups = layout.groups.iter().map(|group| &*group.path);
     let names = groups.chain(layout.modules.iter().map(|module| &*module.id));
-    let names = names.filter(|name| !shown.iter().any(|known| known == name));
+    let names = names.filter(|name| is_clean(name) && !shown.iter().any(|known| known == name));
     names.take(OFFERED).map(str::to_owned).collect()
 }
 
-fn strip(view: &View<'_>, words: &'static DevWords, window: &Window, past: &NodePast, asked: &Asked) -> Strip {
+fn strip(
+    view: &View<'_>,
+    words: &'static DevWords,
+    window: &Window,
+    past: &NodePast,
+    asked: &Asked,
+) -> Strip {
     let segments = segments(past);
     let moment = Timestamp::from_millis(window.moment_ms().max(0) as u64);
     let there = segments.iter().rev().find(|it| it.from <= moment && moment <= it.to);
@@ -330,7 +333,9 @@ fn events(view: &View<'_>, words: &'static DevWords, past: &Past) -> Vec<Event> 
         let (what, detail, cause) = match what {
             Happened::Started { anew: false } => (words.ev_started, String::new(), String::new()),
             Happened::Started { anew: true } => (words.ev_reloaded, String::new(), String::new()),
-            Happened::Stage(stage) => (words.ev_stage, lang.stage(*stage, State::Ok).to_owned(), String::new()),
+            Happened::Stage(stage) => {
+                (words.ev_stage, lang.stage(*stage, State::Ok).to_owned(), String::new())
+            }
             Happened::Signal { name: signal, value } => {
                 let value = value.map_or("unknown", |value| if value { "true" } else { "false" });
                 (words.ev_signal, format!("{} {value}", name(signal)), String::new())

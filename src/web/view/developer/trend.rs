@@ -103,8 +103,12 @@ impl Inner {
 impl Module {
     fn take(&mut self, report: &Arc<Report>, series: &mut usize) {
         self.report = Some(report.clone());
-        let numbers: Vec<(&str, f32)> =
-            report.values.iter().filter_map(|(key, value)| Some((&**key, number(value)?))).take(VALUES).collect();
+        let numbers: Vec<(&str, f32)> = report
+            .values
+            .iter()
+            .filter_map(|(key, value)| Some((&**key, number(value)?)))
+            .take(VALUES)
+            .collect();
         for (key, samples) in &mut self.values {
             let now = numbers.iter().find(|(name, _)| *name == &**key).map_or(f32::NAN, |&(_, value)| value);
             push(samples, now);

@@ -79,7 +79,10 @@ pub fn page(view: &View<'_>, node: NodeId, context: &PageContext, trends: &Trend
         values: Vec::new(),
         members: Vec::new(),
         more_members: None,
-        timeline: format!("/developer/timeline{}", super::asked::address([("node", &**snapshot.node_name(node))].into_iter())),
+        timeline: format!(
+            "/developer/timeline{}",
+            super::asked::address([("node", &**snapshot.node_name(node))].into_iter())
+        ),
         node: name,
         frame: super::frame(context),
         dev,
