@@ -14,12 +14,12 @@ use crate::web::view::node::reason_word;
 use crate::web::view::pages::Frame;
 use crate::web::view::{PageContext, View, html};
 
-use super::trend::Trend;
+use super::trend::{POINTS_SMALL, Trend};
 use super::words::DevWords;
 use super::{Asked, DevFrame, Page, Trends, why_address};
 
 /// Rows of one page of the table.
-const ROWS: usize = 100;
+const ROWS: usize = 60;
 /// Rows that may be pinned above it.
 const PINS: usize = 20;
 const VALUES: usize = 5;
@@ -300,7 +300,7 @@ fn signal(value: Option<bool>) -> &'static str {
 
 fn row(view: &View<'_>, id: ModuleId, asked: &Asked, pins: &[&str], trends: &Trends) -> Row {
     let (info, module) = view.snapshot.module(id);
-    let mut past = trends.of(id.0 as usize, &info.id);
+    let mut past = trends.of(id.0 as usize, &info.id, POINTS_SMALL);
     let values = module.report.values.iter().take(VALUES).map(|(key, value)| {
         let trend = past.iter().position(|trend| *trend.key == **key).map(|index| past.swap_remove(index));
         Value { key: clean(key, VALUE), value: clean(value, VALUE), trend }

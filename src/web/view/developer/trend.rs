@@ -18,6 +18,10 @@ const VALUES: usize = 16;
 /// Values of all modules that are followed; those that come later have no past.
 const SERIES: usize = 20_000;
 
+/// Points of a line as wide as a word, and of one as wide as a column.
+pub const POINTS_SMALL: usize = 36;
+pub const POINTS_WIDE: usize = SAMPLES;
+
 /// Drawn into this box.
 const WIDTH: f32 = 100.0;
 const HEIGHT: f32 = 20.0;
@@ -71,14 +75,14 @@ impl Trends {
         }
     }
 
-    /// The values of a module that are numbers and have a past.
-    pub fn of(&self, module: usize, id: &str) -> Vec<Trend> {
+    /// The values of a module that are numbers and have a past, in lines of so many points.
+    pub fn of(&self, module: usize, id: &str, points: usize) -> Vec<Trend> {
         let inner = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let named = |layout: &Arc<Layout>| layout.modules.get(module).is_some_and(|info| *info.id == *id);
         if !inner.layout.as_ref().is_some_and(named) {
             return Vec::new();
         }
-        inner.modules[module].values.iter().filter_map(|(key, samples)| draw(key, samples)).collect()
+        inner.modules[module].values.iter().filter_map(|(key, samples)| draw(key, samples, points)).collect()
     }
 }
 
@@ -146,7 +150,7 @@ fn number(text: &str) -> Option<f32> {
 }
 
 /// Nothing, where there are not two samples to join.
-fn draw(key: &str, samples: &VecDeque<f32>) -> Option<Trend> {
+fn draw(key: &str, samples: &VecDeque<f32>, points: usize) -> Option<Trend> {
     let known = || samples.iter().copied().filter(|value| !value.is_nan());
     if known().count() < 2 {
         return None;
@@ -157,7 +161,11 @@ fn draw(key: &str, samples: &VecDeque<f32>) -> Option<Trend> {
     let width = samples.len().max(SAMPLES_DRAWN);
     let first = width - samples.len();
     let (mut line, mut pen_down) = (String::new(), false);
-    for (index, value) in samples.iter().enumerate() {
+    // The newest is always among those that are drawn.
+    let step = samples.len().div_ceil(points.max(1)).max(1);
+    let drawn =
+        samples.iter().enumerate().filter(|(index, _)| (samples.len() - 1 - index).is_multiple_of(step));
+    for (index, value) in drawn {
         if value.is_nan() {
             pen_down = false;
             continue;
@@ -187,15 +195,15 @@ mod tests {
         }
         let snapshot = sample.snapshot();
         let index = snapshot.layout.modules.iter().position(|info| &*info.id == "can/battery").unwrap();
-        let of = trends.of(index, "can/battery");
+        let of = trends.of(index, "can/battery", SAMPLES);
         let [trend] = &*of else { panic!("{of:?}") };
         assert_eq!((&*trend.key, trend.least, trend.most), ("v", 1.0, 3.0));
         assert_eq!(trend.line, "M93.1 19.0L96.6 1.0L100.0 10.0");
-        assert!(trends.of(index, "another").is_empty());
+        assert!(trends.of(index, "another", SAMPLES).is_empty());
 
         let mut sample = sample.silence("can/battery").pass(8);
         trends.sample(&sample.snapshot());
-        let trend = trends.of(index, "can/battery").remove(0);
+        let trend = trends.of(index, "can/battery", SAMPLES).remove(0);
         assert_eq!(trend.line, "M89.7 19.0L93.1 1.0L96.6 10.0", "the present is unknown");
     }
 }

@@ -9,7 +9,7 @@ use crate::web::view::clean::{MESSAGE, NAME, VALUE, clean};
 use crate::web::view::pages::Frame;
 use crate::web::view::{Lang, PageContext, View, html};
 
-use super::trend::Trend;
+use super::trend::{POINTS_WIDE, Trend};
 use super::{DevFrame, NodeLink, Page, Trends};
 
 /// Nodes named in one step; a group may have thousands of members.
@@ -94,7 +94,7 @@ pub fn page(view: &View<'_>, node: NodeId, context: &PageContext, trends: &Trend
             page.message = clean(&module.report.message, MESSAGE);
             page.hardware = clean(&module.report.hardware_id, NAME);
             page.class = super::statuses::class(info);
-            let mut past = trends.of(id.0 as usize, &info.id);
+            let mut past = trends.of(id.0 as usize, &info.id, POINTS_WIDE);
             let values = module.report.values.iter().take(VALUES).map(|(key, value)| {
                 let trend = past.iter().position(|trend| *trend.key == **key);
                 let trend = trend.map(|index| past.swap_remove(index));
