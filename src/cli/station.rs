@@ -55,10 +55,17 @@ impl Station {
         let reloads =
             file.map(|file| reload::start(file, loaded.clone(), link.reloads.clone())).transpose()?;
         let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
-        let settings =
-            Settings { origins: known_origins(address, &origins)?, secure: false, demo, rereads, history };
         let listening = Listening { options, inputs: link.inputs.clone(), clock };
         let bridge = listening.to(loaded.model.clone()).await?;
+        let discovery = Some(bridge.discovery());
+        let settings = Settings {
+            origins: known_origins(address, &origins)?,
+            secure: false,
+            demo,
+            rereads,
+            history,
+            discovery,
+        };
         restore_operator(&store, &link).await?;
         tracing::info!("the display is on {}; it listens to {listens_to}", url(address));
         let bridge = {

@@ -6,6 +6,7 @@
 mod alarm;
 mod causes;
 pub mod countermeasure;
+pub mod discovery;
 pub mod event;
 pub mod filter;
 pub mod graph;

@@ -4,6 +4,7 @@
 //! DDS library cannot recover by itself, the participant is replaced and the bridge goes on.
 
 pub mod cdr;
+mod graph;
 mod interfaces;
 pub mod messages;
 mod options;
@@ -31,8 +32,10 @@ pub use publisher::{PublishError, Publisher};
 pub use subscription::{DIAGNOSTICS, SubscriptionError};
 
 use crate::clock::Clock;
+use crate::engine::discovery::Discovery;
 use crate::engine::input::Stamped;
 use crate::engine::model::Model;
+use graph::Tallies;
 use outbox::{End, stopped};
 use session::{Ground, Legacy};
 
@@ -58,6 +61,7 @@ pub enum BridgeError {
 pub struct Bridge {
     stop: watch::Sender<bool>,
     rebuild: watch::Sender<u64>,
+    discovery: watch::Receiver<Arc<Discovery>>,
     task: JoinHandle<()>,
 }
 
@@ -80,9 +84,20 @@ pub async fn start(
     let participant = session::open(&options).await?;
     let (stop, stopping) = watch::channel(false);
     let (rebuild, rebuilding) = watch::channel(0);
-    let ground = Ground { options, model, subscriptions, inputs, clock, stop: stopping, rebuild: rebuilding };
+    let (seen, discovery) = watch::channel(Arc::default());
+    let ground = Ground {
+        options,
+        model,
+        subscriptions,
+        inputs,
+        clock,
+        stop: stopping,
+        rebuild: rebuilding,
+        discovery: Arc::new(seen),
+        tallies: Tallies::default(),
+    };
     let task = tokio::spawn(run(participant, ground));
-    Ok(Bridge { stop, rebuild, task })
+    Ok(Bridge { stop, rebuild, discovery, task })
 }
 
 impl Bridge {
@@ -90,6 +105,11 @@ impl Bridge {
     /// the addresses of the interfaces change.
     pub fn rebuild(&self) {
         self.rebuild.send_modify(|count| *count += 1);
+    }
+
+    /// What discovery sees, about once a second.
+    pub fn discovery(&self) -> watch::Receiver<Arc<Discovery>> {
+        self.discovery.clone()
     }
 
     /// Ends the readers, then the participant, and waits for its threads.

@@ -14,6 +14,7 @@ use tokio::sync::{mpsc, watch};
 use tokio::task::{JoinError, JoinHandle, JoinSet};
 
 use super::BridgeError;
+use super::graph::{self, Tallies};
 use super::interfaces::{self, AddressWatch};
 use super::messages::GidSize;
 use super::options::{self, BridgeOptions};
@@ -23,6 +24,7 @@ use super::step::StepWatch;
 use super::subscription::Subscription;
 use super::topic::{Memory, Surroundings, Topic};
 use crate::clock::Clock;
+use crate::engine::discovery::Discovery;
 use crate::engine::input::Stamped;
 use crate::engine::model::Model;
 
@@ -40,6 +42,9 @@ pub struct Ground {
     pub inputs: mpsc::Sender<Stamped>,
     pub clock: Clock,
     pub stop: watch::Receiver<bool>,
+    /// What discovery sees, and how much of it was received.
+    pub discovery: Arc<watch::Sender<Arc<Discovery>>>,
+    pub tallies: Tallies,
     /// Changes when somebody asks for a new participant.
     pub rebuild: watch::Receiver<u64>,
 }
@@ -93,14 +98,18 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
         subscriber,
         ground.options.gid_size.or(legacy.gid_size),
         topics.own_readers.subscribe(),
-        stopping,
+        stopping.clone(),
     ));
+    let (seen, tallies) = (ground.discovery.clone(), ground.tallies.clone());
+    let looking = tokio::spawn(graph::run(participant.clone(), tallies, seen, ground.clock, stopping));
     let end = watch_over(participant, ground, &mut topics, legacy).await;
     // The receivers live in the tasks; with none left there is nothing to stop.
     let _ = stop.send(true);
     while let Some(ended) = topics.tasks.join_next().await {
         keep(legacy, ended);
     }
+    // A panic was in the library; the participant is dropped all the same.
+    let _ = looking.await;
     legacy.gid_size = presence.await.ok().flatten();
     end
 }
@@ -127,6 +136,7 @@ impl Topics {
             model: ground.model.clone(),
             inputs: ground.inputs.clone(),
             clock: ground.clock,
+            tallies: ground.tallies.clone(),
             own_readers: Arc::new(watch::channel(BTreeSet::new()).0),
             stop,
         };

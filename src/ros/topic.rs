@@ -8,6 +8,7 @@ use rustdds::dds::CreateError;
 use rustdds::{DomainParticipant, Subscriber};
 use tokio::sync::{mpsc, watch};
 
+use super::graph::Tallies;
 use super::messages;
 use super::outbox::{End, Outbox, stopped};
 use super::readers::{Advice, ReadFault, Readers, Retention, Sample};
@@ -34,6 +35,8 @@ pub struct Surroundings {
     pub inputs: mpsc::Sender<Stamped>,
     pub clock: Clock,
     pub own_readers: OwnReaders,
+    /// Counts what is received.
+    pub tallies: Tallies,
     pub stop: watch::Receiver<bool>,
 }
 
@@ -75,6 +78,8 @@ impl Topic {
         let outbox = Outbox::new(around.inputs.clone(), around.stop.clone());
         let topic = Topic { subscription, around, readers, memory, outbox, unknown: BTreeSet::new() };
         topic.tell_readers();
+        // Nothing yet is a rate too.
+        topic.around.tallies.add(&topic.subscription.dds_topic, 0);
         Ok(topic)
     }
 
@@ -124,6 +129,7 @@ impl Topic {
                 )));
             }
         }
+        self.around.tallies.add(&self.subscription.dds_topic, batch.len());
         for sample in batch.drain(..) {
             self.take_sample(sample, received).await?;
         }

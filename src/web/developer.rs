@@ -89,6 +89,12 @@ pub async fn coverage(visit: Visit) -> Html<String> {
     Html(view::coverage_page(&visit.published, &visit.context, &visit.asked))
 }
 
+/// `GET /developer/topics?q=TEXT`
+pub async fn topics(State(app): State<AppState>, visit: Visit) -> Html<String> {
+    let seen = app.settings.discovery.as_ref().map(|seen| seen.borrow().clone()).unwrap_or_default();
+    Html(view::topics_page(&visit.published, &visit.context, &visit.asked, &seen))
+}
+
 /// `GET /developer/configuration`: what the file would change, if it were taken now.
 pub async fn configuration(State(app): State<AppState>, visit: Visit) -> Response {
     match reread(&app, false).await {

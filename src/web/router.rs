@@ -48,6 +48,7 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_get("/developer/timeline", Roles(&[Developer, Authority]), developer::timeline),
         on_get("/developer/masking", Roles(&[Developer, Authority]), developer::masking),
         on_get("/developer/coverage", Roles(&[Developer, Authority]), developer::coverage),
+        on_get("/developer/topics", Roles(&[Developer, Authority]), developer::topics),
         on_get("/developer/live", Roles(&[Developer, Authority]), socket::pulse),
         on_get("/developer/configuration", Roles(&[Developer, Authority]), developer::configuration),
         on_post("/developer/configuration/reload", Roles(&[Developer]), developer::reload),

@@ -14,6 +14,7 @@ use super::origins::Origins;
 use super::throttle::Throttle;
 use super::view::Trends;
 use crate::clock::Clock;
+use crate::engine::discovery::Discovery;
 use crate::engine::input::{OperatorAction, Response};
 use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
@@ -39,6 +40,8 @@ pub struct Settings {
     pub rereads: Option<mpsc::Sender<Reread>>,
     /// What happened; `None` where it cannot be kept.
     pub history: Option<History>,
+    /// What DDS discovery sees; `None` without DDS.
+    pub discovery: Option<watch::Receiver<Arc<Discovery>>>,
 }
 
 /// Shared by all requests; clones are the same.

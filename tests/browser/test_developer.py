@@ -12,6 +12,7 @@ from vehicle import OPERATOR, Client, Server, Writer, own_domain, until
 
 DEVELOPER = ("dora", "lantern-48-harbour")
 CAUSE = "sensors/velodyne_packet_alive"
+STATUS = "velodyne_packet_alive"
 
 
 @pytest.fixture
@@ -47,7 +48,7 @@ def test_statuses_are_live_and_the_keyboard_is_enough(server, vehicle, developer
     page.keyboard.press("/")
     page.keyboard.type("VELODYNE")
     expect(page.locator("#matching")).to_have_text("1")
-    vehicle.set(CAUSE, 2, "<b>no packets</b>")
+    vehicle.set(STATUS, 2, "<b>no packets</b>")
     expect(row(page, CAUSE)).to_have_attribute("data-state", "error")
     expect(row(page, CAUSE)).to_contain_text("<b>no packets</b>")
     expect(page.locator("#dev-stage")).to_have_attribute("data-overall", "error")
@@ -74,7 +75,7 @@ def test_statuses_are_live_and_the_keyboard_is_enough(server, vehicle, developer
 def test_every_page_tells_of_a_fault_and_of_what_it_hides(server, vehicle, developer, trouble):
     page = developer
     vehicle.drive(True)
-    vehicle.set(CAUSE, 2, "no packets")
+    vehicle.set(STATUS, 2, "no packets")
     visit(page, server, "/developer/masking")
     masked = page.locator("#masked")
     expect(masked.locator("tr", has_text="localization/tf_quality")).to_contain_text(CAUSE)
@@ -95,7 +96,7 @@ def test_the_timeline_goes_on_and_back(server, vehicle, developer, trouble):
     lane = page.locator('.lane[data-node="sensors"]')
     expect(lane.locator(".chip")).to_have_text("Okay")
     time.sleep(1)
-    vehicle.set(CAUSE, 2, "no packets")
+    vehicle.set(STATUS, 2, "no packets")
     expect(lane.locator(".bar-error")).to_be_attached()
     expect(lane.locator(".chip")).to_have_text("Error")
     expect(page.locator("#events")).to_contain_text("alarm raised")
@@ -105,7 +106,7 @@ def test_the_timeline_goes_on_and_back(server, vehicle, developer, trouble):
     page.locator("[data-moment]").fill(str(at))
     expect(lane.locator(".chip")).to_have_text("Okay")
     expect(page.locator(".past")).to_be_visible()
-    page.get_by_role("link", name="Live").click()
+    page.get_by_role("link", name="Live", exact=True).click()
     expect(lane.locator(".chip")).to_have_text("Error")
     expect(page.locator(".past")).to_have_count(0)
 

@@ -31,7 +31,7 @@ use board::Board;
 
 pub use developer::{
     Asked, Trends, Window, configuration_page, coverage_page, developer_page, graph_page, masking_page,
-    timeline_page, why_page,
+    timeline_page, topics_page, why_page,
 };
 pub use pages::{demo_page, login_page, message_page, operator_page};
 

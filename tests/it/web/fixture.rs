@@ -79,6 +79,7 @@ impl Fixture {
             demo: (demo == DemoSecrets::Accepted).then_some(faulty),
             rereads: Some(asks),
             history: Some(history),
+            discovery: None,
         };
         let app = AppState::new(link.clone(), store.clone(), clock, settings);
         Fixture { router: router(app), store, clock, link, faults, rereads }

@@ -49,6 +49,8 @@ impl Server {
             secure: false,
             demo: None,
             rereads: None,
+            history: None,
+            discovery: None,
         };
         let app = AppState::new(fixture.link.clone(), store, fixture.clock, settings);
         let (shutdown, ended) = oneshot::channel::<()>();

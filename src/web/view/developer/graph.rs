@@ -1,21 +1,23 @@
 //! Groups and modules with all that they depend on, as they stand now: boxes in columns, what is
 //! depended on left of what depends on it, and the paths from root causes drawn hot.
 
+mod links;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 
 use askama::Template;
 
-use crate::engine::model::{DependsOn, GroupId, ModuleId, NodeId};
-use crate::engine::snapshot::Reason;
-use crate::engine::state::State;
+use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::picture::layers::{Item, Layers};
 use crate::web::view::clean::{NAME, clean};
 use crate::web::view::node::reason_word;
 use crate::web::view::pages::Frame;
 use crate::web::view::{PageContext, View, html};
 
-use super::{Asked, DevFrame, Page, asked::address, why_address};
+use super::asked::address;
+use super::{Asked, DevFrame, Page, why_address};
+use links::Link;
 
 const RENEW_MS: u32 = 0;
 /// With no more modules than this, all groups are open unless the address says otherwise.
@@ -37,7 +39,7 @@ const HEAD: f64 = 34.0;
 const ROW: f64 = 22.0;
 const ROW_STEP: f64 = 26.0;
 /// What a letter takes at most.
-const LETTER: f64 = 7.3;
+const LETTER: f64 = 6.9;
 
 struct BoxHtml {
     x: f64,
@@ -85,8 +87,6 @@ struct GraphHtml {
     boxes: Vec<BoxHtml>,
     rows: Vec<RowHtml>,
     lines: Vec<LineHtml>,
-    open_all: String,
-    close_all: String,
     left_out: Vec<(String, String)>,
 }
 
@@ -101,8 +101,6 @@ pub fn page(view: &View<'_>, context: &PageContext, asked: &Asked) -> String {
         boxes: drawing.boxes,
         rows: drawing.rows,
         lines,
-        open_all: address([("open", "all")].into_iter()),
-        close_all: address([("open", "none")].into_iter()),
         left_out: drawing.left_out,
     })
 }
@@ -126,15 +124,6 @@ impl<'a> Open<'a> {
             Open::Those(those) => those.contains(&path),
         }
     }
-}
-
-/// A dependency between what is drawn of two nodes.
-#[derive(Default)]
-struct Link {
-    any: bool,
-    hot: bool,
-    /// Dependencies that this line stands for.
-    count: usize,
 }
 
 struct Drawing<'a> {
@@ -192,7 +181,7 @@ impl<'a> Drawing<'a> {
         let group = &self.view.snapshot.layout.groups[id.0 as usize];
         let closed = closed.or((!self.open.is(&group.path)).then_some(NodeId::Group(id)));
         for (index, &module) in group.modules.iter().enumerate() {
-            let own = (index < MODULES).then_some(NodeId::Module(module)).unwrap_or(NodeId::Group(id));
+            let own = if index < MODULES { NodeId::Module(module) } else { NodeId::Group(id) };
             self.modules[module.0 as usize] = Some(closed.unwrap_or(own));
         }
         for &inner in &group.groups {
@@ -230,78 +219,12 @@ impl<'a> Drawing<'a> {
         all.sort_by_key(|((_, link), _)| std::cmp::Reverse(link.hot));
         all.truncate(LINES);
         // What is hot is drawn last, over the rest.
-        all.reverse();
-        let line = |((&(on, from), link), way): ((&(NodeId, NodeId), &Link), &(GroupId, GroupId))| {
+        let mut lines = Vec::with_capacity(all.len());
+        for ((&(on, from), link), way) in all.into_iter().rev() {
             let lanes = ways.binary_search(way).map(|index| layers.lanes(index, MARGIN)).unwrap_or_default();
-            self.line(on, from, link, &lanes)
-        };
-        all.into_iter().filter_map(line).collect()
-    }
-
-    /// From what is depended on to what depends, as far as both are drawn apart.
-    fn links(&self) -> BTreeMap<(NodeId, NodeId), Link> {
-        let layout = &self.view.snapshot.layout;
-        let groups =
-            (0..).map(|id| NodeId::Group(GroupId(id))).zip(layout.groups.iter().map(|it| &it.depends_on));
-        let modules =
-            (0..).map(|id| NodeId::Module(ModuleId(id))).zip(layout.modules.iter().map(|it| &it.depends_on));
-        let mut links: BTreeMap<(NodeId, NodeId), Link> = BTreeMap::new();
-        for (from, dependencies) in groups.chain(modules) {
-            for dependency in dependencies {
-                let (nodes, any) = match dependency {
-                    DependsOn::Node(node) => (std::slice::from_ref(node), false),
-                    DependsOn::AnyOf(nodes) => (&**nodes, true),
-                };
-                for &on in nodes {
-                    let (Some(left), Some(right)) = (self.shown(on), self.shown(from)) else { continue };
-                    if left == right {
-                        continue;
-                    }
-                    let link = links.entry((left, right)).or_default();
-                    link.any |= any;
-                    link.hot |= self.is_hot(on, from);
-                    link.count += 1;
-                }
-            }
+            lines.extend(self.line(on, from, link, &lanes));
         }
-        links
-    }
-
-    /// Whether a root cause masks `from` by way of `on`.
-    fn is_hot(&self, on: NodeId, from: NodeId) -> bool {
-        let snapshot = self.view.snapshot;
-        let Some(Reason::Masked { by }) = snapshot.shown(from).1 else { return false };
-        match (on, snapshot.shown(on)) {
-            (_, (_, Some(Reason::Masked { by: further }))) => by.iter().any(|root| further.contains(root)),
-            (_, (_, Some(Reason::NotRelevant(_)))) => false,
-            (NodeId::Group(id), (State::Error | State::Unknown, None)) => {
-                by.contains(&on)
-                    || by.iter().any(|&root| self.is_inside(root, id))
-                    || snapshot
-                        .group(id)
-                        .1
-                        .paths
-                        .iter()
-                        .any(|path| path.last().is_some_and(|root| by.contains(root)))
-            }
-            (NodeId::Module(_), _) => by.contains(&on),
-            _ => false,
-        }
-    }
-
-    fn is_inside(&self, node: NodeId, group: GroupId) -> bool {
-        let layout = &self.view.snapshot.layout;
-        let mut at = match node {
-            NodeId::Group(id) => Some(id),
-            NodeId::Module(id) => Some(layout.modules[id.0 as usize].group),
-        };
-        while let Some(id) = at {
-            if id == group {
-                return true;
-            }
-            at = layout.groups[id.0 as usize].parent;
-        }
-        false
+        lines
     }
 
     fn top(&self, node: NodeId) -> GroupId {
@@ -392,7 +315,7 @@ impl<'a> Drawing<'a> {
             width,
             state: module.state.as_str(),
             reason: reason_word(module.reason.as_ref()),
-            name: fitted(&self.view.label(info), width - 26.0),
+            name: fitted(&self.view.label(info), width - 16.0),
             title: format!("{}: {state} {because}", clean(&info.id, 2 * NAME)),
             address: why_address(&info.id),
         });

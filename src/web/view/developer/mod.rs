@@ -8,10 +8,12 @@ mod graph;
 mod masking;
 mod statuses;
 mod timeline;
+mod topics;
 mod trend;
 mod why;
 mod words;
 
+use crate::engine::discovery::Discovery;
 use crate::engine::model::{NodeId, Stage};
 use crate::runtime::{Published, Rereading};
 use crate::store::Past;
@@ -33,12 +35,20 @@ pub enum Page {
     Timeline,
     Masking,
     Coverage,
+    Topics,
     Configuration,
 }
 
 impl Page {
-    const ALL: [Page; 6] =
-        [Page::Statuses, Page::Graph, Page::Timeline, Page::Masking, Page::Coverage, Page::Configuration];
+    const ALL: [Page; 7] = [
+        Page::Statuses,
+        Page::Graph,
+        Page::Timeline,
+        Page::Masking,
+        Page::Coverage,
+        Page::Topics,
+        Page::Configuration,
+    ];
 
     pub const fn path(self) -> &'static str {
         match self {
@@ -47,6 +57,7 @@ impl Page {
             Page::Timeline => "/developer/timeline",
             Page::Masking => "/developer/masking",
             Page::Coverage => "/developer/coverage",
+            Page::Topics => "/developer/topics",
             Page::Configuration => "/developer/configuration",
         }
     }
@@ -58,6 +69,7 @@ impl Page {
             Page::Timeline => words.timeline,
             Page::Masking => words.masking,
             Page::Coverage => words.coverage,
+            Page::Topics => words.topics,
             Page::Configuration => words.configuration,
         }
     }
@@ -184,6 +196,11 @@ pub fn masking_page(published: &Published, context: &PageContext, asked: &Asked)
 /// In which ways each group is diagnosed.
 pub fn coverage_page(published: &Published, context: &PageContext, asked: &Asked) -> String {
     coverage::page(&View::new(published, context.lang, false), context, asked)
+}
+
+/// What DDS discovery sees.
+pub fn topics_page(published: &Published, context: &PageContext, asked: &Asked, seen: &Discovery) -> String {
+    topics::page(&View::new(published, context.lang, false), context, asked, seen)
 }
 
 /// What the configuration's file would change, or has changed.

@@ -79,7 +79,6 @@ struct TimelineHtml {
     dev: DevFrame,
     live: bool,
     spans: Vec<Choice>,
-    until: String,
     /// Fields that the forms have to keep.
     kept: Vec<(&'static str, String)>,
     offered: Vec<String>,
@@ -164,7 +163,6 @@ pub fn page(
         frame: super::frame(context),
         live: window.live,
         spans: spans(window),
-        until: if window.live { String::new() } else { to_ms.to_string() },
         kept: asked.kept(&["until", "span", "at", "node"]),
         offered: offered(view, nodes),
         from_ms,

@@ -37,7 +37,6 @@ words! {
     help_move: "next, previous row", "nächste, vorige Zeile";
     help_open: "open the row", "Zeile öffnen";
     help_pin: "pin the row", "Zeile anheften";
-    help_page: "to a page, as numbered", "zu einer Seite, wie nummeriert";
     help_zoom: "larger, smaller, as it was", "größer, kleiner, wie zuvor";
     help_help: "this help", "diese Hilfe";
     help_leave: "leave a field, close", "Feld verlassen, schließen";
@@ -56,7 +55,6 @@ words! {
     age: "Age", "Alter";
     message: "Message", "Meldung";
     values: "Values", "Werte";
-    class: "Class", "Klasse";
     never: "never", "nie";
     silent: "silent", "stumm";
     pin: "Pin", "Anheften";
@@ -128,8 +126,6 @@ words! {
     earlier: "Earlier", "Früher";
     later: "Later", "Später";
     moment: "Moment", "Zeitpunkt";
-    at_the_end: "end of the span", "Ende der Spanne";
-    nodes: "Nodes", "Knoten";
     add_node: "Add a node", "Knoten hinzufügen";
     add: "Add", "Hinzufügen";
     remove: "Remove", "Entfernen";
@@ -156,11 +152,11 @@ words! {
     publishers: "Publishers", "Publisher";
     subscribers: "Subscribers", "Subscriber";
     rate: "Rate", "Rate";
-    qos: "QoS", "QoS";
-    mismatch: "Mismatch", "Unverträglich";
+    mismatch_type: "Types differ", "Typen verschieden";
+    mismatch_reliability: "Reliability asked for, not offered", "Zuverlässigkeit verlangt, nicht geboten";
+    mismatch_durability: "Last value asked for, not kept", "Letzter Wert verlangt, nicht behalten";
+    participants: "other participants", "andere Teilnehmer";
     no_topics: "DDS discovery has seen nothing yet.", "Die DDS-Erkennung hat noch nichts gesehen.";
-    read_here: "read by Telltale", "von Telltale gelesen";
-    of_nodes: "Node names are told by ROS 2 as the graph announces them.", "Knotennamen, wie der ROS-2-Graph sie meldet.";
 
     config_same: "The file means the same as what runs.", "Die Datei bedeutet dasselbe wie das, was läuft.";
     config_differs: "The file differs from what runs", "Die Datei weicht von dem ab, was läuft";

@@ -1,6 +1,7 @@
 //! What the developer's pages say.
 
 use super::*;
+use crate::engine::discovery::{Discovery, Endpoint, TopicSeen};
 use crate::engine::model::NodeId;
 use crate::engine::state::State;
 use crate::runtime::Rereading;
@@ -57,6 +58,7 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         ("timeline-none", timeline_page(published, context, &asked, &window, None)),
         ("masking", masking_page(published, context, &asked)),
         ("coverage", coverage_page(published, context, &asked)),
+        ("topics", topics_page(published, context, &asked, &discovery(text))),
         ("configuration", configuration_page(published, &read, true, context)),
     ];
     // Of a locked vehicle no node has a page.
@@ -69,6 +71,19 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         pages.push(("why", why_page(published, node, context, &trends)));
     }
     pages
+}
+
+fn discovery(text: &str) -> Discovery {
+    let endpoint =
+        Endpoint { participant: text.to_owned(), type_name: text.to_owned(), ..Endpoint::default() };
+    let other = Endpoint { type_name: "std_msgs/msg/Bool".to_owned(), reliable: true, ..endpoint.clone() };
+    let topic = TopicSeen {
+        name: format!("/{text}"),
+        publishers: vec![endpoint],
+        subscribers: vec![other],
+        rate_hz: Some(9.96),
+    };
+    Discovery { at: Some(Timestamp::ZERO), topics: vec![topic], more: 0, participants: 1 }
 }
 
 fn english() -> PageContext {
@@ -221,4 +236,12 @@ fn a_why_page_leads_to_what_it_names() {
     let node = published.snapshot.node("perception").expect("it is there");
     let page = why_page(&published, node, &english(), &Trends::default());
     holds(&page, &["/developer/why?node=localization%2Ftf_quality", "perception/costmap_delay"]);
+}
+
+#[test]
+fn topics_show_types_rates_and_what_does_not_match() {
+    let page = topics_page(&jump().published(), &english(), &Asked::default(), &discovery("front"));
+    holds(&page, &["/front", "std_msgs/msg/Bool", "10.0 Hz", "data-mismatch", "Types differ", "best effort"]);
+    let page = topics_page(&jump().published(), &english(), &asked(&[("q", "rear")]), &discovery("front"));
+    assert!(!page.contains("/front"));
 }
