@@ -264,7 +264,7 @@
     const graph = document.getElementById("graph");
     const { width, height } = graph.viewBox.baseVal;
     const frame = graph.parentElement;
-    zoom = Math.min(1, (frame.clientWidth - 30) / width, Math.max(300, innerHeight - frame.offsetTop - 40) / height);
+    zoom = Math.min(1.3, (frame.clientWidth - 30) / width, Math.max(300, innerHeight - frame.offsetTop - 40) / height);
     applyZoom();
   };
   const zoomBy = (factor, x, y) => {

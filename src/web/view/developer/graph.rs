@@ -40,6 +40,7 @@ const ROW: f64 = 22.0;
 const ROW_STEP: f64 = 26.0;
 /// What a letter takes at most.
 const LETTER: f64 = 6.9;
+const NAME_LETTER: f64 = 8.3;
 
 struct BoxHtml {
     x: f64,
@@ -264,7 +265,7 @@ impl<'a> Drawing<'a> {
             depth: depth.min(3),
             state: group.state.as_str(),
             reason: reason_word(group.reason.as_ref()),
-            name: fitted(&name, width - 84.0),
+            name: fitted(&name, width - 84.0, NAME_LETTER),
             // Of what is ignored nothing counts.
             count: if group.counted == 0 {
                 "\u{2013}".to_owned()
@@ -315,7 +316,7 @@ impl<'a> Drawing<'a> {
             width,
             state: module.state.as_str(),
             reason: reason_word(module.reason.as_ref()),
-            name: fitted(&self.view.label(info), width - 16.0),
+            name: fitted(&self.view.label(info), width - 16.0, LETTER),
             title: format!("{}: {state} {because}", clean(&info.id, 2 * NAME)),
             address: why_address(&info.id),
         });
@@ -374,8 +375,8 @@ fn column_x(column: usize) -> f64 {
     MARGIN + column as f64 * (WIDTH + COLUMN_GAP)
 }
 
-fn fitted(text: &str, width: f64) -> String {
-    let most = (width / LETTER).max(4.0) as usize;
+fn fitted(text: &str, width: f64, letter: f64) -> String {
+    let most = (width / letter).max(4.0) as usize;
     if text.chars().count() <= most {
         return text.to_owned();
     }
