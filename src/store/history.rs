@@ -18,6 +18,7 @@ use rusqlite::Connection;
 pub use read::{Happened, HistoryQuery, NodePast, Past, Stretch};
 
 use super::StoreError;
+use super::schema::make_private_file;
 use crate::clock::Clock;
 use crate::engine::record::Record;
 
@@ -62,6 +63,8 @@ impl History {
     pub fn open(folder: &Path, clock: Clock) -> Result<(History, SyncSender<Vec<Record>>), StoreError> {
         let path = folder.join(HISTORY_FILE);
         let error = |reason| StoreError::Open { path: path.clone(), reason };
+        // It tells where and when the vehicle failed: for nobody else's eyes.
+        make_private_file(&path).map_err(|reason| StoreError::Folder { path: folder.to_owned(), reason })?;
         let connection = Connection::open(&path).map_err(error)?;
         History::start(connection, clock, ROWS_MAX).map_err(error)
     }
