@@ -239,7 +239,7 @@ mod tests {
         let action = OperatorAction::Login { name: "anna".into() };
         link.commands.send(Command { action, reply }).await.unwrap();
         assert_eq!(answer.await.unwrap(), Response::Done);
-        assert_eq!(link.snapshots.borrow().snapshot.stage, Stage::Standby);
+        assert_eq!(link.snapshots.borrow().snapshot.stage, Stage::Localizing);
 
         let mut array = StatusArray::default();
         array.push_status(2, "pump", "broken", "");

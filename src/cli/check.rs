@@ -5,10 +5,13 @@ use std::io::{IsTerminal, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use super::{EXIT_NO, EXIT_USAGE, graph};
+use super::{EXIT_NO, EXIT_USAGE, fields, graph};
 use crate::config::soundness::{Soundness, What};
 use crate::config::{self, Loaded, words};
-use crate::engine::model::{Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, When};
+use crate::engine::model::{
+    Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, StageModel, When,
+};
+use crate::engine::vehicle::{Guard, TRANSITIONS, Transition};
 use crate::yaml::Problems;
 
 /// Check a configuration and print its graph of groups, modules and dependencies.
@@ -37,6 +40,8 @@ pub struct Args {
     /// The configuration
     #[arg(value_name = "FILE", required_unless_present = "schema")]
     file: Option<PathBuf>,
+    #[command(flatten)]
+    definitions: fields::DefinitionFlags,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
@@ -46,6 +51,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     };
     match config::load(file) {
         Ok(loaded) => {
+            let definitions = args.definitions.definitions().with(&loaded.message_folders);
+            if let Some(problems) = fields::check(&loaded, &definitions) {
+                report(&problems);
+                return Ok(ExitCode::from(EXIT_USAGE));
+            }
             let (found, problems) = loaded.soundness();
             match (args.dot, args.svg) {
                 (true, _) => print(&dot(&loaded.model)),
@@ -114,9 +124,26 @@ fn text(loaded: &Loaded, found: &Soundness) -> String {
     for signal in &model.signals {
         let _ = writeln!(out, "signal {}: {}", signal.name, words::signal(signal));
     }
+    if model.stages == StageModel::Shuttle {
+        out.push_str(&stages_text());
+    }
     for index in (0..model.groups.len()).filter(|&index| model.groups[index].parent.is_none()) {
         out.push('\n');
         group_text(&mut out, model, GroupId(index as u32), 0);
+    }
+    out
+}
+
+/// What leads from stage to stage.
+fn stages_text() -> String {
+    let mut out = "\nstages\n".to_owned();
+    for Transition { from, event, guard, to } in TRANSITIONS {
+        let from: Vec<&str> = from.iter().map(|stage| stage.as_str()).collect();
+        let guard = match guard {
+            Guard::None => String::new(),
+            guard => format!(", if: {}", guard.as_str()),
+        };
+        let _ = writeln!(out, "  {} --{}--> {}{guard}", from.join(", "), event.as_str(), to.as_str());
     }
     out
 }
@@ -132,7 +159,7 @@ fn group_text(out: &mut String, model: &Model, id: GroupId, depth: usize) {
         let _ = writeln!(out, "{pad}  takes statuses with {}", filters.join(", "));
     }
     for module in model.modules.iter().filter(|module| module.group == id) {
-        let monitor = words::monitor(&module.monitor);
+        let monitor = words::monitor(model, &module.monitor);
         let name = module.name.as_ref().map_or(String::new(), |name| format!(" \"{}\"", name.en));
         let policy = words::policy(&module.policy);
         let _ = writeln!(out, "{pad}  - {}{name}: {monitor}, {policy}", module.id);
@@ -220,4 +247,15 @@ fn dot_edges(out: &mut String, model: &Model, from: NodeId, depends_on: &[Depend
 
 fn quoted(text: &str) -> String {
     format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_documentation_shows_the_stages_as_they_are() {
+        let page = include_str!("../../docs/stages.md");
+        assert!(page.contains(stages_text().trim()), "docs/stages.md lacks:{}", stages_text());
+    }
 }

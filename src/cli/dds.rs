@@ -1,5 +1,6 @@
 //! The flags that say where on the network DDS is spoken.
 
+use super::fields::DefinitionFlags;
 use crate::ros::{BridgeOptions, Interface, OptionsError};
 
 #[derive(Debug, Clone, clap::Args)]
@@ -11,6 +12,8 @@ pub struct DdsFlags {
     /// [default: as `ROS_AUTOMATIC_DISCOVERY_RANGE` and `ROS_LOCALHOST_ONLY` say, or `all`]
     #[arg(long, value_name = "IP|NAME|all")]
     pub interface: Option<String>,
+    #[command(flatten)]
+    pub definitions: DefinitionFlags,
 }
 
 impl DdsFlags {
@@ -19,7 +22,9 @@ impl DdsFlags {
     /// # Errors
     /// What is out of range, not understood or not there.
     pub fn resolve(&self) -> Result<BridgeOptions, OptionsError> {
-        BridgeOptions::resolve(self.domain, self.interface.as_deref(), |name| std::env::var(name).ok())
+        let env = |name: &str| std::env::var(name).ok();
+        let options = BridgeOptions::resolve(self.domain, self.interface.as_deref(), env)?;
+        Ok(BridgeOptions { definitions: self.definitions.definitions(), ..options })
     }
 }
 

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use super::check::dependencies;
 use crate::config::words::node_name;
-use crate::engine::model::{Combine, GroupId, Model, ModuleId, NodeId, When};
+use crate::engine::model::{Combine, GroupId, Model, ModuleId, NodeId, POSED_SIGNAL, When};
 use crate::picture::layers::{Item, Layers};
 
 const STYLE: &str = include_str!("graph.css");
@@ -120,7 +120,8 @@ fn when_note(model: &Model, when: &When) -> String {
     let stages = (!stages.is_empty()).then(|| format!("in {}", stages.join(", ")));
     let signals =
         when.signals.iter().map(|&(index, value)| format!("when {} is {value}", model.signals[index].name));
-    stages.into_iter().chain(signals).collect::<Vec<_>>().join(", ")
+    let posed = when.posed.map(|value| format!("when {POSED_SIGNAL} is {value}"));
+    stages.into_iter().chain(signals).chain(posed).collect::<Vec<_>>().join(", ")
 }
 
 fn group_height(model: &Model, id: GroupId) -> f64 {

@@ -7,6 +7,7 @@ mod data;
 mod dds;
 mod demo;
 mod ending;
+pub mod fields;
 mod graph;
 mod log;
 pub mod reload;

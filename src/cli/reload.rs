@@ -7,8 +7,11 @@ use anyhow::Context as _;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{mpsc, oneshot, watch};
 
+use super::fields;
 use crate::config::{self, Difference, Loaded};
 use crate::engine::model::{FieldSource, Model};
+use crate::engine::monitor::spec::Watched;
+use crate::ros::fields::Definitions;
 use crate::runtime::{Reload, Reread, Rereading};
 use crate::yaml::Problems;
 
@@ -33,6 +36,7 @@ pub enum ReloadError {
     /// Everything that is wrong with the file. The old configuration stays.
     #[error("{0}")]
     Configuration(#[from] Problems),
+    /// Every field that cannot be read. The old configuration stays.
     #[error("the engine has ended")]
     Ended,
 }
@@ -41,11 +45,19 @@ pub enum ReloadError {
 ///
 /// # Errors
 /// Everything that is wrong with the file.
-pub async fn preview(path: &Path, current: &Loaded) -> Result<Outcome, ReloadError> {
-    let (path, current) = (path.to_owned(), current.clone());
+pub async fn preview(
+    path: &Path,
+    current: &Loaded,
+    definitions: &Definitions,
+) -> Result<Outcome, ReloadError> {
+    let (path, current, definitions) = (path.to_owned(), current.clone(), definitions.clone());
     // Files, and a judgement of every situation: too long for a thread that others wait for.
     let read = tokio::task::spawn_blocking(move || {
         let loaded = config::load(&path)?;
+        // By the folders of the start: what reads the messages knows no others.
+        if let Some(problems) = fields::check(&loaded, &definitions) {
+            return Err(ReloadError::Configuration(problems));
+        }
         let differences = config::difference(&current, &loaded);
         let topics_changed = sources(&current.model) != sources(&loaded.model);
         let (_, warnings) = loaded.soundness();
@@ -62,9 +74,10 @@ pub async fn preview(path: &Path, current: &Loaded) -> Result<Outcome, ReloadErr
 pub async fn reload(
     path: &Path,
     current: &Loaded,
+    definitions: &Definitions,
     engine: &mpsc::Sender<Reload>,
 ) -> Result<Outcome, ReloadError> {
-    let outcome = preview(path, current).await?;
+    let outcome = preview(path, current, definitions).await?;
     if !outcome.differences.is_empty() {
         let (done, taken) = oneshot::channel();
         let reload = Reload { model: outcome.loaded.model.clone(), done };
@@ -74,9 +87,9 @@ pub async fn reload(
     Ok(outcome)
 }
 
-/// The topics from which signals come.
-pub fn sources(model: &Model) -> Vec<&FieldSource> {
-    model.signals.iter().map(|signal| &signal.source).collect()
+/// The topics from which signals come, and what monitors watch.
+fn sources(model: &Model) -> (Vec<&FieldSource>, &Watched) {
+    (model.signals.iter().map(|signal| &signal.source).collect(), &model.watched)
 }
 
 /// What the rest of the program holds of the task that [`start`] starts.
@@ -92,16 +105,22 @@ pub struct Reloads {
 ///
 /// # Errors
 /// If the operating system refuses the handler of the signal.
-pub fn start(path: PathBuf, loaded: Loaded, engine: mpsc::Sender<Reload>) -> anyhow::Result<Reloads> {
+pub fn start(
+    path: PathBuf,
+    loaded: Loaded,
+    definitions: Definitions,
+    engine: mpsc::Sender<Reload>,
+) -> anyhow::Result<Reloads> {
     let hangups = signal(SignalKind::hangup()).context("signals cannot be handled")?;
     let (requests, waiting) = mpsc::channel(REQUESTS);
     let (publish, running) = watch::channel(loaded);
-    tokio::spawn(Task { path, engine, publish }.run(waiting, hangups));
+    tokio::spawn(Task { path, definitions, engine, publish }.run(waiting, hangups));
     Ok(Reloads { requests, running })
 }
 
 struct Task {
     path: PathBuf,
+    definitions: Definitions,
     /// Not the whole link, which would keep the engine alive.
     engine: mpsc::Sender<Reload>,
     publish: watch::Sender<Loaded>,
@@ -137,9 +156,9 @@ impl Task {
     async fn read(&self, take: bool) -> Result<Outcome, ReloadError> {
         let current = self.publish.borrow().clone();
         if !take {
-            return preview(&self.path, &current).await;
+            return preview(&self.path, &current, &self.definitions).await;
         }
-        let outcome = reload(&self.path, &current, &self.engine).await?;
+        let outcome = reload(&self.path, &current, &self.definitions, &self.engine).await?;
         self.publish.send_replace(outcome.loaded.clone());
         Ok(outcome)
     }
@@ -153,13 +172,15 @@ impl Task {
             Ok(outcome) => {
                 tracing::info!("{file} was read again and taken:{}", bullets(&outcome.differences));
                 if outcome.topics_changed {
-                    tracing::info!("signals come from other topics now");
+                    tracing::info!(
+                        "other topics are listened to, or other fields of them, or other hosts asked"
+                    );
                 }
                 if let Some(warnings) = &outcome.warnings {
                     tracing::warn!("{file} can be used, but:\n{warnings}");
                 }
             }
-            Err(ReloadError::Configuration(problems)) => {
+            Err(problems @ ReloadError::Configuration(_)) => {
                 tracing::error!(
                     "{file} was read again and refused; the old configuration stays:\n{problems}"
                 );

@@ -8,7 +8,7 @@ use anyhow::Context as _;
 
 use super::ending::Ending;
 use super::station::{self, Station};
-use super::{EXIT_USAGE, check, data, dds, log};
+use super::{EXIT_USAGE, check, data, dds, fields, log};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::store::{DemoSecrets, Store};
@@ -55,7 +55,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 
 async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let ending = Ending::listen()?;
-    let options = args.dds.resolve()?;
+    let mut options = args.dds.resolve()?;
+    options.definitions = options.definitions.with(&loaded.message_folders);
+    if let Some(problems) = fields::check(&loaded, &options.definitions) {
+        check::report(&problems);
+        return Ok(ExitCode::from(EXIT_USAGE));
+    }
     let listener = station::bind(args.listen).await?;
     let clock = Clock::start();
     let folder = data::folder(args.data.clone())?;

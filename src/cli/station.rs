@@ -8,13 +8,13 @@ use std::sync::mpsc::SyncSender;
 
 use anyhow::{Context as _, anyhow};
 use tokio::net::TcpListener;
-use tokio::sync::{mpsc, oneshot, watch};
+use tokio::sync::{oneshot, watch};
 
 use super::ending::Ending;
 use super::{dds, reload};
 use crate::clock::Clock;
 use crate::config::Loaded;
-use crate::engine::input::{OperatorAction, Response, Stamped};
+use crate::engine::input::{OperatorAction, Response};
 use crate::engine::model::Model;
 use crate::engine::record::Record;
 use crate::ros::{self, Bridge, BridgeOptions};
@@ -52,11 +52,14 @@ impl Station {
         let listens_to = dds::describe(&options);
         let (history, records) = open_history(folder.as_deref(), clock).unzip();
         let link = runtime::start_recorded(loaded.model.clone(), clock, records);
-        let reloads =
-            file.map(|file| reload::start(file, loaded.clone(), link.reloads.clone())).transpose()?;
+        let reloads = file
+            .map(|file| {
+                let definitions = options.definitions.clone();
+                reload::start(file, loaded.clone(), definitions, link.reloads.clone())
+            })
+            .transpose()?;
         let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
-        let listening = Listening { options, inputs: link.inputs.clone(), clock };
-        let bridge = listening.to(loaded.model.clone()).await?;
+        let bridge = ros::start(options, &loaded.model, link.inputs.clone(), clock).await?;
         let discovery = Some(bridge.discovery());
         let settings = Settings {
             origins: known_origins(address, &origins)?,
@@ -68,11 +71,11 @@ impl Station {
         };
         restore_operator(&store, &link).await?;
         tracing::info!("the display is on {}; it listens to {listens_to}", url(address));
-        let bridge = {
+        {
             let serving = web::serve(listener, AppState::new(link, store, clock, settings), ending.asked());
             let running = reloads.map(|reloads| reloads.running);
-            listening.while_serving(serving, bridge, loaded.model, running).await?
-        };
+            while_serving(serving, &bridge, running).await?;
+        }
         tracing::info!("ending");
         tokio::select! {
             () = bridge.shutdown() => {}
@@ -88,41 +91,21 @@ fn open_history(folder: Option<&Path>, clock: Clock) -> Option<(History, SyncSen
     opened.inspect_err(|error| tracing::error!("nothing will be recorded: {error}")).ok()
 }
 
-/// What it takes to listen to DDS, each time anew.
-struct Listening {
-    options: BridgeOptions,
-    inputs: mpsc::Sender<Stamped>,
-    clock: Clock,
-}
-
-impl Listening {
-    async fn to(&self, model: Arc<Model>) -> anyhow::Result<Bridge> {
-        Ok(ros::start(self.options.clone(), model, self.inputs.clone(), self.clock).await?)
-    }
-
-    /// Serves until the end, and follows the configuration: where signals come from other topics, the
-    /// bridge is built anew. Gives back the bridge of the end.
-    async fn while_serving(
-        &self,
-        serving: impl Future<Output = std::io::Result<()>>,
-        mut bridge: Bridge,
-        mut model: Arc<Model>,
-        mut running: Option<watch::Receiver<Loaded>>,
-    ) -> anyhow::Result<Bridge> {
-        let mut serving = std::pin::pin!(serving);
-        loop {
-            let next = tokio::select! {
-                served = &mut serving => {
-                    served?;
-                    return Ok(bridge);
-                }
-                next = changed(&mut running) => next,
-            };
-            if reload::sources(&model) != reload::sources(&next) {
-                bridge.shutdown().await;
-                bridge = self.to(next.clone()).await?;
-            }
-            model = next;
+/// Serves until the end, and lets the bridge follow the configuration. The engine runs by it already:
+/// what the bridge says anew would be forgotten by an engine that changes later.
+async fn while_serving(
+    serving: impl Future<Output = std::io::Result<()>>,
+    bridge: &Bridge,
+    mut running: Option<watch::Receiver<Loaded>>,
+) -> anyhow::Result<()> {
+    let mut serving = std::pin::pin!(serving);
+    loop {
+        let next = tokio::select! {
+            served = &mut serving => return Ok(served?),
+            next = changed(&mut running) => next,
+        };
+        if let Err(error) = bridge.follow(&next) {
+            tracing::error!("the old topics are read still: {error}");
         }
     }
 }

@@ -8,6 +8,7 @@ use crate::engine::model::{
     Combine, Dependency, GroupSpec, Limits, Model, ModuleSpec, Parts, SignalSpec, StageModel, Stop, Text,
     When,
 };
+use crate::engine::time::Span;
 
 /// One thing that is different. Prints as a sentence without a full stop.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -37,8 +38,9 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Everything that is different: the vehicle, then signals, stops, groups and modules, what went
-/// before what came, in the order of the files. Empty if and only if both mean the same.
+/// Everything that is different: the vehicle, then signals, stops, groups, modules and
+/// countermeasures, what went before what came, in the order of the files. Empty if and only if both
+/// mean the same.
 pub fn difference(old: &Loaded, new: &Loaded) -> Vec<Difference> {
     let mut found = Vec::new();
     vehicle(old, new, &mut found);
@@ -47,6 +49,7 @@ pub fn difference(old: &Loaded, new: &Loaded) -> Vec<Difference> {
     stops(&was.driving.stops, &is.driving.stops, &mut found);
     groups(was, is, &mut found);
     modules(was, is, &mut found);
+    countermeasures(was, is, &mut found);
     found
 }
 
@@ -71,7 +74,9 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
             driving,
         } = &**loaded.model;
         let Limits { discovered_modules, values_per_status, string_bytes } = limits;
-        vec![
+        let folders: Vec<String> =
+            loaded.message_folders.iter().map(|folder| folder.display().to_string()).collect();
+        let mut facts = vec![
             ("id", vehicle_id.to_string()),
             ("name", text(vehicle_name)),
             ("stages", stages(*model).into()),
@@ -80,9 +85,17 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
             ("limits.values_per_status", values_per_status.to_string()),
             ("limits.string_bytes", string_bytes.to_string()),
             ("localized_after", words::span(driving.localized_after)),
-        ]
+            ("message_folders", listed(&folders)),
+        ];
+        facts.extend(loaded.publishing.all().map(|(key, topic, period)| (key, published(topic, period))));
+        facts
     };
     changed("the vehicle", facts(old), facts(new), found);
+}
+
+fn published(topic: Option<&str>, period: Option<Span>) -> String {
+    let every = period.map_or(String::new(), |period| format!(" every {}", words::span(period)));
+    topic.map_or("switched off".into(), |topic| format!("{topic}{every}"))
 }
 
 fn signals(old: &Model, new: &Model, found: &mut Vec<Difference>) {
@@ -138,10 +151,37 @@ fn modules(old: &Model, new: &Model, found: &mut Vec<Difference>) {
             ("policy", words::policy(policy)),
             ("when", condition(model, when.as_ref())),
             ("depends_on", dependencies(model, depends_on)),
-            ("monitor", words::monitor(monitor)),
+            ("monitor", words::monitor(model, monitor)),
         ]
     };
     compare("module", (old, &old.modules), (new, &new.modules), key, facts, found);
+}
+
+/// They have no names: a rule that says anything else is another rule.
+fn countermeasures(old: &Model, new: &Model, found: &mut Vec<Difference>) {
+    let words = |model: &Model| -> Vec<String> {
+        model.driving.countermeasures.iter().map(|rule| words::countermeasure(model, rule)).collect()
+    };
+    let (was, is) = (words(old), words(new));
+    let mut kept: Vec<&String> = was.iter().collect();
+    let mut added = Vec::new();
+    for rule in &is {
+        match kept.iter().position(|kept| *kept == rule) {
+            Some(index) => drop(kept.remove(index)),
+            None => added.push(rule),
+        }
+    }
+    let whole = |change, rule: &String| Difference {
+        change,
+        subject: format!("countermeasure `{rule}`"),
+        detail: String::new(),
+    };
+    found.extend(kept.iter().map(|rule| whole(Change::Removed, rule)));
+    found.extend(added.iter().map(|rule| whole(Change::Added, rule)));
+    if kept.is_empty() && added.is_empty() && was != is {
+        let (subject, detail) = ("the countermeasures".into(), "they stand in another order".into());
+        found.push(Difference { change: Change::Changed, subject, detail });
+    }
 }
 
 type Facts = Vec<(&'static str, String)>;

@@ -1,25 +1,35 @@
 //! The configuration: from YAML files to a [`Model`] that cannot be wrong. Every problem is found
 //! in one pass and says file, line and what to do.
 
+mod countermeasures;
 mod difference;
+mod expression;
 mod filters;
+mod monitors;
 mod names;
 mod places;
+pub mod publishing;
 mod raw;
+mod raw_bands;
+mod raw_monitor;
 mod raw_node;
+mod raw_source;
 mod relations;
 mod resolve;
 pub mod soundness;
+mod topics;
 mod units;
 pub mod words;
 
 pub use difference::{Change, Difference, difference};
+pub use places::Place;
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use self::places::Places;
+use self::publishing::Publishing;
 use self::soundness::Soundness;
 use crate::engine::model::Model;
 use crate::yaml::{FromNode, Log, Node, Problem, Problems, Sources, Span, Spanned, tree};
@@ -34,6 +44,9 @@ pub const SCHEMA: &str = include_str!("schema.json");
 #[derive(Debug, Clone)]
 pub struct Loaded {
     pub model: Arc<Model>,
+    pub publishing: Publishing,
+    /// Where definitions of messages are looked for, beside those that are built in.
+    pub message_folders: Vec<PathBuf>,
     places: Arc<Places>,
 }
 
@@ -48,6 +61,17 @@ impl Loaded {
             .collect();
         let problems = (!problems.is_empty()).then(|| Problems::new(self.places.sources.clone(), problems));
         (found, problems)
+    }
+
+    /// What is wrong in view of the definitions of messages: each with its place, a sentence without
+    /// a full stop, and what to do.
+    pub fn problems(&self, found: impl IntoIterator<Item = (Place, String, String)>) -> Option<Problems> {
+        let problem = |(place, text, help): (Place, String, String)| {
+            let problem = self.places.span(place).map(|span| Problem::at(span, text.as_str()));
+            problem.unwrap_or_else(|| Problem::of_file("the configuration", &text, "")).help(help)
+        };
+        let problems: Vec<Problem> = found.into_iter().map(problem).collect();
+        (!problems.is_empty()).then(|| Problems::new(self.places.sources.clone(), problems))
     }
 }
 
@@ -91,7 +115,8 @@ fn finish(mut sources: Sources, mut log: Log, node: Option<&Node>) -> Result<Loa
     let file = node.and_then(|node| raw::File::from_node(node, &mut log).map(|file| (file, node.span.file)));
     let loaded = file.and_then(|(mut file, number)| {
         include(&mut file, number, &mut sources, &mut log);
-        resolve::resolve(&file, &mut log)
+        let folders = message_folders(&file, &sources, &mut log);
+        resolve::resolve(&file, folders, &mut log)
     });
     match loaded {
         Some(loaded) if log.is_empty() => {
@@ -100,6 +125,26 @@ fn finish(mut sources: Sources, mut log: Log, node: Option<&Node>) -> Result<Loa
         }
         _ => Err(Problems::new(sources, log.into_problems())),
     }
+}
+
+/// The folders with definitions of messages, each relative to the file that names it.
+fn message_folders(file: &raw::File, sources: &Sources, log: &mut Log) -> Vec<PathBuf> {
+    let mut folders = Vec::new();
+    for written in &file.message_folders {
+        let base = Path::new(sources.name(written.span.file)).parent().unwrap_or(Path::new(""));
+        let folder = base.join(&written.value);
+        if !folder.is_dir() {
+            let problem = Problem::at(written.span, format!("there is no folder `{}`", folder.display()));
+            log.push(problem.help(
+                "name a folder that holds `package/msg/Name.msg`, such as a ROS installation's `share`",
+            ));
+        }
+        if folders.contains(&folder) {
+            log.push(Problem::at(written.span, "this folder is named twice").help("remove one of the two"));
+        }
+        folders.push(folder);
+    }
+    folders
 }
 
 /// Adds what the included files say to the lists of the main one, in the order of inclusion.
@@ -124,6 +169,8 @@ fn include(main: &mut raw::File, number: u16, sources: &mut Sources, log: &mut L
         main.signals.0.extend(file.signals.0);
         main.stops.extend(file.stops);
         main.groups.extend(file.groups);
+        main.countermeasures.extend(file.countermeasures);
+        main.message_folders.extend(file.message_folders);
     }
 }
 

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::raw;
+use super::raw_monitor::Monitor;
 use super::resolve::twice;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::yaml::{Log, Problem, Span, Spanned, suggest};
@@ -179,7 +180,10 @@ impl<'r> Names<'r> {
 
 impl ModuleName<'_> {
     pub fn status(&self) -> Option<&Spanned<String>> {
-        self.raw.monitor.as_ref().map(|raw::Monitor::SelfState { status }| status)
+        match self.raw.monitor.as_ref()? {
+            Monitor::SelfState { status } | Monitor::External { status, .. } => status.as_ref(),
+            _ => None,
+        }
     }
 }
 

@@ -1,7 +1,23 @@
 //! Where the nodes of a model are written.
 
 use crate::engine::model::NodeId;
+use crate::engine::monitor::spec::TopicId;
 use crate::yaml::{Sources, Span};
+
+/// Something of the configuration that can only be judged with the definitions of messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// The type of a watched topic.
+    Type(TopicId),
+    /// The type of a watched topic of which the header's stamp is wanted.
+    Stamp(TopicId),
+    /// A field of a watched topic, by its position.
+    Field(TopicId, u32),
+    /// The type of a signal's topic, by the signal's position.
+    SignalType(usize),
+    /// The field of a signal.
+    SignalField(usize),
+}
 
 #[derive(Debug, Clone)]
 pub(super) struct Places {
@@ -9,6 +25,21 @@ pub(super) struct Places {
     /// By the ids of the model.
     pub groups: Vec<NodePlace>,
     pub modules: Vec<NodePlace>,
+    /// By the ids of what is watched.
+    pub topics: Vec<TopicPlace>,
+    /// By position: the type, and the field or else the type.
+    pub signals: Vec<(Span, Span)>,
+    /// The nodes of each countermeasure.
+    pub rules: Vec<Vec<Span>>,
+}
+
+#[derive(Debug, Clone)]
+pub(super) struct TopicPlace {
+    pub name: Span,
+    pub type_name: Span,
+    /// Where the stamp of its messages is first wanted.
+    pub stamp: Option<Span>,
+    pub fields: Vec<Span>,
 }
 
 #[derive(Debug, Clone)]
@@ -20,6 +51,17 @@ pub(super) struct NodePlace {
 }
 
 impl Places {
+    pub fn span(&self, place: Place) -> Option<Span> {
+        let topic = |id: TopicId| self.topics.get(id.0 as usize);
+        match place {
+            Place::Type(id) => topic(id).map(|topic| topic.type_name),
+            Place::Stamp(id) => topic(id).map(|topic| topic.stamp.unwrap_or(topic.name)),
+            Place::Field(id, field) => topic(id)?.fields.get(field as usize).copied(),
+            Place::SignalType(index) => self.signals.get(index).map(|(type_name, _)| *type_name),
+            Place::SignalField(index) => self.signals.get(index).map(|(_, field)| *field),
+        }
+    }
+
     pub fn of(&self, node: NodeId) -> &NodePlace {
         match node {
             NodeId::Group(id) => &self.groups[id.0 as usize],

@@ -1,9 +1,9 @@
 //! The file as it is written: every key that a configuration knows, with its place. Nothing here
 //! is checked against anything else; `resolve` does that.
 
-pub(super) use super::raw_node::{
-    Dependency, DependsOn, Filter, FilterKind, Group, Module, Monitor, Tile, When,
-};
+use super::countermeasures::RawRule;
+use super::publishing::RawPublishing;
+pub(super) use super::raw_node::{Dependency, DependsOn, Filter, FilterKind, Group, Module, Tile, When};
 use crate::engine::model::{StageModel, Text};
 use crate::engine::state::State;
 use crate::engine::time;
@@ -21,6 +21,10 @@ pub(super) struct File {
     pub limits: Option<Limits>,
     pub localized_after: Option<time::Span>,
     pub groups: Vec<Group>,
+    pub countermeasures: Vec<RawRule>,
+    pub publish: Option<RawPublishing>,
+    /// Folders with definitions of messages, each relative to the file that names it.
+    pub message_folders: Vec<Spanned<String>>,
     /// Keys that only the file which is named first may have, with their places.
     pub main_only: Vec<(&'static str, Span)>,
 }
@@ -33,7 +37,7 @@ impl FromNode for File {
             let problem = Problem::at(span, "a module stands in no group");
             fields.log.push(problem.help("move `modules` into one of the `groups`"));
         }
-        let main_only = ["vehicle", "defaults", "limits", "localized_after"];
+        let main_only = ["vehicle", "defaults", "limits", "localized_after", "publish"];
         let main_only = main_only.into_iter().filter_map(|key| Some((key, fields.key_span(key)?)));
         let file = File {
             main_only: main_only.collect(),
@@ -45,8 +49,10 @@ impl FromNode for File {
             limits: fields.optional("limits"),
             localized_after: fields.optional("localized_after"),
             groups: fields.or_default("groups"),
+            countermeasures: fields.or_default("countermeasures"),
+            publish: fields.optional("publish"),
+            message_folders: fields.or_default("message_folders"),
         };
-        unsupported(&mut fields, &["countermeasures"]);
         fields.finish();
         Some(file)
     }
@@ -133,6 +139,8 @@ pub(super) struct Policy {
     pub stale: Option<State>,
     pub raise_after: Option<time::Span>,
     pub clear_after: Option<time::Span>,
+    /// While nobody publishes what the module watches.
+    pub no_publisher: Option<State>,
     /// Only a module's own: what latches must be named.
     pub latch: Option<time::Span>,
 }
@@ -143,9 +151,14 @@ impl Policy {
             let states = [State::Unknown, State::Warning, State::Error].map(|state| (state.as_str(), state));
             word(node, fields.log, "stale state", &states)
         });
+        let no_publisher = fields.node("no_publisher").and_then(|node| {
+            let states = [State::Unknown, State::Error].map(|state| (state.as_str(), state));
+            word(node, fields.log, "state", &states)
+        });
         Policy {
             timeout: fields.optional("timeout"),
             stale,
+            no_publisher,
             raise_after: fields.optional("raise_after"),
             clear_after: fields.optional("clear_after"),
             latch: None,
@@ -195,18 +208,4 @@ impl FromNode for Text {
         fields.finish();
         Some(Text { en: en?.into(), de: de?.into() })
     }
-}
-
-/// Logs each of the keys that is there: it must not be taken for granted that it does something.
-fn unsupported(fields: &mut Fields, keys: &[&'static str]) {
-    for key in keys {
-        fields.node(key);
-        if let Some(span) = fields.key_span(key) {
-            fields.log.push(not_supported(span, key));
-        }
-    }
-}
-
-pub(super) fn not_supported(span: Span, what: &str) -> Problem {
-    Problem::at(span, format!("`{what}` is not supported by this version")).help("remove it")
 }

@@ -1,24 +1,11 @@
 //! Groups and modules as they are written, and what they say of each other.
 
-use super::raw::{Policy, not_supported};
+use super::raw::Policy;
+use super::raw_monitor::Monitor;
 use crate::engine::model::{Combine, Stage, Text};
 use crate::engine::state::State;
-use crate::yaml::decode::{All, Entries, did_you_mean, word};
-use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Span, Spanned, suggest};
-
-/// The kinds of monitor (`ENGINE.md` 7).
-const MONITORS: [&str; 10] = [
-    "self_state",
-    "frequency",
-    "latency",
-    "value",
-    "watchdog",
-    "rate_ratio",
-    "sequence",
-    "agreement",
-    "expression",
-    "external",
-];
+use crate::yaml::decode::{All, Entries, word};
+use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Span, Spanned};
 
 #[derive(Debug)]
 pub(super) struct Group {
@@ -228,54 +215,41 @@ impl FromNode for Module {
             depends_on: fields.or_default("depends_on"),
             monitor: fields.optional("monitor"),
         };
-        match (fields.key_span("status"), fields.key_span("monitor")) {
-            (Some(status), Some(monitor)) => {
-                let problem = Problem::at(monitor, "a module has either `status` or `monitor`");
-                fields.log.push(problem.also(status, "and here").help("remove one of the two"));
-            }
+        let keys = (fields.key_span("status"), fields.key_span("monitor"));
+        match keys {
             (None, None) => {
                 let problem = Problem::at(module.span, "a module needs `status` or `monitor`");
                 fields.log.push(problem.help("add `status: 'NAME OF THE STATUS'`"));
             }
-            _ => module.monitor = module.monitor.or(status.map(|status| Monitor::SelfState { status })),
+            (_, None) => module.monitor = status.map(|status| Monitor::SelfState { status: Some(status) }),
+            (place, Some(monitor)) => status_of_monitor(&mut module, status, (place, monitor), fields.log),
         }
         fields.finish();
         Some(module)
     }
 }
 
-#[derive(Debug)]
-pub(super) enum Monitor {
-    SelfState { status: Spanned<String> },
-}
-
-impl FromNode for Monitor {
-    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let Kind::Mapping(entries) = &node.kind else {
-            let problem = Problem::at(node.span, format!("expected a monitor, found {}", node.describe()));
-            log.push(problem.help("write `monitor: { KIND: { ... } }`"));
-            return None;
-        };
-        let [(kind, value)] = &entries[..] else {
-            log.push(
-                Problem::at(node.span, "a monitor has one kind")
-                    .help(format!("one of: {}", MONITORS.join(", "))),
-            );
-            return None;
-        };
-        if kind.text == "self_state" {
-            let mut fields = Fields::of(value, "a self_state monitor", log)?;
-            let status = fields.required("status");
-            fields.finish();
-            return status.map(|status| Monitor::SelfState { status });
+/// A monitor of a status may leave its name to the module; no other kind goes with a `status`.
+fn status_of_monitor(
+    module: &mut Module,
+    status: Option<Spanned<String>>,
+    (place, monitor): (Option<Span>, Span),
+    log: &mut Log,
+) {
+    let own = match &mut module.monitor {
+        Some(Monitor::SelfState { status } | Monitor::External { status, .. }) => Some(status),
+        _ => None,
+    };
+    match (own, place) {
+        (Some(own @ None), Some(_)) => *own = status,
+        (Some(None), None) => {
+            let problem = Problem::at(monitor, "a monitor of a status needs `status`");
+            log.push(problem.help("add `status: 'NAME OF THE STATUS'` to it"));
         }
-        if MONITORS.contains(&kind.text.as_str()) {
-            log.push(not_supported(kind.span, &format!("monitor: {}", kind.text)));
-        } else {
-            let help = suggest(&kind.text, MONITORS)
-                .map_or_else(|| format!("one of: {}", MONITORS.join(", ")), did_you_mean);
-            log.push(Problem::at(kind.span, format!("unknown kind of monitor `{}`", kind.text)).help(help));
+        (_, Some(place)) => {
+            let problem = Problem::at(monitor, "a module has either `status` or `monitor`");
+            log.push(problem.also(place, "and here").help("remove one of the two"));
         }
-        None
+        _ => {}
     }
 }

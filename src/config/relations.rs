@@ -5,26 +5,21 @@ use std::collections::HashMap;
 use super::names::Names;
 use super::raw;
 use crate::engine::graph::{Cycle, CycleEdge, CycleStep};
-use crate::engine::model::{Dependency, DependsOn, NodeId, When};
+use crate::engine::model::{Dependency, DependsOn, NodeId, POSED_SIGNAL, When};
 use crate::yaml::{Log, Problem, Span, Spanned, suggest};
-
-/// The built-in signal: the operator gave a pose.
-pub(super) const POSED: &str = "posed";
 
 /// Positions of the signals by name.
 pub(super) type Signals<'a> = HashMap<&'a str, usize>;
 
 pub(super) fn when(raw: &raw::When, signals: &Signals, log: &mut Log) -> Option<When> {
     let mut found = Vec::new();
+    let mut posed = None;
     for (key, value) in &raw.signals.0 {
         match signals.get(key.text.as_str()) {
             Some(&index) => found.push((index, *value)),
-            None if key.text == POSED => {
-                let problem = Problem::at(key.span, "the signal `posed` is not supported by this version");
-                log.push(problem.help("remove it"));
-            }
+            None if key.text == POSED_SIGNAL => posed = Some(*value),
             None => {
-                let mut known: Vec<&str> = signals.keys().copied().collect();
+                let mut known: Vec<&str> = signals.keys().copied().chain([POSED_SIGNAL]).collect();
                 known.sort_unstable();
                 let problem = Problem::at(key.span, format!("there is no signal `{}`", key.text));
                 log.push(problem.help(match suggest(&key.text, known) {
@@ -34,7 +29,7 @@ pub(super) fn when(raw: &raw::When, signals: &Signals, log: &mut Log) -> Option<
             }
         }
     }
-    Some(When { stages: raw.stages.clone(), signals: found })
+    Some(When { stages: raw.stages.clone(), signals: found, posed })
 }
 
 pub(super) fn depends_on(

@@ -1,18 +1,19 @@
 //! From what is written to what the engine takes.
 
 use std::collections::HashMap;
+use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::Loaded;
 use super::names::{self, Names, check_id};
 use super::places::{NodePlace, Places};
 use super::raw;
 use super::relations::{self, Signals};
+use super::topics::{self, Topics};
+use super::{Loaded, countermeasures, monitors, publishing};
 use crate::engine::model::{
-    Combine, Driving, FieldSource, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, Parts, Policy,
-    SignalSpec, StageModel, Stop, Text,
+    Combine, Driving, FieldSource, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, POSED_SIGNAL,
+    Parts, Policy, SignalSpec, StageModel, Stop, Text,
 };
-use crate::engine::monitor::spec::Watched;
 use crate::engine::time;
 use crate::yaml::{Log, Problem, Sources, Span, Spanned};
 
@@ -20,7 +21,7 @@ const LOCALIZED_AFTER: time::Span = time::Span::from_secs(2);
 const TILE_MAX: u64 = 12;
 
 /// What a file says, if it can be said to the engine; the log says what is wrong.
-pub(super) fn resolve(file: &raw::File, log: &mut Log) -> Option<Loaded> {
+pub(super) fn resolve(file: &raw::File, message_folders: Vec<PathBuf>, log: &mut Log) -> Option<Loaded> {
     let vehicle = file.vehicle.as_ref();
     let id = vehicle.and_then(|vehicle| vehicle.id.as_ref());
     let id: Arc<str> = id.filter(|id| check_id(id, "vehicle", log)).map_or("vehicle", |id| &id.value).into();
@@ -28,25 +29,28 @@ pub(super) fn resolve(file: &raw::File, log: &mut Log) -> Option<Loaded> {
     let defaults = file.defaults.as_ref().map(|defaults| defaults.0).unwrap_or_default();
     let defaults = policy(&defaults, &Policy::default(), log);
 
-    let signals = signals(file, log);
+    let mut topics = Topics::new();
+    let (signals, signal_places) = signals(file, &mut topics, log);
     let names = Names::of(file, log);
     let index = signals.iter().enumerate().map(|(index, signal)| (&*signal.name, index)).collect();
-    let driving = Driving {
-        stops: stops(file, log),
-        localized_after: file.localized_after.unwrap_or(LOCALIZED_AFTER),
-        countermeasures: Vec::new(),
-    };
+    let countermeasures = countermeasures::rules(&file.countermeasures, &names, &index, log);
+    let localized_after = file.localized_after.unwrap_or(LOCALIZED_AFTER);
+    let driving = Driving { stops: stops(file, log), localized_after, countermeasures };
     let groups = groups(&names, &index, log);
-    let modules = modules(&names, &index, &defaults, log);
+    let modules = modules(&names, &index, &defaults, &mut topics, log);
+    let stages = vehicle.and_then(|vehicle| vehicle.stages).unwrap_or(StageModel::Shuttle);
+    let rules = &driving.countermeasures;
+    let publishing = publishing::publishing(file.publish.as_ref(), stages, rules, &topics, log);
+    let (watched, topics) = topics.finish();
     let limits = limits(file.limits.as_ref(), log);
     let parts = Parts {
         vehicle_id: id,
         vehicle_name: name,
-        stages: vehicle.and_then(|vehicle| vehicle.stages).unwrap_or(StageModel::Shuttle),
+        stages,
         signals,
         groups,
         modules,
-        watched: Watched::default(),
+        watched,
         driving,
         discovered: defaults,
         limits,
@@ -58,7 +62,9 @@ pub(super) fn resolve(file: &raw::File, log: &mut Log) -> Option<Loaded> {
             return None;
         }
     };
-    Some(Loaded { model, places: Arc::new(places(&names)) })
+    let rules = countermeasures::spans(&file.countermeasures);
+    let places = Places { topics, signals: signal_places, rules, ..places(&names) };
+    Some(Loaded { model, publishing, message_folders, places: Arc::new(places) })
 }
 
 fn places(names: &Names) -> Places {
@@ -69,7 +75,14 @@ fn places(names: &Names) -> Places {
     };
     let groups = names.groups().map(|(id, group)| place(NodeId::Group(id), group.raw.when.as_ref()));
     let modules = names.modules().map(|(id, module)| place(NodeId::Module(id), module.raw.when.as_ref()));
-    Places { sources: Sources::default(), groups: groups.collect(), modules: modules.collect() }
+    Places {
+        sources: Sources::default(),
+        groups: groups.collect(),
+        modules: modules.collect(),
+        topics: Vec::new(),
+        signals: Vec::new(),
+        rules: Vec::new(),
+    }
 }
 
 fn policy(raw: &raw::Policy, around: &Policy, log: &mut Log) -> Policy {
@@ -82,17 +95,17 @@ fn policy(raw: &raw::Policy, around: &Policy, log: &mut Log) -> Policy {
         stale: raw.stale.unwrap_or(around.stale),
         raise_after: raw.raise_after.unwrap_or(around.raise_after),
         clear_after: raw.clear_after.unwrap_or(around.clear_after),
-        no_publisher: around.no_publisher,
+        no_publisher: raw.no_publisher.unwrap_or(around.no_publisher),
         latch: raw.latch.or(around.latch),
     }
 }
 
-fn signals(file: &raw::File, log: &mut Log) -> Vec<SignalSpec> {
+fn signals(file: &raw::File, topics: &mut Topics, log: &mut Log) -> (Vec<SignalSpec>, Vec<(Span, Span)>) {
     let mut seen: HashMap<&str, Span> = HashMap::new();
-    let mut signals = Vec::new();
+    let (mut signals, mut places) = (Vec::new(), Vec::new());
     for (key, raw) in &file.signals.0 {
         check_id(&Spanned { value: key.text.clone(), span: key.span }, "signal", log);
-        if key.text == relations::POSED {
+        if key.text == POSED_SIGNAL {
             let problem = Problem::at(key.span, "`posed` is built in: it says that the operator gave a pose");
             log.push(problem.help("choose another name"));
         }
@@ -102,25 +115,31 @@ fn signals(file: &raw::File, log: &mut Log) -> Vec<SignalSpec> {
         for span in [raw.timeout, raw.present_for].into_iter().flatten().filter(|span| span.value.is_zero()) {
             log.push(Problem::at(span.span, "expected a duration above 0").help("for example `2s`"));
         }
-        if let Some(source) = field_source(raw, log) {
-            one_type_a_topic(&source, raw, &signals, log);
-            signals.push(SignalSpec {
-                name: key.text.as_str().into(),
-                source,
-                timeout: raw.timeout.map(|span| span.value),
-                present_for: raw.present_for.map(|span| span.value),
-            });
-        }
+        let Some((source, place)) = field_source(raw, topics, log) else { continue };
+        places.push(place);
+        signals.push(SignalSpec {
+            name: key.text.as_str().into(),
+            source,
+            timeout: raw.timeout.map(|span| span.value),
+            present_for: raw.present_for.map(|span| span.value),
+        });
     }
-    signals
+    (signals, places)
 }
 
-fn field_source(raw: &raw::Signal, log: &mut Log) -> Option<FieldSource> {
+/// Where a signal comes from; the places of its type and its field.
+fn field_source(
+    raw: &raw::Signal,
+    topics: &mut Topics,
+    log: &mut Log,
+) -> Option<(FieldSource, (Span, Span))> {
     let (topic, type_name) = (raw.topic.as_ref()?, raw.type_name.as_ref()?);
-    check_topic(topic, log);
-    check_type(type_name, log);
+    topics.read(topic, type_name, log);
     let field = match &raw.field {
-        Some(field) => &field.value,
+        Some(field) => {
+            topics::check_path(field, log);
+            &field.value
+        }
         None if type_name.value.starts_with("std_msgs/") => "data",
         // Only that the message came matters then.
         None if raw.present_for.is_some() => "",
@@ -130,61 +149,13 @@ fn field_source(raw: &raw::Signal, log: &mut Log) -> Option<FieldSource> {
             return None;
         }
     };
-    let is_type = type_name.value.contains("/msg/");
-    if is_type && raw.present_for.is_none() && (&*type_name.value, field) != ("std_msgs/msg/Bool", "data") {
-        let problem =
-            Problem::at(type_name.span, format!("a signal cannot be read from {}.{field}", type_name.value));
-        log.push(problem.help(
-            "use a std_msgs/msg/Bool and its field `data`, or `present_for: 1h` if only the arrival of a message matters",
-        ));
-        return None;
-    }
-    Some(FieldSource {
+    let place = (type_name.span, raw.field.as_ref().map_or(type_name.span, |field| field.span));
+    let source = FieldSource {
         topic: topic.value.as_str().into(),
         type_name: type_name.value.as_str().into(),
         field: field.into(),
-    })
-}
-
-/// A topic has one type, whoever reads it.
-fn one_type_a_topic(source: &FieldSource, raw: &raw::Signal, others: &[SignalSpec], log: &mut Log) {
-    let diagnostics = (&*source.topic == "/diagnostics").then_some("diagnostic_msgs/msg/DiagnosticArray");
-    let other = others.iter().map(|other| &other.source).find(|other| other.topic == source.topic);
-    let known =
-        diagnostics.or(other.map(|other| &*other.type_name)).filter(|known| **known != *source.type_name);
-    if let (Some(known), Some(type_name)) = (known, &raw.type_name) {
-        let problem = Problem::at(type_name.span, format!("{} is read as {known} already", source.topic));
-        log.push(problem.help("a topic has one type; name the topic that carries this signal"));
-    }
-}
-
-fn check_topic(topic: &Spanned<String>, log: &mut Log) {
-    let word = |part: &str| {
-        !part.is_empty()
-            && !part.starts_with(|c: char| c.is_ascii_digit())
-            && part.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
     };
-    if !topic.value.strip_prefix('/').is_some_and(|rest| rest.split('/').all(word)) {
-        let problem = Problem::at(topic.span, format!("`{}` is no full topic name", topic.value));
-        log.push(problem.help("begin with `/`; letters, digits, `_` and `/` follow: `/mission/active`"));
-    }
-}
-
-fn check_type(name: &Spanned<String>, log: &mut Log) {
-    let parts: Vec<&str> = name.value.split('/').collect();
-    let word = |part: &&str| {
-        !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
-    };
-    if parts.len() == 3 && parts[1] == "msg" && parts.iter().all(word) {
-        return;
-    }
-    let problem = Problem::at(name.span, format!("`{}` is no message type", name.value));
-    log.push(problem.help(match parts[..] {
-        [package, message] if word(&package) && word(&message) => {
-            format!("did you mean `{package}/msg/{message}`?")
-        }
-        _ => "write `package/msg/Name`, for example `std_msgs/msg/Bool`".into(),
-    }));
+    Some((source, place))
 }
 
 fn stops(file: &raw::File, log: &mut Log) -> Vec<Stop> {
@@ -269,7 +240,13 @@ fn check_tile(
     Some(place)
 }
 
-fn modules(names: &Names, signals: &Signals, defaults: &Policy, log: &mut Log) -> Vec<ModuleSpec> {
+fn modules(
+    names: &Names,
+    signals: &Signals,
+    defaults: &Policy,
+    topics: &mut Topics,
+    log: &mut Log,
+) -> Vec<ModuleSpec> {
     let mut specs = Vec::new();
     for (id, module) in names.modules() {
         let raw = module.raw;
@@ -277,7 +254,7 @@ fn modules(names: &Names, signals: &Signals, defaults: &Policy, log: &mut Log) -
         let when = raw.when.as_ref().and_then(|when| relations::when(when, signals, log));
         let depends_on = relations::depends_on(names, NodeId::Module(id), &raw.depends_on, log);
         // Without a monitor the model is not used; the module keeps its place so that cycles are found.
-        let status = module.status().map_or("", |status| &status.value);
+        let monitor = raw.monitor.as_ref().and_then(|monitor| monitors::resolve(monitor, topics, log));
         specs.push(ModuleSpec {
             id: module.path.clone(),
             name: raw.name.clone(),
@@ -286,7 +263,7 @@ fn modules(names: &Names, signals: &Signals, defaults: &Policy, log: &mut Log) -
             policy,
             when,
             depends_on,
-            monitor: MonitorSpec::SelfState { status: status.into() },
+            monitor: monitor.unwrap_or_else(|| MonitorSpec::SelfState { status: "".into() }),
         });
     }
     names::check_statuses(names, log);

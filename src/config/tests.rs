@@ -1,7 +1,12 @@
+mod countermeasures;
 mod difference;
+mod expression;
+mod monitors;
 mod nodes;
+mod publishing;
 mod schema;
 mod soundness;
+mod watching;
 
 use std::path::PathBuf;
 
@@ -157,7 +162,7 @@ fn keys_must_be_known_and_stand_once() {
     check_beside_group(
         "colour: red\n",
         &[
-            "2:1: unknown key `colour` in a configuration (known here: include, vehicle, signals, stops, defaults, limits, localized_after, groups, countermeasures)",
+            "2:1: unknown key `colour` in a configuration (known here: include, vehicle, signals, stops, defaults, limits, localized_after, groups, countermeasures, publish, message_folders)",
         ],
     );
     check_beside_group("groups: []\n", &["2:1: `groups` stands twice (keep one of the two)"]);
@@ -215,14 +220,6 @@ fn values_must_be_what_the_key_says() {
     check_beside_group(
         "vehicle: { stages: shutle }\n",
         &["2:20: unknown stage model `shutle` (did you mean `shuttle`?)"],
-    );
-}
-
-#[test]
-fn what_this_version_cannot_do_is_refused() {
-    check_beside_group(
-        "countermeasures: []\n",
-        &["2:1: `countermeasures` is not supported by this version (remove it)"],
     );
 }
 

@@ -1,10 +1,15 @@
 //! Parts of a model in words, for people who compare it with their file.
 
+mod monitor;
+
 use std::fmt::Write as _;
 use std::time::Duration;
 
+pub use self::monitor::monitor;
+use crate::engine::countermeasure::{ConfirmedBy, Request, Rule};
 use crate::engine::filter::Filter;
-use crate::engine::model::{Dependency, DependsOn, Model, MonitorSpec, NodeId, Policy, SignalSpec, When};
+use crate::engine::model::{Dependency, DependsOn, Model, NodeId, POSED_SIGNAL, Policy, SignalSpec, When};
+use crate::engine::state::State;
 use crate::engine::time::Span;
 
 /// `/mission/active std_msgs/msg/Bool.data, unknown when older than 2s`
@@ -21,11 +26,6 @@ pub fn signal(signal: &SignalSpec) -> String {
     text
 }
 
-/// `status 'imu: status'`
-pub fn monitor(monitor: &MonitorSpec) -> String {
-    monitor.status().map_or_else(String::new, |status| format!("status '{status}'"))
-}
-
 /// `unknown after 2s of silence, worse after 200ms`
 pub fn policy(policy: &Policy) -> String {
     let mut text = format!("{} after {} of silence", policy.stale, span(policy.timeout));
@@ -34,8 +34,31 @@ pub fn policy(policy: &Policy) -> String {
             let _ = write!(text, ", {what} after {}", span(after));
         }
     }
+    if policy.no_publisher == State::Error {
+        text.push_str(", error without a publisher");
+    }
     if let Some(latch) = policy.latch {
         let _ = write!(text, ", an error of {} stays until reset", span(latch));
+    }
+    text
+}
+
+/// `decelerate by 1 m/s² when planning or execution is error in active, confirmed by braking within 1s`
+pub fn countermeasure(model: &Model, rule: &Rule) -> String {
+    let request = match rule.request {
+        Request::Decelerate { mps2 } => format!("decelerate by {mps2} m/s²"),
+        other => other.as_str().to_owned(),
+    };
+    let nodes: Vec<&str> = rule.nodes.iter().map(|&node| node_name(model, node)).collect();
+    let stages: Vec<&str> = rule.stages.iter().map(|stage| stage.as_str()).collect();
+    let (nodes, stages, state) = (nodes.join(" or "), stages.join(" or "), rule.state);
+    let mut text = format!("{request} when {nodes} is {state} in {stages}");
+    if let Some(confirmation) = &rule.confirmation {
+        let by = match &confirmation.by {
+            ConfirmedBy::Signal(index) => format!("the signal {}", model.signals[*index].name),
+            ConfirmedBy::Status(name) => format!("the status '{name}'"),
+        };
+        let _ = write!(text, ", confirmed by {by} within {}", span(confirmation.within));
     }
     text
 }
@@ -58,7 +81,8 @@ pub fn when(model: &Model, when: &When) -> String {
     let stages = (!stages.is_empty()).then(|| format!("the stage is {}", stages.join(" or ")));
     let signals =
         when.signals.iter().map(|&(index, value)| format!("{} is {value}", model.signals[index].name));
-    stages.into_iter().chain(signals).collect::<Vec<_>>().join(" and ")
+    let posed = when.posed.map(|value| format!("{POSED_SIGNAL} is {value}"));
+    stages.into_iter().chain(signals).chain(posed).collect::<Vec<_>>().join(" and ")
 }
 
 /// `the namespace '/sensors'`

@@ -4,6 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use super::event::{Events, What};
 use super::model::NodeId;
+use super::net::{Change, Net};
 use super::snapshot::Alarm;
 use super::time::Timestamp;
 
@@ -16,6 +17,8 @@ const KEPT_MAX: usize = 256;
 pub(super) struct Alarms {
     list: Vec<Alarm>,
     last_id: u64,
+    /// Modules with an alarm from before a restart that said nothing since: it is not over.
+    awaited: HashSet<NodeId>,
 }
 
 impl Alarms {
@@ -23,9 +26,66 @@ impl Alarms {
         &self.list
     }
 
+    pub(super) fn last_id(&self) -> u64 {
+        self.last_id
+    }
+
+    /// Takes over alarms from before a restart. Those that were active stay until their module is
+    /// heard.
+    pub(super) fn restore(&mut self, mut list: Vec<Alarm>, last_id: u64) {
+        for alarm in &mut list {
+            alarm.active &= matches!(alarm.node, NodeId::Module(_));
+        }
+        list.retain(|alarm| alarm.active || !alarm.acknowledged);
+        self.awaited = list.iter().filter(|alarm| alarm.active).map(|alarm| alarm.node).collect();
+        self.last_id = list.iter().map(|alarm| alarm.id).fold(last_id, u64::max);
+        self.list = list;
+    }
+
+    /// Notes which awaited modules were heard. Returns whether any was.
+    pub(super) fn hear(&mut self, net: &Net, changes: &[Change]) -> bool {
+        if self.awaited.is_empty() {
+            return false;
+        }
+        let heard = |node: NodeId| match node {
+            NodeId::Module(id) => net.modules[id.0 as usize].own.received().is_some(),
+            NodeId::Group(_) => true,
+        };
+        let before = self.awaited.len();
+        for change in changes.iter().filter(|change| heard(change.node)) {
+            self.awaited.remove(&change.node);
+        }
+        self.awaited.len() != before
+    }
+
+    /// The node that an alarm stands for.
+    pub(super) fn node(&self, id: u64) -> Option<NodeId> {
+        self.list.iter().find(|alarm| alarm.id == id).map(|alarm| alarm.node)
+    }
+
+    /// Takes note of what an operator knows; an alarm that is over is then gone. Returns whether
+    /// there was any.
+    pub(super) fn acknowledge(
+        &mut self,
+        which: impl Fn(&Alarm) -> bool,
+        now: Timestamp,
+        events: &mut Events,
+    ) -> bool {
+        let mut found = false;
+        for alarm in self.list.iter_mut().filter(|alarm| which(alarm)) {
+            found = true;
+            if !std::mem::replace(&mut alarm.acknowledged, true) {
+                events.push(now, What::AlarmAcknowledged { id: alarm.id, node: alarm.node });
+            }
+        }
+        self.list.retain(|alarm| alarm.active || !alarm.acknowledged);
+        found
+    }
+
     /// Takes over alarms under new ids; one whose node is gone is over.
     pub(super) fn copy(&mut self, old: &Alarms, renamed: impl Fn(NodeId) -> Option<NodeId>) {
         self.last_id = old.last_id;
+        self.awaited = old.awaited.iter().filter_map(|&node| renamed(node)).collect();
         let kept =
             old.list.iter().filter_map(|alarm| Some(Alarm { node: renamed(alarm.node)?, ..alarm.clone() }));
         self.list = kept.collect();
@@ -46,9 +106,10 @@ impl Alarms {
             active.insert(alarm.node, index);
         }
         let present: HashSet<NodeId> = roots.iter().copied().collect();
+        let is_gone = |node: &NodeId| !present.contains(node) && !self.awaited.contains(node);
         let mut changed = false;
         let mut gone: Vec<usize> =
-            active.iter().filter(|(node, _)| !present.contains(node)).map(|(_, &index)| index).collect();
+            active.iter().filter(|(node, _)| is_gone(node)).map(|(_, &index)| index).collect();
         gone.sort_unstable();
         for index in gone {
             changed = true;

@@ -17,13 +17,42 @@ pub enum Request {
 }
 
 impl Request {
+    pub const fn kind(self) -> Kind {
+        match self {
+            Request::Notify => Kind::Notify,
+            Request::ManeuverStop => Kind::ManeuverStop,
+            Request::Decelerate { .. } => Kind::Decelerate,
+        }
+    }
+
     /// The word in files and on the wire.
     pub const fn as_str(self) -> &'static str {
+        self.kind().as_str()
+    }
+}
+
+/// A request without its figures, weakest first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Kind {
+    Notify,
+    ManeuverStop,
+    Decelerate,
+}
+
+impl Kind {
+    pub const ALL: [Kind; 3] = [Kind::Notify, Kind::ManeuverStop, Kind::Decelerate];
+
+    pub const fn as_str(self) -> &'static str {
         match self {
-            Request::Notify => "notify",
-            Request::ManeuverStop => "maneuver_stop",
-            Request::Decelerate { .. } => "decelerate",
+            Kind::Notify => "notify",
+            Kind::ManeuverStop => "maneuver_stop",
+            Kind::Decelerate => "decelerate",
         }
+    }
+
+    /// Whether the vehicle is asked to move differently, not only the operator to look.
+    pub const fn moves(self) -> bool {
+        !matches!(self, Kind::Notify)
     }
 }
 

@@ -13,6 +13,8 @@ pub struct Discovery {
     /// When it was looked at last; `None` before the first time.
     pub at: Option<Timestamp>,
     pub topics: Vec<TopicSeen>,
+    /// Whole names of the nodes that announce themselves, `/ns/name`.
+    pub nodes: Vec<String>,
     /// Topics past the limit.
     pub more: usize,
     /// Participants beside our own.

@@ -43,6 +43,10 @@ pub enum What {
         symptom: NodeId,
         cause: NodeId,
     },
+    AlarmAcknowledged {
+        id: u64,
+        node: NodeId,
+    },
     /// The root cause is gone, or another alarm stands for it.
     AlarmCleared {
         id: u64,

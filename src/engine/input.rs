@@ -3,6 +3,7 @@
 
 use std::ops::Range;
 
+pub use super::action::{AlarmRef, OperatorAction, Place, Refusal, Response};
 use super::sample::{Probe, Sample, TopicNews};
 use super::state::State;
 use super::time::Timestamp;
@@ -22,6 +23,8 @@ pub enum Input {
     Probe(Probe),
     /// Something about the reception itself went wrong.
     Reception(ReceptionTrouble),
+    /// Something for the vehicle could, or could not, be sent. Said when that changes.
+    Output(OutputNews),
     /// An operator did something on the page.
     Operator(OperatorAction),
     /// Nothing but time passed.
@@ -57,38 +60,25 @@ pub enum TroubleKind {
     Lost,
 }
 
-/// What an operator may do. Whether it is granted is the engine's answer, see [`Response`].
+/// Whether something that is published for the vehicle could be sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum OperatorAction {
-    Login {
-        name: Box<str>,
-    },
-    Logout,
-    /// Forgets the latched ERROR of a module, named `group/module`.
-    Reset {
-        module: Box<str>,
-    },
+pub struct OutputNews {
+    pub output: Output,
+    /// As ROS names it: `/telltale/clearance`.
+    pub topic: Box<str>,
+    /// Why it could not be sent, for a developer; `None`: it can be sent again.
+    pub error: Option<Box<str>>,
 }
 
-/// The engine's answer to an input.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Response {
-    Done,
-    /// Nothing was changed; one reason for each check that failed.
-    Refused(Vec<Refusal>),
-}
-
-/// Why an operator's action was refused. The page puts it into words.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Refusal {
-    /// Logging out while the vehicle drives would leave it without a display.
-    LogoutWhileActive,
-    /// There is no module of this name.
-    NoSuchModule(Box<str>),
-    /// The module holds no latched ERROR.
-    NotLatched(Box<str>),
-    /// The module is in ERROR still.
-    StillInError(Box<str>),
+/// What is published for the vehicle. All of it is a level that follows from snapshots.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Output {
+    Stage,
+    Clearance,
+    /// Where the operator says that the vehicle stands.
+    Pose,
+    Deceleration,
+    ManeuverStop,
 }
 
 /// The statuses of one `diagnostic_msgs/DiagnosticArray`. All text lies in one buffer, so an

@@ -50,7 +50,7 @@ pub(super) fn layout(model: &Model) -> Layout {
             group: spec.group,
             depends_on: spec.depends_on.iter().map(|dependency| dependency.on.clone()).collect(),
             discovered: false,
-            class: SELF_STATE,
+            class: spec.monitor.class(),
         }));
     }
     let system = GroupId(groups.len() as u32 - 1);

@@ -3,6 +3,7 @@
 //! No clock, no I/O, no async, no serde, no logging. Whoever feeds it says what time it is, and
 //! asks [`Engine::next_deadline`] when to call again.
 
+pub mod action;
 mod alarm;
 mod causes;
 pub mod countermeasure;
@@ -12,17 +13,23 @@ pub mod filter;
 pub mod graph;
 pub mod input;
 mod layout;
+mod lead;
+mod measure;
+mod measures;
 pub mod model;
 mod module;
 pub mod monitor;
 mod names;
 mod net;
 mod node;
+mod operate;
 mod overflow;
 pub mod persistent;
 pub mod record;
 mod relevance;
 mod reload;
+mod report;
+pub mod resume;
 pub mod sample;
 mod signals;
 pub mod snapshot;
@@ -30,8 +37,10 @@ pub mod state;
 pub mod system;
 pub mod time;
 mod timers;
-mod vehicle;
+pub mod vehicle;
 mod views;
+mod warnings;
+mod watching;
 pub mod why;
 
 use std::sync::Arc;
@@ -39,8 +48,10 @@ use std::sync::Arc;
 use alarm::Alarms;
 use causes::Causes;
 use event::{Event, Events, What};
-use input::{Input, OperatorAction, ReceptionTrouble, Refusal, Response, Status, StatusArray};
-use model::{ACTIVE_SIGNAL, Model, ModuleId, Stage};
+use input::{Input, ReceptionTrouble, Response, Status, StatusArray};
+use lead::Told;
+use measures::Measures;
+use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, LOCALIZATION_GROUP, Model, ModuleId, NodeId};
 use names::Names;
 use net::{Change, Net};
 use node::ModuleKind;
@@ -53,6 +64,8 @@ use time::Timestamp;
 use timers::{TimerKey, Timers};
 use vehicle::Vehicle;
 use views::Views;
+use warnings::Warnings;
+use watching::Watching;
 
 /// The aggregation engine of one vehicle.
 #[derive(Debug)]
@@ -62,12 +75,20 @@ pub struct Engine {
     vehicle: Vehicle,
     signals: Signals,
     active_signal: Option<usize>,
+    goal_signal: Option<usize>,
+    localization_group: Option<GroupId>,
     names: Names,
     net: Net,
     causes: Causes,
     alarms: Alarms,
+    warnings: Warnings,
+    measures: Measures,
+    told: Told,
+    /// Something changed that the vehicle's stage or a request may follow from.
+    led: bool,
     timers: Timers,
     overflow: Overflow,
+    watching: Watching,
     reception: ReceptionCheck,
     counters: Counters,
     events: Events,
@@ -90,12 +111,19 @@ impl Engine {
             now,
             vehicle: Vehicle::new(model.stages),
             active_signal: signals.index(ACTIVE_SIGNAL),
+            goal_signal: signals.index(GOAL_SIGNAL),
+            localization_group: localization_group(&model),
             names: Names::new(&model),
             net: Net::new(model.clone()),
             causes: Causes::default(),
             alarms: Alarms::default(),
+            warnings: Warnings::default(),
+            measures: Measures::new(&model),
+            told: Told::default(),
+            led: true,
             timers: Timers::default(),
             overflow: Overflow::default(),
+            watching: Watching::new(&model),
             reception: ReceptionCheck::default(),
             counters: Counters::default(),
             events: Events::default(),
@@ -104,6 +132,7 @@ impl Engine {
             signals,
             model,
         };
+        engine.signals.posed = engine.vehicle.posed();
         for check in SystemCheck::ALL {
             engine.report_on_self(check, State::Ok, "");
         }
@@ -119,7 +148,13 @@ impl Engine {
             Input::Diagnostics(array) => self.take_array(array),
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
-            Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {}
+            Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {
+                // Nearly every message says what the one before said: then nothing is to be settled.
+                if !self.take_watched(input) {
+                    return response;
+                }
+            }
+            Input::Output(news) => self.take_output(news),
             Input::Operator(action) => response = self.operate(action),
             Input::Tick => return response,
         }
@@ -174,6 +209,11 @@ impl Engine {
         match key {
             TimerKey::Module(index) => self.net.mark_module(ModuleId(index)),
             TimerKey::Reception => self.judge_reception(),
+            // Settling looks at them.
+            TimerKey::Localization | TimerKey::Measures => self.led = true,
+            TimerKey::Monitor(index) => {
+                self.judge_monitor(index, false);
+            }
             TimerKey::Signal(index) => {
                 let changed = self.signals.refresh(index as usize, self.now);
                 self.signal_changed(index as usize, changed);
@@ -210,6 +250,7 @@ impl Engine {
             }
         }
         self.touched = touched;
+        self.take_keys(array);
     }
 
     fn take_status(&mut self, id: ModuleId, status: Status<'_>) {
@@ -259,12 +300,10 @@ impl Engine {
         }
         let value = self.signals.value(index);
         self.events.push(self.now, What::Signal { index, value });
-        // An unknown Active changes no stage: the last word holds, and conditions on it are met.
-        if let Some(value) = self.signals.value(index).filter(|_| Some(index) == self.active_signal) {
-            let from = self.vehicle.stage;
-            self.vehicle.set_active(value);
-            self.stage_changed(from);
+        if Some(index) == self.active_signal {
+            self.take_active(value);
         }
+        self.led = true;
         self.net.mark_conditions(self.vehicle.stage);
         self.views.set_signals(&self.signals);
     }
@@ -294,48 +333,17 @@ impl Engine {
         self.views.set_message(id, message);
     }
 
-    fn operate(&mut self, action: &OperatorAction) -> Response {
-        let from = self.vehicle.stage;
-        let granted = match action {
-            OperatorAction::Reset { module } => self.reset(module).map_err(|reason| vec![reason]),
-            OperatorAction::Login { .. } | OperatorAction::Logout => self.vehicle.operate(action),
-        };
-        self.stage_changed(from);
-        match granted {
-            Ok(()) => {
-                self.net.mark_conditions(self.vehicle.stage);
-                Response::Done
-            }
-            Err(reasons) => Response::Refused(reasons),
-        }
-    }
-
-    fn stage_changed(&mut self, from: Stage) {
-        if from != self.vehicle.stage {
-            self.events.push(self.now, What::Stage { from, to: self.vehicle.stage });
-        }
-    }
-
-    fn reset(&mut self, name: &str) -> Result<(), Refusal> {
-        let id = self.views.module(name).ok_or_else(|| Refusal::NoSuchModule(name.into()))?;
-        let own = &mut self.net.modules[id.0 as usize].own;
-        if !own.latched() {
-            return Err(Refusal::NotLatched(name.into()));
-        }
-        if !own.reset() {
-            return Err(Refusal::StillInError(name.into()));
-        }
-        self.net.mark_module(id);
-        Ok(())
-    }
-
     /// Brings everything to what follows from what was marked, at the present instant.
     fn settle(&mut self) {
         self.follow_changes();
+        while self.turn_monitors() | self.lead() {
+            self.follow_changes();
+        }
         if let Some(breach) = self.breach() {
             self.report_on_self(SystemCheck::Invariants, State::Error, &breach);
             self.follow_changes();
         }
+        self.show_lead();
         self.views.settle(&self.vehicle, &self.net);
     }
 
@@ -350,16 +358,24 @@ impl Engine {
         let changes = std::mem::take(&mut self.net.changes);
         for change in &changes {
             self.causes.note(&self.net, change);
+            self.measures.note(change);
+            self.led |= self.warnings.note(&self.net, change);
             self.views.follow(&self.net, change, self.now);
-        }
-        let mut blamed = Vec::new();
-        if let Some(explained) = self.causes.explain(&self.net, self.now) {
-            if self.events.wanted() {
-                blamed = self.views.blamed_anew(&explained.masked, &changes);
+            if let NodeId::Module(id) = change.node {
+                self.watching.note_relevance(id, change.after.relevant);
             }
-            let roots: Vec<_> = explained.roots.iter().map(|root| root.node).collect();
-            self.views.set_causes(explained);
-            let views = &self.views;
+        }
+        let heard = self.alarms.hear(&self.net, &changes);
+        let explained = self.causes.explain(&self.net, self.now);
+        let mut blamed = Vec::new();
+        if heard || explained.is_some() {
+            if let Some(explained) = explained {
+                if self.events.wanted() {
+                    blamed = self.views.blamed_anew(&explained.masked, &changes);
+                }
+                self.views.set_causes(explained);
+            }
+            let (views, roots) = (&self.views, self.views.roots());
             if self.alarms.follow(&roots, |node| views.masked_by(node), self.now, &mut self.events) {
                 self.views.set_alarms(self.alarms.list());
             }
@@ -394,4 +410,9 @@ impl Engine {
         (self.net.own_errors > 0 && self.views.no_roots())
             .then(|| format!("{} modules are in ERROR and none is shown", self.net.own_errors))
     }
+}
+
+fn localization_group(model: &Model) -> Option<GroupId> {
+    let position = model.groups.iter().position(|group| &*group.path == LOCALIZATION_GROUP)?;
+    Some(GroupId(position as u32))
 }

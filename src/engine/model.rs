@@ -110,6 +110,8 @@ pub struct When {
     pub stages: Vec<Stage>,
     /// Index into [`Parts::signals`] and the value asked for.
     pub signals: Vec<(usize, bool)>,
+    /// The value asked for of the built-in signal [`POSED_SIGNAL`].
+    pub posed: Option<bool>,
 }
 
 /// How a group folds its members.
@@ -286,3 +288,13 @@ impl std::ops::Deref for Model {
 
 /// The signal that the stage machine follows, when the model has it.
 pub const ACTIVE_SIGNAL: &str = "active";
+
+/// The signal that says that a goal is set, when the model has it. Without it no goal is asked for.
+pub const GOAL_SIGNAL: &str = "goal";
+
+/// The built-in signal that is true once the operator gave a pose, see [`When::posed`].
+pub const POSED_SIGNAL: &str = "posed";
+
+/// The top-level group that says whether the vehicle knows where it is. Without it the pose alone
+/// counts, after [`Driving::localized_after`].
+pub const LOCALIZATION_GROUP: &str = "localization";

@@ -13,6 +13,8 @@ pub(super) struct OwnState {
     reported: Option<State>,
     received: Option<Timestamp>,
     silent: bool,
+    /// It is judged by the clock: it needs not be heard.
+    spoken_for: bool,
     debounce: Debounce,
     latched: bool,
     relevant_since: Option<Timestamp>,
@@ -24,6 +26,7 @@ impl OwnState {
             reported: None,
             received: None,
             silent: false,
+            spoken_for: false,
             debounce: Debounce::default(),
             latched: false,
             relevant_since: None,
@@ -45,14 +48,47 @@ impl OwnState {
     /// A report arrived. Returns whether the own state may have changed: a repeated report
     /// from a module that is not silent moves nothing but its age.
     pub(super) fn report(&mut self, state: State, policy: &Policy, now: Timestamp) -> bool {
+        let heard = self.heard();
         self.received = Some(now);
-        if self.reported == Some(state) && !self.silent {
+        if self.reported == Some(state) && heard {
             return false;
         }
         self.reported = Some(state);
         self.silent = false;
         self.debounce.take(state, policy, now);
         true
+    }
+
+    /// What was received is judged otherwise, by time or by what is known of its source: that ends
+    /// no silence. By the clock even a module that never heard anything is judged.
+    pub(super) fn revise(
+        &mut self,
+        state: State,
+        policy: &Policy,
+        by_the_clock: bool,
+        now: Timestamp,
+    ) -> bool {
+        self.advance(policy, now);
+        let same = self.reported == Some(state) && self.spoken_for == by_the_clock;
+        self.spoken_for = by_the_clock;
+        if same {
+            return false;
+        }
+        self.reported = Some(state);
+        let judged = if self.heard() { state } else { state.max(policy.stale) };
+        self.debounce.take(judged, policy, now);
+        true
+    }
+
+    /// There is nothing to judge any more: as if it had never reported. What latched stays.
+    pub(super) fn forget(&mut self) {
+        (self.reported, self.received) = (None, None);
+        (self.silent, self.spoken_for) = (false, false);
+        self.debounce = Debounce::default();
+    }
+
+    fn heard(&self) -> bool {
+        (self.received.is_some() || self.spoken_for) && !self.silent
     }
 
     /// Says whether the module is relevant; the grace of a silent one starts when it becomes so.
@@ -91,7 +127,7 @@ impl OwnState {
         if self.latched {
             return State::Error;
         }
-        let heard = self.received.is_some() && !self.silent;
+        let heard = self.heard();
         let grace = self.relevant_since.is_none_or(|since| now < since + policy.timeout);
         if !heard && grace {
             return State::Unknown;
@@ -101,7 +137,7 @@ impl OwnState {
 
     /// How [`OwnState::state`] came about.
     pub(super) fn steps(&self, policy: &Policy, now: Timestamp) -> Steps {
-        let heard = self.received.is_some() && !self.silent;
+        let heard = self.heard();
         Steps {
             reported: self.reported,
             judged: self.debounce.input,
@@ -114,7 +150,7 @@ impl OwnState {
     /// The next instant after `now` at which time alone may change the own state.
     pub(super) fn due(&self, policy: &Policy, now: Timestamp) -> Option<Timestamp> {
         let silence = self.received.filter(|_| !self.silent).map(|at| at + policy.timeout);
-        let heard = self.received.is_some() && !self.silent;
+        let heard = self.heard();
         let grace = self.relevant_since.filter(|_| !heard).map(|at| at + policy.timeout);
         [silence, grace, self.debounce.due(policy, now), self.latch_due(policy)]
             .into_iter()

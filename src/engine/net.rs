@@ -8,6 +8,7 @@ use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
 use std::sync::Arc;
 
+use super::measure;
 use super::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId, Policy, Stage, When};
 use super::module::OwnState;
 use super::node::{Facts, GroupNode, ModuleKind, ModuleNode, Node, UNSEEN, new_node};
@@ -45,6 +46,8 @@ pub(super) struct Net {
     locked: bool,
     /// Relevant modules in ERROR by themselves, masked or not; `other` aside.
     pub(super) own_errors: usize,
+    /// Of the declared modules.
+    policies: Vec<Policy>,
     built_in_policy: Policy,
     queue: BinaryHeap<Reverse<(u32, Visit)>>,
     /// What changed since it was last taken, in order.
@@ -66,6 +69,7 @@ impl Net {
             locked: true,
             own_errors: 0,
             built_in_policy: system::policy(),
+            policies: measure::policies(&model),
             queue: BinaryHeap::new(),
             changes: Vec::new(),
             rearm: Vec::new(),
@@ -136,12 +140,8 @@ impl Net {
 
     /// Takes a report of a module. Returns whether its own state may have changed.
     pub(super) fn report(&mut self, id: ModuleId, state: State, now: Timestamp) -> bool {
-        let policy = match self.modules[id.0 as usize].kind {
-            ModuleKind::Declared => &self.model.modules[id.0 as usize].policy,
-            ModuleKind::Discovered => &self.model.discovered,
-            ModuleKind::BuiltIn => &self.built_in_policy,
-        };
-        self.modules[id.0 as usize].own.report(state, policy, now)
+        let policy = self.policy(id).clone();
+        self.modules[id.0 as usize].own.report(state, &policy, now)
     }
 
     /// Notes that a group dropped statuses.
@@ -192,7 +192,7 @@ impl Net {
 
     pub(super) fn policy(&self, id: ModuleId) -> &Policy {
         match self.modules[id.0 as usize].kind {
-            ModuleKind::Declared => &self.model.modules[id.0 as usize].policy,
+            ModuleKind::Declared => &self.policies[id.0 as usize],
             ModuleKind::Discovered => &self.model.discovered,
             ModuleKind::BuiltIn => &self.built_in_policy,
         }
@@ -276,6 +276,10 @@ impl Net {
                 Visit::Leave(id) => self.leave(GroupId(id)),
             }
         }
+    }
+
+    pub(super) fn is_settled(&self) -> bool {
+        self.queue.is_empty()
     }
 
     /// Why the node is not relevant: first what is around it, then its own condition.

@@ -46,6 +46,10 @@ pub enum Recorded {
         symptom: Arc<str>,
         cause: Arc<str>,
     },
+    AlarmAcknowledged {
+        id: u64,
+        node: Arc<str>,
+    },
     AlarmCleared {
         id: u64,
         node: Arc<str>,
@@ -97,6 +101,7 @@ impl Record {
             What::AlarmMoved { id, symptom, cause } => {
                 Recorded::AlarmMoved { id, symptom: name(symptom), cause: name(cause) }
             }
+            What::AlarmAcknowledged { id, node } => Recorded::AlarmAcknowledged { id, node: name(node) },
             What::AlarmCleared { id, node } => Recorded::AlarmCleared { id, node: name(node) },
             // `Record::present` tells of it.
             What::Reloaded => return None,

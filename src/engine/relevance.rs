@@ -1,6 +1,6 @@
 //! Which conditions hold: the vehicle's state decides what is worth looking at (`ENGINE.md` 3).
 
-use super::model::{NodeId, Stage, When};
+use super::model::{NodeId, POSED_SIGNAL, Stage, When};
 use super::net::Net;
 use super::signals::Signals;
 use super::snapshot::NotRelevant;
@@ -14,6 +14,9 @@ pub(super) fn unmet(when: Option<&When>, stage: Stage, signals: &Signals) -> Opt
     };
     if !in_stage {
         return Some(NotRelevant::Stage(stage));
+    }
+    if when.and_then(|when| when.posed).is_some_and(|wanted| wanted != signals.posed) {
+        return Some(NotRelevant::Signal { name: POSED_SIGNAL.into(), value: signals.posed });
     }
     let wanted = when.map_or(&[][..], |when| &when.signals);
     wanted.iter().find_map(|&(index, wanted)| {

@@ -5,11 +5,13 @@ use std::sync::Arc;
 
 use super::Engine;
 use super::event::What;
+use super::measures::{By, Cause, Held};
 use super::model::{Model, ModuleId, NodeId};
 use super::node::ModuleKind;
 use super::snapshot::Reason;
 use super::time::Timestamp;
 use super::timers::TimerKey;
+use super::vehicle::Event;
 use super::views::Views;
 
 impl Engine {
@@ -19,17 +21,18 @@ impl Engine {
     pub fn reload(&mut self, model: Arc<Model>, now: Timestamp) {
         self.advance(now);
         let mut next = Engine::build(model, self.now);
-        next.vehicle = self.vehicle.with_stages(next.model.stages);
+        next.vehicle = self.vehicle.clone();
         next.counters = self.counters;
         next.events = std::mem::take(&mut self.events);
         next.reception = std::mem::take(&mut self.reception);
+        next.told = std::mem::take(&mut self.told);
         next.take_signals(self);
         next.take_modules(self);
         if let Some(due) = next.reception.due() {
             next.timers.arm(TimerKey::Reception, due);
         }
         next.take_history(self);
-        next.net.mark_conditions(next.vehicle.stage);
+        next.take_lead(self);
         next.settle();
         next.views.set_alarms(next.alarms.list());
         next.views.keep_since(&self.views);
@@ -64,15 +67,23 @@ impl Engine {
         let kept: Vec<(ModuleId, ModuleId)> =
             self.views.module_ids().filter_map(|(name, id)| Some((id, *ids.get(name)?))).collect();
         for (id, before) in kept {
-            let monitor = |engine: &Engine, id: ModuleId| {
-                engine.model.modules.get(id.0 as usize).map(|spec| spec.monitor.clone())
+            let same = match (self.model.modules.get(id.0 as usize), old.model.modules.get(before.0 as usize))
+            {
+                (None, None) => true,
+                (Some(spec), Some(before)) => {
+                    let (watched, others) = (&self.model.watched, &old.model.watched);
+                    spec.monitor.means_the_same(watched, &before.monitor, others)
+                }
+                _ => false,
             };
-            if monitor(self, id) != monitor(old, before) {
+            if !same {
                 continue;
             }
+            self.watching.keep(id, &old.watching, before);
             self.net.modules[id.0 as usize].own = old.net.modules[before.0 as usize].own.clone();
             self.views.copy_report(id, &old.views, before);
         }
+        self.resume_monitors(old);
     }
 
     fn take_history(&mut self, old: &Engine) {
@@ -80,6 +91,37 @@ impl Engine {
         let renamed = |node: NodeId| names.get(old.views.name(node)).copied();
         self.causes.copy_since(&old.causes, renamed);
         self.alarms.copy(&old.alarms, renamed);
+        let accepted = old.warnings.accepted().filter_map(|id| renamed(NodeId::Module(id)));
+        for node in accepted.collect::<Vec<_>>() {
+            if let NodeId::Module(id) = node {
+                self.warnings.expect(id);
+            }
+        }
+        for held in old.measures.held() {
+            let rule = |node| self.measures.rule(&self.model, node, held.request.kind());
+            let by = match held.by {
+                By::Rule(_, node) => renamed(node).and_then(rule).unwrap_or(By::Past),
+                by => by,
+            };
+            let causes = held.causes.iter().filter_map(|it| Some(Cause { node: renamed(it.node)?, ..*it }));
+            let held = Held { by, causes: causes.collect(), ..held.clone() };
+            self.measures.hold(held);
+        }
+        self.measures.keep(&old.measures);
+    }
+
+    /// A clearance is for the vehicle as it was judged: another configuration withdraws it.
+    fn take_lead(&mut self, old: &Engine) {
+        let active = self.active_signal.map(|index| self.signals.value(index));
+        self.vehicle.reload(self.model.stages, active);
+        if self.model != old.model {
+            self.vehicle.raise(Event::Reloaded);
+        }
+        if self.vehicle.stage != old.vehicle.stage {
+            let (from, to) = (old.vehicle.stage, self.vehicle.stage);
+            self.events.push(self.now, What::Stage { from, to });
+        }
+        self.stage_changed();
     }
 }
 

@@ -6,6 +6,8 @@ use super::time::Timestamp;
 /// The present values. A signal that was never received, or is older than its timeout, is unknown.
 #[derive(Debug)]
 pub(super) struct Signals {
+    /// The built-in signal: the operator gave a pose.
+    pub(super) posed: bool,
     specs: Vec<SignalSpec>,
     values: Vec<Value>,
 }
@@ -24,7 +26,7 @@ impl Signals {
             // An event that has not come is known to be absent.
             seen: spec.present_for.map(|_| false),
         };
-        Signals { specs: specs.to_vec(), values: specs.iter().map(value).collect() }
+        Signals { posed: false, specs: specs.to_vec(), values: specs.iter().map(value).collect() }
     }
 
     pub(super) fn index(&self, name: &str) -> Option<usize> {
@@ -47,6 +49,20 @@ impl Signals {
     pub(super) fn copy(&mut self, index: usize, other: &Signals, from: usize, now: Timestamp) {
         self.values[index].last = other.values[from].last;
         self.refresh(index, now);
+    }
+
+    /// Sets what conditions see until the next sample, however long that takes.
+    pub(super) fn assume(&mut self, index: usize, value: bool) {
+        self.values[index] = Value { last: None, seen: Some(value) };
+    }
+
+    /// An event is used up: it counts as not received. Returns whether what conditions see changed.
+    pub(super) fn forget(&mut self, index: usize) -> bool {
+        if self.specs[index].present_for.is_none() {
+            return false;
+        }
+        self.values[index].last = None;
+        self.values[index].seen.replace(false) != Some(false)
     }
 
     /// Takes a sample. Returns whether what conditions see changed.

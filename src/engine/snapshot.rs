@@ -4,7 +4,8 @@
 
 use std::sync::Arc;
 
-use super::input::TroubleKind;
+use super::countermeasure::{Kind, Request};
+use super::input::{Refusal, TroubleKind};
 use super::model::{DependsOn, GroupId, ModuleId, NodeId, Stage, Text};
 use super::persistent::PersistentVec;
 use super::state::State;
@@ -34,6 +35,17 @@ pub struct Snapshot {
     pub roots: Arc<[RootCause]>,
     /// Active or not acknowledged, by number.
     pub alarms: Arc<[Alarm]>,
+    /// The number of the last alarm that was raised.
+    pub last_alarm: u64,
+    /// Modules whose WARNING the operator accepted.
+    pub accepted: Arc<[NodeId]>,
+    /// What the vehicle is asked to do, strongest first; at most one of each kind.
+    pub countermeasures: Arc<[Countermeasure]>,
+    pub localization: Localization,
+    /// The vehicle may start; a level for its topic.
+    pub clearance: bool,
+    /// Why the vehicle cannot be cleared now; what only the display and the store know is not in it.
+    pub clearance_refusals: Arc<[Refusal]>,
     /// By position in the model's signals; `None` is unknown.
     pub signals: Arc<[(Box<str>, Option<bool>)]>,
     /// Faults of the reception by topic, in order of first appearance.
@@ -42,6 +54,30 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
+    /// The strongest countermeasure: what the operator has to know first.
+    pub fn countermeasure(&self) -> Option<&Countermeasure> {
+        self.countermeasures.first()
+    }
+
+    /// The deceleration to ask for in m/s²; a level for its topic.
+    pub fn deceleration(&self) -> Option<f64> {
+        self.countermeasures.iter().find_map(|it| match it.request {
+            Request::Decelerate { mps2 } => Some(mps2),
+            _ => None,
+        })
+    }
+
+    /// Whether to ask for the maneuver component's own stop; a level for its topic. A stronger
+    /// request beside it does not take it back.
+    pub fn maneuver_stop(&self) -> bool {
+        self.countermeasures.iter().any(|it| it.request.kind() == Kind::ManeuverStop)
+    }
+
+    /// Whether the operator asked for a stop that is not over.
+    pub fn stop_requested(&self) -> bool {
+        self.countermeasures.iter().any(|it| it.by_operator)
+    }
+
     pub fn group(&self, id: GroupId) -> (&GroupInfo, &GroupView) {
         (&self.layout.groups[id.0 as usize], &self.groups[id.0 as usize])
     }
@@ -225,6 +261,73 @@ pub struct Alarm {
     pub active: bool,
 }
 
+/// Something that is asked of the vehicle because something failed (`ENGINE.md` 10).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Countermeasure {
+    pub request: Request,
+    /// The operator asked for it too.
+    pub by_operator: bool,
+    /// The root causes, at most 64; those that are over stay until they are acknowledged.
+    pub causes: Arc<[MeasureCause]>,
+    pub since: Timestamp,
+    pub state: MeasureState,
+    /// No cause is there any more: it waits for the operator's acknowledgement alone.
+    pub latched: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MeasureCause {
+    pub node: NodeId,
+    /// It is there still.
+    pub present: bool,
+    pub acknowledged: bool,
+}
+
+/// How far a request is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MeasureState {
+    /// It is made; the vehicle has not confirmed it, or never does by its configuration.
+    Requested,
+    /// The vehicle confirmed that it does what was asked.
+    Engaged,
+    /// The vehicle did not confirm it in time, or it could not be sent: an ERROR of its own.
+    Unconfirmed,
+}
+
+impl MeasureState {
+    /// The word on the wire.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            MeasureState::Requested => "requested",
+            MeasureState::Engaged => "engaged",
+            MeasureState::Unconfirmed => "unconfirmed",
+        }
+    }
+}
+
+/// How far the vehicle knows where it is.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Localization {
+    /// Grows with every pose that the operator gave: when it grows, `pose` is to be published.
+    pub number: u64,
+    /// The last one.
+    pub pose: Option<MapPose>,
+    /// When it was given, while it waits to be confirmed or is confirmed in this localizing.
+    pub given: Option<Timestamp>,
+    /// Since when the group `localization` is OK after that.
+    pub ok_since: Option<Timestamp>,
+    /// It was OK for long enough.
+    pub done: bool,
+}
+
+/// Metres and degrees in the map's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MapPose {
+    pub x_m: f64,
+    pub y_m: f64,
+    pub yaw_deg: f64,
+}
+
 /// Faults of one kind on one topic, counted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reception {
@@ -244,4 +347,8 @@ pub struct Counters {
     pub dropped_names: u64,
     /// Signals that the model does not name.
     pub unknown_signals: u64,
+    /// Messages of topics that monitors watch.
+    pub samples: u64,
+    /// Messages, news of topics and probes that were asked for by another configuration.
+    pub dropped_samples: u64,
 }

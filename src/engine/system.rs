@@ -21,15 +21,30 @@ pub enum SystemCheck {
     Invariants,
     /// Messages arrive whole and as the configuration says.
     Reception,
+    /// Somebody says whether the vehicle drives.
+    Active,
+    /// The vehicle confirms what is asked of it.
+    Countermeasure,
+    /// What the vehicle is to know can be sent.
+    Outputs,
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 2] = [SystemCheck::Invariants, SystemCheck::Reception];
+    pub const ALL: [SystemCheck; 5] = [
+        SystemCheck::Invariants,
+        SystemCheck::Reception,
+        SystemCheck::Active,
+        SystemCheck::Countermeasure,
+        SystemCheck::Outputs,
+    ];
 
     pub(super) fn id(self) -> &'static str {
         match self {
             SystemCheck::Invariants => "telltale/invariants",
             SystemCheck::Reception => "telltale/reception",
+            SystemCheck::Active => "telltale/active",
+            SystemCheck::Countermeasure => "telltale/countermeasure",
+            SystemCheck::Outputs => "telltale/outputs",
         }
     }
 
@@ -37,6 +52,11 @@ impl SystemCheck {
         let (en, de) = match self {
             SystemCheck::Invariants => ("Display contradicts itself", "Anzeige widerspricht sich"),
             SystemCheck::Reception => ("Messages cannot be read", "Meldungen sind nicht lesbar"),
+            SystemCheck::Active => ("Driving state unknown", "Fahrzustand unbekannt"),
+            SystemCheck::Countermeasure => {
+                ("Vehicle does not react as asked", "Fahrzeug reagiert nicht wie verlangt")
+            }
+            SystemCheck::Outputs => ("Vehicle cannot be told", "Fahrzeug ist nicht erreichbar"),
         };
         Text { en: en.into(), de: de.into() }
     }
@@ -48,6 +68,13 @@ impl SystemCheck {
                 "Nicht auf diese Anzeige verlassen. Leitstelle rufen.",
             ),
             SystemCheck::Reception => ("You may drive. Report it.", "Weiterfahren möglich. Melden."),
+            SystemCheck::Active | SystemCheck::Countermeasure => {
+                ("Take over. Stop. Call the control room.", "Übernehmen. Anhalten. Leitstelle rufen.")
+            }
+            SystemCheck::Outputs => (
+                "Be ready to take over. Call the control room.",
+                "Zur Übernahme bereit sein. Leitstelle rufen.",
+            ),
         };
         Text { en: en.into(), de: de.into() }
     }

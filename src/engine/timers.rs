@@ -1,4 +1,4 @@
-//! Deadlines of modules and signals. An entry may be early: whoever owns it is asked again when
+//! Deadlines of modules, monitors and signals. An entry may be early: whoever owns it is asked again when
 //! it comes up, so hearing from a module costs no work here.
 
 use std::cmp::Reverse;
@@ -11,6 +11,9 @@ use super::time::Timestamp;
 pub(super) enum TimerKey {
     Signal(u32),
     Reception,
+    Localization,
+    Measures,
+    Monitor(u32),
     Module(u32),
 }
 
@@ -18,7 +21,7 @@ pub(super) enum TimerKey {
 #[derive(Debug, Default)]
 pub(super) struct Timers {
     heap: BinaryHeap<Reverse<(Timestamp, TimerKey)>>,
-    queued: [Vec<Option<Timestamp>>; 3],
+    queued: [Vec<Option<Timestamp>>; 6],
 }
 
 impl Timers {
@@ -57,6 +60,9 @@ impl Timers {
             TimerKey::Signal(index) => (0, index as usize),
             TimerKey::Reception => (1, 0),
             TimerKey::Module(index) => (2, index as usize),
+            TimerKey::Localization => (3, 0),
+            TimerKey::Measures => (4, 0),
+            TimerKey::Monitor(index) => (5, index as usize),
         };
         let slots = &mut self.queued[kind];
         if slots.len() <= index {

@@ -5,7 +5,9 @@ use std::sync::Arc;
 use super::causes::Explained;
 use super::input::{ReceptionTrouble, Status};
 use super::layout::{SELF_STATE, layout};
+use super::lead::Led;
 use super::model::{GroupId, Limits, Model, ModuleId, NodeId, Stage};
+use super::monitor::Words;
 use super::net::{Change, Net};
 use super::persistent::PersistentVec;
 use super::signals::Signals;
@@ -30,6 +32,7 @@ pub(super) struct Views {
     pub(super) modules: PersistentVec<ModuleView>,
     roots: Arc<[RootCause]>,
     alarms: Arc<[Alarm]>,
+    led: Led,
     signals: Arc<[(Box<str>, Option<bool>)]>,
     pub(super) reception: Arc<[Reception]>,
     overall: State,
@@ -56,6 +59,7 @@ impl Views {
             modules: PersistentVec::default(),
             roots: Arc::from([]),
             alarms: Arc::from([]),
+            led: Led::default(),
             signals: Arc::from([]),
             reception: Arc::from([]),
             overall: State::Unknown,
@@ -88,6 +92,12 @@ impl Views {
             modules: self.modules.clone(),
             roots: self.roots.clone(),
             alarms: self.alarms.clone(),
+            last_alarm: self.led.last_alarm,
+            accepted: self.led.accepted.clone(),
+            countermeasures: self.led.countermeasures.clone(),
+            localization: self.led.localization,
+            clearance: self.led.clearance,
+            clearance_refusals: self.led.clearance_refusals.clone(),
             signals: self.signals.clone(),
             reception: self.reception.clone(),
             counters,
@@ -111,7 +121,24 @@ impl Views {
         if *self.reports[index].message != *message {
             self.set_report(id, Arc::new(Report { message: message.into(), ..Report::default() }));
         }
-        if !std::mem::replace(&mut self.is_heard[index], true) {
+        self.note_heard(id);
+    }
+
+    /// Sets what a monitor says of its module. Returns whether it said something else before.
+    pub(super) fn set_words(&mut self, id: ModuleId, words: Words) -> bool {
+        let values = words.values.into_iter().map(|(key, value)| (key.into(), value.into()));
+        let report =
+            Report { message: words.message.into(), hardware_id: "".into(), values: values.collect() };
+        let changed = *self.reports[id.0 as usize] != report;
+        if changed {
+            self.set_report(id, Arc::new(report));
+        }
+        changed
+    }
+
+    /// Notes that the age of a module's last report is another one.
+    pub(super) fn note_heard(&mut self, id: ModuleId) {
+        if !std::mem::replace(&mut self.is_heard[id.0 as usize], true) {
             self.heard.push(id);
         }
     }
@@ -119,9 +146,7 @@ impl Views {
     /// Keeps the words of a status, if they differ from those before.
     pub(super) fn take_report(&mut self, id: ModuleId, status: Status<'_>, limits: &Limits) {
         let index = id.0 as usize;
-        if !std::mem::replace(&mut self.is_heard[index], true) {
-            self.heard.push(id);
-        }
+        self.note_heard(id);
         if self.reports[index].says(status) {
             return;
         }
@@ -307,6 +332,10 @@ impl Views {
         groups.chain(modules).map(|node| (node, self.name(node)))
     }
 
+    pub(super) fn roots(&self) -> Vec<NodeId> {
+        self.roots.iter().map(|root| root.node).collect()
+    }
+
     pub(super) fn no_roots(&self) -> bool {
         self.roots.is_empty()
     }
@@ -339,6 +368,18 @@ impl Views {
     pub(super) fn set_alarms(&mut self, alarms: &[Alarm]) {
         self.alarms = alarms.into();
         self.seq_changed = true;
+    }
+
+    pub(super) fn set_led(&mut self, led: Led) {
+        if self.led != led {
+            self.led = led;
+            self.seq_changed = true;
+        }
+    }
+
+    /// Whether something changed since [`Views::settle`] that is decided by.
+    pub(super) fn is_changed(&self) -> bool {
+        self.seq_changed
     }
 
     /// Counts the changes since the last call.
@@ -390,31 +431,6 @@ fn since(
 ) -> Timestamp {
     let kind = |reason: Option<&Reason>| matches!(reason, Some(Reason::Masked { .. }));
     if before == after && kind(before_reason) == kind(after_reason) { since } else { now }
-}
-
-impl Report {
-    /// Whether the status says the same in the same words. Longer than the limits, it is compared
-    /// as cut by whoever received it.
-    fn says(&self, status: Status<'_>) -> bool {
-        *self.message == *status.message()
-            && *self.hardware_id == *status.hardware_id()
-            && self.values.len() == status.values().len()
-            && self
-                .values
-                .iter()
-                .zip(status.values())
-                .all(|((k, v), (key, value))| **k == *key && **v == *value)
-    }
-
-    fn of(status: Status<'_>, limits: &Limits) -> Report {
-        let cut = |text: &str| -> Box<str> { text[..text.floor_char_boundary(limits.string_bytes)].into() };
-        let values = status.values().take(limits.values_per_status);
-        Report {
-            message: cut(status.message()),
-            hardware_id: cut(status.hardware_id()),
-            values: values.map(|(key, value)| (cut(key), cut(value))).collect(),
-        }
-    }
 }
 
 fn new_group(now: Timestamp) -> GroupView {

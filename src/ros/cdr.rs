@@ -82,15 +82,35 @@ impl<'a> Reader<'a> {
     /// # Errors
     #[inline]
     pub fn u32(&mut self) -> Result<u32, Fault> {
-        let start = (self.at + 3) & !3;
-        let Some(&bytes) = self.body.get(start..).and_then(|rest| rest.first_chunk::<4>()) else {
-            return Err(self.cut(4));
+        self.scalar().map(u32::from_le_bytes)
+    }
+
+    /// A number of `N` bytes, which is also its alignment, in little endian.
+    ///
+    /// # Errors
+    #[inline]
+    pub fn scalar<const N: usize>(&mut self) -> Result<[u8; N], Fault> {
+        let start = self.at.next_multiple_of(N);
+        let Some(&(mut bytes)) = self.body.get(start..).and_then(|rest| rest.first_chunk::<N>()) else {
+            return Err(self.cut(N as u64));
         };
-        self.at = start + 4;
-        Ok(match self.endian {
-            Endian::Little => u32::from_le_bytes(bytes),
-            Endian::Big => u32::from_be_bytes(bytes),
-        })
+        self.at = start + N;
+        if self.endian == Endian::Big {
+            bytes.reverse();
+        }
+        Ok(bytes)
+    }
+
+    /// Passes over this many bytes.
+    ///
+    /// # Errors
+    #[inline]
+    pub fn skip(&mut self, bytes: u64) -> Result<(), Fault> {
+        if bytes > self.remaining() as u64 {
+            return Err(self.cut(bytes));
+        }
+        self.at += bytes as usize;
+        Ok(())
     }
 
     /// # Errors
@@ -139,8 +159,15 @@ impl Writer {
     }
 
     pub fn u32(&mut self, value: u32) {
-        self.align();
-        self.body.extend_from_slice(&value.to_le_bytes());
+        self.scalar(value.to_le_bytes());
+    }
+
+    pub fn f32(&mut self, value: f32) {
+        self.scalar(value.to_le_bytes());
+    }
+
+    pub fn f64(&mut self, value: f64) {
+        self.scalar(value.to_le_bytes());
     }
 
     pub fn octets(&mut self, bytes: &[u8]) {
@@ -164,12 +191,18 @@ impl Writer {
 
     /// The body, padded to a multiple of four: Cyclone DDS drops fragmented messages that are not.
     pub fn finish(mut self) -> Vec<u8> {
-        self.align();
+        self.align(4);
         self.body
     }
 
-    fn align(&mut self) {
-        self.body.resize(self.body.len().next_multiple_of(4), 0);
+    /// Numbers are aligned to their own size.
+    fn scalar<const N: usize>(&mut self, little_endian: [u8; N]) {
+        self.align(N);
+        self.body.extend_from_slice(&little_endian);
+    }
+
+    fn align(&mut self, bytes: usize) {
+        self.body.resize(self.body.len().next_multiple_of(bytes), 0);
     }
 }
 

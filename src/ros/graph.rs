@@ -9,6 +9,7 @@ use rustdds::{DomainParticipant, RTPSEntity};
 use tokio::sync::watch;
 
 use super::messages;
+use super::nodes::Nodes;
 use super::outbox::stopped;
 use crate::clock::Clock;
 use crate::engine::discovery::{Discovery, ENDPOINTS_MAX, Endpoint, TOPICS_MAX, TopicSeen};
@@ -41,6 +42,7 @@ pub async fn run(
     participant: DomainParticipant,
     tallies: Tallies,
     seen: Arc<watch::Sender<Arc<Discovery>>>,
+    nodes: watch::Receiver<Nodes>,
     clock: Clock,
     mut stop: watch::Receiver<bool>,
 ) {
@@ -55,6 +57,7 @@ pub async fn run(
         let now = (clock.now(), tallies.read());
         let mut discovery = look(&participant);
         discovery.at = Some(now.0);
+        discovery.nodes = nodes.borrow().all();
         let rates = rates(&before, &now);
         for (name, rate) in rates {
             let place = discovery.topics.binary_search_by(|topic| topic.name.cmp(&name));
@@ -111,7 +114,7 @@ fn look(participant: &DomainParticipant) -> Discovery {
     participants.remove(&hex(&own[..PREFIX]));
     let more = topics.len().saturating_sub(TOPICS_MAX);
     let topics = topics.into_values().take(TOPICS_MAX);
-    Discovery { at: None, topics: topics.collect(), more, participants: participants.len() }
+    Discovery { topics: topics.collect(), more, participants: participants.len(), ..Discovery::default() }
 }
 
 fn endpoint(guid: [u8; 16], own: [u8; 16], type_name: &str, durability: Option<Durability>) -> Endpoint {

@@ -3,7 +3,9 @@
 //! Decoding is lenient: one bad string never loses an array. What is not UTF-8 is replaced, what
 //! is too long is cut, and an array that ends in its middle yields the statuses before the cut.
 
-use std::time::{SystemTime, UNIX_EPOCH};
+pub mod encode;
+
+use std::time::SystemTime;
 
 use super::cdr::{Endian, Fault, FaultKind, Reader, Writer};
 use crate::engine::input::{Status, StatusArray};
@@ -111,13 +113,6 @@ pub fn boolean(body: &[u8], endian: Endian) -> Result<bool, Fault> {
     Reader::new(body, endian).u8().map(|byte| byte != 0)
 }
 
-/// The body of a `std_msgs/Bool`.
-pub fn encode_boolean(value: bool) -> Vec<u8> {
-    let mut writer = Writer::default();
-    writer.u8(u8::from(value));
-    writer.finish()
-}
-
 /// The bodies of as few `diagnostic_msgs/DiagnosticArray` as hold the statuses in at most about
 /// `bytes_max` each. A status larger than that travels alone; no statuses make one empty message.
 pub fn encode_diagnostic_arrays(array: &StatusArray, stamp: SystemTime, bytes_max: usize) -> Vec<Vec<u8>> {
@@ -141,11 +136,7 @@ pub fn encode_diagnostic_arrays(array: &StatusArray, stamp: SystemTime, bytes_ma
 fn encode_diagnostic_array(array: &StatusArray, first: usize, count: usize, stamp: SystemTime) -> Vec<u8> {
     let statuses = || array.iter().skip(first).take(count);
     let mut writer = Writer::with_capacity(24 + statuses().map(encoded_bytes).sum::<usize>());
-    let since_epoch = stamp.duration_since(UNIX_EPOCH).unwrap_or_default();
-    // Seconds are an int32 in ROS 2: they last until 2038.
-    writer.u32(u32::try_from(since_epoch.as_secs()).unwrap_or(i32::MAX as u32));
-    writer.u32(since_epoch.subsec_nanos());
-    writer.string("");
+    encode::header(&mut writer, encode::Header { stamp, frame_id: "" });
     // Bounded by the addresses of a `StatusArray`, which are of 32 bits.
     writer.u32(count as u32);
     for status in statuses() {
@@ -204,7 +195,7 @@ impl GidSize {
         }
     }
 
-    const fn bytes(self) -> usize {
+    pub const fn bytes(self) -> usize {
         match self {
             GidSize::Bytes16 => 16,
             GidSize::Bytes24 => 24,

@@ -4,12 +4,17 @@
 //! DDS library cannot recover by itself, the participant is replaced and the bridge goes on.
 
 pub mod cdr;
+mod echo;
+pub mod fields;
 mod graph;
 mod interfaces;
+mod lookup;
 pub mod messages;
+mod nodes;
 mod options;
 mod outbox;
 mod presence;
+mod probe;
 mod publisher;
 mod raw;
 mod readers;
@@ -28,16 +33,21 @@ use tokio::task::JoinHandle;
 
 pub use interfaces::{Address, addresses};
 pub use options::{BridgeOptions, DOMAIN_MAX, Interface, OptionsError};
-pub use publisher::{PublishError, Publisher};
+pub use publisher::{PublishError, Publisher, Quality};
 pub use subscription::{DIAGNOSTICS, SubscriptionError};
 
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
 use crate::engine::input::Stamped;
 use crate::engine::model::Model;
+use fields::Definitions;
+use futures_util::FutureExt as _;
 use graph::Tallies;
+use nodes::Nodes;
 use outbox::{End, stopped};
+use probe::Kennel;
 use session::{Ground, Legacy};
+use subscription::Plan;
 
 /// For the log's filter: below an error the library floods, and a log that nobody drains stalls it.
 /// Its listener calls it an error to leave a multicast group on an interface that has none.
@@ -62,10 +72,12 @@ pub struct Bridge {
     stop: watch::Sender<bool>,
     rebuild: watch::Sender<u64>,
     discovery: watch::Receiver<Arc<Discovery>>,
+    plan: watch::Sender<Arc<Plan>>,
+    definitions: Definitions,
     task: JoinHandle<()>,
 }
 
-/// Starts to read `/diagnostics` and the signals of the model. Every message is stamped with the
+/// Starts to read `/diagnostics`, the signals of the model and what its monitors watch. Every message is stamped with the
 /// instant at which it was taken from the library.
 ///
 /// When `inputs` is full, readers wait, the library keeps the newest messages of each topic, and
@@ -76,31 +88,54 @@ pub struct Bridge {
 /// The interface is not there, a signal cannot be read, or DDS gets no sockets.
 pub async fn start(
     options: BridgeOptions,
-    model: Arc<Model>,
+    model: &Model,
     inputs: mpsc::Sender<Stamped>,
     clock: Clock,
 ) -> Result<Bridge, BridgeError> {
-    let subscriptions = subscription::subscriptions(&model)?.into_iter().map(Arc::new).collect();
+    let (plan, planned) = watch::channel(Arc::new(Plan::of(model, &options.definitions)?));
     let participant = session::open(&options).await?;
     let (stop, stopping) = watch::channel(false);
     let (rebuild, rebuilding) = watch::channel(0);
+    let definitions = options.definitions.clone();
+    let (nodes, known_nodes) = watch::channel(Nodes::default());
+    let kennel = Kennel { inputs: inputs.clone(), nodes: known_nodes, clock };
     let (seen, discovery) = watch::channel(Arc::default());
     let ground = Ground {
         options,
-        model,
-        subscriptions,
+        plan: planned,
         inputs,
+        nodes,
         clock,
         stop: stopping,
-        rebuild: rebuilding,
         discovery: Arc::new(seen),
         tallies: Tallies::default(),
+        rebuild: rebuilding,
     };
-    let task = tokio::spawn(run(participant, ground));
-    Ok(Bridge { stop, rebuild, discovery, task })
+    let probing = probe::run(kennel, ground.plan.clone(), ground.stop.clone());
+    let reading = run(participant, ground);
+    let task = tokio::spawn(async { tokio::join!(reading, probing) }.map(drop));
+    Ok(Bridge { stop, rebuild, discovery, plan, definitions, task })
+}
+
+/// Whether everything that a model needs can be read.
+///
+/// # Errors
+/// The first thing that cannot; all fields are better asked for with [`Definitions`].
+pub fn check(model: &Model, definitions: &Definitions) -> Result<(), SubscriptionError> {
+    Plan::of(model, definitions).map(drop)
 }
 
 impl Bridge {
+    /// Reads what another model needs. Topics that stay are read on without a gap, and all that
+    /// an engine forgets with its old model is said anew: so the engine has to run by it already.
+    ///
+    /// # Errors
+    /// A signal or a field cannot be read. Then all stays as it is.
+    pub fn follow(&self, model: &Model) -> Result<(), BridgeError> {
+        self.plan.send_replace(Arc::new(Plan::of(model, &self.definitions)?));
+        Ok(())
+    }
+
     /// Replaces the participant, as the bridge does by itself when the wall clock is set back or
     /// the addresses of the interfaces change.
     pub fn rebuild(&self) {

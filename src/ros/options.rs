@@ -3,6 +3,7 @@
 use std::fmt;
 use std::net::{IpAddr, Ipv4Addr};
 
+use super::fields::Definitions;
 use super::interfaces::{self, Address};
 use super::messages::GidSize;
 
@@ -24,6 +25,8 @@ pub struct BridgeOptions {
     pub interface: Interface,
     /// What the distribution says; otherwise the bridge learns it from others.
     pub gid_size: Option<GidSize>,
+    /// Of the messages whose fields are read.
+    pub definitions: Definitions,
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -63,7 +66,12 @@ impl fmt::Display for Existing {
 impl BridgeOptions {
     /// Loopback alone, as demonstrations and tests use it.
     pub fn loopback(domain: u16) -> BridgeOptions {
-        BridgeOptions { domain, interface: Interface::Loopback, gid_size: None }
+        BridgeOptions {
+            domain,
+            interface: Interface::Loopback,
+            gid_size: None,
+            definitions: Definitions::default(),
+        }
     }
 
     /// Flags win over `ROS_DOMAIN_ID`, `ROS_LOCALHOST_ONLY` and `ROS_AUTOMATIC_DISCOVERY_RANGE`,
@@ -91,7 +99,8 @@ impl BridgeOptions {
             None => interface_of_environment(&env)?,
         };
         let gid_size = env("ROS_DISTRO").and_then(|name| GidSize::of_distro(&name));
-        Ok(BridgeOptions { domain, interface, gid_size })
+        let definitions = Definitions::of_environment(Vec::new(), env);
+        Ok(BridgeOptions { domain, interface, gid_size, definitions })
     }
 }
 

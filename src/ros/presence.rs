@@ -1,4 +1,4 @@
-//! Our node in the graph of ROS 2, so that `ros2 node list` shows who reads.
+//! The graph of ROS 2: our node in it, so that `ros2 node list` shows who reads, and those of others.
 //!
 //! Nothing is announced before the size of a gid is known: of the wrong size, the announcement
 //! makes other processes throw.
@@ -6,53 +6,79 @@
 use std::collections::BTreeSet;
 use std::future::poll_fn;
 use std::task::Poll;
+use std::time::Duration;
 
 use rustdds::bytes::Bytes;
 use rustdds::dds::CreateResult;
 use rustdds::no_key::DataWriter;
 use rustdds::policy::{Durability, History, Reliability};
-use rustdds::{DomainParticipant, QosPolicies, QosPolicyBuilder, RTPSEntity, Subscriber, Topic, TopicKind};
+use rustdds::{DomainParticipant, QosPolicies, QosPolicyBuilder, RTPSEntity, Subscriber, Topic};
 use tokio::sync::watch;
+use tokio::time::MissedTickBehavior;
 
 use super::messages::{self, GidSize, PARTICIPANT_ENTITIES_INFO};
+use super::nodes::Nodes;
 use super::outbox::stopped;
 use super::raw::{RawAdapter, RawBody};
-use super::writers::Guid;
+use super::readers::{create_topic, reader_qos};
+use super::writers::{Guid, Via};
+use crate::clock::Clock;
 
 const NODE: &str = "telltale";
+const TOPIC: &str = "ros_discovery_info";
 
-/// Announces the node until it is stopped. Returns the size of a gid, if it is known by then.
+/// Samples of the topic that the library keeps: one for each participant that comes at once.
+const DEPTH: usize = 512;
+/// How often nodes are forgotten whose participants are gone.
+const LOOK: Duration = Duration::from_secs(1);
+
+pub struct Surroundings {
+    pub own_readers: watch::Receiver<BTreeSet<Guid>>,
+    pub nodes: watch::Sender<Nodes>,
+    pub clock: Clock,
+}
+
+/// Announces the node and follows those of others until it is stopped. Returns the size of a gid, if
+/// it is known by then.
 pub async fn run(
     participant: DomainParticipant,
     subscriber: Subscriber,
-    mut size: Option<GidSize>,
-    own_readers: watch::Receiver<BTreeSet<Guid>>,
+    size: Option<GidSize>,
+    around: Surroundings,
     mut stop: watch::Receiver<bool>,
 ) -> Option<GidSize> {
+    let (learn, size) = watch::channel(size);
+    around.nodes.send_replace(Nodes::new(around.clock.now()));
+    let (nodes, own_readers) = (&around.nodes, around.own_readers);
+    let both = async {
+        let topic = discovery_topic(&participant)?;
+        tokio::try_join!(
+            announce(&participant, &topic, size.clone(), own_readers),
+            listen(&participant, &subscriber, &topic, &learn, nodes),
+        )
+    };
     tokio::select! {
         () = stopped(&mut stop) => {}
-        done = announce(&participant, &subscriber, &mut size, own_readers) => {
+        done = both => {
             if let Err(error) = done {
-                tracing::warn!("the node cannot be announced to ROS 2: {error}");
+                tracing::warn!("nodes cannot be exchanged with ROS 2: {error}");
             }
         }
     }
-    size
+    around.nodes.send_replace(Nodes::default());
+    *size.borrow()
 }
 
 async fn announce(
     participant: &DomainParticipant,
-    subscriber: &Subscriber,
-    size: &mut Option<GidSize>,
+    topic: &Topic,
+    mut size: watch::Receiver<Option<GidSize>>,
     mut own_readers: watch::Receiver<BTreeSet<Guid>>,
 ) -> CreateResult<()> {
-    let topic = discovery_topic(participant)?;
-    let size = match *size {
-        Some(size) => size,
-        None => *size.insert(listen(subscriber, &topic).await?),
-    };
+    let known = size.wait_for(Option::is_some).await.ok().and_then(|size| *size);
+    let Some(size) = known else { return Ok(()) };
     let publisher = participant.create_publisher(&qos())?;
-    let writer: DataWriter<Bytes, RawAdapter> = publisher.create_datawriter_no_key(&topic, Some(qos()))?;
+    let writer: DataWriter<Bytes, RawAdapter> = publisher.create_datawriter_no_key(topic, Some(qos()))?;
     loop {
         let readers: Vec<Guid> = own_readers.borrow_and_update().iter().copied().collect();
         let body = messages::encode_node(participant.guid().to_bytes(), NODE, &readers, size);
@@ -60,33 +86,58 @@ async fn announce(
             tracing::warn!("the node was not announced to ROS 2: {error}");
         }
         if own_readers.changed().await.is_err() {
-            return Ok(());
+            // Nothing changes any more; the writer keeps the last announcement for who comes later.
+            return std::future::pending().await;
         }
     }
 }
 
-/// Waits for another participant whose announcement tells the size.
-async fn listen(subscriber: &Subscriber, topic: &Topic) -> CreateResult<GidSize> {
-    let reader = subscriber.create_simple_datareader_no_key::<RawBody, RawAdapter>(topic, Some(qos()))?;
-    let next = || reader.try_take_one().ok().flatten();
-    let size = poll_fn(|context| {
-        reader.drain_read_notifications();
-        reader.set_waker(Some(context.waker().clone()));
-        while let Some(change) = next() {
-            let Ok((body, endian)) = change.into_value() else { continue };
-            if let Some(size) = GidSize::of_message(&body, endian) {
-                return Poll::Ready(size);
+/// Takes the announcements of other participants; the first tells the size, if it is not known.
+async fn listen(
+    participant: &DomainParticipant,
+    subscriber: &Subscriber,
+    topic: &Topic,
+    learn: &watch::Sender<Option<GidSize>>,
+    nodes: &watch::Sender<Nodes>,
+) -> CreateResult<()> {
+    let reader = subscriber
+        .create_simple_datareader_no_key::<RawBody, RawAdapter>(topic, Some(reader_qos(Via::LastValue)))?;
+    let mut looks = tokio::time::interval(LOOK);
+    looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        let next = poll_fn(|context| {
+            reader.drain_read_notifications();
+            reader.set_waker(Some(context.waker().clone()));
+            let next = reader.try_take_one().ok().flatten();
+            next.map_or(Poll::Pending, Poll::Ready)
+        });
+        tokio::select! {
+            _ = looks.tick() => {
+                let writers = participant.discovered_writers().into_iter();
+                let writers = writers.map(|found| found.publication_topic_data);
+                let theirs = writers.filter(|writer| writer.topic_name == TOPIC);
+                let guids = theirs.map(|writer| writer.key.to_bytes()).collect();
+                nodes.send_modify(|nodes| nodes.update(guids));
+            }
+            change = next => {
+                let writer = change.writer_guid.to_bytes();
+                let Ok((body, endian)) = change.into_value() else { continue };
+                learn.send_if_modified(|size| {
+                    let known = size.is_some();
+                    *size = size.or_else(|| GidSize::of_message(&body, endian));
+                    size.is_some() && !known
+                });
+                let size = *learn.borrow();
+                nodes.send_modify(|nodes| nodes.announce(writer, &body, endian, size));
             }
         }
-        Poll::Pending
-    });
-    Ok(size.await)
+    }
 }
 
 fn discovery_topic(participant: &DomainParticipant) -> CreateResult<Topic> {
     // The name has three parts, so it has one on the wire.
     let type_name = messages::dds_type_name(PARTICIPANT_ENTITIES_INFO).unwrap_or_default();
-    participant.create_topic("ros_discovery_info".to_owned(), type_name, &qos(), TopicKind::NoKey)
+    create_topic(participant, TOPIC, &type_name, DEPTH)
 }
 
 /// As every rmw has it.

@@ -1,4 +1,4 @@
-//! A participant that publishes diagnostics and signals, as the nodes of a vehicle do.
+//! A participant that publishes diagnostics and any other topic, as the nodes of a vehicle do.
 
 use std::time::SystemTime;
 
@@ -28,53 +28,89 @@ pub enum PublishError {
     NoSuchTopic(String),
 }
 
+/// How a topic is offered to its readers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quality {
+    /// Reliable, volatile.
+    Reliable,
+    /// Best effort, volatile: as sensors publish.
+    BestEffort,
+    /// Reliable, transient local: who comes later learns the last value.
+    LastValue,
+}
+
 /// The writers of one participant of its own.
 pub struct Publisher {
     participant: DomainParticipant,
-    diagnostics: Writer,
     /// With the name as ROS has it.
-    booleans: Vec<(Box<str>, Writer)>,
+    writers: Vec<(Box<str>, Writer)>,
     pulse: Pulse,
 }
 
 impl Publisher {
-    /// Offers `/diagnostics` (reliable, volatile) and each of `boolean_topics` as `std_msgs/Bool`
-    /// (reliable, transient local: who comes later learns the last value).
+    /// Offers `/diagnostics` (reliable) and each of `boolean_topics` as `std_msgs/Bool` (its last value).
     ///
     /// # Errors
     /// The interface is not there, or DDS gets no sockets.
     pub async fn open(options: &BridgeOptions, boolean_topics: &[&str]) -> Result<Publisher, BridgeError> {
         let participant = session::open(options).await?;
-        let refused = |error: CreateError| BridgeError::Participant(error.to_string());
-        let diagnostics =
-            writer(&participant, DIAGNOSTICS, DIAGNOSTIC_ARRAY, Durability::Volatile).map_err(refused)?;
-        let booleans = boolean_topics.iter().map(|&topic| {
-            let topic = format!("/{}", topic.trim_start_matches('/'));
-            let writer = writer(&participant, &topic, BOOL, Durability::TransientLocal)?;
-            Ok((topic.into(), writer))
-        });
-        let booleans = booleans.collect::<CreateResult<_>>().map_err(refused)?;
-        Ok(Publisher { participant, diagnostics, booleans, pulse: Pulse::default() })
+        let mut publisher = Publisher { participant, writers: Vec::new(), pulse: Pulse::default() };
+        publisher.offer(DIAGNOSTICS, DIAGNOSTIC_ARRAY, Quality::Reliable)?;
+        for topic in boolean_topics {
+            publisher.offer(topic, BOOL, Quality::LastValue)?;
+        }
+        Ok(publisher)
     }
 
-    /// Publishes the statuses, in as many messages as it takes.
+    /// Offers one more topic of any type, `package/msg/Name`. One that is offered already stays as it is.
+    ///
+    /// # Errors
+    /// The type has no such name, or DDS gets no sockets.
+    pub fn offer(&mut self, topic: &str, type_name: &str, quality: Quality) -> Result<(), BridgeError> {
+        if self.writer(topic).is_err() {
+            let topic = format!("/{}", bare(topic));
+            let writer = writer(&self.participant, &topic, type_name, quality)
+                .map_err(|error| BridgeError::Participant(format!("{topic}: {error}")))?;
+            self.writers.push((topic.into(), writer));
+        }
+        Ok(())
+    }
+
+    /// Publishes one message on a topic that is offered: the CDR of its body in little endian, without
+    /// the encapsulation, as [`messages::encode`] makes it.
+    ///
+    /// # Errors
+    /// The topic is not offered, or a reader holds the writer back for too long.
+    pub async fn publish(&self, topic: &str, mut body: Vec<u8>) -> Result<(), PublishError> {
+        let (topic, writer) = self.writer(topic)?;
+        // Cyclone DDS drops fragmented messages that are not padded.
+        body.resize(body.len().next_multiple_of(4), 0);
+        let written = writer.async_write(body.into(), None).await;
+        written
+            .map_err(|error| PublishError::NotWritten { topic: topic.to_owned(), reason: error.to_string() })
+    }
+
+    /// Publishes the statuses on `/diagnostics`, in as many messages as it takes.
     ///
     /// # Errors
     /// A reader holds the writer back for too long; the rest of the array is dropped.
     pub async fn diagnostics(&self, array: &StatusArray, stamp: SystemTime) -> Result<(), PublishError> {
         for body in messages::encode_diagnostic_arrays(array, stamp, MESSAGE_BYTES_MAX) {
-            write(&self.diagnostics, DIAGNOSTICS, body).await?;
+            self.publish(DIAGNOSTICS, body).await?;
         }
         Ok(())
     }
 
     /// # Errors
-    /// The topic was not named at the start, or a reader holds the writer back for too long.
+    /// The topic is not offered, or a reader holds the writer back for too long.
     pub async fn boolean(&self, topic: &str, value: bool) -> Result<(), PublishError> {
-        let bare = topic.trim_start_matches('/');
-        let found = self.booleans.iter().find(|(known, _)| known.trim_start_matches('/') == bare);
+        self.publish(topic, messages::encode::boolean(value)).await
+    }
+
+    fn writer(&self, topic: &str) -> Result<(&str, &Writer), PublishError> {
+        let found = self.writers.iter().find(|(known, _)| bare(known) == bare(topic));
         let (topic, writer) = found.ok_or_else(|| PublishError::NoSuchTopic(topic.to_owned()))?;
-        write(writer, topic, messages::encode_boolean(value)).await
+        Ok((topic, writer))
     }
 
     /// Whether the threads of the DDS library have ended, as they do when a stopped process goes
@@ -85,36 +121,42 @@ impl Publisher {
 
     /// Ends the writers, then the participant, and waits for its threads.
     pub async fn shutdown(self) {
-        let Publisher { participant, diagnostics, booleans, .. } = self;
-        drop((diagnostics, booleans));
+        let Publisher { participant, writers, .. } = self;
+        drop(writers);
         // A panic there was in the library, and the participant is gone either way.
         let _ = session::close(participant).await;
     }
+}
+
+/// Names are taken with and without their first slash.
+fn bare(topic: &str) -> &str {
+    topic.trim_start_matches('/')
 }
 
 fn writer(
     participant: &DomainParticipant,
     topic: &str,
     type_name: &str,
-    durability: Durability,
+    quality: Quality,
 ) -> CreateResult<Writer> {
-    let qos = qos(durability);
-    let type_name = messages::dds_type_name(type_name)
-        .ok_or_else(|| CreateError::BadParameter { reason: type_name.to_owned() })?;
+    let qos = qos(quality);
+    let type_name = messages::dds_type_name(type_name).ok_or_else(|| CreateError::BadParameter {
+        reason: format!("{type_name:?} is no package/msg/Name"),
+    })?;
     let topic = participant.create_topic(format!("rt{topic}"), type_name, &qos, TopicKind::NoKey)?;
     participant.create_publisher(&qos)?.create_datawriter_no_key(&topic, Some(qos))
 }
 
-fn qos(durability: Durability) -> QosPolicies {
-    let depth = if durability == Durability::Volatile { 10 } else { 1 };
+fn qos(quality: Quality) -> QosPolicies {
+    let reliable = Reliability::Reliable { max_blocking_time: rustdds::Duration::from_millis(100) };
+    let (reliability, durability, depth) = match quality {
+        Quality::Reliable => (reliable, Durability::Volatile, 10),
+        Quality::BestEffort => (Reliability::BestEffort, Durability::Volatile, 10),
+        Quality::LastValue => (reliable, Durability::TransientLocal, 1),
+    };
     QosPolicyBuilder::new()
-        .reliability(Reliability::Reliable { max_blocking_time: rustdds::Duration::from_millis(100) })
+        .reliability(reliability)
         .durability(durability)
         .history(History::KeepLast { depth })
         .build()
-}
-
-async fn write(writer: &Writer, topic: &str, body: Vec<u8>) -> Result<(), PublishError> {
-    let written = writer.async_write(body.into(), None).await;
-    written.map_err(|error| PublishError::NotWritten { topic: topic.to_owned(), reason: error.to_string() })
 }

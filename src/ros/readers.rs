@@ -155,7 +155,7 @@ fn wall_time(stamp: rustdds::Timestamp) -> SystemTime {
 }
 
 /// Also tells the library how many samples of the topic it keeps, which can only grow.
-fn create_topic(
+pub fn create_topic(
     participant: &DomainParticipant,
     name: &str,
     type_name: &str,
@@ -168,7 +168,7 @@ fn create_topic(
 }
 
 /// No deadline, no lifespan: whatever is asked for beyond what a writer offers breaks the match.
-fn reader_qos(via: Via) -> QosPolicies {
+pub fn reader_qos(via: Via) -> QosPolicies {
     let qos = QosPolicyBuilder::new();
     let reliable = Reliability::Reliable { max_blocking_time: rustdds::Duration::from_millis(100) };
     match via {

@@ -8,7 +8,7 @@ use futures_util::StreamExt;
 use rustdds::dds::CreateResult;
 use rustdds::{
     DomainParticipant, DomainParticipantBuilder, DomainParticipantStatusEvent as Event, QosPolicyBuilder,
-    StatusEvented, Subscriber,
+    StatusEvented,
 };
 use tokio::sync::{mpsc, watch};
 use tokio::task::{JoinError, JoinHandle, JoinSet};
@@ -17,16 +17,16 @@ use super::BridgeError;
 use super::graph::{self, Tallies};
 use super::interfaces::{self, AddressWatch};
 use super::messages::GidSize;
+use super::nodes::Nodes;
 use super::options::{self, BridgeOptions};
 use super::outbox::{End, stopped};
 use super::presence;
 use super::step::StepWatch;
-use super::subscription::Subscription;
-use super::topic::{Memory, Surroundings, Topic};
+use super::subscription::{Plan, Subscription};
+use super::topic::{Memory, Orders, Surroundings, Topic};
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
 use crate::engine::input::Stamped;
-use crate::engine::model::Model;
 
 /// How often the clocks are compared; the addresses are at every fourth look.
 const LOOK: Duration = Duration::from_millis(250);
@@ -37,9 +37,11 @@ const DISCOVERY_LOOKS: u64 = 20;
 /// What lasts as long as the bridge.
 pub struct Ground {
     pub options: BridgeOptions,
-    pub model: Arc<Model>,
-    pub subscriptions: Vec<Arc<Subscription>>,
+    /// Changes at every new configuration.
+    pub plan: watch::Receiver<Arc<Plan>>,
     pub inputs: mpsc::Sender<Stamped>,
+    /// For whoever asks whether a node is there.
+    pub nodes: watch::Sender<Nodes>,
     pub clock: Clock,
     pub stop: watch::Receiver<bool>,
     /// What discovery sees, and how much of it was received.
@@ -49,10 +51,13 @@ pub struct Ground {
     pub rebuild: watch::Receiver<u64>,
 }
 
+/// A topic and its type, by their names on the wire.
+type Key = (String, String);
+
 /// What a participant leaves to the next one.
 #[derive(Default)]
 pub struct Legacy {
-    memories: BTreeMap<usize, Memory>,
+    memories: BTreeMap<Key, Memory>,
     gid_size: Option<GidSize>,
 }
 
@@ -89,7 +94,20 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
         Err(error) => return End::Rebuild(error.to_string()),
     };
     let (stop, stopping) = watch::channel(false);
-    let mut topics = match Topics::start(participant, &subscriber, ground, legacy, stopping.clone()) {
+    let around = Surroundings {
+        participant: participant.clone(),
+        subscriber: subscriber.clone(),
+        inputs: ground.inputs.clone(),
+        clock: ground.clock,
+        tallies: ground.tallies.clone(),
+        own_readers: Arc::new(watch::channel(BTreeSet::new()).0),
+        stop: stopping.clone(),
+    };
+    let own_readers = around.own_readers.subscribe();
+    let mut plan = ground.plan.clone();
+    let first = plan.borrow_and_update().clone();
+    legacy.memories.retain(|known, _| first.subscriptions.iter().any(|wanted| key(wanted) == *known));
+    let mut topics = match Topics::start(around, &first, legacy) {
         Ok(topics) => topics,
         Err(error) => return End::Rebuild(error.to_string()),
     };
@@ -97,12 +115,19 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
         participant.clone(),
         subscriber,
         ground.options.gid_size.or(legacy.gid_size),
-        topics.own_readers.subscribe(),
+        presence::Surroundings { own_readers, nodes: ground.nodes.clone(), clock: ground.clock },
         stopping.clone(),
     ));
     let (seen, tallies) = (ground.discovery.clone(), ground.tallies.clone());
-    let looking = tokio::spawn(graph::run(participant.clone(), tallies, seen, ground.clock, stopping));
-    let end = watch_over(participant, ground, &mut topics, legacy).await;
+    let looking = tokio::spawn(graph::run(
+        participant.clone(),
+        tallies,
+        seen,
+        ground.nodes.subscribe(),
+        ground.clock,
+        stopping,
+    ));
+    let end = watch_over(participant, ground, plan, &mut topics, legacy).await;
     // The receivers live in the tasks; with none left there is nothing to stop.
     let _ = stop.send(true);
     while let Some(ended) = topics.tasks.join_next().await {
@@ -114,54 +139,79 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
     end
 }
 
-/// The tasks that read, and the way to tell them of discovery.
+/// The tasks that read, and the ways to give them orders.
 struct Topics {
-    tasks: JoinSet<(usize, Memory, End)>,
-    /// By the name on the wire.
-    news: BTreeMap<String, watch::Sender<u64>>,
-    own_readers: Arc<watch::Sender<BTreeSet<super::writers::Guid>>>,
+    tasks: JoinSet<(Key, Memory, End)>,
+    running: BTreeMap<Key, Running>,
+    around: Surroundings,
+}
+
+struct Running {
+    news: watch::Sender<u64>,
+    subscription: watch::Sender<Arc<Subscription>>,
 }
 
 impl Topics {
-    fn start(
-        participant: &DomainParticipant,
-        subscriber: &Subscriber,
-        ground: &Ground,
-        legacy: &mut Legacy,
-        stop: watch::Receiver<bool>,
-    ) -> CreateResult<Topics> {
-        let around = Surroundings {
-            participant: participant.clone(),
-            subscriber: subscriber.clone(),
-            model: ground.model.clone(),
-            inputs: ground.inputs.clone(),
-            clock: ground.clock,
-            tallies: ground.tallies.clone(),
-            own_readers: Arc::new(watch::channel(BTreeSet::new()).0),
-            stop,
-        };
-        let mut topics =
-            Topics { tasks: JoinSet::new(), news: BTreeMap::new(), own_readers: around.own_readers.clone() };
-        for (index, subscription) in ground.subscriptions.iter().enumerate() {
-            let memory = legacy.memories.remove(&index).unwrap_or_else(Memory::new);
-            let topic = Topic::new(subscription.clone(), around.clone(), memory)?;
-            let (news, discovered) = watch::channel(0);
-            topics.news.insert(subscription.dds_topic.clone(), news);
-            topics.tasks.spawn(async move {
-                let (memory, end) = topic.run(discovered).await;
-                (index, memory, end)
-            });
+    fn start(around: Surroundings, plan: &Plan, legacy: &mut Legacy) -> CreateResult<Topics> {
+        let mut topics = Topics { tasks: JoinSet::new(), running: BTreeMap::new(), around };
+        for subscription in &plan.subscriptions {
+            topics.add(subscription, legacy)?;
         }
         Ok(topics)
+    }
+
+    fn add(&mut self, subscription: &Arc<Subscription>, legacy: &mut Legacy) -> CreateResult<()> {
+        let key = key(subscription);
+        let memory = legacy.memories.remove(&key).unwrap_or_else(Memory::new);
+        let topic = Topic::new(subscription.clone(), self.around.clone(), memory)?;
+        let (news, discovered) = watch::channel(0);
+        let (change, changed) = watch::channel(subscription.clone());
+        self.running.insert(key.clone(), Running { news, subscription: change });
+        self.tasks.spawn(async move {
+            let (memory, end) = topic.run(Orders { discovered, subscription: changed }).await;
+            (key, memory, end)
+        });
+        Ok(())
+    }
+
+    /// Reads what another configuration needs: topics that stay are read on without a gap.
+    ///
+    /// # Errors
+    /// Only a new participant can do that.
+    async fn follow(&mut self, plan: &Plan, legacy: &mut Legacy) -> Result<(), End> {
+        let wanted: BTreeSet<Key> = plan.subscriptions.iter().map(|subscription| key(subscription)).collect();
+        let gone = self.running.keys().filter(|key| !wanted.contains(*key)).cloned().collect::<Vec<_>>();
+        for key in &gone {
+            // Its task ends for want of orders.
+            self.running.remove(key);
+        }
+        for _ in &gone {
+            if let Some(ended) = self.tasks.join_next().await {
+                match keep(legacy, ended) {
+                    End::Stopped => {}
+                    other => return Err(other),
+                }
+            }
+        }
+        for subscription in &plan.subscriptions {
+            if let Some(running) = self.running.get(&key(subscription)) {
+                running.subscription.send_replace(subscription.clone());
+            } else if gone.iter().any(|(topic, _)| *topic == subscription.dds_topic) {
+                return Err(End::Rebuild(format!("{} has another type now", subscription.topic)));
+            } else {
+                self.add(subscription, legacy)
+                    .map_err(|error| End::Rebuild(format!("the DDS library refused a reader: {error}")))?;
+            }
+        }
+        Ok(())
     }
 
     /// Has the topic that an event concerns ask discovery, or all if it does not say which.
     fn tell(&self, event: &Event) {
         match event {
             Event::WriterDetected { writer } => {
-                if let Some(news) = self.news.get(&writer.topic_name) {
-                    news.send_modify(|count| *count += 1);
-                }
+                let concerned = self.running.iter().filter(|((topic, _), _)| *topic == writer.topic_name);
+                concerned.for_each(|(_, running)| running.news.send_modify(|count| *count += 1));
             }
             Event::WriterLost { .. } | Event::ParticipantLost { .. } => self.tell_all(),
             _ => {}
@@ -169,8 +219,8 @@ impl Topics {
     }
 
     fn tell_all(&self) {
-        for news in self.news.values() {
-            news.send_modify(|count| *count += 1);
+        for running in self.running.values() {
+            running.news.send_modify(|count| *count += 1);
         }
     }
 }
@@ -178,6 +228,7 @@ impl Topics {
 async fn watch_over(
     participant: &DomainParticipant,
     ground: &Ground,
+    mut plan: watch::Receiver<Arc<Plan>>,
     topics: &mut Topics,
     legacy: &mut Legacy,
 ) -> End {
@@ -197,6 +248,12 @@ async fn watch_over(
         tokio::select! {
             () = stopped(&mut stop) => return End::Stopped,
             Ok(()) = rebuild.changed() => return End::Rebuild("asked for".to_owned()),
+            Ok(()) = plan.changed() => {
+                let next = plan.borrow_and_update().clone();
+                if let Err(end) = topics.follow(&next, legacy).await {
+                    return end;
+                }
+            }
             Some(ended) = topics.tasks.join_next() => return keep(legacy, ended),
             Some(event) = events.next() => topics.tell(&event),
             _ = looks.tick() => {
@@ -237,12 +294,16 @@ impl Pulse {
 }
 
 /// Keeps what an ended topic remembers. One that panicked, in the library, remembers nothing.
-fn keep(legacy: &mut Legacy, ended: Result<(usize, Memory, End), JoinError>) -> End {
+fn keep(legacy: &mut Legacy, ended: Result<(Key, Memory, End), JoinError>) -> End {
     match ended {
-        Ok((index, memory, end)) => {
-            legacy.memories.insert(index, memory);
+        Ok((key, memory, end)) => {
+            legacy.memories.insert(key, memory);
             end
         }
         Err(panic) => End::Rebuild(format!("the task of a topic failed: {panic}")),
     }
+}
+
+fn key(subscription: &Subscription) -> Key {
+    (subscription.dds_topic.clone(), subscription.dds_type.clone())
 }

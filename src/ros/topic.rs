@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::future::poll_fn;
 use std::sync::Arc;
+use std::time::UNIX_EPOCH;
 
 use rustdds::dds::CreateError;
 use rustdds::{DomainParticipant, Subscriber};
@@ -11,17 +12,24 @@ use tokio::sync::{mpsc, watch};
 use super::graph::Tallies;
 use super::messages;
 use super::outbox::{End, Outbox, stopped};
+use super::raw::RawBody;
 use super::readers::{Advice, ReadFault, Readers, Retention, Sample};
-use super::subscription::Subscription;
+use super::subscription::{Received, Subscription, waiting_bytes};
 use super::trouble::Troubles;
 use super::writers::{Guid, Offer, Verdict, Via, Writers};
 use crate::clock::Clock;
 use crate::engine::input::{Input, Stamped, TroubleKind};
-use crate::engine::model::Model;
-use crate::engine::time::Timestamp;
+use crate::engine::sample::TopicNews;
+use crate::engine::time::{Span, Timestamp};
 
 /// Writers that discovery does not know are asked for again only after it has news.
 const UNKNOWN_MAX: usize = 1024;
+
+/// That nobody publishes a topic is said only when discovery had this time to find somebody.
+const DISCOVERY: Span = Span::from_secs(5);
+
+/// A larger last value is not kept for monitors that are configured later.
+const KEPT_BYTES_MAX: usize = 64 << 10;
 
 /// Gids of the readers in use, for the announcement of our node.
 pub type OwnReaders = Arc<watch::Sender<BTreeSet<Guid>>>;
@@ -31,7 +39,6 @@ pub type OwnReaders = Arc<watch::Sender<BTreeSet<Guid>>>;
 pub struct Surroundings {
     pub participant: DomainParticipant,
     pub subscriber: Subscriber,
-    pub model: Arc<Model>,
     pub inputs: mpsc::Sender<Stamped>,
     pub clock: Clock,
     pub own_readers: OwnReaders,
@@ -47,16 +54,35 @@ pub struct Memory {
     writers: Writers,
     troubles: Troubles,
     retention: Retention,
+    /// The last message of a publisher that keeps it for late readers: a new configuration is one.
+    last_value: Option<(Guid, RawBody)>,
 }
 
 impl Memory {
     pub fn new() -> Memory {
-        Memory { writers: Writers::default(), troubles: Troubles::default(), retention: Retention::new() }
+        Memory {
+            writers: Writers::default(),
+            troubles: Troubles::default(),
+            retention: Retention::new(),
+            last_value: None,
+        }
     }
+}
+
+/// What is told to the task of a topic.
+pub struct Orders {
+    /// Changes when discovery has news of this topic.
+    pub discovered: watch::Receiver<u64>,
+    /// What is read of the topic; marked as changed at every new configuration, even if it is the same.
+    pub subscription: watch::Receiver<Arc<Subscription>>,
 }
 
 pub struct Topic {
     subscription: Arc<Subscription>,
+    /// Until then discovery may not have found everybody.
+    searching_until: Timestamp,
+    /// The publishers and the other type that were said last.
+    said: Option<(u32, Option<Box<str>>)>,
     around: Surroundings,
     readers: Readers,
     memory: Memory,
@@ -76,32 +102,49 @@ impl Topic {
         let readers =
             Readers::new(around.participant.clone(), around.subscriber.clone(), &subscription, depth)?;
         let outbox = Outbox::new(around.inputs.clone(), around.stop.clone());
-        let topic = Topic { subscription, around, readers, memory, outbox, unknown: BTreeSet::new() };
+        let topic = Topic {
+            subscription,
+            searching_until: around.clock.now() + DISCOVERY,
+            said: None,
+            around,
+            readers,
+            memory,
+            outbox,
+            unknown: BTreeSet::new(),
+        };
         topic.tell_readers();
         // Nothing yet is a rate too.
         topic.around.tallies.add(&topic.subscription.dds_topic, 0);
         Ok(topic)
     }
 
-    /// Reads until the end. `discovered` changes when discovery has news of this topic.
-    pub async fn run(mut self, mut discovered: watch::Receiver<u64>) -> (Memory, End) {
-        let end = match self.read(&mut discovered).await {
+    /// Reads until the end, or until nobody is left who gives orders.
+    pub async fn run(mut self, mut orders: Orders) -> (Memory, End) {
+        let end = match self.read(&mut orders).await {
             Ok(never) => match never {},
             Err(end) => end,
         };
+        let ours: Vec<Guid> = self.readers.guids().collect();
+        self.around.own_readers.send_modify(|known| known.retain(|guid| !ours.contains(guid)));
         (self.memory, end)
     }
 
-    async fn read(&mut self, discovered: &mut watch::Receiver<u64>) -> Result<std::convert::Infallible, End> {
+    async fn read(&mut self, orders: &mut Orders) -> Result<std::convert::Infallible, End> {
         let (mut batch, mut faults) = (Vec::new(), Vec::new());
         let mut stop = self.around.stop.clone();
         self.follow_discovery()?;
         loop {
-            let due = self.memory.troubles.due().map(|due| self.around.clock.instant(due));
+            let due = [self.memory.troubles.due(), self.news_due()].into_iter().flatten().min();
+            let due = due.map(|due| self.around.clock.instant(due));
             tokio::select! {
                 biased;
                 () = stopped(&mut stop) => return Err(End::Stopped),
-                news = discovered.changed() => {
+                changed = orders.subscription.changed() => {
+                    changed.map_err(|_| End::Stopped)?;
+                    let next = orders.subscription.borrow_and_update().clone();
+                    self.follow_configuration(next).await?;
+                }
+                news = orders.discovered.changed() => {
                     news.map_err(|_| End::Stopped)?;
                     self.follow_discovery()?;
                 }
@@ -113,7 +156,26 @@ impl Topic {
                 }
             }
             self.tell_troubles().await?;
+            self.tell_news().await?;
         }
+    }
+
+    /// Reads by another configuration from now on. It learns the last value as who comes late does,
+    /// and hears anew who publishes.
+    async fn follow_configuration(&mut self, next: Arc<Subscription>) -> Result<(), End> {
+        self.subscription = next;
+        self.said = None;
+        self.follow_discovery()?;
+        self.tell_news().await?;
+        if !self.subscription.wants_last_value() {
+            return Ok(());
+        }
+        let Some((writer, body)) = self.memory.last_value.take() else { return Ok(()) };
+        if self.memory.writers.keeps_last_value(&writer, &self.subscription.dds_type) {
+            self.hand_over(&body, true, self.around.clock.now()).await?;
+            self.memory.last_value = Some((writer, body));
+        }
+        Ok(())
     }
 
     async fn take_batch(&mut self, batch: &mut Vec<Sample>, received: Timestamp) -> Result<(), End> {
@@ -143,12 +205,8 @@ impl Topic {
                 self.unknown.insert(sample.writer);
             }
         }
-        if !self.subscription.wants_last_value()
-            && self.memory.writers.is_history(&sample.writer, sample.source, received)
-        {
-            return Ok(());
-        }
         let dds_type = &self.subscription.dds_type;
+        let history = self.memory.writers.is_history(&sample.writer, sample.source, received);
         let troubles = &mut self.memory.troubles;
         match self.memory.writers.judge(&sample.writer, sample.sequence, sample.via, dds_type) {
             Verdict::Skip => return Ok(()),
@@ -162,19 +220,30 @@ impl Topic {
                 format!("{lost} missing before number {} of a publisher", sample.sequence)
             }),
         }
-        let (body, endian) = match sample.body {
-            Ok(body) => body,
-            Err(fault) => {
-                troubles.add(TroubleKind::Malformed, 1, || fault.to_string());
-                return Ok(());
-            }
-        };
-        let (inputs, fault) = self.subscription.decode(&body, endian, &self.around.model.limits);
-        if let Some(fault) = fault {
-            troubles.add(TroubleKind::Malformed, 1, || format!("{fault}, of {} in all", body.len()));
+        if self.memory.writers.keeps_last_value(&sample.writer, dds_type) {
+            let small = sample.body.as_ref().is_ok_and(|(body, _)| body.len() <= KEPT_BYTES_MAX);
+            self.memory.last_value = small.then(|| (sample.writer, sample.body.clone()));
+        }
+        if history && !self.subscription.wants_last_value() {
+            return Ok(());
+        }
+        self.hand_over(&sample.body, history, received).await
+    }
+
+    /// Sends what a message means.
+    async fn hand_over(&mut self, body: &RawBody, history: bool, received: Timestamp) -> Result<(), End> {
+        let since_epoch = self.around.clock.wall().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let wall_ns = i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX);
+        let (inputs, wrong) = self.subscription.decode(Received { body, wall_ns, history });
+        let bytes = body.as_ref().map_or(0, |(body, _)| body.len());
+        if let Some(wrong) = wrong {
+            let text =
+                || if body.is_ok() { format!("{wrong}, of {bytes} in all") } else { wrong.to_string() };
+            self.memory.troubles.add(TroubleKind::Malformed, 1, text);
         }
         for input in inputs {
-            self.outbox.send(input, received, body.len()).await?;
+            let waiting = waiting_bytes(&input, bytes);
+            self.outbox.send(input, received, waiting).await?;
         }
         Ok(())
     }
@@ -195,6 +264,28 @@ impl Topic {
             self.outbox.send(Input::Reception(trouble), now, 0).await?;
         }
         Ok(())
+    }
+
+    /// When the news is due that there is nobody.
+    fn news_due(&self) -> Option<Timestamp> {
+        let silent = self.said.is_none() && self.subscription.watched().is_some();
+        silent.then_some(self.searching_until)
+    }
+
+    /// Says who publishes, if monitors watch the topic and it has changed.
+    async fn tell_news(&mut self) -> Result<(), End> {
+        let Some(source) = self.subscription.watched() else { return Ok(()) };
+        let (publishers, other) = self.memory.writers.publishers(&self.subscription.dds_type);
+        let other_type: Option<Box<str>> = other.map(|theirs| messages::ros_type_name(theirs).into());
+        let now = self.around.clock.now();
+        let found = publishers > 0 || other_type.is_some();
+        let news = (publishers, other_type);
+        if self.said.as_ref() == Some(&news) || self.said.is_none() && !found && now < self.searching_until {
+            return Ok(());
+        }
+        let input = TopicNews { source: source.clone(), publishers, other_type: news.1.clone() };
+        self.said = Some(news);
+        self.outbox.send(Input::Topic(input), now, 0).await
     }
 
     /// Takes over which writers there are, and creates the readers that they need.

@@ -96,6 +96,19 @@ impl Writers {
         self.known.get(writer).map(|known| &*known.offer.type_name)
     }
 
+    /// How many offer our type, and another type that is offered.
+    pub fn publishers(&self, dds_type: &str) -> (u32, Option<&str>) {
+        let types = || self.known.values().map(|known| &*known.offer.type_name);
+        let ours = types().filter(|theirs| *theirs == dds_type).count();
+        (u32::try_from(ours).unwrap_or(u32::MAX), types().find(|theirs| *theirs != dds_type))
+    }
+
+    /// Whether a writer of our type keeps its last message for readers that come later.
+    pub fn keeps_last_value(&self, writer: &Guid, dds_type: &str) -> bool {
+        let ours = |known: &Known| known.offer.transient_local && known.offer.type_name == dds_type;
+        self.known.get(writer).is_some_and(ours)
+    }
+
     /// Whether a message is from before our time. The library asks every transient-local writer for
     /// its history, even for a reader that wants none.
     pub fn is_history(&self, writer: &Guid, source: Option<SystemTime>, now: Timestamp) -> bool {
@@ -194,6 +207,7 @@ mod tests {
             [(A, offer("theirs", true, false)), (B, offer(OURS, true, false))].into();
         assert_eq!(writers.update(offers.clone(), OURS, START), ["theirs"]);
         assert_eq!(writers.update(offers, OURS, START), [""; 0]);
+        assert_eq!(writers.publishers(OURS), (1, Some("theirs")));
         assert_eq!(writers.judge(&A, 1, Via::Reliable, OURS), Verdict::WrongType);
         assert_eq!(writers.judge(&B, 1, Via::Reliable, OURS), Verdict::Take { lost: 0 });
     }

@@ -1,6 +1,7 @@
 //! What a scenario expects, against what the engine shows.
 
 use super::scenario::{What, seconds, why_of, why_word};
+use crate::engine::countermeasure::Kind;
 use crate::engine::model::NodeId;
 use crate::engine::snapshot::{NotRelevant, Reason, Snapshot};
 use crate::engine::state::State;
@@ -14,6 +15,11 @@ pub(super) fn compare(snapshot: &Snapshot, alarms: u64, what: &What) -> Result<(
         What::Stage(stage) => plain("the stage", stage.as_str().into(), snapshot.stage.as_str().into()),
         What::Overall(state) => plain("the vehicle", state.to_string(), snapshot.overall.to_string()),
         What::Alarms(count) => plain("the number of alarms", count.to_string(), alarms.to_string()),
+        What::Countermeasure(kind) => {
+            let word = |kind: Option<Kind>| kind.map_or("none", Kind::as_str).to_owned();
+            let got = snapshot.countermeasure().map(|it| it.request.kind());
+            plain("the countermeasure", word(*kind), word(got))
+        }
         What::ActiveAlarms(wanted) => {
             let active = snapshot.alarms.iter().filter(|alarm| alarm.active);
             let got: Vec<String> =

@@ -4,6 +4,8 @@ mod expectation;
 pub mod figure;
 pub mod scenario;
 pub mod scenario_file;
+mod scenario_operator;
 mod scenario_raw;
+pub mod scenario_sample;
 pub mod shuttle;
 pub mod strips;

@@ -3,19 +3,25 @@
 //! At one instant deadlines act first, then steps in the order of the file, then expectations are
 //! compared: they hold for the state after everything at that instant was handled.
 
+use std::borrow::Cow;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 use std::sync::Arc;
 
 use super::expectation::compare;
+use super::scenario_sample::Stamp;
 use crate::engine::Engine;
+use crate::engine::countermeasure::Kind;
 use crate::engine::event;
-use crate::engine::input::{Input, OperatorAction, Response};
-use crate::engine::model::{ACTIVE_SIGNAL, GroupId, Model, ModuleId, NodeId, Stage};
+use crate::engine::input::{Input, Response};
+use crate::engine::model::{GroupId, Model, ModuleId, NodeId, Stage};
 use crate::engine::snapshot::{Reason, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 use crate::yaml;
+
+/// What a right clock shows when a scenario starts: 2026-11-20 12:00:00 UTC.
+const START_WALL_NS: i64 = 1_795_176_000 * 1_000_000_000;
 
 /// What happens, and what is expected of it.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -45,7 +51,12 @@ pub struct Step {
     pub span: yaml::Span,
     pub at: Timestamp,
     pub repeat: Option<Repeat>,
+    /// Samples get their times when they happen.
     pub inputs: Vec<Input>,
+    /// What the header of a sample says; `None`: it has no stamp.
+    pub stamp: Option<Stamp>,
+    /// How far this machine's wall clock is stepped. Only stamps are ever compared with it.
+    pub clock_step_ns: i64,
     /// Whether the engine is to refuse it; `None`: either will do.
     pub refused: Option<bool>,
 }
@@ -80,6 +91,8 @@ pub enum What {
     Counts(String, u32, u32),
     /// Raised since the start; one that moved to its cause counts once.
     Alarms(u64),
+    /// The strongest that is held.
+    Countermeasure(Option<Kind>),
     /// All that are active: their numbers and the nodes that they stand for.
     ActiveAlarms(Vec<(String, String)>),
 }
@@ -147,16 +160,17 @@ pub struct Outcome {
 /// Runs a scenario to its last step or expectation.
 pub fn run(model: Arc<Model>, scenario: &Scenario) -> Outcome {
     let mut run = Run {
-        engine: Engine::new(model.clone(), Timestamp::ZERO),
+        engine: Engine::new(model, Timestamp::ZERO),
         shown: Vec::new(),
         seq: None,
         alarms: 0,
+        clock_offset_ns: 0,
         outcome: Outcome::default(),
     };
     run.engine.keep_events();
     run.signals_at_start();
-    for input in start_inputs(&model, scenario.start) {
-        run.engine.handle(&input, Timestamp::ZERO);
+    if let Some(stage) = scenario.start {
+        run.engine.start_in(stage);
     }
     run.follow();
     let mut waiting: BinaryHeap<Reverse<(Timestamp, usize)>> =
@@ -191,18 +205,6 @@ pub fn without_dependencies(model: &Model) -> Model {
         .expect("groups that only contain each other have no cycle: parents stand before children")
 }
 
-/// What makes a vehicle be in a stage.
-fn start_inputs(model: &Model, stage: Option<Stage>) -> Vec<Input> {
-    let login = Input::Operator(OperatorAction::Login { name: "operator".into() });
-    let active = || Input::Signal { name: ACTIVE_SIGNAL.into(), value: true };
-    let knows_active = model.signals.iter().any(|signal| &*signal.name == ACTIVE_SIGNAL);
-    match stage {
-        None | Some(Stage::Locked) => Vec::new(),
-        Some(Stage::Active) if knows_active => vec![login, active()],
-        Some(_) => vec![login],
-    }
-}
-
 type Shown = (State, Why, State);
 
 struct Run {
@@ -211,6 +213,7 @@ struct Run {
     shown: Vec<(NodeId, Shown)>,
     seq: Option<u64>,
     alarms: u64,
+    clock_offset_ns: i64,
     outcome: Outcome,
 }
 
@@ -225,8 +228,9 @@ impl Run {
     }
 
     fn step(&mut self, step: &Step, now: Timestamp) {
+        self.clock_offset_ns = self.clock_offset_ns.saturating_add(step.clock_step_ns);
         for input in &step.inputs {
-            let response = self.engine.handle(input, now);
+            let response = self.engine.handle(&self.timed(input, step.stamp, now), now);
             self.follow();
             let reasons = match response {
                 Response::Done => None,
@@ -244,6 +248,20 @@ impl Run {
                 });
             }
         }
+    }
+
+    /// A sample as it is received now: stamped by a clock that is right, received by this machine's.
+    fn timed<'i>(&self, input: &'i Input, stamp: Option<Stamp>, now: Timestamp) -> Cow<'i, Input> {
+        let Input::Sample(sample) = input else { return Cow::Borrowed(input) };
+        let since_start = i64::try_from(now.as_nanos()).unwrap_or(i64::MAX);
+        let right = |ns: i64| START_WALL_NS.saturating_add(ns);
+        let mut sample = sample.clone();
+        sample.received_wall_ns = right(since_start).saturating_add(self.clock_offset_ns);
+        sample.stamp_ns = stamp.map(|stamp| match stamp {
+            Stamp::At(ns) => right(ns),
+            Stamp::Behind(ns) => right(since_start.saturating_sub(ns)),
+        });
+        Cow::Owned(Input::Sample(sample))
     }
 
     fn signals_at_start(&mut self) {

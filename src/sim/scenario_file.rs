@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use super::scenario::{Expectation, Figure, Repeat, Scenario, Step, What};
 use super::scenario_raw::{Action, Raw, RawExpect, RawFigure, RawStatus, RawStep};
-use crate::engine::input::{Input, StatusArray};
+use super::scenario_sample;
+use crate::engine::input::{AlarmRef, Input, OperatorAction, StatusArray};
 use crate::engine::model::Model;
 use crate::engine::time::Timestamp;
 use crate::yaml::decode::{Entries, did_you_mean};
@@ -122,11 +123,23 @@ impl Bind<'_> {
             Action::Statuses(statuses) => vec![Input::Diagnostics(array(statuses))],
             Action::Others(level) => vec![Input::Diagnostics(self.others(*level))],
             Action::Signals(signals) => self.signals(signals, log),
-            Action::Operator(action) => vec![Input::Operator(action.clone())],
-            // The engine lives by the clock of receipt alone.
-            Action::ClockStep => Vec::new(),
+            Action::Operator(action) => {
+                self.check_action(action, raw.span, log);
+                vec![Input::Operator(action.clone())]
+            }
+            Action::Sample(raw) => scenario_sample::sample(raw, self.model, log).into_iter().collect(),
+            Action::Publishers(raw) => {
+                scenario_sample::publishers(raw, self.model, log).into_iter().collect()
+            }
+            Action::Probe(raw) => scenario_sample::probes(raw, self.model, log),
+            Action::ClockStep(_) => Vec::new(),
         };
-        Some(Step { span: raw.span, at, repeat, inputs, refused: raw.refused })
+        let stamp = match &raw.action {
+            Some(Action::Sample(raw)) => raw.stamp.map(|stamp| stamp.value),
+            _ => None,
+        };
+        let clock_step_ns = if let Some(Action::ClockStep(nanos)) = raw.action { nanos } else { 0 };
+        Some(Step { span: raw.span, at, repeat, inputs, stamp, clock_step_ns, refused: raw.refused })
     }
 
     /// Every declared status that no step names.
@@ -141,6 +154,13 @@ impl Bind<'_> {
             }
         }
         array
+    }
+
+    /// What is acknowledged by name must be a node.
+    fn check_action(&self, action: &OperatorAction, span: Span, log: &mut Log) {
+        if let OperatorAction::Acknowledge { alarm: AlarmRef::Node(name) } = action {
+            self.check_node(name, span, log);
+        }
     }
 
     fn signals(&self, signals: &Entries<bool>, log: &mut Log) -> Vec<Input> {
@@ -176,7 +196,7 @@ impl Bind<'_> {
                 What::ActiveAlarms(alarms) => {
                     alarms.iter().for_each(|(_, name)| self.check_node(name, *span, log));
                 }
-                What::Stage(_) | What::Overall(_) | What::Alarms(_) => {}
+                What::Stage(_) | What::Overall(_) | What::Alarms(_) | What::Countermeasure(_) => {}
             }
             expectations.push(Expectation { span: *span, at, what: what.clone() });
         }

@@ -3,6 +3,9 @@
 use std::collections::HashSet;
 
 use super::scenario::{What, Why, why_word};
+use super::scenario_operator::operator;
+use super::scenario_sample::{RawProbe, RawPublishers, RawSample, Stamp};
+use crate::engine::countermeasure::Kind as Measure;
 use crate::engine::input::OperatorAction;
 use crate::engine::model::Stage;
 use crate::engine::state::State;
@@ -116,15 +119,9 @@ impl FromNode for Start {
         let mut fields = Fields::of(node, "a start", log)?;
         let stage = fields.node("stage");
         let found = stage.and_then(|node| stage_word(node, fields.log));
-        match (stage, found) {
-            (None, _) => {
-                let problem = Problem::at(fields.span(), "a start needs `stage`");
-                fields.log.push(problem.help("add `stage: active`"));
-            }
-            (Some(node), Some(Stage::Localizing | Stage::Cleared)) => {
-                fields.log.push(not_supported(node.span, "starting in this stage"));
-            }
-            _ => {}
+        if stage.is_none() {
+            let problem = Problem::at(fields.span(), "a start needs `stage`");
+            fields.log.push(problem.help("add `stage: active`"));
         }
         fields.finish();
         found.map(Start)
@@ -153,7 +150,11 @@ pub(super) enum Action {
     Others(u8),
     Signals(Entries<bool>),
     Operator(OperatorAction),
-    ClockStep,
+    Sample(RawSample),
+    Publishers(RawPublishers),
+    Probe(RawProbe),
+    /// By so many nanoseconds.
+    ClockStep(i64),
 }
 
 impl FromNode for RawStep {
@@ -178,6 +179,12 @@ impl FromNode for RawStep {
             }
         }
         let action = action(&mut fields);
+        if let (Some(_), Some(Action::Sample(RawSample { stamp: Some(stamp), .. }))) = (every, &action)
+            && matches!(stamp.value, Stamp::At(_))
+        {
+            let problem = Problem::at(stamp.span, "every one of these messages would have the same stamp");
+            fields.log.push(problem.help("write how old each is when it comes: `delay: 0.05`"));
+        }
         let refused = fields.optional("refused");
         let span = fields.span();
         fields.finish();
@@ -186,7 +193,8 @@ impl FromNode for RawStep {
 }
 
 fn action(fields: &mut Fields) -> Option<Action> {
-    const KINDS: [&str; 6] = ["status", "others", "signal", "operator", "sample", "clock_step"];
+    const KINDS: [&str; 8] =
+        ["status", "others", "signal", "operator", "sample", "publishers", "probe", "clock_step"];
     let found: Vec<_> = KINDS.into_iter().filter_map(|key| Some((key, fields.node(key)?))).collect();
     let [(key, node)] = found[..] else {
         let problem = Problem::at(fields.span(), format!("a step needs one of {}", KINDS.join(", ")));
@@ -200,35 +208,11 @@ fn action(fields: &mut Fields) -> Option<Action> {
         "others" => level(node, log).map(Action::Others),
         "signal" => Entries::from_node(node, log).map(Action::Signals),
         "operator" => operator(node, log).map(Action::Operator),
-        "clock_step" => f64::from_node(node, log).map(|_| Action::ClockStep),
-        _ => {
-            log.push(not_supported(node.span, &format!("`{key}`")));
-            None
-        }
+        "sample" => RawSample::from_node(node, log).map(Action::Sample),
+        "publishers" => RawPublishers::from_node(node, log).map(Action::Publishers),
+        "probe" => RawProbe::from_node(node, log).map(Action::Probe),
+        _ => f64::from_node(node, log).map(|seconds| Action::ClockStep((seconds * 1e9).round() as i64)),
     }
-}
-
-fn operator(node: &Node, log: &mut Log) -> Option<OperatorAction> {
-    if scalar(node) == Some("logout") {
-        return Some(OperatorAction::Logout);
-    }
-    let mut fields = Fields::of(node, "an operator's action", log)?;
-    let (login, reset) = (fields.optional::<String>("login"), fields.optional::<String>("reset"));
-    let logout = fields.node("logout").map(|_| OperatorAction::Logout);
-    for key in ["localize", "clearance", "acknowledge"] {
-        if let Some(node) = fields.node(key) {
-            fields.log.push(not_supported(node.span, &format!("`{key}`")));
-        }
-    }
-    let login = login.map(|name| OperatorAction::Login { name: name.into() });
-    let reset = reset.map(|module| OperatorAction::Reset { module: module.into() });
-    let found: Vec<_> = [login, logout, reset].into_iter().flatten().collect();
-    if !matches!(&node.kind, Kind::Mapping(entries) if entries.len() == 1) {
-        let problem = Problem::at(node.span, "a step has one action of the operator");
-        fields.log.push(problem.help("for example `operator: { login: operator }`"));
-    }
-    fields.finish();
-    found.into_iter().next()
 }
 
 #[derive(Debug)]
@@ -303,7 +287,12 @@ impl FromNode for RawExpect {
             what.push((alarms.span, What::ActiveAlarms(named.collect())));
         }
         if let Some(node) = fields.node("countermeasure") {
-            fields.log.push(not_supported(node.span, "`countermeasure`"));
+            let words = [("none", None), ("notify", Some(Measure::Notify))];
+            let words = words
+                .into_iter()
+                .chain([Measure::ManeuverStop, Measure::Decelerate].map(|it| (it.as_str(), Some(it))));
+            let kind = word(node, fields.log, "countermeasure", &words.collect::<Vec<_>>());
+            what.extend(kind.map(|kind| (node.span, What::Countermeasure(kind))));
         }
         if matches!(&node.kind, Kind::Mapping(entries) if entries.len() < 2) {
             let problem = Problem::at(fields.span(), "this expects nothing");
@@ -367,8 +356,4 @@ impl FromNode for Seconds {
         }
         nanos.map(|nanos| Seconds(Timestamp::from_nanos(nanos)))
     }
-}
-
-fn not_supported(span: Span, what: &str) -> Problem {
-    Problem::at(span, format!("{what} is not supported by this version")).help("remove it")
 }

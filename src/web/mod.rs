@@ -12,6 +12,7 @@ mod listen;
 mod login;
 mod origins;
 mod pages;
+mod refusals;
 mod router;
 mod seat;
 mod socket;

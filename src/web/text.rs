@@ -1,6 +1,5 @@
 //! The words of the pages. A word that lacks a language does not compile.
 
-use crate::engine::input::Refusal;
 use crate::engine::model::{ACTIVE_SIGNAL, Stage, Text};
 use crate::engine::snapshot::NotRelevant;
 use crate::engine::state::State;
@@ -275,29 +274,6 @@ impl Lang {
         match self {
             Lang::En => format!("Too many tries. Wait {seconds} s."),
             Lang::De => format!("Zu viele Versuche. {seconds} s warten."),
-        }
-    }
-
-    /// Why an operator's action was refused, with what to do.
-    pub fn refusal(self, refusal: &Refusal) -> String {
-        let name = |name: &str| clean(name, NAME);
-        match (self, refusal) {
-            (Lang::En, Refusal::LogoutWhileActive) => {
-                "The vehicle drives. Log out after it has arrived.".to_owned()
-            }
-            (Lang::De, Refusal::LogoutWhileActive) => {
-                "Das Fahrzeug fährt. Erst nach der Ankunft abmelden.".to_owned()
-            }
-            (Lang::En, Refusal::NoSuchModule(module)) => format!("There is no module {}.", name(module)),
-            (Lang::De, Refusal::NoSuchModule(module)) => format!("Es gibt kein Modul {}.", name(module)),
-            (Lang::En, Refusal::NotLatched(module)) => format!("{} holds no error.", name(module)),
-            (Lang::De, Refusal::NotLatched(module)) => format!("{} hält keinen Fehler fest.", name(module)),
-            (Lang::En, Refusal::StillInError(module)) => {
-                format!("{} is in error still. Mend the cause first.", name(module))
-            }
-            (Lang::De, Refusal::StillInError(module)) => {
-                format!("{} meldet noch immer einen Fehler. Zuerst die Ursache beheben.", name(module))
-            }
         }
     }
 

@@ -155,7 +155,9 @@ impl<'n, 'l> Fields<'n, 'l> {
 
     /// The value of a key, as a tree.
     pub fn node(&mut self, key: &'static str) -> Option<&'n Node> {
-        self.asked.push(key);
+        if !self.asked.contains(&key) {
+            self.asked.push(key);
+        }
         self.entries.iter().find(|(found, _)| found.text == key).map(|(_, value)| value)
     }
 

@@ -12,7 +12,8 @@ It needs PyPI `cyclonedds` 11. Every command prints {"ready": true} first.
     {"statuses": [{"level": 2, "name": "a", "message": "b", "hardware_id": "c", "values": {"k": "v"}}]}
     {"count": 10000}                  that many made-up statuses
     {"bool": true}   {"text": "x"}    for --type Bool and String
-    {"info": {"size": 24, "name": "n"}}   a node announcement with gids of that size
+    {"info": {"size": 24, "name": "n"}}   a node announcement with gids of that size; no name: no node
+    {"message": "Odometry", "fields": {...}}   one of `interfaces.py`
     {"raw": "000100..."}              these very bytes, the encapsulation included
     {"wait_matched": 1, "timeout": 10}    until that many readers match; prints {"matched": n}
 Any of them may have `"cut": n` (only the first n bytes), `"times": n` and `"age_s": n` (stamped so long ago). Each
@@ -143,10 +144,15 @@ def encode(command, gid):
         data = wire.boolean(command["bool"])
     elif "text" in command:
         data = wire.text(command["text"])
+    elif "message" in command:
+        # Late: it needs Cyclone, whose configuration is read then.
+        import interfaces
+
+        data = interfaces.encode(command["message"], command.get("fields"))
     elif "info" in command:
         info = command["info"]
-        node = ("/", info.get("name", "peer"), [], [])
-        data = wire.participant_entities_info(gid, [node], info["size"])
+        nodes = [("/", info["name"], [], [])] if "name" in info else []
+        data = wire.participant_entities_info(gid, nodes, info["size"])
     else:
         statuses = made_up(command["count"]) if "count" in command else command["statuses"]
         data = wire.diagnostic_array(statuses)

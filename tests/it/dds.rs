@@ -1,7 +1,5 @@
 //! The bridge against Eclipse Cyclone DDS, in a process of its own.
 
-use std::sync::Arc;
-
 use serde_json::{Value, json};
 use telltale::clock::Clock;
 use telltale::engine::input::{Input, ReceptionTrouble, Stamped, StatusArray, TroubleKind};
@@ -29,7 +27,7 @@ impl Reading {
 
     async fn with(options: BridgeOptions) -> Reading {
         let (sender, inputs) = mpsc::channel(1024);
-        let bridge = ros::start(options, model(), sender, Clock::start()).await.expect("the bridge starts");
+        let bridge = ros::start(options, &model(), sender, Clock::start()).await.expect("the bridge starts");
         Reading { bridge, inputs, received: Vec::new() }
     }
 
@@ -85,7 +83,7 @@ fn summary(received: &[Input]) -> String {
     words.collect::<Vec<_>>().join(", ")
 }
 
-fn model() -> Arc<Model> {
+fn model() -> Model {
     let signal = |name: &str, topic: &str, type_name: &str, present_for| SignalSpec {
         name: name.into(),
         source: FieldSource { topic: topic.into(), type_name: type_name.into(), field: "data".into() },
@@ -107,7 +105,7 @@ fn model() -> Arc<Model> {
         discovered: Policy::default(),
         limits: Limits::default(),
     };
-    Arc::new(Model::new(parts).expect("nothing depends on anything"))
+    Model::new(parts).expect("nothing depends on anything")
 }
 
 fn one(name: &str) -> Value {
@@ -231,7 +229,7 @@ async fn what_a_slow_engine_loses_is_counted() {
     let domain = Domain::take();
     let (sender, mut inputs) = mpsc::channel(1);
     let options = BridgeOptions::loopback(domain.id);
-    let bridge = ros::start(options, model(), sender, Clock::start()).await.expect("the bridge starts");
+    let bridge = ros::start(options, &model(), sender, Clock::start()).await.expect("the bridge starts");
     let mut peer = Peer::start(&domain, "pub");
     peer.wait_matched(1);
     // Gaps count from the first message that is received of a publisher.

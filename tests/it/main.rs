@@ -1,7 +1,9 @@
 //! The integration tests, in one binary: it links once.
 
+mod countermeasures;
 mod dds;
 mod evaluation;
+mod fields;
 mod hostile;
 mod peer;
 mod properties;

@@ -98,6 +98,14 @@ impl Peer {
         self.expect("matched");
     }
 
+    /// Has it leave as a process does that ends by itself.
+    pub fn end(mut self) {
+        self.input = None;
+        self.expect("done");
+        // Its participant says goodbye while it ends.
+        let _ = self.child.wait();
+    }
+
     /// The next line that has this key.
     pub fn expect(&mut self, key: &str) -> Value {
         loop {

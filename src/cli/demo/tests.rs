@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use super::load_config;
 use crate::engine::Engine;
-use crate::engine::input::{Input, OperatorAction};
+use crate::engine::input::{Input, OperatorAction, Place};
 use crate::engine::snapshot::{Reason, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
@@ -22,12 +22,14 @@ struct Story {
 }
 
 impl Story {
-    /// The operator logs in, and nothing is unsettled any more.
+    /// The operator logs in and says where the shuttle stands, and nothing is unsettled any more.
     fn begin() -> Story {
         let model = load_config().unwrap().model;
         let mut engine = Engine::new(model, Timestamp::ZERO);
         let login = OperatorAction::Login { name: "operator".into() };
         engine.handle(&Input::Operator(login), Timestamp::ZERO);
+        let localize = OperatorAction::Localize { place: Place::Stop("depot".into()) };
+        engine.handle(&Input::Operator(localize), Timestamp::ZERO);
         let shuttle = Shuttle::new(1, Timestamp::ZERO);
         let mut story = Story { shuttle, engine, now_ms: 0, roots: BTreeSet::new(), alarms: 0 };
         story.pass(3_000);

@@ -75,7 +75,8 @@ async fn what_stays_keeps_its_state_and_the_rest_comes_and_goes() {
     let mut bench = Bench::new("taken");
     bench.break_both().await;
     bench.write(NEW);
-    let outcome = reload(&bench.path, &bench.loaded, &bench.link.reloads).await.unwrap();
+    let outcome =
+        reload(&bench.path, &bench.loaded, &Definitions::default(), &bench.link.reloads).await.unwrap();
     assert_eq!(
         sentences(&outcome.differences),
         [
@@ -99,7 +100,8 @@ async fn a_file_with_an_error_changes_nothing_and_says_everything() {
     bench.break_both().await;
     let seq = bench.link.snapshots.borrow().snapshot.seq;
     bench.write("groups: [{ id: b, depends_on: [c] }, { id: b }]\n");
-    let error = reload(&bench.path, &bench.loaded, &bench.link.reloads).await.unwrap_err();
+    let error =
+        reload(&bench.path, &bench.loaded, &Definitions::default(), &bench.link.reloads).await.unwrap_err();
     let ReloadError::Configuration(problems) = error else { panic!("{error}") };
     assert_eq!(problems.list().len(), 2, "{problems}");
     assert_eq!(bench.shown("a/gone"), Some(State::Error));
@@ -111,7 +113,8 @@ async fn the_same_again_is_not_taken() {
     let bench = Bench::new("same");
     let seq = bench.link.snapshots.borrow().snapshot.seq;
     bench.write(&format!("# A comment.\n{OLD}"));
-    let outcome = reload(&bench.path, &bench.loaded, &bench.link.reloads).await.unwrap();
+    let outcome =
+        reload(&bench.path, &bench.loaded, &Definitions::default(), &bench.link.reloads).await.unwrap();
     assert_eq!(outcome.differences, []);
     assert_eq!(bench.link.snapshots.borrow().snapshot.seq, seq);
 }
@@ -119,7 +122,9 @@ async fn the_same_again_is_not_taken() {
 #[tokio::test]
 async fn a_request_previews_first_and_takes_when_told() {
     let bench = Bench::new("requests");
-    let mut reloads = start(bench.path.clone(), bench.loaded.clone(), bench.link.reloads.clone()).unwrap();
+    let mut reloads =
+        start(bench.path.clone(), bench.loaded.clone(), Definitions::default(), bench.link.reloads.clone())
+            .unwrap();
     let ask = async |take: bool| {
         let (reply, answer) = oneshot::channel();
         reloads.requests.send(Reread { take, reply }).await.unwrap();

@@ -1,3 +1,5 @@
+mod samples;
+
 use super::*;
 use crate::engine::state::State;
 use crate::picture::strips::{Segment, Strip};
@@ -128,9 +130,9 @@ fn a_file_that_is_wrong_says_where() {
         ],
     );
     check_run(
-        "start: { stage: cleared }\ndependencies: of\nstep: []\n",
+        "start: { stage: parked }\ndependencies: of\nstep: []\n",
         &[
-            "3:17: starting in this stage is not supported by this version (remove it)",
+            "3:17: unknown stage `parked` (one of: locked, localizing, standby, cleared, active)",
             "4:15: unknown switch `of` (one of: on, off)",
             "5:1: unknown key `step` in a scenario (did you mean `steps`?)",
         ],
@@ -158,8 +160,8 @@ fn a_file_that_is_wrong_says_where() {
   - { at: 3, every: 1, until: 2, status: { name: s, level: ok } }
   - { at: 1 }
   - { at: 1, status: { level: ok }, signal: {} }
-  - { at: 1, sample: { topic: /t } }
-  - { at: 1, operator: { clearance: } }
+  - { at: 1, sample: { stamp: 1, delay: 2 } }
+  - { at: 1, operator: { clearance: now } }
   - { at: 1, operator: { logn: a } }
 expect:
   - { at: 1 }
@@ -171,15 +173,16 @@ expect:
             "5:21: `every` must be above 0 (for example `every: 0.1`)",
             "6:21: `until` without `every` (add `every: 0.1`, or remove `until`)",
             "7:31: `until` is before `at` (exchange them)",
-            "8:5: a step needs one of status, others, signal, operator, sample, clock_step (write one step for each thing that happens)",
-            "9:5: a step needs one of status, others, signal, operator, sample, clock_step (write one step for each thing that happens)",
-            "10:22: `sample` is not supported by this version (remove it)",
-            "11:35: `clearance` is not supported by this version (remove it)",
+            "8:5: a step needs one of status, others, signal, operator, sample, publishers, probe, clock_step (write one step for each thing that happens)",
+            "9:5: a step needs one of status, others, signal, operator, sample, publishers, probe, clock_step (write one step for each thing that happens)",
+            "10:22: a sample needs `topic` (add `topic: ...`)",
+            "10:41: a sample has either `stamp` or `delay` (remove one of the two)",
+            "11:37: unknown truth value `now` (one of: true, false)",
             "12:26: unknown key `logn` in an operator's action (did you mean `login`?)",
             "14:5: this expects nothing (add `groups: { sensors: error }`, or remove it)",
             "15:27: unknown state `good` (one of: ignore, ok, warning, unknown, error)",
             "15:48: expected a count, found `2` (write how many are OK of how many that count: `2/3`)",
-            "15:69: `countermeasure` is not supported by this version (remove it)",
+            "15:69: unknown countermeasure `stop` (one of: none, notify, maneuver_stop, decelerate)",
         ],
     );
     check_run(

@@ -72,6 +72,8 @@ pub enum What {
     AlwaysHolds,
     /// The group can never show OK.
     NeverOk { why: Dead },
+    /// Countermeasure `rule` watches the node in stages in which it is never relevant.
+    DeadRule { rule: usize },
 }
 
 /// Why nothing comes of a group or of what a dependency names.
@@ -94,6 +96,7 @@ pub fn look(model: &Model) -> Soundness {
     look.hidden_causes(&situations);
     look.possibilities(&situations);
     look.conditions();
+    look.rules();
     let Look { pictures, complete, mut findings, .. } = look;
     // What is wrong for one reason is said once.
     findings.dedup();
@@ -407,6 +410,27 @@ impl Look<'_> {
                 }
             } else if open.iter().all(|it| it.meets(Some(when)) == it.meets(None)) {
                 self.findings.push(Finding { node, what: What::AlwaysHolds, example: None });
+            }
+        }
+    }
+    /// Countermeasures that wait for nodes which never count in their stages.
+    fn rules(&mut self) {
+        let model = self.judge.model;
+        for (index, rule) in model.driving.countermeasures.iter().enumerate() {
+            for &node in &rule.nodes {
+                let around = self.judge.around(node).map(NodeId::Group);
+                let whens: Vec<_> = around.chain([node]).map(|node| self.judge.when(node)).collect();
+                let named = situation::named(whens.iter().copied().flatten());
+                let Some(all) = situation::all(model, &named, false, SITUATIONS_MAX) else {
+                    self.complete = false;
+                    continue;
+                };
+                let counts = |it: &Situation| {
+                    rule.stages.contains(&it.stage) && whens.iter().all(|&when| it.meets(when))
+                };
+                if !all.iter().any(counts) {
+                    self.findings.push(Finding { node, what: What::DeadRule { rule: index }, example: None });
+                }
             }
         }
     }

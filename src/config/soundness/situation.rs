@@ -2,13 +2,15 @@
 
 use std::collections::BTreeSet;
 
-use crate::engine::model::{ACTIVE_SIGNAL, Model, Stage, StageModel, When};
+use crate::engine::model::{ACTIVE_SIGNAL, Model, POSED_SIGNAL, Stage, StageModel, When};
 
 /// A stage, and what conditions see of each of the model's signals; `None` is unknown.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Situation {
     pub stage: Stage,
     pub signals: Vec<Option<bool>>,
+    /// The operator gave a pose.
+    pub posed: bool,
 }
 
 impl Situation {
@@ -19,12 +21,16 @@ impl Situation {
             _ => self.stage != Stage::Locked,
         };
         let met = |&(index, wanted): &(usize, bool)| self.signals[index].is_none_or(|value| value == wanted);
-        in_stage && when.is_none_or(|when| when.signals.iter().all(met))
+        let posed = |when: &When| when.posed.is_none_or(|wanted| wanted == self.posed);
+        in_stage && when.is_none_or(|when| posed(when) && when.signals.iter().all(met))
     }
 
     /// For people: `stage standby, doors true, active unknown`.
     pub fn describe(&self, model: &Model) -> String {
         let mut text = format!("stage {}", self.stage.as_str());
+        if self.stage == Stage::Localizing && whens(model).any(|when| when.posed.is_some()) {
+            text.push_str(&format!(", {POSED_SIGNAL} {}", self.posed));
+        }
         for index in named_in(model) {
             let value = self.signals[index].map_or("unknown".into(), |value| value.to_string());
             text.push_str(&format!(", {} {value}", model.signals[index].name));
@@ -35,8 +41,12 @@ impl Situation {
 
 /// The signals that the model's conditions name.
 pub fn named_in(model: &Model) -> BTreeSet<usize> {
+    named(whens(model))
+}
+
+fn whens(model: &Model) -> impl Iterator<Item = &When> {
     let groups = model.groups.iter().filter_map(|group| group.when.as_ref());
-    named(groups.chain(model.modules.iter().filter_map(|module| module.when.as_ref())))
+    groups.chain(model.modules.iter().filter_map(|module| module.when.as_ref()))
 }
 
 /// The signals that these conditions name.
@@ -51,8 +61,9 @@ pub fn all(model: &Model, named: &BTreeSet<usize>, unknown_too: bool, most: usiz
         StageModel::None => &[Stage::Active],
     };
     let mut situations = Vec::new();
-    for &stage in stages {
-        let mut partial = vec![Situation { stage, signals: vec![None; model.signals.len()] }];
+    let asked = whens(model).any(|when| when.posed.is_some());
+    for (stage, posed) in stages.iter().flat_map(|&stage| with_posed(stage, asked)) {
+        let mut partial = vec![Situation { stage, signals: vec![None; model.signals.len()], posed }];
         for &index in named {
             let values = values(model, index, stage, unknown_too);
             if partial.len().saturating_mul(values.len()) > most {
@@ -72,6 +83,17 @@ pub fn all(model: &Model, named: &BTreeSet<usize>, unknown_too: bool, most: usiz
         }
     }
     Some(situations)
+}
+
+/// Only while the vehicle is being localized the pose may be there or not.
+fn with_posed(stage: Stage, asked: bool) -> impl Iterator<Item = (Stage, bool)> {
+    let values: &[bool] = match stage {
+        Stage::Locked => &[false],
+        Stage::Localizing if asked => &[false, true],
+        Stage::Localizing => &[false],
+        Stage::Standby | Stage::Cleared | Stage::Active => &[true],
+    };
+    values.iter().map(move |&posed| (stage, posed))
 }
 
 /// What conditions can see of a signal in a stage.

@@ -43,6 +43,16 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
             format!("this condition of `{name}` changes nothing"),
             "it holds whenever the groups around it are relevant: remove it",
         ),
+        What::DeadRule { rule } => {
+            let watched = model.driving.countermeasures.get(*rule).map_or(&[][..], |rule| &rule.nodes);
+            let position = watched.iter().position(|&watched| watched == node);
+            let spans = places.rules.get(*rule).zip(position);
+            (
+                spans.and_then(|(spans, position)| spans.get(position).copied()).unwrap_or(place.id),
+                format!("`{name}` is never relevant in the stages of this countermeasure"),
+                "remove it there, or name the stages in which it counts",
+            )
+        }
         What::NeverOk { why } => {
             let help = match why {
                 Dead::NoMembers(_) => "give it `modules`, `match` or `groups`, or remove it",

@@ -74,3 +74,105 @@ fn an_order_is_a_difference() {
         &["group `new` is new", "the groups: they stand in another order"],
     );
 }
+
+#[test]
+fn every_key_of_a_monitor_is_a_difference() {
+    let text =
+        |monitor: &str| format!("groups: [{{ id: a, modules: [{{ id: m, monitor: {{ {monitor} }} }}] }}]\n");
+    let (t, u) = ("topic: /t, type: a/msg/B", "topic: /u, type: a/msg/B");
+    let pairs = [
+        (format!("frequency: {{ {t}, error_below: 1 }}"), format!("frequency: {{ {u}, error_below: 1 }}")),
+        (format!("frequency: {{ {t}, error_below: 1 }}"), format!("frequency: {{ {t}, warning_below: 1 }}")),
+        (
+            format!("frequency: {{ {t}, error_below: 1 }}"),
+            format!("frequency: {{ {t}, window: 3s, error_below: 1 }}"),
+        ),
+        (
+            "frequency: { topic: /t, type: a/msg/B, error_below: 1 }".into(),
+            "frequency: { topic: /t, type: a/msg/C, error_below: 1 }".into(),
+        ),
+        (format!("latency: {{ {t}, error_above: 1s }}"), format!("latency: {{ {t}, error_above: 2s }}")),
+        (
+            format!("value: {{ {t}, field: x, error_above: 1 }}"),
+            format!("value: {{ {t}, field: y, error_above: 1 }}"),
+        ),
+        (
+            "value: { status: s, key: k, error_unless: 1 }".into(),
+            "value: { status: s, key: k, error_unless: '1' }".into(),
+        ),
+        (
+            "value: { status: s, key: k, error_unless: 1 }".into(),
+            "value: { status: s, key: l, error_unless: 1 }".into(),
+        ),
+        ("watchdog: { node: /n }".into(), "watchdog: { icmp: n }".into()),
+        ("watchdog: { node: /n }".into(), "watchdog: { node: /n, every: 2s }".into()),
+        ("watchdog: { node: /n }".into(), "watchdog: { node: /n, misses: 2 }".into()),
+        (
+            format!("rate_ratio: {{ input: {{ {t} }}, output: {{ {u} }}, error_below: 1 }}"),
+            format!("rate_ratio: {{ input: {{ {u} }}, output: {{ {t} }}, error_below: 1 }}"),
+        ),
+        (
+            "sequence: { earlier: { status: s, key: a }, later: { status: s, key: b }, error_above: 1 }".into(),
+            "sequence: { earlier: { status: s, key: a }, later: { status: s, key: b }, max_gap: 3s, error_above: 1 }"
+                .into(),
+        ),
+        (
+            format!("agreement: {{ a: {{ {t}, pose: x }}, b: {{ {u}, pose: x }}, translation: {{ error_above: 1 }} }}"),
+            format!("agreement: {{ a: {{ {t}, pose: x }}, b: {{ {u}, pose: x }}, rotation_deg: {{ error_above: 1 }} }}"),
+        ),
+        (
+            format!("agreement: {{ a: {{ {t}, field: x }}, b: {{ {u}, field: x }}, error_above: 1 }}"),
+            format!("agreement: {{ a: {{ {t}, field: x }}, b: {{ {u}, field: x }}, motion_over: 1s, error_above: 1 }}"),
+        ),
+        (
+            "expression: { inputs: { x: { status: s, key: k } }, error: x > 1 }".into(),
+            "expression: { inputs: { x: { status: s, key: k } }, error: x > 2 }".into(),
+        ),
+        (
+            "expression: { inputs: { x: { status: s, key: k } }, error: x > 1 }".into(),
+            "expression: { inputs: { x: { status: s, key: k } }, max_age: 2s, error: x > 1 }".into(),
+        ),
+        (
+            "external: { status: s, class: { location: isolated, information: meta } }".into(),
+            "external: { status: s, class: { location: isolated, information: meta, flow: parallel } }".into(),
+        ),
+    ];
+    let load = |text: &str| parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
+    for (old, new) in pairs {
+        let (was, is) = (load(&text(&old)), load(&text(&new)));
+        assert_eq!(difference(&was, &was), []);
+        let found = difference(&was, &is);
+        assert!(
+            matches!(&found[..], [one] if one.subject == "module `a/m`" && one.detail.starts_with("monitor from")),
+            "{old} / {new}: {found:?}"
+        );
+    }
+}
+
+#[test]
+fn countermeasures_and_topics_that_are_published_can_be_different() {
+    let head =
+        "groups: [{ id: a, modules: [{ id: m, status: s }] }, { id: b, modules: [{ id: m, status: t }] }]\n";
+    let (stop, slow) = (
+        "{ request: maneuver_stop, when: { groups: [a] } }",
+        "{ request: decelerate, when: { groups: [b] } }",
+    );
+    check(
+        &format!("{head}countermeasures: [{stop}, {slow}]\n"),
+        &format!(
+            "{head}countermeasures: [{{ request: decelerate, mps2: 2, when: {{ groups: [b] }} }}, {stop}]\npublish: {{ toplevel_state: false, diagnostics_agg: {{ rate: 2 }}, stage: {{ topic: /s }} }}\ndefaults: {{ no_publisher: error }}\n"
+        ),
+        &[
+            "the vehicle: defaults from unknown after 2s of silence to unknown after 2s of silence, error without a publisher; diagnostics_agg from /diagnostics_agg every 1s to /diagnostics_agg every 500ms; toplevel_state from /diagnostics_toplevel_state every 1s to switched off; stage from /telltale/stage to /s",
+            "module `a/m`: policy from unknown after 2s of silence to unknown after 2s of silence, error without a publisher",
+            "module `b/m`: policy from unknown after 2s of silence to unknown after 2s of silence, error without a publisher",
+            "countermeasure `decelerate by 1 m/s² when b is error in active` is gone",
+            "countermeasure `decelerate by 2 m/s² when b is error in active` is new",
+        ],
+    );
+    check(
+        &format!("{head}countermeasures: [{stop}, {slow}]\n"),
+        &format!("{head}countermeasures: [{slow}, {stop}]\n"),
+        &["the countermeasures: they stand in another order"],
+    );
+}

@@ -49,8 +49,8 @@ fn modules_say_what_they_watch() {
         &["1:49: unknown kind of monitor `frequenzy` (did you mean `frequency`?)"],
     );
     check(
-        &module("id: m, monitor: { frequency: { topic: /t } }"),
-        &["1:49: `monitor: frequency` is not supported by this version (remove it)"],
+        &module("id: m, monitor: { frequency: { topic: /t, error_below: 1 } }"),
+        &["1:60: a frequency monitor needs `type` (add `type: ...`)"],
     );
     check(
         &module("id: m, status: s }, { id: n, status: s"),
@@ -201,10 +201,8 @@ fn conditions_can_hold() {
         &["2:60: there is no signal `activ` (did you mean `active`?)"],
     );
     check(&when("{ signals: { active: yes } }"), &["2:68: unknown truth value `yes` (one of: true, false)"]);
-    check(
-        &when("{ signals: { posed: true } }"),
-        &["2:60: the signal `posed` is not supported by this version (remove it)"],
-    );
+    check(&when("{ signals: { pose: true } }"), &["2:60: there is no signal `pose` (did you mean `posed`?)"]);
+    check(&when("{ signals: { posed: true } }"), &[]);
 }
 
 #[test]
@@ -235,12 +233,11 @@ fn tiles_have_a_place_of_their_own() {
 }
 
 #[test]
-fn signals_are_of_a_type_that_can_be_read() {
+fn a_signal_is_any_field_of_any_type() {
     check(
-        "signals:\n  a: { topic: /a, type: std_msgs/msg/Float64, field: data }\n  b: { topic: /diagnostics, type: std_msgs/msg/Bool }\ngroups: [{ id: g, match: [{ name: n }] }]\n",
+        "signals:\n  a: { topic: /a, type: nav_msgs/msg/Odometry, field: 'x[0].on' }\n  b: { topic: /diagnostics, type: std_msgs/msg/Bool }\ngroups: [{ id: g, match: [{ name: n }] }]\n",
         &[
-            "2:25: a signal cannot be read from std_msgs/msg/Float64.data (use a std_msgs/msg/Bool and its field `data`, or `present_for: 1h` if only the arrival of a message matters)",
-            "3:35: /diagnostics is read as diagnostic_msgs/msg/DiagnosticArray already (a topic has one type; name the topic that carries this signal)",
+            "3:35: /diagnostics is read as diagnostic_msgs/msg/DiagnosticArray already (a topic has one type; correct the type, or name another topic)",
         ],
     );
 }

@@ -20,7 +20,19 @@ groups:
     match: [{ zzzz: 1 }]
     depends_on: [{ zzzz: 1 }]
     when: { zzzz: 1 }
-    modules: [{ zzzz: 1, monitor: { self_state: { zzzz: 1 } } }]
+    modules:
+      - { zzzz: 1, monitor: { self_state: { zzzz: 1 } } }
+      - { monitor: { external: { zzzz: 1, class: { zzzz: 1 } } } }
+      - { monitor: { frequency: { zzzz: 1 } } }
+      - { monitor: { latency: { zzzz: 1 } } }
+      - { monitor: { value: { zzzz: 1, topic: /t } } }
+      - { monitor: { watchdog: { zzzz: 1 } } }
+      - { monitor: { rate_ratio: { zzzz: 1, input: { zzzz: 1 } } } }
+      - { monitor: { sequence: { zzzz: 1, earlier: { zzzz: 1 } } } }
+      - { monitor: { agreement: { zzzz: 1, a: { zzzz: 1 }, translation: { zzzz: 1 }, rotation_deg: { zzzz: 1 } } } }
+      - { monitor: { expression: { zzzz: 1 } } }
+countermeasures: [{ zzzz: 1, when: { zzzz: 1 }, confirmed_by: { zzzz: 1 } }]
+publish: { zzzz: 1, stage: { zzzz: 1 }, diagnostics_agg: { zzzz: 1 } }
 ";
 
 #[test]
@@ -32,7 +44,7 @@ fn the_schema_knows_the_keys_that_the_reader_knows() {
         let keys = problem.help.as_ref().and_then(|help| help.strip_prefix("known here: ")).unwrap();
         reader.insert(what.to_owned(), keys.split(", ").map(str::to_owned).collect());
     }
-    assert_eq!(reader.len(), 14, "{reader:#?}");
+    assert_eq!(reader.len(), 35, "{reader:#?}");
 
     let schema: Value = serde_json::from_str(SCHEMA).unwrap();
     let definitions = schema["$defs"].as_object().unwrap().values();

@@ -137,3 +137,14 @@ fn a_cause_inside_of_a_redundant_group_is_seen_by_no_tile() {
         ],
     );
 }
+
+#[test]
+fn a_countermeasure_watches_what_counts_in_its_stages() {
+    check(
+        "groups:\n- { id: a, when: { stages: [standby] }, modules: [{ id: m, status: s }] }\n- { id: b, when: { signals: { active: true } }, modules: [{ id: m, status: t }] }\ncountermeasures:\n- { request: decelerate, when: { groups: [b], modules: [a/m] } }\n- { request: notify, when: { groups: [a], stages: [standby, active] } }\n- { request: notify, when: { modules: [b/m], stages: [locked] } }\n",
+        &[
+            "5:57: `a/m` is never relevant in the stages of this countermeasure (remove it there, or name the stages in which it counts)",
+            "7:40: `b/m` is never relevant in the stages of this countermeasure (remove it there, or name the stages in which it counts)",
+        ],
+    );
+}

@@ -1,3 +1,223 @@
-//! Diagnosis modules that watch from the outside (paper, Sec. III-D; `ENGINE.md` 7).
+//! Diagnosis modules that watch from the outside (paper, Sec. III-D; `ENGINE.md` 7). Each kind is a
+//! small machine that is given the time: it takes what comes, judges it, and says when time alone
+//! will change its judgement.
 
+mod agreement;
+mod expression;
+mod frequency;
+mod inputs;
+mod latency;
+mod meaning;
+mod motion;
+mod rate_ratio;
+mod sequence;
 pub mod spec;
+#[cfg(test)]
+mod tests;
+mod value;
+mod watchdog;
+mod window;
+mod words;
+
+use agreement::Agreement;
+use expression::Expression;
+use frequency::Frequency;
+use inputs::Inputs;
+use latency::Latency;
+use rate_ratio::RateRatio;
+use sequence::Sequence;
+use spec::{MonitorSpec, TopicId, ValueSource, Watched};
+use value::Value;
+use watchdog::Watchdog;
+pub(super) use words::Words;
+
+use super::sample::{FieldValue, ProbeOutcome, Sample};
+use super::state::State;
+use super::time::{Span, Timestamp};
+
+/// What comes of one source of a monitor.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Taken<'a> {
+    /// A message, whatever is in it.
+    Message(&'a Sample),
+    Value(&'a FieldValue),
+    Probe(&'a ProbeOutcome),
+}
+
+/// What a monitor is fed from. Its position in [`feeds`] is the slot in which it takes it.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Feed<'a> {
+    Messages(TopicId),
+    Values(&'a ValueSource),
+}
+
+/// The sources of a monitor, by slot. Probes have none.
+pub(super) fn feeds(spec: &MonitorSpec) -> Vec<Feed<'_>> {
+    match spec {
+        MonitorSpec::SelfState { .. } | MonitorSpec::External { .. } | MonitorSpec::Watchdog { .. } => {
+            Vec::new()
+        }
+        MonitorSpec::Frequency { topic, .. } | MonitorSpec::Latency { topic, .. } => {
+            vec![Feed::Messages(*topic)]
+        }
+        MonitorSpec::RateRatio { input, output, .. } => {
+            let mut feeds = vec![Feed::Messages(*input); 2];
+            feeds[RateRatio::OUTPUT] = Feed::Messages(*output);
+            feeds
+        }
+        MonitorSpec::Value { source, .. } => vec![Feed::Values(source)],
+        MonitorSpec::Sequence { earlier, later, .. } => vec![Feed::Values(earlier), Feed::Values(later)],
+        MonitorSpec::Agreement { a, b, .. } => vec![Feed::Values(a), Feed::Values(b)],
+        MonitorSpec::Expression { inputs, .. } => {
+            inputs.iter().map(|(_, source)| Feed::Values(source)).collect()
+        }
+    }
+}
+
+/// One monitor over time. It holds no ids, so it lives on under another configuration.
+#[derive(Debug, Clone)]
+pub(super) enum Monitor {
+    Frequency(Frequency),
+    Latency(Latency),
+    Value(Value),
+    Watchdog(Watchdog),
+    RateRatio(RateRatio),
+    Sequence(Sequence),
+    Agreement(Box<Agreement>),
+    Expression(Box<Expression>),
+}
+
+impl Monitor {
+    /// `None` for those that judge the level of a status.
+    pub(super) fn new(spec: &MonitorSpec, watched: &Watched) -> Option<Monitor> {
+        let one = |source, max_age| Inputs::new([("", source)].into_iter(), watched, max_age);
+        Some(match spec {
+            MonitorSpec::SelfState { .. } | MonitorSpec::External { .. } => return None,
+            MonitorSpec::Frequency { window, bands, .. } => {
+                Monitor::Frequency(Frequency::new(*window, *bands))
+            }
+            MonitorSpec::Latency { window, bands, .. } => Monitor::Latency(Latency::new(*window, *bands)),
+            MonitorSpec::Value { source, rule } => {
+                Monitor::Value(Value::new(one(source, None), rule.clone()))
+            }
+            MonitorSpec::Watchdog { watchdog, misses } => {
+                Monitor::Watchdog(Watchdog::new(&watched.watchdogs[watchdog.0 as usize], *misses))
+            }
+            MonitorSpec::RateRatio { window, bands, .. } => {
+                Monitor::RateRatio(RateRatio::new(*window, *bands))
+            }
+            MonitorSpec::Sequence { earlier, later, max_gap, bands } => {
+                let inputs = Inputs::new([("earlier", earlier), ("later", later)].into_iter(), watched, None);
+                Monitor::Sequence(Sequence::new(inputs, *max_gap, *bands))
+            }
+            MonitorSpec::Agreement { a, b, max_age, motion_over, rule } => {
+                let inputs = Inputs::new([("a", a), ("b", b)].into_iter(), watched, Some(*max_age));
+                Monitor::Agreement(Box::new(Agreement::new(inputs, *max_age, *motion_over, rule.clone())))
+            }
+            MonitorSpec::Expression { inputs: sources, max_age, warning, error, .. } => {
+                let roles = sources.iter().map(|(name, source)| (&**name, source));
+                let inputs = Inputs::new(roles, watched, Some(*max_age));
+                let names = sources.iter().map(|(name, _)| name.clone());
+                let expression = Expression::new(inputs, names, warning.clone(), error.clone());
+                Monitor::Expression(Box::new(expression))
+            }
+        })
+    }
+
+    /// Whether words are compared with the value, so that "12" is a word too.
+    pub(super) fn wants_words(&self) -> bool {
+        matches!(self, Monitor::Value(value) if value.wants_words())
+    }
+
+    /// What is judged by the clock too starts when its module becomes relevant, and rests while it is not.
+    pub(super) fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
+        match self {
+            Monitor::Frequency(monitor) => monitor.set_relevant(relevant, now),
+            Monitor::RateRatio(monitor) => monitor.set_relevant(relevant, now),
+            Monitor::Watchdog(monitor) => monitor.set_relevant(relevant, now),
+            _ => {}
+        }
+    }
+
+    pub(super) fn take(&mut self, slot: usize, taken: Taken<'_>, now: Timestamp) {
+        match (self, taken) {
+            (Monitor::Frequency(monitor), Taken::Message(_)) => monitor.take(now),
+            (Monitor::RateRatio(monitor), Taken::Message(_)) => monitor.take(slot, now),
+            (Monitor::Latency(monitor), Taken::Message(sample)) => monitor.take(sample, now),
+            (Monitor::Watchdog(monitor), Taken::Probe(outcome)) => monitor.take(outcome, now),
+            (Monitor::Value(monitor), Taken::Value(value)) => {
+                monitor.inputs.take(slot, value, now);
+            }
+            (Monitor::Sequence(monitor), Taken::Value(value)) => monitor.take(slot, value, now),
+            (Monitor::Agreement(monitor), Taken::Value(value)) => monitor.take(slot, value, now),
+            (Monitor::Expression(monitor), Taken::Value(value)) => monitor.take(slot, value, now),
+            _ => {}
+        }
+    }
+
+    /// The state at `now`; `None` while there is nothing to judge.
+    pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
+        match self {
+            Monitor::Frequency(monitor) => monitor.judge(now),
+            Monitor::Latency(monitor) => monitor.judge(now),
+            Monitor::Value(monitor) => monitor.judge(now),
+            Monitor::Watchdog(monitor) => monitor.judge(now),
+            Monitor::RateRatio(monitor) => monitor.judge(now),
+            Monitor::Sequence(monitor) => monitor.judge(),
+            Monitor::Agreement(monitor) => monitor.judge(now),
+            Monitor::Expression(monitor) => monitor.judge(now),
+        }
+    }
+
+    /// After [`Monitor::judge`] at `now`: when the state may change if nothing comes.
+    pub(super) fn due(&self, now: Timestamp) -> Option<Timestamp> {
+        let due = match self {
+            Monitor::Frequency(monitor) => monitor.due(now),
+            Monitor::Latency(monitor) => monitor.due(),
+            Monitor::Watchdog(monitor) => monitor.due(),
+            Monitor::RateRatio(monitor) => monitor.due(now),
+            Monitor::Agreement(monitor) => monitor.due(now),
+            Monitor::Expression(monitor) => monitor.due(now),
+            Monitor::Value(_) | Monitor::Sequence(_) => None,
+        };
+        due.filter(|&due| due > now)
+    }
+
+    /// Whether what is measured, or why it is not known, changes with time alone.
+    pub(super) fn moves(&self, now: Timestamp) -> bool {
+        match self {
+            Monitor::Frequency(monitor) => monitor.moves(),
+            Monitor::Latency(monitor) => monitor.moves(),
+            Monitor::RateRatio(monitor) => monitor.moves(),
+            Monitor::Value(_) | Monitor::Sequence(_) => false,
+            Monitor::Watchdog(_) | Monitor::Agreement(_) | Monitor::Expression(_) => self.due(now).is_some(),
+        }
+    }
+
+    /// After [`Monitor::judge`] at `now`: what was measured, in words.
+    pub(super) fn words(&self, now: Timestamp) -> Words {
+        match self {
+            Monitor::Frequency(monitor) => monitor.words(now),
+            Monitor::Latency(monitor) => monitor.words(),
+            Monitor::Value(monitor) => monitor.words(now),
+            Monitor::Watchdog(monitor) => monitor.words(now),
+            Monitor::RateRatio(monitor) => monitor.words(now),
+            Monitor::Sequence(monitor) => monitor.words(),
+            Monitor::Agreement(monitor) => monitor.words(now),
+            Monitor::Expression(monitor) => monitor.words(now),
+        }
+    }
+}
+
+/// What a KeyValue means: `12.5` is a number, `true` and `false` are booleans, the rest is text.
+pub(super) fn parse(text: &str) -> FieldValue {
+    let trimmed = text.trim();
+    match trimmed {
+        "true" => FieldValue::Bool(true),
+        "false" => FieldValue::Bool(false),
+        _ => trimmed.parse().map_or_else(|_| FieldValue::Text(text.into()), FieldValue::Number),
+    }
+}
+
+/// Words are written again at most this often while the state stays.
+pub(super) const WORDS_EVERY: Span = Span::from_millis(250);

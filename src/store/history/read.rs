@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use rusqlite::{Connection, OptionalExtension as _, Row, params};
 
-use super::write::{CLEARED, LOST, MOVED, RAISED, SIGNAL, STAGE, STARTED};
+use super::write::{ACKNOWLEDGED, CLEARED, LOST, MOVED, RAISED, SIGNAL, STAGE, STARTED};
 use crate::engine::model::Stage;
 use crate::engine::state::State;
 
@@ -55,6 +55,7 @@ pub enum Happened {
     Signal { name: String, value: Option<bool> },
     AlarmRaised { id: i64, node: String },
     AlarmMoved { id: i64, symptom: String, cause: String },
+    AlarmAcknowledged { id: i64, node: String },
     AlarmCleared { id: i64, node: String },
     Lost(i64),
 }
@@ -171,6 +172,7 @@ fn happened(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<V
             SIGNAL => Some(Happened::Signal { name: name(2)?, value: flag.map(|flag| flag == 1) }),
             RAISED => Some(Happened::AlarmRaised { id: number, node: name(2)? }),
             MOVED => Some(Happened::AlarmMoved { id: number, symptom: name(2)?, cause: name(4)? }),
+            ACKNOWLEDGED => Some(Happened::AlarmAcknowledged { id: number, node: name(2)? }),
             CLEARED => Some(Happened::AlarmCleared { id: number, node: name(2)? }),
             LOST => Some(Happened::Lost(number)),
             // Of a newer program.

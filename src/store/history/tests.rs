@@ -120,6 +120,10 @@ fn all_else_that_happened_is_told_in_order() {
             Recorded::AlarmCleared { id: 3, node: "b".into() },
             Happened::AlarmCleared { id: 3, node: "b".into() },
         ),
+        (
+            Recorded::AlarmAcknowledged { id: 3, node: "b".into() },
+            Happened::AlarmAcknowledged { id: 3, node: "b".into() },
+        ),
         (Recorded::Lost(7), Happened::Lost(7)),
     ];
     let records: Vec<Recorded> = all.iter().map(|(record, _)| record.clone()).collect();

@@ -18,6 +18,7 @@ pub const RAISED: i64 = 5;
 pub const MOVED: i64 = 6;
 pub const CLEARED: i64 = 7;
 pub const LOST: i64 = 8;
+pub const ACKNOWLEDGED: i64 = 9;
 
 /// Names whose row is known without asking; more are asked for again.
 const NAMES_MAX: usize = 65_536;
@@ -135,6 +136,12 @@ impl Writer {
                 kind: MOVED,
                 node: Some(id(symptom)?),
                 other: Some(id(cause)?),
+                number: Some(*number as i64),
+                ..Row::default()
+            },
+            Recorded::AlarmAcknowledged { id: number, node } => Row {
+                kind: ACKNOWLEDGED,
+                node: Some(id(node)?),
                 number: Some(*number as i64),
                 ..Row::default()
             },

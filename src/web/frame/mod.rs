@@ -16,7 +16,7 @@ pub use html::Frame;
 use super::view::{self, Lang};
 use crate::engine::model::Stage;
 use crate::engine::persistent::PersistentVec;
-use crate::engine::snapshot::{Layout, Snapshot};
+use crate::engine::snapshot::{Layout, Localization, Snapshot};
 use crate::engine::state::State;
 use crate::runtime::Published;
 
@@ -103,6 +103,12 @@ pub fn permitted(published: &Published) -> Published {
         modules: PersistentVec::default(),
         roots: Arc::new([]),
         alarms: Arc::new([]),
+        last_alarm: snapshot.last_alarm,
+        accepted: Arc::new([]),
+        countermeasures: Arc::new([]),
+        localization: Localization::default(),
+        clearance: snapshot.clearance,
+        clearance_refusals: Arc::new([]),
         signals: Arc::new([]),
         reception: Arc::new([]),
         counters: snapshot.counters,

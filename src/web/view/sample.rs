@@ -268,7 +268,7 @@ pub fn module(group: &str, id: u32, name: &str) -> ModuleSpec {
 pub fn parts() -> Parts {
     let groups = COMPONENTS.iter().map(|&(path, en, de, place, depends_on, driving)| GroupSpec {
         depends_on: depends_on.iter().map(|&on| on_group(on as u32)).collect(),
-        when: driving.then(|| When { stages: Vec::new(), signals: vec![(0, true)] }),
+        when: driving.then(|| When { stages: Vec::new(), signals: vec![(0, true)], posed: None }),
         tile: Some(place),
         ..group(path, text(en, de))
     });
@@ -331,6 +331,7 @@ impl Sample {
 
     pub fn login(mut self) -> Sample {
         self.input(&Input::Operator(OperatorAction::Login { name: "operator".into() }));
+        self.engine.start_in(crate::engine::model::Stage::Standby);
         self
     }
 

@@ -3,8 +3,9 @@
 
 use std::sync::Arc;
 
+use telltale::engine::countermeasure::{Confirmation, ConfirmedBy, Request, Rule};
 use telltale::engine::filter::Filter;
-use telltale::engine::input::{Input, OperatorAction, StatusArray};
+use telltale::engine::input::{AlarmRef, Input, OperatorAction, Place, StatusArray};
 use telltale::engine::model::{
     Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleId,
     ModuleSpec, MonitorSpec, NodeId, Parts, Policy, SignalSpec, Stage, StageModel, Text, When,
@@ -12,6 +13,8 @@ use telltale::engine::model::{
 use telltale::engine::monitor::spec::Watched;
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
+
+use super::monitors;
 
 /// Decides by the numbers it was given; when they are used up every choice is the first one.
 pub struct Choices<'a>(std::slice::Iter<'a, u32>);
@@ -75,7 +78,31 @@ pub fn parts(choices: &mut Choices<'_>) -> Parts {
     for _ in 0..choices.below(10) {
         add_dependency(&mut parts, choices);
     }
+    for _ in 0..choices.below(4) {
+        let rule = rule(&parts, choices);
+        parts.driving.countermeasures.push(rule);
+    }
     parts
+}
+
+fn rule(parts: &Parts, choices: &mut Choices<'_>) -> Rule {
+    let stages: Vec<Stage> = Stage::ALL.into_iter().filter(|_| choices.one_in(2)).collect();
+    let by = match choices.below(3) {
+        0 => None,
+        1 => Some(ConfirmedBy::Signal(1)),
+        _ => Some(ConfirmedBy::Status(format!("s{}", choices.below(9)).into())),
+    };
+    Rule {
+        request: match choices.below(4) {
+            0 => Request::Notify,
+            1 => Request::ManeuverStop,
+            _ => Request::Decelerate { mps2: 1.0 + choices.below(3) as f64 },
+        },
+        nodes: (0..1 + choices.below(3)).map(|_| any_node(parts, choices)).collect(),
+        state: [State::Error, State::Warning][choices.below(2)],
+        stages: if stages.is_empty() { vec![Stage::Active] } else { stages },
+        confirmation: by.map(|by| Confirmation { by, within: Span::from_millis(100) }),
+    }
 }
 
 fn empty(choices: &mut Choices<'_>) -> Parts {
@@ -97,7 +124,10 @@ fn empty(choices: &mut Choices<'_>) -> Parts {
         groups: Vec::new(),
         modules: Vec::new(),
         watched: Watched::default(),
-        driving: Driving::default(),
+        driving: Driving {
+            localized_after: Span::from_millis(50 * choices.below(3) as u64),
+            ..Driving::default()
+        },
         discovered: policy(choices),
         limits: Limits { discovered_modules: choices.below(6), ..Limits::default() },
     }
@@ -107,13 +137,14 @@ fn when(choices: &mut Choices<'_>) -> Option<When> {
     if !choices.one_in(3) {
         return None;
     }
-    let mut when = When { stages: Vec::new(), signals: Vec::new() };
+    let mut when = When { stages: Vec::new(), signals: Vec::new(), posed: None };
     if choices.one_in(2) {
         when.stages = Stage::ALL.into_iter().filter(|_| choices.one_in(2)).collect();
     }
     if choices.one_in(2) {
         when.signals.push((choices.below(SIGNALS.len()), choices.one_in(2)));
     }
+    when.posed = choices.one_in(4).then(|| choices.one_in(2));
     Some(when)
 }
 
@@ -167,7 +198,9 @@ fn add_dependency(parts: &mut Parts, choices: &mut Choices<'_>) {
 }
 
 pub fn model(choices: &mut Choices<'_>) -> Arc<Model> {
-    Arc::new(Model::new(parts(choices)).expect("dependencies that close a cycle were left out"))
+    let mut parts = parts(choices);
+    monitors::watch(&mut parts, choices);
+    Arc::new(Model::new(parts).expect("dependencies that close a cycle were left out"))
 }
 
 /// What happens, and when; times never go back.
@@ -182,14 +215,11 @@ pub fn history(choices: &mut Choices<'_>) -> Vec<(Timestamp, Input)> {
 }
 
 fn input(choices: &mut Choices<'_>) -> Input {
-    match choices.below(8) {
+    match choices.below(12) {
         0 => Input::Tick,
         1 => Input::Signal { name: SIGNALS[choices.below(SIGNALS.len())].into(), value: choices.one_in(2) },
-        2 => Input::Operator(match choices.below(4) {
-            0 | 1 => OperatorAction::Login { name: "anna".into() },
-            2 => OperatorAction::Logout,
-            _ => OperatorAction::Reset { module: format!("g0/m{}", choices.below(3)).into() },
-        }),
+        2 => Input::Operator(action(choices)),
+        8.. => monitors::input(choices),
         _ => {
             let mut array = StatusArray::default();
             for _ in 0..1 + choices.below(4) {
@@ -200,8 +230,38 @@ fn input(choices: &mut Choices<'_>) -> Input {
                     _ => format!("stray{}", choices.below(3)),
                 };
                 array.push_status(choices.below(4) as u8, &name, ["", "a", "b"][choices.below(3)], "");
+                if choices.one_in(2) {
+                    array.push_value("k", ["0.5", "1", "2", "4", "nan"][choices.below(5)]);
+                }
             }
             Input::Diagnostics(array)
         }
+    }
+}
+
+fn action(choices: &mut Choices<'_>) -> OperatorAction {
+    let (display_live, storage_ok) = (!choices.one_in(8), !choices.one_in(8));
+    match choices.below(12) {
+        0..3 => OperatorAction::Login { name: "anna".into() },
+        3 => OperatorAction::Logout,
+        4 => OperatorAction::Shutdown,
+        5 => OperatorAction::Reset { module: format!("g0/m{}", choices.below(3)).into() },
+        6 | 7 => OperatorAction::Localize {
+            place: match choices.below(4) {
+                0 => Place::Stop("nowhere".into()),
+                far => Place::Pose { x_m: [0.0, 9e9, f64::NAN][far - 1], y_m: 1.0, yaw_deg: 90.0 },
+            },
+        },
+        8 => OperatorAction::AskClearance { display_live, storage_ok },
+        9 => OperatorAction::Clear { display_live, storage_ok },
+        10 => OperatorAction::RequestStop,
+        _ => OperatorAction::Acknowledge {
+            alarm: match choices.below(4) {
+                0 => AlarmRef::OperatorStop,
+                1 => AlarmRef::Number(choices.below(4) as u64),
+                2 => AlarmRef::Node("g0".into()),
+                _ => AlarmRef::Node(format!("g0/m{}", choices.below(3)).into()),
+            },
+        },
     }
 }

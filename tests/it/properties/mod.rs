@@ -2,6 +2,8 @@
 //! how many; a failure prints the numbers that its case was made from.
 
 mod cases;
+mod driving;
+mod monitors;
 mod oracle;
 mod soundness;
 
@@ -9,12 +11,13 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use cases::{Choices, history, model};
+use monitors::{History, Since};
 use oracle::Oracle;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, StatusArray};
-use telltale::engine::model::{GroupId, Model, NodeId};
+use telltale::engine::model::{GroupId, Model, ModuleId, NodeId, POSED_SIGNAL};
 use telltale::engine::snapshot::{NotRelevant, Path, Reason, Snapshot};
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
@@ -40,6 +43,28 @@ proptest! {
         for (at, input) in history(&mut choices) {
             engine.handle(&input, at);
             check(&model, &engine.snapshot());
+        }
+    }
+
+    #[test]
+    fn monitors_say_what_follows_from_all_that_was_received(numbers in numbers()) {
+        let mut choices = Choices::new(&numbers);
+        let model = model(&mut choices);
+        let history = history(&mut choices);
+        let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+        let mut since = vec![None; model.modules.len()];
+        for (index, (at, input)) in history.iter().enumerate() {
+            note_relevance(&engine.snapshot(), index, &mut since);
+            engine.handle(input, *at);
+            let snapshot = engine.snapshot();
+            note_relevance(&snapshot, index + 1, &mut since);
+            let seen = History { model: &model, seen: &history[..=index], now: *at };
+            for (id, since) in (0..).map(ModuleId).zip(&since) {
+                if let Some(verdict) = seen.verdict(id, *since) {
+                    let reported = snapshot.module(id).1.steps.reported;
+                    prop_assert_eq!(reported, verdict, "{:?} at {:?}", model.modules[id.0 as usize].monitor, at);
+                }
+            }
         }
     }
 
@@ -120,6 +145,16 @@ proptest! {
     }
 }
 
+fn note_relevance(snapshot: &Snapshot, inputs: usize, since: &mut [Option<Since>]) {
+    for (id, since) in (0..).map(ModuleId).zip(since) {
+        if matches!(snapshot.shown(NodeId::Module(id)).1, Some(Reason::NotRelevant(_))) {
+            *since = None;
+        } else if since.is_none() {
+            *since = Some(Since { at: snapshot.now, inputs });
+        }
+    }
+}
+
 fn rank(state: State) -> usize {
     [State::Ignore, State::Ok, State::Warning, State::Unknown, State::Error]
         .iter()
@@ -164,6 +199,11 @@ fn check(model: &Model, snapshot: &Snapshot) {
         match reason {
             Some(Reason::NotRelevant(NotRelevant::Stage(stage))) => {
                 assert_eq!(*stage, snapshot.stage, "the stage that {name} names");
+            }
+            Some(Reason::NotRelevant(NotRelevant::Signal { name: signal, value }))
+                if &**signal == POSED_SIGNAL =>
+            {
+                assert_eq!(oracle.posed(), *value, "the pose that {name} names");
             }
             Some(Reason::NotRelevant(NotRelevant::Signal { name: signal, value })) => {
                 let now = snapshot.signals.iter().find(|(known, _)| known == signal);

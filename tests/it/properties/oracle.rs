@@ -70,17 +70,28 @@ impl<'a> Oracle<'a> {
         self.around(node).into_iter().all(|node| self.holds(self.when(node)))
     }
 
+    /// The built-in signal.
+    pub fn posed(&self) -> bool {
+        match self.snapshot.stage {
+            Stage::Locked => false,
+            Stage::Localizing => self.snapshot.localization.given.is_some(),
+            Stage::Standby | Stage::Cleared | Stage::Active => true,
+        }
+    }
+
     fn holds(&self, when: Option<&When>) -> bool {
         let stage = self.snapshot.stage;
         let in_stage = match when {
             Some(when) if !when.stages.is_empty() => when.stages.contains(&stage),
             _ => stage != Stage::Locked,
         };
+        let posed = self.posed();
         in_stage
             && when.is_none_or(|when| {
-                when.signals.iter().all(|&(index, wanted)| {
-                    self.snapshot.signals[index].1.is_none_or(|value| value == wanted)
-                })
+                when.posed.is_none_or(|wanted| wanted == posed)
+                    && when.signals.iter().all(|&(index, wanted)| {
+                        self.snapshot.signals[index].1.is_none_or(|value| value == wanted)
+                    })
             })
     }
 

@@ -9,11 +9,11 @@ use telltale::config::soundness::judge::Judge;
 use telltale::config::soundness::situation::{self, Situation};
 use telltale::config::soundness::{Finding, What, look};
 use telltale::engine::Engine;
-use telltale::engine::input::{Input, OperatorAction, StatusArray};
+use telltale::engine::input::{Input, OperatorAction, Place, StatusArray};
 use telltale::engine::model::{GroupId, Model, ModuleId, MonitorSpec, NodeId, Parts, Stage, StageModel};
 use telltale::engine::snapshot::{Reason, Snapshot};
 use telltale::engine::state::State;
-use telltale::engine::time::Timestamp;
+use telltale::engine::time::{Span, Timestamp};
 
 use super::cases::{self, Choices};
 
@@ -34,6 +34,7 @@ fn parts(numbers: &[u32]) -> Parts {
         *status = format!("s{}", number % 4).into();
     }
     parts.limits.discovered_modules = 100;
+    parts.driving.localized_after = Span::from_nanos(1);
     parts
 }
 
@@ -41,16 +42,23 @@ fn parts(numbers: &[u32]) -> Parts {
 fn reachable(model: &Model) -> Vec<Situation> {
     let named = (0..model.signals.len()).collect();
     let all = situation::all(model, &named, true, 1000).expect("there are two signals");
-    let stages = [Stage::Locked, Stage::Standby, Stage::Active];
-    all.into_iter().filter(|situation| stages.contains(&situation.stage)).collect()
+    // What is cleared was in standby, and nobody clears a broken vehicle.
+    all.into_iter().filter(|situation| situation.stage != Stage::Cleared).collect()
 }
 
 /// What the engine shows where status `s{n}` has the state of `states[n]`, and what filters take is OK.
 fn run(model: &Arc<Model>, situation: &Situation, states: &[State]) -> Arc<Snapshot> {
-    let now = Timestamp::ZERO;
+    let mut now = Timestamp::ZERO;
     let mut engine = Engine::new(model.clone(), now);
     if situation.stage != Stage::Locked {
         engine.handle(&Input::Operator(OperatorAction::Login { name: "anna".into() }), now);
+    }
+    if situation.posed {
+        let place = Place::Pose { x_m: 0.0, y_m: 0.0, yaw_deg: 0.0 };
+        engine.handle(&Input::Operator(OperatorAction::Localize { place }), now);
+    }
+    if situation.stage == Stage::Standby {
+        now = Timestamp::from_nanos(1);
     }
     for (spec, value) in model.signals.iter().zip(&situation.signals) {
         if let Some(value) = *value {

@@ -208,7 +208,7 @@ pub fn model() -> Model {
                 ..group("localization", "Localization", None)
             },
             GroupSpec {
-                when: Some(When { stages: vec![Stage::Active], signals: Vec::new() }),
+                when: Some(When { stages: vec![Stage::Active], signals: Vec::new(), posed: None }),
                 ..group("planning", "Planning", None)
             },
         ],

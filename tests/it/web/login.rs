@@ -15,7 +15,7 @@ async fn an_operators_login_unlocks_the_vehicle_and_the_others_do_not() {
         assert_eq!(fixture.stage(), Stage::Locked);
     }
     let cookie = fixture.cookie_of("operator").await;
-    assert_eq!(fixture.stage(), Stage::Standby);
+    assert_eq!(fixture.stage(), Stage::Localizing);
     assert_eq!(fixture.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
     assert_eq!(fixture.get("/", Some(&cookie)).await.status, StatusCode::OK);
     assert_eq!(fixture.get("/login", Some(&cookie)).await.leads_to(), Some("/"));

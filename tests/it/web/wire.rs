@@ -45,7 +45,7 @@ fn a_snapshot_reads_as_documented() {
     assert_eq!(snapshot["seq"].as_u64(), Some(engine.seq()));
     for (field, expected) in [
         ("at", json!(at)),
-        ("stage", json!("standby")),
+        ("stage", json!("localizing")),
         ("operator", json!("anna")),
         ("overall", json!("error")),
         ("recording", json!(false)),
@@ -81,7 +81,7 @@ fn a_snapshot_reads_as_documented() {
     );
     assert_eq!(groups[1]["reason"], json!({ "kind": "masked", "by": ["sensors/lidar"] }));
     assert_eq!(groups[1]["paths"], json!([["localization", "sensors", "sensors/lidar"]]));
-    assert_eq!(groups[2]["reason"], json!({ "kind": "not_relevant", "because": "stage standby" }));
+    assert_eq!(groups[2]["reason"], json!({ "kind": "not_relevant", "because": "stage localizing" }));
     assert_eq!(groups[2]["modules"][0]["age_ms"], Value::Null);
     assert_eq!(groups.len(), 3);
 }

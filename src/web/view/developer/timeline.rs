@@ -344,6 +344,9 @@ fn events(view: &View<'_>, words: &'static DevWords, past: &Past) -> Vec<Event> 
             Happened::AlarmMoved { id, symptom, cause } => {
                 (words.ev_moved, format!("{id}: {}", name(symptom)), name(cause))
             }
+            Happened::AlarmAcknowledged { id, node } => {
+                (words.ev_acknowledged, format!("{id}: {}", name(node)), String::new())
+            }
             Happened::AlarmCleared { id, node } => {
                 (words.ev_cleared, format!("{id}: {}", name(node)), String::new())
             }

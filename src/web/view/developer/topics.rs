@@ -13,6 +13,7 @@ use super::{Asked, DevFrame, Page};
 const ROWS: usize = 200;
 /// Endpoints listed of one topic.
 const LISTED: usize = 24;
+const NODES: usize = 500;
 const RENEW_MS: u32 = 1000;
 
 struct Side {
@@ -40,6 +41,7 @@ struct TopicsHtml {
     rows: Vec<Row>,
     matching: usize,
     participants: usize,
+    nodes: Vec<String>,
     more: usize,
 }
 
@@ -61,6 +63,7 @@ pub fn page(view: &View<'_>, context: &PageContext, asked: &Asked, seen: &Discov
         matching: topics.len(),
         rows: topics.into_iter().take(ROWS).map(|topic| row(words, topic)).collect(),
         participants: seen.participants,
+        nodes: seen.nodes.iter().take(NODES).map(|name| clean(name, 2 * NAME)).collect(),
         more: seen.more,
     })
 }

@@ -80,6 +80,8 @@ words! {
     received: "statuses", "Status";
     dropped: "dropped names", "verworfene Namen";
     unknown_signals: "unknown signals", "unbekannte Signale";
+    samples: "watched messages", "beobachtete Nachrichten";
+    dropped_samples: "of another configuration", "einer anderen Konfiguration";
 
     why: "Why", "Warum";
     value: "Value", "Wert";
@@ -142,6 +144,7 @@ words! {
     ev_signal: "signal", "Signal";
     ev_raised: "alarm raised", "Alarm ausgelöst";
     ev_moved: "alarm moved to its cause", "Alarm zur Ursache gewandert";
+    ev_acknowledged: "alarm acknowledged", "Alarm quittiert";
     ev_cleared: "alarm cleared", "Alarm beendet";
     ev_reloaded: "configuration replaced", "Konfiguration ersetzt";
     ev_started: "Telltale started", "Telltale gestartet";
@@ -155,6 +158,7 @@ words! {
     mismatch_type: "Types differ", "Typen verschieden";
     mismatch_reliability: "Reliability asked for, not offered", "Zuverlässigkeit verlangt, nicht geboten";
     mismatch_durability: "Last value asked for, not kept", "Letzter Wert verlangt, nicht behalten";
+    nodes: "ROS nodes", "ROS-Knoten";
     participants: "other participants", "andere Teilnehmer";
     no_topics: "DDS discovery has seen nothing yet.", "Die DDS-Erkennung hat noch nichts gesehen.";
 

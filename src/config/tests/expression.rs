@@ -1,0 +1,247 @@
+//! Conditions in CEL: what they mean, and what is wrong with them before there are values.
+
+use super::*;
+use crate::engine::model::MonitorSpec;
+use crate::engine::monitor::spec::Condition;
+use crate::engine::sample::{FieldValue, Pose};
+
+fn text(condition: &str) -> String {
+    let inputs =
+        ["x", "y", "on", "word"].map(|name| format!("{name}: {{ status: s, key: {name} }}")).join(", ");
+    format!(
+        "groups:\n- id: a\n  modules:\n  - id: m\n    monitor:\n      expression:\n        inputs: {{ {inputs} }}\n        error: {condition}\n"
+    )
+}
+
+fn condition(condition: &str) -> Condition {
+    let loaded = parse("c", &text(condition)).unwrap_or_else(|problems| panic!("{problems}"));
+    let MonitorSpec::Expression { error, .. } = &loaded.model.modules[0].monitor else { panic!() };
+    error.clone().unwrap()
+}
+
+/// x is 2.5, y is 4, on is true, word is `ready`.
+fn values() -> [FieldValue; 4] {
+    [
+        FieldValue::Number(2.5),
+        FieldValue::Number(4.0),
+        FieldValue::Bool(true),
+        FieldValue::Text("ready".into()),
+    ]
+}
+
+#[track_caller]
+fn wrong(condition: &str, expected: &[&str]) {
+    let lines = parse("c", &text(condition)).map_or_else(|problems| problems.lines(), |_| Vec::new());
+    let found: Vec<&str> = lines.iter().map(|line| line.strip_prefix("c:8:").unwrap_or(line)).collect();
+    assert_eq!(found, expected, "{condition}");
+}
+
+#[test]
+fn conditions_mean_what_they_say() {
+    let cases = [
+        ("x > 2", true),
+        ("x > 2.5", false),
+        ("x >= 2.5 && y == 4", true),
+        ("x * 2 == 5", true),
+        ("y / 8 == 0.5", true),
+        ("1 / 2 == 0.5", true),
+        ("-x < 0 - 2", true),
+        ("x + 1 > 3 ? on : false", true),
+        ("!on || x > 3", false),
+        ("word == 'ready'", true),
+        ("word in ['ready', 'busy']", true),
+        ("x in [1, 2, 3]", false),
+        ("y in [2, 4]", true),
+        ("word.startsWith('re') && word.endsWith('y') && word.contains('ad')", true),
+        ("math.abs(x - y) > 1", true),
+        ("math.greatest(x, y) == 4", true),
+        ("math.least(x, y, 1) == 1", true),
+        ("math.sqrt(y) == 2", true),
+        ("math.floor(x) == 2 && math.ceil(x) == 3 && math.trunc(x) == 2 && math.round(y) == 4", true),
+        ("double('1.5') == 1.5", true),
+        ("on == true", true),
+        ("on", true),
+        ("x != y", true),
+        // Texts and numbers are never equal.
+        ("word == 'x' || x == 'x'", false),
+    ];
+    for (written, expected) in cases {
+        assert_eq!(condition(&format!("\"{written}\"")).holds(&values()), Ok(expected), "{written}");
+    }
+}
+
+#[test]
+fn without_an_answer_there_is_a_reason() {
+    let cases = [
+        ("x", "the condition is neither true nor false"),
+        ("word > 3", "no matching overload"),
+        ("word * 2 > 3", "Unsupported binary operator"),
+        ("double(word) > 1", ""),
+    ];
+    for (written, expected) in cases {
+        let error = condition(written).holds(&values()).unwrap_err();
+        assert!(error.contains(expected), "{written}: {error}");
+    }
+    for missing in [FieldValue::Unreadable("ends early".into()), FieldValue::Pose(Pose::default())] {
+        assert!(condition("x > 1").holds(&[missing]).is_err());
+    }
+    assert!(condition("x > 1").holds(&[]).is_err());
+    assert!(condition("x > 1").holds(&[FieldValue::Number(f64::NAN)]).is_err());
+}
+
+#[test]
+fn what_is_wrong_is_said_with_its_place() {
+    wrong("x >", &["18: this is no CEL: mismatched input the end (for example `speed > 3 && !stopped`)"]);
+    wrong("spede > 3", &["16: there is no input `spede` (the inputs are: x, y, on, word)"]);
+    wrong("worrd == 'a'", &["16: there is no input `worrd` (did you mean `word`?)"]);
+    wrong("maths.abs(x) > 1", &["25: there is no function `maths.abs` (did you mean `math.abs`?)"]);
+    wrong("math.abz(x) > 1", &["24: there is no function `math.abz` (did you mean `math.abs`?)"]);
+    wrong("'x > 1 ? 1 : 2'", &["23: a condition must be true or false (compare it: `... > 0`)"]);
+    wrong("\"on ? 'a' : 3\"", &["28: this is a number, not a text (correct one of the parts)"]);
+    wrong("x > 1 == 3", &["25: this is a number, not a truth value (correct one of the parts)"]);
+    wrong("math.abs('a') > 1", &["25: this is a text, not a number (correct one of the parts)"]);
+    wrong("x + 1", &["18: a condition must be true or false (compare it: `... > 0`)"]);
+    wrong(
+        "(x > 1) + 1 > 2",
+        &[
+            "26: this is a number, not a truth value (correct one of the parts)",
+            "30: this is a number, not a truth value (correct one of the parts)",
+        ],
+    );
+    wrong("(x > 1) * 2 > 2", &["19: this is a truth value, not a number (correct one of the parts)"]);
+    wrong("x.y > 1", &["17: an input has no members (name the field in the input's `field`)"]);
+    wrong(
+        "x[0] > 1",
+        &[
+            "17: there is no function `[_]` (an input is one value: choose the element in the input's `field`)",
+        ],
+    );
+    wrong("x % 2 == 0", &["18: there is no function `%` (numbers are not whole here; compare with a limit)"]);
+    wrong(
+        "\"[1, 2].all(i, i > x)\"",
+        &[
+            "27: there is no function `all` (the functions are: contains, startsWith, endsWith, double, math.abs, math.sign, math.sqrt, math.floor, math.ceil, math.round, math.trunc, math.greatest, math.least, math.isNaN)",
+        ],
+    );
+    wrong(
+        "\"has(x.y)\"",
+        &[
+            "20: there is no function `has` (the functions are: contains, startsWith, endsWith, double, math.abs, math.sign, math.sqrt, math.floor, math.ceil, math.round, math.trunc, math.greatest, math.least, math.isNaN)",
+        ],
+    );
+    wrong(
+        "\"{'a': 1} == x\"",
+        &["17: this is not supported (an input is a number, a truth value or a text)"],
+    );
+    wrong("x == null", &["21: no input is like this (compare with a number, a truth value or a text)"]);
+    wrong("'x > 1 && yy'", &["26: there is no input `yy` (the inputs are: x, y, on, word)"]);
+    wrong("''", &["16: expected a text, found nothing (write a value)"]);
+}
+
+#[test]
+fn hostile_conditions_are_bounded() {
+    let deep = format!("\"{}x{} > 1\"", "(".repeat(480), ")".repeat(480));
+    let lines = parse("c", &text(&deep)).unwrap_err().lines();
+    assert!(lines[0].contains("this is no CEL"), "{lines:?}");
+    wrong(
+        &format!("{} > 1", "x+".repeat(600)),
+        &[
+            "16: a condition of more than 1000 bytes (let a node of your own diagnose this, and read its status)",
+        ],
+    );
+    let long = format!("\"{}x > 1\"", "x + ".repeat(240));
+    assert_eq!(condition(&long).holds(&values()), Ok(true));
+    let nots = format!("\"{}on\"", "!".repeat(900));
+    assert!(parse("c", &text(&nots)).is_err() || condition(&nots).holds(&values()).is_ok());
+}
+
+#[test]
+fn inputs_have_names_that_conditions_can_write() {
+    let text = |name: &str| {
+        format!(
+            "groups: [{{ id: a, modules: [{{ id: m, monitor: {{ expression: {{ inputs: {{ {name}: {{ status: s, key: k }} }}, error: 'true' }} }} }}] }}]\n"
+        )
+    };
+    for name in ["'a b'", "9a", "in", "math", "true", "a-b"] {
+        let lines = parse("c", &text(name)).unwrap_err().lines();
+        let expected = format!(
+            "c:1:73: `{}` cannot be the name of an input (use letters, digits and `_`, for example `speed`)",
+            name.trim_matches('\'')
+        );
+        assert_eq!(lines, [expected]);
+    }
+    let none = "groups: [{ id: a, modules: [{ id: m, monitor: { expression: { inputs: {} } } }] }]\n";
+    check(
+        none,
+        &[
+            "1:61: an expression needs `warning` or `error` (for example `error: x > 3 && !stopped`)",
+            "1:63: 0 inputs, not 1 to 32 (name what the conditions use: `x: { topic: /t, type: T, field: PATH }`)",
+        ],
+    );
+}
+
+proptest::proptest! {
+    #[test]
+    fn any_text_is_a_condition_or_is_refused(parts in proptest::collection::vec(0..TOKENS.len(), 0..24), gap in 0..2_usize) {
+        let written: Vec<&str> = parts.into_iter().map(|part| TOKENS[part]).collect();
+        let written = written.join(if gap == 0 { "" } else { " " }).replace('\\', "\\\\").replace('"', "\\\"");
+        match parse("c", &text(&format!("\"{written}\""))) {
+            Err(problems) => assert!(!problems.render(false).is_empty()),
+            Ok(loaded) => {
+                let MonitorSpec::Expression { error, .. } = &loaded.model.modules[0].monitor else { panic!() };
+                let _ = error.clone().unwrap().holds(&values());
+            }
+        }
+    }
+}
+
+const TOKENS: [&str; 48] = [
+    "x",
+    "y",
+    "on",
+    "word",
+    "true",
+    "1",
+    "2.5",
+    "1e400",
+    "0x1F",
+    "9223372036854775808",
+    "-9223372036854775808",
+    "7u",
+    "'a'",
+    "\"b\"",
+    "'\\u00e4'",
+    "'\\",
+    "b'x'",
+    "r'\\d'",
+    "'''",
+    "ä",
+    "\u{1F600}",
+    "\n",
+    "(",
+    ")",
+    "[",
+    "]",
+    "{",
+    "}",
+    ",",
+    ".",
+    ":",
+    "?",
+    "+",
+    "-",
+    "*",
+    "/",
+    "%",
+    "&&",
+    "||",
+    "!",
+    "==",
+    ">",
+    "<=",
+    "in",
+    "math.abs(",
+    "math.greatest(",
+    "contains(",
+    "`",
+];

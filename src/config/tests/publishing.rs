@@ -1,0 +1,76 @@
+//! What is published, and where definitions of messages lie.
+
+use super::*;
+use crate::config::publishing::{Periodic, Publishing};
+
+#[test]
+fn names_and_rates_can_be_chosen() {
+    let loaded = parse("c", GROUP).unwrap();
+    assert_eq!(loaded.publishing, Publishing::default());
+    let text = format!(
+        "{GROUP}publish: {{ diagnostics_agg: {{ rate: 2 Hz }}, toplevel_state: false, initialpose: {{ topic: /pose }}, deceleration_request: {{ topic: /slow, rate: 10 }} }}\n"
+    );
+    let loaded = parse("c", &text).unwrap_or_else(|problems| panic!("{problems}"));
+    let periodic =
+        |topic: &str, millis| Some(Periodic { topic: topic.into(), period: time::Span::from_millis(millis) });
+    let expected = Publishing {
+        diagnostics_agg: periodic("/diagnostics_agg", 500),
+        toplevel_state: None,
+        initialpose: Some("/pose".into()),
+        deceleration_request: periodic("/slow", 100),
+        ..Publishing::default()
+    };
+    assert_eq!(loaded.publishing, expected);
+}
+
+#[test]
+fn what_is_published_can_be_and_is_not_read() {
+    check_beside_group(
+        "publish: { stage: { topic: stage }, clearence: false, toplevel_state: { rate: 0 }, clearance: { rate: 1 } }\n",
+        &[
+            "2:28: `stage` is no full topic name (begin with `/`; letters, digits, `_` and `/` follow: `/mission/active`)",
+            "2:37: unknown key `clearence` in what is published (did you mean `clearance`?)",
+            "2:79: expected a rate, found `0` (write 0.1 Hz to 100 Hz, for example `20 Hz`)",
+            "2:97: unknown key `rate` in a published topic (known here: topic)",
+        ],
+    );
+    check_beside_group(
+        "publish: { stage: { topic: /a }, clearance: { topic: /a } }\n",
+        &["2:54: `clearance` and `stage` would publish one topic, /a (give each a topic of its own)"],
+    );
+    check_beside_group(
+        "publish: { initialpose: false, deceleration_request: false, maneuver_stop_request: false }\n",
+        &["2:25: this cannot be switched off: operators could not localize the vehicle (remove the line)"],
+    );
+    check_beside_group(
+        "vehicle: { stages: none }\npublish: { initialpose: false, deceleration_request: false, maneuver_stop_request: false }\ncountermeasures:\n- { request: decelerate, when: { groups: [a] } }\n- { request: maneuver_stop, when: { groups: [a] } }\n",
+        &[
+            "3:54: this cannot be switched off: a countermeasure asks for a deceleration (remove the line)",
+            "3:84: this cannot be switched off: a countermeasure asks for a stop (remove the line)",
+        ],
+    );
+    check_beside_group(
+        "signals: { s: { topic: /telltale/clearance, type: std_msgs/msg/Bool } }\n",
+        &[
+            "2:24: /telltale/clearance is read here, and published by this program as `clearance` (read another topic, or write `publish: { clearance: { topic: /OTHER } }`)",
+        ],
+    );
+}
+
+#[test]
+fn message_folders_are_relative_to_the_file_that_names_them() {
+    let scratch = Scratch::new("folders");
+    std::fs::create_dir_all(scratch.0.join("inner/share")).unwrap();
+    scratch.write("inner/b.yaml", b"message_folders: [share]\n");
+    let main = scratch.write("a.yaml", format!("include: [inner/b.yaml]\n{GROUP}").as_bytes());
+    let loaded = load(&main).unwrap_or_else(|problems| panic!("{problems}"));
+    assert_eq!(loaded.message_folders, [scratch.0.join("inner/share")]);
+    let wrong = scratch.write("w.yaml", format!("message_folders: [none, inner, inner]\n{GROUP}").as_bytes());
+    assert_eq!(
+        scratch.problems(&wrong),
+        [
+            "w.yaml:1:19: there is no folder `none` (name a folder that holds `package/msg/Name.msg`, such as a ROS installation's `share`)",
+            "w.yaml:1:32: this folder is named twice (remove one of the two)",
+        ]
+    );
+}

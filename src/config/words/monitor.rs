@@ -1,0 +1,144 @@
+//! Monitors in words.
+
+use std::fmt::Write as _;
+
+use super::span;
+use crate::engine::model::{Model, MonitorSpec};
+use crate::engine::monitor::spec::{
+    AgreementRule, Bands, Condition, FieldKind, ProbeTarget, TopicId, ValueRule, ValueSource,
+};
+use crate::engine::sample::FieldValue;
+use crate::engine::snapshot::Class;
+
+/// `status 'imu: status'`, `the rate of /points (sensor_msgs/msg/PointCloud2) over 2s: error below 5 Hz`
+pub fn monitor(model: &Model, monitor: &MonitorSpec) -> String {
+    match monitor {
+        MonitorSpec::SelfState { status } => format!("status '{status}'"),
+        MonitorSpec::External { status, class } => {
+            format!("external status '{status}', {}", self::class(*class))
+        }
+        MonitorSpec::Frequency { topic, window, bands } => {
+            let of = self::topic(model, *topic);
+            format!("the rate of {of} over {}: {}", span(*window), limits(bands, " Hz"))
+        }
+        MonitorSpec::Latency { topic, window, bands } => {
+            let of = self::topic(model, *topic);
+            format!("the latency of {of} over {}: {}", span(*window), limits(bands, " s"))
+        }
+        MonitorSpec::Value { source, rule } => format!("{}: {}", value(model, source), self::rule(rule)),
+        MonitorSpec::Watchdog { watchdog, misses } => {
+            let spec = &model.watched.watchdogs[watchdog.0 as usize];
+            format!("{} every {}: error after {misses} misses", target(&spec.target), span(spec.every))
+        }
+        MonitorSpec::RateRatio { input, output, window, bands } => {
+            let (input, output) = (topic(model, *input), topic(model, *output));
+            format!("the rate of {output} by that of {input} over {}: {}", span(*window), limits(bands, ""))
+        }
+        MonitorSpec::Sequence { earlier, later, max_gap, bands } => {
+            let (earlier, later) = (value(model, earlier), value(model, later));
+            format!("{later} minus {earlier} within {}: {}", span(*max_gap), limits(bands, ""))
+        }
+        MonitorSpec::Agreement { a, b, max_age, motion_over, rule } => {
+            let of = motion_over.map_or(String::new(), |over| format!("the motion over {} of ", span(over)));
+            let (a, b) = (value(model, a), value(model, b));
+            format!("{of}{a} against {b}, not older than {}: {}", span(*max_age), agreement(rule))
+        }
+        MonitorSpec::Expression { inputs, max_age, warning, error, class } => {
+            let inputs: Vec<String> =
+                inputs.iter().map(|(name, source)| format!("{name} = {}", value(model, source))).collect();
+            let conditions = conditions(warning.as_ref(), error.as_ref());
+            let (inputs, class) = (inputs.join(", "), self::class(*class));
+            format!("{conditions} with {inputs}, not older than {}, {class}", span(*max_age))
+        }
+    }
+}
+
+fn topic(model: &Model, id: TopicId) -> String {
+    let spec = &model.watched.topics[id.0 as usize];
+    format!("{} ({})", spec.topic, spec.type_name)
+}
+
+fn value(model: &Model, source: &ValueSource) -> String {
+    match source {
+        ValueSource::Field { topic: id, field } => {
+            let field = &model.watched.topics[id.0 as usize].fields[*field as usize];
+            let pose = if field.kind == FieldKind::Pose { "the pose " } else { "" };
+            format!("{pose}{} of {}", field.path, topic(model, *id))
+        }
+        ValueSource::Key { status, key } => format!("'{key}' of the status '{status}'"),
+    }
+}
+
+fn target(target: &ProbeTarget) -> String {
+    match target {
+        ProbeTarget::Icmp { host } => format!("an echo from {host}"),
+        ProbeTarget::Tcp { address } => format!("a connection to {address}"),
+        ProbeTarget::Node { name } => format!("the node {name}"),
+    }
+}
+
+fn limits(bands: &Bands, unit: &str) -> String {
+    let Bands { warning_below, error_below, warning_above, error_above } = bands;
+    let limits = [
+        ("warning below", warning_below),
+        ("error below", error_below),
+        ("warning above", warning_above),
+        ("error above", error_above),
+    ];
+    let limits = limits.into_iter().filter_map(|(what, limit)| Some(format!("{what} {}{unit}", (*limit)?)));
+    limits.collect::<Vec<_>>().join(", ")
+}
+
+fn rule(rule: &ValueRule) -> String {
+    match rule {
+        ValueRule::Bands(bands) => limits(bands, ""),
+        ValueRule::Unless { error, warning } => {
+            let unless = [("warning", warning), ("error", error)];
+            let unless = unless.into_iter().filter_map(|(what, value)| {
+                let value = value.as_ref()?;
+                Some(format!("{what} unless {}", literal(value)))
+            });
+            unless.collect::<Vec<_>>().join(", ")
+        }
+    }
+}
+
+fn literal(value: &FieldValue) -> String {
+    match value {
+        FieldValue::Number(number) => number.to_string(),
+        FieldValue::Bool(value) => value.to_string(),
+        FieldValue::Text(text) => format!("'{text}'"),
+        // No configuration can say these.
+        FieldValue::Pose(_) | FieldValue::Unreadable(_) => String::new(),
+    }
+}
+
+fn agreement(rule: &AgreementRule) -> String {
+    match rule {
+        AgreementRule::Number(bands) => limits(bands, ""),
+        AgreementRule::Pose { translation, rotation_deg } => {
+            let parts = [("translation", translation, " m"), ("rotation", rotation_deg, "°")];
+            let parts = parts.into_iter().filter(|(_, bands, _)| **bands != Bands::default());
+            parts
+                .map(|(what, bands, unit)| format!("{what} {}", limits(bands, unit)))
+                .collect::<Vec<_>>()
+                .join("; ")
+        }
+    }
+}
+
+fn conditions(warning: Option<&Condition>, error: Option<&Condition>) -> String {
+    let conditions = [("warning", warning), ("error", error)];
+    let conditions =
+        conditions.into_iter().filter_map(|(what, it)| Some(format!("{what} if `{}`", it?.text)));
+    conditions.collect::<Vec<_>>().join(", ")
+}
+
+/// `isolated, meta`, `contextual, content, parallel`
+fn class(class: Class) -> String {
+    let mut text = format!("{}, {}", class.location, class.information);
+    if let Some(flow) = class.flow {
+        let _ = write!(text, ", {flow}");
+    }
+    text
+}

@@ -1,0 +1,193 @@
+//! What follows from the state of the vehicle for its stage and for what is asked of it.
+
+use std::sync::Arc;
+
+use super::Engine;
+use super::event::What;
+use super::input::{Output, OutputNews, Refusal};
+use super::model::{NodeId, Stage, StageModel};
+use super::snapshot::{Countermeasure, Localization};
+use super::state::State;
+use super::system::SystemCheck;
+use super::timers::TimerKey;
+use super::vehicle::Event;
+
+/// What the diagnosis said last of the vehicle's side.
+#[derive(Debug, Default, PartialEq)]
+pub(super) struct Told {
+    active_unknown: bool,
+    measures: Option<String>,
+    outputs: Option<String>,
+}
+
+/// Where the vehicle is led and what is asked of it, as the snapshot has it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Led {
+    pub(super) last_alarm: u64,
+    pub(super) accepted: Arc<[NodeId]>,
+    pub(super) countermeasures: Arc<[Countermeasure]>,
+    pub(super) localization: Localization,
+    pub(super) clearance: bool,
+    pub(super) clearance_refusals: Arc<[Refusal]>,
+}
+
+impl Engine {
+    /// Lets an event lead to another stage, if the table has a row for it.
+    pub(super) fn step(&mut self, event: Event) -> bool {
+        let from = self.vehicle.stage;
+        if !self.vehicle.raise(event) {
+            return false;
+        }
+        let to = self.vehicle.stage;
+        self.events.push(self.now, What::Stage { from, to });
+        if from == Stage::Active {
+            self.arrived();
+        }
+        self.stage_changed();
+        true
+    }
+
+    /// Everything that asks for the stage is looked at again.
+    pub(super) fn stage_changed(&mut self) {
+        self.led = true;
+        self.measures.mark_all();
+        self.signals.posed = self.vehicle.posed();
+        self.net.mark_conditions(self.vehicle.stage);
+    }
+
+    /// The operator gave a pose.
+    pub(super) fn set_posed(&mut self) {
+        self.led = true;
+        self.signals.posed = self.vehicle.posed();
+        self.net.mark_conditions(self.vehicle.stage);
+    }
+
+    /// The operator's stop is over, and the goal is used up: the next drive needs its own.
+    fn arrived(&mut self) {
+        self.measures.release_stop();
+        let Some(goal) = self.goal_signal else { return };
+        if self.signals.forget(goal) {
+            self.events.push(self.now, What::Signal { index: goal, value: self.signals.value(goal) });
+            self.views.set_signals(&self.signals);
+        }
+    }
+
+    /// The Mission component's word. An unknown Active changes no stage: the last word holds.
+    pub(super) fn take_active(&mut self, value: Option<bool>) {
+        match value {
+            Some(true) => self.step(Event::ActiveTrue),
+            Some(false) => self.step(Event::ActiveFalse),
+            None => false,
+        };
+        self.led = true;
+    }
+
+    /// Whether something for the vehicle could be sent.
+    pub(super) fn take_output(&mut self, news: &OutputNews) {
+        self.measures.take_news(news);
+        self.led = true;
+    }
+
+    /// Takes what the present states lead to. Returns whether that changes states in turn.
+    pub(super) fn lead(&mut self) -> bool {
+        self.follow_localization();
+        if !self.measures.is_idle() {
+            self.led = true;
+            self.follow_measures();
+        }
+        if self.vehicle.stage == Stage::Cleared {
+            if !self.has_goal() {
+                self.step(Event::GoalGone);
+            } else if self.measures.moving().next().is_some() {
+                self.step(Event::Countermeasure);
+            }
+        }
+        if self.led {
+            let (net, names, signals) = (&self.net, &self.names, &self.signals);
+            if let Some(due) = self.measures.confirm(&self.model, net, names, signals, self.now) {
+                self.timers.arm(TimerKey::Measures, due);
+            }
+            self.report_on_vehicle();
+        }
+        !self.net.is_settled()
+    }
+
+    fn follow_localization(&mut self) {
+        let Localization { given: Some(given), ok_since, done: false, .. } = self.vehicle.localization else {
+            return;
+        };
+        let since = match self.localization_group {
+            None => Some(given),
+            Some(id) if self.net.groups[id.0 as usize].node.facts.shown == State::Ok => {
+                Some(ok_since.unwrap_or(self.now))
+            }
+            Some(_) => None,
+        };
+        self.led |= since != ok_since;
+        self.vehicle.localization.ok_since = since;
+        let Some(due) = since.map(|since| since + self.model.driving.localized_after) else { return };
+        if due > self.now {
+            self.timers.arm(TimerKey::Localization, due);
+            return;
+        }
+        self.vehicle.localization.done = true;
+        self.led = true;
+        self.step(Event::Localized);
+    }
+
+    /// Says in the group `telltale` what is wrong with the vehicle's side.
+    fn report_on_vehicle(&mut self) {
+        let shuttle = self.vehicle.model == StageModel::Shuttle;
+        let known = self.active_signal.and_then(|index| self.signals.value(index));
+        let told = Told {
+            active_unknown: shuttle && self.vehicle.stage == Stage::Active && known.is_none(),
+            measures: self.measures.trouble(&self.model),
+            outputs: unsent(&self.measures.unsent()),
+        };
+        if told == self.told {
+            return;
+        }
+        let (state, words) = match told.active_unknown {
+            true => (State::Error, "nothing says whether the vehicle drives"),
+            false => (State::Ok, ""),
+        };
+        self.report_on_self(SystemCheck::Active, state, words);
+        let worse = |words: &Option<String>, state| if words.is_some() { state } else { State::Ok };
+        let words = |words: &Option<String>| words.clone().unwrap_or_default();
+        let measures = (worse(&told.measures, State::Error), words(&told.measures));
+        self.report_on_self(SystemCheck::Countermeasure, measures.0, &measures.1);
+        let outputs = (worse(&told.outputs, State::Warning), words(&told.outputs));
+        self.report_on_self(SystemCheck::Outputs, outputs.0, &outputs.1);
+        self.told = told;
+    }
+
+    /// Shows where the vehicle is led, if that changed or may have.
+    pub(super) fn show_lead(&mut self) {
+        if !std::mem::take(&mut self.led) && !self.views.is_changed() {
+            return;
+        }
+        self.views.set_led(Led {
+            last_alarm: self.alarms.last_id(),
+            accepted: self.warnings.accepted().map(NodeId::Module).collect(),
+            countermeasures: self.measures.list(),
+            localization: self.vehicle.localization,
+            clearance: self.vehicle.stage == Stage::Cleared,
+            clearance_refusals: self.clearance_refusals().into(),
+        });
+    }
+}
+
+fn unsent(all: &[&OutputNews]) -> Option<String> {
+    let about = |output| match output {
+        Output::Stage => "the stage",
+        Output::Clearance => "the clearance",
+        Output::Pose => "the operator's pose",
+        Output::Deceleration => "decelerations",
+        Output::ManeuverStop => "stops",
+    };
+    let words = |news: &&OutputNews| {
+        let error = news.error.as_deref().unwrap_or_default();
+        format!("{} cannot be sent on {}: {error}", about(news.output), news.topic)
+    };
+    (!all.is_empty()).then(|| all.iter().map(words).collect::<Vec<_>>().join("; "))
+}

@@ -1,0 +1,115 @@
+//! What monitors measure becomes what their modules report.
+
+use super::Engine;
+use super::input::{Input, StatusArray};
+use super::model::{Model, ModuleId, Policy};
+use super::net::Net;
+use super::state::State;
+use super::time::{Span, Timestamp};
+use super::timers::TimerKey;
+use super::watching::Told;
+
+/// The policies of the declared modules. What a monitor judges by the clock never falls silent.
+pub(super) fn policies(model: &Model) -> Vec<Policy> {
+    let policy = |spec: &super::model::ModuleSpec| {
+        let timeout =
+            if spec.monitor.by_the_clock() { Span::from_nanos(u64::MAX) } else { spec.policy.timeout };
+        Policy { timeout, ..spec.policy.clone() }
+    };
+    model.modules.iter().map(policy).collect()
+}
+
+impl Engine {
+    /// Takes what was received for monitors. Returns whether anything changed but what was counted.
+    pub(super) fn take_watched(&mut self, input: &Input) -> bool {
+        let mut judge = std::mem::take(&mut self.watching.judge);
+        let taken = match input {
+            Input::Sample(sample) => {
+                self.counters.samples += 1;
+                self.watching.take_sample(sample, self.now, &mut judge)
+            }
+            Input::Topic(news) => self.watching.take_news(news, &mut judge),
+            Input::Probe(probe) => self.watching.take_probe(probe, self.now, &mut judge),
+            _ => Some(()),
+        };
+        self.counters.dropped_samples += u64::from(taken.is_none());
+        let heard = !matches!(input, Input::Topic(_));
+        let mut changed = false;
+        for &index in &judge {
+            changed |= self.judge_monitor(index, heard);
+        }
+        judge.clear();
+        self.watching.judge = judge;
+        changed
+    }
+
+    /// Takes the KeyValues that monitors watch; the statuses have found their modules already.
+    pub(super) fn take_keys(&mut self, array: &StatusArray) {
+        let mut judge = std::mem::take(&mut self.watching.judge);
+        self.watching.take_keys(array, &self.model.limits, self.now, &mut judge);
+        for index in judge.drain(..) {
+            self.judge_monitor(index, true);
+        }
+        self.watching.judge = judge;
+    }
+
+    /// Lets a monitor speak: because it `heard` something, or by the clock. Returns whether that
+    /// changed anything.
+    pub(super) fn judge_monitor(&mut self, index: u32, heard: bool) -> bool {
+        let id = self.watching.watches[index as usize].module;
+        let by_the_clock = self.watching.by_the_clock(index);
+        let Told { state, changed, words, due } = self.watching.judge(index, self.net.policy(id), self.now);
+        if let Some(due) = due {
+            self.timers.arm(TimerKey::Monitor(index), due);
+        }
+        let moved = match state {
+            Some(state) if heard => self.net.report(id, state, self.now),
+            Some(state) if changed => self.net.revise(id, state, by_the_clock, self.now),
+            None if changed => self.net.forget(id),
+            _ => false,
+        };
+        if moved {
+            self.net.mark_module(id);
+        }
+        if heard || state.is_none() {
+            self.views.note_heard(id);
+        }
+        let said = words.is_some_and(|words| self.views.set_words(id, words));
+        moved || said
+    }
+
+    /// Starts what became relevant and stops what is not any more. Returns whether there was any.
+    pub(super) fn turn_monitors(&mut self) -> bool {
+        let turned = std::mem::take(&mut self.watching.turned);
+        for &id in &turned {
+            let relevant = self.net.modules[id.0 as usize].node.facts.relevant;
+            if let Some(index) = self.watching.turn(id, relevant, self.now) {
+                self.judge_monitor(index, false);
+            }
+        }
+        !turned.is_empty()
+    }
+
+    /// Goes on with the monitors of before a reload, once their modules are known.
+    pub(super) fn resume_monitors(&mut self, old: &Engine) {
+        self.watching.keep_news(&old.watching);
+        for index in 0..self.watching.watches.len() as u32 {
+            self.judge_monitor(index, false);
+        }
+    }
+}
+
+impl Net {
+    /// A module's monitor judges otherwise than before, though nothing came. Returns whether the
+    /// module's own state may have changed.
+    fn revise(&mut self, id: ModuleId, state: State, by_the_clock: bool, now: Timestamp) -> bool {
+        let policy = self.policy(id).clone();
+        self.modules[id.0 as usize].own.revise(state, &policy, by_the_clock, now)
+    }
+
+    /// A module's monitor has nothing to say any more.
+    fn forget(&mut self, id: ModuleId) -> bool {
+        self.modules[id.0 as usize].own.forget();
+        true
+    }
+}

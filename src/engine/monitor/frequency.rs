@@ -1,0 +1,87 @@
+//! Messages in a second, judged by the clock too: no message is 0 Hz.
+
+use super::spec::Bands;
+use super::window::Window;
+use super::words::{Words, span};
+use crate::engine::state::State;
+use crate::engine::time::{Span, Timestamp};
+
+#[derive(Debug, Clone)]
+pub(in crate::engine) struct Frequency {
+    window: Window,
+    bands: Bands,
+    /// Since when the module is relevant: nothing before is counted.
+    since: Option<Timestamp>,
+}
+
+impl Frequency {
+    pub(super) fn new(window: Span, bands: Bands) -> Frequency {
+        Frequency { window: Window::new(window), bands, since: None }
+    }
+
+    pub(super) fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
+        self.window.clear();
+        self.since = relevant.then_some(now);
+    }
+
+    pub(super) fn take(&mut self, now: Timestamp) {
+        if self.since.is_some() {
+            self.window.push(0.0, now);
+        }
+    }
+
+    /// Before the first full window only what is too much can be judged: it can no longer get better.
+    pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
+        self.window.advance(now);
+        if now >= self.full_at()? {
+            Some(self.at(self.window.count()))
+        } else {
+            Some(self.too_many()).filter(|&state| state != State::Ok)
+        }
+    }
+
+    pub(super) fn due(&self, now: Timestamp) -> Option<Timestamp> {
+        let full_at = self.full_at()?;
+        if now < full_at {
+            return Some(full_at);
+        }
+        let mut left = self.window.count();
+        let state = self.at(left);
+        let mut leaving = self.window.leaving();
+        leaving
+            .find(|(_, count)| {
+                left -= count;
+                self.at(left) != state
+            })
+            .map(|(at, _)| at)
+    }
+
+    /// The rate falls without any message.
+    pub(super) fn moves(&self) -> bool {
+        !self.window.is_empty()
+    }
+
+    pub(super) fn words(&self, now: Timestamp) -> Words {
+        let Some(full_at) = self.full_at() else {
+            return Words::plain("not measured while it does not matter".into());
+        };
+        let rate = self.window.rate(self.window.count());
+        if now < full_at && self.too_many() == State::Ok {
+            return Words::plain(format!("measuring for {}", span(self.window.span())));
+        }
+        Words { message: self.bands.say(rate, "Hz"), values: self.bands.values("rate_hz", rate) }
+    }
+
+    fn at(&self, count: u64) -> State {
+        self.bands.judge(self.window.rate(count))
+    }
+
+    fn too_many(&self) -> State {
+        let above = Bands { warning_below: None, error_below: None, ..self.bands };
+        above.judge(self.window.rate(self.window.count()))
+    }
+
+    fn full_at(&self) -> Option<Timestamp> {
+        Some(self.since? + self.window.span())
+    }
+}

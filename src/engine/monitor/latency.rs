@@ -1,0 +1,113 @@
+//! Receipt minus header stamp, the worst of the window.
+
+use super::spec::Bands;
+use super::window::Window;
+use super::words::{Words, span};
+use crate::engine::sample::Sample;
+use crate::engine::state::State;
+use crate::engine::time::{Span, Timestamp};
+
+/// Clocks of one vehicle may differ by this much; a stamp further in the future says nothing.
+const FUTURE_MAX: Span = Span::from_millis(50);
+
+/// A stamp this far away is from another clock: of a simulation, or of a machine without the time.
+const OTHER_CLOCK: Span = Span::from_secs(3600);
+
+/// Why a stamp says nothing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Doubt {
+    Absent,
+    Zero,
+    Future(Span),
+    OtherClock(Span),
+}
+
+#[derive(Debug, Clone)]
+pub(in crate::engine) struct Latency {
+    window: Window,
+    bands: Bands,
+    /// The last message whose stamp says nothing: the window is in doubt while it is in there.
+    doubt: Option<(Timestamp, Doubt)>,
+    /// Kept when the window is empty: then the module's timeout decides.
+    last: Option<State>,
+}
+
+impl Latency {
+    pub(super) fn new(window: Span, bands: Bands) -> Latency {
+        Latency { window: Window::new(window), bands, doubt: None, last: None }
+    }
+
+    pub(super) fn take(&mut self, sample: &Sample, now: Timestamp) {
+        match age(sample) {
+            Ok(seconds) => self.window.push(seconds, now),
+            Err(doubt) => self.doubt = Some((now, doubt)),
+        }
+    }
+
+    pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
+        self.window.advance(now);
+        self.doubt = self.doubt.filter(|(at, _)| *at + self.window.span() > now);
+        let measured =
+            self.window.extremes().map(|(min, max)| self.bands.judge(min).max(self.bands.judge(max)));
+        let doubted = self.doubt.map(|_| State::Unknown);
+        self.last = measured.max(doubted).or(self.last);
+        self.last
+    }
+
+    pub(super) fn due(&self) -> Option<Timestamp> {
+        let doubt = self.doubt.map(|(at, _)| at + self.window.span());
+        let leaving = self.window.leaving().next().map(|(at, _)| at);
+        match self.last {
+            None | Some(State::Ok) => None,
+            Some(_) => [doubt, leaving].into_iter().flatten().min(),
+        }
+    }
+
+    pub(super) fn moves(&self) -> bool {
+        !self.window.is_empty()
+    }
+
+    pub(super) fn words(&self) -> Words {
+        let worst = self
+            .window
+            .extremes()
+            .map(|(min, max)| if self.bands.judge(min) > self.bands.judge(max) { min } else { max });
+        let values = worst.map_or(Vec::new(), |worst| self.bands.values("latency_s", worst));
+        let late = worst.map(|worst| self.bands.say(worst, "s late"));
+        let message = match (self.doubt, worst.map(|worst| self.bands.judge(worst)), late) {
+            (Some((_, doubt)), None | Some(State::Ok | State::Warning | State::Unknown), _) => doubt.say(),
+            (_, _, Some(late)) => late,
+            (_, _, None) if self.last.is_some() => format!("no message for {}", span(self.window.span())),
+            _ => String::new(),
+        };
+        Words { message, values }
+    }
+}
+
+/// Seconds from stamp to receipt. A stamp slightly ahead of this machine's clock counts as now.
+fn age(sample: &Sample) -> Result<f64, Doubt> {
+    let stamp = sample.stamp_ns.ok_or(Doubt::Absent)?;
+    if stamp == 0 {
+        return Err(Doubt::Zero);
+    }
+    let age = i128::from(sample.received_wall_ns) - i128::from(stamp);
+    let away = Span::from_nanos(u64::try_from(age.unsigned_abs()).unwrap_or(u64::MAX));
+    if away > OTHER_CLOCK {
+        return Err(Doubt::OtherClock(away));
+    }
+    if age < 0 && away > FUTURE_MAX {
+        return Err(Doubt::Future(away));
+    }
+    Ok(age.max(0) as f64 / 1e9)
+}
+
+impl Doubt {
+    fn say(self) -> String {
+        match self {
+            Doubt::Absent => "the message has no readable stamp".into(),
+            Doubt::Zero => "the stamp was not set".into(),
+            Doubt::Future(by) => format!("the stamp lies {} in the future: set the clocks", span(by)),
+            Doubt::OtherClock(by) => format!("the stamp is from another clock, {} away", span(by)),
+        }
+    }
+}

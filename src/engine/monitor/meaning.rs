@@ -1,0 +1,83 @@
+//! What a monitor is, apart from the numbers that one configuration gives to topics.
+
+use super::spec::{FieldSpec, MonitorSpec, TopicId, ValueSource, WatchdogId, WatchdogSpec, Watched};
+use crate::engine::snapshot::Class;
+
+const fn class(location: &'static str, information: &'static str, flow: Option<&'static str>) -> Class {
+    Class { location, information, flow }
+}
+
+/// A topic by what it is: its name, its type, and the field that is read.
+type Source<'a> = (&'a str, &'a str, Option<&'a FieldSpec>);
+
+impl MonitorSpec {
+    /// Where its diagnosis stands in the paper's classification (`ENGINE.md` 7).
+    pub fn class(&self) -> Class {
+        match self {
+            MonitorSpec::SelfState { .. } | MonitorSpec::Value { .. } => class("isolated", "content", None),
+            MonitorSpec::Frequency { .. } | MonitorSpec::Latency { .. } | MonitorSpec::Watchdog { .. } => {
+                class("isolated", "meta", None)
+            }
+            MonitorSpec::RateRatio { .. } => class("contextual", "meta", Some("sequential")),
+            MonitorSpec::Sequence { .. } => class("contextual", "content", Some("sequential")),
+            MonitorSpec::Agreement { .. } => class("contextual", "content", Some("parallel")),
+            MonitorSpec::Expression { class, .. } | MonitorSpec::External { class, .. } => *class,
+        }
+    }
+
+    /// Whether silence is judged by the monitor itself, so that the module's timeout means nothing.
+    pub fn by_the_clock(&self) -> bool {
+        matches!(
+            self,
+            MonitorSpec::Frequency { .. } | MonitorSpec::RateRatio { .. } | MonitorSpec::Watchdog { .. }
+        )
+    }
+
+    /// Whether it judges the same things of the same sources, whatever their numbers are.
+    pub(in crate::engine) fn means_the_same(
+        &self,
+        watched: &Watched,
+        other: &MonitorSpec,
+        others: &Watched,
+    ) -> bool {
+        self.meaning(watched) == other.meaning(others)
+    }
+
+    /// The monitor without numbers, and what the numbers stand for.
+    fn meaning<'a>(&self, watched: &'a Watched) -> (MonitorSpec, Vec<Source<'a>>, Option<&'a WatchdogSpec>) {
+        let mut bare = self.clone();
+        let mut sources = Vec::new();
+        let mut name_topic = |topic: &mut TopicId| {
+            let spec = &watched.topics[std::mem::replace(topic, TopicId(0)).0 as usize];
+            sources.push((&*spec.topic, &*spec.type_name, None));
+        };
+        let mut probe = None;
+        let mut values: Vec<&mut ValueSource> = Vec::new();
+        match &mut bare {
+            MonitorSpec::SelfState { .. } | MonitorSpec::External { .. } => {}
+            MonitorSpec::Frequency { topic, .. } | MonitorSpec::Latency { topic, .. } => name_topic(topic),
+            MonitorSpec::RateRatio { input, output, .. } => {
+                name_topic(input);
+                name_topic(output);
+            }
+            MonitorSpec::Watchdog { watchdog, .. } => {
+                let id = std::mem::replace(watchdog, WatchdogId(0));
+                probe = Some(&*watched.watchdogs[id.0 as usize]);
+            }
+            MonitorSpec::Value { source, .. } => values.push(source),
+            MonitorSpec::Sequence { earlier, later, .. } => values.extend([earlier, later]),
+            MonitorSpec::Agreement { a, b, .. } => values.extend([a, b]),
+            MonitorSpec::Expression { inputs, .. } => {
+                values.extend(inputs.iter_mut().map(|(_, source)| source));
+            }
+        }
+        for value in values {
+            if let ValueSource::Field { topic, field } = value {
+                let spec = &watched.topics[std::mem::replace(topic, TopicId(0)).0 as usize];
+                let field = &spec.fields[std::mem::replace(field, 0) as usize];
+                sources.push((&spec.topic, &spec.type_name, Some(field)));
+            }
+        }
+        (bare, sources, probe)
+    }
+}

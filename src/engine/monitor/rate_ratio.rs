@@ -1,0 +1,99 @@
+//! The output rate of a component against its input rate.
+
+use super::spec::Bands;
+use super::window::Window;
+use super::words::{Words, number, span};
+use crate::engine::state::State;
+use crate::engine::time::{Span, Timestamp};
+
+#[derive(Debug, Clone)]
+pub(in crate::engine) struct RateRatio {
+    input: Window,
+    output: Window,
+    bands: Bands,
+    since: Option<Timestamp>,
+}
+
+impl RateRatio {
+    pub(super) const INPUT: usize = 0;
+    pub(super) const OUTPUT: usize = 1;
+
+    pub(super) fn new(window: Span, bands: Bands) -> RateRatio {
+        RateRatio { input: Window::new(window), output: Window::new(window), bands, since: None }
+    }
+
+    pub(super) fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
+        self.input.clear();
+        self.output.clear();
+        self.since = relevant.then_some(now);
+    }
+
+    pub(super) fn take(&mut self, slot: usize, now: Timestamp) {
+        if self.since.is_some() {
+            let window = if slot == RateRatio::INPUT { &mut self.input } else { &mut self.output };
+            window.push(0.0, now);
+        }
+    }
+
+    pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
+        self.input.advance(now);
+        self.output.advance(now);
+        (now >= self.full_at()?).then(|| self.at(self.input.count(), self.output.count()))
+    }
+
+    /// No later than what leaves the windows changes the state: as if only outputs left, or only inputs.
+    /// What leaves the other window pulls the ratio the other way.
+    pub(super) fn due(&self, now: Timestamp) -> Option<Timestamp> {
+        let full_at = self.full_at()?;
+        if now < full_at {
+            return Some(full_at);
+        }
+        let (input, output) = (self.input.count(), self.output.count());
+        let state = self.at(input, output);
+        let first = |window: &Window, at: &dyn Fn(u64) -> State| {
+            let mut left = window.count();
+            let mut leaving = window.leaving();
+            let change = leaving.find(|(_, count)| {
+                left -= count;
+                at(left) != state
+            });
+            change.map(|(at, _)| at)
+        };
+        let of_output = first(&self.output, &|left| self.at(input, left));
+        let of_input = first(&self.input, &|left| self.at(left, output));
+        [of_output, of_input].into_iter().flatten().min()
+    }
+
+    pub(super) fn moves(&self) -> bool {
+        !self.input.is_empty() || !self.output.is_empty()
+    }
+
+    pub(super) fn words(&self, now: Timestamp) -> Words {
+        let Some(full_at) = self.full_at() else {
+            return Words::plain("not measured while it does not matter".into());
+        };
+        if now < full_at {
+            return Words::plain(format!("measuring for {}", span(self.input.span())));
+        }
+        let rates = [
+            ("input_hz", number(self.input.rate(self.input.count()))),
+            ("output_hz", number(self.output.rate(self.output.count()))),
+        ];
+        if self.input.is_empty() {
+            let message = format!("no input for {}", span(self.input.span()));
+            return Words { message, values: rates.into() };
+        }
+        let ratio = self.output.count() as f64 / self.input.count() as f64;
+        let mut values = self.bands.values("ratio", ratio);
+        values.extend(rates);
+        Words { message: self.bands.say(ratio, "outputs per input"), values }
+    }
+
+    fn at(&self, input: u64, output: u64) -> State {
+        if input == 0 { State::Unknown } else { self.bands.judge(output as f64 / input as f64) }
+    }
+
+    fn full_at(&self) -> Option<Timestamp> {
+        Some(self.since? + self.input.span())
+    }
+}

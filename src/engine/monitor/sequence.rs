@@ -1,0 +1,102 @@
+//! A value at a later stage against the same at an earlier one.
+
+use super::inputs::{Doubt, Inputs};
+use super::spec::Bands;
+use super::words::{Words, number, span};
+use crate::engine::sample::FieldValue;
+use crate::engine::state::State;
+use crate::engine::time::{Span, Timestamp};
+
+#[derive(Debug, Clone)]
+pub(in crate::engine) struct Sequence {
+    inputs: Inputs,
+    max_gap: Span,
+    bands: Bands,
+    /// What `later` was compared to when it came; `earlier` alone is an answer to nothing.
+    pair: Option<Pair>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Pair {
+    earlier: Result<f64, Doubt>,
+    later: Result<f64, Doubt>,
+    gap: Span,
+}
+
+impl Sequence {
+    pub(super) const EARLIER: usize = 0;
+    pub(super) const LATER: usize = 1;
+
+    pub(super) fn new(inputs: Inputs, max_gap: Span, bands: Bands) -> Sequence {
+        Sequence { inputs, max_gap, bands, pair: None }
+    }
+
+    pub(super) fn take(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {
+        self.inputs.take(slot, value, now);
+        if slot == Sequence::LATER {
+            let gap = self.inputs.received(Sequence::EARLIER).map_or(Span::ZERO, |at| now.since(at));
+            let earlier = self.inputs.number(Sequence::EARLIER, now);
+            self.pair = Some(Pair { earlier, later: self.inputs.number(Sequence::LATER, now), gap });
+        }
+    }
+
+    pub(super) fn judge(&self) -> Option<State> {
+        self.inputs.any().then(|| self.difference().map_or(State::Unknown, |(_, state)| state))
+    }
+
+    pub(super) fn words(&self) -> Words {
+        if !self.inputs.any() {
+            return Words::default();
+        }
+        match self.difference() {
+            Err(why) => Words::plain(why.say(&self.inputs, self.max_gap)),
+            Ok((difference, _)) => {
+                let mut values = self.bands.values("difference", difference);
+                for (name, slot) in [("earlier", Sequence::EARLIER), ("later", Sequence::LATER)] {
+                    if let Some(FieldValue::Number(value)) = self.inputs.last(slot) {
+                        values.push((name, number(*value)));
+                    }
+                }
+                Words { message: format!("later minus earlier: {}", self.bands.say(difference, "")), values }
+            }
+        }
+    }
+
+    fn difference(&self) -> Result<(f64, State), Why> {
+        let Some(pair) = self.pair else { return Err(Why::Missing(Sequence::LATER)) };
+        let ahead = self.inputs.received(Sequence::EARLIER).zip(self.inputs.received(Sequence::LATER));
+        if ahead.is_some_and(|(earlier, later)| earlier.since(later) > self.max_gap) {
+            return Err(Why::Gap(Sequence::LATER));
+        }
+        let (earlier, later) = (pair.earlier.map_err(Why::Doubt)?, pair.later.map_err(Why::Doubt)?);
+        if pair.gap > self.max_gap {
+            return Err(Why::Gap(Sequence::EARLIER));
+        }
+        let difference = later - earlier;
+        Ok((difference, self.bands.judge_within(difference, slack(earlier, later))))
+    }
+}
+
+/// What the difference of two numbers is off at most by rounding.
+pub(super) fn slack(a: f64, b: f64) -> f64 {
+    2.0 * f64::EPSILON * a.abs().max(b.abs())
+}
+
+enum Why {
+    Doubt(Doubt),
+    Missing(usize),
+    /// This one is further behind the other than it may.
+    Gap(usize),
+}
+
+impl Why {
+    fn say(self, inputs: &Inputs, max_gap: Span) -> String {
+        match self {
+            Why::Doubt(doubt) => inputs.say(doubt),
+            Why::Missing(slot) => format!("nothing came yet of {}", inputs.label(slot)),
+            Why::Gap(slot) => {
+                format!("{} is more than {} behind the other", inputs.label(slot), span(max_gap))
+            }
+        }
+    }
+}

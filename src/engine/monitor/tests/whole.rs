@@ -1,0 +1,179 @@
+//! What holds for all kinds: topics, relevance, policies, other configurations, reloads.
+
+use State::{Error, Ok, Unknown};
+
+use super::super::spec::ValueRule;
+use super::*;
+use crate::engine::filter::Filter;
+use crate::engine::input::OperatorAction;
+
+fn value(source: ValueSource) -> MonitorSpec {
+    MonitorSpec::Value { source, rule: ValueRule::Bands(at_most(80.0, 90.0)) }
+}
+
+fn frequency() -> MonitorSpec {
+    MonitorSpec::Frequency { topic: A, window: millis(1000), bands: at_least(9.0, 5.0) }
+}
+
+#[test]
+fn a_topic_without_publisher_or_of_another_type_is_said_in_words() {
+    check(
+        value(field(A, 0)),
+        &[
+            (0, Do::Number(0, 1.0), Ok, "1, at most 80"),
+            (10, Do::Publishers(0, 0), Unknown, "nobody publishes /a"),
+            (300, Do::OtherType(0), Unknown, "/a has type other/msg/Type, configuration says test/msg/Both"),
+            (330, Do::Publishers(0, 1), Ok, "1, at most 80"),
+            (340, Do::OtherType(1), Ok, ""),
+        ],
+    );
+    let strict = Policy { no_publisher: Error, ..Policy::default() };
+    check_with(
+        value(field(A, 0)),
+        strict,
+        &[
+            (0, Do::Publishers(0, 0), Unknown, "nobody publishes /a"),
+            (1999, Do::Nothing, Unknown, ""),
+            // From the start there is one timeout of grace.
+            (2000, Do::Nothing, Error, "nobody publishes /a"),
+            (2010, Do::Publishers(0, 1), Unknown, ""),
+            (2020, Do::Number(0, 1.0), Ok, ""),
+            (2030, Do::Publishers(0, 0), Error, "nobody publishes /a"),
+        ],
+    );
+}
+
+#[test]
+fn without_news_and_messages_the_timeout_decides() {
+    let stale = Policy { stale: Error, ..Policy::default() };
+    check_with(
+        value(field(A, 0)),
+        stale,
+        &[
+            (1999, Do::Nothing, Unknown, ""),
+            (2000, Do::Nothing, Error, ""),
+            (2001, Do::Number(0, 1.0), Ok, ""),
+        ],
+    );
+}
+
+#[test]
+fn what_is_judged_by_the_clock_starts_anew_when_it_becomes_relevant() {
+    let mut parts = parts(vec![(frequency(), Policy::default())]);
+    parts.stages = StageModel::Shuttle;
+    let model = model(parts);
+    let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+    let at = Timestamp::from_millis;
+    engine.handle(&Input::Tick, at(5000));
+    assert_eq!(own(&engine.snapshot(), 0), (Unknown, ""));
+    let login = Input::Operator(OperatorAction::Login { name: "anna".into() });
+    for (start, input) in [(5000, &login), (9000, &login)] {
+        engine.handle(input, at(start));
+        for (after, state) in [(0, Unknown), (999, Unknown), (1000, Error)] {
+            engine.handle(&Input::Tick, at(start + after));
+            assert_eq!(own(&engine.snapshot(), 0).0, state, "{after} ms after {start}");
+        }
+        engine.handle(&Input::Operator(OperatorAction::Logout), at(start + 2000));
+        assert_eq!(own(&engine.snapshot(), 0), (Unknown, "not measured while it does not matter"));
+    }
+}
+
+#[test]
+fn a_watched_status_feeds_its_module_and_what_claims_it_too() {
+    let mut parts = parts(vec![
+        (MonitorSpec::SelfState { status: "cpu".into() }, Policy::default()),
+        (value(key("cpu", "t")), Policy::default()),
+        (value(key("disc", "t")), Policy::default()),
+    ]);
+    parts.groups[0].filters = vec![Filter::Namespace("disc".into())];
+    parts.limits.discovered_modules = 1;
+    let model = model(parts);
+    let mut engine = Engine::new(model, Timestamp::ZERO);
+    let mut array = StatusArray::default();
+    for (name, level, t) in
+        [("cpu", 0, "1"), ("cpu", 1, "95"), ("cpu", 0, "2"), ("disc", 0, "3"), ("more", 0, "4")]
+    {
+        array.push_status(level, name, "", "");
+        array.push_value("t", t);
+    }
+    engine.handle(&Input::Diagnostics(array), Timestamp::ZERO);
+    let snapshot = engine.snapshot();
+    // Of two statuses with one name the worse one counts, with its values.
+    let states: Vec<State> = (0..3).map(|module| own(&snapshot, module).0).collect();
+    assert_eq!(states, [State::Warning, Error, Ok]);
+    assert!(snapshot.node("g/disc").is_some());
+}
+
+#[test]
+fn what_another_configuration_asked_for_is_dropped_and_counted() {
+    let model = model(parts(vec![(value(field(A, 0)), Policy::default())]));
+    let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+    let mut foreign = model.watched.clone();
+    for topic in &mut foreign.topics {
+        *topic = Arc::new(TopicSpec { stamp: false, ..(**topic).clone() });
+    }
+    engine.handle(&input(&foreign, 0, &Do::Number(0, 99.0)), Timestamp::ZERO);
+    engine.handle(&input(&foreign, 0, &Do::Publishers(0, 0)), Timestamp::ZERO);
+    let Input::Sample(mut sample) = input(&model.watched, 0, &Do::Number(0, 99.0)) else { return };
+    sample.values = [FieldValue::Number(99.0)].into();
+    engine.handle(&Input::Sample(sample.clone()), Timestamp::ZERO);
+    sample.source = Arc::new(TopicSpec { topic: "/unknown".into(), ..(*sample.source).clone() });
+    engine.handle(&Input::Sample(sample), Timestamp::ZERO);
+    let snapshot = engine.snapshot();
+    assert_eq!((snapshot.counters.samples, snapshot.counters.dropped_samples), (3, 4));
+    assert_eq!(own(&snapshot, 0), (Unknown, ""));
+    // Equal is as good as the same.
+    let mut equal = model.watched.clone();
+    equal.topics[0] = Arc::new((*equal.topics[0]).clone());
+    engine.handle(&input(&equal, 0, &Do::Number(0, 99.0)), Timestamp::ZERO);
+    assert_eq!(own(&engine.snapshot(), 0).0, Error);
+}
+
+#[test]
+fn after_a_reload_a_monitor_that_means_the_same_goes_on() {
+    let policy = Policy::default;
+    let first = model(parts(vec![(frequency(), policy()), (value(field(A, 0)), policy())]));
+    // The topics change their numbers and fields; the second module looks at another topic.
+    let mut parts = parts(vec![
+        (MonitorSpec::Frequency { topic: B, window: millis(1000), bands: at_least(9.0, 5.0) }, policy()),
+        (value(field(A, 0)), policy()),
+    ]);
+    parts.watched.topics.swap(0, 1);
+    let more = Arc::make_mut(&mut parts.watched.topics[1]);
+    more.fields.push(FieldSpec { path: "y".into(), kind: FieldKind::Scalar });
+    let second = model(parts);
+    let mut engine = Engine::new(first.clone(), Timestamp::ZERO);
+    let send = |engine: &mut Engine, range: std::ops::Range<u64>| {
+        for at in range.step_by(100) {
+            engine.handle(&input(&first.watched, at, &Do::Number(0, 1.0)), Timestamp::from_millis(at));
+        }
+    };
+    send(&mut engine, 0..1500);
+    assert_eq!(own(&engine.snapshot(), 0).0, Ok);
+    engine.reload(second, Timestamp::from_millis(1500));
+    let snapshot = engine.snapshot();
+    assert_eq!((own(&snapshot, 0).0, own(&snapshot, 1).0), (Ok, Unknown));
+    // What it had counted leaves in time, and what the old readers still bring is not taken.
+    send(&mut engine, 1500..2000);
+    let snapshot = engine.snapshot();
+    assert_eq!((own(&snapshot, 0).0, snapshot.counters.dropped_samples), (State::Warning, 5));
+    engine.handle(&Input::Tick, Timestamp::from_millis(3000));
+    assert_eq!(own(&engine.snapshot(), 0), (Error, "0 Hz, at least 9 wanted"));
+}
+
+#[test]
+fn words_change_rarely_and_states_at_once() {
+    let model = model(parts(vec![(value(field(A, 0)), Policy::default())]));
+    let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+    let mut revisions = Vec::new();
+    for at in 0..1000 {
+        let sample = input(&model.watched, at, &Do::Number(0, at as f64 / 100.0));
+        engine.handle(&sample, Timestamp::from_millis(at));
+        revisions.push(engine.revision());
+    }
+    assert_eq!(revisions[999] - revisions[0], 3, "once every 250 ms");
+    // The last words come by themselves.
+    assert_eq!(engine.next_deadline(), Some(Timestamp::from_millis(1000)));
+    engine.handle(&Input::Tick, Timestamp::from_millis(1000));
+    assert_eq!(own(&engine.snapshot(), 0), (Ok, "9.99, at most 80 wanted"));
+}

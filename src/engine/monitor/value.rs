@@ -1,0 +1,93 @@
+//! One field of a topic, or one KeyValue of a status.
+
+use super::inputs::{Doubt, Inputs};
+use super::spec::ValueRule;
+use super::words::{Words, number, quoted};
+use crate::engine::sample::FieldValue;
+use crate::engine::state::State;
+use crate::engine::time::Timestamp;
+
+#[derive(Debug, Clone)]
+pub(in crate::engine) struct Value {
+    pub(super) inputs: Inputs,
+    rule: ValueRule,
+}
+
+impl Value {
+    pub(super) fn new(inputs: Inputs, rule: ValueRule) -> Value {
+        Value { inputs, rule }
+    }
+
+    /// Whether words are compared, so that "12" is a word too.
+    pub(super) fn wants_words(&self) -> bool {
+        let ValueRule::Unless { error, warning } = &self.rule else { return false };
+        [error, warning].into_iter().any(|wanted| matches!(wanted, Some(FieldValue::Text(_))))
+    }
+
+    pub(super) fn judge(&self, now: Timestamp) -> Option<State> {
+        self.inputs.any().then(|| self.look(now).map_or(State::Unknown, |(_, state)| state))
+    }
+
+    pub(super) fn words(&self, now: Timestamp) -> Words {
+        if !self.inputs.any() {
+            return Words::default();
+        }
+        match (self.look(now), &self.rule) {
+            (Err(doubt), _) => Words::plain(self.inputs.say(doubt)),
+            (Ok((value, _)), ValueRule::Bands(bands)) => match value {
+                FieldValue::Bool(is) => {
+                    Words { message: is.to_string(), values: vec![("value", is.to_string())] }
+                }
+                FieldValue::Number(value) => {
+                    let value = *value;
+                    Words { message: bands.say(value, ""), values: bands.values("value", value) }
+                }
+                _ => Words::default(),
+            },
+            (Ok((value, state)), ValueRule::Unless { error, warning }) => {
+                let missed = if state == State::Error { error } else { warning };
+                let message = match missed.as_ref().filter(|_| state != State::Ok) {
+                    Some(wanted) => format!("{}, {} wanted", say(value), say(wanted)),
+                    None => say(value),
+                };
+                Words { message, values: vec![("value", bare(value))] }
+            }
+        }
+    }
+
+    fn look(&self, now: Timestamp) -> Result<(&FieldValue, State), Doubt> {
+        let value = self.inputs.value(0, now)?;
+        let state = match &self.rule {
+            ValueRule::Bands(bands) => match value {
+                FieldValue::Bool(is) => bands.judge(one_or_zero(*is)),
+                _ => bands.judge(self.inputs.number(0, now)?),
+            },
+            ValueRule::Unless { error: Some(wanted), .. } if value != wanted => State::Error,
+            ValueRule::Unless { warning: Some(wanted), .. } if value != wanted => State::Warning,
+            ValueRule::Unless { .. } => State::Ok,
+        };
+        Ok((value, state))
+    }
+}
+
+/// Against bands, true is 1 and false is 0.
+fn one_or_zero(is: bool) -> f64 {
+    f64::from(u8::from(is))
+}
+
+fn say(value: &FieldValue) -> String {
+    match value {
+        FieldValue::Text(text) => quoted(text),
+        other => bare(other),
+    }
+}
+
+fn bare(value: &FieldValue) -> String {
+    match value {
+        FieldValue::Number(value) => number(*value),
+        FieldValue::Bool(is) => is.to_string(),
+        FieldValue::Text(text) => super::words::cut(text).to_owned(),
+        FieldValue::Pose(_) => "a pose".into(),
+        FieldValue::Unreadable(_) => "unreadable".into(),
+    }
+}

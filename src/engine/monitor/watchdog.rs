@@ -1,0 +1,101 @@
+//! Whether something answers when it is asked.
+
+use super::spec::WatchdogSpec;
+use super::words::{Words, cut, number, span};
+use crate::engine::sample::ProbeOutcome;
+use crate::engine::state::State;
+use crate::engine::time::{Span, Timestamp};
+
+#[derive(Debug, Clone)]
+pub(in crate::engine) struct Watchdog {
+    misses_max: u32,
+    /// Without the end of any probe for this long nothing is known.
+    patience: Span,
+    /// Since when the module is relevant.
+    since: Option<Timestamp>,
+    last: Option<(Timestamp, ProbeOutcome)>,
+    /// In a row.
+    misses: u32,
+    state: Option<State>,
+}
+
+impl Watchdog {
+    pub(super) fn new(spec: &WatchdogSpec, misses: u32) -> Watchdog {
+        let misses_max = misses.max(1);
+        // A probe may begin an interval late and take one itself.
+        let rounds = u64::from(misses_max) + 2;
+        let patience = Span::from_nanos(spec.every.as_nanos().saturating_mul(rounds));
+        Watchdog {
+            misses_max,
+            patience: patience.max(Span::from_millis(1)),
+            since: None,
+            last: None,
+            misses: 0,
+            state: None,
+        }
+    }
+
+    pub(super) fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
+        self.since = relevant.then_some(now);
+        (self.last, self.misses, self.state) = (None, 0, None);
+    }
+
+    pub(super) fn take(&mut self, outcome: &ProbeOutcome, now: Timestamp) {
+        if self.since.is_none() {
+            return;
+        }
+        match outcome {
+            ProbeOutcome::Answered { .. } => (self.misses, self.state) = (0, Some(State::Ok)),
+            ProbeOutcome::Missed(_) => {
+                self.misses = self.misses.saturating_add(1);
+                if self.misses >= self.misses_max {
+                    self.state = Some(State::Error);
+                }
+            }
+            ProbeOutcome::Impossible(_) => self.state = Some(State::Unknown),
+        }
+        self.last = Some((now, outcome.clone()));
+    }
+
+    /// Fewer misses than make an ERROR leave the state as it was.
+    pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
+        if now >= self.late_at()? { self.state.max(Some(State::Unknown)) } else { self.state }
+    }
+
+    pub(super) fn due(&self) -> Option<Timestamp> {
+        self.late_at()
+    }
+
+    pub(super) fn words(&self, now: Timestamp) -> Words {
+        let Some(late_at) = self.late_at() else {
+            return Words::plain("not asked while it does not matter".into());
+        };
+        if now >= late_at {
+            return Words::plain(format!("nobody asked it for {}", span(self.patience)));
+        }
+        match &self.last {
+            None => Words::plain("not asked yet".into()),
+            Some((_, ProbeOutcome::Answered { after })) => {
+                let millis = number(after.as_nanos() as f64 / 1e6);
+                Words { message: "answers".into(), values: vec![("answer_ms", millis)] }
+            }
+            Some((_, ProbeOutcome::Missed(why))) => Words {
+                message: format!(
+                    "no answer, {} of {} in a row: {}",
+                    self.misses.min(self.misses_max),
+                    self.misses_max,
+                    cut(why)
+                ),
+                values: vec![("misses", self.misses.to_string())],
+            },
+            Some((_, ProbeOutcome::Impossible(why))) => {
+                Words::plain(format!("it cannot be asked: {}", cut(why)))
+            }
+        }
+    }
+
+    fn late_at(&self) -> Option<Timestamp> {
+        let since = self.since?;
+        Some(self.last.as_ref().map_or(since, |(at, _)| *at) + self.patience)
+    }
+}

@@ -1,0 +1,157 @@
+//! What came within the last so-and-so long, in memory that does not grow with the rate.
+
+use std::collections::VecDeque;
+
+use crate::engine::time::{Span, Timestamp};
+
+/// Up to this many messages in a window each is known by its own receipt; of more, those within
+/// this fraction of the window leave together with the first of them.
+const BUCKETS: u64 = 256;
+
+/// The shortest window; a shorter one would divide by nothing.
+const SHORTEST: Span = Span::from_millis(1);
+
+/// A sliding window: a message received at `t` is in it from `t` until just before `t + span`.
+/// A bucket opens with a message and takes what comes within 1/256 of the span. So a slow topic is
+/// counted exactly, and a flood too low by at most 0.4 %.
+#[derive(Debug, Clone)]
+pub(super) struct Window {
+    span: Span,
+    buckets: VecDeque<Bucket>,
+    count: u64,
+    /// By the start of their buckets: values that nothing later is below, and above; the first is the
+    /// smallest, or largest, of the window.
+    low: VecDeque<(Timestamp, f64)>,
+    high: VecDeque<(Timestamp, f64)>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Bucket {
+    start: Timestamp,
+    count: u64,
+}
+
+impl Window {
+    pub(super) fn new(span: Span) -> Window {
+        let (low, high) = (VecDeque::new(), VecDeque::new());
+        Window { span: span.max(SHORTEST), buckets: VecDeque::new(), count: 0, low, high }
+    }
+
+    pub(super) fn span(&self) -> Span {
+        self.span
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.buckets.clear();
+        self.count = 0;
+        self.low.clear();
+        self.high.clear();
+    }
+
+    /// Takes a message with a value; whoever counts only gives 0.
+    pub(super) fn push(&mut self, value: f64, now: Timestamp) {
+        self.advance(now);
+        let width = Span::from_nanos(self.span.as_nanos() / BUCKETS);
+        let start = match self.buckets.back_mut() {
+            Some(last) if now < last.start + width => {
+                last.count += 1;
+                last.start
+            }
+            _ => {
+                self.buckets.push_back(Bucket { start: now, count: 1 });
+                now
+            }
+        };
+        self.count += 1;
+        while self.low.pop_back_if(|(_, low)| *low >= value).is_some() {}
+        // Of one bucket, whose values leave together, one is enough.
+        if self.low.back().is_none_or(|(last, _)| *last != start) {
+            self.low.push_back((start, value));
+        }
+        while self.high.pop_back_if(|(_, high)| *high <= value).is_some() {}
+        if self.high.back().is_none_or(|(last, _)| *last != start) {
+            self.high.push_back((start, value));
+        }
+    }
+
+    /// Lets go what is too old at `now`.
+    pub(super) fn advance(&mut self, now: Timestamp) {
+        let span = self.span;
+        let old = |start: Timestamp| start + span <= now;
+        while let Some(first) = self.buckets.pop_front_if(|first| old(first.start)) {
+            self.count -= first.count;
+        }
+        while self.low.pop_front_if(|(start, _)| old(*start)).is_some() {}
+        while self.high.pop_front_if(|(start, _)| old(*start)).is_some() {}
+    }
+
+    pub(super) fn count(&self) -> u64 {
+        self.count
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// The smallest and the largest value in the window.
+    pub(super) fn extremes(&self) -> Option<(f64, f64)> {
+        Some((self.low.front()?.1, self.high.front()?.1))
+    }
+
+    /// Messages in a second, if there are `count` in the window. A rate that is equal to a limit
+    /// on paper is equal here: the division is rounded once.
+    pub(super) fn rate(&self, count: u64) -> f64 {
+        count as f64 * 1e9 / self.span.as_nanos() as f64
+    }
+
+    /// When messages leave if nothing comes, and how many, in order.
+    pub(super) fn leaving(&self) -> impl Iterator<Item = (Timestamp, u64)> {
+        self.buckets.iter().map(|bucket| (bucket.start + self.span, bucket.count))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A window of two seconds after messages at `hertz` for ten.
+    fn after(hertz: u64) -> Window {
+        let mut window = Window::new(Span::from_secs(2));
+        for number in 0..10 * hertz {
+            window.push(number as f64, Timestamp::from_nanos(number * 1_000_000_000 / hertz));
+        }
+        window
+    }
+
+    #[test]
+    fn slow_topics_are_counted_exactly_and_floods_nearly_in_bounded_memory() {
+        for hertz in [1, 2, 10, 100] {
+            let window = after(hertz);
+            assert_eq!(window.count(), 2 * hertz, "{hertz} Hz");
+        }
+        for hertz in [1_000, 20_000, 1_000_000] {
+            let window = after(hertz);
+            let wrong = 1.0 - window.rate(window.count()) / hertz as f64;
+            assert!((0.0..=1.0 / 256.0).contains(&wrong), "{hertz} Hz: {wrong}");
+            assert!(window.buckets.len() <= 257 && window.low.len() <= 257, "{}", window.buckets.len());
+        }
+    }
+
+    #[test]
+    fn a_message_leaves_at_its_instant() {
+        let at = Timestamp::from_millis;
+        let mut window = Window::new(Span::from_millis(100));
+        for (millis, value) in [(0, 5.0), (10, -1.0), (20, 2.0)] {
+            window.push(value, at(millis));
+        }
+        for (now, count, extremes) in [
+            (99, 3, Some((-1.0, 5.0))),
+            (100, 2, Some((-1.0, 2.0))),
+            (110, 1, Some((2.0, 2.0))),
+            (120, 0, None),
+        ] {
+            window.advance(at(now));
+            assert_eq!((window.count(), window.extremes()), (count, extremes), "at {now} ms");
+        }
+    }
+}

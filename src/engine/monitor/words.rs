@@ -1,0 +1,188 @@
+//! What monitors say: numbers as people read them, and limits.
+
+use super::spec::Bands;
+use crate::engine::state::State;
+use crate::engine::time::Span;
+
+/// Text that is quoted from outside is cut here.
+const QUOTED_MAX: usize = 80;
+
+/// What a monitor says beside its state.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(in crate::engine) struct Words {
+    pub(in crate::engine) message: String,
+    /// Measured values, for programs and small diagrams.
+    pub(in crate::engine) values: Vec<(&'static str, String)>,
+}
+
+impl Words {
+    pub(super) fn plain(message: String) -> Words {
+        Words { message, values: Vec::new() }
+    }
+}
+
+impl Bands {
+    /// Below or above a limit counts, equal does not; ERROR before WARNING. What is not finite is
+    /// not known.
+    pub(super) fn judge(&self, value: f64) -> State {
+        self.judge_within(value, 0.0)
+    }
+
+    /// The same for a value that is known up to `slack`: within it a limit counts as equal.
+    pub(super) fn judge_within(&self, value: f64, slack: f64) -> State {
+        if !value.is_finite() {
+            return State::Unknown;
+        }
+        let below = |limit: Option<f64>| limit.is_some_and(|limit| value < limit - slack);
+        let above = |limit: Option<f64>| limit.is_some_and(|limit| value > limit + slack);
+        if below(self.error_below) || above(self.error_above) {
+            State::Error
+        } else if below(self.warning_below) || above(self.warning_above) {
+            State::Warning
+        } else {
+            State::Ok
+        }
+    }
+
+    /// `4.2 Hz, at least 9 wanted`.
+    pub(super) fn say(&self, value: f64, unit: &str) -> String {
+        let lower = self.warning_below.or(self.error_below);
+        let upper = self.warning_above.or(self.error_above);
+        let measured =
+            measured(value, &[self.warning_below, self.error_below, self.warning_above, self.error_above]);
+        let space = if unit.is_empty() { "" } else { " " };
+        match (lower, upper) {
+            (Some(lower), Some(upper)) => {
+                format!("{measured}{space}{unit}, {} to {} wanted", number(lower), number(upper))
+            }
+            (Some(lower), None) => format!("{measured}{space}{unit}, at least {} wanted", number(lower)),
+            (None, Some(upper)) => format!("{measured}{space}{unit}, at most {} wanted", number(upper)),
+            (None, None) => format!("{measured}{space}{unit}"),
+        }
+    }
+
+    /// The value and the limits by their names.
+    pub(super) fn values(&self, name: &'static str, value: f64) -> Vec<(&'static str, String)> {
+        let limits = [
+            ("warning_below", self.warning_below),
+            ("error_below", self.error_below),
+            ("warning_above", self.warning_above),
+            ("error_above", self.error_above),
+        ];
+        let limits = limits.into_iter().filter_map(|(name, limit)| Some((name, number(limit?))));
+        std::iter::once((name, number(value))).chain(limits).collect()
+    }
+}
+
+/// A measured value in as few digits as set it apart from the limits.
+fn measured(value: f64, limits: &[Option<f64>]) -> String {
+    let like_a_limit = |text: &str| {
+        limits
+            .iter()
+            .flatten()
+            .any(|&limit| (limit - value).abs() > 1e-9 * limit.abs() && number(limit) == text)
+    };
+    let texts = (3..=9).map(|digits| rounded(value, digits));
+    texts.into_iter().find(|text| !like_a_limit(text)).unwrap_or_else(|| rounded(value, 17))
+}
+
+/// Three significant digits for fractions, whole numbers up to a million in full.
+pub(super) fn number(value: f64) -> String {
+    if value.fract() == 0.0 && value.abs() < 1e6 { format!("{}", value + 0.0) } else { rounded(value, 3) }
+}
+
+fn rounded(value: f64, digits: i32) -> String {
+    if value == 0.0 {
+        return "0".into();
+    }
+    if !value.is_finite() {
+        return if value.is_nan() { "not a number".into() } else { "infinite".into() };
+    }
+    let magnitude = value.abs().log10().floor() as i32;
+    if !(-5..9).contains(&magnitude) {
+        return format!("{value:.*e}", digits as usize - 1);
+    }
+    let text = format!("{value:.*}", (digits - 1 - magnitude).max(0) as usize);
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
+}
+
+/// `350 ms`, `2 s`, `1.5 h`.
+pub(super) fn span(span: Span) -> String {
+    let seconds = span.as_nanos() as f64 / 1e9;
+    match seconds {
+        ..1e-3 => format!("{} us", number(seconds * 1e6)),
+        ..1.0 => format!("{} ms", number(seconds * 1e3)),
+        ..300.0 => format!("{} s", number(seconds)),
+        ..7200.0 => format!("{} min", number(seconds / 60.0)),
+        ..172_800.0 => format!("{} h", number(seconds / 3600.0)),
+        _ => format!("{} days", number(seconds / 86_400.0)),
+    }
+}
+
+/// Text from outside between quotes, cut where it is too long.
+pub(super) fn quoted(text: &str) -> String {
+    let cut = cut(text);
+    if cut.len() < text.len() { format!("\"{cut}…\"") } else { format!("\"{cut}\"") }
+}
+
+pub(super) fn cut(text: &str) -> &str {
+    &text[..text.floor_char_boundary(QUOTED_MAX)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_to_a_limit_does_not_count_and_error_comes_first() {
+        let bands = Bands {
+            warning_below: Some(9.0),
+            error_below: Some(5.0),
+            warning_above: Some(11.0),
+            error_above: Some(20.0),
+        };
+        for (value, state) in [
+            (4.9, State::Error),
+            (5.0, State::Warning),
+            (8.99, State::Warning),
+            (9.0, State::Ok),
+            (11.0, State::Ok),
+            (11.1, State::Warning),
+            (20.0, State::Warning),
+            (20.1, State::Error),
+            (f64::NAN, State::Unknown),
+            (f64::INFINITY, State::Unknown),
+            (f64::NEG_INFINITY, State::Unknown),
+        ] {
+            assert_eq!(bands.judge(value), state, "{value}");
+        }
+    }
+
+    #[test]
+    fn numbers_are_short_and_never_look_like_a_limit_that_they_miss() {
+        let at_least = Bands { warning_below: Some(9.0), ..Bands::default() };
+        let both = Bands { warning_above: Some(0.2), error_below: Some(-0.1), ..Bands::default() };
+        for (bands, value, text) in [
+            (at_least, 4.2, "4.2 Hz, at least 9 wanted"),
+            (at_least, 8.9996, "8.9996 Hz, at least 9 wanted"),
+            (at_least, 9.0, "9 Hz, at least 9 wanted"),
+            (at_least, 20_000.0, "20000 Hz, at least 9 wanted"),
+            (at_least, 0.0, "0 Hz, at least 9 wanted"),
+            (at_least, 1.0 / 3.0, "0.333 Hz, at least 9 wanted"),
+            (both, 1e-9, "1.00e-9 Hz, -0.1 to 0.2 wanted"),
+            (both, 1e300, "1.00e300 Hz, -0.1 to 0.2 wanted"),
+        ] {
+            assert_eq!(bands.say(value, "Hz"), text);
+        }
+    }
+
+    #[test]
+    fn spans_and_quotes_are_readable() {
+        for (nanos, text) in [(350_000_000, "350 ms"), (2_000_000_000, "2 s"), (5_400_000_000_000, "90 min")]
+        {
+            assert_eq!(span(Span::from_nanos(nanos)), text);
+        }
+        assert_eq!(quoted("idle"), "\"idle\"");
+        assert!(quoted(&"ä".repeat(500)).len() < 100);
+    }
+}

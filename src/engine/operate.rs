@@ -1,0 +1,235 @@
+//! What an operator does, and which check refuses it.
+
+use std::sync::Arc;
+
+use super::Engine;
+use super::input::{AlarmRef, OperatorAction, Place, Refusal, Response};
+use super::measures;
+use super::model::{ModuleId, NodeId, Stage, StageModel};
+use super::node::Facts;
+use super::snapshot::MapPose;
+use super::state::State;
+use super::vehicle::Event;
+
+/// A pose farther than this from every stop is surely a slip.
+const FROM_STOP_MAX_M: f64 = 200.0;
+
+/// WARNINGs that are named when a clearance is refused.
+const WARNINGS_MAX: usize = 64;
+
+impl Engine {
+    pub(super) fn operate(&mut self, action: &OperatorAction) -> Response {
+        match self.try_to(action) {
+            Ok(()) => {
+                self.led = true;
+                Response::Done
+            }
+            Err(reasons) => Response::Refused(reasons),
+        }
+    }
+
+    /// Does it, or changes nothing and names every reason.
+    fn try_to(&mut self, action: &OperatorAction) -> Result<(), Vec<Refusal>> {
+        match action {
+            OperatorAction::Login { name } => {
+                self.vehicle.operator = Some(Arc::from(&**name));
+                self.step(Event::Login);
+                Ok(())
+            }
+            OperatorAction::Logout => self.leave(Event::Logout, Refusal::LogoutWhileActive),
+            OperatorAction::Shutdown => {
+                self.need_operator()?;
+                self.leave(Event::Shutdown, Refusal::ShutdownWhileActive)
+            }
+            OperatorAction::Localize { place } => self.localize(place),
+            OperatorAction::AskClearance { display_live, storage_ok } => {
+                self.check_clearance(*display_live, *storage_ok)
+            }
+            OperatorAction::Clear { display_live, storage_ok } => {
+                self.check_clearance(*display_live, *storage_ok)?;
+                self.step(Event::Clearance);
+                Ok(())
+            }
+            OperatorAction::RequestStop => {
+                self.need_operator()?;
+                if self.vehicle.stage != Stage::Active {
+                    return Err(vec![Refusal::WrongStage(self.vehicle.stage)]);
+                }
+                self.measures.request_stop(self.now);
+                Ok(())
+            }
+            OperatorAction::Acknowledge { alarm } => {
+                self.need_operator()?;
+                self.acknowledge(alarm).map_err(|reason| vec![reason])
+            }
+            OperatorAction::Reset { module } => self.reset(module).map_err(|reason| vec![reason]),
+        }
+    }
+
+    /// On a machine without stages the login gates the view alone.
+    fn need_operator(&self) -> Result<(), Vec<Refusal>> {
+        match (&self.vehicle.operator, self.vehicle.model) {
+            (None, StageModel::Shuttle) => Err(vec![Refusal::NobodyLoggedIn]),
+            _ => Ok(()),
+        }
+    }
+
+    fn leave(&mut self, event: Event, refusal: Refusal) -> Result<(), Vec<Refusal>> {
+        if self.vehicle.stage == Stage::Active && self.vehicle.model == StageModel::Shuttle {
+            return Err(vec![refusal]);
+        }
+        self.vehicle.operator = None;
+        self.step(event);
+        Ok(())
+    }
+
+    fn localize(&mut self, place: &Place) -> Result<(), Vec<Refusal>> {
+        if self.vehicle.model == StageModel::None {
+            return Err(vec![Refusal::NoStages]);
+        }
+        self.need_operator()?;
+        let mut reasons = Vec::new();
+        if !matches!(self.vehicle.stage, Stage::Localizing | Stage::Standby) {
+            reasons.push(Refusal::WrongStage(self.vehicle.stage));
+        }
+        let pose = self.pose(place).map_err(|reason| reasons.push(reason)).ok();
+        let Some(pose) = pose.filter(|_| reasons.is_empty()) else { return Err(reasons) };
+        self.vehicle.localize(pose, self.now);
+        self.set_posed();
+        Ok(())
+    }
+
+    fn pose(&self, place: &Place) -> Result<MapPose, Refusal> {
+        let stops = &self.model.driving.stops;
+        let pose = match place {
+            Place::Stop(id) => {
+                let stop = stops.iter().find(|stop| stop.id == Arc::from(&**id));
+                let stop = stop.ok_or_else(|| Refusal::NoSuchStop(id.clone()))?;
+                return Ok(MapPose { x_m: stop.x_m, y_m: stop.y_m, yaw_deg: stop.yaw_deg });
+            }
+            Place::Pose { x_m, y_m, yaw_deg } => MapPose { x_m: *x_m, y_m: *y_m, yaw_deg: *yaw_deg },
+        };
+        if ![pose.x_m, pose.y_m, pose.yaw_deg].iter().all(|value| value.is_finite()) {
+            return Err(Refusal::PoseNotFinite);
+        }
+        let distance = |stop: &super::model::Stop| (stop.x_m - pose.x_m).hypot(stop.y_m - pose.y_m);
+        match stops.iter().map(distance).min_by(f64::total_cmp) {
+            Some(nearest) if nearest > FROM_STOP_MAX_M => Err(Refusal::PoseTooFar {
+                // Saturates: a distance past 4 million km is as far as any.
+                nearest_m: nearest as u32,
+                limit_m: FROM_STOP_MAX_M as u32,
+            }),
+            _ => Ok(pose),
+        }
+    }
+
+    fn acknowledge(&mut self, alarm: &AlarmRef) -> Result<(), Refusal> {
+        let node = match alarm {
+            AlarmRef::OperatorStop => {
+                if !self.measures.is_requested() {
+                    return Err(Refusal::NoStopRequested);
+                }
+                self.measures.release_stop();
+                return Ok(());
+            }
+            AlarmRef::Number(number) => {
+                let node = self.alarms.node(*number).ok_or(Refusal::NoSuchAlarm(*number))?;
+                self.alarms.acknowledge(|alarm| alarm.id == *number, self.now, &mut self.events);
+                self.measures.acknowledge(node);
+                self.views.set_alarms(self.alarms.list());
+                return Ok(());
+            }
+            AlarmRef::Node(name) => {
+                let found = self.views.nodes().find(|(_, known)| *known == &**name);
+                found.map(|(node, _)| node).ok_or_else(|| Refusal::NoSuchNode(name.clone()))?
+            }
+        };
+        let alarmed = self.alarms.acknowledge(|alarm| alarm.node == node, self.now, &mut self.events);
+        let held = self.measures.acknowledge(node);
+        let warned: Vec<ModuleId> =
+            self.warnings.open().filter(|&id| self.around(NodeId::Module(id)).any(|it| it == node)).collect();
+        let known = matches!(node, NodeId::Module(id) if self.warnings.is_accepted(id));
+        warned.iter().for_each(|&id| self.warnings.accept(id));
+        if !(alarmed || held || known || !warned.is_empty()) {
+            return Err(Refusal::NothingToAcknowledge(self.views.name(node).into()));
+        }
+        self.views.set_alarms(self.alarms.list());
+        Ok(())
+    }
+
+    /// A node and the groups around it.
+    fn around(&self, node: NodeId) -> impl Iterator<Item = NodeId> {
+        std::iter::successors(Some(node), |&node| self.net.node(node).parent.map(NodeId::Group))
+    }
+
+    fn reset(&mut self, name: &str) -> Result<(), Refusal> {
+        let id = self.views.module(name).ok_or_else(|| Refusal::NoSuchModule(name.into()))?;
+        let own = &mut self.net.modules[id.0 as usize].own;
+        if !own.latched() {
+            return Err(Refusal::NotLatched(name.into()));
+        }
+        if !own.reset() {
+            return Err(Refusal::StillInError(name.into()));
+        }
+        self.net.mark_module(id);
+        Ok(())
+    }
+
+    fn check_clearance(&self, display_live: bool, storage_ok: bool) -> Result<(), Vec<Refusal>> {
+        let mut reasons = self.clearance_refusals();
+        let besides = [(display_live, Refusal::DisplayNotLive), (storage_ok, Refusal::StorageNotWritable)];
+        reasons.extend(besides.into_iter().filter(|(holds, _)| !holds).map(|(_, reason)| reason));
+        if reasons.is_empty() { Ok(()) } else { Err(reasons) }
+    }
+
+    /// Every check of a clearance that fails and that the vehicle's state decides.
+    pub(super) fn clearance_refusals(&self) -> Vec<Refusal> {
+        let vehicle = &self.vehicle;
+        if vehicle.model == StageModel::None {
+            return vec![Refusal::NoStages];
+        }
+        let mut reasons = Vec::new();
+        if vehicle.operator.is_none() {
+            reasons.push(Refusal::NobodyLoggedIn);
+        }
+        if vehicle.stage != Stage::Standby {
+            reasons.push(Refusal::WrongStage(vehicle.stage));
+        }
+        if vehicle.localization.given.is_some() && !vehicle.localization.done {
+            reasons.push(Refusal::NotLocalized);
+        }
+        if !self.has_goal() {
+            reasons.push(Refusal::NoGoal);
+        }
+        let counted = self.net.groups.iter().zip(0..).filter(|(group, _)| !group.is_other);
+        for (group, index) in counted.filter(|(group, _)| group.node.parent.is_none()) {
+            let Facts { relevant, masked, shown, .. } = group.node.facts;
+            if relevant && (masked || shown >= State::Unknown) {
+                let name = self.views.name(NodeId::Group(super::model::GroupId(index)));
+                reasons.push(Refusal::Group { group: name.into(), state: shown });
+            }
+        }
+        let counts = |node: NodeId| self.net.node(node).facts.shown >= State::Warning;
+        let warned = self.warnings.open().filter(|&id| self.around(NodeId::Module(id)).all(counts));
+        reasons.extend(
+            warned
+                .take(WARNINGS_MAX)
+                .map(|id| Refusal::Warning { module: self.views.name(NodeId::Module(id)).into() }),
+        );
+        reasons.extend(self.measures.moving().map(Refusal::Countermeasure));
+        reasons
+    }
+
+    /// Whether a goal is set. A vehicle without the signal has none to wait for.
+    pub(super) fn has_goal(&self) -> bool {
+        self.goal_signal.is_none_or(|index| self.signals.value(index) == Some(true))
+    }
+
+    /// The root causes of a node that fails.
+    pub(super) fn follow_measures(&mut self) {
+        let (net, views) = (&self.net, &self.views);
+        let masked_by = |node| views.masked_by(node);
+        let causes = |node| measures::roots(net, &masked_by, node);
+        self.measures.follow(&self.model, net, self.vehicle.stage, self.now, causes);
+    }
+}

@@ -1,0 +1,180 @@
+//! Going on after a restart, and beginning in the middle (`SAFETY.md` R6).
+
+use std::sync::Arc;
+
+use super::Engine;
+use super::countermeasure::Request;
+use super::measures::{By, Cause, Held};
+use super::model::{Model, NodeId, Stage, StageModel};
+use super::snapshot::{Alarm, Localization, MapPose, Snapshot};
+use super::time::{Span, Timestamp};
+use super::vehicle::Event;
+
+/// What outlives the program: everything that an operator decided or has to decide. The states of
+/// the components do not; they are UNKNOWN until they are heard. Nodes are named as on the wire.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Restored {
+    /// A clearance does not outlive the program: `cleared` becomes `standby`.
+    pub stage: Stage,
+    pub operator: Option<Box<str>>,
+    /// Whether the operator gave a pose in this localizing.
+    pub posed: bool,
+    /// Number and value of the last pose: it is not published again.
+    pub pose: Option<(u64, MapPose)>,
+    pub alarms: Vec<RestoredAlarm>,
+    /// The number of the last alarm that was raised: no number is given twice.
+    pub last_alarm: u64,
+    /// Modules whose WARNING is accepted.
+    pub accepted: Vec<Box<str>>,
+    pub countermeasures: Vec<RestoredMeasure>,
+}
+
+impl Default for Restored {
+    fn default() -> Restored {
+        Restored {
+            stage: Stage::Locked,
+            operator: None,
+            posed: false,
+            pose: None,
+            alarms: Vec::new(),
+            last_alarm: 0,
+            accepted: Vec::new(),
+            countermeasures: Vec::new(),
+        }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct RestoredAlarm {
+    pub id: u64,
+    pub node: Box<str>,
+    /// How long ago it was raised.
+    pub age: Span,
+    pub acknowledged: bool,
+    pub active: bool,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct RestoredMeasure {
+    pub request: Request,
+    pub by_operator: bool,
+    /// Causes, and whether each is acknowledged.
+    pub causes: Vec<(Box<str>, bool)>,
+}
+
+impl Snapshot {
+    /// What is to be stored of this snapshot, for [`Engine::resume`].
+    pub fn to_restore(&self) -> Restored {
+        let name = |node| Box::from(&**self.node_name(node));
+        let alarm = |alarm: &Alarm| RestoredAlarm {
+            id: alarm.id,
+            node: name(alarm.node),
+            age: self.now.since(alarm.raised),
+            acknowledged: alarm.acknowledged,
+            active: alarm.active,
+        };
+        let Localization { number, pose, given, .. } = self.localization;
+        Restored {
+            stage: self.stage,
+            operator: self.operator.as_deref().map(Box::from),
+            posed: given.is_some(),
+            pose: pose.map(|pose| (number, pose)),
+            alarms: self.alarms.iter().map(alarm).collect(),
+            last_alarm: self.last_alarm,
+            accepted: self.accepted.iter().map(|&node| name(node)).collect(),
+            countermeasures: self
+                .countermeasures
+                .iter()
+                .map(|it| RestoredMeasure {
+                    request: it.request,
+                    by_operator: it.by_operator,
+                    causes: it.causes.iter().map(|cause| (name(cause.node), cause.acknowledged)).collect(),
+                })
+                .collect(),
+        }
+    }
+}
+
+impl Engine {
+    /// Goes on where an earlier run of the program ended. Alarms and countermeasures stay until what
+    /// they stand for is heard again; what the configuration does not name any more is left out.
+    pub fn resume(model: Arc<Model>, restored: &Restored, now: Timestamp) -> Engine {
+        let mut engine = Engine::build(model, now);
+        engine.take_restored(restored);
+        engine.settle();
+        engine.views.set_alarms(engine.alarms.list());
+        engine
+    }
+
+    fn take_restored(&mut self, restored: &Restored) {
+        self.vehicle.operator = restored.operator.as_deref().map(Arc::from);
+        if self.vehicle.model == StageModel::Shuttle {
+            let someone = self.vehicle.operator.is_some();
+            self.vehicle.stage = match restored.stage {
+                Stage::Active if self.active_signal.is_some() => Stage::Active,
+                Stage::Localizing if someone => Stage::Localizing,
+                Stage::Standby | Stage::Cleared | Stage::Active if someone => Stage::Standby,
+                _ => Stage::Locked,
+            };
+        }
+        let (number, pose) = restored.pose.map_or((0, None), |(number, pose)| (number, Some(pose)));
+        let given = restored.posed.then_some(self.now).filter(|_| self.vehicle.stage == Stage::Localizing);
+        self.vehicle.localization = Localization { number, pose, given, ok_since: None, done: false };
+        let nodes: std::collections::HashMap<Box<str>, NodeId> =
+            self.views.nodes().map(|(node, name)| (name.into(), node)).collect();
+        let find = |name: &str| nodes.get(name).copied();
+        for name in &restored.accepted {
+            if let Some(NodeId::Module(id)) = find(name) {
+                self.warnings.expect(id);
+            }
+        }
+        let alarm = |it: &RestoredAlarm| {
+            let raised = Timestamp::from_nanos(self.now.as_nanos().saturating_sub(it.age.as_nanos()));
+            let RestoredAlarm { id, acknowledged, active, .. } = *it;
+            Some(Alarm { id, node: find(&it.node)?, raised, acknowledged, active })
+        };
+        self.alarms.restore(restored.alarms.iter().filter_map(alarm).collect(), restored.last_alarm);
+        for measure in &restored.countermeasures {
+            let cause = |(name, acknowledged): &(Box<str>, bool)| {
+                Some(Cause { node: find(name)?, acknowledged: *acknowledged })
+            };
+            let (request, since) = (measure.request, self.now);
+            if measure.by_operator && self.vehicle.stage == Stage::Active {
+                self.measures.request_stop(self.now);
+            }
+            let causes: Vec<Cause> = measure.causes.iter().filter_map(cause).collect();
+            let present = !causes.is_empty();
+            self.measures.hold(Held { request, by: By::Past, since, present, causes });
+        }
+        self.stage_changed();
+    }
+
+    /// Enters a stage at once with what it implies: an operator, a pose, a goal and what the Mission
+    /// component says. For scenarios; a sample of a signal overrules what is implied of it.
+    pub fn start_in(&mut self, stage: Stage) {
+        if self.vehicle.model == StageModel::None || stage == Stage::Locked {
+            return;
+        }
+        self.vehicle.operator = Some("operator".into());
+        self.step(Event::Login);
+        let active = (self.active_signal, stage == Stage::Active);
+        let goal = (self.goal_signal, matches!(stage, Stage::Cleared | Stage::Active));
+        for (index, value) in [active, goal] {
+            if let Some(index) = index {
+                self.signals.assume(index, value);
+                self.signal_changed(index, true);
+            }
+        }
+        let path = [(Stage::Standby, Event::Localized), (Stage::Cleared, Event::Clearance)];
+        self.vehicle.localization.done = true;
+        for (_, event) in path.into_iter().filter(|(reached, _)| *reached <= stage && stage != Stage::Active)
+        {
+            self.step(event);
+        }
+        self.vehicle.localization.done = false;
+        if stage == Stage::Active {
+            self.step(Event::ActiveTrue);
+        }
+        self.settle();
+    }
+}

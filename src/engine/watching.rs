@@ -1,0 +1,391 @@
+//! What comes of topics, probes and KeyValues, to the monitors that look at it.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use super::input::StatusArray;
+use super::model::{Limits, Model, ModuleId, Policy};
+use super::monitor::spec::{MonitorSpec, TopicId, TopicSpec, ValueSource, WatchdogSpec};
+use super::monitor::{Feed, Monitor, Taken, WORDS_EVERY, Words, feeds, parse};
+use super::sample::{FieldValue, Probe, Sample, TopicNews};
+use super::state::State;
+use super::time::Timestamp;
+
+/// All monitors, and who looks at what.
+#[derive(Debug, Default)]
+pub(super) struct Watching {
+    pub(super) watches: Vec<Watch>,
+    /// By [`ModuleId`], for those that are declared.
+    of_module: Vec<Option<u32>>,
+    /// By [`TopicId`].
+    topics: Vec<Topic>,
+    topic_names: HashMap<Box<str>, u32>,
+    /// Each probe with the monitors that ask it.
+    probes: Vec<(Arc<WatchdogSpec>, Vec<u32>)>,
+    statuses: HashMap<Arc<str>, Keyed>,
+    /// Names of the array in hand, kept to save allocations.
+    touched: Vec<Arc<str>>,
+    /// Monitors to judge, kept to save allocations.
+    pub(super) judge: Vec<u32>,
+    /// Modules that became relevant or ceased to be.
+    pub(super) turned: Vec<ModuleId>,
+}
+
+/// A module's monitor, and what was told of it.
+#[derive(Debug)]
+pub(super) struct Watch {
+    pub(super) module: ModuleId,
+    monitor: Monitor,
+    topics: Box<[TopicId]>,
+    by_the_clock: bool,
+    said: Option<State>,
+    /// When time alone changes its state, or somewhat before.
+    due: Option<Timestamp>,
+    /// When its words were last written.
+    worded: Option<Timestamp>,
+    /// What is measured may have changed since then.
+    pending: bool,
+    running: bool,
+}
+
+#[derive(Debug)]
+struct Topic {
+    spec: Arc<TopicSpec>,
+    /// In the order of the monitors, then of their slots.
+    readers: Vec<Reader>,
+    /// What discovery said; nothing is concluded while it said nothing.
+    news: Option<News>,
+}
+
+#[derive(Debug, Clone)]
+struct News {
+    publishers: u32,
+    other_type: Option<Box<str>>,
+}
+
+#[derive(Debug)]
+struct Reader {
+    watch: u32,
+    slot: u32,
+    /// `None`: the message as such.
+    field: Option<u32>,
+}
+
+/// A status of which KeyValues are watched.
+#[derive(Debug, Default)]
+struct Keyed {
+    keys: Vec<KeyReader>,
+    /// In the array in hand, the position of the worst status of this name.
+    position: Option<usize>,
+}
+
+#[derive(Debug)]
+struct KeyReader {
+    watch: u32,
+    slot: u32,
+    key: Arc<str>,
+    as_text: bool,
+}
+
+/// Why a topic cannot be judged as it should.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Blind {
+    WrongType(TopicId),
+    NoPublisher(TopicId),
+}
+
+/// What became of a monitor.
+#[derive(Debug)]
+pub(super) struct Told {
+    pub(super) state: Option<State>,
+    /// Whether the state is another one than before.
+    pub(super) changed: bool,
+    pub(super) words: Option<Words>,
+    /// When to look at it again.
+    pub(super) due: Option<Timestamp>,
+}
+
+impl Watching {
+    pub(super) fn new(model: &Model) -> Watching {
+        let topic = |spec: &Arc<TopicSpec>| Topic { spec: spec.clone(), readers: Vec::new(), news: None };
+        let names = model.watched.topics.iter().zip(0..).map(|(spec, index)| (spec.topic.clone(), index));
+        let mut watching = Watching {
+            topics: model.watched.topics.iter().map(topic).collect(),
+            topic_names: names.collect(),
+            probes: model.watched.watchdogs.iter().map(|spec| (spec.clone(), Vec::new())).collect(),
+            of_module: vec![None; model.modules.len()],
+            ..Watching::default()
+        };
+        for (index, module) in model.modules.iter().enumerate() {
+            if let Some(monitor) = Monitor::new(&module.monitor, &model.watched) {
+                watching.add(ModuleId(index as u32), &module.monitor, monitor);
+            }
+        }
+        watching
+    }
+
+    fn add(&mut self, module: ModuleId, spec: &MonitorSpec, monitor: Monitor) {
+        let watch = self.watches.len() as u32;
+        let as_text = monitor.wants_words();
+        let mut topics = Vec::new();
+        for (slot, feed) in feeds(spec).into_iter().enumerate() {
+            let slot = slot as u32;
+            let (topic, field) = match feed {
+                Feed::Messages(topic) => (topic, None),
+                Feed::Values(ValueSource::Field { topic, field }) => (*topic, Some(*field)),
+                Feed::Values(ValueSource::Key { status, key }) => {
+                    let keyed = self.statuses.entry(status.clone()).or_default();
+                    keyed.keys.push(KeyReader { watch, slot, key: key.clone(), as_text });
+                    continue;
+                }
+            };
+            self.topics[topic.0 as usize].readers.push(Reader { watch, slot, field });
+            topics.push(topic);
+        }
+        if let MonitorSpec::Watchdog { watchdog, .. } = spec {
+            self.probes[watchdog.0 as usize].1.push(watch);
+        }
+        self.of_module[module.0 as usize] = Some(watch);
+        self.watches.push(Watch {
+            module,
+            monitor,
+            topics: topics.into(),
+            by_the_clock: spec.by_the_clock(),
+            said: None,
+            due: None,
+            worded: None,
+            pending: false,
+            running: false,
+        });
+    }
+
+    /// The topic of a message that was read as this configuration asks for.
+    fn topic(&self, source: &Arc<TopicSpec>) -> Option<TopicId> {
+        let index = *self.topic_names.get(&source.topic)?;
+        let spec = &self.topics[index as usize].spec;
+        (Arc::ptr_eq(spec, source) || spec == source).then_some(TopicId(index))
+    }
+
+    /// Takes a message; says which monitors to judge, or `None` if it is of another configuration.
+    pub(super) fn take_sample(
+        &mut self,
+        sample: &Sample,
+        now: Timestamp,
+        judge: &mut Vec<u32>,
+    ) -> Option<()> {
+        let id = self.topic(&sample.source)?;
+        let topic = &self.topics[id.0 as usize];
+        if sample.values.len() != topic.spec.fields.len() {
+            return None;
+        }
+        for reader in &topic.readers {
+            let taken = match reader.field {
+                None => Taken::Message(sample),
+                Some(field) => Taken::Value(&sample.values[field as usize]),
+            };
+            let watch = &mut self.watches[reader.watch as usize];
+            watch.monitor.take(reader.slot as usize, taken, now);
+            watch.pending = true;
+            if judge.last() != Some(&reader.watch) {
+                judge.push(reader.watch);
+            }
+        }
+        Some(())
+    }
+
+    /// Takes what discovery says; `None` if it is of another configuration.
+    pub(super) fn take_news(&mut self, news: &TopicNews, judge: &mut Vec<u32>) -> Option<()> {
+        let id = self.topic(&news.source)?;
+        let topic = &mut self.topics[id.0 as usize];
+        topic.news = Some(News { publishers: news.publishers, other_type: news.other_type.clone() });
+        judge.extend(topic.readers.iter().map(|reader| reader.watch));
+        judge.dedup();
+        for &watch in &*judge {
+            self.watches[watch as usize].pending = true;
+        }
+        Some(())
+    }
+
+    pub(super) fn take_probe(&mut self, probe: &Probe, now: Timestamp, judge: &mut Vec<u32>) -> Option<()> {
+        let same = |spec: &Arc<WatchdogSpec>| Arc::ptr_eq(spec, &probe.source) || *spec == probe.source;
+        let (_, readers) = self.probes.iter().find(|(spec, _)| same(spec))?;
+        for &index in readers {
+            let watch = &mut self.watches[index as usize];
+            watch.monitor.take(0, Taken::Probe(&probe.outcome), now);
+            watch.pending = true;
+            judge.push(index);
+        }
+        Some(())
+    }
+
+    /// Takes the KeyValues of an array. Of two statuses with one name the worse one counts.
+    pub(super) fn take_keys(
+        &mut self,
+        array: &StatusArray,
+        limits: &Limits,
+        now: Timestamp,
+        judge: &mut Vec<u32>,
+    ) {
+        if self.statuses.is_empty() {
+            return;
+        }
+        let mut touched = std::mem::take(&mut self.touched);
+        for (position, status) in array.iter().enumerate() {
+            let Some((name, _)) = self.statuses.get_key_value(status.name()) else { continue };
+            let name = name.clone();
+            let Some(keyed) = self.statuses.get_mut(&name) else { continue };
+            match keyed.position {
+                None => {
+                    keyed.position = Some(position);
+                    touched.push(name);
+                }
+                Some(known) if status.state() > array.get(known).state() => keyed.position = Some(position),
+                Some(_) => {}
+            }
+        }
+        let mut taken = Vec::new();
+        for name in touched.drain(..) {
+            let Some(keyed) = self.statuses.get_mut(&name) else { continue };
+            let Some(position) = keyed.position.take() else { continue };
+            let status = array.get(position);
+            for reader in &keyed.keys {
+                let text = status.values().find(|(key, _)| **key == *reader.key).map(|(_, text)| text);
+                let text = text.map(|text| &text[..text.floor_char_boundary(limits.string_bytes)]);
+                let value = match text {
+                    Some(text) if reader.as_text => FieldValue::Text(text.into()),
+                    Some(text) => parse(text),
+                    None => FieldValue::Unreadable("the status has no such key".into()),
+                };
+                taken.push((reader.watch, reader.slot, value));
+            }
+        }
+        self.touched = touched;
+        taken.sort_by_key(|&(watch, slot, _)| (watch, slot));
+        for (index, slot, value) in taken {
+            let watch = &mut self.watches[index as usize];
+            watch.monitor.take(slot as usize, Taken::Value(&value), now);
+            watch.pending = true;
+            if judge.last() != Some(&index) {
+                judge.push(index);
+            }
+        }
+    }
+
+    /// Notes whether a module is relevant, if that is news to its monitor.
+    pub(super) fn note_relevance(&mut self, id: ModuleId, relevant: bool) {
+        let watch = self.of_module.get(id.0 as usize).copied().flatten();
+        if watch.is_some_and(|watch| self.watches[watch as usize].running != relevant) {
+            self.turned.push(id);
+        }
+    }
+
+    /// Starts or stops the monitor of a module. Returns which it is.
+    pub(super) fn turn(&mut self, id: ModuleId, relevant: bool, now: Timestamp) -> Option<u32> {
+        let index = self.of_module.get(id.0 as usize).copied().flatten()?;
+        let watch = &mut self.watches[index as usize];
+        watch.running = relevant;
+        watch.monitor.set_relevant(relevant, now);
+        if watch.by_the_clock {
+            // What was measured before is of no meaning now.
+            (watch.worded, watch.pending) = (None, true);
+        }
+        Some(index)
+    }
+
+    /// Judges a monitor at `now`. Its words are written when the state changes, else rarely.
+    pub(super) fn judge(&mut self, index: u32, policy: &Policy, now: Timestamp) -> Told {
+        let blind = self.blind(index);
+        let watch = &mut self.watches[index as usize];
+        let judged = watch.monitor.judge(now);
+        let of_blind = match blind {
+            None => None,
+            Some(Blind::WrongType(_)) => Some(State::Unknown),
+            Some(Blind::NoPublisher(_)) => Some(policy.no_publisher),
+        };
+        let state = match (&watch.monitor, blind) {
+            // Nobody there is 0 Hz, which the bands judge.
+            (Monitor::Frequency(_), Some(Blind::NoPublisher(_))) => judged,
+            _ if watch.by_the_clock => judged.map(|state| state.max(of_blind.unwrap_or(State::Ok))),
+            _ => of_blind.or(judged),
+        };
+        let changed = std::mem::replace(&mut watch.said, state) != state;
+        let words_due = watch.worded.filter(|_| watch.pending).map(|worded| worded + WORDS_EVERY);
+        let write = changed || (watch.pending && words_due.is_none_or(|due| due <= now));
+        if write {
+            watch.worded = Some(now);
+            watch.pending = watch.monitor.moves(now);
+        }
+        // Of one topic more messages only put off what time does: it need not be computed each time.
+        let put_off = matches!(watch.monitor, Monitor::Frequency(_)) && !changed;
+        if !put_off || watch.due.is_none_or(|due| due <= now) {
+            watch.due = watch.monitor.due(now);
+        }
+        let watch = &self.watches[index as usize];
+        let words = write.then(|| {
+            let words = watch.monitor.words(now);
+            if watch.by_the_clock && judged.is_none() {
+                words
+            } else {
+                self.say(blind, watch.by_the_clock, words)
+            }
+        });
+        let words_due = watch.worded.filter(|_| watch.pending).map(|worded| worded + WORDS_EVERY);
+        let due = [words_due, watch.due].into_iter().flatten().filter(|&due| due > now).min();
+        Told { state, changed, words, due }
+    }
+
+    pub(super) fn by_the_clock(&self, index: u32) -> bool {
+        self.watches[index as usize].by_the_clock
+    }
+
+    /// A wrong type says more than that nobody is there.
+    fn blind(&self, index: u32) -> Option<Blind> {
+        let topics = &self.watches[index as usize].topics;
+        let of = |&id: &TopicId| {
+            let news = self.topics[id.0 as usize].news.as_ref().filter(|news| news.publishers == 0)?;
+            Some(if news.other_type.is_some() { Blind::WrongType(id) } else { Blind::NoPublisher(id) })
+        };
+        let wrong_type = |id| of(id).filter(|blind| matches!(blind, Blind::WrongType(_)));
+        topics.iter().find_map(wrong_type).or_else(|| topics.iter().find_map(of))
+    }
+
+    /// What is measured stays said where it is judged beside what is wrong with the topic.
+    fn say(&self, blind: Option<Blind>, beside: bool, words: Words) -> Words {
+        let Some(blind) = blind else { return words };
+        let message = match blind {
+            Blind::NoPublisher(id) => format!("nobody publishes {}", self.topics[id.0 as usize].spec.topic),
+            Blind::WrongType(id) => {
+                let topic = &self.topics[id.0 as usize];
+                let other = topic.news.as_ref().and_then(|news| news.other_type.as_deref()).unwrap_or("?");
+                let TopicSpec { topic, type_name, .. } = &*topic.spec;
+                format!("{topic} has type {other}, configuration says {type_name}")
+            }
+        };
+        if beside {
+            Words { message: format!("{}; {message}", words.message), ..words }
+        } else {
+            Words { message, values: Vec::new() }
+        }
+    }
+
+    /// Goes on with a monitor of before a reload that means the same.
+    pub(super) fn keep(&mut self, id: ModuleId, old: &Watching, before: ModuleId) {
+        let index =
+            |watching: &Watching, id: ModuleId| watching.of_module.get(id.0 as usize).copied().flatten();
+        let Some((index, before)) = index(self, id).zip(index(old, before)) else { return };
+        let before = &old.watches[before as usize];
+        let watch = &mut self.watches[index as usize];
+        watch.monitor = before.monitor.clone();
+        (watch.said, watch.worded) = (before.said, before.worded);
+        (watch.pending, watch.running) = (before.pending, before.running);
+    }
+
+    /// What discovery said of topics that stay.
+    pub(super) fn keep_news(&mut self, old: &Watching) {
+        for topic in &mut self.topics {
+            let before = old.topic_names.get(&topic.spec.topic).map(|&index| &old.topics[index as usize]);
+            let same = before.filter(|before| before.spec.type_name == topic.spec.type_name);
+            topic.news = same.and_then(|before| before.news.clone());
+        }
+    }
+}

@@ -1,0 +1,221 @@
+//! Fields of any message, read by their paths: compiled once from the definition of the type, then
+//! read straight from the bytes, passing over all that is not asked for.
+//!
+//! A path names fields from outside to inside, `twist.twist.linear.x`. `[2]` is an element of an
+//! array, counted from 0; `[child_frame_id=base_link]` is the first element with that value;
+//! `.length` is the number of elements. A Time or Duration is a number of seconds.
+
+mod definition;
+mod library;
+mod path;
+mod program;
+mod shape;
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::cdr::{self, Endian, Fault};
+use crate::engine::monitor::spec::{FieldKind, FieldSpec, TopicSpec};
+use crate::engine::sample::FieldValue;
+use library::Library;
+use path::Step;
+pub use program::Miss;
+use program::Program;
+use shape::{Kind, Shape};
+
+/// The definitions of messages: those in folders, then the common packages that are built in.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Definitions {
+    folders: Vec<PathBuf>,
+}
+
+/// Everything about a topic that cannot be read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FieldsError(pub Vec<FieldError>);
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FieldError {
+    /// The field that it is about; `None` if it is the type or its stamp.
+    pub path: Option<Box<str>>,
+    pub text: String,
+    /// What to do.
+    pub help: String,
+}
+
+impl Definitions {
+    /// Each folder is the `share` of a ROS 2 installation or is laid out as one:
+    /// `FOLDER/package/msg/Name.msg`. The first that has a type wins; all win over what is built in.
+    pub fn new(folders: Vec<PathBuf>) -> Definitions {
+        Definitions { folders }
+    }
+
+    /// The folders, then `share` of every ROS 2 installation that was sourced: `AMENT_PREFIX_PATH`,
+    /// which `env` looks up.
+    pub fn of_environment(mut folders: Vec<PathBuf>, env: impl Fn(&str) -> Option<String>) -> Definitions {
+        let prefixes = env("AMENT_PREFIX_PATH").unwrap_or_default();
+        let prefixes = prefixes.split(':').filter(|prefix| !prefix.is_empty());
+        folders.extend(prefixes.map(|prefix| Path::new(prefix).join("share")));
+        Definitions::new(folders)
+    }
+
+    /// The same with further folders, behind those that it has.
+    pub fn with(&self, folders: &[PathBuf]) -> Definitions {
+        Definitions::new(self.folders.iter().chain(folders).cloned().collect())
+    }
+
+    /// Compiles a reader for what is wanted of a topic. A topic of which nothing but the fact that a
+    /// message came is wanted can have any type.
+    ///
+    /// # Errors
+    /// Every field that the type does not have, that is no such value, or the type that is not known.
+    pub fn check(&self, spec: &TopicSpec) -> Result<Reader, FieldsError> {
+        if spec.fields.is_empty() && !spec.stamp {
+            return Ok(Reader { fields: Vec::new(), stamp: None });
+        }
+        let of_type = |text, help| FieldError { path: None, text, help };
+        let shape = Library::new(&self.folders).shape(&spec.type_name);
+        let shape = shape.map_err(|error| FieldsError(vec![of_type(error.text, error.help)]))?;
+        let mut errors = Vec::new();
+        let stamp = spec.stamp.then(|| stamp_of(&shape)).flatten();
+        if spec.stamp && stamp.is_none() {
+            errors.push(of_type(
+                format!("{} has no stamp, so its age cannot be known", spec.type_name),
+                "watch a topic whose messages begin with a std_msgs/Header".to_owned(),
+            ));
+        }
+        let mut fields = Vec::with_capacity(spec.fields.len());
+        for field in &spec.fields {
+            match compile(&shape, field) {
+                Ok(program) => fields.push(program),
+                Err(error) => errors.push(error),
+            }
+        }
+        if errors.is_empty() { Ok(Reader { fields, stamp }) } else { Err(FieldsError(errors)) }
+    }
+
+    /// A reader for a field that is true or false.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub fn boolean(&self, type_name: &str, path: &str) -> Result<BooleanReader, FieldError> {
+        let shape = Library::new(&self.folders).shape(type_name);
+        let shape = shape.map_err(|error| FieldError { path: None, text: error.text, help: error.help })?;
+        let program = compile(&shape, &FieldSpec { path: path.into(), kind: FieldKind::Scalar })?;
+        if program.is_boolean() {
+            return Ok(BooleanReader(program));
+        }
+        let text = format!("`{path}` of {type_name} is neither true nor false");
+        Err(FieldError { path: Some(path.into()), text, help: "name a field of type bool".to_owned() })
+    }
+}
+
+fn compile(shape: &Arc<Shape>, field: &FieldSpec) -> Result<Program, FieldError> {
+    let error = |text, help| FieldError { path: Some(field.path.clone()), text, help };
+    let steps = path::parse(&field.path)
+        .map_err(|why| error(format!("`{}` is no path of a field: {why}", field.path), PATHS.to_owned()))?;
+    Program::compile(shape, &steps, field.kind)
+        .map_err(|wrong| error(format!("`{}`: {}", field.path, wrong.text), wrong.help))
+}
+
+const PATHS: &str = "write the names of fields with dots between them: twist.twist.linear.x";
+
+/// The stamp of the header, which is the first member; or a Time that is called `stamp`; or, where an
+/// array is all that a message begins with, the stamp of its first element, as in a TFMessage.
+fn stamp_of(shape: &Arc<Shape>) -> Option<Program> {
+    let Kind::Message(message) = &shape.kind else { return None };
+    let (first, first_shape) = message.members.first()?;
+    let member = |name: &str| Step::Member(name.into());
+    let mut ways = vec![vec![member("stamp")]];
+    match &first_shape.kind {
+        Kind::Message(header) if *header.type_name == *"std_msgs/msg/Header" => {
+            ways.insert(0, vec![member(first), member("stamp")]);
+        }
+        Kind::Array(_) => ways.push(vec![member(first), Step::Index(0), member("header"), member("stamp")]),
+        _ => {}
+    }
+    let mut programs = ways.iter().filter_map(|steps| Program::compile(shape, steps, FieldKind::Scalar).ok());
+    programs.find(Program::is_time)
+}
+
+/// Reads the fields of one topic.
+#[derive(Debug, Clone)]
+pub struct Reader {
+    fields: Vec<Program>,
+    stamp: Option<Program>,
+}
+
+/// What was read of one message.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reading {
+    pub values: Box<[FieldValue]>,
+    /// Nanoseconds since 1970 on the publisher's clock.
+    pub stamp_ns: Option<i64>,
+    /// Where the message was not what its type says. Fields before it have their values.
+    pub fault: Option<Fault>,
+}
+
+impl Reader {
+    /// Reads a body without its encapsulation. Whatever it holds, each field has a value or the
+    /// reason why there is none. NaN and infinities are numbers.
+    pub fn read(&self, body: &[u8], endian: Endian) -> Reading {
+        let reader = cdr::Reader::new(body, endian);
+        let mut fault = None;
+        let values = self.fields.iter().map(|program| match program.read(reader.clone()) {
+            Ok(value) => value,
+            Err(Miss::Absent(why) | Miss::Refused(why)) => FieldValue::Unreadable(why.into()),
+            Err(Miss::Fault(wrong)) => {
+                let why = wrong.to_string().into();
+                fault = Some(wrong);
+                FieldValue::Unreadable(why)
+            }
+        });
+        let values = values.collect();
+        let stamp_ns = self.stamp.as_ref().and_then(|stamp| stamp.read_stamp(reader));
+        Reading { values, stamp_ns, fault }
+    }
+
+    /// Nothing but the fact that a message came is wanted.
+    pub fn is_empty(&self) -> bool {
+        self.fields.is_empty() && self.stamp.is_none()
+    }
+
+    /// What is known of a message that cannot be read at all.
+    pub fn unreadable(&self, why: &Fault) -> Reading {
+        let value = FieldValue::Unreadable(why.to_string().into());
+        Reading { values: vec![value; self.fields.len()].into(), stamp_ns: None, fault: Some(why.clone()) }
+    }
+}
+
+/// Reads one field that is true or false.
+#[derive(Debug, Clone)]
+pub struct BooleanReader(Program);
+
+impl BooleanReader {
+    /// # Errors
+    /// Why this message has none.
+    pub fn read(&self, body: &[u8], endian: Endian) -> Result<bool, Miss> {
+        match self.0.read(cdr::Reader::new(body, endian))? {
+            FieldValue::Bool(value) => Ok(value),
+            other => Err(Miss::Refused(format!("{other:?} is no boolean"))),
+        }
+    }
+}
+
+impl fmt::Display for FieldError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({})", self.text, self.help)
+    }
+}
+
+impl fmt::Display for FieldsError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let texts: Vec<_> = self.0.iter().map(ToString::to_string).collect();
+        f.write_str(&texts.join("; "))
+    }
+}
+
+impl std::error::Error for FieldsError {}
+
+#[cfg(test)]
+mod tests;

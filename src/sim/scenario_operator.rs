@@ -1,0 +1,95 @@
+//! What an operator does in a scenario file.
+
+use crate::engine::input::{AlarmRef, OperatorAction, Place};
+use crate::yaml::decode::{scalar, word};
+use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem};
+
+/// What acknowledges the stop that the operator asked for.
+const OPERATOR_STOP: &str = "operator_stop";
+
+const CLEAR: OperatorAction = OperatorAction::Clear { display_live: true, storage_ok: true };
+
+/// An action without a value may be written alone: `operator: logout`.
+const PLAIN: [(&str, OperatorAction); 4] = [
+    ("logout", OperatorAction::Logout),
+    ("shutdown", OperatorAction::Shutdown),
+    ("stop", OperatorAction::RequestStop),
+    ("clearance", CLEAR),
+];
+
+pub(super) fn operator(node: &Node, log: &mut Log) -> Option<OperatorAction> {
+    if matches!(node.kind, Kind::Scalar { .. }) {
+        let known: Vec<(&str, usize)> = PLAIN.iter().enumerate().map(|(index, it)| (it.0, index)).collect();
+        return word(node, log, "action of the operator", &known).map(|index| PLAIN[index].1.clone());
+    }
+    let mut fields = Fields::of(node, "an operator's action", log)?;
+    let mut found = Vec::new();
+    for (key, action) in PLAIN.into_iter().filter(|(key, _)| *key != "clearance") {
+        found.extend(fields.node(key).map(|_| action));
+    }
+    found.extend(fields.optional("login").map(|name: String| OperatorAction::Login { name: name.into() }));
+    found.extend(fields.optional("reset").map(|name: String| OperatorAction::Reset { module: name.into() }));
+    found.extend(fields.optional("localize").map(|Where(place)| OperatorAction::Localize { place }));
+    found.extend(fields.optional("clearance").map(|Clearance(action)| action));
+    found.extend(fields.optional("acknowledge").map(|Alarm(alarm)| OperatorAction::Acknowledge { alarm }));
+    if !matches!(&node.kind, Kind::Mapping(entries) if entries.len() == 1) {
+        let problem = Problem::at(node.span, "a step has one action of the operator");
+        fields.log.push(problem.help("for example `operator: { login: operator }`"));
+    }
+    fields.finish();
+    found.into_iter().next()
+}
+
+/// A stop, or `{ x: 1, y: 2, yaw_deg: 90 }`.
+struct Where(Place);
+
+impl FromNode for Where {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        if let Some(stop) = scalar(node) {
+            return Some(Where(Place::Stop(stop.into())));
+        }
+        let mut fields = Fields::of(node, "a pose", log)?;
+        let (x, y, yaw) = (fields.required("x"), fields.required("y"), fields.required("yaw_deg"));
+        fields.finish();
+        Some(Where(Place::Pose { x_m: x?, y_m: y?, yaw_deg: yaw? }))
+    }
+}
+
+/// The second step of a clearance, with what the display and the store say: both are well if nothing
+/// else is written. `ask: true` is the first step.
+struct Clearance(OperatorAction);
+
+impl FromNode for Clearance {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        if node.is_null() {
+            return Some(Clearance(CLEAR));
+        }
+        if !matches!(node.kind, Kind::Mapping(_)) {
+            return bool::from_node(node, log).map(|_| Clearance(CLEAR));
+        }
+        let mut fields = Fields::of(node, "a clearance", log)?;
+        let mut flag = |key, default| fields.optional::<bool>(key).unwrap_or(default);
+        let (display_live, storage_ok) = (flag("display_live", true), flag("storage_ok", true));
+        let ask = flag("ask", false);
+        fields.finish();
+        Some(Clearance(if ask {
+            OperatorAction::AskClearance { display_live, storage_ok }
+        } else {
+            OperatorAction::Clear { display_live, storage_ok }
+        }))
+    }
+}
+
+/// A number, a node, or the stop that the operator asked for.
+struct Alarm(AlarmRef);
+
+impl FromNode for Alarm {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let text = String::from_node(node, log)?;
+        Some(Alarm(match text.parse() {
+            Ok(number) => AlarmRef::Number(number),
+            Err(_) if text == OPERATOR_STOP => AlarmRef::OperatorStop,
+            Err(_) => AlarmRef::Node(text.into()),
+        }))
+    }
+}

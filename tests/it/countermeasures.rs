@@ -1,0 +1,215 @@
+//! Countermeasures, acceptances and stages over what scenarios cannot say: topics that cannot be
+//! sent, restarts, reloads and many modules.
+
+use std::sync::Arc;
+
+use telltale::config;
+use telltale::engine::Engine;
+use telltale::engine::input::{
+    AlarmRef, Input, OperatorAction, Output, OutputNews, Place, Response, StatusArray,
+};
+use telltale::engine::model::{Model, Stage};
+use telltale::engine::snapshot::{MeasureState, Snapshot};
+use telltale::engine::state::State;
+use telltale::engine::time::Timestamp;
+
+const CONFIG: &str = "
+signals:
+  active: { topic: /mission/active, type: std_msgs/msg/Bool }
+stops: [{ id: depot, name: Depot, x: 0, y: 0, yaw_deg: 0 }]
+localized_after: 1s
+groups:
+  - { id: sensors, modules: [{ id: lidar, status: lidar, timeout: 10s }] }
+  - { id: planning, depends_on: [sensors], modules: [{ id: planner, status: planner, timeout: 10s }] }
+countermeasures:
+  - { request: maneuver_stop, when: { groups: [sensors], state: error } }
+  - { request: decelerate, mps2: 1.5, when: { modules: [planning/planner], state: error } }
+";
+
+fn model() -> Arc<Model> {
+    config::parse("c.yaml", CONFIG).unwrap_or_else(|problems| panic!("{problems}")).model
+}
+
+struct Vehicle {
+    engine: Engine,
+    now: Timestamp,
+}
+
+impl Vehicle {
+    fn in_stage(stage: Stage) -> Vehicle {
+        let mut engine = Engine::new(model(), Timestamp::ZERO);
+        engine.start_in(stage);
+        let mut vehicle = Vehicle { engine, now: Timestamp::ZERO };
+        vehicle.report(&[("lidar", 0), ("planner", 0)]);
+        vehicle
+    }
+
+    fn input(&mut self, input: &Input) -> Response {
+        self.now = Timestamp::from_nanos(self.now.as_nanos() + 1_000_000);
+        self.engine.handle(input, self.now)
+    }
+
+    fn report(&mut self, levels: &[(&str, u8)]) {
+        let mut array = StatusArray::default();
+        levels.iter().for_each(|(name, level)| array.push_status(*level, name, "", ""));
+        self.input(&Input::Diagnostics(array));
+    }
+
+    fn does(&mut self, action: OperatorAction) -> Response {
+        self.input(&Input::Operator(action))
+    }
+
+    fn acknowledge(&mut self, node: &str) -> Response {
+        self.does(OperatorAction::Acknowledge { alarm: AlarmRef::Node(node.into()) })
+    }
+
+    fn clear(&mut self) -> Response {
+        self.does(OperatorAction::Clear { display_live: true, storage_ok: true })
+    }
+
+    fn send(&mut self, output: Output, error: Option<&str>) {
+        let news = OutputNews { output, topic: "/t".into(), error: error.map(Box::from) };
+        self.input(&Input::Output(news));
+    }
+
+    fn active(&mut self, value: bool) {
+        self.input(&Input::Signal { name: "active".into(), value });
+    }
+
+    /// The program ends and begins again, with what was stored.
+    fn restart(&mut self) {
+        self.engine = Engine::resume(model(), &self.look().to_restore(), self.now);
+    }
+
+    fn look(&mut self) -> Arc<Snapshot> {
+        self.engine.snapshot()
+    }
+}
+
+fn state(snapshot: &Snapshot, name: &str) -> State {
+    snapshot.shown(snapshot.node(name).unwrap()).0
+}
+
+/// Words of the strongest that is asked: its kind, its causes and whether it waits for the operator.
+fn asked(snapshot: &Snapshot) -> Option<(&'static str, Vec<&str>, bool)> {
+    let measure = snapshot.countermeasure()?;
+    let causes = measure.causes.iter().map(|cause| &**snapshot.node_name(cause.node)).collect();
+    Some((measure.request.as_str(), causes, measure.latched))
+}
+
+#[test]
+fn a_masked_node_lets_its_root_ask_for_what_it_would_have_asked() {
+    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    vehicle.report(&[("lidar", 2), ("planner", 2)]);
+    let snapshot = vehicle.look();
+    assert_eq!(state(&snapshot, "planning/planner"), State::Ignore);
+    assert_eq!(asked(&snapshot), Some(("decelerate", vec!["sensors/lidar"], false)));
+    assert_eq!((snapshot.deceleration(), snapshot.maneuver_stop()), (Some(1.5), true));
+    vehicle.report(&[("lidar", 0), ("planner", 0)]);
+    assert_eq!(asked(&vehicle.look()), Some(("decelerate", vec!["sensors/lidar"], true)));
+    assert_eq!(vehicle.acknowledge("sensors/lidar"), Response::Done);
+    assert_eq!(vehicle.look().countermeasures.len(), 0);
+}
+
+#[test]
+fn a_request_that_cannot_be_sent_is_an_error_of_its_own() {
+    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    vehicle.send(Output::Deceleration, Some("no network"));
+    assert_eq!(state(&vehicle.look(), "telltale/outputs"), State::Warning);
+    assert_eq!(state(&vehicle.look(), "telltale/countermeasure"), State::Ok);
+    vehicle.report(&[("planner", 2)]);
+    let snapshot = vehicle.look();
+    assert_eq!(state(&snapshot, "telltale/countermeasure"), State::Error);
+    assert_eq!(snapshot.countermeasure().unwrap().state, MeasureState::Unconfirmed);
+    vehicle.send(Output::Deceleration, None);
+    assert_eq!(state(&vehicle.look(), "telltale/countermeasure"), State::Ok);
+    assert_eq!(vehicle.look().countermeasure().unwrap().state, MeasureState::Requested);
+}
+
+#[test]
+fn a_restart_in_the_middle_of_a_fault_takes_nothing_back() {
+    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    vehicle.report(&[("planner", 2)]);
+    assert_eq!(vehicle.acknowledge("planning/planner"), Response::Done);
+    vehicle.restart();
+    let snapshot = vehicle.look();
+    assert_eq!((snapshot.stage, snapshot.operator.as_deref()), (Stage::Active, Some("operator")));
+    // Nothing says yet whether it drives, and nothing says that the fault is over.
+    assert_eq!(state(&snapshot, "telltale/active"), State::Error);
+    assert_eq!(asked(&snapshot), Some(("decelerate", vec!["planning/planner"], false)));
+    assert_eq!(snapshot.alarms[0].id, 1);
+    assert!(snapshot.alarms[0].active);
+    vehicle.active(true);
+    vehicle.report(&[("lidar", 0), ("planner", 2)]);
+    assert_eq!(state(&vehicle.look(), "telltale/active"), State::Ok);
+    assert_eq!(vehicle.look().alarms[0].id, 1, "the same alarm");
+    vehicle.report(&[("planner", 0)]);
+    assert_eq!(vehicle.acknowledge("planning/planner"), Response::Done);
+    assert_eq!(asked(&vehicle.look()), None);
+}
+
+#[test]
+fn after_a_restart_the_stage_is_the_same_but_nothing_is_cleared() {
+    for (stage, after) in [
+        (Stage::Locked, Stage::Locked),
+        (Stage::Localizing, Stage::Localizing),
+        (Stage::Standby, Stage::Standby),
+        (Stage::Cleared, Stage::Standby),
+        (Stage::Active, Stage::Active),
+    ] {
+        let mut vehicle = Vehicle::in_stage(stage);
+        assert_eq!(vehicle.look().stage, stage);
+        vehicle.restart();
+        assert_eq!(vehicle.look().stage, after);
+        assert!(!vehicle.look().clearance);
+    }
+}
+
+#[test]
+fn an_accepted_warning_outlives_a_restart_and_a_reload_but_not_its_end() {
+    let mut vehicle = Vehicle::in_stage(Stage::Standby);
+    vehicle.report(&[("lidar", 1)]);
+    assert!(matches!(vehicle.clear(), Response::Refused(_)));
+    assert_eq!(vehicle.acknowledge("sensors"), Response::Done);
+    assert_eq!(vehicle.look().accepted.len(), 1);
+    vehicle.restart();
+    vehicle.report(&[("lidar", 1), ("planner", 0)]);
+    let now = vehicle.now;
+    vehicle.engine.reload(model(), now);
+    assert_eq!(*vehicle.look().clearance_refusals, []);
+    vehicle.report(&[("lidar", 0)]);
+    vehicle.report(&[("lidar", 1)]);
+    assert_eq!(vehicle.look().accepted.len(), 0);
+    assert!(matches!(vehicle.clear(), Response::Refused(_)));
+}
+
+#[test]
+fn a_reload_keeps_what_is_held_and_another_configuration_withdraws_a_clearance() {
+    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    vehicle.report(&[("lidar", 2), ("planner", 2)]);
+    let before = vehicle.look();
+    let other = config::parse("c.yaml", &CONFIG.replace("1.5", "2.5")).unwrap_or_else(|it| panic!("{it}"));
+    let now = vehicle.now;
+    vehicle.engine.reload(other.model.clone(), now);
+    assert_eq!(asked(&vehicle.look()), asked(&before));
+
+    let mut vehicle = Vehicle::in_stage(Stage::Standby);
+    assert_eq!(vehicle.clear(), Response::Done);
+    let now = vehicle.now;
+    vehicle.engine.reload(model(), now);
+    assert_eq!(vehicle.look().stage, Stage::Cleared);
+    vehicle.engine.reload(other.model, now);
+    assert_eq!((vehicle.look().stage, vehicle.look().clearance), (Stage::Standby, false));
+}
+
+#[test]
+fn a_pose_grows_the_number_that_is_published_by() {
+    let mut vehicle = Vehicle::in_stage(Stage::Localizing);
+    let at_depot = || OperatorAction::Localize { place: Place::Stop("depot".into()) };
+    assert_eq!(vehicle.look().localization.number, 0);
+    assert_eq!(vehicle.does(at_depot()), Response::Done);
+    assert_eq!(vehicle.does(at_depot()), Response::Done);
+    assert_eq!((vehicle.look().localization.number, vehicle.look().stage), (2, Stage::Localizing));
+    vehicle.restart();
+    assert_eq!(vehicle.look().localization.number, 2);
+}

@@ -1,0 +1,220 @@
+//! The stage machine and the countermeasures, over random vehicles and random histories.
+
+use std::sync::Arc;
+
+use proptest::prelude::*;
+use telltale::engine::Engine;
+use telltale::engine::countermeasure::{Request, Rule};
+use telltale::engine::event::What;
+use telltale::engine::input::{AlarmRef, Input, OperatorAction, Place, Response, StatusArray};
+use telltale::engine::model::{
+    GroupId, Model, ModuleSpec, MonitorSpec, NodeId, Policy, SignalSpec, Stage, StageModel, When,
+};
+use telltale::engine::snapshot::Snapshot;
+use telltale::engine::state::State;
+use telltale::engine::time::{Span, Timestamp};
+use telltale::engine::vehicle::TRANSITIONS;
+
+use super::cases::{self, Choices, history};
+use super::{config, numbers};
+
+proptest! {
+    #![proptest_config(config())]
+
+    #[test]
+    fn stages_follow_the_table_and_only_a_clearance_clears(numbers in numbers(), begin in 0..6_usize) {
+        let mut choices = Choices::new(&numbers);
+        let simple = begin < 4;
+        let model = if simple { Arc::new(simple_vehicle(&mut choices)) } else { cases::model(&mut choices) };
+        let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+        engine.keep_events();
+        if let Some(&stage) = Stage::ALL.get(begin) {
+            engine.start_in(stage);
+            prop_assert!(engine.snapshot().stage == stage || model.stages == StageModel::None);
+            follow_table(&mut engine, Some(&Input::Operator(CLEAR)));
+        }
+        for (at, input) in if simple { story(&mut choices) } else { history(&mut choices) } {
+            // What time alone does is not what the input does.
+            engine.handle(&Input::Tick, at);
+            follow_table(&mut engine, None);
+            let before = engine.snapshot();
+            let response = engine.handle(&input, at);
+            follow_table(&mut engine, Some(&input));
+            let after = engine.snapshot();
+            if let Response::Refused(reasons) = &response {
+                prop_assert!(!reasons.is_empty());
+                prop_assert_eq!(format!("{before:#?}"), format!("{after:#?}"), "refused: {:?}", reasons);
+            }
+            holds(&model, &after);
+            may_be_cleared(&before, &input, &response);
+        }
+    }
+
+    #[test]
+    fn masking_never_weakens_a_reaction(numbers in numbers()) {
+        let mut choices = Choices::new(&numbers);
+        let parts = cases::parts(&mut choices);
+        let mut plain = parts.clone();
+        plain.groups.iter_mut().for_each(|group| group.depends_on.clear());
+        plain.modules.iter_mut().for_each(|module| module.depends_on.clear());
+        let engine = |parts| Engine::new(Arc::new(Model::new(parts).expect("no cycles")), Timestamp::ZERO);
+        let (mut masking, mut plain) = (engine(parts), engine(plain));
+        for (at, input) in history(&mut choices) {
+            // What an operator decides depends on what is shown; here both are to be in one stage.
+            let decides = matches!(&input, Input::Operator(action) if !matches!(
+                action, OperatorAction::Login { .. } | OperatorAction::Logout | OperatorAction::Reset { .. }
+            ));
+            if decides {
+                continue;
+            }
+            masking.handle(&input, at);
+            plain.handle(&input, at);
+            let (with, without) = (masking.snapshot(), plain.snapshot());
+            prop_assert_eq!(with.stage, without.stage);
+            prop_assert!(
+                strength(&with) >= strength(&without),
+                "{:?} with masking, {:?} without", with.countermeasures, without.countermeasures
+            );
+            prop_assert!(with.deceleration() >= without.deceleration());
+            prop_assert!(with.maneuver_stop() || !without.maneuver_stop());
+            for measure in with.countermeasures.iter().filter(|it| !it.latched) {
+                prop_assert!(!measure.causes.is_empty(), "{measure:?} has no cause");
+            }
+        }
+    }
+
+    #[test]
+    fn a_restart_keeps_what_the_operator_decided_but_no_clearance(numbers in numbers()) {
+        let mut choices = Choices::new(&numbers);
+        let model = cases::model(&mut choices);
+        let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+        let mut end = Timestamp::ZERO;
+        for (at, input) in history(&mut choices) {
+            engine.handle(&input, at);
+            end = at;
+        }
+        let before = engine.snapshot();
+        let after = Engine::resume(model.clone(), &before.to_restore(), end).snapshot();
+        let cleared = before.stage == Stage::Cleared;
+        prop_assert_eq!(after.stage, if cleared { Stage::Standby } else { before.stage });
+        prop_assert_eq!(&after.operator, &before.operator);
+        prop_assert!(!after.clearance && after.last_alarm >= before.last_alarm);
+        holds(&model, &after);
+    }
+}
+
+const CLEAR: OperatorAction = OperatorAction::Clear { display_live: true, storage_ok: true };
+
+/// A vehicle that is easily cleared: it needs a position and a goal.
+fn simple_vehicle(choices: &mut Choices<'_>) -> Model {
+    let mut parts = cases::parts(&mut Choices::new(&[]));
+    parts.stages = StageModel::Shuttle;
+    parts.groups[0].path = "localization".into();
+    parts.groups[0].when = Some(When { stages: Vec::new(), signals: Vec::new(), posed: Some(true) });
+    parts.modules.push(ModuleSpec {
+        id: "localization/m".into(),
+        name: None,
+        help: None,
+        group: GroupId(0),
+        policy: Policy::default(),
+        when: None,
+        depends_on: Vec::new(),
+        monitor: MonitorSpec::SelfState { status: "s0".into() },
+    });
+    let goal =
+        SignalSpec { name: "goal".into(), present_for: Some(Span::from_secs(5)), ..parts.signals[0].clone() };
+    parts.signals.push(goal);
+    parts.signals[0].timeout = choices.one_in(2).then(|| Span::from_secs(2));
+    parts.driving.countermeasures.push(Rule {
+        request: Request::ManeuverStop,
+        nodes: vec![NodeId::Group(GroupId(0))],
+        state: State::Error,
+        stages: vec![Stage::Active, Stage::Cleared],
+        confirmation: None,
+    });
+    Model::new(parts).expect("nothing depends on anything")
+}
+
+/// What mostly leads on: all is well, and an operator who wants to drive.
+fn story(choices: &mut Choices<'_>) -> Vec<(Timestamp, Input)> {
+    let mut inputs = Vec::new();
+    let mut millis = 0;
+    while !choices.is_empty() && inputs.len() < 80 {
+        millis += [0, 10, 300][choices.below(3)];
+        let signal = |name: &str, value| Input::Signal { name: name.into(), value };
+        let input = match choices.below(12) {
+            0 => Input::Operator(OperatorAction::Login { name: "anna".into() }),
+            1 => Input::Operator(OperatorAction::Localize {
+                place: Place::Pose { x_m: 0.0, y_m: 0.0, yaw_deg: 0.0 },
+            }),
+            2 => signal("goal", true),
+            3 | 4 => Input::Operator(CLEAR),
+            5 => signal("active", true),
+            6 => signal("active", choices.one_in(4)),
+            7 => Input::Operator(OperatorAction::Acknowledge {
+                alarm: AlarmRef::Node("localization/m".into()),
+            }),
+            8 => match choices.below(4) {
+                0 => Input::Operator(OperatorAction::Logout),
+                1 => Input::Operator(OperatorAction::RequestStop),
+                _ => Input::Tick,
+            },
+            _ => {
+                let mut array = StatusArray::default();
+                array.push_status([0, 0, 0, 0, 0, 1, 2][choices.below(7)], "s0", "", "");
+                Input::Diagnostics(array)
+            }
+        };
+        inputs.push((Timestamp::from_millis(millis), input));
+    }
+    inputs
+}
+
+fn strength(snapshot: &Snapshot) -> u32 {
+    snapshot.countermeasure().map_or(0, |it| match it.request {
+        Request::Notify => 1,
+        Request::ManeuverStop => 2,
+        Request::Decelerate { .. } => 3,
+    })
+}
+
+/// Every change of the stage is a row of the table, and one into `cleared` comes of a clearance alone.
+fn follow_table(engine: &mut Engine, input: Option<&Input>) {
+    for event in engine.take_events() {
+        let What::Stage { from, to } = event.what else { continue };
+        let known = TRANSITIONS.iter().any(|row| row.from.contains(&from) && row.to == to);
+        assert!(known, "no row leads from {from:?} to {to:?}");
+        if to == Stage::Cleared {
+            assert!(matches!(input, Some(Input::Operator(OperatorAction::Clear { .. }))), "{input:?}");
+        }
+    }
+}
+
+/// What must be true of every snapshot.
+fn holds(model: &Model, snapshot: &Snapshot) {
+    assert_eq!(snapshot.clearance, snapshot.stage == Stage::Cleared);
+    let active = snapshot.signals.iter().find(|(name, _)| &**name == "active").and_then(|(_, value)| *value);
+    if model.stages == StageModel::None || active == Some(true) {
+        assert_eq!(snapshot.stage, Stage::Active);
+    }
+    if !matches!(snapshot.stage, Stage::Locked | Stage::Active) {
+        assert!(snapshot.operator.is_some(), "{:?} without an operator", snapshot.stage);
+        assert_ne!(active, Some(true));
+    }
+    let mut kinds: Vec<_> = snapshot.countermeasures.iter().map(|it| it.request.kind()).collect();
+    let listed = kinds.clone();
+    kinds.sort_unstable_by(|a, b| b.cmp(a));
+    kinds.dedup();
+    assert_eq!(listed, kinds, "strongest first, each once");
+}
+
+/// A clearance that is granted had nothing against it.
+fn may_be_cleared(before: &Snapshot, input: &Input, response: &Response) {
+    let Input::Operator(OperatorAction::Clear { display_live, storage_ok }) = input else { return };
+    let granted = *response == Response::Done;
+    let expected = before.clearance_refusals.is_empty() && *display_live && *storage_ok;
+    assert_eq!(granted, expected, "{:?}", before.clearance_refusals);
+    if granted {
+        assert_eq!(before.stage, Stage::Standby);
+    }
+}
