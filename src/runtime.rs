@@ -13,6 +13,7 @@ use crate::engine::Engine;
 use crate::engine::input::{Input, OperatorAction, Response, Stamped};
 use crate::engine::model::Model;
 use crate::engine::record::Record;
+use crate::engine::resume::Restored;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
 use recorder::Recorder;
@@ -91,16 +92,29 @@ pub struct Link {
 
 /// Starts the engine in a task of the current tokio runtime. It ends when all links are dropped.
 pub fn start(model: Arc<Model>, clock: Clock) -> Link {
-    start_recorded(model, clock, None)
+    run(Engine::new(model, clock.now()), clock, None)
 }
 
-/// As [`start`], and hands on what happens. A full queue loses records, which are counted: the engine
+/// [`start`], and hands on what happens. A full queue loses records, which are counted: the engine
 /// never waits for a disk.
 pub fn start_recorded(model: Arc<Model>, clock: Clock, records: Option<SyncSender<Vec<Record>>>) -> Link {
+    run(Engine::new(model, clock.now()), clock, records)
+}
+
+/// [`start_recorded`] where an earlier run of the program ended.
+pub fn resume(
+    model: Arc<Model>,
+    restored: &Restored,
+    clock: Clock,
+    records: Option<SyncSender<Vec<Record>>>,
+) -> Link {
+    run(Engine::resume(model, restored, clock.now()), clock, records)
+}
+
+fn run(mut engine: Engine, clock: Clock, records: Option<SyncSender<Vec<Record>>>) -> Link {
     let (inputs, inputs_rx) = mpsc::channel(INPUT_QUEUE);
     let (commands, commands_rx) = mpsc::channel(COMMAND_QUEUE);
     let (reloads, reloads_rx) = mpsc::channel(RELOAD_QUEUE);
-    let mut engine = Engine::new(model, clock.now());
     let recorder = Recorder::start(&mut engine, records, clock.now());
     let first = Published { snapshot: engine.snapshot(), at: clock.wall() };
     let (publish, snapshots) = watch::channel(first);

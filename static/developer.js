@@ -54,13 +54,15 @@
   };
 
   // One at a time; a newer wish ends an older one.
-  const renew = async () => {
+  // The server is told by the header that nobody did anything: an open page keeps no session alive.
+  const RENEWAL = { "Telltale-Renewal": "1" };
+  const renew = async (byItself) => {
     renewing?.abort();
     const abort = new AbortController();
     renewing = abort;
     const limit = setTimeout(() => abort.abort(), ANSWER_MS);
     try {
-      const answer = await fetch(location.href, { cache: "no-store", signal: abort.signal });
+      const answer = await fetch(location.href, { headers: byItself ? RENEWAL : {}, cache: "no-store", signal: abort.signal });
       if (answer.redirected) return location.assign(answer.url);
       if (!answer.ok) throw new Error(`status ${answer.status}`);
       const text = await answer.text();
@@ -84,7 +86,7 @@
     if (renewing || wait < RENEW_MIN_MS || document.hidden || !everBeat) return;
     if (content().dataset.static !== undefined) return;
     const news = Number(content().dataset.revision) < newest;
-    if (news || (every > 0 && wait >= every)) renew();
+    if (news || (every > 0 && wait >= every)) renew(true);
   };
 
   // --- live, stale, dead
@@ -136,7 +138,7 @@
 
   const leaveIfLoggedOut = async () => {
     try {
-      const answer = await fetch("/developer", { method: "HEAD", redirect: "manual", cache: "no-store" });
+      const answer = await fetch("/developer", { method: "HEAD", headers: RENEWAL, redirect: "manual", cache: "no-store" });
       if (answer.type === "opaqueredirect") location.assign("/login");
     } catch {
       // Nobody answers: the page says so already.

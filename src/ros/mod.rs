@@ -13,6 +13,7 @@ pub mod messages;
 mod nodes;
 mod options;
 mod outbox;
+pub mod outputs;
 mod presence;
 mod probe;
 mod publisher;

@@ -1,7 +1,7 @@
 //! The developer's pages: what was received, why a node shows what it shows, what is hidden, in
-//! which ways it is diagnosed, and the configuration.
+//! which ways it is diagnosed, the configuration, and the audit log.
 
-use axum::extract::{FromRequestParts, Query, State};
+use axum::extract::{Extension, FromRequestParts, Query, State};
 use axum::http::StatusCode;
 use axum::http::request::Parts;
 use axum::response::{Html, IntoResponse, Response};
@@ -9,15 +9,18 @@ use serde_json::json;
 use tokio::sync::oneshot;
 
 use super::answer::{Reader, Speaks, json_answer, refusal};
+use super::audit::record_of;
 use super::frame::permitted;
 use super::guard::SignedIn;
+use super::login::{Peer, source_of};
 use super::pages::page_context;
 use super::state::AppState;
-use super::view::{self, Asked, PageContext, Window};
+use super::view::{self, Asked, AuditPage, PageContext, Window};
 use super::wording::Trouble;
 use crate::engine::model::Stage;
 use crate::runtime::{Published, Reread, Rereading};
-use crate::store::Role;
+use crate::store::audit::Action;
+use crate::store::{Role, Session, StoreError};
 
 /// What every page of the developer's is made from.
 pub struct Visit {
@@ -25,7 +28,7 @@ pub struct Visit {
     context: PageContext,
     asked: Asked,
     reader: Reader,
-    may_change: bool,
+    session: Session,
 }
 
 impl FromRequestParts<AppState> for Visit {
@@ -41,7 +44,7 @@ impl FromRequestParts<AppState> for Visit {
             context: page_context(app, &session, &reader),
             asked: Asked::of(asked.map(|Query(pairs)| pairs).unwrap_or_default()),
             reader,
-            may_change: session.role == Role::Developer,
+            session,
         })
     }
 }
@@ -99,7 +102,12 @@ pub async fn topics(State(app): State<AppState>, visit: Visit) -> Html<String> {
 pub async fn configuration(State(app): State<AppState>, visit: Visit) -> Response {
     match reread(&app, false).await {
         Ok(read) => {
-            let page = view::configuration_page(&visit.published, &read, visit.may_change, &visit.context);
+            let page = view::configuration_page(
+                &visit.published,
+                &read,
+                visit.session.role == Role::Developer,
+                &visit.context,
+            );
             Html(page).into_response()
         }
         Err(trouble) => refusal(&visit.reader, trouble),
@@ -107,11 +115,24 @@ pub async fn configuration(State(app): State<AppState>, visit: Visit) -> Respons
 }
 
 /// `POST /developer/configuration/reload`: the file is taken whole, or not at all.
-pub async fn reload(State(app): State<AppState>, visit: Visit) -> Response {
+pub async fn reload(State(app): State<AppState>, peer: Option<Extension<Peer>>, visit: Visit) -> Response {
     let read = match reread(&app, true).await {
         Ok(read) => read,
         Err(trouble) => return refusal(&visit.reader, trouble),
     };
+    let record =
+        record_of(&visit.session, Action::Configuration, source_of(peer.map(|Extension(peer)| peer)));
+    let record = match (&read.problems, read.differences.as_slice()) {
+        (Some(_), _) => record.refused("the file is wrong"),
+        (None, []) => record.on("no difference"),
+        (None, differences) => {
+            record.on(format!("{} differences: {}", differences.len(), differences.join("; ")))
+        }
+    };
+    if let Err(error) = app.audit(record).await {
+        tracing::error!(%error, "a reload cannot be recorded");
+        return refusal(&visit.reader, Trouble::Unavailable);
+    }
     let status = if read.problems.is_some() { StatusCode::UNPROCESSABLE_ENTITY } else { StatusCode::OK };
     match visit.reader.speaks {
         Speaks::Json => {
@@ -126,6 +147,35 @@ pub async fn reload(State(app): State<AppState>, visit: Visit) -> Response {
             (status, Html(page)).into_response()
         }
     }
+}
+
+/// Records on one page of the audit log.
+const AUDIT_ROWS: u32 = 100;
+
+/// `GET /developer/audit?before=NUMBER`: the audit log, newest first, and whether its chain is whole.
+pub async fn audit(State(app): State<AppState>, visit: Visit) -> Response {
+    let before = visit.asked.get("before");
+    if !before.is_empty() && visit.asked.number("before").is_none() {
+        return refusal(&visit.reader, Trouble::NotFound);
+    }
+    let before = visit.asked.number("before");
+    // One reader at a time: to go through a long chain takes a while.
+    let _turn = app.audit_readers.lock().await;
+    let read = async {
+        let entries = app.store.audit_entries(before, AUDIT_ROWS).await?;
+        Ok::<_, StoreError>((entries, app.store.verify_audit().await?))
+    };
+    let (entries, verdict) = match read.await {
+        Ok(read) => read,
+        Err(error) => {
+            tracing::error!(%error, "the audit log cannot be read");
+            return refusal(&visit.reader, Trouble::Unavailable);
+        }
+    };
+    let is_full = entries.len() == AUDIT_ROWS as usize;
+    let older = entries.last().filter(|last| is_full && last.number > 1).map(|last| last.number);
+    let page = AuditPage { entries, older, verdict };
+    Html(view::audit_page(&visit.published, &page, &visit.context)).into_response()
 }
 
 async fn reread(app: &AppState, take: bool) -> Result<Rereading, Trouble> {

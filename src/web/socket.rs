@@ -179,6 +179,7 @@ impl Connection {
                 let message = news(&frame, *shown);
                 *shown = Some(frame.revision());
                 self.seq = frame.seq();
+                self.place.sent(self.seq, self.app.clock.now());
                 match message {
                     Some(message) => self.line.send(Message::Text(message)).await,
                     None => Ok(()),
@@ -197,7 +198,10 @@ impl Connection {
     async fn beat(&mut self, number: u64) -> Result<(), Ending> {
         let beat = match self.feed {
             _ if !self.app.is_engine_alive() => None,
-            Feed::Page { .. } => Some(frame::beat(number, self.seq, self.app.clock.wall())),
+            Feed::Page { .. } => {
+                self.place.sent(self.seq, self.app.clock.now());
+                Some(frame::beat(number, self.seq, self.app.clock.wall()))
+            }
             Feed::Pulse { lang } => Some(frame::pulse(number, &self.app.published(), lang)),
             Feed::Snapshots => None,
         };
@@ -218,7 +222,7 @@ impl Connection {
                 if shown > self.seq {
                     return Err(Ending::Nonsense);
                 }
-                self.place.confirm(shown, self.app.clock.now());
+                self.place.confirm(shown);
                 Ok(())
             }
             (Message::Text(_) | Message::Binary(_), _) => Err(Ending::Nonsense),

@@ -7,10 +7,14 @@ use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::timeout;
 
+use super::audit::Limit;
 use super::demo::DemoFaults;
 use super::displays::Displays;
+use super::enrolled::Enrolled;
 use super::frame::Frames;
 use super::origins::Origins;
+use super::pending::PendingClearance;
+use super::seat::has_idled_out;
 use super::throttle::Throttle;
 use super::view::Trends;
 use crate::clock::Clock;
@@ -34,6 +38,8 @@ pub struct Settings {
     pub origins: Origins,
     /// Browsers come over TLS: cookies are for that alone.
     pub secure: bool,
+    /// Where a PIN will do.
+    pub enrolled: Enrolled,
     /// Switches of the simulated shuttle; `None` on a vehicle.
     pub demo: Option<DemoFaults>,
     /// Who reads the configuration's file again; `None` where it comes from no file.
@@ -57,7 +63,13 @@ pub struct Shared {
     pub frames: Frames,
     pub displays: Displays,
     pub trends: Trends,
+    pub pending: PendingClearance,
     pub throttle: Mutex<Throttle>,
+    pub(super) audit_limit: Mutex<Limit>,
+    /// Held while the audit log is read.
+    pub(super) audit_readers: tokio::sync::Mutex<()>,
+    /// Held while somebody takes the operator's seat or leaves it.
+    pub(super) seat: tokio::sync::Mutex<()>,
     /// Turns true when the server ends.
     pub closing: watch::Sender<bool>,
 }
@@ -77,7 +89,11 @@ impl AppState {
             frames: Frames::default(),
             displays: Displays::default(),
             trends: Trends::default(),
+            pending: PendingClearance::default(),
             throttle: Mutex::default(),
+            audit_limit: Mutex::default(),
+            audit_readers: tokio::sync::Mutex::default(),
+            seat: tokio::sync::Mutex::default(),
             closing: watch::channel(false).0,
         }))
     }
@@ -111,6 +127,9 @@ impl Shared {
 
     /// Whether a session is over. The operator of a vehicle that drives keeps it.
     pub fn has_expired(&self, session: &Session) -> bool {
+        if has_idled_out(session, self.clock.now()) {
+            return true;
+        }
         let published = self.link.snapshots.borrow();
         let drives = published.snapshot.stage == Stage::Active && is_seated(session, &published.snapshot);
         session.expires <= self.clock.now() && !drives

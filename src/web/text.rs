@@ -1,26 +1,29 @@
 //! The words of the pages. A word that lacks a language does not compile.
 
-use crate::engine::model::{ACTIVE_SIGNAL, Stage, Text};
+use crate::engine::model::{ACTIVE_SIGNAL, POSED_SIGNAL, Stage, Text};
 use crate::engine::snapshot::NotRelevant;
 use crate::engine::state::State;
 use crate::web::view::Lang;
 use crate::web::view::clean::{NAME, clean};
 
 macro_rules! words {
-    ($($key:ident: $en:literal, $de:literal;)*) => {
+    ($table:ident; $($key:ident: $en:literal, $de:literal;)*) => {
         /// Fixed words of one language.
         #[derive(Debug)]
-        pub struct Words { $(pub $key: &'static str,)* }
+        pub struct $table { $(pub $key: &'static str,)* }
 
-        static EN: Words = Words { $($key: $en,)* };
-        static DE: Words = Words { $($key: $de,)* };
+        static EN: $table = $table { $($key: $en,)* };
+        static DE: $table = $table { $($key: $de,)* };
 
         #[cfg(test)]
         const ALL: &[(&str, &str, &str)] = &[$((stringify!($key), $en, $de),)*];
     };
 }
 
+pub(super) use words;
+
 words! {
+    Words;
     ok: "Okay", "Okay";
     warning: "Warning", "Warnung";
     error: "Error", "Fehler";
@@ -83,7 +86,15 @@ words! {
     login_text: "Log in to see the vehicle.", "Anmelden, um das Fahrzeug zu sehen.";
     login_wrong: "Name or PIN is wrong.", "Name oder PIN ist falsch.";
     login_unavailable: "Logins cannot be checked now. Try again.", "Anmeldung zurzeit nicht prüfbar. Noch einmal versuchen.";
+    login_pin_elsewhere: "A PIN works at the displays in the vehicle only. Here a password is needed.", "Eine PIN gilt nur an den Anzeigen im Fahrzeug. Hier ist ein Passwort nötig.";
+    login_take_over: "Take over", "Übernehmen";
     login_no_users: "No user exists yet. On the vehicle: telltale user add NAME --role operator", "Noch kein Benutzer. Auf dem Fahrzeug: telltale user add NAME --role operator";
+    display: "Display", "Anzeige";
+    pad_digits: "Digits", "Ziffern";
+    pad_letters: "Letters", "Buchstaben";
+    pad_erase: "Delete the last one", "Letztes löschen";
+    not_in_seat: "Somebody else leads the vehicle. Log in again to take over.", "Jemand anderes führt das Fahrzeug. Zum Übernehmen neu anmelden.";
+    refused_stale: "Things have changed since this was shown. Look again.", "Die Lage hat sich seit der Anzeige geändert. Neu hinsehen.";
     login_demo: "Demo: operator with PIN 246810", "Demo: operator mit PIN 246810";
     back: "Back to the vehicle", "Zurück zum Fahrzeug";
 
@@ -188,6 +199,7 @@ impl Lang {
             NotRelevant::Stage(Stage::Active) => words.not_while_driving,
             NotRelevant::Signal { name, value: false } if &**name == ACTIVE_SIGNAL => words.not_driving,
             NotRelevant::Signal { name, value: true } if &**name == ACTIVE_SIGNAL => words.not_while_driving,
+            NotRelevant::Signal { name, value: false } if &**name == POSED_SIGNAL => self.steps().no_pose,
             NotRelevant::Signal { name, value } => {
                 let name = clean(name, NAME);
                 return match (self, value) {
@@ -267,6 +279,16 @@ impl Lang {
         match self {
             Lang::En => format!("State unknown: {name}"),
             Lang::De => format!("Zustand unbekannt: {name}"),
+        }
+    }
+
+    /// Another operator has the vehicle; the form below asks again and takes it over.
+    pub fn login_seat_taken(self, by: &str) -> String {
+        match self {
+            Lang::En => format!("{by} is the operator. To take over, enter the secret again."),
+            Lang::De => {
+                format!("{by} begleitet die Fahrt. Zum Übernehmen das Geheimnis noch einmal eingeben.")
+            }
         }
     }
 

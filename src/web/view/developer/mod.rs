@@ -2,6 +2,7 @@
 //! live, and the way to the other pages.
 
 mod asked;
+mod audit;
 mod configuration;
 mod coverage;
 mod graph;
@@ -19,6 +20,7 @@ use crate::runtime::{Published, Rereading};
 use crate::store::Past;
 
 pub use asked::Asked;
+pub use audit::AuditPage;
 pub use timeline::Window;
 pub use trend::Trends;
 
@@ -37,10 +39,11 @@ pub enum Page {
     Coverage,
     Topics,
     Configuration,
+    Audit,
 }
 
 impl Page {
-    const ALL: [Page; 7] = [
+    const ALL: [Page; 8] = [
         Page::Statuses,
         Page::Graph,
         Page::Timeline,
@@ -48,6 +51,7 @@ impl Page {
         Page::Coverage,
         Page::Topics,
         Page::Configuration,
+        Page::Audit,
     ];
 
     pub const fn path(self) -> &'static str {
@@ -59,6 +63,7 @@ impl Page {
             Page::Coverage => "/developer/coverage",
             Page::Topics => "/developer/topics",
             Page::Configuration => "/developer/configuration",
+            Page::Audit => "/developer/audit",
         }
     }
 
@@ -71,6 +76,7 @@ impl Page {
             Page::Coverage => words.coverage,
             Page::Topics => words.topics,
             Page::Configuration => words.configuration,
+            Page::Audit => words.audit,
         }
     }
 }
@@ -211,4 +217,9 @@ pub fn configuration_page(
     context: &PageContext,
 ) -> String {
     configuration::page(&View::new(published, context.lang, false), read, may_take, context)
+}
+
+/// Who did what, and whether the chain of it is whole.
+pub fn audit_page(published: &Published, page: &AuditPage, context: &PageContext) -> String {
+    audit::page(&View::new(published, context.lang, false), page, context)
 }

@@ -24,6 +24,7 @@ words! {
     coverage: "Coverage", "Abdeckung";
     topics: "Topics", "Topics";
     configuration: "Configuration", "Konfiguration";
+    audit: "Audit log", "Protokoll";
     pages: "Pages", "Seiten";
 
     locked: "Locked: no diagnosis is shown before an operator logs in.", "Gesperrt: Keine Diagnose, bevor sich jemand anmeldet.";
