@@ -79,6 +79,7 @@ async fn demo(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
         loaded,
         file: None,
         store,
+        folder: None,
         options,
         listener,
         tls: None,

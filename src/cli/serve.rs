@@ -86,7 +86,8 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let origins = args.origins.clone();
     let file = Some(args.config.clone());
     let enrolled = Enrolled::new(args.displays.clone());
-    Station { loaded, file, store, options, listener, tls, enrolled, origins, demo: None, clock }
+    let folder = Some(folder);
+    Station { loaded, file, store, folder, options, listener, tls, enrolled, origins, demo: None, clock }
         .run(ending)
         .await?;
     Ok(ExitCode::SUCCESS)

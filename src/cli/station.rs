@@ -2,8 +2,9 @@
 
 use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::mpsc::SyncSender;
 
 use anyhow::{Context as _, anyhow, bail};
 use tokio::net::TcpListener;
@@ -15,11 +16,12 @@ use crate::clock::Clock;
 use crate::config::Loaded;
 use crate::engine::input::{Input, Stamped};
 use crate::engine::model::Model;
+use crate::engine::record::Record as Happening;
 use crate::ros::outputs::Outputs;
 use crate::ros::{self, Bridge, BridgeOptions};
 use crate::runtime::{self, Link};
-use crate::store::Store;
 use crate::store::audit::{Action, Record, TELLTALE};
+use crate::store::{History, Store};
 use crate::web::{self, AppState, DemoFaults, Enrolled, Origins, Settings, Tls};
 
 /// Where browsers find the display unless told otherwise: this machine alone.
@@ -31,6 +33,8 @@ pub struct Station {
     /// The file that it was read from, to read it again.
     pub file: Option<PathBuf>,
     pub store: Store,
+    /// The folder of the history; without one it is kept in memory.
+    pub folder: Option<PathBuf>,
     pub options: BridgeOptions,
     pub listener: TcpListener,
     /// Without it browsers come over plain HTTP.
@@ -49,10 +53,12 @@ impl Station {
     /// # Errors
     /// What keeps it from starting: DDS, the database, an origin that is none.
     pub async fn run(self, mut ending: Ending) -> anyhow::Result<()> {
-        let Station { loaded, file, store, options, listener, tls, enrolled, origins, demo, clock } = self;
+        let Station { loaded, file, store, folder, options, listener, tls, enrolled, origins, demo, clock } =
+            self;
         let address = listener.local_addr().context("the listener has no address")?;
         let listens_to = dds::describe(&options);
-        let link = resume(&loaded.model, &store, clock).await?;
+        let (history, records) = open_history(folder.as_deref(), clock).unzip();
+        let link = resume(&loaded.model, &store, clock, records).await?;
         let reloads = file
             .map(|file| {
                 let definitions = options.definitions.clone();
@@ -62,9 +68,10 @@ impl Station {
         let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
         let secure = tls.is_some();
         let origins = known_origins(address, secure, &origins)?;
-        let settings = Settings { origins, secure, enrolled, demo, rereads };
         let outputs = outputs::start(&options, &loaded.publishing, &link, clock).await?;
         let bridge = ros::start(options, &loaded.model, link.inputs.clone(), clock).await?;
+        let discovery = Some(bridge.discovery());
+        let settings = Settings { origins, secure, enrolled, demo, rereads, history, discovery };
         store.audit(Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"))).await?;
         let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
         tracing::info!("the display is on {}; it listens to {listens_to}", url(address, secure));
@@ -87,6 +94,12 @@ impl Station {
         end.close().await;
         Ok(())
     }
+}
+
+/// The history is no reason not to start: without it, its page says so.
+fn open_history(folder: Option<&Path>, clock: Clock) -> Option<(History, SyncSender<Vec<Happening>>)> {
+    let opened = folder.map_or_else(|| History::in_memory(clock), |folder| History::open(folder, clock));
+    opened.inspect_err(|error| tracing::error!("nothing will be recorded: {error}")).ok()
 }
 
 /// Serves until the end, and lets the bridge follow the configuration. The engine runs by it already:
@@ -196,10 +209,15 @@ pub fn check_plain(address: SocketAddr, has_tls: bool, insecure: bool) -> anyhow
 
 /// Starts the engine where the last run ended: a restart in the middle of a drive must not leave the
 /// vehicle without a display. Nothing is known of its components until they are heard.
-async fn resume(model: &Arc<Model>, store: &Store, clock: Clock) -> anyhow::Result<Link> {
+async fn resume(
+    model: &Arc<Model>,
+    store: &Store,
+    clock: Clock,
+    records: Option<SyncSender<Vec<Happening>>>,
+) -> anyhow::Result<Link> {
     let Some(restored) = store.recall().await? else { return Ok(runtime::start(model.clone(), clock)) };
     let (stage, alarms) = (restored.stage.as_str(), restored.alarms.len());
     let operator = restored.operator.as_deref().unwrap_or("nobody");
     tracing::info!("going on: the vehicle was {stage}, the operator is {operator}, {alarms} alarms are open");
-    Ok(runtime::resume(model.clone(), &restored, clock))
+    Ok(runtime::resume(model.clone(), &restored, clock, records))
 }

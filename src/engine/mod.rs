@@ -7,6 +7,7 @@ pub mod action;
 mod alarm;
 mod causes;
 pub mod countermeasure;
+pub mod discovery;
 pub mod event;
 pub mod filter;
 pub mod graph;
@@ -24,6 +25,7 @@ mod node;
 mod operate;
 mod overflow;
 pub mod persistent;
+pub mod record;
 mod relevance;
 mod reload;
 mod report;
@@ -386,8 +388,12 @@ impl Engine {
         }
         let heard = self.alarms.hear(&self.net, &changes);
         let explained = self.causes.explain(&self.net, self.now);
+        let mut blamed = Vec::new();
         if heard || explained.is_some() {
             if let Some(explained) = explained {
+                if self.events.wanted() {
+                    blamed = self.views.blamed_anew(&explained.masked, &changes);
+                }
                 self.views.set_causes(explained);
             }
             let (views, roots) = (&self.views, self.views.roots());
@@ -397,6 +403,7 @@ impl Engine {
         }
         if self.events.wanted() {
             self.keep_changes(&changes);
+            blamed.into_iter().for_each(|what| self.events.push(self.now, what));
         }
         // The list is handed back empty: its room is used again.
         self.net.changes = changes;

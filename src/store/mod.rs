@@ -8,6 +8,7 @@
 pub mod audit;
 mod chain;
 mod health;
+mod history;
 mod role;
 mod schema;
 mod secret;
@@ -26,6 +27,7 @@ use tokio::sync::{oneshot, watch};
 
 pub use chain::{Breach, Hash, Head, Verdict};
 pub use health::Fault;
+pub use history::{HISTORY_FILE, Happened, History, HistoryQuery, NodePast, Past, Stretch};
 pub use role::Role;
 pub use schema::{FILE_NAME, make_folder};
 pub use secret::{DEMO_USERS, DemoSecrets, Lane, SecretError, is_pin};

@@ -153,7 +153,7 @@ pub fn make_folder(folder: &Path) -> std::io::Result<()> {
 }
 
 /// The file holds hashes of secrets: nobody else may read it, whatever the umask.
-fn make_private_file(path: &Path) -> std::io::Result<()> {
+pub(super) fn make_private_file(path: &Path) -> std::io::Result<()> {
     let mut options = std::fs::OpenOptions::new();
     options.append(true).create(true);
     #[cfg(unix)]

@@ -21,7 +21,7 @@ use super::login::Peer;
 use super::router::router;
 use super::state::{AppState, turned};
 use super::tls::Tls;
-use super::{displays, keep, seat};
+use super::{displays, keep, seat, trends};
 
 const CONNECTIONS_MAX: usize = 512;
 /// One source must not take all places. The vehicle's own display is not counted.
@@ -57,6 +57,7 @@ pub async fn serve(
         tokio::spawn(seat::watch(app.clone())),
         tokio::spawn(keep::follow(app.clone())),
         tokio::spawn(displays::watch(app.clone())),
+        tokio::spawn(trends::watch(app.clone())),
     ];
     let mut shutdown = pin!(shutdown);
     loop {

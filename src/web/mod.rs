@@ -25,6 +25,7 @@ mod steps;
 pub mod text;
 mod throttle;
 mod tls;
+mod trends;
 mod vehicle;
 mod versions;
 pub mod view;

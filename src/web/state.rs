@@ -16,13 +16,15 @@ use super::origins::Origins;
 use super::pending::PendingClearance;
 use super::seat::has_idled_out;
 use super::throttle::Throttle;
+use super::view::Trends;
 use crate::clock::Clock;
+use crate::engine::discovery::Discovery;
 use crate::engine::input::{OperatorAction, Response};
 use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Span;
 use crate::runtime::{self, Command, Link, Published, Reread};
-use crate::store::{Role, Session, Store, Token};
+use crate::store::{History, Role, Session, Store, Token};
 
 /// The engine answers in well under a millisecond; one that takes this long hangs.
 const COMMAND_TIMEOUT: Duration = Duration::from_secs(2);
@@ -42,6 +44,10 @@ pub struct Settings {
     pub demo: Option<DemoFaults>,
     /// Who reads the configuration's file again; `None` where it comes from no file.
     pub rereads: Option<mpsc::Sender<Reread>>,
+    /// What happened; `None` where it cannot be kept.
+    pub history: Option<History>,
+    /// What DDS discovery sees; `None` without DDS.
+    pub discovery: Option<watch::Receiver<Arc<Discovery>>>,
 }
 
 /// Shared by all requests; clones are the same.
@@ -56,6 +62,7 @@ pub struct Shared {
     pub settings: Settings,
     pub frames: Frames,
     pub displays: Displays,
+    pub trends: Trends,
     pub pending: PendingClearance,
     pub throttle: Mutex<Throttle>,
     pub(super) audit_limit: Mutex<Limit>,
@@ -81,6 +88,7 @@ impl AppState {
             settings,
             frames: Frames::default(),
             displays: Displays::default(),
+            trends: Trends::default(),
             pending: PendingClearance::default(),
             throttle: Mutex::default(),
             audit_limit: Mutex::default(),

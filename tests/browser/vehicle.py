@@ -52,8 +52,9 @@ def own_domain():
 class Server:
     """`telltale serve` or `telltale demo` on a port and a data folder of its own."""
 
-    def __init__(self, folder, domain, command="serve", flags=()):
+    def __init__(self, folder, domain, command="serve", flags=(), config=CONFIG):
         self.folder, self.domain, self.command, self.flags = folder, domain, command, flags
+        self.config = config
         self.port = free_port()
         self.url = f"http://127.0.0.1:{self.port}"
         self.process = None
@@ -65,7 +66,7 @@ class Server:
     def start(self):
         words = [TELLTALE, self.command, "--listen", f"127.0.0.1:{self.port}", "--domain", str(self.domain), *self.flags]
         if self.command == "serve":
-            words += ["--config", str(CONFIG), "--data", str(self.folder), "--interface", "127.0.0.1"]
+            words += ["--config", str(self.config), "--data", str(self.folder), "--interface", "127.0.0.1"]
         self.log = open(self.folder / f"{self.command}.log", "ab")
         self.process = subprocess.Popen(words, stdout=self.log, stderr=self.log, stdin=subprocess.DEVNULL)
         until(self.answers, STARTUP_S, lambda: f"the server answers\n{self.read_log()}")

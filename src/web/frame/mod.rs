@@ -76,6 +76,17 @@ pub fn beat(number: u64, seq: u64, at: SystemTime) -> Utf8Bytes {
     Utf8Bytes::from(format!("{{\"beat\":{number},\"seq\":{seq},\"at\":\"{}\"}}", json::rfc3339(at)))
 }
 
+/// A sign of life for a page that asks for what it shows: what there is to ask for, and the stage.
+pub fn pulse(number: u64, published: &Published, lang: Lang) -> Utf8Bytes {
+    let Published { snapshot, at } = permitted(published);
+    let (stage, overall) = (snapshot.stage, snapshot.overall);
+    let pulse = serde_json::json!({
+        "beat": number, "seq": snapshot.seq, "revision": snapshot.revision, "at": json::rfc3339(at),
+        "stage": stage.as_str(), "overall": overall.as_str(), "word": lang.stage(stage, overall),
+    });
+    Utf8Bytes::from(pulse.to_string())
+}
+
 /// What may be shown: everything, but in the stage `locked` nothing that tells of the vehicle's
 /// parts (`ENGINE.md` 9). Every page and every frame is made from this.
 pub fn permitted(published: &Published) -> Published {

@@ -46,6 +46,12 @@ pub fn clean(text: &str, letters: usize) -> String {
     out
 }
 
+/// `text` as it is laid out, without what cannot be seen: for messages that draw with letters.
+pub fn clean_lines(text: &str) -> String {
+    let seen = |&letter: &char| letter == '\n' || !letter.is_control() && !is_invisible(letter);
+    text.chars().filter(seen).collect()
+}
+
 /// A node's name as a part of an address; slashes stay.
 pub fn address(name: &str) -> String {
     let mut out = String::with_capacity(name.len());

@@ -4,12 +4,10 @@
 //! through [`clean`] and is escaped by the templates.
 
 mod arrows;
-mod audit;
 mod board;
 mod causes;
 mod checks;
 pub mod clean;
-mod configuration;
 mod detail;
 mod developer;
 mod entries;
@@ -24,22 +22,24 @@ mod step;
 mod tests;
 mod tile;
 mod top;
-mod why;
 
 use std::time::{Duration, SystemTime};
 
 use crate::clock::wall_at;
 use crate::engine::input::Refusal;
-use crate::engine::model::{NodeId, Stage};
+use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Timestamp;
-use crate::runtime::{Published, Rereading};
+use crate::runtime::Published;
 use crate::store::Role;
 use crate::web::text::Words;
 use crate::web::versions::Seen;
 use board::Board;
 
-pub use audit::{AuditPage, audit_page};
+pub use developer::{
+    Asked, AuditPage, Trends, Window, audit_page, configuration_page, coverage_page, developer_page,
+    graph_page, masking_page, timeline_page, topics_page, why_page,
+};
 pub use pages::{demo_page, login_page, message_page, operator_page};
 
 /// Files below `static/` that the login page needs: served without a session, so none of them may
@@ -184,21 +184,6 @@ pub fn fragments(published: &Published, seen: &Seen, lang: Lang) -> Vec<Fragment
 pub fn refusals(published: &Published, lang: Lang, reasons: &[Refusal]) -> Vec<String> {
     let view = View::new(published, lang, false);
     reasons.iter().map(|reason| view.sentence(reason)).collect()
-}
-
-/// Everything that was received, dense, for a developer.
-pub fn developer_page(published: &Published, context: &PageContext) -> String {
-    developer::page(&View::new(published, context.lang, false), context)
-}
-
-/// Why one node shows what it shows.
-pub fn why_page(published: &Published, node: NodeId, context: &PageContext) -> String {
-    why::page(&View::new(published, context.lang, false), node, context)
-}
-
-/// What the configuration's file would change, or has changed.
-pub fn configuration_page(read: &Rereading, may_take: bool, context: &PageContext) -> String {
-    configuration::page(read, may_take, context)
 }
 
 /// What all parts of a page are made from.

@@ -14,6 +14,7 @@ use crate::engine::model::{
     MonitorSpec, NodeId, Parts, Policy, SignalSpec, StageModel, Stop, Text, When,
 };
 use crate::engine::monitor::spec::Watched;
+use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
 use crate::runtime::Published;
 
@@ -401,6 +402,11 @@ impl Sample {
             self.input(&Input::Diagnostics(array));
         }
         self
+    }
+
+    /// What the vehicle shows now, to go on from.
+    pub fn snapshot(&mut self) -> Arc<Snapshot> {
+        self.engine.snapshot()
     }
 
     pub fn published(mut self) -> Published {

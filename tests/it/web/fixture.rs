@@ -16,7 +16,7 @@ use telltale::engine::monitor::spec::Watched;
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::time::Span;
 use telltale::runtime::{self, Link, Reread};
-use telltale::store::{DemoSecrets, Store};
+use telltale::store::{DemoSecrets, History, Store};
 use telltale::web::{AppState, DemoFaults, Enrolled, FaultSwitch, Origins, Settings, router};
 use tokio::sync::mpsc;
 use tower::ServiceExt;
@@ -76,7 +76,8 @@ impl Fixture {
     }
 
     async fn at(clock: Clock, address: &str, secure: bool, demo: DemoSecrets) -> Fixture {
-        let link = runtime::start(Arc::new(model()), clock);
+        let (history, records) = History::in_memory(clock).unwrap();
+        let link = runtime::start_recorded(Arc::new(model()), clock, Some(records));
         let store = Store::in_memory(clock, demo).unwrap();
         store.add_demo_users().await.unwrap();
         let (switch, faults) = mpsc::channel(4);
@@ -89,6 +90,8 @@ impl Fixture {
             enrolled: Enrolled::default(),
             demo: (demo == DemoSecrets::Accepted).then_some(faulty),
             rereads: Some(asks),
+            history: Some(history),
+            discovery: None,
         };
         let app = AppState::new(link.clone(), store.clone(), clock, settings);
         Fixture { router: router(app.clone()), app, store, clock, link, faults, rereads }

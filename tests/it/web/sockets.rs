@@ -50,6 +50,8 @@ impl Server {
             enrolled: Enrolled::default(),
             demo: None,
             rereads: None,
+            history: None,
+            discovery: None,
         };
         let app = AppState::new(fixture.link.clone(), store, fixture.clock, settings);
         let (shutdown, ended) = oneshot::channel::<()>();

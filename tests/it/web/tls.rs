@@ -98,6 +98,8 @@ async fn a_page_and_its_socket_work_over_tls_and_plain_http_does_not() {
         enrolled: Enrolled::default(),
         demo: None,
         rereads: None,
+        history: None,
+        discovery: None,
     };
     let tls = Tls::load(&files.certificate, &files.key, wall()).unwrap();
     let app = AppState::new(fixture.link.clone(), fixture.store.clone(), fixture.clock, settings);

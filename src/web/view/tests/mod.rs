@@ -3,6 +3,7 @@
 mod arrows;
 mod causes;
 mod details;
+mod developer;
 mod hostile;
 mod pages;
 mod stages;

@@ -5,9 +5,11 @@ use askama::Template;
 use crate::store::Verdict;
 use crate::store::audit::Entry;
 
-use super::clean::{MESSAGE, NAME, clean};
-use super::pages::Frame;
-use super::{Lang, PageContext, html};
+use crate::web::view::clean::{MESSAGE, NAME, clean};
+use crate::web::view::pages::Frame;
+use crate::web::view::{Lang, PageContext, View, html};
+
+use super::{DevFrame, Page};
 
 /// What the page shows.
 #[derive(Debug, Clone)]
@@ -35,7 +37,7 @@ struct Row {
 #[template(path = "developer/audit.html")]
 struct AuditHtml {
     frame: Frame,
-    title: &'static str,
+    dev: DevFrame,
     heads: [&'static str; 7],
     is_whole: bool,
     verdict: String,
@@ -45,14 +47,14 @@ struct AuditHtml {
     older_word: &'static str,
 }
 
-pub fn audit_page(page: &AuditPage, context: &PageContext) -> String {
-    let (title, heads, older_word) = match context.lang {
-        Lang::En => {
-            ("Audit log", ["No.", "Time", "Who", "From", "What", "On what", "Outcome"], "Older records")
-        }
-        Lang::De => {
-            ("Protokoll", ["Nr.", "Zeit", "Wer", "Woher", "Was", "Woran", "Ergebnis"], "Ältere Einträge")
-        }
+pub fn page(view: &View<'_>, page: &AuditPage, context: &PageContext) -> String {
+    let mut dev = DevFrame::new(view, context, Page::Audit, 0);
+    // To read the chain takes a while: it is read when somebody asks. What was done is no diagnosis.
+    dev.fixed = true;
+    dev.locked = false;
+    let (heads, older_word) = match context.lang {
+        Lang::En => (["No.", "Time", "Who", "From", "What", "On what", "Outcome"], "Older records"),
+        Lang::De => (["Nr.", "Zeit", "Wer", "Woher", "Was", "Woran", "Ergebnis"], "Ältere Einträge"),
     };
     let rows = page.entries.iter().map(|entry| Row {
         number: entry.number,
@@ -66,8 +68,8 @@ pub fn audit_page(page: &AuditPage, context: &PageContext) -> String {
         refused: entry.was_refused(),
     });
     html(&AuditHtml {
-        frame: Frame::new(context.lang, context.palette),
-        title,
+        frame: super::frame(context),
+        dev,
         heads,
         is_whole: page.verdict.breach.is_none(),
         verdict: verdict(&page.verdict, context.lang),
