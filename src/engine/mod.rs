@@ -23,6 +23,7 @@ mod net;
 mod node;
 mod operate;
 mod overflow;
+mod paths;
 pub mod persistent;
 mod relevance;
 mod reload;
@@ -365,10 +366,8 @@ impl Engine {
         }
         let heard = self.alarms.hear(&self.net, &changes);
         let explained = self.causes.explain(&self.net, self.now);
-        if heard || explained.is_some() {
-            if let Some(explained) = explained {
-                self.views.set_causes(explained);
-            }
+        // Not short-circuit: what was found is taken in any case.
+        if heard | explained.is_some_and(|explained| self.views.set_causes(explained)) {
             let (views, roots) = (&self.views, self.views.roots());
             if self.alarms.follow(&roots, |node| views.masked_by(node), self.now, &mut self.events) {
                 self.views.set_alarms(self.alarms.list());
