@@ -55,7 +55,9 @@ impl<'r> Names<'r> {
                     Problem::at(start, "there are no `groups`: nothing would be diagnosed")
                 }
             };
-            log.push(problem.help("for example `groups: [{ id: sensors, match: [{ namespace: /sensors }] }]`"));
+            log.push(
+                problem.help("for example `groups: [{ id: sensors, match: [{ namespace: /sensors }] }]`"),
+            );
         }
         names
     }

@@ -33,8 +33,8 @@ impl Views {
         self.roots.iter().map(|root| root.node).collect()
     }
 
-    pub(in crate::engine) fn no_roots(&self) -> bool {
-        self.roots.is_empty()
+    pub(in crate::engine) fn root_count(&self) -> usize {
+        self.roots.len()
     }
 
     /// A root cause that is masked itself. Who is masked or not any more made a search.
