@@ -247,8 +247,14 @@ fn countermeasures(server: &Server, domain: &Domain, what: &str) {
     let mut delays = Vec::new();
     while delays.len() < COUNTERMEASURES {
         let sent = status.tell_and_expect(&say(2), "written");
-        let heard = vehicle.expect("at_ns");
         let at = |line: &Value| line["at_ns"].as_f64().expect("a time");
+        // The last repetitions of the request before may be under way still.
+        let heard = loop {
+            let line = vehicle.expect("at_ns");
+            if at(&line) > at(&sent) {
+                break line;
+            }
+        };
         // The first may come before the readers have found one another.
         if !delays.is_empty() || at(&heard) - at(&sent) < 1e8 {
             delays.push((at(&heard) - at(&sent)) / 1000.0);

@@ -68,7 +68,10 @@
     known.append(button);
   }
   known.hidden = known.children.length === 0;
-  if (!name.value && known.firstElementChild) choose(known.firstElementChild.textContent);
+  if (!name.value && known.firstElementChild) {
+    choose(known.firstElementChild.textContent);
+    secret.focus();
+  }
   name.addEventListener("input", mark);
   mark();
 

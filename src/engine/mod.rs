@@ -357,7 +357,7 @@ impl Engine {
     /// Brings everything to what follows from what was marked, at the present instant.
     fn settle(&mut self) {
         self.follow_changes();
-        while self.turn_monitors() | self.lead() {
+        while self.turn_monitors() || self.lead() {
             self.follow_changes();
         }
         if let Some(breach) = self.breach() {

@@ -115,7 +115,12 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
         participant.clone(),
         subscriber,
         ground.options.gid_size.or(legacy.gid_size),
-        presence::Surroundings { own_readers, nodes: ground.nodes.clone(), clock: ground.clock },
+        presence::Surroundings {
+            own_readers,
+            nodes: ground.nodes.clone(),
+            clock: ground.clock,
+            node: ground.options.node,
+        },
         stopping.clone(),
     ));
     let (seen, tallies) = (ground.discovery.clone(), ground.tallies.clone());

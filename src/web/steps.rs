@@ -30,7 +30,6 @@ words! {
     not_sent: "Not sent: this display is not live.", "Nicht gesendet: Diese Anzeige ist nicht live.";
     no_answer: "The server did not answer. Look at what is shown.", "Der Server hat nicht geantwortet. Anzeige beachten.";
     dismiss: "Close", "Schließen";
-    read_only: "You may look, not act.", "Nur ansehen, nicht bedienen.";
     all_checks: "All open checks", "Alle offenen Prüfungen";
     all_causes: "All that is wrong", "Alle Störungen";
     sound_on: "Sound on", "Ton an";
@@ -103,8 +102,8 @@ impl Lang {
             (Lang::De, State::Error) => "Fehler",
             (Lang::En, State::Unknown) => "state unknown",
             (Lang::De, State::Unknown) => "Zustand unbekannt",
-            (Lang::En, State::Ignore) => "waits for something that fails",
-            (Lang::De, State::Ignore) => "wartet auf etwas Gestörtes",
+            (Lang::En, State::Ignore) => "waiting for others",
+            (Lang::De, State::Ignore) => "wartet auf andere",
             (Lang::En, _) => "warning",
             (Lang::De, _) => "Warnung",
         };

@@ -96,7 +96,7 @@ fn digests(snapshot: &Snapshot) -> HashMap<Matter, u64> {
     let alarms: Vec<_> = snapshot.alarms.iter().map(of_alarm).collect();
     // Reasons and measures hold figures, which have no hash of their own.
     let words = format!("{:?} {:?}", snapshot.clearance_refusals, snapshot.countermeasures);
-    let judged = (steps, tiles, roots, alarms, &snapshot.signals, &snapshot.accepted, words);
+    let judged = (steps, tiles, roots, alarms, &snapshot.accepted, words);
     digests.insert(Matter::Clearance, digest(&judged));
     digests
 }

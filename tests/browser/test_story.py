@@ -76,6 +76,7 @@ def test_the_story_by_touch_alone(demo, display, trouble):
     step(page, "logout").tap()
     page.wait_for_url(demo.url + "/login*")
     expect(page.locator(".known button")).to_have_text(["operator"])
+    expect(page.locator(".digits")).to_be_visible()
 
 
 def test_a_refused_clearance_lists_every_check_and_a_double_tap_clears_nothing(demo, display, trouble):
@@ -154,3 +155,13 @@ def test_a_second_display_shows_the_same_and_holds_no_token(demo, display, chrom
     for each in (page, other):
         expect(each.locator("body")).to_have_attribute("data-stage", re.compile("cleared|active"))
     context.close()
+
+
+def test_a_position_is_given_again_at_a_stop(demo, display, trouble):
+    page = display
+    localize(page)
+    step(page, "stops").tap()
+    expect(page.locator("#sheet-stops")).to_be_visible()
+    page.locator("#sheet-stops button[name=localize]").first.tap()
+    expect(page.locator("#sheet-stops")).to_be_hidden()
+    expect(page.locator("#actions button[name=clearance]:not([aria-disabled])")).to_be_visible(timeout=40_000)

@@ -245,10 +245,14 @@ async fn the_shuttle_localizes_drives_and_decelerates_as_a_foreign_peer_asks() {
             }
         }
     }
-    let falling: Vec<_> = speeds.iter().filter(|(_, mps)| (0.5..4.5).contains(mps)).collect();
-    let (first, last) = (falling[0], falling[falling.len() - 1]);
-    let mps2 = (first.1 - last.1) / (last.0 - first.0);
-    assert!((mps2 - 1.0).abs() < 0.03, "{mps2} m/s² over {:.1} s", last.0 - first.0);
+    // The median: on a busy machine requests may stay away for long enough to be over for a moment.
+    let falling: Vec<_> = speeds.iter().filter(|(_, mps)| (0.3..4.7).contains(mps)).collect();
+    let slopes =
+        falling.windows(26).map(|window| (window[0].1 - window[25].1) / (window[25].0 - window[0].0));
+    let mut slopes: Vec<f64> = slopes.collect();
+    slopes.sort_by(f64::total_cmp);
+    let mps2 = slopes[slopes.len() / 2];
+    assert!((mps2 - 1.0).abs() < 0.04, "{mps2} m/s², of {} slopes", slopes.len());
     hear(&mut ears, "/vehicle/deceleration_active", |value| value["data"] == false);
 
     while speed(&mut ears).1 < 1.0 {}

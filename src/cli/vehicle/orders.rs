@@ -20,6 +20,9 @@ use crate::sim::shuttle::Order;
 const CLEAR: &str = "clear";
 const STOP: &str = "stop";
 
+/// Its name in the graph of ROS 2.
+const NODE: &str = "simulated_shuttle";
+
 /// Orders that may wait for the shuttle; it takes them at once.
 const QUEUE: usize = 256;
 
@@ -38,7 +41,8 @@ impl Orders {
         clock: Clock,
     ) -> Result<Orders, BridgeError> {
         let (sender, inputs) = mpsc::channel(QUEUE);
-        let bridge = ros::start(options.clone(), &model(publishing), sender, clock).await?;
+        let options = BridgeOptions { node: NODE, ..options.clone() };
+        let bridge = ros::start(options, &model(publishing), sender, clock).await?;
         Ok(Orders { bridge, inputs })
     }
 

@@ -8,6 +8,8 @@ pub const LARGE_EM: f64 = 9.9;
 pub const SMALL_EM: f64 = 13.2;
 /// The same for the action bar's list.
 pub const SMALL_EM_BAR: f64 = 19.0;
+/// And with one more button beside it.
+pub const SMALL_EM_BAR_NARROW: f64 = 13.0;
 const SPACE_EM: f64 = 0.26;
 
 /// How many lines a text takes where one is `em` wide: broken at words, in an average sans serif.

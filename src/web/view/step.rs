@@ -8,7 +8,7 @@ use crate::engine::state::State;
 
 use super::checks::Check;
 use super::clean::{ID, NAME, clean};
-use super::fit::{SMALL_EM_BAR, lines};
+use super::fit::{SMALL_EM_BAR, SMALL_EM_BAR_NARROW, lines};
 use super::{Fragment, View, html};
 use crate::web::steps::StepWords;
 use crate::web::text::Words;
@@ -124,18 +124,20 @@ fn locating(view: &View<'_>) -> Step {
 fn clear(view: &View<'_>) -> Step {
     let mut checks = view.checks();
     let ready = view.snapshot.clearance_refusals.is_empty();
-    let (mut used, mut shown) = (0, 0);
-    for check in &checks {
-        used += lines(&check.text, SMALL_EM_BAR, LINES);
-        if used > LINES {
-            break;
-        }
-        shown += 1;
-    }
-    // What fails and has no room is counted, and stands on the sheet; what holds may be left out.
+    let fitting = |em: f64| {
+        let mut used = 0;
+        let fits = |check: &&Check| {
+            used += lines(&check.text, em, LINES);
+            used <= LINES
+        };
+        checks.iter().take_while(fits).count()
+    };
+    // What fails and has no room is counted, and stands on the sheet, whose button takes room of its
+    // own; what holds may be left out.
     let failing = checks.iter().filter(|check| !check.holds).count();
+    let mut shown = fitting(SMALL_EM_BAR);
     if shown < failing {
-        shown = shown.saturating_sub(1).max(1);
+        shown = fitting(SMALL_EM_BAR_NARROW).clamp(1, (failing - 1).max(1));
     }
     let more = failing.saturating_sub(shown);
     checks.truncate(shown);
