@@ -16,13 +16,16 @@ use std::time::Duration;
 
 use futures_util::StreamExt;
 use peer::{Domain, Peer};
-use serde_json::Value;
+use serde_json::{Value, json};
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 
 /// The probe changes its state so often each second, and for so long.
 const PROBE: &str = "load --statuses 1 --rate 20 --seconds 20 --name imu:~status --levels ok --flip --mark 7";
 const PROBED_S: u64 = 24;
+
+/// Requests to the vehicle that are timed.
+const COUNTERMEASURES: usize = 200;
 
 fn monotonic_ns() -> u64 {
     let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
@@ -111,6 +114,21 @@ impl Server {
     }
 
     fn counters(&self) -> Value {
+        self.snapshot()["counters"].clone()
+    }
+
+    fn acknowledge(&self, node: &str) {
+        let body = format!("version={}", self.snapshot()["seq"]);
+        let head = format!(
+            "POST /alarms/{node}/acknowledge HTTP/1.1\r\nHost: {0}\r\nOrigin: http://{0}\r\nCookie: {1}\r\nContent-Type: application/x-www-form-urlencoded\r\nContent-Length: {2}\r\n",
+            self.address,
+            self.cookie,
+            body.len()
+        );
+        self.exchange(&format!("{head}Connection: close\r\n\r\n{body}"));
+    }
+
+    fn snapshot(&self) -> Value {
         let answer = self.exchange(&format!(
             "GET /api/v1/snapshot HTTP/1.1\r\nHost: {}\r\nCookie: {}\r\nConnection: close\r\n\r\n",
             self.address, self.cookie
@@ -118,8 +136,7 @@ impl Server {
         let body = answer.split("\r\n\r\n").nth(1).expect("a body");
         let start = body.find('{').expect("an object");
         let end = body.rfind('}').expect("an object");
-        let snapshot: Value = serde_json::from_str(&body[start..=end]).expect("JSON");
-        snapshot["counters"].clone()
+        serde_json::from_str(&body[start..=end]).expect("JSON")
     }
 
     /// Seconds of processor time used so far, and resident MB.
@@ -143,11 +160,12 @@ impl Drop for Server {
     }
 }
 
-/// The shuttle, and one more group that takes what the load peer publishes.
+/// The shuttle, one more group that takes what the load peer publishes, and a countermeasure.
 fn write_config(folder: &Path) -> PathBuf {
-    let shuttle = concat!(env!("CARGO_MANIFEST_DIR"), "/config/shuttle.yaml");
+    let shuttle = concat!(env!("CARGO_MANIFEST_DIR"), "/config/self-diagnosing-shuttle.yaml");
     let text = std::fs::read_to_string(shuttle).expect("the shuttle's configuration");
-    let group = "\n  - id: load\n    name: Load\n    match: [{ namespace: /load }]\n";
+    let group = "\n  - id: load\n    name: Load\n    match: [{ namespace: /load }]\n\
+                 countermeasures: [{ request: decelerate, when: { modules: [can/wheel_speed] } }]\n";
     let path = folder.join("bench.yaml");
     std::fs::write(&path, text.trim_end().to_owned() + group).expect("the folder can be written");
     path
@@ -215,6 +233,51 @@ async fn probe(server: &Server, domain: &Domain, what: &str) {
     drop(peer);
 }
 
+/// From the status that a foreign peer writes to the request that another one receives; between two
+/// of them the operator acknowledges, so that each is a new one.
+fn countermeasures(server: &Server, domain: &Domain, what: &str) {
+    let mut active = Peer::start(domain, "pub --topic rt/mission/active --type Bool");
+    active.wait_matched(1);
+    active.write(&json!({ "bool": true }));
+    let mut status = Peer::start(domain, "pub");
+    status.wait_matched(1);
+    let requests = "rt/telltale/deceleration_request=AccelStamped";
+    let mut vehicle = Peer::start(domain, &format!("sub --topic {requests}"));
+    let say = |level: u8| json!({ "statuses": [{ "name": "can: wheel_speed", "level": level }] });
+    let mut delays = Vec::new();
+    while delays.len() < COUNTERMEASURES {
+        let sent = status.tell_and_expect(&say(2), "written");
+        let at = |line: &Value| line["at_ns"].as_f64().expect("a time");
+        // The last repetitions of the request before may be under way still.
+        let heard = loop {
+            let line = vehicle.expect("at_ns");
+            if at(&line) > at(&sent) {
+                break line;
+            }
+        };
+        // The first may come before the readers have found one another.
+        if !delays.is_empty() || at(&heard) - at(&sent) < 1e8 {
+            delays.push((at(&heard) - at(&sent)) / 1000.0);
+        }
+        status.write(&say(0));
+        while server.snapshot()["countermeasures"].as_array().is_some_and(|all| !all.is_empty()) {
+            server.acknowledge("can/wheel_speed");
+        }
+        // What was repeated meanwhile.
+        std::thread::sleep(Duration::from_millis(60));
+        vehicle.so_far();
+    }
+    active.write(&json!({ "bool": false }));
+    delays.sort_by(f64::total_cmp);
+    println!(
+        "{what:<28} countermeasure  {:>4} requests p50 {:>5.0} us  p99 {:>6.0} us  worst {:>6.0} us",
+        delays.len(),
+        percentile(&delays, 0.5),
+        percentile(&delays, 0.99),
+        percentile(&delays, 1.0),
+    );
+}
+
 fn lossless(server: &Server, domain: &Domain, rate: u32) {
     let counters = server.counters();
     let (before, _) = server.used();
@@ -246,8 +309,12 @@ fn main() {
     let server = Server::start(&domain);
     runtime.block_on(async {
         probe(&server, &domain, "idle").await;
+        countermeasures(&server, &domain, "idle");
         let load = Peer::start(&domain, "load --statuses 1000 --rate 100 --seconds 40 --levels ok");
         probe(&server, &domain, "100 arrays/s of 1,000").await;
+        drop(load);
+        let load = Peer::start(&domain, "load --statuses 1000 --rate 100 --seconds 60 --levels ok");
+        countermeasures(&server, &domain, "100 arrays/s of 1,000");
         drop(load);
     });
     for rate in [800, 1600, 2400, 3200, 4000] {

@@ -4,7 +4,10 @@ mod vehicle;
 #[path = "vehicle/watched.rs"]
 mod watched;
 
+use std::sync::Arc;
+
 use divan::{Bencher, counter::ItemsCount};
+use telltale::engine::Engine;
 use telltale::engine::time::Timestamp;
 
 fn main() {
@@ -61,7 +64,9 @@ fn hundred_warnings_and_snapshot(bencher: Bencher<'_, '_>, modules: usize) {
 /// clock makes the monitors do is in it. At 15 us for each message it is 30 % of a core.
 #[divan::bench]
 fn watched_messages(bencher: Bencher<'_, '_>) {
-    let (mut engine, topics) = watched::engine();
+    let model = Arc::new(watched::model());
+    let topics = model.watched.topics.clone();
+    let mut engine = Engine::new(model, Timestamp::ZERO);
     let mut number = 0;
     let mut hundredth = move || -> Vec<_> {
         number += watched::TOPICS as u64;

@@ -1,5 +1,6 @@
 //! The only place that reads a clock.
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
 use crate::engine::time::{Span, Timestamp};
@@ -9,17 +10,36 @@ use crate::engine::time::{Span, Timestamp};
 #[derive(Debug, Clone, Copy)]
 pub struct Clock {
     start: Instant,
+    /// How far it was set ahead, in nanoseconds; a clock of a test alone has this.
+    ahead: Option<&'static AtomicU64>,
+}
+
+/// Sets a clock ahead, so that a test need not wait for what takes long.
+#[derive(Debug, Clone, Copy)]
+pub struct ClockHand(&'static AtomicU64);
+
+impl ClockHand {
+    pub fn advance(&self, span: Span) {
+        self.0.fetch_add(span.as_nanos(), Ordering::Relaxed);
+    }
 }
 
 impl Clock {
     #[expect(clippy::disallowed_methods, reason = "the one clock of the process")]
     pub fn start() -> Clock {
-        Clock { start: Instant::now() }
+        Clock { start: Instant::now(), ahead: None }
+    }
+
+    /// A clock that can be set ahead. Its hand lives as long as the process: it is for tests.
+    pub fn with_hand() -> (Clock, ClockHand) {
+        let ahead: &'static AtomicU64 = Box::leak(Box::default());
+        (Clock { ahead: Some(ahead), ..Clock::start() }, ClockHand(ahead))
     }
 
     /// Monotonic: never stepped, never back.
     pub fn now(&self) -> Timestamp {
-        Timestamp::from_nanos(u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX))
+        let elapsed = u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        Timestamp::from_nanos(elapsed.saturating_add(self.ahead()))
     }
 
     /// What the wall clock says now. It may be stepped at any time: for display only.
@@ -30,7 +50,11 @@ impl Clock {
 
     /// The monotonic instant as tokio's timers take it.
     pub fn instant(&self, at: Timestamp) -> Instant {
-        self.start + Duration::from_nanos(at.as_nanos())
+        self.start + Duration::from_nanos(at.as_nanos().saturating_sub(self.ahead()))
+    }
+
+    fn ahead(&self) -> u64 {
+        self.ahead.map_or(0, |ahead| ahead.load(Ordering::Relaxed))
     }
 }
 

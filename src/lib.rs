@@ -6,6 +6,7 @@ pub mod cli;
 pub mod clock;
 pub mod config;
 pub mod engine;
+pub mod picture;
 pub mod ros;
 pub mod runtime;
 pub mod sim;

@@ -1,6 +1,9 @@
 //! The loop that owns the engine: inputs in, the latest snapshot out.
 
+mod recorder;
+
 use std::sync::Arc;
+use std::sync::mpsc::SyncSender;
 use std::time::SystemTime;
 
 use tokio::sync::{mpsc, oneshot, watch};
@@ -9,8 +12,11 @@ use crate::clock::Clock;
 use crate::engine::Engine;
 use crate::engine::input::{Input, OperatorAction, Response, Stamped};
 use crate::engine::model::Model;
+use crate::engine::record::Record;
+use crate::engine::resume::Restored;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
+use recorder::Recorder;
 
 /// Inputs that may wait for the engine. A full queue holds its senders back: the bridge's
 /// readers then lose the oldest samples by their own depth, and count that.
@@ -86,10 +92,30 @@ pub struct Link {
 
 /// Starts the engine in a task of the current tokio runtime. It ends when all links are dropped.
 pub fn start(model: Arc<Model>, clock: Clock) -> Link {
+    run(Engine::new(model, clock.now()), clock, None)
+}
+
+/// [`start`], and hands on what happens. A full queue loses records, which are counted: the engine
+/// never waits for a disk.
+pub fn start_recorded(model: Arc<Model>, clock: Clock, records: Option<SyncSender<Vec<Record>>>) -> Link {
+    run(Engine::new(model, clock.now()), clock, records)
+}
+
+/// [`start_recorded`] where an earlier run of the program ended.
+pub fn resume(
+    model: Arc<Model>,
+    restored: &Restored,
+    clock: Clock,
+    records: Option<SyncSender<Vec<Record>>>,
+) -> Link {
+    run(Engine::resume(model, restored, clock.now()), clock, records)
+}
+
+fn run(mut engine: Engine, clock: Clock, records: Option<SyncSender<Vec<Record>>>) -> Link {
     let (inputs, inputs_rx) = mpsc::channel(INPUT_QUEUE);
     let (commands, commands_rx) = mpsc::channel(COMMAND_QUEUE);
     let (reloads, reloads_rx) = mpsc::channel(RELOAD_QUEUE);
-    let mut engine = Engine::new(model, clock.now());
+    let recorder = Recorder::start(&mut engine, records, clock.now());
     let first = Published { snapshot: engine.snapshot(), at: clock.wall() };
     let (publish, snapshots) = watch::channel(first);
     let mut turn = Loop {
@@ -97,6 +123,7 @@ pub fn start(model: Arc<Model>, clock: Clock) -> Link {
         published_revision: engine.revision(),
         published_at: clock.now(),
         engine,
+        recorder,
         clock,
         publish,
     };
@@ -113,6 +140,7 @@ struct Queues {
 
 struct Loop {
     engine: Engine,
+    recorder: Recorder,
     clock: Clock,
     publish: watch::Sender<Published>,
     published_seq: u64,
@@ -150,6 +178,7 @@ impl Loop {
                 }
             }
             self.publish_if_due();
+            self.recorder.follow(&mut self.engine, self.clock.now());
         }
     }
 
@@ -169,7 +198,9 @@ impl Loop {
     }
 
     fn reload(&mut self, Reload { model, done }: Reload) {
+        self.recorder.take(&mut self.engine);
         self.engine.reload(model, self.clock.now());
+        self.recorder.begin(&mut self.engine, true);
         self.publish_if_due();
         // Who asked may have gone; the engine runs by it all the same.
         let _ = done.send(());

@@ -51,6 +51,7 @@
     const age = Math.max(now - lastBeat, unshownSince === null ? 0 : now - unshownSince);
     const live = age >= DEAD_MS ? "dead" : age >= STALE_MS || !everBeat ? "stale" : "live";
     if (body.dataset.live !== live) body.dataset.live = live;
+    if (live === "dead") dispatchEvent(new Event("telltale:dead"));
     if (live === "live") tickTimes();
     if (live === "dead" && now - lastTry > HANG_MS) connect(document.documentElement.lang);
   };
@@ -59,6 +60,8 @@
     lastBeat = performance.now();
     everBeat = true;
     serverAt = Date.parse(message.at);
+    // Taps say by which heartbeat they were made.
+    globalThis.telltale = { beatAt: message.at };
     delete body.dataset.waiting;
     mark.dataset.phase = message.beat % 8;
     setText(clock, new Date(serverAt).toTimeString().slice(0, 8));
@@ -88,6 +91,15 @@
     }
   };
 
+  // Says what is on the screen. Where nothing is painted nothing is said, and the server knows.
+  const confirmShown = (socket, seq) => {
+    requestAnimationFrame(() => {
+      if (unshownSince === null && socket.readyState === WebSocket.OPEN) {
+        socket.send(JSON.stringify({ shown: seq }));
+      }
+    });
+  };
+
   document.addEventListener("htmx:ws:after:connection", (event) => {
     const { socket } = event.detail.connection;
     opened = true;
@@ -101,7 +113,10 @@
       } catch {
         return;
       }
-      if (typeof message.beat === "number") beat(message);
+      if (typeof message.beat === "number") {
+        beat(message);
+        confirmShown(socket, message.seq);
+      }
       if (typeof message.content === "string") {
         received = message.seq;
         unshownSince ??= performance.now();
@@ -136,6 +151,8 @@
     else if (layout !== body.dataset.layout) location.reload();
     tickTimes();
   });
+
+  document.addEventListener("telltale:refresh", () => connect(document.documentElement.lang));
 
   document.addEventListener("telltale:language", (event) => {
     event.preventDefault();

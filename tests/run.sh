@@ -3,6 +3,10 @@
 #
 #   tests/run.sh             needs Rust, a C compiler, python3 with venv, and Chromium
 #   tests/run.sh screenshot  makes docs/screenshot.png anew instead
+#   tests/run.sh screens     makes docs/screens/ anew instead
+#
+# TELLTALE_CRASH_ROUNDS=200 kills the program that often, not 20 times. The tests of full and
+# read-only disks need mount namespaces.
 #
 # What is missing is installed where that is possible (Debian, as root), else it is named and
 # nothing runs. Nothing is skipped: a test that did not run fails the whole. DDS stays on the
@@ -108,8 +112,8 @@ PY
 }
 
 case ${1:-} in
-    "" | screenshot) ;;
-    *) die "unknown word ${1}: tests/run.sh [screenshot]" ;;
+    "" | screenshot | screens) ;;
+    *) die "unknown word ${1}: tests/run.sh [screenshot|screens]" ;;
 esac
 command -v cargo >/dev/null || die "missing: cargo. Install Rust from https://rustup.rs"
 command -v cc >/dev/null || die "missing: a C compiler. Install with: sudo apt-get install gcc libc6-dev"
@@ -124,8 +128,8 @@ export CHROMIUM
 
 say "building"
 cargo build --locked --bin telltale || die "the program does not build"
-if [ "${1:-}" = screenshot ]; then
-    exec "$TELLTALE_PEER_PYTHON" tests/browser/screenshot.py
+if [ -n "${1:-}" ]; then
+    exec "$TELLTALE_PEER_PYTHON" "tests/browser/$1.py"
 fi
 rust_tests
 scenarios

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use telltale::engine::Engine;
 use telltale::engine::input::Input;
 use telltale::engine::model::{Model, MonitorSpec, Parts};
 use telltale::engine::monitor::spec::{
@@ -15,15 +14,14 @@ pub const MONITORS: usize = 1_000;
 pub const TOPICS: usize = 200;
 
 /// The vehicle of the other benchmarks, watched from the outside.
-pub fn engine() -> (Engine, Vec<Arc<TopicSpec>>) {
+pub fn model() -> Model {
     let mut parts: Parts = (**crate::vehicle::model(MONITORS)).clone();
     let topics: Vec<Arc<TopicSpec>> = (0..TOPICS).map(topic).collect();
-    parts.watched = Watched { topics: topics.clone(), watchdogs: Vec::new() };
+    parts.watched = Watched { topics, watchdogs: Vec::new() };
     for (index, module) in parts.modules.iter_mut().enumerate() {
         module.monitor = monitor(index);
     }
-    let model = Model::new(parts).expect("monitors depend on nothing");
-    (Engine::new(Arc::new(model), Timestamp::ZERO), topics)
+    Model::new(parts).expect("monitors depend on nothing")
 }
 
 fn topic(index: usize) -> Arc<TopicSpec> {

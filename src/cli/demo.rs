@@ -14,9 +14,9 @@ use super::{EXIT_USAGE, check, log};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::ros::{BridgeOptions, DOMAIN_MAX};
-use crate::sim::shuttle::Fault;
+use crate::sim::shuttle::{Departure, Fault};
 use crate::store::{DEMO_USERS, DemoSecrets, Role, Store};
-use crate::web::{DemoFaults, FaultSwitch};
+use crate::web::{DemoFaults, Enrolled, FaultSwitch};
 use crate::yaml::Problems;
 
 const CONFIG: &str = include_str!("../../config/shuttle.yaml");
@@ -33,9 +33,15 @@ pub struct Args {
     /// Where browsers find the display
     #[arg(long, value_name = "ADDR", default_value = station::LISTEN)]
     listen: SocketAddr,
+    /// Plain HTTP may leave this machine: everybody on the way can read and change it
+    #[arg(long)]
+    insecure_http: bool,
     /// The DDS domain, 0 to 232 [default: one that nobody uses here, 60 or higher]
     #[arg(long, value_name = "N")]
     domain: Option<u16>,
+    /// Let the shuttle leave every stop by itself, without an operator
+    #[arg(long)]
+    drive: bool,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
@@ -54,22 +60,35 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 
 async fn demo(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let ending = Ending::listen()?;
+    station::check_plain(args.listen, false, args.insecure_http)?;
     let listener = station::bind(args.listen).await?;
     let options = BridgeOptions::loopback(domain(args.domain)?);
     let clock = Clock::start();
     let store = Store::in_memory(clock, DemoSecrets::Accepted)?;
     store.add_demo_users().await?;
-    let vehicle = Vehicle::open(&options, &loaded.model, clock).await?;
+    let departure = if args.drive { Departure::Alone } else { Departure::Cleared };
+    let vehicle = Vehicle::open(&options, &loaded, departure, clock).await?;
     let (fault_sender, faults) = mpsc::channel(SWITCHES);
     let (switch, switches) = mpsc::channel(SWITCHES);
     let driving = tokio::spawn(vehicle.run(faults));
     tokio::spawn(forward(switches, fault_sender));
     let names = Fault::ALL.map(Fault::as_str).to_vec();
-    print!("{}", introduction(listener.local_addr()?, options.domain));
+    print!("{}", introduction(listener.local_addr()?, options.domain, args.drive));
     let demo = Some(DemoFaults::new(names, switch));
-    Station { loaded, file: None, store, options, listener, origins: Vec::new(), demo, clock }
-        .run(ending)
-        .await?;
+    let station = Station {
+        loaded,
+        file: None,
+        store,
+        folder: None,
+        options,
+        listener,
+        tls: None,
+        enrolled: Enrolled::default(),
+        origins: Vec::new(),
+        demo,
+        clock,
+    };
+    station.run(ending).await?;
     driving.await.context("the simulated shuttle failed")?;
     Ok(ExitCode::SUCCESS)
 }
@@ -108,8 +127,8 @@ fn is_free(domain: u16) -> bool {
 }
 
 /// One screen: where to look, how to log in, what can be tried.
-fn introduction(address: SocketAddr, domain: u16) -> String {
-    let url = station::url(address);
+fn introduction(address: SocketAddr, domain: u16, alone: bool) -> String {
+    let url = station::url(address, false);
     let mut text = format!(
         "Telltale demo: a simulated shuttle over real DDS, domain {domain}, on this machine alone.\n\n\
          \x20 Look      {url}\n\n  Log in\n"
@@ -122,7 +141,12 @@ fn introduction(address: SocketAddr, domain: u16) -> String {
         };
         text += &format!("            {name:<10} {kind:<8} {secret:<15} {sees}\n");
     }
-    text += "\n  The shuttle waits 10 s at a stop, drives 45 s, waits again.\n";
+    text += if alone {
+        "\n  The shuttle leaves every stop by itself after 10 s and drives for about a minute.\n"
+    } else {
+        "\n  Drive     Log in as operator. Say that the shuttle stands at the Depot. When there is a goal,\n\
+         \x20           clear it; it drives to the next stop, waits for the next clearance, and so on.\n"
+    };
     text += &format!("\n  Faults    {url}/demo\n");
     for fault in Fault::ALL {
         text += &format!("            {:<18} {}\n", fault.as_str(), fault.about());

@@ -1,15 +1,12 @@
 //! The graph of a configuration as a drawing: groups as boxes, what they depend on to the left of them.
 
-mod layers;
-
 use std::collections::HashMap;
 use std::fmt::Write as _;
-
-use layers::{Item, Layers};
 
 use super::check::dependencies;
 use crate::config::words::node_name;
 use crate::engine::model::{Combine, GroupId, Model, ModuleId, NodeId, POSED_SIGNAL, When};
+use crate::picture::layers::{Item, Layers};
 
 const STYLE: &str = include_str!("graph.css");
 

@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0; 1, the answer is no; 2, wrong usage or configuration.
 
+mod audit;
 mod check;
 mod data;
 mod dds;
@@ -10,11 +11,13 @@ mod ending;
 pub mod fields;
 mod graph;
 mod log;
+mod outputs;
 pub mod reload;
 mod scenario;
 mod serve;
 mod sim;
 mod station;
+mod tls;
 mod user;
 mod vehicle;
 
@@ -42,6 +45,8 @@ enum Command {
     Check(check::Args),
     Scenario(scenario::Args),
     User(user::Args),
+    Audit(audit::Args),
+    Tls(tls::Args),
 }
 
 /// Runs the program with the arguments of the process. An error that no subcommand turned into
@@ -54,6 +59,8 @@ pub fn main() -> ExitCode {
         Command::Check(args) => check::run(&args),
         Command::Scenario(args) => scenario::run(&args),
         Command::User(args) => user::run(&args),
+        Command::Audit(args) => audit::run(&args),
+        Command::Tls(args) => tls::run(&args),
     };
     result.unwrap_or_else(|error| {
         eprintln!("telltale: {error:#}");

@@ -12,6 +12,7 @@ use super::{EXIT_USAGE, check, data, dds, fields, log};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::store::{DemoSecrets, Store};
+use crate::web::{Display, Enrolled, Origins, Tls};
 
 /// Listen to a vehicle's diagnostics and show them in browsers.
 ///
@@ -19,7 +20,9 @@ use crate::store::{DemoSecrets, Store};
 /// taken whole, and the log says what is different. Modules that stay keep their state.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  telltale serve --config config/shuttle.yaml --data /var/lib/telltale\n\n\
+    after_help = "Example:\n  telltale serve --config config/shuttle.yaml --data /var/lib/telltale\n  \
+    telltale serve --config config/shuttle.yaml --listen 0.0.0.0:8443 --origin https://shuttle-1.example:8443 \\\n    \
+    --tls-cert /etc/telltale/cert.pem --tls-key /etc/telltale/key.pem\n\n\
     Before the first start: telltale user add NAME --role operator --data DIR"
 )]
 pub struct Args {
@@ -35,6 +38,18 @@ pub struct Args {
     /// The folder of users, sessions and history [default: $XDG_DATA_HOME/telltale or ~/.local/share/telltale]
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
+    /// The certificate for TLS, PEM, the server's own first
+    #[arg(long, value_name = "FILE", requires = "tls_key")]
+    tls_cert: Option<PathBuf>,
+    /// The key of the certificate, PEM
+    #[arg(long, value_name = "FILE", requires = "tls_cert")]
+    tls_key: Option<PathBuf>,
+    /// Plain HTTP may leave this machine: everybody on the way can read and change it
+    #[arg(long, conflicts_with = "tls_cert")]
+    insecure_http: bool,
+    /// A display at which a PIN will do: an address, `loopback` or `none`; may be repeated [default: loopback]
+    #[arg(long = "display", value_name = "IP")]
+    displays: Vec<Display>,
     #[command(flatten)]
     dds: dds::DdsFlags,
 }
@@ -61,15 +76,33 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
         check::report(&problems);
         return Ok(ExitCode::from(EXIT_USAGE));
     }
-    let listener = station::bind(args.listen).await?;
     let clock = Clock::start();
+    let tls = tls(args, clock)?;
+    station::check_plain(args.listen, tls.is_some(), args.insecure_http)?;
+    let listener = station::bind(args.listen).await?;
     let folder = data::folder(args.data.clone())?;
     let store = Store::open(&folder, clock, DemoSecrets::Refused)?;
     say_if_nobody_can_log_in(&store, &folder).await?;
     let origins = args.origins.clone();
     let file = Some(args.config.clone());
-    Station { loaded, file, store, options, listener, origins, demo: None, clock }.run(ending).await?;
+    let enrolled = Enrolled::new(args.displays.clone());
+    let folder = Some(folder);
+    Station { loaded, file, store, folder, options, listener, tls, enrolled, origins, demo: None, clock }
+        .run(ending)
+        .await?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Reads the certificate and its key, and holds them against the names by which browsers come.
+fn tls(args: &Args, clock: Clock) -> anyhow::Result<Option<Tls>> {
+    let (Some(certificate), Some(key)) = (&args.tls_cert, &args.tls_key) else { return Ok(None) };
+    let tls = Tls::load(certificate, key, clock.wall())?;
+    for origin in &args.origins {
+        if let Some(host) = Origins::secure_host(origin) {
+            tls.check_name(&host).with_context(|| format!("--origin {origin}"))?;
+        }
+    }
+    Ok(Some(tls))
 }
 
 async fn say_if_nobody_can_log_in(store: &Store, data: &Path) -> anyhow::Result<()> {

@@ -2,23 +2,27 @@
 
 use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::mpsc::SyncSender;
 
-use anyhow::{Context as _, anyhow};
+use anyhow::{Context as _, anyhow, bail};
 use tokio::net::TcpListener;
-use tokio::sync::{oneshot, watch};
+use tokio::sync::{mpsc, watch};
 
 use super::ending::Ending;
-use super::{dds, reload};
+use super::{dds, outputs, reload};
 use crate::clock::Clock;
 use crate::config::Loaded;
-use crate::engine::input::{OperatorAction, Response};
+use crate::engine::input::{Input, Stamped};
 use crate::engine::model::Model;
+use crate::engine::record::Record as Happening;
+use crate::ros::outputs::Outputs;
 use crate::ros::{self, Bridge, BridgeOptions};
-use crate::runtime::{self, Command, Link};
-use crate::store::Store;
-use crate::web::{self, AppState, DemoFaults, Origins, Settings};
+use crate::runtime::{self, Link};
+use crate::store::audit::{Action, Record, TELLTALE};
+use crate::store::{History, Store};
+use crate::web::{self, AppState, DemoFaults, Enrolled, Origins, Settings, Tls};
 
 /// Where browsers find the display unless told otherwise: this machine alone.
 pub const LISTEN: &str = "127.0.0.1:8080";
@@ -29,8 +33,14 @@ pub struct Station {
     /// The file that it was read from, to read it again.
     pub file: Option<PathBuf>,
     pub store: Store,
+    /// The folder of the history; without one it is kept in memory.
+    pub folder: Option<PathBuf>,
     pub options: BridgeOptions,
     pub listener: TcpListener,
+    /// Without it browsers come over plain HTTP.
+    pub tls: Option<Tls>,
+    /// Where a PIN will do.
+    pub enrolled: Enrolled,
     /// Addresses by which browsers reach it, beside that of the listener.
     pub origins: Vec<String>,
     pub demo: Option<DemoFaults>,
@@ -43,10 +53,12 @@ impl Station {
     /// # Errors
     /// What keeps it from starting: DDS, the database, an origin that is none.
     pub async fn run(self, mut ending: Ending) -> anyhow::Result<()> {
-        let Station { loaded, file, store, options, listener, origins, demo, clock } = self;
+        let Station { loaded, file, store, folder, options, listener, tls, enrolled, origins, demo, clock } =
+            self;
         let address = listener.local_addr().context("the listener has no address")?;
         let listens_to = dds::describe(&options);
-        let link = runtime::start(loaded.model.clone(), clock);
+        let (history, records) = open_history(folder.as_deref(), clock).unzip();
+        let link = resume(&loaded.model, &store, clock, records).await?;
         let reloads = file
             .map(|file| {
                 let definitions = options.definitions.clone();
@@ -54,22 +66,40 @@ impl Station {
             })
             .transpose()?;
         let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
-        let settings = Settings { origins: known_origins(address, &origins)?, secure: false, demo, rereads };
+        let secure = tls.is_some();
+        let origins = known_origins(address, secure, &origins)?;
+        let outputs = outputs::start(&options, &loaded.publishing, &link, clock).await?;
         let bridge = ros::start(options, &loaded.model, link.inputs.clone(), clock).await?;
-        restore_operator(&store, &link).await?;
-        tracing::info!("the display is on {}; it listens to {listens_to}", url(address));
+        let discovery = Some(bridge.discovery());
+        let settings = Settings { origins, secure, enrolled, demo, rereads, history, discovery };
+        store.audit(Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"))).await?;
+        let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
+        tracing::info!("the display is on {}; it listens to {listens_to}", url(address, secure));
+        let end = store.clone();
         {
-            let serving = web::serve(listener, AppState::new(link, store, clock, settings), ending.asked());
+            let serving =
+                web::serve(listener, tls, AppState::new(link, store, clock, settings), ending.asked());
             let running = reloads.map(|reloads| reloads.running);
-            while_serving(serving, &bridge, running).await?;
+            while_serving(serving, &bridge, &outputs, running, &end).await?;
         }
         tracing::info!("ending");
+        storage.abort();
+        if let Err(error) = end.audit(Record::of(Action::End, TELLTALE)).await {
+            tracing::error!(%error, "the end cannot be recorded");
+        }
         tokio::select! {
-            () = bridge.shutdown() => {}
+            () = async { tokio::join!(bridge.shutdown(), outputs.shutdown()); } => {}
             () = ending.asked() => {}
         }
+        end.close().await;
         Ok(())
     }
+}
+
+/// The history is no reason not to start: without it, its page says so.
+fn open_history(folder: Option<&Path>, clock: Clock) -> Option<(History, SyncSender<Vec<Happening>>)> {
+    let opened = folder.map_or_else(|| History::in_memory(clock), |folder| History::open(folder, clock));
+    opened.inspect_err(|error| tracing::error!("nothing will be recorded: {error}")).ok()
 }
 
 /// Serves until the end, and lets the bridge follow the configuration. The engine runs by it already:
@@ -77,7 +107,9 @@ impl Station {
 async fn while_serving(
     serving: impl Future<Output = std::io::Result<()>>,
     bridge: &Bridge,
+    publishing: &Outputs,
     mut running: Option<watch::Receiver<Loaded>>,
+    store: &Store,
 ) -> anyhow::Result<()> {
     let mut serving = std::pin::pin!(serving);
     loop {
@@ -85,18 +117,23 @@ async fn while_serving(
             served = &mut serving => return Ok(served?),
             next = changed(&mut running) => next,
         };
-        if let Err(error) = bridge.follow(&next) {
+        publishing.follow(outputs::topics(&next.publishing));
+        let record = Record::of(Action::Configuration, TELLTALE).on("the file that was read again is taken");
+        if let Err(error) = store.audit(record).await {
+            tracing::error!(%error, "a new configuration cannot be recorded");
+        }
+        if let Err(error) = bridge.follow(&next.model) {
             tracing::error!("the old topics are read still: {error}");
         }
     }
 }
 
-/// The model of the next configuration that is taken; never, where there is none to come.
-async fn changed(running: &mut Option<watch::Receiver<Loaded>>) -> Arc<Model> {
+/// The next configuration that is taken; never, where there is none to come.
+async fn changed(running: &mut Option<watch::Receiver<Loaded>>) -> Loaded {
     if let Some(running) = running
         && running.changed().await.is_ok()
     {
-        return running.borrow_and_update().model.clone();
+        return running.borrow_and_update().clone();
     }
     std::future::pending().await
 }
@@ -123,34 +160,64 @@ pub async fn bind(address: SocketAddr) -> anyhow::Result<TcpListener> {
 }
 
 /// Where a browser on this machine finds the display.
-pub fn url(address: SocketAddr) -> String {
+pub fn url(address: SocketAddr, secure: bool) -> String {
     let host = match address.ip() {
         ip if ip.is_unspecified() => "localhost".to_owned(),
         IpAddr::V4(ip) => ip.to_string(),
         IpAddr::V6(ip) => format!("[{ip}]"),
     };
-    format!("http://{host}:{}", address.port())
+    let scheme = if secure { "https" } else { "http" };
+    format!("{scheme}://{host}:{}", address.port())
 }
 
-fn known_origins(address: SocketAddr, more: &[String]) -> anyhow::Result<Origins> {
-    let mut origins = Origins::of_listener(address, false);
+fn known_origins(address: SocketAddr, secure: bool, more: &[String]) -> anyhow::Result<Origins> {
+    let mut origins = Origins::of_listener(address, secure);
     for origin in more {
         origins.add(origin).context("--origin")?;
     }
     Ok(origins)
 }
 
-/// Who sat in the operator's seat and has an open session sits there again: a restart in the
-/// middle of a drive must not leave the vehicle without a display.
-async fn restore_operator(store: &Store, link: &Link) -> anyhow::Result<()> {
-    let Some(operator) = store.seated_operator().await? else { return Ok(()) };
-    let (reply, answer) = oneshot::channel();
-    let action = OperatorAction::Login { name: operator.as_str().into() };
-    let ended = "the engine has ended";
-    link.commands.send(Command { action, reply }).await.context(ended)?;
-    match answer.await.context(ended)? {
-        Response::Done => tracing::info!("{operator} is the operator still"),
-        Response::Refused(reasons) => tracing::warn!("{operator} cannot be the operator again: {reasons:?}"),
+/// Keeps the engine told of whether what happens can be written down.
+async fn tell_of_storage(store: Store, inputs: mpsc::Sender<Stamped>, clock: Clock) {
+    let mut faults = store.fault();
+    drop(store);
+    loop {
+        let fault = faults.borrow_and_update().as_deref().map(Box::from);
+        let news = Stamped { input: Input::Storage { fault }, received: clock.now() };
+        if inputs.send(news).await.is_err() || faults.changed().await.is_err() {
+            return;
+        }
     }
-    Ok(())
+}
+
+/// Plain HTTP shows secrets and sessions to everybody on the way: it leaves this machine only where
+/// somebody asked for that by name.
+///
+/// # Errors
+/// If it would, and nobody did.
+pub fn check_plain(address: SocketAddr, has_tls: bool, insecure: bool) -> anyhow::Result<()> {
+    if has_tls || insecure || address.ip().is_loopback() {
+        return Ok(());
+    }
+    bail!(
+        "{address} is beyond this machine, and plain HTTP shows secrets to everybody on the way. Give a \
+         certificate with --tls-cert and --tls-key (`telltale tls self-signed` makes one), listen on \
+         127.0.0.1, or ask for plain HTTP by name with --insecure-http"
+    )
+}
+
+/// Starts the engine where the last run ended: a restart in the middle of a drive must not leave the
+/// vehicle without a display. Nothing is known of its components until they are heard.
+async fn resume(
+    model: &Arc<Model>,
+    store: &Store,
+    clock: Clock,
+    records: Option<SyncSender<Vec<Happening>>>,
+) -> anyhow::Result<Link> {
+    let Some(restored) = store.recall().await? else { return Ok(runtime::start(model.clone(), clock)) };
+    let (stage, alarms) = (restored.stage.as_str(), restored.alarms.len());
+    let operator = restored.operator.as_deref().unwrap_or("nobody");
+    tracing::info!("going on: the vehicle was {stage}, the operator is {operator}, {alarms} alarms are open");
+    Ok(runtime::resume(model.clone(), &restored, clock, records))
 }

@@ -1,14 +1,19 @@
-//! Lets the simulated shuttle drive in real time and publish over DDS.
+//! Lets the simulated shuttle drive in real time, publish over DDS and obey what it hears there.
+
+mod orders;
+pub(super) mod wire;
 
 use std::time::Duration;
 
 use tokio::sync::mpsc;
 use tokio::time::{Interval, MissedTickBehavior};
 
-use crate::clock::Clock;
-use crate::engine::model::{ACTIVE_SIGNAL, Model};
+use crate::clock::{self, Clock};
+use crate::config::Loaded;
 use crate::ros::{BridgeError, BridgeOptions, Publisher};
-use crate::sim::shuttle::{Fault, Message, STEP, Shuttle};
+use crate::sim::shuttle::{Departure, Fault, STEP, Sent, Shuttle};
+use orders::Orders;
+use wire::Wire;
 
 /// Any will do; the same one makes each demo tell the same story.
 const SEED: u64 = 1;
@@ -19,27 +24,33 @@ pub const SWITCHES: usize = 64;
 /// How often the publisher is asked whether it still works.
 const LOOK: Duration = Duration::from_millis(500);
 
-/// The shuttle with a DDS participant of its own.
+/// The shuttle with DDS participants of its own: one to publish, one to listen.
 pub struct Vehicle {
     shuttle: Shuttle,
     publisher: Publisher,
+    orders: Orders,
+    wire: Wire,
     options: BridgeOptions,
-    active_topic: Box<str>,
     clock: Clock,
 }
 
 impl Vehicle {
     /// # Errors
     /// The interface is not there, or DDS gets no sockets.
-    pub async fn open(options: &BridgeOptions, model: &Model, clock: Clock) -> Result<Vehicle, BridgeError> {
-        let active = model.signals.iter().find(|signal| &*signal.name == ACTIVE_SIGNAL);
-        let active_topic = active.map_or("/mission/active".into(), |signal| signal.source.topic.clone());
-        let publisher = Publisher::open(options, &[&active_topic]).await?;
-        let shuttle = Shuttle::new(SEED, clock.now());
-        Ok(Vehicle { shuttle, publisher, options: options.clone(), active_topic, clock })
+    pub async fn open(
+        options: &BridgeOptions,
+        loaded: &Loaded,
+        departure: Departure,
+        clock: Clock,
+    ) -> Result<Vehicle, BridgeError> {
+        let wire = Wire::of(&loaded.model);
+        let publisher = publisher(options, &wire).await?;
+        let orders = Orders::listen(options, &loaded.publishing, clock).await?;
+        let shuttle = Shuttle::new(SEED, clock.now(), &loaded.model.driving.stops, departure);
+        Ok(Vehicle { shuttle, publisher, orders, wire, options: options.clone(), clock })
     }
 
-    /// Drives and takes faults until their sender is gone, then leaves DDS.
+    /// Drives, obeys and takes faults until their sender is gone, then leaves DDS.
     pub async fn run(mut self, mut faults: mpsc::Receiver<(Fault, bool)>) {
         let mut steps = every(Duration::from_nanos(STEP.as_nanos()));
         let mut looks = every(LOOK);
@@ -49,24 +60,24 @@ impl Vehicle {
                     Some((fault, on)) => self.shuttle.set_fault(fault, on),
                     None => break,
                 },
+                order = self.orders.next() => self.shuttle.obey(order),
                 _ = steps.tick() => {
-                    for message in self.shuttle.advance(self.clock.now()) {
-                        self.publish(&message).await;
+                    for sent in self.shuttle.advance(self.clock.now()) {
+                        self.publish(&sent).await;
                     }
                 }
                 _ = looks.tick() => self.reopen_if_stopped().await,
             }
         }
         self.publisher.shutdown().await;
+        self.orders.shutdown().await;
     }
 
     /// What a reader does not take in time is lost to it, as on a vehicle.
-    async fn publish(&self, message: &Message) {
-        let published = match message {
-            Message::Diagnostics(array) => self.publisher.diagnostics(array, self.clock.wall()).await,
-            Message::Active(active) => self.publisher.boolean(&self.active_topic, *active).await,
-        };
-        if let Err(error) = published {
+    async fn publish(&self, sent: &Sent) {
+        let stamp = clock::wall_at(self.clock.wall(), self.clock.now(), sent.at);
+        let (topic, body) = self.wire.encode(&sent.message, stamp);
+        if let Err(error) = self.publisher.publish(topic, body).await {
             tracing::debug!("the simulated shuttle: {error}");
         }
     }
@@ -76,11 +87,19 @@ impl Vehicle {
         if !self.publisher.has_stopped() {
             return;
         }
-        match Publisher::open(&self.options, &[&self.active_topic]).await {
+        match publisher(&self.options, &self.wire).await {
             Ok(publisher) => std::mem::replace(&mut self.publisher, publisher).shutdown().await,
             Err(error) => tracing::warn!("the simulated shuttle cannot publish: {error}"),
         }
     }
+}
+
+async fn publisher(options: &BridgeOptions, wire: &Wire) -> Result<Publisher, BridgeError> {
+    let mut publisher = Publisher::open(options, &[]).await?;
+    for (topic, type_name, quality) in wire.offers() {
+        publisher.offer(topic, type_name, quality)?;
+    }
+    Ok(publisher)
 }
 
 fn every(period: Duration) -> Interval {

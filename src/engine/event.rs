@@ -15,7 +15,8 @@ pub struct Event {
 
 #[derive(Debug, Clone, PartialEq)]
 pub enum What {
-    /// A node shows another state, or reports one behind what it shows.
+    /// A node shows another state, reports another one behind what it shows, or waits for another
+    /// `cause`.
     Shown {
         node: NodeId,
         from: State,

@@ -25,6 +25,16 @@ pub enum Input {
     Reception(ReceptionTrouble),
     /// Something for the vehicle could, or could not, be sent. Said when that changes.
     Output(OutputNews),
+    /// What must be kept can, or cannot, be written down. Said when that changes.
+    Storage {
+        /// What is wrong, for a developer; `None`: nothing.
+        fault: Option<Box<str>>,
+    },
+    /// The operator's display shows, or does not show, what is. Said when that changes.
+    Display {
+        /// Whose display it is; `None`: nothing is wrong.
+        late: Option<Box<str>>,
+    },
     /// An operator did something on the page.
     Operator(OperatorAction),
     /// Nothing but time passed.

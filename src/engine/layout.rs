@@ -66,5 +66,11 @@ pub(super) fn layout(model: &Model) -> Layout {
             class: SELF_STATE,
         }));
     }
-    Layout { vehicle_id: model.vehicle_id.clone(), vehicle_name: model.vehicle_name.clone(), groups, modules }
+    Layout {
+        vehicle_id: model.vehicle_id.clone(),
+        vehicle_name: model.vehicle_name.clone(),
+        stops: model.driving.stops.clone().into(),
+        groups,
+        modules,
+    }
 }

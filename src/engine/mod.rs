@@ -7,6 +7,7 @@ pub mod action;
 mod alarm;
 mod causes;
 pub mod countermeasure;
+pub mod discovery;
 pub mod event;
 pub mod filter;
 pub mod graph;
@@ -25,6 +26,7 @@ mod operate;
 mod overflow;
 mod paths;
 pub mod persistent;
+pub mod record;
 mod relevance;
 mod reload;
 mod report;
@@ -89,6 +91,10 @@ pub struct Engine {
     overflow: Overflow,
     watching: Watching,
     reception: ReceptionCheck,
+    /// Why nothing can be written down.
+    storage_fault: Option<Box<str>>,
+    /// Whose display shows nothing.
+    display_late: Option<Box<str>>,
     counters: Counters,
     events: Events,
     views: Views,
@@ -124,6 +130,8 @@ impl Engine {
             overflow: Overflow::default(),
             watching: Watching::new(&model),
             reception: ReceptionCheck::default(),
+            storage_fault: None,
+            display_late: None,
             counters: Counters::default(),
             events: Events::default(),
             views: Views::new(&model, now),
@@ -147,6 +155,8 @@ impl Engine {
             Input::Diagnostics(array) => self.take_array(array),
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
+            Input::Storage { fault } => self.take_storage(fault.clone()),
+            Input::Display { late } => self.take_display(late.clone()),
             Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {
                 // Nearly every message says what the one before said: then nothing is to be settled.
                 if !self.take_watched(input) {
@@ -323,6 +333,19 @@ impl Engine {
         self.reception.message = message;
     }
 
+    fn take_storage(&mut self, fault: Option<Box<str>>) {
+        let state = if fault.is_some() { State::Warning } else { State::Ok };
+        self.report_on_self(SystemCheck::Storage, state, fault.as_deref().unwrap_or_default());
+        self.storage_fault = fault;
+    }
+
+    fn take_display(&mut self, late: Option<Box<str>>) {
+        let state = if late.is_some() { State::Warning } else { State::Ok };
+        let words = late.as_ref().map(|whose| format!("the display of {whose} does not say what it shows"));
+        self.report_on_self(SystemCheck::Display, state, &words.unwrap_or_default());
+        self.display_late = late;
+    }
+
     /// Sets what the diagnosis says of itself.
     fn report_on_self(&mut self, check: SystemCheck, state: State, message: &str) {
         let id = self.net.system_module(check);
@@ -335,7 +358,7 @@ impl Engine {
     /// Brings everything to what follows from what was marked, at the present instant.
     fn settle(&mut self) {
         self.follow_changes();
-        while self.turn_monitors() | self.lead() {
+        while self.turn_monitors() || self.lead() {
             self.follow_changes();
         }
         if let Some(breach) = self.breach() {
@@ -366,7 +389,13 @@ impl Engine {
         }
         let heard = self.alarms.hear(&self.net, &changes);
         let explained = self.causes.explain(&self.net, self.now);
-        let changed = explained.is_some_and(|explained| self.views.set_causes(explained));
+        let mut blamed = Vec::new();
+        let changed = explained.is_some_and(|explained| {
+            if self.events.wanted() {
+                blamed = self.views.blamed_anew(&explained.masked, &changes);
+            }
+            self.views.set_causes(explained)
+        });
         if heard || changed || self.alarms.active() != self.views.root_count() {
             let (views, roots) = (&self.views, self.views.roots());
             if self.alarms.follow(&roots, |node| views.masked_by(node), self.now, &mut self.events) {
@@ -375,6 +404,7 @@ impl Engine {
         }
         if self.events.wanted() {
             self.keep_changes(&changes);
+            blamed.into_iter().for_each(|what| self.events.push(self.now, what));
         }
         // The list is handed back empty: its room is used again.
         self.net.changes = changes;

@@ -25,6 +25,8 @@ impl Engine {
         next.counters = self.counters;
         next.events = std::mem::take(&mut self.events);
         next.reception = std::mem::take(&mut self.reception);
+        next.take_storage(self.storage_fault.take());
+        next.take_display(self.display_late.take());
         next.told = std::mem::take(&mut self.told);
         next.take_signals(self);
         next.take_modules(self);

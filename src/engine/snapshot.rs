@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::countermeasure::{Kind, Request};
 use super::input::{Refusal, TroubleKind};
-use super::model::{DependsOn, GroupId, ModuleId, NodeId, Stage, Text};
+use super::model::{DependsOn, GroupId, ModuleId, NodeId, Stage, Stop, Text};
 use super::persistent::PersistentVec;
 use super::state::State;
 use super::time::Timestamp;
@@ -139,6 +139,8 @@ impl Snapshot {
 pub struct Layout {
     pub vehicle_id: Arc<str>,
     pub vehicle_name: Text,
+    /// Where an operator may say that the vehicle stands.
+    pub stops: Arc<[Stop]>,
     /// By [`GroupId`]; parents stand before their children, `other` and `telltale` are last.
     pub groups: Vec<GroupInfo>,
     /// By [`ModuleId`].

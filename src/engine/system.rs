@@ -27,15 +27,21 @@ pub enum SystemCheck {
     Countermeasure,
     /// What the vehicle is to know can be sent.
     Outputs,
+    /// What must be kept can be written down.
+    Storage,
+    /// The operator's display shows what is.
+    Display,
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 5] = [
+    pub const ALL: [SystemCheck; 7] = [
         SystemCheck::Invariants,
         SystemCheck::Reception,
         SystemCheck::Active,
         SystemCheck::Countermeasure,
         SystemCheck::Outputs,
+        SystemCheck::Storage,
+        SystemCheck::Display,
     ];
 
     pub(super) fn id(self) -> &'static str {
@@ -45,6 +51,8 @@ impl SystemCheck {
             SystemCheck::Active => "telltale/active",
             SystemCheck::Countermeasure => "telltale/countermeasure",
             SystemCheck::Outputs => "telltale/outputs",
+            SystemCheck::Storage => "telltale/storage",
+            SystemCheck::Display => "telltale/display",
         }
     }
 
@@ -57,6 +65,8 @@ impl SystemCheck {
                 ("Vehicle does not react as asked", "Fahrzeug reagiert nicht wie verlangt")
             }
             SystemCheck::Outputs => ("Vehicle cannot be told", "Fahrzeug ist nicht erreichbar"),
+            SystemCheck::Storage => ("Nothing can be recorded", "Aufzeichnen nicht möglich"),
+            SystemCheck::Display => ("Display not live", "Anzeige nicht live"),
         };
         Text { en: en.into(), de: de.into() }
     }
@@ -74,6 +84,14 @@ impl SystemCheck {
             SystemCheck::Outputs => (
                 "Be ready to take over. Call the control room.",
                 "Zur Übernahme bereit sein. Leitstelle rufen.",
+            ),
+            SystemCheck::Storage => (
+                "Finish the drive. No new clearance until it is mended. Report it.",
+                "Fahrt beenden. Bis zur Behebung keine neue Freigabe. Melden.",
+            ),
+            SystemCheck::Display => (
+                "Do not rely on it. Be ready to take over.",
+                "Nicht darauf verlassen. Zur Übernahme bereit sein.",
             ),
         };
         Text { en: en.into(), de: de.into() }

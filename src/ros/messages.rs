@@ -139,18 +139,27 @@ fn encode_diagnostic_array(array: &StatusArray, first: usize, count: usize, stam
     encode::header(&mut writer, encode::Header { stamp, frame_id: "" });
     // Bounded by the addresses of a `StatusArray`, which are of 32 bits.
     writer.u32(count as u32);
-    for status in statuses() {
-        writer.u8(status.level());
-        writer.string(status.name());
-        writer.string(status.message());
-        writer.string(status.hardware_id());
-        writer.u32(status.values().len() as u32);
-        for (key, value) in status.values() {
-            writer.string(key);
-            writer.string(value);
-        }
-    }
+    statuses().for_each(|status| write_status(&mut writer, status));
     writer.finish()
+}
+
+/// The body of a `diagnostic_msgs/DiagnosticStatus`.
+pub fn encode_diagnostic_status(status: Status<'_>) -> Vec<u8> {
+    let mut writer = Writer::with_capacity(encoded_bytes(status));
+    write_status(&mut writer, status);
+    writer.finish()
+}
+
+fn write_status(writer: &mut Writer, status: Status<'_>) {
+    writer.u8(status.level());
+    writer.string(status.name());
+    writer.string(status.message());
+    writer.string(status.hardware_id());
+    writer.u32(status.values().len() as u32);
+    for (key, value) in status.values() {
+        writer.string(key);
+        writer.string(value);
+    }
 }
 
 /// At most what a status takes on the wire: a string has its length, terminator and padding.

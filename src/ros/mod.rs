@@ -6,12 +6,14 @@
 pub mod cdr;
 mod echo;
 pub mod fields;
+mod graph;
 mod interfaces;
 mod lookup;
 pub mod messages;
 mod nodes;
 mod options;
 mod outbox;
+pub mod outputs;
 mod presence;
 mod probe;
 mod publisher;
@@ -36,10 +38,12 @@ pub use publisher::{PublishError, Publisher, Quality};
 pub use subscription::{DIAGNOSTICS, SubscriptionError};
 
 use crate::clock::Clock;
+use crate::engine::discovery::Discovery;
 use crate::engine::input::Stamped;
 use crate::engine::model::Model;
 use fields::Definitions;
 use futures_util::FutureExt as _;
+use graph::Tallies;
 use nodes::Nodes;
 use outbox::{End, stopped};
 use probe::Kennel;
@@ -68,6 +72,7 @@ pub enum BridgeError {
 pub struct Bridge {
     stop: watch::Sender<bool>,
     rebuild: watch::Sender<u64>,
+    discovery: watch::Receiver<Arc<Discovery>>,
     plan: watch::Sender<Arc<Plan>>,
     definitions: Definitions,
     task: JoinHandle<()>,
@@ -95,11 +100,22 @@ pub async fn start(
     let definitions = options.definitions.clone();
     let (nodes, known_nodes) = watch::channel(Nodes::default());
     let kennel = Kennel { inputs: inputs.clone(), nodes: known_nodes, clock };
-    let ground = Ground { options, plan: planned, inputs, nodes, clock, stop: stopping, rebuild: rebuilding };
+    let (seen, discovery) = watch::channel(Arc::default());
+    let ground = Ground {
+        options,
+        plan: planned,
+        inputs,
+        nodes,
+        clock,
+        stop: stopping,
+        discovery: Arc::new(seen),
+        tallies: Tallies::default(),
+        rebuild: rebuilding,
+    };
     let probing = probe::run(kennel, ground.plan.clone(), ground.stop.clone());
     let reading = run(participant, ground);
     let task = tokio::spawn(async { tokio::join!(reading, probing) }.map(drop));
-    Ok(Bridge { stop, rebuild, plan, definitions, task })
+    Ok(Bridge { stop, rebuild, discovery, plan, definitions, task })
 }
 
 /// Whether everything that a model needs can be read.
@@ -125,6 +141,11 @@ impl Bridge {
     /// the addresses of the interfaces change.
     pub fn rebuild(&self) {
         self.rebuild.send_modify(|count| *count += 1);
+    }
+
+    /// What discovery sees, about once a second.
+    pub fn discovery(&self) -> watch::Receiver<Arc<Discovery>> {
+        self.discovery.clone()
     }
 
     /// Ends the readers, then the participant, and waits for its threads.

@@ -50,6 +50,13 @@ impl Nodes {
         self.present = writers;
     }
 
+    /// Whole names of the nodes that are there, in order.
+    pub fn all(&self) -> Vec<String> {
+        let present = self.announced.iter().filter(|(writer, _)| self.present.contains(*writer));
+        let names: BTreeSet<&str> = present.flat_map(|(_, names)| names).map(|name| &**name).collect();
+        names.into_iter().map(str::to_owned).collect()
+    }
+
     /// Whether a node is there. Its name has its namespace, `/ns/name`.
     pub fn ask(&self, name: &str, now: Timestamp) -> ProbeOutcome {
         let whole = format!("/{}", name.trim_start_matches('/'));
@@ -119,7 +126,9 @@ mod tests {
         }
         let there = ProbeOutcome::Answered { after: Span::ZERO };
         assert_eq!([nodes.ask("/camera", at(1)), nodes.ask("lidar", at(1))], [there.clone(), there.clone()]);
+        assert_eq!(nodes.all(), ["/camera", "/lidar"]);
         nodes.update([[2; 16]].into());
+        assert_eq!(nodes.all(), ["/lidar"]);
         assert!(matches!(nodes.ask("/camera", at(6000)), ProbeOutcome::Missed(_)));
         // Cut, noise, lengths that lie: what was announced before stays.
         for body in [&[0xff; 64][..], &[], &[1; 20]] {

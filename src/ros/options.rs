@@ -27,7 +27,11 @@ pub struct BridgeOptions {
     pub gid_size: Option<GidSize>,
     /// Of the messages whose fields are read.
     pub definitions: Definitions,
+    /// As which the bridge is announced in the graph of ROS 2.
+    pub node: &'static str,
 }
+
+const NODE: &str = "telltale";
 
 #[derive(Debug, thiserror::Error)]
 pub enum OptionsError {
@@ -71,6 +75,7 @@ impl BridgeOptions {
             interface: Interface::Loopback,
             gid_size: None,
             definitions: Definitions::default(),
+            node: NODE,
         }
     }
 
@@ -100,7 +105,7 @@ impl BridgeOptions {
         };
         let gid_size = env("ROS_DISTRO").and_then(|name| GidSize::of_distro(&name));
         let definitions = Definitions::of_environment(Vec::new(), env);
-        Ok(BridgeOptions { domain, interface, gid_size, definitions })
+        Ok(BridgeOptions { domain, interface, gid_size, definitions, node: NODE })
     }
 }
 

@@ -24,7 +24,6 @@ use super::readers::{create_topic, reader_qos};
 use super::writers::{Guid, Via};
 use crate::clock::Clock;
 
-const NODE: &str = "telltale";
 const TOPIC: &str = "ros_discovery_info";
 
 /// Samples of the topic that the library keeps: one for each participant that comes at once.
@@ -36,6 +35,8 @@ pub struct Surroundings {
     pub own_readers: watch::Receiver<BTreeSet<Guid>>,
     pub nodes: watch::Sender<Nodes>,
     pub clock: Clock,
+    /// Our own name in the graph.
+    pub node: &'static str,
 }
 
 /// Announces the node and follows those of others until it is stopped. Returns the size of a gid, if
@@ -53,7 +54,7 @@ pub async fn run(
     let both = async {
         let topic = discovery_topic(&participant)?;
         tokio::try_join!(
-            announce(&participant, &topic, size.clone(), own_readers),
+            announce(&participant, &topic, around.node, size.clone(), own_readers),
             listen(&participant, &subscriber, &topic, &learn, nodes),
         )
     };
@@ -72,6 +73,7 @@ pub async fn run(
 async fn announce(
     participant: &DomainParticipant,
     topic: &Topic,
+    node: &str,
     mut size: watch::Receiver<Option<GidSize>>,
     mut own_readers: watch::Receiver<BTreeSet<Guid>>,
 ) -> CreateResult<()> {
@@ -81,7 +83,7 @@ async fn announce(
     let writer: DataWriter<Bytes, RawAdapter> = publisher.create_datawriter_no_key(topic, Some(qos()))?;
     loop {
         let readers: Vec<Guid> = own_readers.borrow_and_update().iter().copied().collect();
-        let body = messages::encode_node(participant.guid().to_bytes(), NODE, &readers, size);
+        let body = messages::encode_node(participant.guid().to_bytes(), node, &readers, size);
         if let Err(error) = writer.async_write(body.into(), None).await {
             tracing::warn!("the node was not announced to ROS 2: {error}");
         }

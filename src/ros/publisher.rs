@@ -1,5 +1,6 @@
 //! A participant that publishes diagnostics and any other topic, as the nodes of a vehicle do.
 
+use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
 
 use rustdds::bytes::Bytes;
@@ -44,7 +45,7 @@ pub struct Publisher {
     participant: DomainParticipant,
     /// With the name as ROS has it.
     writers: Vec<(Box<str>, Writer)>,
-    pulse: Pulse,
+    pulse: Mutex<Pulse>,
 }
 
 impl Publisher {
@@ -53,13 +54,21 @@ impl Publisher {
     /// # Errors
     /// The interface is not there, or DDS gets no sockets.
     pub async fn open(options: &BridgeOptions, boolean_topics: &[&str]) -> Result<Publisher, BridgeError> {
-        let participant = session::open(options).await?;
-        let mut publisher = Publisher { participant, writers: Vec::new(), pulse: Pulse::default() };
+        let mut publisher = Publisher::empty(options).await?;
         publisher.offer(DIAGNOSTICS, DIAGNOSTIC_ARRAY, Quality::Reliable)?;
         for topic in boolean_topics {
             publisher.offer(topic, BOOL, Quality::LastValue)?;
         }
         Ok(publisher)
+    }
+
+    /// Offers nothing yet.
+    ///
+    /// # Errors
+    /// The interface is not there, or DDS gets no sockets.
+    pub async fn empty(options: &BridgeOptions) -> Result<Publisher, BridgeError> {
+        let participant = session::open(options).await?;
+        Ok(Publisher { participant, writers: Vec::new(), pulse: Mutex::default() })
     }
 
     /// Offers one more topic of any type, `package/msg/Name`. One that is offered already stays as it is.
@@ -95,8 +104,21 @@ impl Publisher {
     /// # Errors
     /// A reader holds the writer back for too long; the rest of the array is dropped.
     pub async fn diagnostics(&self, array: &StatusArray, stamp: SystemTime) -> Result<(), PublishError> {
+        self.statuses(DIAGNOSTICS, array, stamp).await
+    }
+
+    /// The same on another topic of arrays.
+    ///
+    /// # Errors
+    /// As above, or the topic is not offered.
+    pub async fn statuses(
+        &self,
+        topic: &str,
+        array: &StatusArray,
+        stamp: SystemTime,
+    ) -> Result<(), PublishError> {
         for body in messages::encode_diagnostic_arrays(array, stamp, MESSAGE_BYTES_MAX) {
-            self.publish(DIAGNOSTICS, body).await?;
+            self.publish(topic, body).await?;
         }
         Ok(())
     }
@@ -115,8 +137,8 @@ impl Publisher {
 
     /// Whether the threads of the DDS library have ended, as they do when a stopped process goes
     /// on; a new publisher is due then. To be asked every now and then.
-    pub fn has_stopped(&mut self) -> bool {
-        self.pulse.has_stopped(&self.participant)
+    pub fn has_stopped(&self) -> bool {
+        self.pulse.lock().unwrap_or_else(PoisonError::into_inner).has_stopped(&self.participant)
     }
 
     /// Ends the writers, then the participant, and waits for its threads.

@@ -14,6 +14,7 @@ use tokio::sync::{mpsc, watch};
 use tokio::task::{JoinError, JoinHandle, JoinSet};
 
 use super::BridgeError;
+use super::graph::{self, Tallies};
 use super::interfaces::{self, AddressWatch};
 use super::messages::GidSize;
 use super::nodes::Nodes;
@@ -24,6 +25,7 @@ use super::step::StepWatch;
 use super::subscription::{Plan, Subscription};
 use super::topic::{Memory, Orders, Surroundings, Topic};
 use crate::clock::Clock;
+use crate::engine::discovery::Discovery;
 use crate::engine::input::Stamped;
 
 /// How often the clocks are compared; the addresses are at every fourth look.
@@ -42,6 +44,9 @@ pub struct Ground {
     pub nodes: watch::Sender<Nodes>,
     pub clock: Clock,
     pub stop: watch::Receiver<bool>,
+    /// What discovery sees, and how much of it was received.
+    pub discovery: Arc<watch::Sender<Arc<Discovery>>>,
+    pub tallies: Tallies,
     /// Changes when somebody asks for a new participant.
     pub rebuild: watch::Receiver<u64>,
 }
@@ -94,6 +99,7 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
         subscriber: subscriber.clone(),
         inputs: ground.inputs.clone(),
         clock: ground.clock,
+        tallies: ground.tallies.clone(),
         own_readers: Arc::new(watch::channel(BTreeSet::new()).0),
         stop: stopping.clone(),
     };
@@ -109,7 +115,21 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
         participant.clone(),
         subscriber,
         ground.options.gid_size.or(legacy.gid_size),
-        presence::Surroundings { own_readers, nodes: ground.nodes.clone(), clock: ground.clock },
+        presence::Surroundings {
+            own_readers,
+            nodes: ground.nodes.clone(),
+            clock: ground.clock,
+            node: ground.options.node,
+        },
+        stopping.clone(),
+    ));
+    let (seen, tallies) = (ground.discovery.clone(), ground.tallies.clone());
+    let looking = tokio::spawn(graph::run(
+        participant.clone(),
+        tallies,
+        seen,
+        ground.nodes.subscribe(),
+        ground.clock,
         stopping,
     ));
     let end = watch_over(participant, ground, plan, &mut topics, legacy).await;
@@ -118,6 +138,8 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
     while let Some(ended) = topics.tasks.join_next().await {
         keep(legacy, ended);
     }
+    // A panic was in the library; the participant is dropped all the same.
+    let _ = looking.await;
     legacy.gid_size = presence.await.ok().flatten();
     end
 }

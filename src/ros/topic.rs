@@ -9,6 +9,7 @@ use rustdds::dds::CreateError;
 use rustdds::{DomainParticipant, Subscriber};
 use tokio::sync::{mpsc, watch};
 
+use super::graph::Tallies;
 use super::messages;
 use super::outbox::{End, Outbox, stopped};
 use super::raw::RawBody;
@@ -41,6 +42,8 @@ pub struct Surroundings {
     pub inputs: mpsc::Sender<Stamped>,
     pub clock: Clock,
     pub own_readers: OwnReaders,
+    /// Counts what is received.
+    pub tallies: Tallies,
     pub stop: watch::Receiver<bool>,
 }
 
@@ -110,6 +113,8 @@ impl Topic {
             unknown: BTreeSet::new(),
         };
         topic.tell_readers();
+        // Nothing yet is a rate too.
+        topic.around.tallies.add(&topic.subscription.dds_topic, 0);
         Ok(topic)
     }
 
@@ -186,6 +191,7 @@ impl Topic {
                 )));
             }
         }
+        self.around.tallies.add(&self.subscription.dds_topic, batch.len());
         for sample in batch.drain(..) {
             self.take_sample(sample, received).await?;
         }

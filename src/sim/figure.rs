@@ -5,9 +5,10 @@
 
 use std::fmt::Write as _;
 
-use super::strips::{Look, Panel, Segment, Strip};
+use super::strips::Panel;
 use crate::engine::state::State;
-use crate::engine::time::{Span, Timestamp};
+use crate::engine::time::Timestamp;
+use crate::picture::strips::{Look, Segment, Strip, class, first_tick, tick_step};
 
 const STYLE: &str = include_str!("figure.css");
 
@@ -32,7 +33,6 @@ const AXIS_HEIGHT: f64 = 44.0;
 const LEGEND_STEP: f64 = 24.0;
 /// What a letter of a word in a bar takes at most.
 const LETTER_WIDTH: f64 = 7.9;
-const TICKS_MAX: u64 = 9;
 /// Longer labels lose their beginning; the whole name is in what a pointer tells.
 const LABEL_LETTERS: usize = 24;
 
@@ -253,21 +253,6 @@ fn word(out: &mut String, look: Look, (left, right): (f64, f64), y: f64, height:
     let _ = write!(out, "<text class=\"word word-{class}\" x=\"{x:.1}\" y=\"{text_y:.1}\">{text}</text>");
 }
 
-fn class(look: Look) -> &'static str {
-    match look {
-        Look::Ok => "ok",
-        Look::Warning => "warning",
-        Look::Error => "error",
-        Look::Owed => "owed",
-        Look::Masked => "masked",
-        Look::NotRelevant => "not-relevant",
-        Look::Unknown => "unknown",
-        Look::True => "true",
-        Look::False => "false",
-        Look::NotKnown => "not-known",
-    }
-}
-
 fn short_word(look: Look) -> &'static str {
     match look {
         Look::Ok => "OK",
@@ -345,21 +330,6 @@ fn legend(panels: &[Panel], width: f64) -> Legend {
         );
     }
     Legend { svg, height: LEGEND_STEP * per_column as f64 + 10.0 }
-}
-
-/// The smallest of 1, 2, 5, 10, ... (times a millisecond) that leaves few enough ticks.
-fn tick_step(whole: Span) -> Span {
-    let steps = (0..15).flat_map(|power| [1, 2, 5].map(|digit| digit * 10_u64.pow(power)));
-    let wide = |millis: &u64| whole.as_millis() / millis < TICKS_MAX;
-    Span::from_millis(steps.into_iter().find(wide).unwrap_or(u64::MAX / 2))
-}
-
-/// The first instant not before `from` that is whole steps away from `zero`.
-fn first_tick(from: Timestamp, zero: Timestamp, step: Span) -> Timestamp {
-    let step = step.as_nanos().max(1);
-    let offset = zero.as_nanos() % step;
-    let behind = from.as_nanos().saturating_sub(offset).div_ceil(step);
-    Timestamp::from_nanos(offset + behind * step)
 }
 
 /// Seconds after `zero`, with a minus sign before it.

@@ -1,17 +1,27 @@
-//! A shuttle on a loop of three stops. Pure: it is told what time it is and answers with the
-//! messages that its nodes published until then. Same seed, same instants, same messages.
+//! A shuttle on a loop of stops. Pure: it is told what time it is and answers with the messages
+//! that its nodes published until then. Same seed, same instants, same orders, same messages.
 //!
-//! Faults break a cause (packets stop, the position jumps); everything else follows from the
-//! data flow as it does in a vehicle: who uses the data at once notices at once, who counts in a
-//! sliding window notices later (paper, Sec. V).
+//! Faults are faults of the data: packets stop, stamps lag, the position jumps. Everything else
+//! follows from its flow as it does in a vehicle: who uses the data at once notices at once, who
+//! counts in a sliding window notices later (paper, Sec. V).
 
 mod drive;
+mod feed;
+mod localizer;
+mod obedience;
+mod route;
 mod statuses;
+mod topics;
 mod world;
 
 use crate::engine::input::StatusArray;
+use crate::engine::model::Stop;
+use crate::engine::sample::Pose;
 use crate::engine::time::{Span, Timestamp};
-use statuses::Node;
+pub use drive::Departure;
+use drive::Drive;
+use route::{Place, Route};
+use topics::Topics;
 use world::World;
 
 /// How finely the shuttle's own time runs. Calling [`Shuttle::advance`] this often loses nothing.
@@ -21,19 +31,74 @@ const STEP_MS: u64 = 10;
 /// Time that one call makes up for at most: a process that was stopped does not flood the bus.
 const CATCH_UP_STEPS: u64 = 500;
 
-/// Long enough that every sliding window is full when the first message leaves.
+/// Long enough that every part of the shuttle has its data when the first message leaves.
 const WARM_UP_STEPS: u64 = 300;
 
-/// The mission component repeats its signal, so that whoever joins late learns it.
-const ACTIVE_PERIOD_MS: u64 = 200;
+/// What a node of the shuttle published, and when: the stamp of its header, if it has one, unless
+/// the message says otherwise.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sent {
+    pub at: Timestamp,
+    pub message: Message,
+}
 
-/// What a node of the shuttle published.
+/// Metres, seconds and radians; poses are in the frame of the map unless it says otherwise.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Message {
     /// On `/diagnostics`, as one node groups it.
     Diagnostics(StatusArray),
-    /// On `/mission/active`: the shuttle drives by itself.
+    /// The packets of one turn of the LiDAR.
+    Scan,
+    /// Where the localization says that the shuttle is.
+    Position(Pose),
+    /// Where the wheels say that it is, from where they began to count.
+    Odometry {
+        pose: Pose,
+        speed_mps: f64,
+        yaw_rate: f64,
+    },
+    WheelSpeed {
+        mps: f64,
+    },
+    Battery {
+        charge: f64,
+        voltage_v: f64,
+        current_a: f64,
+    },
+    /// What is around the shuttle, as old as it is when it is published.
+    Costmap {
+        age: Span,
+    },
+    /// Others on the road, seen from the shuttle.
+    Objects(Vec<Pose>),
+    /// Free road ahead.
+    FreeDistance(f64),
+    /// The way that the planner wants to take.
+    Trajectory(Vec<Pose>),
+    /// What the controller asks of the drive.
+    SpeedCommand(f64),
+    /// Where the mission wants to go.
+    Goal(Pose),
+    /// The shuttle drives by itself.
     Active(bool),
+    MissionState(&'static str),
+    /// It brakes, or stands, because that was asked for.
+    Decelerates(bool),
+    /// It makes a safe stop because that was asked for.
+    Stops(bool),
+}
+
+/// What is said to the shuttle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Order {
+    /// It stands about there.
+    Localize(Pose),
+    /// Whether it may drive to its goal.
+    Clear(bool),
+    /// To slow down by so many m/s²; to be repeated as long as it is meant.
+    Decelerate(f64),
+    /// Whether it is to make a safe stop, and to stand.
+    Stop(bool),
 }
 
 /// A fault that can be switched on and off.
@@ -41,7 +106,7 @@ pub enum Message {
 pub enum Fault {
     /// No packets from the LiDAR.
     SensorOutage,
-    /// The position jumps by more than a metre.
+    /// The position jumps by more than a metre, and back, again and again.
     LocalizationJump,
     /// The obstacle map comes late.
     CostmapDelay,
@@ -83,7 +148,7 @@ impl Fault {
     pub const fn about(self) -> &'static str {
         match self {
             Fault::SensorOutage => "LiDAR packets stop; Localization notices before Sensors does",
-            Fault::LocalizationJump => "the position jumps by 1.2 m",
+            Fault::LocalizationJump => "the position jumps by 1.2 m and back",
             Fault::CostmapDelay => "the obstacle map comes 350 ms late",
             Fault::PlannerStall => "no trajectories; matters only while driving",
             Fault::CanLoss => "no frames from the vehicle's bus",
@@ -96,54 +161,55 @@ impl Fault {
 #[derive(Debug, Clone)]
 pub struct Shuttle {
     world: World,
+    topics: Topics,
     /// When the next step is due.
     due: Timestamp,
-    last_active: Option<bool>,
 }
 
 impl Shuttle {
-    /// A shuttle that has been standing at its depot for a while at `start`.
-    pub fn new(seed: u64, start: Timestamp) -> Shuttle {
-        let mut world = World::new(seed);
+    /// A shuttle that has been standing at the first of its stops for a while at `start`. One that
+    /// drives alone knows where it is; another one waits to be told.
+    pub fn new(seed: u64, start: Timestamp, stops: &[Stop], departure: Departure) -> Shuttle {
+        let drive = Drive::new(Route::through(stops), departure);
+        let mut world = World::new(seed, drive, departure == Departure::Alone);
         for _ in 0..WARM_UP_STEPS {
             world.step(STEP_MS);
         }
-        Shuttle { world, due: start + STEP, last_active: None }
+        Shuttle { world, topics: Topics::default(), due: start + STEP }
     }
 
     /// Lets time pass until `now` and returns what was published meanwhile, in order. Of more than
     /// five seconds at once only the last five happen.
-    pub fn advance(&mut self, now: Timestamp) -> Vec<Message> {
+    pub fn advance(&mut self, now: Timestamp) -> Vec<Sent> {
         let backlog = now.since(self.due).as_nanos() / STEP.as_nanos();
         if backlog > CATCH_UP_STEPS {
             let skipped = Span::from_millis((backlog - CATCH_UP_STEPS) * STEP_MS);
             self.due = self.due + skipped;
         }
-        let mut messages = Vec::new();
+        let mut sent = Vec::new();
         while self.due <= now {
             self.world.step(STEP_MS);
-            self.publish(&mut messages);
+            let at = self.due;
+            self.topics.publish(&mut self.world, |message| sent.push(Sent { at, message }));
             self.due = self.due + STEP;
         }
-        messages
+        sent
     }
 
     pub fn set_fault(&mut self, fault: Fault, on: bool) {
         self.world.set_fault(fault, on);
     }
 
-    fn publish(&mut self, messages: &mut Vec<Message>) {
-        let active = self.world.drive.active();
-        if self.last_active != Some(active) || self.world.now_ms().is_multiple_of(ACTIVE_PERIOD_MS) {
-            self.last_active = Some(active);
-            messages.push(Message::Active(active));
-        }
-        for node in Node::ALL {
-            if node.is_due(self.world.now_ms())
-                && let Some(array) = node.report(&mut self.world)
-            {
-                messages.push(Message::Diagnostics(array));
+    /// What is no number asks for nothing.
+    pub fn obey(&mut self, order: Order) {
+        match order {
+            Order::Localize(pose) => {
+                let now_ms = self.world.now_ms();
+                self.world.localizer.hint(Place::of_pose(&pose), now_ms);
             }
+            Order::Clear(cleared) => self.world.drive.clear(cleared),
+            Order::Decelerate(mps2) => self.world.drive.obedience.decelerate(mps2),
+            Order::Stop(asked) => self.world.drive.obedience.maneuver_stop(asked),
         }
     }
 }

@@ -1,10 +1,9 @@
 //! What a run shows over time, as strips of segments: what a figure draws.
 
-use std::sync::Arc;
-
 use super::scenario::{Figure, Moved, Outcome, Transition, Why};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
+use crate::picture::strips::{Look, Segment, Strip, merged, owe};
 
 /// One scenario in a figure.
 #[derive(Debug, Clone, PartialEq)]
@@ -17,60 +16,6 @@ pub struct Panel {
     pub strips: Vec<Strip>,
     /// From the strip of a symptom to that of its cause.
     pub moved: Vec<Arrow>,
-}
-
-/// One node or signal over time.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Strip {
-    /// The whole name.
-    pub name: String,
-    pub label: String,
-    /// Stands below the strip of the group that contains it.
-    pub inner: bool,
-    /// Without gaps from one to the next; the time before a node exists has none.
-    pub segments: Vec<Segment>,
-}
-
-#[derive(Debug, Clone, PartialEq)]
-pub struct Segment {
-    pub from: Timestamp,
-    pub to: Timestamp,
-    pub look: Look,
-    /// What the node reports behind an IGNORE.
-    pub own: Option<State>,
-    /// Which cause masks it, or owes what it showed.
-    pub cause: Option<Arc<str>>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Look {
-    Ok,
-    Warning,
-    Error,
-    /// An ERROR of a symptom that was there before its cause showed itself.
-    Owed,
-    Masked,
-    NotRelevant,
-    Unknown,
-    /// Of a signal.
-    True,
-    False,
-    NotKnown,
-}
-
-impl Look {
-    pub const ALL: [Look; 10] = [
-        Look::Ok,
-        Look::Warning,
-        Look::Error,
-        Look::Owed,
-        Look::Masked,
-        Look::NotRelevant,
-        Look::Unknown,
-        Look::True,
-        Look::False,
-        Look::NotKnown,
-    ];
 }
 
 /// An alarm that moved, by positions of strips.
@@ -135,16 +80,6 @@ fn look(change: &Transition) -> Look {
     }
 }
 
-/// An ERROR that turns into waiting for a cause was owed to that cause (`ENGINE.md` 6).
-fn owe(segments: &mut [Segment]) {
-    for index in 1..segments.len() {
-        if (segments[index - 1].look, segments[index].look) == (Look::Error, Look::Masked) {
-            segments[index - 1].look = Look::Owed;
-            segments[index - 1].cause = segments[index].cause.clone();
-        }
-    }
-}
-
 fn signal_strip(name: &str, figure: &Figure, outcome: &Outcome) -> Strip {
     let changes: Vec<_> = outcome.signals.iter().filter(|change| *change.name == *name).collect();
     let segment = |(index, change): (usize, &&_)| {
@@ -168,22 +103,6 @@ fn signal_strip(name: &str, figure: &Figure, outcome: &Outcome) -> Strip {
         inner: false,
         segments: cut(merged(segments.collect()), figure),
     }
-}
-
-/// Joins neighbours that look the same.
-fn merged(segments: Vec<Segment>) -> Vec<Segment> {
-    let mut merged: Vec<Segment> = Vec::new();
-    for segment in segments {
-        match merged.last_mut() {
-            Some(last)
-                if (last.look, last.own, &last.cause) == (segment.look, segment.own, &segment.cause) =>
-            {
-                last.to = segment.to;
-            }
-            _ => merged.push(segment),
-        }
-    }
-    merged
 }
 
 fn cut(segments: Vec<Segment>, figure: &Figure) -> Vec<Segment> {

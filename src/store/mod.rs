@@ -1,30 +1,44 @@
-//! What outlives a restart: users and their sessions, in SQLite, behind a thread of its own.
+//! What outlives a restart: users, sessions, the vehicle's memory and the audit log, in SQLite,
+//! behind a thread of its own.
 //!
 //! One thread owns the connection and takes jobs from a bounded queue. Sessions are read from
 //! memory, so that a request never waits for the disk; every change is on the disk
 //! (`synchronous=FULL`) before its caller is answered.
 
+pub mod audit;
+mod chain;
+mod health;
+mod history;
 mod role;
 mod schema;
 mod secret;
 mod sessions;
+mod tokens;
 mod users;
+mod vehicle;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, TrySendError, sync_channel};
 use std::time::Duration;
 
 use rusqlite::Connection;
-use tokio::sync::oneshot;
+use tokio::sync::{oneshot, watch};
 
+pub use chain::{Breach, Hash, Head, Verdict};
+pub use health::Fault;
+pub use history::{HISTORY_FILE, Happened, History, HistoryQuery, NodePast, Past, Stretch};
 pub use role::Role;
-pub use schema::FILE_NAME;
-pub use secret::{DEMO_USERS, DemoSecrets, SecretError};
-pub use sessions::{SESSION_LIFE, Session, Token};
+pub use schema::{FILE_NAME, make_folder};
+pub use secret::{DEMO_USERS, DemoSecrets, Lane, SecretError, is_pin};
+pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};
+pub use tokens::{ProgramToken, TOKEN_LIFE_DAYS};
 pub use users::{NameError, User, Verified};
+pub use vehicle::VehicleMemory;
 
 use crate::clock::Clock;
+use audit::Log;
+use health::Health;
 use secret::Hashing;
 use sessions::Sessions;
 
@@ -46,6 +60,8 @@ pub enum StoreError {
         path.display()
     )]
     Newer { path: PathBuf, found: u32, known: u32 },
+    #[error("there is no database {}: name the data folder of the vehicle with --data", path.display())]
+    NoDatabase { path: PathBuf },
     #[error("the database failed: {0}")]
     Database(#[from] rusqlite::Error),
     #[error("the store is busy; try again")]
@@ -64,6 +80,16 @@ pub enum StoreError {
     Exists(String),
     #[error("there is no user named {0}; `telltale user list` shows all")]
     NoSuchUser(String),
+    #[error(
+        "{0} is an operator: an operator acts at a display, by hand; make a token for a developer or an authority"
+    )]
+    OperatorToken(String),
+    #[error(
+        "{0} has too many tokens; `telltale user tokens` shows them, `telltale user revoke NUMBER` takes one back"
+    )]
+    ManyTokens(String),
+    #[error("there is no token {0}; `telltale user tokens` shows all")]
+    NoSuchToken(i64),
 }
 
 /// The handle of the database. Clones use the same one; it closes when the last is dropped.
@@ -72,6 +98,7 @@ pub struct Store {
     jobs: SyncSender<Job>,
     sessions: Arc<Sessions>,
     hashing: Hashing,
+    fault: watch::Receiver<Fault>,
     clock: Clock,
 }
 
@@ -83,6 +110,10 @@ struct Database {
     connection: Connection,
     sessions: Arc<Sessions>,
     clock: Clock,
+    log: Log,
+    health: Health,
+    /// Of the vehicle's memory that was written last by this process.
+    remembered_seq: u64,
     /// SQLite's count of changes by others, as last seen.
     data_version: i64,
 }
@@ -93,7 +124,16 @@ impl Store {
     /// # Errors
     /// If the folder or the file cannot be written, or a newer telltale made it.
     pub fn open(folder: &Path, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        Store::start(schema::open(folder)?, clock, demo)
+        Store::start(schema::open(folder)?, Some(folder), clock, demo)
+    }
+
+    /// Opens `telltale.db` in `folder`, if there is one.
+    ///
+    /// # Errors
+    /// As [`Store::open`], and if there is none.
+    pub fn open_existing(folder: &Path, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
+        let path = folder.join(FILE_NAME);
+        if path.exists() { Store::open(folder, clock, demo) } else { Err(StoreError::NoDatabase { path }) }
     }
 
     /// A store that ends with the process, for tests and demonstrations.
@@ -101,19 +141,35 @@ impl Store {
     /// # Errors
     /// If SQLite fails.
     pub fn in_memory(clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        Store::start(schema::open_in_memory()?, clock, demo)
+        Store::start(schema::open_in_memory()?, None, clock, demo)
     }
 
-    fn start(connection: Connection, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
+    fn start(
+        mut connection: Connection,
+        folder: Option<&Path>,
+        clock: Clock,
+        demo: DemoSecrets,
+    ) -> Result<Store, StoreError> {
         let sessions = Arc::new(Sessions::default());
-        let mut database = Database { connection, sessions: sessions.clone(), clock, data_version: 0 };
+        let log = Log::open(&mut connection, folder, clock.wall())?;
+        let health = Health::new(folder);
+        let fault = health.watch();
+        let mut database = Database {
+            connection,
+            sessions: sessions.clone(),
+            clock,
+            log,
+            health,
+            remembered_seq: 0,
+            data_version: 0,
+        };
         database.notice_foreign_changes()?;
         let (jobs, queue) = sync_channel(JOB_QUEUE);
         std::thread::Builder::new()
             .name("store".to_owned())
             .spawn(move || database.run(&queue))
             .map_err(|reason| StoreError::Folder { path: PathBuf::from("(a new thread)"), reason })?;
-        Ok(Store { jobs, sessions, hashing: Hashing::new(demo), clock })
+        Ok(Store { jobs, sessions, hashing: Hashing::new(demo)?, fault, clock })
     }
 
     /// Whether the database answers.
@@ -124,6 +180,17 @@ impl Store {
         self.call(|database| Ok(database.connection.query_row("SELECT 1", [], |_| Ok(()))?)).await
     }
 
+    /// Waits until everything is written that was asked for, the head of the audit log too.
+    pub async fn close(self) {
+        // A store that has ended has written what it could.
+        let _ = self
+            .call(|database| {
+                database.log.note();
+                Ok(())
+            })
+            .await;
+    }
+
     /// Runs `job` on the store's thread and waits for its answer.
     async fn call<T: Send + 'static>(
         &self,
@@ -131,8 +198,12 @@ impl Store {
     ) -> Result<T, StoreError> {
         let (reply, answer) = oneshot::channel();
         let job: Job = Box::new(move |database| {
+            let came_to = job(database);
+            if let Err(error) = &came_to {
+                database.health.judge(error);
+            }
             // A caller that went away no longer cares for the answer.
-            let _ = reply.send(job(database));
+            let _ = reply.send(came_to);
         });
         self.jobs.try_send(job).map_err(|error| match error {
             TrySendError::Full(_) => StoreError::Busy,
@@ -145,11 +216,24 @@ impl Store {
 impl Database {
     fn run(mut self, queue: &Receiver<Job>) {
         loop {
-            match queue.recv_timeout(FOREIGN_CHANGE_POLL) {
+            let job = match queue.try_recv() {
+                Ok(job) => Ok(job),
+                Err(TryRecvError::Disconnected) => Err(RecvTimeoutError::Disconnected),
+                Err(TryRecvError::Empty) => {
+                    self.log.note();
+                    queue.recv_timeout(FOREIGN_CHANGE_POLL)
+                }
+            };
+            match job {
                 Ok(job) => job(&mut self),
                 Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => return,
+                Err(RecvTimeoutError::Disconnected) => {
+                    self.log.note();
+                    self.log.say();
+                    return;
+                }
             }
+            self.probe_if_due();
             if let Err(error) = self.notice_foreign_changes() {
                 tracing::warn!(%error, "the database cannot be read; sessions stay as they are");
             }

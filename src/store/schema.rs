@@ -11,10 +11,11 @@ use super::StoreError;
 pub const FILE_NAME: &str = "telltale.db";
 
 /// How long to wait for another process that writes.
-const LOCK_WAIT: Duration = Duration::from_secs(2);
+pub(super) const LOCK_WAIT: Duration = Duration::from_secs(2);
 
 /// Step N takes schema N to N + 1. Steps are never edited, only added.
-const MIGRATIONS: &[&str] = &["
+const MIGRATIONS: &[&str] = &[
+    "
     CREATE TABLE users (
         id INTEGER PRIMARY KEY,
         name TEXT NOT NULL UNIQUE,
@@ -33,7 +34,63 @@ const MIGRATIONS: &[&str] = &["
         one INTEGER PRIMARY KEY CHECK (one = 1),
         user INTEGER NOT NULL REFERENCES users(id) ON DELETE CASCADE
     ) STRICT;
-"];
+",
+    "
+    CREATE TABLE audit (
+        number INTEGER PRIMARY KEY,
+        at_ms INTEGER NOT NULL,
+        who TEXT NOT NULL,
+        role TEXT NOT NULL,
+        source TEXT NOT NULL,
+        action TEXT NOT NULL,
+        target TEXT NOT NULL,
+        outcome TEXT NOT NULL,
+        hash BLOB NOT NULL CHECK (length(hash) = 32)
+    ) STRICT;
+    CREATE TABLE tokens (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        token_hash BLOB NOT NULL UNIQUE CHECK (length(token_hash) = 32),
+        user INTEGER NOT NULL REFERENCES users(id) ON DELETE CASCADE,
+        label TEXT NOT NULL,
+        created_ms INTEGER NOT NULL,
+        expires_ms INTEGER NOT NULL
+    ) STRICT;
+    CREATE INDEX tokens_by_user ON tokens(user);
+    CREATE TABLE vehicle (
+        one INTEGER PRIMARY KEY CHECK (one = 1),
+        stage TEXT NOT NULL,
+        posed INTEGER NOT NULL,
+        pose_number INTEGER,
+        pose_x_m REAL,
+        pose_y_m REAL,
+        pose_yaw_deg REAL,
+        last_alarm INTEGER NOT NULL
+    ) STRICT;
+    CREATE TABLE alarms (
+        id INTEGER PRIMARY KEY,
+        node TEXT NOT NULL,
+        raised_ms INTEGER NOT NULL,
+        acknowledged INTEGER NOT NULL,
+        active INTEGER NOT NULL
+    ) STRICT;
+    CREATE TABLE accepted (node TEXT PRIMARY KEY) STRICT, WITHOUT ROWID;
+    CREATE TABLE countermeasures (
+        number INTEGER PRIMARY KEY,
+        request TEXT NOT NULL,
+        mps2 REAL,
+        by_operator INTEGER NOT NULL
+    ) STRICT;
+    CREATE TABLE causes (
+        countermeasure INTEGER NOT NULL REFERENCES countermeasures(number) ON DELETE CASCADE,
+        position INTEGER NOT NULL,
+        node TEXT NOT NULL,
+        acknowledged INTEGER NOT NULL,
+        PRIMARY KEY (countermeasure, position)
+    ) STRICT, WITHOUT ROWID;
+    CREATE TABLE beat (one INTEGER PRIMARY KEY CHECK (one = 1), count INTEGER NOT NULL) STRICT;
+    INSERT INTO beat VALUES (1, 0);
+",
+];
 
 pub(super) fn open(folder: &Path) -> Result<Connection, StoreError> {
     let folder_error = |reason| StoreError::Folder { path: folder.to_owned(), reason };
@@ -80,19 +137,23 @@ fn migrate(connection: &mut Connection, path: &Path) -> Result<(), StoreError> {
     transaction.commit().map_err(open_error)
 }
 
+/// Makes a folder that nobody else may look into.
+///
+/// # Errors
+/// If it cannot be made.
 #[cfg(unix)]
-fn make_folder(folder: &Path) -> std::io::Result<()> {
+pub fn make_folder(folder: &Path) -> std::io::Result<()> {
     use std::os::unix::fs::DirBuilderExt;
     std::fs::DirBuilder::new().recursive(true).mode(0o700).create(folder)
 }
 
 #[cfg(not(unix))]
-fn make_folder(folder: &Path) -> std::io::Result<()> {
+pub fn make_folder(folder: &Path) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)
 }
 
 /// The file holds hashes of secrets: nobody else may read it, whatever the umask.
-fn make_private_file(path: &Path) -> std::io::Result<()> {
+pub(super) fn make_private_file(path: &Path) -> std::io::Result<()> {
     let mut options = std::fs::OpenOptions::new();
     options.append(true).create(true);
     #[cfg(unix)]

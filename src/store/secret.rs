@@ -1,11 +1,11 @@
 //! Secrets: what is accepted, how they are hashed, and how much of that may run at once.
 
-use std::sync::Arc;
+use std::path::PathBuf;
+use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
 
 use argon2::password_hash::phc::PasswordHash;
 use argon2::{Algorithm, Argon2, Params, PasswordHasher, PasswordVerifier, Version};
-use tokio::sync::Semaphore;
-use tokio::task::spawn_blocking;
+use tokio::sync::oneshot;
 
 use super::{Role, StoreError};
 
@@ -42,9 +42,12 @@ const PIN_DIGITS_MIN: usize = 6;
 const PASSWORD_CHARS_MIN: usize = 12;
 const SECRET_BYTES_MAX: usize = 256;
 
-/// Hashing takes 19 MiB and tens of milliseconds of one core each.
-const HASHES_AT_ONCE: usize = 2;
-/// Logins that may wait for their hash; more are refused, a flood must not fill the memory.
+/// On a machine with few cores the engine and the displays go first, whoever tries to log in; and
+/// on a busy one, whoever does at the vehicle itself has a share still.
+const VEHICLE_NICENESS: i32 = 5;
+const ELSEWHERE_NICENESS: i32 = 19;
+/// Hashing takes 19 MiB and tens of milliseconds of one core, so there are two lanes. In each, so
+/// many logins may wait for their hash; more are refused, a flood must not fill the memory.
 const HASHES_WAITING: usize = 64;
 
 /// A hash of nothing anybody knows, with the parameters of [`argon2`]: unknown users cost the
@@ -69,38 +72,59 @@ pub(super) fn check_policy(role: Role, secret: &str) -> Result<(), SecretError> 
     }
 }
 
+/// Whether a secret is a PIN: digits, and fewer than a password needs. Anybody can see that of what
+/// they type, so it tells nothing of anybody's secret.
+pub fn is_pin(secret: &str) -> bool {
+    secret.len() < PASSWORD_CHARS_MIN && secret.bytes().all(|byte| byte.is_ascii_digit())
+}
+
 fn is_demo(secret: &str) -> bool {
     DEMO_USERS.iter().any(|(_, _, known)| *known == secret)
 }
 
-/// Hashes and verifies off the async runtime, a bounded number at a time.
+/// Hashes and verifies in threads of its own, one at a time in each lane. They end with the last
+/// clone.
 #[derive(Debug, Clone)]
 pub(super) struct Hashing {
-    running: Arc<Semaphore>,
-    waiting: Arc<Semaphore>,
+    vehicle: SyncSender<Work>,
+    elsewhere: SyncSender<Work>,
     demo: DemoSecrets,
 }
 
+/// Whence somebody logs in: a flood from elsewhere does not make the vehicle's own displays wait.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Lane {
+    Vehicle,
+    Elsewhere,
+}
+
+type Work = Box<dyn FnOnce() + Send>;
+
 impl Hashing {
-    pub(super) fn new(demo: DemoSecrets) -> Hashing {
-        Hashing {
-            running: Arc::new(Semaphore::new(HASHES_AT_ONCE)),
-            waiting: Arc::new(Semaphore::new(HASHES_WAITING)),
+    pub(super) fn new(demo: DemoSecrets) -> Result<Hashing, StoreError> {
+        Ok(Hashing {
+            vehicle: start_lane(VEHICLE_NICENESS)?,
+            elsewhere: start_lane(ELSEWHERE_NICENESS)?,
             demo,
-        }
+        })
     }
 
     pub(super) async fn hash(&self, secret: String) -> Result<String, StoreError> {
-        self.bounded(move || {
+        self.bounded(Lane::Vehicle, move || {
             argon2().hash_password(secret.as_bytes()).map(|hash| hash.to_string()).map_err(StoreError::Hash)
         })
         .await?
     }
 
     /// Whether `secret` is the one behind `hash`. Without a hash it takes the same time and is false.
-    pub(super) async fn verify(&self, secret: String, hash: Option<String>) -> Result<bool, StoreError> {
+    pub(super) async fn verify(
+        &self,
+        lane: Lane,
+        secret: String,
+        hash: Option<String>,
+    ) -> Result<bool, StoreError> {
         let demo = self.demo;
-        self.bounded(move || {
+        self.bounded(lane, move || {
             let known = hash.is_some();
             let hash = hash.unwrap_or_else(|| NOBODY.to_owned());
             let secret = if secret.len() > SECRET_BYTES_MAX { String::new() } else { secret };
@@ -113,17 +137,39 @@ impl Hashing {
 
     async fn bounded<T: Send + 'static>(
         &self,
+        lane: Lane,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, StoreError> {
-        let waiting = self.waiting.clone().try_acquire_owned().map_err(|_| StoreError::Busy)?;
-        let running = self.running.clone().acquire_owned().await.map_err(|_| StoreError::Ended)?;
-        // The permits move into the work: a caller that goes away does not free its place early.
-        let work = spawn_blocking(move || {
-            let _held = (waiting, running);
-            work()
+        let (reply, answer) = oneshot::channel();
+        let work: Work = Box::new(move || {
+            // Nobody is waiting any more: a flood of logins that were given up costs nothing.
+            if !reply.is_closed() {
+                let _ = reply.send(work());
+            }
         });
-        work.await.map_err(|_| StoreError::Ended)
+        let queue = match lane {
+            Lane::Vehicle => &self.vehicle,
+            Lane::Elsewhere => &self.elsewhere,
+        };
+        queue.try_send(work).map_err(|error| match error {
+            TrySendError::Full(_) => StoreError::Busy,
+            TrySendError::Disconnected(_) => StoreError::Ended,
+        })?;
+        answer.await.map_err(|_| StoreError::Ended)
     }
+}
+
+fn start_lane(niceness: i32) -> Result<SyncSender<Work>, StoreError> {
+    let (work, queue) = sync_channel::<Work>(HASHES_WAITING);
+    std::thread::Builder::new()
+        .name("hashing".to_owned())
+        .spawn(move || {
+            // On Linux this is of the calling thread alone. Without it hashing still works.
+            let _ = rustix::process::nice(niceness);
+            queue.iter().for_each(|work| work());
+        })
+        .map_err(|reason| StoreError::Folder { path: PathBuf::from("(a new thread)"), reason })?;
+    Ok(work)
 }
 
 /// OWASP's minimum for argon2id: 19 MiB, two passes, one lane.
@@ -151,6 +197,12 @@ mod tests {
             (Role::Authority, "ääääää", Err(SecretError::Short)),
             (Role::Developer, "demo-authority", Err(SecretError::Demo)),
         ];
+        for (secret, expected) in [("135791", true), ("1", true), ("", true), ("12345678901", true)] {
+            assert_eq!(is_pin(secret), expected, "{secret}");
+        }
+        for password in ["123456789012", "12345a", "١٣٥٧٩١"] {
+            assert!(!is_pin(password), "{password}");
+        }
         for (role, secret, expected) in cases {
             assert_eq!(check_policy(role, secret), expected, "{role:?} {secret}");
         }
@@ -168,13 +220,14 @@ mod tests {
 
     #[tokio::test]
     async fn only_the_right_secret_verifies() {
-        let hashing = Hashing::new(DemoSecrets::Refused);
+        let hashing = Hashing::new(DemoSecrets::Refused).unwrap();
         let hash = hashing.hash("135791".to_owned()).await.unwrap();
-        assert!(hashing.verify("135791".to_owned(), Some(hash.clone())).await.unwrap());
-        assert!(!hashing.verify("135792".to_owned(), Some(hash)).await.unwrap());
-        assert!(!hashing.verify("135791".to_owned(), None).await.unwrap());
+        assert!(hashing.verify(Lane::Vehicle, "135791".to_owned(), Some(hash.clone())).await.unwrap());
+        assert!(!hashing.verify(Lane::Vehicle, "135792".to_owned(), Some(hash)).await.unwrap());
+        assert!(!hashing.verify(Lane::Vehicle, "135791".to_owned(), None).await.unwrap());
         let demo = hashing.hash("246810".to_owned()).await.unwrap();
-        assert!(!hashing.verify("246810".to_owned(), Some(demo.clone())).await.unwrap());
-        assert!(Hashing::new(DemoSecrets::Accepted).verify("246810".to_owned(), Some(demo)).await.unwrap());
+        assert!(!hashing.verify(Lane::Vehicle, "246810".to_owned(), Some(demo.clone())).await.unwrap());
+        let accepting = Hashing::new(DemoSecrets::Accepted).unwrap();
+        assert!(accepting.verify(Lane::Vehicle, "246810".to_owned(), Some(demo)).await.unwrap());
     }
 }

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::fmt;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError, RwLock};
 use std::time::Duration;
 
@@ -25,7 +26,14 @@ pub struct Token(String);
 
 /// SHA-256 of a token: what is stored, and what a session is found by. An attacker who
 /// measures the search learns about hashes, not about tokens.
-type Key = [u8; 32];
+pub(super) type Key = [u8; 32];
+
+/// Whose session it is: a person's, who logged in, or a program's, by its token.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SessionKind {
+    Person,
+    Program,
+}
 
 /// An open session.
 #[derive(Debug, Clone)]
@@ -33,8 +41,11 @@ pub struct Session {
     key: Key,
     pub user: Arc<str>,
     pub role: Role,
+    pub kind: SessionKind,
     /// On the monotonic clock: a stepped wall clock ends no session.
     pub expires: Timestamp,
+    /// When its holder did something last, in nanoseconds of the monotonic clock.
+    used: Arc<AtomicU64>,
     /// Its sender lies in the table of open sessions; it closes when the session leaves that.
     ended: watch::Receiver<()>,
 }
@@ -49,7 +60,7 @@ struct Open {
 }
 
 impl Token {
-    fn random() -> Result<Token, StoreError> {
+    pub(super) fn random() -> Result<Token, StoreError> {
         let mut bytes = [0; 32];
         getrandom::fill(&mut bytes).map_err(StoreError::Random)?;
         Ok(Token(bytes.iter().map(|byte| format!("{byte:02x}")).collect()))
@@ -65,7 +76,7 @@ impl Token {
         &self.0
     }
 
-    fn key(&self) -> Key {
+    pub(super) fn key(&self) -> Key {
         Sha256::digest(self.0.as_bytes()).into()
     }
 }
@@ -85,6 +96,16 @@ impl Session {
     /// Waits until it is ended.
     pub async fn ended(&mut self) {
         while self.ended.changed().await.is_ok() {}
+    }
+
+    /// Its holder did something.
+    pub fn touch(&self, now: Timestamp) {
+        self.used.fetch_max(now.as_nanos(), Ordering::Relaxed);
+    }
+
+    /// How long its holder has done nothing.
+    pub fn idle(&self, now: Timestamp) -> Span {
+        now.since(Timestamp::from_nanos(self.used.load(Ordering::Relaxed)))
     }
 
     /// Whether both are the same login.
@@ -228,22 +249,30 @@ impl Database {
         let wall = self.clock.wall();
         let now = self.clock.now();
         let mut query = self.connection.prepare_cached(
-            "SELECT token_hash, name, role, expires_ms FROM sessions JOIN users ON users.id = sessions.user",
+            "SELECT token_hash, name, role, expires_ms, 0 FROM sessions JOIN users ON users.id = sessions.user
+             UNION ALL
+             SELECT token_hash, name, role, expires_ms, 1 FROM tokens JOIN users ON users.id = tokens.user
+             WHERE role <> 'operator'",
         )?;
         let rows = query.query_map([], |row| {
-            let left = from_unix_ms(row.get(3)?).duration_since(wall).unwrap_or_default().min(SESSION_LIFE);
-            let expires = now + Span::from_nanos(left.as_nanos() as u64);
-            Ok((row.get::<_, Key>(0)?, row.get::<_, String>(1)?, role(row, 2)?, expires))
+            let left = from_unix_ms(row.get(3)?).duration_since(wall).unwrap_or_default();
+            let (kind, left) = match row.get(4)? {
+                0 => (SessionKind::Person, left.min(SESSION_LIFE)),
+                _ => (SessionKind::Program, left),
+            };
+            let expires = now + Span::from_nanos(u64::try_from(left.as_nanos()).unwrap_or(u64::MAX / 2));
+            Ok((row.get::<_, Key>(0)?, row.get::<_, String>(1)?, role(row, 2)?, expires, kind))
         })?;
         let rows: Vec<_> = rows.collect::<Result<_, _>>()?;
 
         let mut sessions = self.sessions.0.write().unwrap_or_else(PoisonError::into_inner);
         let mut before = std::mem::take(&mut *sessions);
-        for (key, user, role, expires) in rows {
+        for (key, user, role, expires, kind) in rows {
             let same = |open: &Open| *open.session.user == *user && open.session.role == role;
             let open = before.remove(&key).filter(same).unwrap_or_else(|| {
                 let (ends, ended) = watch::channel(());
-                let session = Session { key, user: Arc::from(user), role, expires, ended };
+                let used = Arc::new(AtomicU64::new(now.as_nanos()));
+                let session = Session { key, user: Arc::from(user), role, kind, expires, used, ended };
                 Open { session, _ends: ends }
             });
             sessions.insert(key, open);

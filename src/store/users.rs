@@ -4,8 +4,9 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use rusqlite::{OptionalExtension, params};
 
+use super::audit::{Action, COMMAND_LINE, Record};
 use super::secret::check_policy;
-use super::{DEMO_USERS, Role, Store, StoreError};
+use super::{DEMO_USERS, Lane, Role, Store, StoreError};
 
 /// A user as lists show it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -39,8 +40,8 @@ impl Verified {
 pub enum NameError {
     #[error("a name has 1 to {NAME_CHARS_MAX} characters")]
     Length,
-    #[error("a name has visible characters only, no spaces")]
-    Invisible,
+    #[error("a name has letters, digits, '.', '_' and '-' only")]
+    Letters,
 }
 
 const NAME_CHARS_MAX: usize = 64;
@@ -72,13 +73,16 @@ impl Store {
         let hash = self.hashing.hash(secret.to_owned()).await?;
         let name = name.to_owned();
         let created_ms = to_unix_ms(self.clock.wall());
+        let record = Record::of(Action::UserAdded, COMMAND_LINE).on(format!("{name} ({})", role.as_str()));
         self.call(move |database| {
-            let added = database.connection.execute(
-                "INSERT INTO users (name, role, secret_hash, created_ms) VALUES (?1, ?2, ?3, ?4)
-                 ON CONFLICT (name) DO NOTHING",
-                params![name, role.as_str(), hash, created_ms],
-            )?;
-            if added == 0 { Err(StoreError::Exists(name)) } else { Ok(()) }
+            database.change(&[record], |transaction| {
+                let added = transaction.execute(
+                    "INSERT INTO users (name, role, secret_hash, created_ms) VALUES (?1, ?2, ?3, ?4)
+                     ON CONFLICT (name) DO NOTHING",
+                    params![name, role.as_str(), hash, created_ms],
+                )?;
+                if added == 0 { Err(StoreError::Exists(name)) } else { Ok(()) }
+            })
         })
         .await
     }
@@ -99,35 +103,59 @@ impl Store {
         .await
     }
 
-    /// Gives a user another secret and ends all of its sessions.
+    /// Gives a user another secret and ends all of its sessions and tokens.
     ///
     /// # Errors
     /// If there is no such user, the secret is not acceptable, or the database fails.
     pub async fn change_secret(&self, name: &str, secret: &str) -> Result<(), StoreError> {
-        let unknown = || StoreError::NoSuchUser(name.to_owned());
-        let user = self.find_user(name).await?.ok_or_else(unknown)?;
-        check_policy(user.role, secret)?;
+        let user = self.find_user(name).await?.ok_or_else(|| StoreError::NoSuchUser(name.to_owned()))?;
+        let record = Record::of(Action::UserSecret, COMMAND_LINE).on(name);
+        self.change_user(user.id, user.role, secret, record).await
+    }
+
+    /// Gives a user another role with a secret that fits it, and ends all of its sessions and tokens.
+    ///
+    /// # Errors
+    /// If there is no such user, the secret is not acceptable, or the database fails.
+    pub async fn change_role(&self, name: &str, role: Role, secret: &str) -> Result<(), StoreError> {
+        let user = self.find_user(name).await?.ok_or_else(|| StoreError::NoSuchUser(name.to_owned()))?;
+        let was = user.role.as_str();
+        let record =
+            Record::of(Action::UserRole, COMMAND_LINE).on(format!("{name}: {was} -> {}", role.as_str()));
+        self.change_user(user.id, role, secret, record).await
+    }
+
+    async fn change_user(&self, id: i64, role: Role, secret: &str, record: Record) -> Result<(), StoreError> {
+        check_policy(role, secret)?;
         let hash = self.hashing.hash(secret.to_owned()).await?;
         self.call(move |database| {
-            let transaction = database.connection.transaction()?;
-            transaction.execute("UPDATE users SET secret_hash = ?2 WHERE id = ?1", params![user.id, hash])?;
-            transaction.execute("DELETE FROM sessions WHERE user = ?1", [user.id])?;
-            transaction.commit()?;
+            database.change(&[record], |transaction| {
+                transaction.execute(
+                    "UPDATE users SET secret_hash = ?2, role = ?3 WHERE id = ?1",
+                    params![id, hash, role.as_str()],
+                )?;
+                transaction.execute("DELETE FROM sessions WHERE user = ?1", [id])?;
+                transaction.execute("DELETE FROM tokens WHERE user = ?1", [id])?;
+                Ok(())
+            })?;
             database.reload_sessions()
         })
         .await
     }
 
-    /// Removes a user and all of its sessions.
+    /// Removes a user and all of its sessions and tokens.
     ///
     /// # Errors
     /// If there is no such user, or the database fails.
     pub async fn remove_user(&self, name: &str) -> Result<(), StoreError> {
         let name = name.to_owned();
+        let record = Record::of(Action::UserRemoved, COMMAND_LINE).on(&*name);
         self.call(move |database| {
-            let removed = database.connection.execute("DELETE FROM users WHERE name = ?1", [&name])?;
-            database.reload_sessions()?;
-            if removed == 0 { Err(StoreError::NoSuchUser(name)) } else { Ok(()) }
+            database.change(&[record], |transaction| {
+                let removed = transaction.execute("DELETE FROM users WHERE name = ?1", [&name])?;
+                if removed == 0 { Err(StoreError::NoSuchUser(name)) } else { Ok(()) }
+            })?;
+            database.reload_sessions()
         })
         .await
     }
@@ -137,9 +165,22 @@ impl Store {
     /// # Errors
     /// If too many logins wait, or the database fails. A wrong secret is no error but `None`.
     pub async fn authenticate(&self, name: &str, secret: &str) -> Result<Option<Verified>, StoreError> {
+        self.authenticate_from(Lane::Vehicle, name, secret).await
+    }
+
+    /// [`Store::authenticate`] for somebody who comes from there.
+    ///
+    /// # Errors
+    /// As there.
+    pub async fn authenticate_from(
+        &self,
+        lane: Lane,
+        name: &str,
+        secret: &str,
+    ) -> Result<Option<Verified>, StoreError> {
         let user = if check_name(name).is_ok() { self.find_user(name).await? } else { None };
         let hash = user.as_ref().map(|user| user.secret_hash.clone());
-        let proven = self.hashing.verify(secret.to_owned(), hash).await?;
+        let proven = self.hashing.verify(lane, secret.to_owned(), hash).await?;
         Ok(user.filter(|_| proven))
     }
 
@@ -185,18 +226,10 @@ fn check_name(name: &str) -> Result<(), NameError> {
     if chars == 0 || chars > NAME_CHARS_MAX {
         return Err(NameError::Length);
     }
-    if name.chars().any(is_invisible) {
-        return Err(NameError::Invisible);
+    if !name.chars().all(|char| char.is_alphanumeric() || matches!(char, '.' | '_' | '-')) {
+        return Err(NameError::Letters);
     }
     Ok(())
-}
-
-/// White space, control characters, and those that only steer how others are shown.
-fn is_invisible(char: char) -> bool {
-    char.is_whitespace()
-        || char.is_control()
-        || matches!(char, '\u{ad}' | '\u{61c}' | '\u{180e}' | '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}'
-            | '\u{2060}'..='\u{206f}' | '\u{feff}' | '\u{fff9}'..='\u{fffb}' | '\u{e0000}'..='\u{e007f}')
 }
 
 #[cfg(test)]
@@ -204,12 +237,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_visible() {
+    fn names_are_letters_and_digits() {
         let long = "x".repeat(64);
         for good in ["a", "Jürgen", "bus-1_operator", "运营", long.as_str()] {
             assert_eq!(check_name(good), Ok(()), "{good}");
         }
-        for bad in ["", &"x".repeat(65), "a b", "a\n", "\u{202e}rotarepo", "a\u{200b}", "\u{0}"] {
+        for bad in [
+            "",
+            &"x".repeat(65),
+            "a b",
+            "a\n",
+            "\u{202e}rotarepo",
+            "a\u{200b}",
+            "\u{0}",
+            "<b>x",
+            "a/b",
+            "a'",
+            "a&b",
+        ] {
             assert!(check_name(bad).is_err(), "{bad:?}");
         }
     }

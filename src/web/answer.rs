@@ -83,18 +83,26 @@ pub fn refusal(reader: &Reader, trouble: Trouble) -> Response {
 
 /// Says what the engine did not grant: 409 with a page, or `{"refused": [...]}`.
 pub fn refused(reader: &Reader, reasons: &[Refusal]) -> Response {
-    let words = |lang: Lang| reasons.iter().map(move |reason| lang.refusal(reason));
+    let words: Vec<String> = reasons.iter().map(|reason| reader.lang.refusal(reason)).collect();
+    refused_in_words(reader, &words, None)
+}
+
+/// The same in words; `seq` is the present state's where the request was made for an older one.
+pub fn refused_in_words(reader: &Reader, reasons: &[String], seq: Option<u64>) -> Response {
     match reader.speaks {
         Speaks::Json => {
-            let reasons: Vec<String> = words(Lang::En).collect();
-            json_answer(StatusCode::CONFLICT, &json!({ "refused": reasons }))
+            let mut answer = json!({ "refused": reasons });
+            if let Some(seq) = seq {
+                answer["seq"] = seq.into();
+            }
+            json_answer(StatusCode::CONFLICT, &answer)
         }
         Speaks::Html => {
             let title = match reader.lang {
                 Lang::En => "Refused",
                 Lang::De => "Abgelehnt",
             };
-            let text = words(reader.lang).collect::<Vec<_>>().join(" ");
+            let text = reasons.join(" ");
             let status = StatusCode::CONFLICT;
             (status, Html(view::message_page(status.as_u16(), title, &text, reader.lang, reader.palette)))
                 .into_response()

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
 
 use axum::extract::rejection::FormRejection;
-use axum::extract::{Form, State};
+use axum::extract::{Extension, Form, State};
 use axum::http::StatusCode;
 use axum::response::{Html, IntoResponse, Redirect, Response};
 use serde::Deserialize;
@@ -12,11 +12,14 @@ use serde_json::json;
 use tokio::sync::mpsc;
 
 use super::answer::{Reader, Speaks, json_answer, refusal};
+use super::audit::record_of;
 use super::guard::SignedIn;
+use super::login::{Peer, source_of};
 use super::pages::page_context;
 use super::state::AppState;
 use super::view::{self, DemoFault};
 use super::wording::Trouble;
+use crate::store::audit::Action;
 
 /// The faults there are, and the way to the shuttle that has them.
 #[derive(Debug)]
@@ -76,6 +79,8 @@ pub struct FaultForm {
 /// `POST /demo/fault`
 pub async fn fault(
     State(app): State<AppState>,
+    peer: Option<Extension<Peer>>,
+    SignedIn(session): SignedIn,
     reader: Reader,
     form: Result<Form<FaultForm>, FormRejection>,
 ) -> Response {
@@ -92,6 +97,11 @@ pub async fn fault(
         return json_answer(StatusCode::UNPROCESSABLE_ENTITY, &wrong);
     };
     if !faults.set(FaultSwitch { name, active: form.active }) {
+        return refusal(&reader, Trouble::Unavailable);
+    }
+    let source = source_of(peer.map(|Extension(peer)| peer));
+    let record = record_of(&session, Action::Fault, source).on(format!("{name}: {}", form.active));
+    if app.audit(record).await.is_err() {
         return refusal(&reader, Trouble::Unavailable);
     }
     match reader.speaks {

@@ -1,74 +1,140 @@
-//! The developer's pages: what was received, why a node shows what it shows, and the configuration.
+//! The developer's pages: what was received, why a node shows what it shows, what is hidden, in
+//! which ways it is diagnosed, the configuration, and the audit log.
 
-use axum::extract::{Query, State};
+use axum::extract::{Extension, FromRequestParts, Query, State};
 use axum::http::StatusCode;
+use axum::http::request::Parts;
 use axum::response::{Html, IntoResponse, Response};
-use serde::Deserialize;
 use serde_json::json;
 use tokio::sync::oneshot;
 
 use super::answer::{Reader, Speaks, json_answer, refusal};
+use super::audit::record_of;
 use super::frame::permitted;
 use super::guard::SignedIn;
+use super::login::{Peer, source_of};
 use super::pages::page_context;
 use super::state::AppState;
-use super::view;
+use super::view::{self, Asked, AuditPage, PageContext, Window};
 use super::wording::Trouble;
-use crate::runtime::{Reread, Rereading};
-use crate::store::Role;
+use crate::engine::model::Stage;
+use crate::runtime::{Published, Reread, Rereading};
+use crate::store::audit::Action;
+use crate::store::{Role, Session, StoreError};
 
-/// `GET /developer`
-pub async fn statuses(
-    State(app): State<AppState>,
-    SignedIn(session): SignedIn,
+/// What every page of the developer's is made from.
+pub struct Visit {
+    published: Published,
+    context: PageContext,
+    asked: Asked,
     reader: Reader,
-) -> Html<String> {
-    Html(view::developer_page(&permitted(&app.published()), &page_context(&app, &session, &reader)))
+    session: Session,
 }
 
-#[derive(Debug, Deserialize)]
-pub struct NodeQuery {
-    node: String,
+impl FromRequestParts<AppState> for Visit {
+    type Rejection = Response;
+
+    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Visit, Response> {
+        let SignedIn(session) = SignedIn::from_request_parts(parts, app).await?;
+        let reader = Reader::of(&parts.uri, &parts.headers);
+        // An address that cannot be read asks for nothing.
+        let asked = Query::<Vec<(String, String)>>::try_from_uri(&parts.uri);
+        Ok(Visit {
+            published: permitted(&app.published()),
+            context: page_context(app, &session, &reader),
+            asked: Asked::of(asked.map(|Query(pairs)| pairs).unwrap_or_default()),
+            reader,
+            session,
+        })
+    }
+}
+
+/// `GET /developer?q=TEXT&level=STATE&group=PATH&sort=COLUMN&desc=1&page=N&pin=MODULE`
+pub async fn statuses(State(app): State<AppState>, visit: Visit) -> Html<String> {
+    Html(view::developer_page(&visit.published, &visit.context, &visit.asked, &app.trends))
 }
 
 /// `GET /developer/why?node=group/module`
-pub async fn why(
-    State(app): State<AppState>,
-    SignedIn(session): SignedIn,
-    reader: Reader,
-    Query(query): Query<NodeQuery>,
-) -> Response {
-    let published = permitted(&app.published());
-    let Some(node) = published.snapshot.node(&query.node) else {
-        return refusal(&reader, Trouble::NotFound);
+pub async fn why(State(app): State<AppState>, visit: Visit) -> Response {
+    let Some(node) = visit.published.snapshot.node(visit.asked.get("node")) else {
+        return refusal(&visit.reader, Trouble::NotFound);
     };
-    Html(view::why_page(&published, node, &page_context(&app, &session, &reader))).into_response()
+    Html(view::why_page(&visit.published, node, &visit.context, &app.trends)).into_response()
+}
+
+/// `GET /developer/graph?open=GROUP`
+pub async fn graph(visit: Visit) -> Html<String> {
+    Html(view::graph_page(&visit.published, &visit.context, &visit.asked))
+}
+
+/// `GET /developer/timeline?node=NODE&span=SECONDS&until=MS&at=THOUSANDTHS`
+pub async fn timeline(State(app): State<AppState>, visit: Visit) -> Html<String> {
+    let Visit { published, context, asked, .. } = visit;
+    let window = Window::of(&published, &asked);
+    let past = match &app.settings.history {
+        // Locked, nothing of the vehicle is shown: not its past either.
+        Some(history) if published.snapshot.stage != Stage::Locked => {
+            let past = history.past(window.query.clone()).await;
+            past.inspect_err(|error| tracing::warn!(%error, "the history cannot be read")).ok()
+        }
+        _ => None,
+    };
+    Html(view::timeline_page(&published, &context, &asked, &window, past.as_ref()))
+}
+
+/// `GET /developer/masking?q=TEXT`
+pub async fn masking(visit: Visit) -> Html<String> {
+    Html(view::masking_page(&visit.published, &visit.context, &visit.asked))
+}
+
+/// `GET /developer/coverage?cell=COLUMN PATH`
+pub async fn coverage(visit: Visit) -> Html<String> {
+    Html(view::coverage_page(&visit.published, &visit.context, &visit.asked))
+}
+
+/// `GET /developer/topics?q=TEXT`
+pub async fn topics(State(app): State<AppState>, visit: Visit) -> Html<String> {
+    let seen = app.settings.discovery.as_ref().map(|seen| seen.borrow().clone()).unwrap_or_default();
+    Html(view::topics_page(&visit.published, &visit.context, &visit.asked, &seen))
 }
 
 /// `GET /developer/configuration`: what the file would change, if it were taken now.
-pub async fn configuration(
-    State(app): State<AppState>,
-    SignedIn(session): SignedIn,
-    reader: Reader,
-) -> Response {
+pub async fn configuration(State(app): State<AppState>, visit: Visit) -> Response {
     match reread(&app, false).await {
         Ok(read) => {
-            let may_take = session.role == Role::Developer;
-            let context = page_context(&app, &session, &reader);
-            Html(view::configuration_page(&read, may_take, &context)).into_response()
+            let page = view::configuration_page(
+                &visit.published,
+                &read,
+                visit.session.role == Role::Developer,
+                &visit.context,
+            );
+            Html(page).into_response()
         }
-        Err(trouble) => refusal(&reader, trouble),
+        Err(trouble) => refusal(&visit.reader, trouble),
     }
 }
 
 /// `POST /developer/configuration/reload`: the file is taken whole, or not at all.
-pub async fn reload(State(app): State<AppState>, SignedIn(session): SignedIn, reader: Reader) -> Response {
+pub async fn reload(State(app): State<AppState>, peer: Option<Extension<Peer>>, visit: Visit) -> Response {
     let read = match reread(&app, true).await {
         Ok(read) => read,
-        Err(trouble) => return refusal(&reader, trouble),
+        Err(trouble) => return refusal(&visit.reader, trouble),
     };
+    let record =
+        record_of(&visit.session, Action::Configuration, source_of(peer.map(|Extension(peer)| peer)));
+    let record = match (&read.problems, read.differences.as_slice()) {
+        (Some(_), _) => record.refused("the file is wrong"),
+        (None, []) => record.on("no difference"),
+        (None, differences) => {
+            record.on(format!("{} differences: {}", differences.len(), differences.join("; ")))
+        }
+    };
+    if let Err(error) = app.audit(record).await {
+        tracing::error!(%error, "a reload cannot be recorded");
+        return refusal(&visit.reader, Trouble::Unavailable);
+    }
     let status = if read.problems.is_some() { StatusCode::UNPROCESSABLE_ENTITY } else { StatusCode::OK };
-    match reader.speaks {
+    match visit.reader.speaks {
         Speaks::Json => {
             let Rereading { taken, differences, problems, warnings } = read;
             let answer = json!({
@@ -77,10 +143,39 @@ pub async fn reload(State(app): State<AppState>, SignedIn(session): SignedIn, re
             json_answer(status, &answer)
         }
         Speaks::Html => {
-            let context = page_context(&app, &session, &reader);
-            (status, Html(view::configuration_page(&read, true, &context))).into_response()
+            let page = view::configuration_page(&visit.published, &read, true, &visit.context);
+            (status, Html(page)).into_response()
         }
     }
+}
+
+/// Records on one page of the audit log.
+const AUDIT_ROWS: u32 = 100;
+
+/// `GET /developer/audit?before=NUMBER`: the audit log, newest first, and whether its chain is whole.
+pub async fn audit(State(app): State<AppState>, visit: Visit) -> Response {
+    let before = visit.asked.get("before");
+    if !before.is_empty() && visit.asked.number("before").is_none() {
+        return refusal(&visit.reader, Trouble::NotFound);
+    }
+    let before = visit.asked.number("before");
+    // One reader at a time: to go through a long chain takes a while.
+    let _turn = app.audit_readers.lock().await;
+    let read = async {
+        let entries = app.store.audit_entries(before, AUDIT_ROWS).await?;
+        Ok::<_, StoreError>((entries, app.store.verify_audit().await?))
+    };
+    let (entries, verdict) = match read.await {
+        Ok(read) => read,
+        Err(error) => {
+            tracing::error!(%error, "the audit log cannot be read");
+            return refusal(&visit.reader, Trouble::Unavailable);
+        }
+    };
+    let is_full = entries.len() == AUDIT_ROWS as usize;
+    let older = entries.last().filter(|last| is_full && last.number > 1).map(|last| last.number);
+    let page = AuditPage { entries, older, verdict };
+    Html(view::audit_page(&visit.published, &page, &visit.context)).into_response()
 }
 
 async fn reread(app: &AppState, take: bool) -> Result<Rereading, Trouble> {

@@ -4,6 +4,7 @@
 //! A path that no route claims needs a session too: nobody learns from outside what there is.
 
 use std::collections::HashMap;
+use std::net::IpAddr;
 use std::sync::Arc;
 
 use axum::extract::{FromRequestParts, MatchedPath, Request, State};
@@ -15,9 +16,12 @@ use axum::response::{IntoResponse, Redirect, Response};
 
 use super::answer::{Reader, Speaks, cookie, header, refusal};
 use super::assets;
+use super::login::{Peer, source_of};
 use super::state::AppState;
+use super::view::Lang;
 use super::wording::Trouble;
-use crate::store::{Role, Session, Token};
+use crate::store::audit::{Action, Record};
+use crate::store::{Role, Session, SessionKind, Token};
 
 /// Who may use a route.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,6 +43,9 @@ pub type AccessTable = HashMap<(&'static str, Method), Access>;
 pub const fn cookie_name(secure: bool) -> &'static str {
     if secure { "__Host-telltale" } else { "telltale" }
 }
+
+/// A page that renews itself says so: nobody did anything.
+const RENEWAL: &str = "telltale-renewal";
 
 /// The session with which a request came. The guard has checked it.
 #[derive(Debug, Clone)]
@@ -71,19 +78,46 @@ pub async fn guard(
         Access::Asset => !assets::is_open(request.uri().path()),
         Access::Session | Access::Roles(_) => true,
     };
+    if caller.is_false {
+        let (source, record) = refused(&request, None, "the token is not, or no longer, valid");
+        app.audit_refusal(source, record).await;
+    }
     if needs_session && caller.session.is_none() {
         return not_signed_in(&reader, &request);
     }
-    if acts(&request) && !caller.is_bearer && !has_own_origin(&app, headers) {
-        return refusal(&reader, Trouble::ForeignOrigin);
+    let trouble = match &caller.session {
+        _ if acts(&request) && !caller.is_bearer && !has_own_origin(&app, request.headers()) => {
+            Some(Trouble::ForeignOrigin)
+        }
+        Some(session) if matches!(access, Access::Roles(roles) if !roles.contains(&session.role)) => {
+            Some(Trouble::Forbidden)
+        }
+        _ => None,
+    };
+    if let Some(trouble) = trouble {
+        let (source, record) = refused(&request, caller.session.as_ref(), trouble.say(Lang::En).1);
+        app.audit_refusal(source, record).await;
+        return refusal(&reader, trouble);
     }
     if let Some(session) = caller.session {
-        if matches!(access, Access::Roles(roles) if !roles.contains(&session.role)) {
-            return refusal(&reader, Trouble::Forbidden);
+        if !request.headers().contains_key(RENEWAL) {
+            session.touch(app.clock.now());
         }
         request.extensions_mut().insert(SignedIn(session));
     }
     next.run(request).await
+}
+
+/// What is recorded of a refused request, and whence it came.
+fn refused(request: &Request, session: Option<&Session>, why: &str) -> (IpAddr, Record) {
+    let source = source_of(request.extensions().get::<Peer>().copied());
+    let target = format!("{} {}", request.method(), request.uri().path());
+    let record = Record::of(Action::Request, source.to_string()).on(target).refused(why);
+    let record = match session {
+        Some(session) => record.by(&*session.user, session.role),
+        None => record,
+    };
+    (source, record)
 }
 
 fn access(request: &Request, table: &AccessTable) -> Access {
@@ -98,6 +132,8 @@ struct Caller {
     session: Option<Session>,
     /// The token came in a header that no browser sends by itself.
     is_bearer: bool,
+    /// It came in that header and is none.
+    is_false: bool,
 }
 
 impl Caller {
@@ -105,16 +141,17 @@ impl Caller {
         let bearer = header(headers, AUTHORIZATION.as_str()).and_then(|value| value.strip_prefix("Bearer "));
         if let Some(token) = bearer {
             let session = Token::parse(token).and_then(|token| app.session(&token));
-            return Caller { is_bearer: session.is_some(), session };
+            return Caller { is_bearer: session.is_some(), is_false: session.is_none(), session };
         }
-        Caller { session: cookie_session(app, headers), is_bearer: false }
+        Caller { session: cookie_session(app, headers), is_bearer: false, is_false: false }
     }
 }
 
 /// The session of the cookie, if there is one.
 pub fn cookie_session(app: &AppState, headers: &HeaderMap) -> Option<Session> {
     let token = cookie(headers, cookie_name(app.settings.secure)).and_then(Token::parse)?;
-    app.session(&token)
+    // A program's token in a cookie would be a session that no login made.
+    app.session(&token).filter(|session| session.kind == SessionKind::Person)
 }
 
 /// Whether a request may change something, or opens a socket.
@@ -136,6 +173,7 @@ fn has_own_origin(app: &AppState, headers: &HeaderMap) -> bool {
 fn not_signed_in(reader: &Reader, request: &Request) -> Response {
     let is_page = reader.speaks == Speaks::Html
         && !is_upgrade(request)
+        && request.uri().path() != "/ws"
         && !request.uri().path().starts_with("/static/");
     if is_page {
         return Redirect::to("/login").into_response();

@@ -11,6 +11,7 @@ use axum::{Extension, Router};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
@@ -18,14 +19,17 @@ use tokio::time::{sleep, timeout};
 
 use super::login::Peer;
 use super::router::router;
-use super::seat;
 use super::state::{AppState, turned};
+use super::tls::Tls;
+use super::{displays, keep, seat, trends};
 
 const CONNECTIONS_MAX: usize = 512;
 /// One source must not take all places. The vehicle's own display is not counted.
 const CONNECTIONS_PER_SOURCE_MAX: usize = 64;
 /// For the head of a request, and for a connection that asks nothing.
 const HEADER_TIMEOUT: Duration = Duration::from_secs(10);
+/// What the kernel may hold of an answer that nobody reads; it doubles the figure that it is given.
+const SEND_BUFFER_BYTES: usize = 256 * 1024;
 /// Requests that run when the server ends may take this long.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(3);
 /// Without free file descriptors accepting fails until some are free.
@@ -38,6 +42,7 @@ const ACCEPT_RETRY: Duration = Duration::from_millis(100);
 /// If the listener has no address.
 pub async fn serve(
     listener: TcpListener,
+    tls: Option<Tls>,
     app: AppState,
     shutdown: impl Future<Output = ()>,
 ) -> io::Result<()> {
@@ -48,7 +53,12 @@ pub async fn serve(
     let service = router(app.clone());
     let sources = Sources::default();
     let mut connections = JoinSet::new();
-    let seat = tokio::spawn(seat::watch(app.clone()));
+    let watches = [
+        tokio::spawn(seat::watch(app.clone())),
+        tokio::spawn(keep::follow(app.clone())),
+        tokio::spawn(displays::watch(app.clone())),
+        tokio::spawn(trends::watch(app.clone())),
+    ];
     let mut shutdown = pin!(shutdown);
     loop {
         let has_room = connections.len() < CONNECTIONS_MAX;
@@ -57,7 +67,9 @@ pub async fn serve(
             accepted = listener.accept(), if has_room => match accepted {
                 Ok((stream, peer)) => {
                     if let Some(place) = sources.enter(peer.ip()) {
-                        connections.spawn(converse(stream, peer, service.clone(), app.closing.subscribe(), place));
+                        let service = service.clone().layer(Extension(Peer(peer)));
+                        let line = Line { peer, service, closing: app.closing.subscribe(), _place: place };
+                        connections.spawn(line.open(stream, tls.clone()));
                     }
                 }
                 Err(error) => {
@@ -69,7 +81,7 @@ pub async fn serve(
         }
     }
     drop(listener);
-    seat.abort();
+    watches.iter().for_each(tokio::task::JoinHandle::abort);
     app.closing.send_replace(true);
     let drained = async {
         app.displays.all_gone().await;
@@ -81,30 +93,45 @@ pub async fn serve(
     Ok(())
 }
 
-async fn converse(
-    stream: TcpStream,
+/// One connection.
+struct Line {
     peer: SocketAddr,
     service: Router,
-    mut closing: watch::Receiver<bool>,
+    closing: watch::Receiver<bool>,
     _place: SourcePlace,
-) {
-    // A frame is one small write: it must not wait for an acknowledgement of the one before.
-    if stream.set_nodelay(true).is_err() {
-        return;
-    }
-    let service = TowerToHyperService::new(service.layer(Extension(Peer(peer))));
-    let mut http = http1::Builder::new();
-    http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(64 * 1024);
-    let mut connection = pin!(http.serve_connection(TokioIo::new(stream), service).with_upgrades());
-    let ended = tokio::select! {
-        ended = &mut connection => ended,
-        () = turned(&mut closing) => {
-            connection.as_mut().graceful_shutdown();
-            connection.await
+}
+
+impl Line {
+    async fn open(self, stream: TcpStream, tls: Option<Tls>) {
+        // A frame is one small write: it must not wait for an acknowledgement of the one before.
+        let prepared = stream.set_nodelay(true).is_ok()
+            && rustix::net::sockopt::set_socket_send_buffer_size(&stream, SEND_BUFFER_BYTES).is_ok();
+        if !prepared {
+            return;
         }
-    };
-    if let Err(error) = ended {
-        tracing::debug!(%error, %peer, "connection ended");
+        let Some(tls) = tls else { return self.converse(stream).await };
+        match timeout(HEADER_TIMEOUT, tls.acceptor().accept(stream)).await {
+            Ok(Ok(stream)) => self.converse(stream).await,
+            Ok(Err(error)) => tracing::debug!(%error, peer = %self.peer, "no TLS connection"),
+            Err(_) => tracing::debug!(peer = %self.peer, "no TLS connection in time"),
+        }
+    }
+
+    async fn converse(mut self, stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static) {
+        let mut http = http1::Builder::new();
+        http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(64 * 1024);
+        let service = TowerToHyperService::new(self.service);
+        let mut connection = pin!(http.serve_connection(TokioIo::new(stream), service).with_upgrades());
+        let ended = tokio::select! {
+            ended = &mut connection => ended,
+            () = turned(&mut self.closing) => {
+                connection.as_mut().graceful_shutdown();
+                connection.await
+            }
+        };
+        if let Err(error) = ended {
+            tracing::debug!(%error, peer = %self.peer, "connection ended");
+        }
     }
 }
 
@@ -139,5 +166,27 @@ impl Drop for SourcePlace {
                 counts.remove(&self.source);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_source_does_not_take_all_places_and_the_vehicles_own_display_is_not_counted() {
+        let sources = Sources::default();
+        let stranger: IpAddr = "10.0.0.66".parse().unwrap();
+        let mut places: Vec<_> = (0..CONNECTIONS_PER_SOURCE_MAX).map(|_| sources.enter(stranger)).collect();
+        assert!(places.iter().all(Option::is_some));
+        assert!(sources.enter(stranger).is_none());
+        assert!(sources.enter("::ffff:10.0.0.66".parse().unwrap()).is_none(), "the same one");
+        assert!(sources.enter("10.0.0.67".parse().unwrap()).is_some());
+        let local: Vec<_> = (0..CONNECTIONS_MAX).map(|_| sources.enter([127, 0, 0, 1].into())).collect();
+        assert!(local.iter().all(Option::is_some));
+        places.pop();
+        assert!(sources.enter(stranger).is_some(), "a place is free again");
+        drop((places, local));
+        assert!(sources.0.lock().unwrap().is_empty(), "nothing is kept of who has gone");
     }
 }

@@ -12,6 +12,7 @@ use serde::Deserialize;
 use serde_json::json;
 
 use super::answer::{Reader, Speaks, json_answer, refusal, refused};
+use super::audit::record_of;
 use super::guard::{SignedIn, cookie_name, cookie_session};
 use super::state::{AppState, is_seated};
 use super::view::{self, LoginContext, LoginFailure};
@@ -19,16 +20,24 @@ use super::wording::Trouble;
 use crate::engine::input::{OperatorAction, Response as Answer};
 use crate::engine::model::Stage;
 use crate::engine::time::Span;
-use crate::store::{Role, SESSION_LIFE, Session, StoreError, Token, Verified};
+use crate::store::audit::{Action, Record};
+use crate::store::{Lane, Role, SESSION_LIFE, Session, SessionKind, StoreError, Token, Verified, is_pin};
 
 /// The other end of a connection.
 #[derive(Debug, Clone, Copy)]
 pub struct Peer(pub SocketAddr);
 
+/// The address of the other end; a router without a socket is asked from this machine.
+pub fn source_of(peer: Option<Peer>) -> IpAddr {
+    peer.map_or(IpAddr::V4(Ipv4Addr::LOCALHOST), |Peer(peer)| peer.ip().to_canonical())
+}
+
 #[derive(Deserialize)]
 pub struct LoginForm {
     name: String,
     secret: String,
+    /// Given by an operator who was told that somebody else sits in the seat, and takes it over.
+    take_over: Option<String>,
 }
 
 /// `GET /login`
@@ -57,30 +66,63 @@ pub async fn login(
         }
         Err(_) => return refusal(&reader, Trouble::BadForm),
     };
-    let source = peer.map_or(IpAddr::V4(Ipv4Addr::LOCALHOST), |Extension(Peer(peer))| peer.ip());
+    let source = source_of(peer.map(|Extension(peer)| peer));
     let user = match prove(&app, &form, source).await {
         Ok(user) => user,
-        Err(failure) => return failed(&app, &reader, &form.name, failure),
+        Err(failure) => {
+            let record = Record::of(Action::Login, source.to_string()).on(&*form.name);
+            app.audit_refusal(source, record.refused(failure.as_str())).await;
+            return failed(&app, &reader, &form.name, failure);
+        }
     };
-    // The browser gets another session: nobody may go on with the one it had.
-    if let Some(before) = cookie_session(&app, &headers)
-        && let Err(error) = app.store.end_session(&before).await
-    {
-        tracing::error!(%error, "the session before this login stays open");
-    }
-    match whole(open(app.clone(), user)).await {
+    let entrance = Entrance {
+        user,
+        source,
+        takes_over: form.take_over.is_some(),
+        before: cookie_session(&app, &headers),
+    };
+    match whole(entrance.open(app.clone())).await {
         Ok((token, session)) => welcome(&app, &reader, &token, &session),
         Err(NotOpened::Refused(reasons)) => refused(&reader, &reasons),
+        Err(NotOpened::SeatTaken(by)) => failed(&app, &reader, &form.name, LoginFailure::SeatTaken { by }),
         Err(NotOpened::Unavailable) => failed(&app, &reader, &form.name, LoginFailure::Unavailable),
     }
 }
 
 /// `POST /logout`
-pub async fn logout(State(app): State<AppState>, SignedIn(session): SignedIn, reader: Reader) -> Response {
-    match whole(close(app.clone(), session.clone())).await {
+pub async fn logout(
+    State(app): State<AppState>,
+    peer: Option<Extension<Peer>>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+) -> Response {
+    leave(app, peer, session, &reader, OperatorAction::Logout).await
+}
+
+/// `POST /vehicle/shutdown`: the operator ends the work with the vehicle, and leaves it.
+pub async fn shutdown(
+    State(app): State<AppState>,
+    peer: Option<Extension<Peer>>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+) -> Response {
+    leave(app, peer, session, &reader, OperatorAction::Shutdown).await
+}
+
+async fn leave(
+    app: AppState,
+    peer: Option<Extension<Peer>>,
+    session: Session,
+    reader: &Reader,
+    action: OperatorAction,
+) -> Response {
+    let source = source_of(peer.map(|Extension(peer)| peer));
+    match whole(close(app.clone(), session.clone(), source, action)).await {
         Ok(()) => {}
-        Err(NotOpened::Refused(reasons)) => return refused(&reader, &reasons),
-        Err(NotOpened::Unavailable) => return refusal(&reader, Trouble::Unavailable),
+        Err(NotOpened::Refused(reasons)) => return refused(reader, &reasons),
+        Err(NotOpened::SeatTaken(_) | NotOpened::Unavailable) => {
+            return refusal(reader, Trouble::Unavailable);
+        }
     }
     tracing::info!(user = &*session.user, "logged out");
     let mut answer = match reader.speaks {
@@ -92,14 +134,19 @@ pub async fn logout(State(app): State<AppState>, SignedIn(session): SignedIn, re
 }
 
 async fn prove(app: &AppState, form: &LoginForm, source: IpAddr) -> Result<Verified, LoginFailure> {
+    // Whoever types it sees that it is a PIN: this says nothing of anybody's secret.
+    if is_pin(&form.secret) && !app.settings.enrolled.has(source) {
+        return Err(LoginFailure::PinElsewhere);
+    }
     let throttle = || app.throttle.lock().unwrap_or_else(PoisonError::into_inner);
     if let Err(wait) = throttle().attempt(app.clock.now(), &form.name, source) {
         return Err(LoginFailure::Wait { seconds: whole_seconds(wait) });
     }
-    match app.store.authenticate(&form.name, &form.secret).await {
+    let is_near = source.is_loopback() || app.settings.enrolled.has(source);
+    let lane = if is_near { Lane::Vehicle } else { Lane::Elsewhere };
+    match app.store.authenticate_from(lane, &form.name, &form.secret).await {
         Ok(Some(user)) => {
             throttle().succeeded(&form.name, source);
-            tracing::info!(user = user.name(), role = user.role().as_str(), %source, "logged in");
             Ok(user)
         }
         Ok(None) => {
@@ -115,6 +162,8 @@ async fn prove(app: &AppState, form: &LoginForm, source: IpAddr) -> Result<Verif
 
 /// Why no session was opened or closed.
 enum NotOpened {
+    /// This operator sits in the seat.
+    SeatTaken(String),
     Refused(Vec<crate::engine::input::Refusal>),
     Unavailable,
 }
@@ -135,43 +184,116 @@ async fn whole<T: Send + 'static>(
     tokio::spawn(change).await.unwrap_or(Err(NotOpened::Unavailable))
 }
 
-/// Opens a session; an operator takes the seat, and the vehicle is unlocked by that.
-async fn open(app: AppState, user: Verified) -> Result<(Token, Session), NotOpened> {
-    let (token, session) = app.store.open_session(&user).await?;
-    if user.role() != Role::Operator {
-        return Ok((token, session));
+/// Somebody who proved to be a user and asks for a session.
+struct Entrance {
+    user: Verified,
+    source: IpAddr,
+    /// From the operator who sits in the seat.
+    takes_over: bool,
+    /// The session that the browser had: nobody may go on with it.
+    before: Option<Session>,
+}
+
+impl Entrance {
+    /// Opens a session; an operator takes the seat, and the vehicle is unlocked by that.
+    async fn open(self, app: AppState) -> Result<(Token, Session), NotOpened> {
+        let _seat = app.seat.lock().await;
+        let (name, role) = (self.user.name(), self.user.role());
+        let seated = app.published().snapshot.operator.clone();
+        let other = seated.filter(|seated| role == Role::Operator && **seated != *name);
+        if let Some(other) = other.as_deref().filter(|_| !self.takes_over) {
+            let why = format!("{other} is the operator");
+            app.audit(self.record(Action::Login).refused(why)).await?;
+            return Err(NotOpened::SeatTaken(other.to_owned()));
+        }
+        if let Some(before) = &self.before {
+            app.store.end_session(before).await?;
+        }
+        let (token, session) = app.store.open_session(&self.user).await?;
+        match self.enter(&app, other.as_deref()).await {
+            Ok(()) => {
+                tracing::info!(user = name, role = role.as_str(), source = %self.source, "logged in");
+                Ok((token, session))
+            }
+            Err(not_opened) => {
+                app.store.end_session(&session).await?;
+                Err(not_opened)
+            }
+        }
     }
-    let action = OperatorAction::Login { name: user.name().into() };
-    let refused = match app.command(action).await {
-        Ok(Answer::Done) => {
-            app.store.take_seat(user.name()).await?;
-            return Ok((token, session));
+
+    /// What is recorded here is on the disk before the login is acknowledged.
+    async fn enter(&self, app: &AppState, other: Option<&str>) -> Result<(), NotOpened> {
+        if self.user.role() != Role::Operator {
+            return Ok(app.audit(self.record(Action::Login)).await?);
         }
-        Ok(Answer::Refused(reasons)) => NotOpened::Refused(reasons),
-        Err(error) => {
-            tracing::error!(%error, "nobody can log in");
-            NotOpened::Unavailable
+        // Written first: while nothing can be written, whoever has the vehicle keeps it.
+        app.store.take_seat(self.user.name()).await?;
+        let action = OperatorAction::Login { name: self.user.name().into() };
+        let not_opened = match app.command(action).await {
+            Ok(Answer::Done) => None,
+            Ok(Answer::Refused(reasons)) => Some(NotOpened::Refused(reasons)),
+            Err(error) => {
+                tracing::error!(%error, "nobody can log in");
+                Some(NotOpened::Unavailable)
+            }
+        };
+        if let Some(not_opened) = not_opened {
+            match other {
+                Some(other) => app.store.take_seat(other).await?,
+                None => app.store.leave_seat().await?,
+            }
+            let why = match &not_opened {
+                NotOpened::Refused(reasons) => format!("{reasons:?}"),
+                _ => "the engine does not answer".to_owned(),
+            };
+            app.audit(self.record(Action::Login).refused(why)).await?;
+            return Err(not_opened);
         }
-    };
-    app.store.end_session(&session).await?;
-    Err(refused)
+        if let Some(other) = other {
+            app.audit(self.record(Action::HandOver).on(format!("from {other}"))).await?;
+            app.store.end_sessions_of(other).await?;
+        }
+        Ok(app.keep(self.record(Action::Login)).await?)
+    }
+
+    fn record(&self, action: Action) -> Record {
+        Record::of(action, self.source.to_string())
+            .by(self.user.name(), self.user.role())
+            .on(self.user.name())
+    }
 }
 
 /// Ends a session. The operator in the seat leaves it, at all displays, if the vehicle permits.
-async fn close(app: AppState, session: Session) -> Result<(), NotOpened> {
-    if !is_seated(&session, &app.published().snapshot) {
-        return Ok(app.store.end_session(&session).await?);
+async fn close(
+    app: AppState,
+    session: Session,
+    source: IpAddr,
+    action: OperatorAction,
+) -> Result<(), NotOpened> {
+    let _seat = app.seat.lock().await;
+    let record = record_of(&session, Action::Logout, source);
+    if session.kind == SessionKind::Program {
+        return Err(NotOpened::Unavailable);
     }
-    match app.command(OperatorAction::Logout).await {
+    if !is_seated(&session, &app.published().snapshot) {
+        app.store.end_session(&session).await?;
+        return Ok(app.audit(record).await?);
+    }
+    match app.command(action).await {
         Ok(Answer::Done) => {}
-        Ok(Answer::Refused(reasons)) => return Err(NotOpened::Refused(reasons)),
+        Ok(Answer::Refused(reasons)) => {
+            app.audit(record.refused(format!("{reasons:?}"))).await?;
+            return Err(NotOpened::Refused(reasons));
+        }
         Err(error) => {
             tracing::error!(%error, "nobody can log out");
             return Err(NotOpened::Unavailable);
         }
     }
     app.store.leave_seat().await?;
-    Ok(app.store.end_sessions_of(&session.user).await?)
+    app.store.end_sessions_of(&session.user).await?;
+    Ok(app.keep(record).await?)
 }
 
 fn welcome(app: &AppState, reader: &Reader, token: &Token, session: &Session) -> Response {
@@ -195,18 +317,23 @@ fn set_cookie(answer: &mut Response, app: &AppState, value: &str, age_s: u64) {
 }
 
 fn failed(app: &AppState, reader: &Reader, name: &str, failure: LoginFailure) -> Response {
-    let (status, error) = match failure {
-        LoginFailure::Wrong => (StatusCode::UNAUTHORIZED, "the name or the secret is wrong"),
-        LoginFailure::Wait { .. } => (StatusCode::TOO_MANY_REQUESTS, "too many failures; wait"),
-        LoginFailure::Unavailable | LoginFailure::NoUsers => {
-            (StatusCode::SERVICE_UNAVAILABLE, "logins cannot be checked now; try again")
+    let status = match failure {
+        LoginFailure::Wrong => StatusCode::UNAUTHORIZED,
+        LoginFailure::PinElsewhere => StatusCode::FORBIDDEN,
+        LoginFailure::SeatTaken { .. } => StatusCode::CONFLICT,
+        LoginFailure::Wait { .. } => StatusCode::TOO_MANY_REQUESTS,
+        LoginFailure::Unavailable | LoginFailure::NoUsers => StatusCode::SERVICE_UNAVAILABLE,
+    };
+    let wait = if let LoginFailure::Wait { seconds } = failure { Some(seconds) } else { None };
+    let mut answer = match (reader.speaks, &failure) {
+        (Speaks::Json, LoginFailure::SeatTaken { by }) => {
+            let refused = format!("{by} is the operator; take_over=1 takes the seat over");
+            json_answer(status, &json!({ "refused": [refused], "operator": by }))
         }
+        (Speaks::Json, _) => json_answer(status, &json!({ "error": failure.as_str() })),
+        (Speaks::Html, _) => login_page(app, reader, status, name, Some(failure)),
     };
-    let mut answer = match reader.speaks {
-        Speaks::Json => json_answer(status, &json!({ "error": error })),
-        Speaks::Html => login_page(app, reader, status, name, Some(failure)),
-    };
-    if let LoginFailure::Wait { seconds } = failure {
+    if let Some(seconds) = wait {
         answer.headers_mut().insert(RETRY_AFTER, HeaderValue::from(seconds));
     }
     answer

@@ -54,6 +54,12 @@ impl Origins {
         Ok(())
     }
 
+    /// The host of an origin that browsers reach over TLS.
+    pub fn secure_host(origin: &str) -> Option<String> {
+        let uri: axum::http::Uri = origin.parse().ok()?;
+        (uri.scheme_str() == Some("https")).then(|| uri.host().unwrap_or_default().to_owned())
+    }
+
     /// Whether an `Origin` header names a page of this server.
     pub fn has(&self, origin: &str) -> bool {
         self.origins.iter().any(|known| known == origin)

@@ -19,7 +19,9 @@ pub async fn operator(
     SignedIn(session): SignedIn,
     reader: Reader,
 ) -> Html<String> {
-    Html(view::operator_page(&permitted(&app.published()), &page_context(&app, &session, &reader)))
+    let published = app.published();
+    let seen = app.frames.observe(&published);
+    Html(view::operator_page(&permitted(&published), &seen, &page_context(&app, &session, &reader)))
 }
 
 /// `GET /api/v1/snapshot`

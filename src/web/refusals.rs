@@ -29,7 +29,7 @@ impl Lang {
                 format!("{} has a warning. Acknowledge it first.", name(module))
             }
             (Lang::De, Refusal::Warning { module }) => {
-                format!("{} meldet eine Warnung. Zuerst bestätigen.", name(module))
+                format!("{} meldet eine Warnung. Zuerst quittieren.", name(module))
             }
             (Lang::En, Refusal::NoSuchAlarm(number)) => format!("There is no alarm {number}."),
             (Lang::De, Refusal::NoSuchAlarm(number)) => format!("Es gibt keinen Alarm {number}."),
@@ -39,7 +39,7 @@ impl Lang {
                 format!("{} has nothing to acknowledge.", name(node))
             }
             (Lang::De, Refusal::NothingToAcknowledge(node)) => {
-                format!("Bei {} ist nichts zu bestätigen.", name(node))
+                format!("Bei {} ist nichts zu quittieren.", name(node))
             }
             (Lang::En, Refusal::NoSuchModule(module)) => format!("There is no module {}.", name(module)),
             (Lang::De, Refusal::NoSuchModule(module)) => format!("Es gibt kein Modul {}.", name(module)),
@@ -100,11 +100,11 @@ impl Lang {
             }
             Refusal::Countermeasure(Kind::ManeuverStop) => (
                 "A stop is requested. Mend the cause and acknowledge it.",
-                "Ein Anhalten ist angefordert. Ursache beheben und bestätigen.",
+                "Ein Anhalten ist angefordert. Ursache beheben und quittieren.",
             ),
             Refusal::Countermeasure(Kind::Decelerate) => (
                 "The vehicle is being slowed down. Mend the cause and acknowledge it.",
-                "Das Fahrzeug wird verzögert. Ursache beheben und bestätigen.",
+                "Das Fahrzeug wird verzögert. Ursache beheben und quittieren.",
             ),
             Refusal::DisplayNotLive => (
                 "The display is not up to date. Wait for it, then try again.",

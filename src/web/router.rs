@@ -17,7 +17,7 @@ use tower_http::timeout::TimeoutLayer;
 use super::guard::Access::{Asset, Open, Roles, Session};
 use super::guard::{Access, AccessTable, guard};
 use super::state::AppState;
-use super::{demo, developer, headers, login, pages, socket};
+use super::{demo, developer, headers, login, pages, socket, vehicle};
 use crate::store::Role::{Authority, Developer, Operator};
 
 /// The largest body of a request.
@@ -42,9 +42,24 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_post("/login", Open, login::login),
         on_post("/logout", Session, login::logout),
         on_get("/ws", Session, socket::page),
+        on_post("/vehicle/localize", Roles(&[Operator]), vehicle::localize),
+        on_post("/vehicle/clearance", Roles(&[Operator]), vehicle::clearance),
+        on_post("/vehicle/clearance/confirm", Roles(&[Operator]), vehicle::confirm),
+        on_post("/vehicle/stop", Roles(&[Operator]), vehicle::stop),
+        on_post("/vehicle/shutdown", Roles(&[Operator]), login::shutdown),
+        // Ids hold slashes: these end in `/acknowledge` and `/reset`.
+        on_post("/alarms/{*path}", Roles(&[Operator]), vehicle::acknowledge),
+        on_post("/modules/{*path}", Roles(&[Operator]), vehicle::reset),
         on_get("/developer", Roles(&[Developer, Authority]), developer::statuses),
         on_get("/developer/why", Roles(&[Developer, Authority]), developer::why),
+        on_get("/developer/graph", Roles(&[Developer, Authority]), developer::graph),
+        on_get("/developer/timeline", Roles(&[Developer, Authority]), developer::timeline),
+        on_get("/developer/masking", Roles(&[Developer, Authority]), developer::masking),
+        on_get("/developer/coverage", Roles(&[Developer, Authority]), developer::coverage),
+        on_get("/developer/topics", Roles(&[Developer, Authority]), developer::topics),
+        on_get("/developer/live", Roles(&[Developer, Authority]), socket::pulse),
         on_get("/developer/configuration", Roles(&[Developer, Authority]), developer::configuration),
+        on_get("/developer/audit", Roles(&[Developer, Authority]), developer::audit),
         on_post("/developer/configuration/reload", Roles(&[Developer]), developer::reload),
         on_get("/api/v1/snapshot", Session, pages::snapshot),
         on_get("/api/v1/stream", Session, socket::stream),

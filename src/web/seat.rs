@@ -5,11 +5,24 @@ use std::time::Duration;
 use tokio::time::{MissedTickBehavior, interval};
 
 use super::state::{AppState, is_seated};
-use crate::engine::input::OperatorAction;
+use crate::engine::input::{OperatorAction, Response};
 use crate::engine::model::Stage;
-use crate::store::StoreError;
+use crate::engine::time::{Span, Timestamp};
+use crate::store::audit::{Action, Record, TELLTALE};
+use crate::store::{Role, Session, SessionKind, StoreError};
 
 const CHECK_EVERY: Duration = Duration::from_millis(500);
+
+/// A developer who does nothing for this long has gone away from an open page. An operator's work
+/// is to watch, so the display in the vehicle never ends for that.
+pub const DEVELOPER_IDLE_MAX: Span = Span::from_secs(15 * 60);
+
+/// Whether a session is over because its holder does nothing.
+pub fn has_idled_out(session: &Session, now: Timestamp) -> bool {
+    session.role == Role::Developer
+        && session.kind == SessionKind::Person
+        && session.idle(now) >= DEVELOPER_IDLE_MAX
+}
 
 /// Runs for as long as the server does.
 pub async fn watch(app: AppState) {
@@ -29,21 +42,28 @@ pub async fn watch(app: AppState) {
 }
 
 async fn check(app: &AppState) -> Result<(), StoreError> {
+    app.audit_omitted().await;
     for session in app.store.sessions() {
-        if app.has_expired(&session) {
+        if session.kind == SessionKind::Person && app.has_expired(&session) {
+            let why = if has_idled_out(&session, app.clock.now()) { "idle" } else { "expired" };
             app.store.end_session(&session).await?;
+            let record = Record::of(Action::SessionEnded, TELLTALE).on(why);
+            app.audit_or_log(record.by(&*session.user, session.role)).await;
         }
     }
+    let _seat = app.seat.lock().await;
     let snapshot = app.published().snapshot;
     // A vehicle that drives keeps its operator; the engine would refuse anyway.
-    if snapshot.operator.is_none() || snapshot.stage == Stage::Active {
+    let Some(operator) = snapshot.operator.as_deref().filter(|_| snapshot.stage != Stage::Active) else {
         return Ok(());
-    }
+    };
     if !app.store.sessions().iter().any(|session| is_seated(session, &snapshot)) {
         tracing::info!("the operator has no session any more: the vehicle is locked");
-        // An engine that does not answer is asked again at the next check.
-        if app.command(OperatorAction::Logout).await.is_ok() {
+        // An engine that does not answer, or refuses, is asked again at the next check.
+        if app.command(OperatorAction::Logout).await == Ok(Response::Done) {
             app.store.leave_seat().await?;
+            let record = Record::of(Action::Logout, TELLTALE).by(operator, Role::Operator);
+            app.audit_or_log(record.on("no session any more")).await;
         }
     }
     Ok(())

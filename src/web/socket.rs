@@ -64,6 +64,19 @@ pub async fn stream(
     open(app, session, &reader, upgrade, Feed::Snapshots)
 }
 
+/// `GET /developer/live`
+pub async fn pulse(
+    State(app): State<AppState>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+    query: Result<Query<PageQuery>, QueryRejection>,
+    upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
+) -> Response {
+    let asked = query.ok().and_then(|Query(query)| query.lang);
+    let lang = asked.as_deref().and_then(Lang::from_word).unwrap_or(reader.lang);
+    open(app, session, &reader, upgrade, Feed::Pulse { lang })
+}
+
 fn open(
     app: AppState,
     session: Session,
@@ -90,6 +103,8 @@ enum Feed {
     Page { lang: Lang, shown: Option<u64> },
     /// Whole snapshots as JSON.
     Snapshots,
+    /// Beats alone, which say what there is to ask for.
+    Pulse { lang: Lang },
 }
 
 struct Connection {
@@ -164,11 +179,13 @@ impl Connection {
                 let message = news(&frame, *shown);
                 *shown = Some(frame.revision());
                 self.seq = frame.seq();
+                self.place.sent(self.seq, self.app.clock.now());
                 match message {
                     Some(message) => self.line.send(Message::Text(message)).await,
                     None => Ok(()),
                 }
             }
+            Feed::Pulse { .. } => Ok(()),
             Feed::Snapshots => {
                 let json = self.app.frames.json(published);
                 self.line.send(Message::Text(json)).await
@@ -179,10 +196,16 @@ impl Connection {
     /// Says that this server and its engine live. A page that hears nothing is covered by its own
     /// script, so nothing is said while the engine is silent.
     async fn beat(&mut self, number: u64) -> Result<(), Ending> {
-        if let Feed::Page { .. } = self.feed
-            && self.app.is_engine_alive()
-        {
-            let beat = frame::beat(number, self.seq, self.app.clock.wall());
+        let beat = match self.feed {
+            _ if !self.app.is_engine_alive() => None,
+            Feed::Page { .. } => {
+                self.place.sent(self.seq, self.app.clock.now());
+                Some(frame::beat(number, self.seq, self.app.clock.wall()))
+            }
+            Feed::Pulse { lang } => Some(frame::pulse(number, &self.app.published(), lang)),
+            Feed::Snapshots => None,
+        };
+        if let Some(beat) = beat {
             self.line.send(Message::Text(beat)).await?;
         }
         if number.is_multiple_of(BEATS_PER_PING) { self.line.ping().await } else { Ok(()) }
@@ -199,7 +222,7 @@ impl Connection {
                 if shown > self.seq {
                     return Err(Ending::Nonsense);
                 }
-                self.place.confirm(shown, self.app.clock.now());
+                self.place.confirm(shown);
                 Ok(())
             }
             (Message::Text(_) | Message::Binary(_), _) => Err(Ending::Nonsense),

@@ -7,18 +7,24 @@ use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::timeout;
 
+use super::audit::Limit;
 use super::demo::DemoFaults;
 use super::displays::Displays;
+use super::enrolled::Enrolled;
 use super::frame::Frames;
 use super::origins::Origins;
+use super::pending::PendingClearance;
+use super::seat::has_idled_out;
 use super::throttle::Throttle;
+use super::view::Trends;
 use crate::clock::Clock;
+use crate::engine::discovery::Discovery;
 use crate::engine::input::{OperatorAction, Response};
 use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Span;
 use crate::runtime::{self, Command, Link, Published, Reread};
-use crate::store::{Role, Session, Store, Token};
+use crate::store::{History, Role, Session, Store, Token};
 
 /// The engine answers in well under a millisecond; one that takes this long hangs.
 const COMMAND_TIMEOUT: Duration = Duration::from_secs(2);
@@ -32,10 +38,16 @@ pub struct Settings {
     pub origins: Origins,
     /// Browsers come over TLS: cookies are for that alone.
     pub secure: bool,
+    /// Where a PIN will do.
+    pub enrolled: Enrolled,
     /// Switches of the simulated shuttle; `None` on a vehicle.
     pub demo: Option<DemoFaults>,
     /// Who reads the configuration's file again; `None` where it comes from no file.
     pub rereads: Option<mpsc::Sender<Reread>>,
+    /// What happened; `None` where it cannot be kept.
+    pub history: Option<History>,
+    /// What DDS discovery sees; `None` without DDS.
+    pub discovery: Option<watch::Receiver<Arc<Discovery>>>,
 }
 
 /// Shared by all requests; clones are the same.
@@ -50,7 +62,14 @@ pub struct Shared {
     pub settings: Settings,
     pub frames: Frames,
     pub displays: Displays,
+    pub trends: Trends,
+    pub pending: PendingClearance,
     pub throttle: Mutex<Throttle>,
+    pub(super) audit_limit: Mutex<Limit>,
+    /// Held while the audit log is read.
+    pub(super) audit_readers: tokio::sync::Mutex<()>,
+    /// Held while somebody takes the operator's seat or leaves it.
+    pub(super) seat: tokio::sync::Mutex<()>,
     /// Turns true when the server ends.
     pub closing: watch::Sender<bool>,
 }
@@ -69,7 +88,12 @@ impl AppState {
             settings,
             frames: Frames::default(),
             displays: Displays::default(),
+            trends: Trends::default(),
+            pending: PendingClearance::default(),
             throttle: Mutex::default(),
+            audit_limit: Mutex::default(),
+            audit_readers: tokio::sync::Mutex::default(),
+            seat: tokio::sync::Mutex::default(),
             closing: watch::channel(false).0,
         }))
     }
@@ -103,6 +127,9 @@ impl Shared {
 
     /// Whether a session is over. The operator of a vehicle that drives keeps it.
     pub fn has_expired(&self, session: &Session) -> bool {
+        if has_idled_out(session, self.clock.now()) {
+            return true;
+        }
         let published = self.link.snapshots.borrow();
         let drives = published.snapshot.stage == Stage::Active && is_seated(session, &published.snapshot);
         session.expires <= self.clock.now() && !drives

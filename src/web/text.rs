@@ -1,26 +1,29 @@
 //! The words of the pages. A word that lacks a language does not compile.
 
-use crate::engine::model::{ACTIVE_SIGNAL, Stage, Text};
+use crate::engine::model::{ACTIVE_SIGNAL, POSED_SIGNAL, Stage, Text};
 use crate::engine::snapshot::NotRelevant;
 use crate::engine::state::State;
 use crate::web::view::Lang;
 use crate::web::view::clean::{NAME, clean};
 
 macro_rules! words {
-    ($($key:ident: $en:literal, $de:literal;)*) => {
+    ($table:ident; $($key:ident: $en:literal, $de:literal;)*) => {
         /// Fixed words of one language.
         #[derive(Debug)]
-        pub struct Words { $(pub $key: &'static str,)* }
+        pub struct $table { $(pub $key: &'static str,)* }
 
-        static EN: Words = Words { $($key: $en,)* };
-        static DE: Words = Words { $($key: $de,)* };
+        static EN: $table = $table { $($key: $en,)* };
+        static DE: $table = $table { $($key: $de,)* };
 
         #[cfg(test)]
         const ALL: &[(&str, &str, &str)] = &[$((stringify!($key), $en, $de),)*];
     };
 }
 
+pub(super) use words;
+
 words! {
+    Words;
     ok: "Okay", "Okay";
     warning: "Warning", "Warnung";
     error: "Error", "Fehler";
@@ -83,7 +86,15 @@ words! {
     login_text: "Log in to see the vehicle.", "Anmelden, um das Fahrzeug zu sehen.";
     login_wrong: "Name or PIN is wrong.", "Name oder PIN ist falsch.";
     login_unavailable: "Logins cannot be checked now. Try again.", "Anmeldung zurzeit nicht prüfbar. Noch einmal versuchen.";
+    login_pin_elsewhere: "A PIN works at the displays in the vehicle only. Here a password is needed.", "Eine PIN gilt nur an den Anzeigen im Fahrzeug. Hier ist ein Passwort nötig.";
+    login_take_over: "Take over", "Übernehmen";
     login_no_users: "No user exists yet. On the vehicle: telltale user add NAME --role operator", "Noch kein Benutzer. Auf dem Fahrzeug: telltale user add NAME --role operator";
+    display: "Display", "Anzeige";
+    pad_digits: "Digits", "Ziffern";
+    pad_letters: "Letters", "Buchstaben";
+    pad_erase: "Delete the last one", "Letztes löschen";
+    not_in_seat: "Somebody else leads the vehicle. Log in again to take over.", "Jemand anderes führt das Fahrzeug. Zum Übernehmen neu anmelden.";
+    refused_stale: "Things have changed since this was shown. Look again.", "Die Lage hat sich seit der Anzeige geändert. Neu hinsehen.";
     login_demo: "Demo: operator with PIN 246810", "Demo: operator mit PIN 246810";
     back: "Back to the vehicle", "Zurück zum Fahrzeug";
 
@@ -103,46 +114,6 @@ words! {
     can_loss_text: "The vehicle bus falls silent.", "Der Fahrzeugbus verstummt.";
     low_battery: "Low battery", "Batterie schwach";
     low_battery_text: "A warning that stops nothing.", "Eine Warnung, die nichts anhält.";
-
-    dev_locked: "Locked: no diagnosis is shown before an operator logs in.", "Gesperrt: Keine Diagnose, bevor sich jemand anmeldet.";
-    dev_reception: "Reception troubles", "Störungen des Empfangs";
-    dev_reception_none: "None since the start.", "Keine seit dem Start.";
-    dev_counters: "Counters", "Zähler";
-    dev_signals: "Signals", "Signale";
-    dev_signals_none: "The configuration names none.", "Die Konfiguration nennt keine.";
-    dev_modules: "Modules", "Module";
-    dev_topic: "Topic", "Topic";
-    dev_kind: "Kind", "Art";
-    dev_count: "Count", "Anzahl";
-    dev_last: "Last", "Zuletzt";
-    dev_text: "Text", "Text";
-    dev_state: "Shown", "Gezeigt";
-    dev_own: "Own", "Eigener";
-    dev_module: "Module", "Modul";
-    dev_since: "Since", "Seit";
-    dev_age: "Age", "Alter";
-    dev_message: "Message", "Meldung";
-    dev_values: "Values", "Werte";
-    dev_class: "Class", "Klasse";
-    dev_never: "never", "nie";
-    dev_malformed: "malformed", "fehlerhaft";
-    dev_wrong_type: "wrong type", "falscher Typ";
-    dev_lost: "lost", "verloren";
-    dev_arrays: "arrays", "Arrays";
-    dev_statuses: "statuses", "Status";
-    dev_dropped: "dropped names", "verworfene Namen";
-    dev_unknown_signals: "unknown signals", "unbekannte Signale";
-    dev_samples: "watched messages", "beobachtete Nachrichten";
-    dev_dropped_samples: "of another configuration", "einer anderen Konfiguration";
-    dev_back: "Back to the overview", "Zurück zur Übersicht";
-    dev_configuration: "Configuration", "Konfiguration";
-    dev_config_same: "The file means the same as what runs.", "Die Datei bedeutet dasselbe wie das, was läuft.";
-    dev_config_differs: "The file differs from what runs", "Die Datei weicht von dem ab, was läuft";
-    dev_config_taken: "The file was taken. This has changed", "Die Datei wurde übernommen. Das hat sich geändert";
-    dev_config_refused: "The file cannot be used; what runs stays", "Die Datei ist unbrauchbar; was läuft, bleibt";
-    dev_config_warnings: "What can happen with it and should not", "Was damit geschehen kann und nicht sollte";
-    dev_config_take: "Take it", "Übernehmen";
-    dev_late: "The server does not answer: this page is old.", "Der Server antwortet nicht: Diese Seite ist alt.";
 }
 
 impl Lang {
@@ -228,6 +199,7 @@ impl Lang {
             NotRelevant::Stage(Stage::Active) => words.not_while_driving,
             NotRelevant::Signal { name, value: false } if &**name == ACTIVE_SIGNAL => words.not_driving,
             NotRelevant::Signal { name, value: true } if &**name == ACTIVE_SIGNAL => words.not_while_driving,
+            NotRelevant::Signal { name, value: false } if &**name == POSED_SIGNAL => self.steps().no_pose,
             NotRelevant::Signal { name, value } => {
                 let name = clean(name, NAME);
                 return match (self, value) {
@@ -310,6 +282,16 @@ impl Lang {
         }
     }
 
+    /// Another operator has the vehicle; the form below asks again and takes it over.
+    pub fn login_seat_taken(self, by: &str) -> String {
+        match self {
+            Lang::En => format!("{by} is the operator. To take over, enter the secret again."),
+            Lang::De => {
+                format!("{by} begleitet die Fahrt. Zum Übernehmen das Geheimnis noch einmal eingeben.")
+            }
+        }
+    }
+
     pub fn login_wait(self, seconds: u64) -> String {
         match self {
             Lang::En => format!("Too many tries. Wait {seconds} s."),
@@ -340,7 +322,7 @@ mod tests {
     use super::*;
 
     /// Words that are the same in both languages, on purpose.
-    const SAME: &[&str] = &["ok", "name", "demo", "live", "dev_topic", "dev_text", "dev_arrays"];
+    const SAME: &[&str] = &["ok", "name", "demo", "live"];
 
     #[test]
     fn every_word_is_said_in_both_languages() {

@@ -10,10 +10,8 @@ from pathlib import Path
 
 from playwright.sync_api import sync_playwright
 
-from vehicle import CHROMIUM, ROOT, Client, Server, own_domain, until
-
-OPERATOR = ("operator", "246810")
-DEPARTURE_S = 40
+from operating import DEMO_OPERATOR, clear, localize, log_in_by_touch, stage, touch_context
+from vehicle import CHROMIUM, ROOT, Client, Server, own_domain
 
 
 def main():
@@ -23,17 +21,16 @@ def main():
         with sync_playwright() as playwright:
             arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
-            page = browser.new_page(viewport={"width": 1280, "height": 800}, locale="en-GB")
-            page.goto(server.url + "/login")
-            page.locator("[name=name]").fill(OPERATOR[0])
-            page.locator("[name=secret]").fill(OPERATOR[1])
-            page.locator("[name=secret]").press("Enter")
-            page.locator("body[data-live=live]").wait_for()
-            client = Client(server, *OPERATOR)
-            until(lambda: client.snapshot()["stage"] == "active", DEPARTURE_S, "departure")
-            client.post("/demo/fault", name="sensor_outage", active="true")
+            page = touch_context(browser, reduced_motion="reduce").new_page()
+            log_in_by_touch(page, server, *DEMO_OPERATOR)
+            localize(page)
+            clear(page)
+            stage(page, "active", 20)
+            Client(server, *DEMO_OPERATOR).post("/demo/fault", name="sensor_outage", active="true")
             page.locator("#tile-sensors[data-state=error]").wait_for()
             page.locator("#tile-execution[data-reason=masked]").wait_for()
+            page.locator("#countermeasure[data-state=engaged]").wait_for()
+            page.wait_for_timeout(1000)
             page.screenshot(path=target)
             browser.close()
     finally:

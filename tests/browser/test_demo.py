@@ -1,4 +1,5 @@
-"""`telltale demo` from the outside: every fault shows as it should, read as a program reads it."""
+"""`telltale demo --drive` from the outside: every fault of the data shows as it should, through real
+DDS and the real monitors, read as a program reads it."""
 
 import contextlib
 import json
@@ -71,7 +72,7 @@ def healthy(snapshot):
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    server = Server(tmp_path_factory.mktemp("demo"), own_domain() + 40, "demo").start()
+    server = Server(tmp_path_factory.mktemp("demo"), own_domain() + 40, "demo", ["--drive"]).start()
     yield server
     assert server.stop() == 0
 
@@ -88,12 +89,15 @@ def stream(demo, client):
     stream.close()
 
 
-def test_a_demo_that_was_put_to_sleep_wakes_up_whole(demo, stream):
+def test_a_demo_that_was_put_to_sleep_wakes_up_whole(demo, client, stream):
     stream.wait(healthy, A_LEG_S, "all is well")
     demo.sleep()
     woken = time.monotonic()
     # Its statuses would be silent for longer than their timeout of 2 s by then.
     stream.wait(lambda s: time.monotonic() - woken > 4 and healthy(s), 10, "all is well again")
+    # Nothing was heard for a moment, in the middle of a drive: the shuttle was asked to slow down.
+    acknowledge_all(client)
+    stream.wait(lambda s: not s["countermeasures"], 5, "countermeasures are released")
 
 
 class Faults:
@@ -102,6 +106,19 @@ class Faults:
 
     def set(self, name, active):
         self.client.post("/demo/fault", name=name, active="true" if active else "false")
+
+    def over(self, name, stream):
+        """Ends the fault and releases the countermeasure that it led to: the shuttle drives on."""
+        self.set(name, False)
+        seen = stream.wait(healthy, 10, "all is well again")
+        acknowledge_all(self.client)
+        return seen
+
+
+def acknowledge_all(client):
+    snapshot = client.snapshot()
+    for alarm in snapshot["alarms"]:
+        client.post(f"/alarms/{alarm['id']}/acknowledge", version=snapshot["seq"])
 
 
 @pytest.fixture
@@ -118,8 +135,11 @@ def test_a_stalled_planner_matters_only_while_driving(stream, faults):
     seen = stream.wait(lambda s: state(s, "planning") == "error", 2, "Planning in ERROR")
     assert roots(seen[-1]) == ["planning/planner_submitted"]
     assert masked_by(seen[-1], "execution") == ["planning/planner_submitted"]
-    faults.set("planner_stall", False)
+    measure = stream.wait(lambda s: s["countermeasures"], 2, "a countermeasure")[-1]["countermeasures"][0]
+    assert (measure["request"], measure["mps2"]) == ("decelerate", 1.0), measure
+    faults.over("planner_stall", stream)
     stream.wait(lambda s: s["stage"] == "active" and healthy(s), 10, "all is well while driving")
+    stream.wait(lambda s: not s["countermeasures"], 5, "the countermeasure is released")
 
 
 def test_in_a_sensor_outage_localization_shows_it_first_and_then_waits_for_the_cause(stream, faults):
@@ -133,8 +153,7 @@ def test_in_a_sensor_outage_localization_shows_it_first_and_then_waits_for_the_c
     last = stream.wait(lambda s: masked_by(s, "localization") == [cause], 1, "Localization waits")[-1]
     assert roots(last) == [cause]
     assert group(last, "localization")["own"] == "error"
-    faults.set("sensor_outage", False)
-    seen = stream.wait(healthy, 10, "all is well again")
+    seen = faults.over("sensor_outage", stream)
     after = [snapshot for snapshot in seen if state(snapshot, "sensors") != "error"]
     assert not any(root for snapshot in after for root in roots(snapshot)), brief(after)
 
@@ -157,6 +176,5 @@ def test_a_fault_shows_at_its_group_and_what_depends_on_it_waits(stream, faults,
         f"{group_name} in {shown}, {waits} wait",
     )
     assert roots(seen[-1]) == ([cause] if cause else [])
-    faults.set(fault, False)
-    seen = stream.wait(healthy, 10, "all is well again")
+    seen = faults.over(fault, stream)
     assert {root for snapshot in seen for root in roots(snapshot)} <= {cause}, brief(seen)

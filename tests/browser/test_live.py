@@ -1,10 +1,14 @@
 """A display that cannot lie: it says by itself when the server is not there."""
 
+import json
 import signal
+import urllib.error
 
+import pytest
 from playwright.sync_api import expect
 
 from test_operator import expect_standing, log_in
+from vehicle import OPERATOR, Client, until
 
 WATCH = """() => {
   window.liveLog = [];
@@ -52,3 +56,38 @@ def test_a_server_that_was_killed_is_found_again_without_a_new_login(server, veh
     assert live_s < 2, f"live {live_s:.2f} s after the server answered, {answers_ms - started_ms:.0f} ms to start"
     expect_standing(page)
     trouble.expect("WebSocket", "ERR_CONNECTION_REFUSED", "htmx:ws:error")
+
+
+def test_a_renderer_that_hangs_is_noticed_by_the_server_and_forbids_a_clearance(server, vehicle, page, trouble):
+    log_in(page, server)
+    expect_standing(page)
+    client = Client(server, *OPERATOR)
+    # The engine raises it within a heartbeat after the 2 s.
+    page.evaluate("() => void setTimeout(() => { const end = performance.now() + 5000; while (performance.now() < end); })")
+    until(lambda: "telltale/display" in states(client.snapshot()), 4, "the server notices")
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        client.post("/vehicle/clearance", version=client.snapshot()["seq"])
+    reasons = json.load(refused.value)["refused"]
+    assert refused.value.code == 409 and any("display" in reason.lower() for reason in reasons), reasons
+    until(lambda: "telltale/display" not in states(client.snapshot()), 10, "the display is back")
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+
+
+def states(snapshot):
+    """The modules of the diagnosis itself that are not OK."""
+    system = [group for group in snapshot["groups"] if group["id"] == "telltale"]
+    return {module["id"] for group in system for module in group["modules"] if module["state"] != "ok"}
+
+
+def test_a_dropped_socket_is_opened_again_and_shows_what_happened_meanwhile(server, vehicle, page, trouble):
+    page.add_init_script(
+        "window.sockets = []; window.WebSocket = class extends WebSocket {"
+        " constructor(...words) { super(...words); window.sockets.push(this); } };"
+    )
+    log_in(page, server)
+    expect_standing(page)
+    page.evaluate("() => window.sockets.at(-1).close()")
+    vehicle.set("velodyne_packet_alive", 2, "Only 2.0 scans per second")
+    expect(page.locator("#tile-sensors")).to_have_attribute("data-state", "error")
+    expect(page.locator("body")).to_have_attribute("data-live", "live", timeout=2_000)
+    assert page.evaluate("() => window.sockets.length") == 2

@@ -34,6 +34,9 @@ def expect_tile(page, name, state, reason=None):
 
 def expect_standing(page):
     """Logged in at a stop: all is well, and nobody asks the planner."""
+    expect(page.locator("body")).to_have_attribute("data-stage", re.compile("localizing|standby"))
+    if page.locator("body").get_attribute("data-stage") == "localizing":
+        page.locator("#actions button[name=localize]").first.click()
     expect(page.locator("body")).to_have_attribute("data-stage", "standby")
     expect(page.locator("body")).to_have_attribute("data-live", "live")
     for name in TILES:

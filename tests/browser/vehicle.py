@@ -20,7 +20,8 @@ ROOT = Path(__file__).resolve().parents[2]
 TELLTALE = os.environ.get("TELLTALE", str(ROOT / "target/debug/telltale"))
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium")
 PYTHON = sys.executable
-CONFIG = ROOT / "config/shuttle.yaml"
+# The vehicle of these tests speaks on /diagnostics alone.
+CONFIG = ROOT / "config/self-diagnosing-shuttle.yaml"
 OPERATOR = ("anna", "975310")
 STARTUP_S = 20
 
@@ -51,8 +52,9 @@ def own_domain():
 class Server:
     """`telltale serve` or `telltale demo` on a port and a data folder of its own."""
 
-    def __init__(self, folder, domain, command="serve"):
-        self.folder, self.domain, self.command = folder, domain, command
+    def __init__(self, folder, domain, command="serve", flags=(), config=CONFIG):
+        self.folder, self.domain, self.command, self.flags = folder, domain, command, flags
+        self.config = config
         self.port = free_port()
         self.url = f"http://127.0.0.1:{self.port}"
         self.process = None
@@ -62,9 +64,9 @@ class Server:
         subprocess.run(words, input=f"{secret}\n{secret}\n", text=True, check=True, capture_output=True, timeout=30)
 
     def start(self):
-        words = [TELLTALE, self.command, "--listen", f"127.0.0.1:{self.port}", "--domain", str(self.domain)]
+        words = [TELLTALE, self.command, "--listen", f"127.0.0.1:{self.port}", "--domain", str(self.domain), *self.flags]
         if self.command == "serve":
-            words += ["--config", str(CONFIG), "--data", str(self.folder), "--interface", "127.0.0.1"]
+            words += ["--config", str(self.config), "--data", str(self.folder), "--interface", "127.0.0.1"]
         self.log = open(self.folder / f"{self.command}.log", "ab")
         self.process = subprocess.Popen(words, stdout=self.log, stderr=self.log, stdin=subprocess.DEVNULL)
         until(self.answers, STARTUP_S, lambda: f"the server answers\n{self.read_log()}")

@@ -17,7 +17,7 @@ It needs PyPI `cyclonedds` 11. Every command prints {"ready": true} first.
     {"raw": "000100..."}              these very bytes, the encapsulation included
     {"wait_matched": 1, "timeout": 10}    until that many readers match; prints {"matched": n}
 Any of them may have `"cut": n` (only the first n bytes), `"times": n` and `"age_s": n` (stamped so long ago). Each
-write prints {"written": bytes}. The byte order is always that of this machine: Cyclone writes the encapsulation. At the end of input it waits until all was acknowledged and prints {"done": true}.
+write prints {"written": bytes, "at_ns": when, on the monotonic clock}; `sub` prints that of the receipt. The byte order is always that of this machine: Cyclone writes the encapsulation. At the end of input it waits until all was acknowledged and prints {"done": true}.
 """
 
 import argparse
@@ -33,6 +33,10 @@ TYPES = {
     "DiagnosticArray": wire.DIAGNOSTIC_ARRAY,
     "Bool": wire.BOOL,
     "String": wire.STRING,
+    "DiagnosticStatus": wire.STATUS,
+    "TwistStamped": wire.TWIST_STAMPED,
+    "AccelStamped": wire.ACCEL_STAMPED,
+    "PoseWithCovarianceStamped": wire.POSE_WITH_COVARIANCE_STAMPED,
     "ParticipantEntitiesInfo": wire.PARTICIPANT_ENTITIES_INFO,
 }
 
@@ -170,9 +174,10 @@ def publish(lib, participant, options):
             say(matched=wait_matched(writer, command["wait_matched"], command.get("timeout", 20)))
             continue
         data = encode(command, gid)
+        at_ns = time.monotonic_ns()
         for _ in range(command.get("times", 1)):
             write(lib, writer, data, command.get("age_s", 0))
-        say(written=len(data))
+        say(written=len(data), at_ns=at_ns)
     say(done=acknowledged(lib, writer))
 
 
@@ -185,14 +190,18 @@ def subscribe(lib, participant, options):
         type_name = TYPES.get(type_name, type_name) or wire.DIAGNOSTIC_ARRAY
         topic = make_topic(lib, participant, name, type_name)
         readers.append((name, wire.READ[type_name], lib.sub.DataReader(participant, topic, qos=make_qos(lib, options))))
+    waitset = lib.core.WaitSet(participant)
+    for _, _, reader in readers:
+        waitset.attach(lib.core.ReadCondition(reader, any_state))
     say(ready=True)
     while True:
+        waitset.wait(lib.util.duration(seconds=1))
+        at_ns = time.monotonic_ns()
         for name, read, reader in readers:
             taken = lib.clayer.ddspy_take(reader._ref, any_state, 100)
             for data, info in taken if isinstance(taken, list) else []:
                 if info.valid_data:
-                    say(topic=name, bytes=len(data), value=read(data))
-        time.sleep(0.005)
+                    say(topic=name, bytes=len(data), value=read(data), at_ns=at_ns)
 
 
 def load(lib, participant, options):

@@ -10,6 +10,10 @@ import struct
 DIAGNOSTIC_ARRAY = "diagnostic_msgs::msg::dds_::DiagnosticArray_"
 BOOL = "std_msgs::msg::dds_::Bool_"
 STRING = "std_msgs::msg::dds_::String_"
+STATUS = "diagnostic_msgs::msg::dds_::DiagnosticStatus_"
+TWIST_STAMPED = "geometry_msgs::msg::dds_::TwistStamped_"
+ACCEL_STAMPED = "geometry_msgs::msg::dds_::AccelStamped_"
+POSE_WITH_COVARIANCE_STAMPED = "geometry_msgs::msg::dds_::PoseWithCovarianceStamped_"
 PARTICIPANT_ENTITIES_INFO = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
 
 
@@ -68,6 +72,15 @@ class Reader:
         self.at += count
         return bytes(self.data[self.at - count : self.at])
 
+    def f64s(self, count):
+        self.at += -self.at % 8
+        values = struct.unpack_from(f"{self.order}{count}d", self.data, self.at)
+        self.at += 8 * count
+        return list(values)
+
+    def header(self):
+        return {"stamp": [self.u32(), self.u32()], "frame_id": self.string()}
+
 
 def pairs(values):
     return list(values.items()) if isinstance(values, dict) else [tuple(pair) for pair in values or []]
@@ -94,19 +107,33 @@ def diagnostic_array(statuses, stamp=(0, 0), frame_id=""):
 
 def read_diagnostic_array(data):
     source = Reader(data)
-    stamp = [source.u32(), source.u32()]
-    frame_id = source.string()
-    statuses = []
-    for _ in range(source.u32()):
-        status = {
-            "level": source.u8(),
-            "name": source.string(),
-            "message": source.string(),
-            "hardware_id": source.string(),
-        }
-        status["values"] = [[source.string(), source.string()] for _ in range(source.u32())]
-        statuses.append(status)
-    return {"stamp": stamp, "frame_id": frame_id, "statuses": statuses}
+    header = source.header()
+    return header | {"statuses": [status(source) for _ in range(source.u32())]}
+
+
+def status(source):
+    found = {
+        "level": source.u8(),
+        "name": source.string(),
+        "message": source.string(),
+        "hardware_id": source.string(),
+    }
+    return found | {"values": [[source.string(), source.string()] for _ in range(source.u32())]}
+
+
+def read_status(data):
+    return status(Reader(data))
+
+
+def read_motion(data):
+    """TwistStamped and AccelStamped alike."""
+    source = Reader(data)
+    return source.header() | {"linear": source.f64s(3), "angular": source.f64s(3)}
+
+
+def read_pose(data):
+    source = Reader(data)
+    return source.header() | {"position": source.f64s(3), "orientation": source.f64s(4)}
 
 
 def boolean(value):
@@ -170,5 +197,9 @@ READ = {
     DIAGNOSTIC_ARRAY: read_diagnostic_array,
     BOOL: read_boolean,
     STRING: read_text,
+    STATUS: read_status,
+    TWIST_STAMPED: read_motion,
+    ACCEL_STAMPED: read_motion,
+    POSE_WITH_COVARIANCE_STAMPED: read_pose,
     PARTICIPANT_ENTITIES_INFO: read_participant_entities_info,
 }

@@ -2,6 +2,7 @@
 
 mod countermeasures;
 mod dds;
+mod driving;
 mod evaluation;
 mod fields;
 mod hostile;

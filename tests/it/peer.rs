@@ -88,8 +88,13 @@ impl Peer {
 
     /// Sends a command and waits until it is done.
     pub fn write(&mut self, command: &Value) {
+        self.tell_and_expect(command, "written");
+    }
+
+    /// Sends a command and waits for the line that has this key.
+    pub fn tell_and_expect(&mut self, command: &Value, key: &str) -> Value {
         self.tell(command);
-        self.expect("written");
+        self.expect(key)
     }
 
     /// Waits until so many readers match.

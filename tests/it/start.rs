@@ -56,7 +56,19 @@ fn a_port_in_use_and_an_address_of_others_are_told() {
     let serve = ["serve", "--config", SHUTTLE, "--data", data, "--interface", "loopback", "--listen"];
     refuses(&[&serve[..], &[&*address]].concat(), &[&address, "is in use", "--listen"]);
     refuses(&["demo", "--listen", &address], &[&address, "is in use", "--listen"]);
-    refuses(&[&serve[..], &["203.0.113.9:8080"]].concat(), &["no address 203.0.113.9", "--listen"]);
+    let foreign = [&serve[..], &["203.0.113.9:8080", "--insecure-http"]].concat();
+    refuses(&foreign, &["no address 203.0.113.9", "--listen"]);
+}
+
+#[test]
+fn plain_http_beyond_this_machine_has_to_be_asked_for_by_name() {
+    let data = folder("plain");
+    let data = data.to_str().expect("the path is text");
+    let said = ["is beyond this machine", "--tls-cert", "telltale tls self-signed", "--insecure-http"];
+    for listen in ["0.0.0.0:0", "[::]:0", "203.0.113.9:8080"] {
+        refuses(&["serve", "--config", SHUTTLE, "--data", data, "--listen", listen], &said);
+        refuses(&["demo", "--listen", listen], &said);
+    }
 }
 
 #[test]
@@ -88,4 +100,104 @@ fn an_origin_that_is_none_is_told() {
         &[&serve[..], &["--origin", "here"]].concat(),
         &["--origin", "\"here\" is no origin", "https://"],
     );
+}
+
+/// Runs `telltale user ...` with a secret on standard input.
+fn user(words: &[&str], secret: &str) -> Output {
+    use std::io::Write as _;
+    let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
+    command.arg("user").args(words).stdin(std::process::Stdio::piped());
+    let mut child = command
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .expect("it runs");
+    let mut input = child.stdin.take().expect("it is piped");
+    // A command that asks for nothing may have ended already.
+    let _ = write!(input, "{secret}\n{secret}\n");
+    drop(input);
+    child.wait_with_output().expect("it ends")
+}
+
+#[test]
+fn only_the_first_user_makes_a_database() {
+    let folder = folder("typo").join("nowhere");
+    let _ = std::fs::remove_dir_all(&folder);
+    let data = folder.to_str().expect("the path is text");
+    for words in [
+        &["user", "list"][..],
+        &["user", "passwd", "anna"],
+        &["user", "remove", "anna"],
+        &["user", "tokens"],
+        &["user", "token", "anna"],
+        &["audit", "verify"],
+    ] {
+        refuses(&[words, &["--data", data]].concat(), &["there is no database", "nowhere", "--data"]);
+        assert!(!folder.exists(), "{words:?} made {data}");
+    }
+}
+
+#[test]
+fn users_and_tokens_are_made_on_the_command_line_and_recorded() {
+    let folder = folder("users");
+    let _ = std::fs::remove_dir_all(&folder);
+    let data = folder.to_str().expect("the path is text");
+    let long = "x".repeat(65);
+    for (name, role, secret, good) in [
+        ("anna", "operator", "975310", true),
+        ("dora", "developer", "a long password", true),
+        ("dora", "developer", "a long password", false),
+        ("<b>x", "operator", "975310", false),
+        ("a b", "operator", "975310", false),
+        (&long, "operator", "975310", false),
+        ("short", "developer", "975310", false),
+    ] {
+        let added = user(&["add", name, "--role", role, "--data", data], secret);
+        assert_eq!(added.status.success(), good, "{name} {role}: {added:?}");
+    }
+    let token = user(&["token", "dora", "--label", "dashboard", "--data", data], "");
+    let token = String::from_utf8(token.stdout).expect("it is text");
+    assert!(token.trim().len() == 64, "the token alone is on standard output: {token:?}");
+    refuses(&["user", "token", "anna", "--data", data], &["anna is an operator"]);
+    let tokens = telltale(&["user", "tokens", "--data", data]);
+    let listed = String::from_utf8_lossy(&tokens.stdout).into_owned();
+    assert!(listed.contains("dashboard") && !listed.contains(token.trim()), "{listed}");
+    let file = std::fs::read(folder.join("telltale.db-wal")).unwrap_or_default();
+    let file = [std::fs::read(folder.join("telltale.db")).expect("it is there"), file].concat();
+    assert!(!file.windows(64).any(|it| it == token.trim().as_bytes()), "the token lies on the disk");
+    assert!(
+        user(&["role", "dora", "--role", "authority", "--data", data], "another password").status.success()
+    );
+    assert!(telltale(&["user", "tokens", "--data", data]).stdout.is_empty(), "tokens end with the role");
+
+    let verified = telltale(&["audit", "verify", "--data", data]);
+    let said = String::from_utf8_lossy(&verified.stdout).into_owned();
+    assert!(verified.status.success() && said.contains("4 records"), "{said}");
+    let foreign = format!("3:{}", "0".repeat(64));
+    let other = telltale(&["audit", "verify", "--data", data, "--head", &foreign]);
+    let said = String::from_utf8_lossy(&other.stdout).into_owned();
+    assert!(other.status.code() == Some(1) && said.contains("record 3"), "{said}");
+    refuses(&["audit", "verify", "--data", data, "--head", "3"], &["a head is a number, a colon"]);
+}
+
+#[test]
+fn a_certificate_that_cannot_be_used_is_told_before_anything_listens() {
+    let folder = folder("tls");
+    let data = folder.to_str().expect("the path is text");
+    let made = telltale(&["tls", "self-signed", "--replace", "--name", "shuttle-1.example", "--data", data]);
+    assert!(made.status.success(), "{made:?}");
+    let [certificate, key] = ["tls-cert.pem", "tls-key.pem"].map(|name| format!("{data}/{name}"));
+    let serve =
+        ["serve", "--config", SHUTTLE, "--listen", "127.0.0.1:0", "--interface", "loopback", "--data", data];
+    let with = |more: &[&str], said: &[&str]| refuses(&[&serve[..], more].concat(), said);
+    with(&["--tls-cert", &certificate], &["--tls-key"]);
+    with(&["--tls-cert", &key, "--tls-key", &key], &["tls-key.pem", "holds no certificate"]);
+    with(&["--tls-cert", &certificate, "--tls-key", "/nowhere.pem"], &["/nowhere.pem", "cannot be read"]);
+    let origin = ["--tls-cert", &certificate, "--tls-key", &key, "--origin", "https://shuttle-2.example"];
+    with(
+        &origin,
+        &["--origin https://shuttle-2.example", "does not name shuttle-2.example", "shuttle-1.example"],
+    );
+    with(&["--display", "shuttle"], &["is no display", "loopback"]);
+    refuses(&["tls", "self-signed", "--data", data], &["tls-cert.pem is there already", "--replace"]);
 }

@@ -14,8 +14,9 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("runtime", &["engine", "clock"]),
     ("ros", &["engine", "clock"]),
     ("store", &["engine", "clock"]),
-    ("sim", &["engine", "clock", "yaml"]),
-    ("web", &["engine", "clock", "runtime", "store"]),
+    ("picture", &["engine"]),
+    ("sim", &["engine", "clock", "yaml", "picture"]),
+    ("web", &["engine", "clock", "runtime", "store", "picture"]),
 ];
 
 /// Words that must not stand in the pure core.

@@ -2,7 +2,7 @@ mod samples;
 
 use super::*;
 use crate::engine::state::State;
-use crate::sim::strips::{Segment, Strip};
+use crate::picture::strips::{Segment, Strip};
 
 /// Failures of a scenario, one line each: `line: message`, or what is wrong with the file.
 #[track_caller]

@@ -7,6 +7,7 @@ use super::Writer;
 use crate::engine::sample::Pose;
 
 pub const ACCEL_STAMPED: &str = "geometry_msgs/msg/AccelStamped";
+pub const BATTERY_STATE: &str = "sensor_msgs/msg/BatteryState";
 pub const FLOAT64: &str = "std_msgs/msg/Float64";
 pub const OCCUPANCY_GRID: &str = "nav_msgs/msg/OccupancyGrid";
 pub const ODOMETRY: &str = "nav_msgs/msg/Odometry";
@@ -83,6 +84,24 @@ pub fn twist_stamped(head: Header<'_>, velocity: Motion) -> Vec<u8> {
     body(|writer| {
         header(writer, head);
         motion(writer, velocity);
+    })
+}
+
+/// `sensor_msgs/BatteryState`: the charge from 0 to 1, as it is; what is not measured is no number.
+pub fn battery_state(head: Header<'_>, charge: f32, voltage_v: f32, current_a: f32) -> Vec<u8> {
+    const NOT_MEASURED: f32 = f32::NAN;
+    const DISCHARGES: u8 = 2;
+    const GOOD: u8 = 1;
+    const LITHIUM_IRON: u8 = 4;
+    body(|writer| {
+        header(writer, head);
+        let measured = [voltage_v, NOT_MEASURED, current_a, NOT_MEASURED, NOT_MEASURED, NOT_MEASURED, charge];
+        measured.into_iter().for_each(|value| writer.f32(value));
+        [DISCHARGES, GOOD, LITHIUM_IRON, 1].into_iter().for_each(|value| writer.u8(value));
+        count(writer, 0);
+        count(writer, 0);
+        writer.string("");
+        writer.string("");
     })
 }
 

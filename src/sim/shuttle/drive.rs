@@ -1,68 +1,150 @@
 //! The journey: standing at a stop, driving to the next one, and again.
 
-const STOPS: [&str; 3] = ["Depot", "Main Station", "Campus"];
-/// Length of the way from each stop to the next.
-const LEGS_M: [f64; 3] = [200.0, 210.0, 195.0];
-const BOARDING_MS: u64 = 10_000;
-/// The first stop is longer, so that somebody who has just started the demo can log in.
-const FIRST_BOARDING_MS: u64 = 20_000;
+use super::obedience::Obedience;
+use super::route::{Place, Route};
+
+/// From the arrival until the mission names the next goal.
+const BOARDING_MS: u64 = 5_000;
+/// A shuttle that drives by itself stands longer: nobody hurries it, and somebody who has just
+/// started to watch wants to see it stand.
+const BOARDING_ALONE_MS: u64 = 7_500;
+const FIRST_BOARDING_ALONE_MS: u64 = 17_500;
 /// The planner starts before the shuttle does: its checks are settled when they begin to matter.
 const PLANNER_LEAD_MS: u64 = 2_500;
 /// The planner outlives the arrival a little: its last words must not race the end of the drive.
 const PLANNER_TRAIL_MS: u64 = 500;
-const SPEED_MPS_MAX: f64 = 5.0;
+const SPEED_MPS_MAX: f64 = 7.0;
 const ACCELERATION_MPS2: f64 = 1.0;
+/// Without a trajectory it rolls to a halt.
+const ROLL_OUT_MPS2: f64 = 0.5;
 /// The last centimetres are crept, or the braking curve would never end.
 const CREEP_MPS: f64 = 0.2;
 
+/// Who says when the shuttle may leave a stop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Departure {
+    /// Nobody: it leaves by itself.
+    Alone,
+    /// The operator, by a clearance for each journey.
+    Cleared,
+}
+
 #[derive(Debug, Clone)]
 pub(super) struct Drive {
+    route: Route,
+    departure: Departure,
     /// The stop where it stands or which it left last.
     stop: usize,
     phase: Phase,
+    cleared: bool,
+    /// A clearance that was given and is not used up.
+    fresh: bool,
+    pub obedience: Obedience,
     pub speed_mps: f64,
     pub odometer_m: f64,
 }
 
 #[derive(Debug, Clone, Copy)]
 enum Phase {
-    Boarding { elapsed_ms: u64, total_ms: u64 },
-    Driving { left_m: f64 },
+    /// No goal yet.
+    Boarding {
+        elapsed_ms: u64,
+        total_ms: u64,
+    },
+    /// There is a goal, and the shuttle may not leave yet.
+    Waiting,
+    /// It may; the planner begins.
+    Departing {
+        elapsed_ms: u64,
+    },
+    Driving {
+        left_m: f64,
+        since_ms: u64,
+    },
 }
 
 impl Drive {
-    pub fn new() -> Drive {
-        let phase = Phase::Boarding { elapsed_ms: PLANNER_TRAIL_MS, total_ms: FIRST_BOARDING_MS };
-        Drive { stop: 0, phase, speed_mps: 0.0, odometer_m: 0.0 }
+    pub fn new(route: Route, departure: Departure) -> Drive {
+        let total_ms = match departure {
+            Departure::Alone => FIRST_BOARDING_ALONE_MS,
+            Departure::Cleared => BOARDING_MS,
+        };
+        Drive {
+            route,
+            departure,
+            stop: 0,
+            phase: Phase::Boarding { elapsed_ms: PLANNER_TRAIL_MS, total_ms },
+            cleared: false,
+            fresh: false,
+            obedience: Obedience::default(),
+            speed_mps: 0.0,
+            odometer_m: 0.0,
+        }
     }
 
-    /// `has_plan`: a fresh trajectory is there. Without one the shuttle brakes and waits.
-    pub fn step(&mut self, step_ms: u64, has_plan: bool) {
-        match &mut self.phase {
-            Phase::Boarding { elapsed_ms, total_ms } => {
-                *elapsed_ms += step_ms;
-                if *elapsed_ms >= *total_ms {
-                    self.phase = Phase::Driving { left_m: LEGS_M[self.stop] };
-                }
+    /// One clearance is good for one journey: only one that was not there before counts.
+    pub fn clear(&mut self, cleared: bool) {
+        self.fresh = cleared && (self.fresh || !self.cleared);
+        self.cleared = cleared;
+    }
+
+    /// `located`: the shuttle knows where it is, or the mission names no goal. `has_plan`: a fresh
+    /// trajectory is there. Without one the shuttle brakes and waits.
+    pub fn step(&mut self, step_ms: u64, located: bool, has_plan: bool) {
+        let braking_mps2 = self.obedience.step(step_ms);
+        match self.phase {
+            Phase::Boarding { elapsed_ms, total_ms } if elapsed_ms < total_ms => {
+                let elapsed_ms = elapsed_ms + if located { step_ms } else { 0 };
+                self.phase = Phase::Boarding { elapsed_ms, total_ms };
             }
-            Phase::Driving { left_m } => {
+            Phase::Boarding { .. } => self.phase = Phase::Waiting,
+            Phase::Waiting if self.departure == Departure::Alone || self.fresh => {
+                self.phase = Phase::Departing { elapsed_ms: 0 };
+            }
+            Phase::Waiting => {}
+            Phase::Departing { .. } if self.departure == Departure::Cleared && !self.fresh => {
+                self.phase = Phase::Waiting;
+            }
+            Phase::Departing { elapsed_ms } if elapsed_ms < PLANNER_LEAD_MS => {
+                self.phase = Phase::Departing { elapsed_ms: elapsed_ms + step_ms };
+            }
+            Phase::Departing { .. } => {
+                self.phase = Phase::Driving { left_m: self.route.length_m(self.stop), since_ms: 0 };
+            }
+            Phase::Driving { left_m, since_ms } => {
                 let step_s = step_ms as f64 / 1000.0;
-                let wanted = if has_plan {
-                    (2.0 * ACCELERATION_MPS2 * *left_m).sqrt().clamp(CREEP_MPS, SPEED_MPS_MAX)
-                } else {
-                    0.0
-                };
-                let change = ACCELERATION_MPS2 * step_s;
-                self.speed_mps += (wanted - self.speed_mps).clamp(-change, change);
+                self.speed_mps = self.next_speed(step_s, left_m, has_plan, braking_mps2);
                 self.odometer_m += self.speed_mps * step_s;
-                *left_m -= self.speed_mps * step_s;
-                if *left_m <= 0.0 {
-                    self.speed_mps = 0.0;
-                    self.stop = (self.stop + 1) % STOPS.len();
-                    self.phase = Phase::Boarding { elapsed_ms: 0, total_ms: BOARDING_MS };
+                let left_m = left_m - self.speed_mps * step_s;
+                self.phase = Phase::Driving { left_m, since_ms: since_ms + step_ms };
+                if left_m <= 0.0 {
+                    self.arrive();
                 }
             }
         }
+    }
+
+    fn next_speed(&self, step_s: f64, left_m: f64, has_plan: bool, braking_mps2: Option<f64>) -> f64 {
+        let (wanted, brake_mps2) = if has_plan {
+            let curve = (2.0 * ACCELERATION_MPS2 * left_m).sqrt().clamp(CREEP_MPS, SPEED_MPS_MAX);
+            (curve, ACCELERATION_MPS2)
+        } else {
+            (0.0, ROLL_OUT_MPS2)
+        };
+        let change = (wanted - self.speed_mps).clamp(-brake_mps2 * step_s, ACCELERATION_MPS2 * step_s);
+        let limit = braking_mps2.map_or(f64::INFINITY, |mps2| self.speed_mps - mps2 * step_s);
+        (self.speed_mps + change).min(limit).max(0.0)
+    }
+
+    fn arrive(&mut self) {
+        let total_ms = match self.departure {
+            Departure::Alone => BOARDING_ALONE_MS,
+            Departure::Cleared => BOARDING_MS,
+        };
+        self.speed_mps = 0.0;
+        self.fresh = false;
+        self.stop = self.route.next(self.stop);
+        self.phase = Phase::Boarding { elapsed_ms: 0, total_ms };
     }
 
     /// It drives by itself. True until the arrival, also while it waits on the way.
@@ -72,33 +154,61 @@ impl Drive {
 
     pub fn planner_runs(&self) -> bool {
         match self.phase {
-            Phase::Driving { .. } => true,
-            Phase::Boarding { elapsed_ms, total_ms } => {
-                elapsed_ms < PLANNER_TRAIL_MS || elapsed_ms + PLANNER_LEAD_MS >= total_ms
-            }
+            Phase::Driving { .. } | Phase::Departing { .. } => true,
+            Phase::Boarding { elapsed_ms, .. } => elapsed_ms < PLANNER_TRAIL_MS,
+            Phase::Waiting => false,
         }
+    }
+
+    /// Where the mission wants to go next, while it waits to go there.
+    pub fn goal(&self) -> Option<Place> {
+        let waits = matches!(self.phase, Phase::Waiting | Phase::Departing { .. });
+        waits.then(|| self.route.place(self.route.next(self.stop), 0.0))
+    }
+
+    /// Where the shuttle is in truth.
+    pub fn place(&self) -> Place {
+        let left_m = self.left_m().unwrap_or(f64::INFINITY);
+        self.route.place(self.stop, self.route.length_m(self.stop) - left_m)
+    }
+
+    /// Where it will be so much farther on, at the next stop at most.
+    pub fn ahead(&self, way_m: f64) -> Place {
+        let along_m = self.left_m().map_or(0.0, |left_m| self.route.length_m(self.stop) - left_m);
+        self.route.place(self.stop, along_m + way_m)
     }
 
     /// The way that is left to the next stop; none while standing at one.
     pub fn left_m(&self) -> Option<f64> {
         match self.phase {
-            Phase::Driving { left_m } => Some(left_m),
-            Phase::Boarding { .. } => None,
+            Phase::Driving { left_m, .. } => Some(left_m),
+            _ => None,
         }
     }
 
-    pub fn departs_in_s(&self) -> Option<u64> {
+    /// For how long it has been on its way.
+    pub fn driving_ms(&self) -> u64 {
         match self.phase {
-            Phase::Driving { .. } => None,
-            Phase::Boarding { elapsed_ms, total_ms } => Some((total_ms - elapsed_ms).div_ceil(1000)),
+            Phase::Driving { since_ms, .. } => since_ms,
+            _ => 0,
         }
     }
 
-    pub fn here(&self) -> &'static str {
-        STOPS[self.stop]
+    /// The mission's word for how far it is.
+    pub fn state(&self) -> &'static str {
+        match self.phase {
+            Phase::Boarding { .. } => "boarding",
+            Phase::Waiting => "waiting",
+            Phase::Departing { .. } => "departing",
+            Phase::Driving { .. } => "driving",
+        }
     }
 
-    pub fn next(&self) -> &'static str {
-        STOPS[(self.stop + 1) % STOPS.len()]
+    pub fn here(&self) -> &str {
+        self.route.name(self.stop)
+    }
+
+    pub fn next(&self) -> &str {
+        self.route.name(self.route.next(self.stop))
     }
 }

@@ -7,9 +7,10 @@ use humantime::format_rfc3339_millis;
 use serde::ser::{Serialize, SerializeMap, SerializeStruct, Serializer};
 
 use crate::clock::wall_at;
+use crate::engine::countermeasure::Request;
 use crate::engine::input::TroubleKind;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
-use crate::engine::snapshot::{Alarm, NotRelevant, Path, Reason, RootCause, Snapshot};
+use crate::engine::snapshot::{Alarm, Countermeasure, NotRelevant, Path, Reason, RootCause, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use crate::runtime::Published;
@@ -78,9 +79,35 @@ impl Serialize for Wire<'_> {
         wire.serialize_field("roots", &List(|| snapshot.roots.iter().map(|root| Root(context, root))))?;
         let alarms = || snapshot.alarms.iter().map(|alarm| AlarmEntry(context, alarm));
         wire.serialize_field("alarms", &List(alarms))?;
-        wire.serialize_field::<[(); 0]>("countermeasures", &[])?;
+        let measures = || snapshot.countermeasures.iter().map(|measure| Measure(context, measure));
+        wire.serialize_field("countermeasures", &List(measures))?;
         wire.serialize_field("counters", &Counts(context))?;
         wire.end()
+    }
+}
+
+struct Measure<'a>(&'a Context<'a>, &'a Countermeasure);
+
+impl Serialize for Measure<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let Measure(context, it) = *self;
+        let mps2 = match it.request {
+            Request::Decelerate { mps2 } => Some(mps2),
+            Request::Notify | Request::ManeuverStop => None,
+        };
+        // The first cause is the one that the page names; a stop may be the operator's alone.
+        let cause = it.causes.first().map_or("operator", |cause| context.name(cause.node));
+        let mut measure = serializer.serialize_struct("countermeasure", 8)?;
+        measure.serialize_field("request", it.request.as_str())?;
+        measure.serialize_field("mps2", &mps2)?;
+        measure.serialize_field("cause", cause)?;
+        measure.serialize_field("state", it.state.as_str())?;
+        measure.serialize_field("by_operator", &it.by_operator)?;
+        measure.serialize_field("since", &context.wall(it.since))?;
+        measure
+            .serialize_field("causes", &List(|| it.causes.iter().map(|cause| context.name(cause.node))))?;
+        measure.serialize_field("held", &it.latched)?;
+        measure.end()
     }
 }
 

@@ -13,6 +13,7 @@ use axum::extract::ws::Utf8Bytes;
 
 pub use html::Frame;
 
+use super::versions::{Seen, Versions};
 use super::view::{self, Lang};
 use crate::engine::model::Stage;
 use crate::engine::persistent::PersistentVec;
@@ -25,6 +26,7 @@ use crate::runtime::Published;
 pub struct Frames {
     html: [Mutex<Option<Arc<Frame>>>; Lang::ALL.len()],
     json: Mutex<Option<(Arc<Snapshot>, Utf8Bytes)>>,
+    versions: Versions,
 }
 
 impl Frames {
@@ -35,13 +37,19 @@ impl Frames {
             Some(frame) if frame.revision() >= published.snapshot.revision => frame.clone(),
             before => {
                 let Published { snapshot, .. } = published;
-                let fragments = view::fragments(&permitted(published), lang);
+                let seen = self.observe(published);
+                let fragments = view::fragments(&permitted(published), &seen, lang);
                 let frame =
                     Arc::new(Frame::new(snapshot.seq, snapshot.revision, fragments, before.as_deref()));
                 *latest = Some(frame.clone());
                 frame
             }
         }
+    }
+
+    /// The versions by which commands about this snapshot are given.
+    pub fn observe(&self, published: &Published) -> Seen {
+        self.versions.observe(&published.snapshot)
     }
 
     /// The snapshot as JSON (`DESIGN.md` 4).
@@ -54,6 +62,7 @@ impl Frames {
                 json.clone()
             }
             _ => {
+                self.observe(published);
                 let json = Utf8Bytes::from(json::encode(&permitted(published)));
                 *latest = Some((published.snapshot.clone(), json.clone()));
                 json
@@ -67,6 +76,17 @@ pub fn beat(number: u64, seq: u64, at: SystemTime) -> Utf8Bytes {
     Utf8Bytes::from(format!("{{\"beat\":{number},\"seq\":{seq},\"at\":\"{}\"}}", json::rfc3339(at)))
 }
 
+/// A sign of life for a page that asks for what it shows: what there is to ask for, and the stage.
+pub fn pulse(number: u64, published: &Published, lang: Lang) -> Utf8Bytes {
+    let Published { snapshot, at } = permitted(published);
+    let (stage, overall) = (snapshot.stage, snapshot.overall);
+    let pulse = serde_json::json!({
+        "beat": number, "seq": snapshot.seq, "revision": snapshot.revision, "at": json::rfc3339(at),
+        "stage": stage.as_str(), "overall": overall.as_str(), "word": lang.stage(stage, overall),
+    });
+    Utf8Bytes::from(pulse.to_string())
+}
+
 /// What may be shown: everything, but in the stage `locked` nothing that tells of the vehicle's
 /// parts (`ENGINE.md` 9). Every page and every frame is made from this.
 pub fn permitted(published: &Published) -> Published {
@@ -77,6 +97,7 @@ pub fn permitted(published: &Published) -> Published {
     let layout = Layout {
         vehicle_id: snapshot.layout.vehicle_id.clone(),
         vehicle_name: snapshot.layout.vehicle_name.clone(),
+        stops: Arc::new([]),
         groups: Vec::new(),
         modules: Vec::new(),
     };

@@ -1,49 +1,54 @@
 //! What is wrong, in the operator's words: root causes first, then what is only a warning or
-//! unknown. The list has the room of the reference display and says what it leaves out.
+//! unknown, then alarms that are over and wait to be acknowledged. The list has the room of the
+//! reference display and counts what it leaves out.
 
 use askama::Template;
 
-use crate::engine::model::{GroupId, ModuleId, NodeId};
-use crate::engine::snapshot::{Reason, RootCause};
+use crate::engine::model::NodeId;
 use crate::engine::state::State;
-use crate::engine::time::Timestamp;
 
-use super::clean::{ID, MESSAGE, clean};
-use super::{Fragment, View, html};
+use super::clean::{ID, address, clean};
+use super::entries::Entry;
+use super::fit::{LARGE, LARGE_EM, SMALL, SMALL_EM, lines};
+use super::{Fragment, View, html, measure};
+use crate::web::steps::StepWords;
 use crate::web::text::Words;
+use crate::web::versions::Matter;
 
 /// Height of the list on the reference display in pixels, below its heading.
 const ROOM: usize = 472;
+/// What the buttons below the list, and a countermeasure's banner, take of it.
+const BUTTONS: usize = 88 + GAP;
+const BANNER: usize = 92;
 const GAP: usize = 12;
-/// Heights of lines, and how many letters' heights a line is wide.
-const LARGE: usize = 36;
-const SMALL: usize = 29;
-const LARGE_EM: f64 = 9.9;
-const SMALL_EM: f64 = 13.2;
-const SPACE_EM: f64 = 0.26;
-
-/// One entry of the list.
-struct Entry {
-    node: NodeId,
-    state: State,
-    title: String,
-    message: String,
-    place: String,
-    since: Timestamp,
-    waits: String,
-    masks: u32,
-    help: String,
-}
+/// Entries on the sheet; more are counted.
+const SHEET_MAX: usize = 40;
 
 #[derive(Template)]
 #[template(path = "partials/causes.html")]
 struct CausesHtml {
     words: &'static Words,
+    steps: &'static StepWords,
     swap: bool,
+    /// Numbers of the alarms that are there: the page sounds once for each that is new.
+    alarms: String,
+    last_alarm: u64,
     entries: Vec<EntryHtml>,
-    more: Option<String>,
+    more: Option<usize>,
     /// What to say where the list is empty, and whether that is good news.
     calm: Option<(bool, String)>,
+    acknowledge: Option<AcknowledgeHtml>,
+}
+
+/// The one button: it acknowledges what stands first of all that is not.
+struct AcknowledgeHtml {
+    /// As a part of an address.
+    address: String,
+    id: String,
+    version: u64,
+    title: String,
+    /// Which one is meant is said where several wait.
+    named: bool,
 }
 
 struct EntryHtml {
@@ -52,7 +57,8 @@ struct EntryHtml {
     state: &'static str,
     icon: &'static str,
     word: &'static str,
-    full: bool,
+    waiting: bool,
+    over: bool,
     masks: u32,
     title: String,
     message: String,
@@ -62,202 +68,124 @@ struct EntryHtml {
     help: String,
 }
 
-pub fn causes(view: &View<'_>) -> Fragment {
-    let mut entries: Vec<Entry> = view.snapshot.roots.iter().map(|root| of_root(view, root)).collect();
-    lesser(view, &mut entries);
-    let (shown, full) = fitting(&entries);
-    let more = entries.len() - shown;
-    let calm = entries.is_empty().then(|| calm(view));
-    let entries = entries.into_iter().take(shown).enumerate();
+pub fn causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
+    let acknowledge = acknowledge(view, entries);
+    let banner = if measure::has_banner(view) { BANNER } else { 0 };
+    let fits = fitting(entries, ROOM - banner, acknowledge.is_some());
+    let more = entries.len() - fits.shown;
+    let entry = |(index, entry)| {
+        let html = of_entry(view, entry);
+        let waits = if index < fits.waits { html.waits } else { String::new() };
+        let message = if index < fits.messages { html.message } else { String::new() };
+        EntryHtml { waits, message, ..html }
+    };
+    let alarms = view.snapshot.alarms.iter().filter(|alarm| alarm.active);
+    let calm = entries.iter().all(|entry| entry.over).then(|| calm(view));
     let html = html(&CausesHtml {
         words: view.words,
+        steps: view.lang.steps(),
         swap: view.swap,
-        entries: entries.map(|(index, entry)| of_entry(view, entry, index < full)).collect(),
-        more: (more > 0).then(|| view.lang.and_more(more)),
+        alarms: alarms.map(|alarm| alarm.id.to_string()).collect::<Vec<_>>().join(" "),
+        last_alarm: view.snapshot.last_alarm,
+        entries: entries[..fits.shown].iter().enumerate().map(entry).collect(),
+        more: (more > 0).then_some(more),
         calm,
+        acknowledge,
     });
     Fragment { id: "causes".to_owned(), html }
 }
 
-fn of_root(view: &View<'_>, root: &RootCause) -> Entry {
-    let state = view.snapshot.shown(root.node).0;
-    let mut entry = match root.node {
-        NodeId::Module(id) => of_module(view, id, state),
-        NodeId::Group(id) => of_group(view, id, state, view.words.no_member.to_owned()),
-    };
-    let own = view.board.tile_of(root.node);
-    let waiting = view.board.tiles.iter().enumerate().filter(|&(tile, &id)| {
-        let reason = &view.snapshot.group(id).1.reason;
-        Some(tile) != own && matches!(reason, Some(Reason::Masked { by }) if by.contains(&root.node))
+#[derive(Template)]
+#[template(path = "partials/all_causes.html")]
+struct AllCausesHtml {
+    words: &'static Words,
+    swap: bool,
+    entries: Vec<EntryHtml>,
+    more: Option<String>,
+}
+
+/// The whole list, for the sheet.
+pub fn all_causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
+    let more = entries.len().saturating_sub(SHEET_MAX);
+    let html = html(&AllCausesHtml {
+        words: view.words,
+        swap: view.swap,
+        entries: entries.iter().take(SHEET_MAX).map(|entry| of_entry(view, entry)).collect(),
+        more: (more > 0).then(|| view.lang.and_more(more)),
     });
-    entry.waits = match (waiting.count(), root.masks) {
-        (0, 0) => String::new(),
-        (0, masks) => view.lang.modules_wait(masks as usize),
-        (tiles, _) => view.lang.others_wait(tiles),
+    Fragment { id: "all-causes".to_owned(), html }
+}
+
+fn acknowledge(view: &View<'_>, entries: &[Entry]) -> Option<AcknowledgeHtml> {
+    view.snapshot.operator.as_ref()?;
+    let mut waiting = entries.iter().filter_map(|entry| Some((entry, entry.acknowledge.as_ref()?)));
+    let (entry, target) = waiting.next()?;
+    Some(AcknowledgeHtml {
+        address: address(&target.id),
+        id: clean(&target.id, ID),
+        version: view.seen.of(target.matter),
+        title: entry.title.clone(),
+        named: waiting.next().is_some() || entries.first().is_some_and(|first| first.acknowledge.is_none()),
+    })
+}
+
+/// How many entries are shown, and how many of them with what waits, and with their message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Fitting {
+    shown: usize,
+    waits: usize,
+    messages: usize,
+}
+
+/// What has room, by an estimate of its lines. The first entry always has, and each that is shown
+/// has what to do about it; then what waits counts for more than the message.
+fn fitting(entries: &[Entry], room: usize, button: bool) -> Fitting {
+    let (whole, rest) = if button { (room - BUTTONS, room - BUTTONS) } else { (room, room - BUTTONS) };
+    let height = |count: usize| entries[..count].iter().map(|entry| GAP + height_brief(entry)).sum::<usize>();
+    // The whole list needs no button that counts the rest.
+    let fits = |count: &usize| height(*count) <= GAP + if *count == entries.len() { whole } else { rest };
+    let shown = (0..=entries.len()).rev().find(fits).unwrap_or(0).max(usize::from(!entries.is_empty()));
+    let room = if shown == entries.len() { whole } else { rest };
+    let mut free = (room + GAP).saturating_sub(height(shown));
+    let mut grown = |words: fn(&Entry) -> &str| {
+        let grows = |entry: &&Entry| {
+            let more = SMALL * lines(words(entry), SMALL_EM, 2);
+            let fits = more <= free;
+            free = free.saturating_sub(more);
+            fits
+        };
+        entries[..shown].iter().take_while(grows).count()
     };
-    Entry { since: root.since, masks: root.masks, ..entry }
-}
-
-fn of_module(view: &View<'_>, id: ModuleId, state: State) -> Entry {
-    let (info, module) = view.snapshot.module(id);
-    let title = view.fault(id, state);
-    let message = clean(&module.report.message, MESSAGE);
-    let node = NodeId::Module(id);
-    Entry {
-        node,
-        state,
-        // Where the message is the title already, or belongs to what was heard before the silence.
-        message: if message == title || state == State::Unknown { String::new() } else { message },
-        title,
-        // The title of what is unknown names the component already.
-        place: if state == State::Unknown { view.label(info) } else { view.tile_name(node) },
-        since: module.since,
-        waits: String::new(),
-        masks: 0,
-        help: if state == State::Unknown { String::new() } else { view.help(node) },
-    }
-}
-
-fn of_group(view: &View<'_>, id: GroupId, state: State, message: String) -> Entry {
-    let node = NodeId::Group(id);
-    Entry {
-        node,
-        state,
-        title: view.group_name(id),
-        message,
-        place: String::new(),
-        since: view.snapshot.group(id).1.since,
-        waits: String::new(),
-        masks: 0,
-        help: String::new(),
-    }
-}
-
-/// Adds what is visible and not okay without being a root: several of one kind in one component
-/// are one entry. A component that shows a fault which nothing inside it explains is one itself.
-fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
-    let roots: Vec<NodeId> = view.snapshot.roots.iter().map(|root| root.node).collect();
-    let mut found = Vec::new();
-    for id in view.watched() {
-        let modules = view.modules_of(id);
-        for state in [State::Error, State::Unknown, State::Warning] {
-            let visible = |&module: &ModuleId| view.snapshot.module(module).1.state == state;
-            let of_state: Vec<ModuleId> = modules
-                .iter()
-                .copied()
-                .filter(|module| visible(module) && !roots.contains(&NodeId::Module(*module)))
-                .collect();
-            match *of_state {
-                [] => {}
-                [one] => found.push(of_module(view, one, state)),
-                _ => {
-                    let count = view.lang.times(of_state.len(), state);
-                    let since = of_state.iter().map(|&module| view.snapshot.module(module).1.since);
-                    let since = since.min().unwrap_or(view.snapshot.now);
-                    found.push(Entry { since, ..of_group(view, id, state, count) });
-                }
-            }
-        }
-        let (_, group) = view.snapshot.group(id);
-        let faulty = !matches!(group.state, State::Ok | State::Ignore);
-        let mut said = roots.iter().copied().chain(found.iter().map(|entry| entry.node));
-        let tile = view.board.tile_of(NodeId::Group(id));
-        if faulty && !said.any(|node| node == NodeId::Group(id) || view.board.tile_of(node) == tile) {
-            found.push(of_group(view, id, group.state, view.lang.state(group.state).to_owned()));
-        }
-    }
-    found.sort_by_key(|entry| std::cmp::Reverse(entry.state));
-    entries.extend(found);
-}
-
-/// How many entries have room, and how many of them with all their words, by an estimate of their
-/// lines. The first always has.
-fn fitting(entries: &[Entry]) -> (usize, usize) {
-    let shown = shown(entries);
-    let mut free = ROOM.saturating_sub(entries[..shown].iter().map(|entry| GAP + height_brief(entry)).sum());
-    if shown < entries.len() {
-        free = free.saturating_sub(SMALL);
-    }
-    let grows = |entry: &&Entry| {
-        let more = height_full(entry) - height_brief(entry);
-        let fits = more <= free;
-        free = free.saturating_sub(more);
-        fits
-    };
-    let full = entries[..shown].iter().take_while(grows).count();
-    (shown, full.max(1))
-}
-
-fn shown(entries: &[Entry]) -> usize {
-    let mut height = 0;
-    for (index, entry) in entries.iter().enumerate() {
-        height += if index == 0 { height_full(entry) } else { GAP + height_brief(entry) };
-        // The last entry needs no line that counts the rest.
-        let room = if index + 1 == entries.len() { ROOM } else { ROOM - GAP - SMALL };
-        if height > room && index > 0 {
-            return index;
-        }
-    }
-    entries.len()
-}
-
-fn height_full(entry: &Entry) -> usize {
-    let small = lines(&entry.message, SMALL_EM, 2) + lines(&entry.waits, SMALL_EM, 2);
-    height_brief(entry) + SMALL * small + 6 + LARGE * lines(&entry.help, LARGE_EM, 8)
+    let waits = grown(|entry| &entry.waits);
+    Fitting { shown, waits, messages: grown(|entry| &entry.message) }
 }
 
 fn height_brief(entry: &Entry) -> usize {
-    let place = if entry.place.is_empty() { &entry.message } else { &entry.place };
     // An icon and how long it lasts share the line.
-    let place = lines(&format!("iiii {place}, seit 00 i"), SMALL_EM, 3);
-    (14 + LARGE * lines(&entry.title, LARGE_EM, 2) + SMALL * place).max(88)
+    let place = lines(&format!("iiii {}, seit 00 i", entry.place), SMALL_EM, 3);
+    let help = lines(&entry.help, LARGE_EM, 8);
+    let title = LARGE * lines(&entry.title, LARGE_EM, 2);
+    (14 + title + SMALL * place + if help > 0 { 6 + LARGE * help } else { 0 }).max(88)
 }
 
-/// How many lines a text takes where one is `em` wide: broken at words, in an average sans serif.
-fn lines(text: &str, em: f64, most: usize) -> usize {
-    let (mut lines, mut used) = (0, em);
-    for word in text.split_whitespace() {
-        let width: f64 = word.chars().map(width).sum();
-        if lines == 0 || used + SPACE_EM + width > em {
-            // A word longer than a line is broken wherever the line ends.
-            lines += (width / em).ceil().max(1.0) as usize;
-            used = width % em;
-        } else {
-            used += SPACE_EM + width;
-        }
-    }
-    lines.min(most)
-}
-
-fn width(letter: char) -> f64 {
-    match letter {
-        'i' | 'j' | 'l' | 'I' | '.' | ',' | ':' | '\'' | '|' | '!' => 0.29,
-        'f' | 'r' | 't' | '(' | ')' | '-' | '/' => 0.4,
-        'm' | 'w' | 'M' | 'W' => 0.88,
-        _ if letter.is_ascii_lowercase() || letter.is_ascii_digit() => 0.58,
-        _ if letter.is_ascii() => 0.68,
-        _ if letter.is_lowercase() => 0.6,
-        _ => 1.0,
-    }
-}
-
-fn of_entry(view: &View<'_>, entry: Entry, full: bool) -> EntryHtml {
+fn of_entry(view: &View<'_>, entry: &Entry) -> EntryHtml {
     let tile = view.board.tile_of(entry.node).map(|tile| view.board.tiles[tile]);
-    let place = if entry.place.is_empty() { entry.message.clone() } else { entry.place };
     EntryHtml {
         node: clean(view.snapshot.node_name(entry.node), ID),
         panel: tile.map(|id| view.snapshot.group(id).0.path.to_string()).unwrap_or_default(),
         state: entry.state.as_str(),
-        icon: super::node::icon(entry.state, None),
-        word: view.lang.state(entry.state),
-        full,
+        icon: if entry.over { "ok" } else { super::node::icon(entry.state, None) },
+        word: if entry.over { view.lang.steps().over } else { view.lang.state(entry.state) },
+        // Only what is an alarm calls.
+        waiting: entry.acknowledge.as_ref().is_some_and(|it| matches!(it.matter, Matter::Alarm(_))),
+        over: entry.over,
         masks: entry.masks,
-        title: entry.title,
-        message: if place == entry.message { String::new() } else { entry.message },
-        place,
+        title: entry.title.clone(),
+        message: entry.message.clone(),
+        place: entry.place.clone(),
         since: view.wall(entry.since),
-        waits: entry.waits,
-        help: entry.help,
+        waits: entry.waits.clone(),
+        help: entry.help.clone(),
     }
 }
 
@@ -272,13 +200,21 @@ fn calm(view: &View<'_>) -> (bool, String) {
     }
 }
 
+/// The tiles whose root causes wait to be acknowledged: they flash.
+pub fn flashes(view: &View<'_>, tile: usize) -> bool {
+    let alarms = view.snapshot.alarms.iter().filter(|alarm| alarm.active && !alarm.acknowledged);
+    let mut nodes = alarms.map(|alarm| alarm.node);
+    nodes.any(|node: NodeId| view.board.tile_of(node) == Some(tile))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::model::GroupId;
+    use crate::engine::time::Timestamp;
 
-    #[test]
-    fn the_first_entry_always_has_room_and_the_list_a_bound() {
-        let entry = |title: &str, help: &str| Entry {
+    fn entry(title: &str, help: &str) -> Entry {
+        Entry {
             node: NodeId::Group(GroupId(0)),
             state: State::Error,
             title: title.to_owned(),
@@ -288,26 +224,22 @@ mod tests {
             waits: "Four others wait".to_owned(),
             masks: 4,
             help: help.to_owned(),
-        };
-        let long = "w".repeat(120);
-        assert_eq!(fitting(&[]), (0, 1));
-        assert_eq!(fitting(&[entry(&long, &long)]), (1, 1));
-        assert_eq!(fitting(&[entry("short", "do"), entry("short", "do")]), (2, 2));
-        let many: Vec<Entry> = (0..50).map(|_| entry("short", "")).collect();
-        assert!(matches!(fitting(&many), (2..=5, 1)), "{:?}", fitting(&many));
+            over: false,
+            acknowledge: None,
+        }
     }
 
     #[test]
-    fn lines_are_estimated_as_a_browser_breaks_them() {
-        for (text, expect) in [
-            ("", 0),
-            ("LiDAR data missing", 1),
-            ("Position ist gesprungen", 2),
-            ("Keine Verbindung zum Fahrzeug", 2),
-            ("Am nächsten sicheren Ort anhalten. Leitstelle rufen.", 4),
-        ] {
-            assert_eq!(lines(text, LARGE_EM, 9), expect, "{text}");
+    fn the_first_entry_always_has_room_and_the_list_a_bound() {
+        let long = "w".repeat(120);
+        let shown = |entries: &[Entry], room, button| fitting(entries, room, button).shown;
+        assert_eq!(shown(&[], ROOM, false), 0);
+        assert_eq!(shown(&[entry(&long, &long)], ROOM, true), 1);
+        let two = fitting(&[entry("short", "do"), entry("short", "do")], ROOM, false);
+        assert_eq!(two, Fitting { shown: 2, waits: 2, messages: 2 });
+        let many: Vec<Entry> = (0..50).map(|_| entry("short", "")).collect();
+        for (room, button) in [(ROOM, false), (ROOM, true), (ROOM - BANNER, true)] {
+            assert!((2..=4).contains(&shown(&many, room, button)), "{:?}", fitting(&many, room, button));
         }
-        assert_eq!(lines(&"w".repeat(500), LARGE_EM, 2), 2);
     }
 }

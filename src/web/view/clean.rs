@@ -1,6 +1,8 @@
 //! Text from outside, made fit for a page. Escaping is the templates' part; this is about what
 //! escaping leaves: invisible characters, reversed direction, marks without end, endless length.
 
+use std::fmt::Write as _;
+
 /// Letters in a name on a tile or in a list.
 pub const NAME: usize = 60;
 /// Letters of a message.
@@ -44,6 +46,27 @@ pub fn clean(text: &str, letters: usize) -> String {
     out
 }
 
+/// `text` as it is laid out, without what cannot be seen: for messages that draw with letters.
+pub fn clean_lines(text: &str) -> String {
+    let seen = |&letter: &char| letter == '\n' || !letter.is_control() && !is_invisible(letter);
+    text.chars().filter(seen).collect()
+}
+
+/// A node's name as a part of an address; slashes stay.
+pub fn address(name: &str) -> String {
+    let mut out = String::with_capacity(name.len());
+    for byte in name.bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' | b'~' | b'/' => {
+                out.push(char::from(byte))
+            }
+            // Writing to a string cannot fail.
+            _ => drop(write!(out, "%{byte:02X}")),
+        }
+    }
+    out
+}
+
 /// Characters that change how others read and are not seen themselves.
 const fn is_invisible(letter: char) -> bool {
     matches!(letter,
@@ -67,6 +90,11 @@ mod tests {
     #[track_caller]
     fn check(text: &str, letters: usize, expect: &str) {
         assert_eq!(clean(text, letters), expect, "{text:?}");
+    }
+
+    #[test]
+    fn an_address_holds_any_name() {
+        assert_eq!(address("can/a b?ä"), "can/a%20b%3F%C3%A4");
     }
 
     #[test]

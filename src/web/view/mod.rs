@@ -6,37 +6,52 @@
 mod arrows;
 mod board;
 mod causes;
+mod checks;
 pub mod clean;
-mod configuration;
 mod detail;
 mod developer;
+mod entries;
+mod fit;
+mod measure;
 mod node;
 mod pages;
 #[cfg(test)]
 mod sample;
+mod step;
 #[cfg(test)]
 mod tests;
 mod tile;
 mod top;
-mod why;
 
 use std::time::{Duration, SystemTime};
 
 use crate::clock::wall_at;
-use crate::engine::model::{NodeId, Stage};
+use crate::engine::input::Refusal;
+use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Timestamp;
-use crate::runtime::{Published, Rereading};
+use crate::runtime::Published;
 use crate::store::Role;
 use crate::web::text::Words;
+use crate::web::versions::Seen;
 use board::Board;
 
+pub use developer::{
+    Asked, AuditPage, Trends, Window, audit_page, configuration_page, coverage_page, developer_page,
+    graph_page, masking_page, timeline_page, topics_page, why_page,
+};
 pub use pages::{demo_page, login_page, message_page, operator_page};
 
 /// Files below `static/` that the login page needs: served without a session, so none of them may
 /// name a part of the vehicle. An entry that ends in `/` names a folder.
-pub const LOGIN_ASSETS: &[&str] =
-    &["telltale.css", "page.js", "icon.svg", "vendor/inter-latin-wght-normal.woff2"];
+pub const LOGIN_ASSETS: &[&str] = &[
+    "telltale.css",
+    "page.js",
+    "pad.js",
+    "icon.svg",
+    "telltale.webmanifest",
+    "vendor/inter-latin-wght-normal.woff2",
+];
 
 /// A language of the pages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -118,16 +133,33 @@ pub struct LoginContext {
 }
 
 /// Why a login did not work. It never says whether the name exists.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum LoginFailure {
     /// The name or the secret is wrong.
     Wrong,
+    /// It is a PIN, and this is no display at which one will do.
+    PinElsewhere,
     /// Too many failures: this many seconds until the next try is looked at.
     Wait { seconds: u64 },
+    /// Another operator has the vehicle; who just proved to be one may take it over.
+    SeatTaken { by: String },
     /// The server can not check logins now.
     Unavailable,
     /// No user exists yet; `telltale user add` makes one.
     NoUsers,
+}
+
+impl LoginFailure {
+    /// For programs and the audit log.
+    pub const fn as_str(&self) -> &'static str {
+        match self {
+            LoginFailure::Wrong => "the name or the secret is wrong",
+            LoginFailure::PinElsewhere => "a PIN will do at the vehicle's own displays only; give a password",
+            LoginFailure::Wait { .. } => "too many failures; wait",
+            LoginFailure::SeatTaken { .. } => "another operator has the vehicle",
+            LoginFailure::Unavailable | LoginFailure::NoUsers => "logins cannot be checked now; try again",
+        }
+    }
 }
 
 /// A fault of the simulated shuttle.
@@ -140,27 +172,18 @@ pub struct DemoFault {
 
 /// Every element of the operator's page that changes with the snapshot, in page order. While the
 /// vehicle is locked that is the top bar alone, which tells the page to leave.
-pub fn fragments(published: &Published, lang: Lang) -> Vec<Fragment> {
-    let view = View::new(published, lang, true);
+pub fn fragments(published: &Published, seen: &Seen, lang: Lang) -> Vec<Fragment> {
+    let view = View { seen: seen.clone(), ..View::new(published, lang, true) };
     if published.snapshot.stage == Stage::Locked {
         return vec![top::top(&view)];
     }
     Parts::of(&view).into_fragments()
 }
 
-/// Everything that was received, dense, for a developer.
-pub fn developer_page(published: &Published, context: &PageContext) -> String {
-    developer::page(&View::new(published, context.lang, false), context)
-}
-
-/// Why one node shows what it shows.
-pub fn why_page(published: &Published, node: NodeId, context: &PageContext) -> String {
-    why::page(&View::new(published, context.lang, false), node, context)
-}
-
-/// What the configuration's file would change, or has changed.
-pub fn configuration_page(read: &Rereading, may_take: bool, context: &PageContext) -> String {
-    configuration::page(read, may_take, context)
+/// Why something was refused, one sentence a reason, by the names that are shown.
+pub fn refusals(published: &Published, lang: Lang, reasons: &[Refusal]) -> Vec<String> {
+    let view = View::new(published, lang, false);
+    reasons.iter().map(|reason| view.sentence(reason)).collect()
 }
 
 /// What all parts of a page are made from.
@@ -172,13 +195,15 @@ struct View<'a> {
     board: Board,
     /// The elements carry the mark by which htmx swaps them in.
     swap: bool,
+    /// The versions by which the buttons are shown.
+    seen: Seen,
 }
 
 impl<'a> View<'a> {
     fn new(published: &'a Published, lang: Lang, swap: bool) -> View<'a> {
         let snapshot = &*published.snapshot;
         let board = Board::of(&snapshot.layout);
-        View { snapshot, at: published.at, lang, words: lang.words(), board, swap }
+        View { snapshot, at: published.at, lang, words: lang.words(), board, swap, seen: Seen::default() }
     }
 
     /// When `then` was, by the wall clock, to the second: the page counts on from there. Finer
@@ -193,29 +218,39 @@ impl<'a> View<'a> {
 /// The elements of the operator's page.
 struct Parts {
     top: Fragment,
+    measure: Fragment,
     arrows: Fragment,
     tiles: Vec<Fragment>,
     causes: Fragment,
-    actions: Fragment,
+    step: Fragment,
+    /// What stands on sheets: stops, checks, causes.
+    stops: Fragment,
+    checks: Fragment,
+    all_causes: Fragment,
     details: Vec<Fragment>,
 }
 
 impl Parts {
     fn of(view: &View<'_>) -> Parts {
+        let entries = entries::entries(view);
         Parts {
             top: top::top(view),
+            measure: measure::measure(view),
             arrows: tile::arrows(view),
             tiles: (0..view.board.tiles.len()).map(|tile| tile::tile(view, tile)).collect(),
-            causes: causes::causes(view),
-            actions: top::actions(view),
+            causes: causes::causes(view, &entries),
+            step: step::step(view),
+            stops: step::all_stops(view),
+            checks: step::all_checks(view),
+            all_causes: causes::all_causes(view, &entries),
             details: (0..view.board.tiles.len()).map(|tile| detail::detail(view, tile)).collect(),
         }
     }
 
     fn into_fragments(self) -> Vec<Fragment> {
-        let mut all = vec![self.top, self.arrows];
+        let mut all = vec![self.top, self.measure, self.arrows];
         all.extend(self.tiles);
-        all.extend([self.causes, self.actions]);
+        all.extend([self.causes, self.step, self.stops, self.checks, self.all_causes]);
         all.extend(self.details);
         all
     }

@@ -67,8 +67,8 @@ impl View<'_> {
             State::Unknown => self.lang.state_unknown(&self.tile_name(NodeId::Module(id))),
             _ => match &info.name {
                 Some(name) => self.lang.pick(name, NAME),
-                None if !view.report.message.trim().is_empty() => clean(&view.report.message, NAME),
-                None => format!("{}: {}", self.label(info), self.lang.state(state)),
+                // What a publisher says is no headline: it may be anything.
+                None => format!("{}: {}", self.tile_name(NodeId::Module(id)), self.lang.state(state)),
             },
         }
     }

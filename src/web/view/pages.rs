@@ -6,7 +6,9 @@ use crate::engine::model::Stage;
 use crate::runtime::Published;
 use crate::store::Role;
 use crate::web::assets;
+use crate::web::steps::StepWords;
 use crate::web::text::Words;
+use crate::web::versions::Seen;
 
 use super::clean::{MESSAGE, NAME, clean};
 use super::{DemoFault, Lang, LoginContext, LoginFailure, PageContext, Palette, Parts, View, html, top};
@@ -24,6 +26,15 @@ impl Frame {
     pub fn new(lang: Lang, palette: Palette) -> Frame {
         let both = Lang::ALL.map(|lang| (lang.as_str(), lang.words()));
         Frame { lang: lang.as_str(), palette: palette.as_str(), words: lang.words(), both }
+    }
+
+    /// The keys of the pad for a PIN, but the last row, and for a name.
+    pub fn digits(&self) -> std::str::Chars<'static> {
+        "123456789".chars()
+    }
+
+    pub fn letters(&self) -> std::str::Chars<'static> {
+        "abcdefghijklmnopqrstuvwxyz0123456789.-_".chars()
     }
 
     /// Where a file of `static/` is found.
@@ -45,22 +56,29 @@ struct OperatorHtml {
     top: String,
     arrows: String,
     tiles: Vec<String>,
+    measure: String,
     causes: String,
-    actions: String,
+    step: String,
+    /// Name, title and content of what a button opens over the board.
+    sheets: [(&'static str, &'static str, String); 3],
+    user: String,
+    steps: [(&'static str, &'static StepWords); 2],
+    role: &'static str,
     /// The path of each tile with what stands behind it.
     panels: Vec<(String, String)>,
 }
 
 /// The operator's screen. In the stage `locked` it is the login: nothing of the vehicle shows.
-pub fn operator_page(published: &Published, context: &PageContext) -> String {
+pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext) -> String {
     if published.snapshot.stage == Stage::Locked {
         let name = String::new();
         let PageContext { lang, palette, demo, .. } = *context;
         return login_page(&LoginContext { lang, palette, name, failure: None, demo });
     }
-    let view = View::new(published, context.lang, false);
+    let view = View { seen: seen.clone(), ..View::new(published, context.lang, false) };
     let parts = Parts::of(&view);
     let paths = view.board.tiles.iter().map(|&id| view.snapshot.group(id).0.path.to_string());
+    let steps = context.lang.steps();
     let text = |fragment: super::Fragment| fragment.html;
     html(&OperatorHtml {
         frame: Frame::new(context.lang, context.palette),
@@ -73,8 +91,17 @@ pub fn operator_page(published: &Published, context: &PageContext) -> String {
         top: parts.top.html,
         arrows: parts.arrows.html,
         tiles: parts.tiles.into_iter().map(text).collect(),
+        measure: parts.measure.html,
         causes: parts.causes.html,
-        actions: parts.actions.html,
+        step: parts.step.html,
+        sheets: [
+            ("stops", steps.where_is_it, parts.stops.html),
+            ("checks", steps.all_checks, parts.checks.html),
+            ("causes", steps.all_causes, parts.all_causes.html),
+        ],
+        user: clean(&context.user, NAME),
+        steps: Lang::ALL.map(|lang| (lang.as_str(), lang.steps())),
+        role: context.role.as_str(),
         panels: paths.zip(parts.details.into_iter().map(text)).collect(),
     })
 }
@@ -85,14 +112,19 @@ struct LoginHtml {
     frame: Frame,
     name: String,
     failure: Option<String>,
+    /// Words of the button, if the login takes the seat over from somebody.
+    take_over: Option<&'static str>,
     demo: bool,
 }
 
 pub fn login_page(context: &LoginContext) -> String {
     let words = context.lang.words();
-    let failure = context.failure.map(|failure| match failure {
+    let is_taken = matches!(context.failure, Some(LoginFailure::SeatTaken { .. }));
+    let failure = context.failure.as_ref().map(|failure| match failure {
         LoginFailure::Wrong => words.login_wrong.to_owned(),
-        LoginFailure::Wait { seconds } => context.lang.login_wait(seconds),
+        LoginFailure::PinElsewhere => words.login_pin_elsewhere.to_owned(),
+        LoginFailure::Wait { seconds } => context.lang.login_wait(*seconds),
+        LoginFailure::SeatTaken { by } => context.lang.login_seat_taken(&clean(by, NAME)),
         LoginFailure::Unavailable => words.login_unavailable.to_owned(),
         LoginFailure::NoUsers => words.login_no_users.to_owned(),
     });
@@ -100,6 +132,7 @@ pub fn login_page(context: &LoginContext) -> String {
         frame: Frame::new(context.lang, context.palette),
         name: clean(&context.name, NAME),
         failure,
+        take_over: is_taken.then_some(words.login_take_over),
         demo: context.demo,
     })
 }

@@ -6,12 +6,15 @@ use std::time::{Duration, SystemTime};
 
 use crate::engine::Engine;
 use crate::engine::filter::Filter;
-use crate::engine::input::{Input, OperatorAction, ReceptionTrouble, StatusArray, TroubleKind};
+use crate::engine::input::{
+    Input, OperatorAction, Place, ReceptionTrouble, Response, StatusArray, TroubleKind,
+};
 use crate::engine::model::{
     Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleSpec,
-    MonitorSpec, NodeId, Parts, Policy, SignalSpec, StageModel, Text, When,
+    MonitorSpec, NodeId, Parts, Policy, SignalSpec, StageModel, Stop, Text, When,
 };
 use crate::engine::monitor::spec::Watched;
+use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
 use crate::runtime::Published;
 
@@ -263,6 +266,10 @@ pub fn module(group: &str, id: u32, name: &str) -> ModuleSpec {
     }
 }
 
+pub fn stop(id: &str, name: Text) -> Stop {
+    Stop { id: id.into(), name, x_m: id.len() as f64, y_m: 2.0, yaw_deg: 90.0 }
+}
+
 /// The paper's shuttle.
 pub fn parts() -> Parts {
     let groups = COMPONENTS.iter().map(|&(path, en, de, place, depends_on, driving)| GroupSpec {
@@ -293,7 +300,13 @@ pub fn parts() -> Parts {
         groups: groups.collect(),
         modules: modules.collect(),
         watched: Watched::default(),
-        driving: Driving::default(),
+        driving: Driving {
+            stops: vec![
+                stop("depot", Text::plain("Depot")),
+                stop("station", text("Main Station", "Hauptbahnhof")),
+            ],
+            ..Driving::default()
+        },
         discovered: Policy::default(),
         limits: Limits::default(),
     }
@@ -325,13 +338,30 @@ impl Sample {
 
     /// The paper's shuttle with all well for a minute and an operator in the seat.
     pub fn shuttle(driving: bool) -> Sample {
-        Sample::of(parts()).login().signal("active", driving).pass(60)
+        let standing = Sample::of(parts()).login().signal("active", false).pass(5).localize("depot");
+        standing.pass(5).signal("active", driving).pass(50)
     }
 
     pub fn login(mut self) -> Sample {
         self.input(&Input::Operator(OperatorAction::Login { name: "operator".into() }));
         self.engine.start_in(crate::engine::model::Stage::Standby);
         self
+    }
+
+    /// A login alone: where the vehicle stands is not known yet.
+    pub fn unlock(self) -> Sample {
+        self.act(OperatorAction::Login { name: "operator".into() })
+    }
+
+    /// Does what an operator may do; panics if it is refused.
+    pub fn act(mut self, action: OperatorAction) -> Sample {
+        let answer = self.engine.handle(&Input::Operator(action), self.now);
+        assert_eq!(answer, Response::Done);
+        self
+    }
+
+    pub fn localize(self, stop: &str) -> Sample {
+        self.act(OperatorAction::Localize { place: Place::Stop(stop.into()) })
     }
 
     pub fn signal(mut self, name: &str, value: bool) -> Sample {
@@ -372,6 +402,11 @@ impl Sample {
             self.input(&Input::Diagnostics(array));
         }
         self
+    }
+
+    /// What the vehicle shows now, to go on from.
+    pub fn snapshot(&mut self) -> Arc<Snapshot> {
+        self.engine.snapshot()
     }
 
     pub fn published(mut self) -> Published {

@@ -7,7 +7,7 @@ use crate::engine::state::State;
 
 use super::board::Tile;
 use super::node::{icon, reason_word};
-use super::{Fragment, View, arrows as lines, html};
+use super::{Fragment, View, arrows as lines, causes, html};
 use crate::web::text::Words;
 
 #[derive(Template)]
@@ -23,6 +23,7 @@ struct TileHtml<'a> {
     icon: &'static str,
     word: &'static str,
     line: String,
+    flashes: bool,
 }
 
 pub fn tile(view: &View<'_>, tile: Tile) -> Fragment {
@@ -46,6 +47,7 @@ pub fn tile(view: &View<'_>, tile: Tile) -> Fragment {
         icon: icon(group.state, group.reason.as_ref()),
         word: view.lang.state(group.state),
         line,
+        flashes: causes::flashes(view, tile),
     });
     Fragment { id: format!("tile-{}", info.path), html }
 }

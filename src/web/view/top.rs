@@ -1,11 +1,11 @@
-//! The top bar and the action bar: the stage, who is in the seat, and the next step.
+//! The top bar: the vehicle, its stage, what it waits for, and who is in the seat.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 use askama::Template;
 
+use crate::engine::input::Refusal;
 use crate::engine::model::Stage;
-use crate::engine::state::State;
 
 use super::clean::{NAME, clean};
 use super::{Fragment, View, html};
@@ -21,6 +21,8 @@ struct TopHtml {
     layout: String,
     vehicle: String,
     word: &'static str,
+    /// What the stage waits for, or where it leads.
+    now: &'static str,
     operator: Option<String>,
 }
 
@@ -35,9 +37,26 @@ pub fn top(view: &View<'_>) -> Fragment {
         layout: layout_mark(view),
         vehicle: view.lang.pick(&snapshot.layout.vehicle_name, NAME),
         word: view.lang.stage(snapshot.stage, snapshot.overall),
+        now: now(view),
         operator: snapshot.operator.as_ref().map(|name| clean(name, 24)),
     });
     Fragment { id: "top".to_owned(), html }
+}
+
+fn now(view: &View<'_>) -> &'static str {
+    let steps = view.lang.steps();
+    let snapshot = view.snapshot;
+    let no_goal = || snapshot.clearance_refusals.iter().any(|it| matches!(it, Refusal::NoGoal));
+    match snapshot.stage {
+        Stage::Locked => "",
+        Stage::Localizing if snapshot.localization.given.is_some() => "",
+        Stage::Localizing => steps.waits_stop,
+        Stage::Standby if no_goal() => steps.waits_goal,
+        Stage::Standby => steps.waits_clearance,
+        Stage::Cleared => steps.waits_start,
+        Stage::Active if snapshot.operator.is_none() => steps.without_operator,
+        Stage::Active => steps.by_itself,
+    }
 }
 
 /// Changes when the tiles do, or the program: a page made before then loads itself anew.
@@ -48,32 +67,4 @@ pub fn layout_mark(view: &View<'_>) -> String {
         (view.snapshot.group(*tile).0.path.as_bytes(), place).hash(&mut hasher);
     }
     format!("{:016x}", hasher.finish())
-}
-
-#[derive(Template)]
-#[template(path = "partials/actions.html")]
-struct ActionsHtml {
-    words: &'static Words,
-    swap: bool,
-    icon: &'static str,
-    next: &'static str,
-    logout: bool,
-}
-
-/// What the stage waits for, with the buttons that work now. While the vehicle drives there is
-/// none yet: logging out would be refused.
-pub fn actions(view: &View<'_>) -> Fragment {
-    let (stage, overall) = (view.snapshot.stage, view.snapshot.overall);
-    let html = html(&ActionsHtml {
-        words: view.words,
-        swap: view.swap,
-        icon: match (stage, overall) {
-            (Stage::Active, _) => "drive",
-            (Stage::Standby, State::Error | State::Unknown) => "wait",
-            _ => "ready",
-        },
-        next: view.lang.next(stage, overall),
-        logout: view.snapshot.operator.is_some() && stage != Stage::Active,
-    });
-    Fragment { id: "actions".to_owned(), html }
 }

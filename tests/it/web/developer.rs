@@ -2,6 +2,7 @@
 
 use axum::http::StatusCode;
 use telltale::engine::snapshot::Reason;
+use telltale::engine::time::Span;
 use telltale::runtime::Rereading;
 
 use super::fixture::{Fixture, as_program, form_request};
@@ -27,6 +28,51 @@ async fn a_page_says_why_a_node_shows_what_it_shows() {
     assert!(group.contains("It is put aside because of") && group.contains("sensors/lidar"), "{group}");
     assert_eq!(why("nothing", &developer).await.status, StatusCode::NOT_FOUND);
     assert_eq!(why("sensors", &operator).await.status, StatusCode::FORBIDDEN);
+}
+
+#[tokio::test]
+async fn what_happened_is_on_the_timeline() {
+    let fixture = Fixture::new().await;
+    let cookie = fixture.cookie_of("operator").await;
+    let developer = fixture.cookie_of("developer").await;
+    fixture.status("lidar", 0, "fine").await;
+    fixture.status("lidar", 2, "broken").await;
+    fixture.until(|snapshot| !snapshot.roots.is_empty()).await;
+    let timeline = async || {
+        let path = "/developer/timeline?span=30&node=sensors&node=sensors%2Flidar";
+        fixture.get(path, Some(&developer)).await.body
+    };
+    // Records are written in batches, after what happened is shown.
+    let deadline = fixture.clock.now() + Span::from_secs(5);
+    let mut page = timeline().await;
+    while !page.contains("bar-error") || !page.contains("alarm raised") {
+        assert!(fixture.clock.now() < deadline, "{page}");
+        tokio::time::sleep(std::time::Duration::from_millis(20)).await;
+        page = timeline().await;
+    }
+    assert_eq!(page.matches("class=\"lane\"").count(), 2);
+    fixture.post("/logout", Some(&cookie), "").await;
+    fixture.until(|snapshot| snapshot.operator.is_none()).await;
+    assert!(!timeline().await.contains("bar-error"), "a locked vehicle has no past either");
+}
+
+#[tokio::test]
+async fn an_address_that_asks_for_nonsense_is_answered_all_the_same() {
+    let fixture = Fixture::new().await;
+    fixture.cookie_of("operator").await;
+    let developer = fixture.cookie_of("developer").await;
+    for page in ["", "/graph", "/timeline", "/masking", "/coverage", "/topics"] {
+        for query in [
+            "page=0&sort=x&desc=9&level=none&group=nowhere&pin=%00&q=%ff",
+            "span=0&until=-1&at=99999999999999999999",
+            "span=99999999999999&until=9223372036854775807&at=1&node=%e2%80%ae",
+            "cell=9%20sensors&cell=&open=none&open=%22%3E",
+            "%%%&&=&=1&q",
+        ] {
+            let answer = fixture.get(&format!("/developer{page}?{query}"), Some(&developer)).await;
+            assert_eq!(answer.status, StatusCode::OK, "{page}?{query}");
+        }
+    }
 }
 
 #[tokio::test]

@@ -6,17 +6,18 @@ use axum::Router;
 use axum::body::{Body, to_bytes};
 use axum::http::header::{ACCEPT, CONTENT_TYPE, COOKIE, HOST, LOCATION, ORIGIN, SET_COOKIE};
 use axum::http::{HeaderMap, Method, Request, StatusCode};
-use telltale::clock::Clock;
+use telltale::clock::{Clock, ClockHand};
 use telltale::engine::input::{Input, Stamped, StatusArray};
 use telltale::engine::model::{
     Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleSpec,
-    MonitorSpec, NodeId, Parts, Policy, SignalSpec, Stage, StageModel, Text, When,
+    MonitorSpec, NodeId, Parts, Policy, SignalSpec, Stage, StageModel, Stop, Text, When,
 };
 use telltale::engine::monitor::spec::Watched;
 use telltale::engine::snapshot::Snapshot;
+use telltale::engine::time::Span;
 use telltale::runtime::{self, Link, Reread};
-use telltale::store::{DemoSecrets, Store};
-use telltale::web::{AppState, DemoFaults, FaultSwitch, Origins, Settings, router};
+use telltale::store::{DemoSecrets, History, Store};
+use telltale::web::{AppState, DemoFaults, Enrolled, FaultSwitch, Origins, Settings, router};
 use tokio::sync::mpsc;
 use tower::ServiceExt;
 
@@ -30,6 +31,7 @@ pub struct Fixture {
     pub clock: Clock,
     pub link: Link,
     pub router: Router,
+    pub app: AppState,
     pub faults: mpsc::Receiver<FaultSwitch>,
     /// Who is asked to read the configuration again.
     pub rereads: mpsc::Receiver<Reread>,
@@ -64,8 +66,18 @@ impl Fixture {
 
     /// On a vehicle: demo secrets open nothing, and there is no simulation.
     pub async fn with(address: &str, secure: bool, demo: DemoSecrets) -> Fixture {
-        let clock = Clock::start();
-        let link = runtime::start(Arc::new(model()), clock);
+        Fixture::at(Clock::start(), address, secure, demo).await
+    }
+
+    /// With a clock that can be set ahead.
+    pub async fn with_hand() -> (Fixture, ClockHand) {
+        let (clock, hand) = Clock::with_hand();
+        (Fixture::at(clock, ADDRESS, false, DemoSecrets::Accepted).await, hand)
+    }
+
+    async fn at(clock: Clock, address: &str, secure: bool, demo: DemoSecrets) -> Fixture {
+        let (history, records) = History::in_memory(clock).unwrap();
+        let link = runtime::start_recorded(Arc::new(model()), clock, Some(records));
         let store = Store::in_memory(clock, demo).unwrap();
         store.add_demo_users().await.unwrap();
         let (switch, faults) = mpsc::channel(4);
@@ -75,11 +87,14 @@ impl Fixture {
         let settings = Settings {
             origins,
             secure,
+            enrolled: Enrolled::default(),
             demo: (demo == DemoSecrets::Accepted).then_some(faulty),
             rereads: Some(asks),
+            history: Some(history),
+            discovery: None,
         };
         let app = AppState::new(link.clone(), store.clone(), clock, settings);
-        Fixture { router: router(app), store, clock, link, faults, rereads }
+        Fixture { router: router(app.clone()), app, store, clock, link, faults, rereads }
     }
 
     pub async fn send(&self, request: Request<Body>) -> Answer {
@@ -216,7 +231,17 @@ pub fn model() -> Model {
             module("planning/planner", 3, "planner"),
         ],
         watched: Watched::default(),
-        driving: Driving::default(),
+        driving: Driving {
+            stops: vec![Stop {
+                id: "depot".into(),
+                name: Text::plain("Depot"),
+                x_m: 0.0,
+                y_m: 0.0,
+                yaw_deg: 0.0,
+            }],
+            localized_after: Span::ZERO,
+            ..Driving::default()
+        },
         discovered: Policy::default(),
         limits: Limits::default(),
     };

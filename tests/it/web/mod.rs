@@ -1,8 +1,13 @@
 //! The HTTP server: the router without a socket, and sockets on a free port.
 
 mod access;
+mod audit;
+mod bounds;
 mod developer;
 mod fixture;
 mod login;
+mod seat;
 mod sockets;
+mod tls;
+mod vehicle;
 mod wire;

@@ -7,9 +7,9 @@ use futures_util::{SinkExt, StreamExt};
 use serde_json::Value;
 use telltale::engine::model::Stage;
 use telltale::engine::state::State;
-use telltale::store::{DemoSecrets, Store, Token};
-use telltale::web::view::{Lang, fragments};
-use telltale::web::{AppState, Origins, Settings, serve};
+use telltale::store::{DemoSecrets, Role, Store, Token};
+use telltale::web::view::{Fragment, Lang, fragments};
+use telltale::web::{AppState, Enrolled, Origins, Settings, serve};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
 use tokio::time::timeout;
@@ -24,18 +24,18 @@ use super::fixture::Fixture;
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// The fixture's vehicle behind a listener.
-struct Server {
-    fixture: Fixture,
-    app: AppState,
-    address: SocketAddr,
+pub struct Server {
+    pub fixture: Fixture,
+    pub app: AppState,
+    pub address: SocketAddr,
     shutdown: oneshot::Sender<()>,
     served: tokio::task::JoinHandle<std::io::Result<()>>,
 }
 
-type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
+pub type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 
 impl Server {
-    async fn new() -> Server {
+    pub async fn new() -> Server {
         let fixture = Fixture::new().await;
         let store = fixture.store.clone();
         Server::with(fixture, store).await
@@ -47,12 +47,15 @@ impl Server {
         let settings = Settings {
             origins: Origins::of_listener(address, false),
             secure: false,
+            enrolled: Enrolled::default(),
             demo: None,
             rereads: None,
+            history: None,
+            discovery: None,
         };
         let app = AppState::new(fixture.link.clone(), store, fixture.clock, settings);
         let (shutdown, ended) = oneshot::channel::<()>();
-        let served = tokio::spawn(serve(listener, app.clone(), async {
+        let served = tokio::spawn(serve(listener, None, app.clone(), async {
             let _ = ended.await;
         }));
         Server { fixture, app, address, shutdown, served }
@@ -74,7 +77,7 @@ impl Server {
         }
     }
 
-    async fn connect(&self, path: &str, cookie: &str) -> Socket {
+    pub async fn connect(&self, path: &str, cookie: &str) -> Socket {
         self.try_connect(path, &[("cookie", cookie), ("origin", &self.origin())]).await.unwrap()
     }
 
@@ -89,7 +92,7 @@ async fn next(socket: &mut Socket) -> Option<Message> {
 }
 
 /// The next message that is JSON and meets the condition.
-async fn next_json(socket: &mut Socket, condition: impl Fn(&Value) -> bool) -> Value {
+pub async fn next_json(socket: &mut Socket, condition: impl Fn(&Value) -> bool) -> Value {
     loop {
         if let Message::Text(text) = next(socket).await.expect("the socket is open") {
             let value: Value = serde_json::from_str(&text).unwrap();
@@ -111,6 +114,11 @@ async fn closed(socket: &mut Socket) -> CloseCode {
             return frame.expect("it has a reason").code;
         }
     }
+}
+
+fn shown(server: &Server, lang: Lang) -> Vec<Fragment> {
+    let published = server.app.published();
+    fragments(&published, &server.app.frames.observe(&published), lang)
 }
 
 #[tokio::test]
@@ -149,7 +157,7 @@ async fn a_page_gets_everything_once_and_then_what_changed() {
         let message = format!("fine, {path}");
         server.fixture.status("lidar", 0, &message).await;
         server.fixture.until(|snapshot| *snapshot.modules[0].report.message == *message).await;
-        let before = fragments(&server.app.published(), lang);
+        let before = shown(&server, lang);
         let mut socket = server.connect(path, &cookie).await;
         let full = next_content(&mut socket).await;
         let all: String = before.iter().map(|fragment| fragment.html.as_str()).collect();
@@ -157,7 +165,7 @@ async fn a_page_gets_everything_once_and_then_what_changed() {
         assert_eq!(full["seq"].as_u64(), Some(server.app.published().snapshot.seq));
 
         server.fixture.drive(true).await;
-        let after = fragments(&server.app.published(), lang);
+        let after = shown(&server, lang);
         let changed: String = after
             .iter()
             .filter(|fragment| !before.contains(fragment))
@@ -231,7 +239,7 @@ async fn whoever_does_not_read_delays_nobody_and_is_closed() {
 
 #[tokio::test]
 async fn a_socket_ends_with_its_session() {
-    for how in ["logout", "passwd", "remove"] {
+    for how in ["logout", "passwd", "role", "remove"] {
         let server = Server::new().await;
         let cookie = server.fixture.cookie_of("operator").await;
         let bystander = server.fixture.cookie_of("developer").await;
@@ -245,6 +253,7 @@ async fn a_socket_ends_with_its_session() {
         match how {
             "logout" => drop(server.fixture.post("/logout", Some(&cookie), "").await),
             "passwd" => store.change_secret("operator", "135791").await.unwrap(),
+            "role" => store.change_role("operator", Role::Authority, "a long password").await.unwrap(),
             _ => store.remove_user("operator").await.unwrap(),
         }
         for socket in &mut sockets {
@@ -287,13 +296,13 @@ async fn a_page_may_say_what_it_shows_and_nothing_else() {
     let session = server.app.session(&token).unwrap();
     let mut socket = server.connect("/ws", &cookie).await;
     let seq = next_content(&mut socket).await["seq"].as_u64().unwrap();
-    assert_eq!(server.app.displays.confirmed(&session), None);
+    assert_eq!(server.app.displays.shows_as_of(&session), None);
     socket.send(Message::text(format!("{{\"shown\":{seq}}}"))).await.unwrap();
     socket.send(Message::text("{\"shown\":0}")).await.unwrap();
     // A page may speak with more words than are needed.
     socket.send(Message::text(format!("{{\"shown\":{seq},\"headers\":{{}}}}"))).await.unwrap();
     next_json(&mut socket, |value| value["beat"].as_u64() > Some(1)).await;
-    assert_eq!(server.app.displays.confirmed(&session).map(|(shown, _)| shown), Some(seq));
+    assert!(server.app.displays.is_live(&session, server.fixture.clock.now()));
 
     let future = format!("{{\"shown\":{}}}", seq + 1000);
     let long = format!("{{\"shown\":1,\"x\":\"{}\"}}", "x".repeat(17 * 1024));

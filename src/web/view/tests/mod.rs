@@ -3,6 +3,7 @@
 mod arrows;
 mod causes;
 mod details;
+mod developer;
 mod hostile;
 mod pages;
 mod stages;
@@ -10,8 +11,9 @@ mod states;
 
 use super::sample::{Sample, group, module, on_group, parts, text};
 use super::*;
-use crate::engine::input::TroubleKind;
+use crate::engine::input::{AlarmRef, OperatorAction, TroubleKind};
 use crate::engine::model::{GroupId, Parts as ModelParts, StageModel, Text, When};
+use crate::web::versions::Versions;
 
 fn context(lang: Lang, palette: Palette) -> PageContext {
     PageContext {
@@ -22,6 +24,15 @@ fn context(lang: Lang, palette: Palette) -> PageContext {
         demo: false,
         configuration: false,
     }
+}
+
+/// The page as it is for somebody to whom nothing was shown before.
+fn operator_page(published: &Published, context: &PageContext) -> String {
+    super::operator_page(published, &Versions::default().observe(&published.snapshot), context)
+}
+
+fn fragments(published: &Published, lang: Lang) -> Vec<Fragment> {
+    super::fragments(published, &Versions::default().observe(&published.snapshot), lang)
 }
 
 fn fragment(published: &Published, lang: Lang, id: &str) -> String {

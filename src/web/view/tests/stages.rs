@@ -6,8 +6,10 @@ fn a_locked_vehicle_shows_nothing_of_itself() {
     let fragments = fragments(&locked, Lang::En);
     assert_eq!(fragments.len(), 1);
     let page = operator_page(&locked, &context(Lang::En, Palette::Night));
-    let developer = developer_page(&locked, &context(Lang::En, Palette::Night));
-    for html in [&fragments[0].html, &page, &developer] {
+    let developer = developer::pages(&locked, &context(Lang::En, Palette::Night), "");
+    // What the file of the configuration would change is no diagnosis.
+    let developer = developer.iter().filter(|(page, _)| *page != "configuration").map(|(_, html)| html);
+    for html in [&fragments[0].html, &page].into_iter().chain(developer) {
         assert!(html.contains(r#"data-stage="locked""#));
         for secret in ["can", "bus", "Sensors", "sensors", "tile", "error"] {
             assert!(!words_of(html).contains(secret), "{secret}: {html}");
@@ -26,13 +28,22 @@ fn words_of(html: &str) -> String {
 fn the_stage_is_said_in_words_and_only_what_works_has_a_button() {
     let ready = Sample::shuttle(false).published();
     check(&ready, Lang::En, "top", &[r#"data-stage="standby""#, "Ready", "Shuttle 1", "operator"], &[]);
-    check(&ready, Lang::En, "actions", &["Ready. Waits for the mission", r#"name="logout""#, "/logout"], &[]);
+    let expect =
+        [r#"name="clearance""#, "Give clearance", "Goal set", "No countermeasure", r#"name="logout""#];
+    check(&ready, Lang::En, "step", &expect, &["aria-disabled", r#"name="stop""#]);
     let driving = Sample::shuttle(true).published();
     check(&driving, Lang::De, "top", &[r#"data-stage="active""#, "Fährt"], &[]);
-    check(&driving, Lang::En, "actions", &["Drives by itself"], &["<button", "<form"]);
+    check(
+        &driving,
+        Lang::En,
+        "step",
+        &[r#"name="stop""#, "drives by itself", "Nothing is wrong"],
+        &["logout"],
+    );
     let broken = Sample::shuttle(false).report("can/bus", 2, "bus off", &[]).pass(1).published();
     check(&broken, Lang::En, "top", &["Not ready"], &[]);
-    check(&broken, Lang::En, "actions", &["Not ready to drive"], &["Ready."]);
+    let expect = ["aria-disabled", "CAN: error", r#"data-nodes="can""#, "Goal set"];
+    check(&broken, Lang::En, "step", &expect, &["fit to drive"]);
 }
 
 #[test]
@@ -43,4 +54,49 @@ fn other_reasons_have_words_of_their_own() {
     let standby = Sample::of(parts).login().signal("active", false).pass(5).published();
     check(&standby, Lang::En, "tile-prediction", &["not driving"], &["Standby", "standby"]);
     check(&standby, Lang::De, "tile-mission", &["fährt nicht"], &[]);
+}
+
+#[test]
+fn the_way_from_the_login_to_the_drive_has_one_step_at_a_time() {
+    let login = Sample::of(parts()).unlock().pass(3);
+    check(
+        &login.published(),
+        Lang::De,
+        "step",
+        &["Wo steht das Fahrzeug?", r#"value="station""#, "Hauptbahnhof"],
+        &[],
+    );
+    let locating = Sample::of(parts()).unlock().pass(3).localize("station").pass(1);
+    check(
+        &locating.published(),
+        Lang::En,
+        "step",
+        &["Checking the position: Main Station", "Choose again"],
+        &[],
+    );
+    let clear = OperatorAction::Clear { display_live: true, storage_ok: true };
+    let cleared = Sample::shuttle(false).act(clear).published();
+    check(&cleared, Lang::En, "step", &["may start at any moment", "logout"], &[r#"name="clearance""#]);
+    let stopping = Sample::shuttle(true).act(OperatorAction::RequestStop).published();
+    check(&stopping, Lang::En, "step", &[r#"name="release""#, "Stop requested"], &[r#"name="stop""#]);
+    check(
+        &stopping,
+        Lang::En,
+        "countermeasure",
+        &[r#"data-request="maneuver_stop""#, "Asked to stop safely"],
+        &[],
+    );
+}
+
+#[test]
+fn one_button_acknowledges_what_is_first() {
+    let fault = jump().pass(4);
+    let number = r#"/alarms/1/acknowledge"#;
+    check(&fault.published(), Lang::En, "causes", &[number, "data-waiting", r#"data-alarms="1""#], &[]);
+    let noted = jump().pass(4).act(OperatorAction::Acknowledge { alarm: AlarmRef::Number(1) });
+    check(&noted.published(), Lang::En, "causes", &["Position jumped"], &["acknowledge", "data-waiting"]);
+    let over = jump().pass(4).report("localization/tf_quality", 0, "fine", &[]).pass(4);
+    check(&over.published(), Lang::En, "causes", &["data-past=", "Over", number, "All 8"], &["data-node"]);
+    let warned = Sample::shuttle(false).report("can/battery", 1, "18 %", &[]).pass(2);
+    check(&warned.published(), Lang::En, "causes", &["/alarms/can/battery/acknowledge"], &[]);
 }

@@ -1,0 +1,282 @@
+//! The shuttle and the engine, and between them what DDS does: bytes one way, orders the other.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+use crate::cli::demo::load_config;
+use crate::cli::vehicle::wire::Wire;
+use crate::config::Loaded;
+use crate::engine::Engine;
+use crate::engine::input::{Input, OperatorAction, Place, Response};
+use crate::engine::model::{Limits, Stage};
+use crate::engine::monitor::spec::TopicSpec;
+use crate::engine::sample::{Pose, Sample, TopicNews};
+use crate::engine::snapshot::{Reason, Snapshot};
+use crate::engine::state::State;
+use crate::engine::time::Timestamp;
+use crate::ros::DIAGNOSTICS;
+use crate::ros::cdr::Endian;
+use crate::ros::fields::{BooleanReader, Definitions, Reader};
+use crate::ros::messages::diagnostic_array;
+use crate::sim::shuttle::{Departure, Fault, Message, Order, Sent, Shuttle};
+
+const REPEAT_MS: u64 = 50;
+
+pub struct Story {
+    shuttle: Shuttle,
+    engine: Engine,
+    ears: Ears,
+    wire: Wire,
+    pub now_ms: u64,
+    /// Every root cause that was shown.
+    pub roots: BTreeSet<String>,
+    /// Every node that showed WARNING or ERROR.
+    pub bad: BTreeSet<String>,
+    /// The highest number of an alarm.
+    pub alarms: u64,
+    silenced: Option<&'static str>,
+    heard_mps: f64,
+    true_mps: f64,
+    pose: u64,
+    clearance: bool,
+}
+
+impl Story {
+    /// Nobody is logged in, and the shuttle stands at its depot.
+    pub fn locked() -> Story {
+        let loaded = load_config().unwrap();
+        let mut engine = Engine::new(loaded.model.clone(), Timestamp::ZERO);
+        let ears = Ears::of(&loaded);
+        for source in loaded.model.watched.topics.iter().cloned() {
+            let news = TopicNews { source, publishers: 1, other_type: None };
+            engine.handle(&Input::Topic(news), Timestamp::ZERO);
+        }
+        let stops = &loaded.model.driving.stops;
+        let mut story = Story {
+            shuttle: Shuttle::new(1, Timestamp::ZERO, stops, Departure::Cleared),
+            engine,
+            ears,
+            wire: Wire::of(&loaded.model),
+            now_ms: 0,
+            roots: BTreeSet::new(),
+            bad: BTreeSet::new(),
+            alarms: 0,
+            silenced: None,
+            heard_mps: 0.0,
+            true_mps: 0.0,
+            pose: 0,
+            clearance: false,
+        };
+        story.pass(1_000);
+        story
+    }
+
+    /// The operator has logged in and said where the shuttle stands, and nothing is unsettled.
+    pub fn begin() -> Story {
+        let mut story = Story::locked();
+        story.log_in();
+        story.pass(2_500);
+        story.localize("depot");
+        let ready = |snapshot: &Snapshot| snapshot.stage == Stage::Standby && snapshot.overall == State::Ok;
+        let ready_ms = story.until(10_000, ready);
+        assert!(ready_ms.is_some(), "{:?}", story.complaints());
+        story
+    }
+
+    pub fn log_in(&mut self) {
+        assert_eq!(self.act(&OperatorAction::Login { name: "operator".into() }), Response::Done);
+    }
+
+    pub fn localize(&mut self, stop: &str) {
+        let place = Place::Stop(stop.into());
+        assert_eq!(self.act(&OperatorAction::Localize { place }), Response::Done);
+    }
+
+    /// Waits for a goal and clears the shuttle.
+    pub fn clear(&mut self) {
+        let ready = self.until(20_000, |snapshot| snapshot.clearance_refusals.is_empty());
+        assert!(ready.is_some(), "{:?}", self.snapshot().clearance_refusals);
+        let (display_live, storage_ok) = (true, true);
+        assert_eq!(self.act(&OperatorAction::AskClearance { display_live, storage_ok }), Response::Done);
+        assert_eq!(self.act(&OperatorAction::Clear { display_live, storage_ok }), Response::Done);
+    }
+
+    /// Clears the shuttle and lets it drive at full speed.
+    pub fn drive(&mut self) {
+        self.clear();
+        self.until(5_000, |snapshot| snapshot.stage == Stage::Active).expect("it leaves");
+        self.pass(10_000);
+    }
+
+    pub fn act(&mut self, action: &OperatorAction) -> Response {
+        self.engine.handle(&Input::Operator(action.clone()), Timestamp::from_millis(self.now_ms))
+    }
+
+    pub fn set_fault(&mut self, fault: Fault, on: bool) {
+        self.shuttle.set_fault(fault, on);
+    }
+
+    /// Nothing more comes on this topic.
+    pub fn silence(&mut self, topic: &'static str) {
+        self.silenced = Some(topic);
+    }
+
+    pub fn snapshot(&mut self) -> Arc<Snapshot> {
+        self.engine.snapshot()
+    }
+
+    /// As it was last heard.
+    pub fn speed_mps(&self) -> f64 {
+        self.heard_mps
+    }
+
+    /// As it is, whether or not it is heard.
+    pub fn true_speed_mps(&self) -> f64 {
+        self.true_mps
+    }
+
+    pub fn complaints(&mut self) -> Vec<(String, State, String)> {
+        let snapshot = self.snapshot();
+        let modules = snapshot.layout.modules.iter().zip(snapshot.modules.iter());
+        let bad = modules.filter(|(_, view)| !matches!(view.state, State::Ok | State::Ignore));
+        bad.map(|(info, view)| (info.id.to_string(), view.state, view.report.message.to_string())).collect()
+    }
+
+    pub fn pass(&mut self, ms: u64) {
+        self.until(ms, |_| false);
+    }
+
+    /// Lets time pass until the condition holds, at most so long; how long it took.
+    pub fn until(&mut self, within_ms: u64, holds: impl Fn(&Snapshot) -> bool) -> Option<u64> {
+        let start_ms = self.now_ms;
+        while self.now_ms < start_ms + within_ms {
+            self.now_ms += 10;
+            let now = Timestamp::from_millis(self.now_ms);
+            for sent in self.shuttle.advance(now) {
+                self.hear(&sent, now);
+            }
+            self.engine.handle(&Input::Tick, now);
+            let snapshot = self.engine.snapshot();
+            self.speak(&snapshot);
+            self.note(&snapshot);
+            if holds(&snapshot) {
+                return Some(self.now_ms - start_ms);
+            }
+        }
+        None
+    }
+
+    fn hear(&mut self, Sent { at, message }: &Sent, now: Timestamp) {
+        match message {
+            Message::WheelSpeed { mps } => self.heard_mps = *mps,
+            Message::SpeedCommand(mps) => self.true_mps = *mps,
+            Message::Active(false) => self.true_mps = 0.0,
+            _ => {}
+        }
+        let wall = |at: Timestamp| SystemTime::UNIX_EPOCH + EPOCH + Duration::from_nanos(at.as_nanos());
+        let (topic, body) = self.wire.encode(message, wall(*at));
+        if self.silenced == Some(topic) {
+            return;
+        }
+        for input in self.ears.inputs(topic, &body, wall(now)) {
+            self.engine.handle(&input, now);
+        }
+    }
+
+    fn speak(&mut self, snapshot: &Snapshot) {
+        if let Some(pose) = snapshot.localization.pose.filter(|_| snapshot.localization.number > self.pose) {
+            self.pose = snapshot.localization.number;
+            let (qz, qw) = (pose.yaw_deg.to_radians() / 2.0).sin_cos();
+            let pose = Pose { x_m: pose.x_m, y_m: pose.y_m, qz, qw, ..Pose::default() };
+            self.shuttle.obey(Order::Localize(pose));
+        }
+        if snapshot.clearance != self.clearance {
+            self.clearance = snapshot.clearance;
+            self.shuttle.obey(Order::Clear(snapshot.clearance));
+        }
+        if let Some(mps2) = snapshot.deceleration().filter(|_| self.now_ms.is_multiple_of(REPEAT_MS)) {
+            self.shuttle.obey(Order::Decelerate(mps2));
+        }
+        self.shuttle.obey(Order::Stop(snapshot.maneuver_stop()));
+    }
+
+    fn note(&mut self, snapshot: &Snapshot) {
+        let names = snapshot.roots.iter().map(|root| snapshot.node_name(root.node).to_string());
+        self.roots.extend(names);
+        self.alarms = snapshot.alarms.iter().map(|alarm| alarm.id).fold(self.alarms, u64::max);
+        if snapshot.stage != Stage::Localizing
+            && !matches!(snapshot.overall, State::Ok | State::Ignore | State::Unknown)
+        {
+            let modules = snapshot.layout.modules.iter().zip(snapshot.modules.iter());
+            let bad = modules.filter(|(_, view)| matches!(view.state, State::Warning | State::Error));
+            self.bad.extend(bad.map(|(info, _)| info.id.to_string()));
+        }
+    }
+}
+
+/// Some day in 2026: stamps are of the wall clock.
+const EPOCH: Duration = Duration::from_secs(1_800_000_000);
+
+/// The bridge's part: what is read of each topic.
+struct Ears {
+    watched: BTreeMap<Box<str>, (Arc<TopicSpec>, Reader)>,
+    /// `None`: each message is an event.
+    signals: Vec<(Box<str>, Box<str>, Option<BooleanReader>)>,
+}
+
+impl Ears {
+    fn of(loaded: &Loaded) -> Ears {
+        let definitions = Definitions::default();
+        let watched = loaded.model.watched.topics.iter().map(|spec| {
+            let reader = definitions.check(spec).unwrap_or_else(|error| panic!("{}: {error}", spec.topic));
+            (spec.topic.clone(), (spec.clone(), reader))
+        });
+        let signals = loaded.model.signals.iter().map(|signal| {
+            let source = &signal.source;
+            let level = signal.present_for.is_none();
+            let reader = level.then(|| definitions.boolean(&source.type_name, &source.field).unwrap());
+            (source.topic.clone(), signal.name.clone(), reader)
+        });
+        Ears { watched: watched.collect(), signals: signals.collect() }
+    }
+
+    fn inputs(&self, topic: &str, body: &[u8], received: SystemTime) -> Vec<Input> {
+        if topic == DIAGNOSTICS {
+            let (array, fault) = diagnostic_array(body, Endian::Little, &Limits::default());
+            assert_eq!(fault, None);
+            return vec![Input::Diagnostics(array)];
+        }
+        let mut inputs = Vec::new();
+        for (of, name, reader) in &self.signals {
+            if **of == *topic {
+                let value = reader.as_ref().is_none_or(|reader| reader.read(body, Endian::Little).unwrap());
+                inputs.push(Input::Signal { name: name.clone(), value });
+            }
+        }
+        if let Some((source, reader)) = self.watched.get(topic) {
+            let reading = reader.read(body, Endian::Little);
+            assert_eq!(reading.fault, None, "{topic}");
+            let received_wall_ns = received.duration_since(SystemTime::UNIX_EPOCH).unwrap().as_nanos() as i64;
+            let sample = Sample {
+                source: source.clone(),
+                stamp_ns: reading.stamp_ns,
+                received_wall_ns,
+                values: reading.values,
+            };
+            inputs.push(Input::Sample(sample));
+        }
+        inputs
+    }
+}
+
+pub fn state(snapshot: &Snapshot, node: &str) -> State {
+    snapshot.shown(snapshot.node(node).unwrap_or_else(|| panic!("no node {node}"))).0
+}
+
+pub fn masked_by(snapshot: &Snapshot, node: &str) -> Vec<String> {
+    match snapshot.shown(snapshot.node(node).unwrap_or_else(|| panic!("no node {node}"))).1 {
+        Some(Reason::Masked { by }) => by.iter().map(|&root| snapshot.node_name(root).to_string()).collect(),
+        _ => Vec::new(),
+    }
+}

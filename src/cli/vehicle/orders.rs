@@ -1,0 +1,113 @@
+//! What the simulated shuttle listens to: the topics on which this program speaks to a vehicle.
+
+use std::sync::Arc;
+
+use tokio::sync::mpsc;
+
+use crate::clock::Clock;
+use crate::config::publishing::Publishing;
+use crate::engine::input::{Input, Stamped};
+use crate::engine::model::{
+    Driving, FieldSource, Limits, Model, Parts, Policy, SignalSpec, StageModel, Text,
+};
+use crate::engine::monitor::spec::{FieldKind, FieldSpec, TopicSpec, Watched};
+use crate::engine::sample::FieldValue;
+use crate::ros::messages::BOOL;
+use crate::ros::messages::encode::{ACCEL_STAMPED, POSE_WITH_COVARIANCE_STAMPED};
+use crate::ros::{self, Bridge, BridgeError, BridgeOptions};
+use crate::sim::shuttle::Order;
+
+const CLEAR: &str = "clear";
+const STOP: &str = "stop";
+
+/// Its name in the graph of ROS 2.
+const NODE: &str = "simulated_shuttle";
+
+/// Orders that may wait for the shuttle; it takes them at once.
+const QUEUE: usize = 256;
+
+/// Listens over DDS, as a vehicle of its own.
+pub struct Orders {
+    bridge: Bridge,
+    inputs: mpsc::Receiver<Stamped>,
+}
+
+impl Orders {
+    /// # Errors
+    /// The interface is not there, or DDS gets no sockets.
+    pub async fn listen(
+        options: &BridgeOptions,
+        publishing: &Publishing,
+        clock: Clock,
+    ) -> Result<Orders, BridgeError> {
+        let (sender, inputs) = mpsc::channel(QUEUE);
+        let options = BridgeOptions { node: NODE, ..options.clone() };
+        let bridge = ros::start(options, &model(publishing), sender, clock).await?;
+        Ok(Orders { bridge, inputs })
+    }
+
+    /// The next order; never, if the bridge has ended.
+    pub async fn next(&mut self) -> Order {
+        loop {
+            match self.inputs.recv().await {
+                Some(stamped) => {
+                    if let Some(order) = order(&stamped.input) {
+                        return order;
+                    }
+                }
+                None => std::future::pending().await,
+            }
+        }
+    }
+
+    pub async fn shutdown(self) {
+        self.bridge.shutdown().await;
+    }
+}
+
+/// What an input asks of the shuttle.
+pub fn order(input: &Input) -> Option<Order> {
+    match input {
+        Input::Signal { name, value } if **name == *CLEAR => Some(Order::Clear(*value)),
+        Input::Signal { name, value } if **name == *STOP => Some(Order::Stop(*value)),
+        Input::Sample(sample) => match sample.values.first()? {
+            FieldValue::Pose(pose) => Some(Order::Localize(*pose)),
+            // A deceleration is an acceleration backwards.
+            FieldValue::Number(mps2) => Some(Order::Decelerate(-mps2)),
+            _ => None,
+        },
+        _ => None,
+    }
+}
+
+/// The bridge reads what a model names: here, levels as signals and the rest as what is watched.
+pub fn model(publishing: &Publishing) -> Model {
+    let signal = |name: &str, topic: &Option<Box<str>>| {
+        let source = FieldSource { topic: topic.clone()?, type_name: BOOL.into(), field: "data".into() };
+        Some(SignalSpec { name: name.into(), source, timeout: None, present_for: None })
+    };
+    let watched = |topic: Option<&str>, type_name: &str, path: &str, kind| {
+        let fields = vec![FieldSpec { path: path.into(), kind }];
+        Some(Arc::new(TopicSpec { topic: topic?.into(), type_name: type_name.into(), stamp: false, fields }))
+    };
+    let pose = publishing.initialpose.as_deref();
+    let deceleration = publishing.deceleration_request.as_ref().map(|periodic| &*periodic.topic);
+    let topics = [
+        watched(pose, POSE_WITH_COVARIANCE_STAMPED, "pose.pose", FieldKind::Pose),
+        watched(deceleration, ACCEL_STAMPED, "accel.linear.x", FieldKind::Scalar),
+    ];
+    let signals = [signal(CLEAR, &publishing.clearance), signal(STOP, &publishing.maneuver_stop_request)];
+    let parts = Parts {
+        vehicle_id: "shuttle".into(),
+        vehicle_name: Text::plain("Simulated shuttle"),
+        stages: StageModel::None,
+        signals: signals.into_iter().flatten().collect(),
+        groups: Vec::new(),
+        modules: Vec::new(),
+        watched: Watched { topics: topics.into_iter().flatten().collect(), watchdogs: Vec::new() },
+        driving: Driving::default(),
+        discovered: Policy::default(),
+        limits: Limits::default(),
+    };
+    Model::new(parts).unwrap_or_else(|_| unreachable!("nothing in it depends on anything"))
+}

@@ -1,0 +1,128 @@
+//! The topics of the simulated shuttle, and its messages as they travel.
+
+use std::time::SystemTime;
+
+use crate::engine::model::{ACTIVE_SIGNAL, Model};
+use crate::ros::messages::encode::{self, Grid, Header, Motion, Transform};
+use crate::ros::messages::{self, BOOL, DIAGNOSTIC_ARRAY};
+use crate::ros::{DIAGNOSTICS, Quality};
+use crate::sim::shuttle::Message;
+
+const PACKETS: &str = "/velodyne_packets";
+const TF: &str = "/tf";
+const ODOMETRY: &str = "/odometry";
+const WHEEL_SPEED: &str = "/can/speed";
+const BATTERY: &str = "/battery";
+const COSTMAP: &str = "/costmap";
+const OBJECTS: &str = "/perception/objects";
+const FREE_DISTANCE: &str = "/perception/free_distance";
+const TRAJECTORY: &str = "/planning/trajectory";
+const SPEED_COMMAND: &str = "/control/speed_command";
+const GOAL: &str = "/goal_pose";
+const ACTIVE: &str = "/mission/active";
+const MISSION_STATE: &str = "/mission/state";
+const DECELERATES: &str = "/vehicle/deceleration_active";
+const STOPS: &str = "/vehicle/maneuver_stop_active";
+
+const MAP: &str = "map";
+const BASE: &str = "base_link";
+
+/// A real turn has about six times as many; what matters here is that it is a message of many frames.
+const PACKETS_PER_TURN: usize = 12;
+const COSTMAP_CELLS: usize = 60;
+
+/// How the messages of the shuttle travel.
+#[derive(Debug, Clone)]
+pub struct Wire {
+    /// Where the configuration wants to hear whether it drives.
+    active: Box<str>,
+}
+
+impl Wire {
+    pub fn of(model: &Model) -> Wire {
+        let active = model.signals.iter().find(|signal| &*signal.name == ACTIVE_SIGNAL);
+        Wire { active: active.map_or(ACTIVE.into(), |signal| signal.source.topic.clone()) }
+    }
+
+    /// Every topic with its type and its quality of service: sensors as sensors have it, states for
+    /// those who join late.
+    pub fn offers(&self) -> [(&str, &'static str, Quality); 16] {
+        use Quality::{BestEffort, LastValue, Reliable};
+        [
+            (DIAGNOSTICS, DIAGNOSTIC_ARRAY, Reliable),
+            (PACKETS, encode::VELODYNE_SCAN, BestEffort),
+            (TF, encode::TF_MESSAGE, Reliable),
+            (ODOMETRY, encode::ODOMETRY, Reliable),
+            (WHEEL_SPEED, encode::TWIST_STAMPED, Reliable),
+            (BATTERY, encode::BATTERY_STATE, Reliable),
+            (COSTMAP, encode::OCCUPANCY_GRID, Reliable),
+            (OBJECTS, encode::POSE_ARRAY, Reliable),
+            (FREE_DISTANCE, encode::FLOAT64, Reliable),
+            (TRAJECTORY, encode::PATH, Reliable),
+            (SPEED_COMMAND, encode::FLOAT64, Reliable),
+            (GOAL, encode::POSE_STAMPED, Reliable),
+            (&self.active, BOOL, LastValue),
+            (MISSION_STATE, encode::STRING, LastValue),
+            (DECELERATES, BOOL, LastValue),
+            (STOPS, BOOL, LastValue),
+        ]
+    }
+
+    /// The topic and the body of a message that was published then.
+    pub fn encode(&self, message: &Message, stamp: SystemTime) -> (&str, Vec<u8>) {
+        let header = |frame_id| Header { stamp, frame_id };
+        let forward = |mps| Motion { linear: [mps, 0.0, 0.0], ..Motion::default() };
+        match message {
+            Message::Diagnostics(array) => (DIAGNOSTICS, diagnostics(array, stamp)),
+            Message::Scan => (PACKETS, encode::velodyne_scan(header("velodyne"), PACKETS_PER_TURN)),
+            Message::Position(pose) => {
+                let transform = Transform { header: header(MAP), child_frame_id: BASE, pose: *pose };
+                (TF, encode::tf_message(&[transform]))
+            }
+            Message::Odometry { pose, speed_mps, yaw_rate } => {
+                let velocity = Motion { angular: [0.0, 0.0, *yaw_rate], ..forward(*speed_mps) };
+                (ODOMETRY, encode::odometry(header("odom"), BASE, *pose, velocity))
+            }
+            Message::WheelSpeed { mps } => (WHEEL_SPEED, encode::twist_stamped(header(BASE), forward(*mps))),
+            Message::Battery { charge, voltage_v, current_a } => {
+                let [charge, voltage_v, current_a] = [*charge, *voltage_v, *current_a].map(|it| it as f32);
+                (BATTERY, encode::battery_state(header(BASE), charge, voltage_v, current_a))
+            }
+            Message::Costmap { age } => {
+                let made = stamp.checked_sub(std::time::Duration::from_nanos(age.as_nanos()));
+                let header = Header { stamp: made.unwrap_or(SystemTime::UNIX_EPOCH), frame_id: BASE };
+                (COSTMAP, costmap(header))
+            }
+            Message::Objects(poses) => (OBJECTS, encode::pose_array(header(BASE), poses)),
+            Message::FreeDistance(metres) => (FREE_DISTANCE, encode::float64(*metres)),
+            Message::Trajectory(poses) => (TRAJECTORY, encode::path(header(MAP), poses)),
+            Message::SpeedCommand(mps) => (SPEED_COMMAND, encode::float64(*mps)),
+            Message::Goal(pose) => (GOAL, encode::pose_stamped(header(MAP), *pose)),
+            Message::Active(active) => (&self.active, encode::boolean(*active)),
+            Message::MissionState(state) => (MISSION_STATE, encode::string(state)),
+            Message::Decelerates(on) => (DECELERATES, encode::boolean(*on)),
+            Message::Stops(on) => (STOPS, encode::boolean(*on)),
+        }
+    }
+}
+
+/// A node of the shuttle has few statuses: they fit one message.
+fn diagnostics(array: &crate::engine::input::StatusArray, stamp: SystemTime) -> Vec<u8> {
+    messages::encode_diagnostic_arrays(array, stamp, usize::MAX).swap_remove(0)
+}
+
+/// Free road between two kerbs.
+fn costmap(header: Header<'_>) -> Vec<u8> {
+    let kerb = |index: usize| matches!(index / COSTMAP_CELLS, 0..10 | 50..);
+    let cells: Vec<i8> =
+        (0..COSTMAP_CELLS * COSTMAP_CELLS).map(|index| if kerb(index) { 100 } else { 0 }).collect();
+    let half_m = COSTMAP_CELLS as f64 * 0.5 / 2.0;
+    let grid = Grid {
+        resolution_m: 0.5,
+        width: COSTMAP_CELLS as u32,
+        origin_x_m: -half_m,
+        origin_y_m: -half_m,
+        cells: &cells,
+    };
+    encode::occupancy_grid(header, grid)
+}

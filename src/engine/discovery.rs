@@ -1,0 +1,127 @@
+//! What DDS discovery sees, as plain data that the bridge fills and pages show.
+
+use super::time::Timestamp;
+
+/// Topics that are told of; the rest is counted.
+pub const TOPICS_MAX: usize = 2000;
+/// Publishers or subscribers of one topic that are told of.
+pub const ENDPOINTS_MAX: usize = 200;
+
+/// All topics of a domain at one instant, by name.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Discovery {
+    /// When it was looked at last; `None` before the first time.
+    pub at: Option<Timestamp>,
+    pub topics: Vec<TopicSeen>,
+    /// Whole names of the nodes that announce themselves, `/ns/name`.
+    pub nodes: Vec<String>,
+    /// Topics past the limit.
+    pub more: usize,
+    /// Participants beside our own.
+    pub participants: usize,
+}
+
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct TopicSeen {
+    /// As ROS names it, `/diagnostics`; as DDS does where it is not of ROS.
+    pub name: String,
+    pub publishers: Vec<Endpoint>,
+    pub subscribers: Vec<Endpoint>,
+    /// Messages per second that were received here; `None` where this topic is not read.
+    pub rate_hz: Option<f32>,
+}
+
+/// A publisher or subscriber of a topic.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub struct Endpoint {
+    /// The participant it belongs to, in hexadecimal digits.
+    pub participant: String,
+    /// As ROS names it: `std_msgs/msg/Bool`.
+    pub type_name: String,
+    pub reliable: bool,
+    pub transient_local: bool,
+    /// It is one of our own.
+    pub ours: bool,
+}
+
+/// Why a publisher and a subscriber of one topic do not come together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Mismatch {
+    Type,
+    /// Reliability is asked for and not offered.
+    Reliability,
+    /// Late joiners want the last value, and nobody keeps it.
+    Durability,
+}
+
+impl TopicSeen {
+    /// What keeps publishers and subscribers apart, each once (DDS 1.4, 2.2.3, request against offer).
+    pub fn mismatches(&self) -> Vec<Mismatch> {
+        let mut found = Vec::new();
+        for publisher in &self.publishers {
+            for subscriber in &self.subscribers {
+                found.extend(publisher.mismatch(subscriber));
+            }
+        }
+        found.sort_unstable();
+        found.dedup();
+        found
+    }
+
+    /// The names of the types, each once.
+    pub fn types(&self) -> Vec<&str> {
+        let endpoints = self.publishers.iter().chain(&self.subscribers);
+        let mut types: Vec<&str> = endpoints.map(|endpoint| &*endpoint.type_name).collect();
+        types.sort_unstable();
+        types.dedup();
+        types
+    }
+}
+
+impl Endpoint {
+    fn mismatch(&self, subscriber: &Endpoint) -> Option<Mismatch> {
+        // Our own readers come in every kind, one of which fits.
+        if subscriber.ours && self.type_name == subscriber.type_name {
+            return None;
+        }
+        if self.type_name != subscriber.type_name {
+            Some(Mismatch::Type)
+        } else if subscriber.reliable && !self.reliable {
+            Some(Mismatch::Reliability)
+        } else {
+            (subscriber.transient_local && !self.transient_local).then_some(Mismatch::Durability)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn endpoint(type_name: &str, reliable: bool, transient_local: bool, ours: bool) -> Endpoint {
+        let participant = "01".to_owned();
+        Endpoint { participant, type_name: type_name.to_owned(), reliable, transient_local, ours }
+    }
+
+    #[test]
+    fn what_is_asked_for_and_not_offered_does_not_match() {
+        let (reliable, best_effort) = (endpoint("a", true, false, false), endpoint("a", false, false, false));
+        let keeps = endpoint("a", true, true, false);
+        for (publisher, subscriber, expect) in [
+            (&reliable, endpoint("a", true, false, false), None),
+            (&reliable, endpoint("a", false, false, false), None),
+            (&best_effort, endpoint("a", true, false, false), Some(Mismatch::Reliability)),
+            (&reliable, endpoint("a", true, true, false), Some(Mismatch::Durability)),
+            (&keeps, endpoint("a", true, true, false), None),
+            (&reliable, endpoint("b", true, false, false), Some(Mismatch::Type)),
+            (&best_effort, endpoint("a", true, true, true), None),
+        ] {
+            let topic = TopicSeen {
+                publishers: vec![publisher.clone()],
+                subscribers: vec![subscriber],
+                ..TopicSeen::default()
+            };
+            assert_eq!(topic.mismatches(), Vec::from_iter(expect), "{topic:?}");
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! What happened, with names in the place of ids: it can be kept when the configuration is another.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+
+use super::event::{Event, What};
+use super::model::{GroupId, ModuleId, NodeId, Stage};
+use super::net::Change;
+use super::snapshot::{Reason, Snapshot};
+use super::state::State;
+use super::time::Timestamp;
+use super::views::Views;
+
+/// One line of a history.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    pub at: Timestamp,
+    pub what: Recorded,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub enum Recorded {
+    /// The engine started, or took another configuration: what was shown before ends here, and
+    /// every node that there is follows.
+    Started {
+        anew: bool,
+    },
+    /// A node shows this from now on. A `cause` is the root cause that masks it.
+    Shown {
+        node: Arc<str>,
+        state: State,
+        own: State,
+        cause: Option<Arc<str>>,
+    },
+    Stage(Stage),
+    Signal {
+        name: Box<str>,
+        value: Option<bool>,
+    },
+    AlarmRaised {
+        id: u64,
+        node: Arc<str>,
+    },
+    AlarmMoved {
+        id: u64,
+        symptom: Arc<str>,
+        cause: Arc<str>,
+    },
+    AlarmAcknowledged {
+        id: u64,
+        node: Arc<str>,
+    },
+    AlarmCleared {
+        id: u64,
+        node: Arc<str>,
+    },
+    /// So many records before this one were dropped.
+    Lost(u64),
+}
+
+impl Views {
+    /// Nodes that stay masked, by another cause than before: what they show changes in that alone.
+    pub(super) fn blamed_anew(&self, masked: &[(NodeId, Arc<[NodeId]>)], changes: &[Change]) -> Vec<What> {
+        let changed: HashSet<NodeId> = changes.iter().map(|change| change.node).collect();
+        let anew = |(node, by): &(NodeId, Arc<[NodeId]>)| {
+            let known = match self.reason(*node) {
+                Some(Reason::Masked { by }) if !changed.contains(node) => by.first(),
+                _ => return None,
+            };
+            let own = match *node {
+                NodeId::Group(id) => self.groups.get(id.0 as usize)?.own,
+                NodeId::Module(id) => self.modules.get(id.0 as usize)?.own,
+            };
+            let (from, to) = (State::Ignore, State::Ignore);
+            (known != by.first()).then(|| What::Shown {
+                node: *node,
+                from,
+                to,
+                own,
+                cause: by.first().copied(),
+            })
+        };
+        masked.iter().filter_map(anew).collect()
+    }
+}
+
+impl Record {
+    /// A line for an event, by the names of the snapshot that was taken after it.
+    pub fn of(event: Event, snapshot: &Snapshot) -> Option<Record> {
+        let name = |node: NodeId| snapshot.node_name(node).clone();
+        let Event { at, what } = event;
+        let what = match what {
+            What::Shown { node, to, own, cause, .. } => {
+                Recorded::Shown { node: name(node), state: to, own, cause: cause.map(name) }
+            }
+            What::Stage { to, .. } => Recorded::Stage(to),
+            What::Signal { index, value } => {
+                Recorded::Signal { name: snapshot.signals.get(index)?.0.clone(), value }
+            }
+            What::AlarmRaised { id, node } => Recorded::AlarmRaised { id, node: name(node) },
+            What::AlarmMoved { id, symptom, cause } => {
+                Recorded::AlarmMoved { id, symptom: name(symptom), cause: name(cause) }
+            }
+            What::AlarmAcknowledged { id, node } => Recorded::AlarmAcknowledged { id, node: name(node) },
+            What::AlarmCleared { id, node } => Recorded::AlarmCleared { id, node: name(node) },
+            // `Record::present` tells of it.
+            What::Reloaded => return None,
+        };
+        Some(Record { at, what })
+    }
+
+    /// What is, as the first lines of a history: the stage, the signals, and what every node shows.
+    pub fn present(snapshot: &Snapshot, anew: bool) -> Vec<Record> {
+        let first = [Recorded::Started { anew }, Recorded::Stage(snapshot.stage)];
+        let signal =
+            |(name, value): &(Box<str>, Option<bool>)| Recorded::Signal { name: name.clone(), value: *value };
+        let shown = |node: NodeId| {
+            let (state, reason) = snapshot.shown(node);
+            let cause = match reason {
+                Some(Reason::Masked { by }) => by.first(),
+                _ => None,
+            };
+            let cause = cause.map(|&cause| snapshot.node_name(cause).clone());
+            Recorded::Shown { node: snapshot.node_name(node).clone(), state, own: snapshot.own(node), cause }
+        };
+        let groups = (0..snapshot.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
+        let modules = (0..snapshot.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
+        let all = first.into_iter().chain(snapshot.signals.iter().map(signal));
+        let all = all.chain(groups.chain(modules).map(shown));
+        all.map(|what| Record { at: snapshot.now, what }).collect()
+    }
+}

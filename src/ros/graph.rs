@@ -1,0 +1,169 @@
+//! What discovery sees of all topics, looked at once a second, for who develops.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use rustdds::policy::{Durability, Reliability};
+use rustdds::{DomainParticipant, RTPSEntity};
+use tokio::sync::watch;
+
+use super::messages;
+use super::nodes::Nodes;
+use super::outbox::stopped;
+use crate::clock::Clock;
+use crate::engine::discovery::{Discovery, ENDPOINTS_MAX, Endpoint, TOPICS_MAX, TopicSeen};
+use crate::engine::time::Timestamp;
+
+const LOOK: Duration = Duration::from_secs(1);
+/// Bytes of a GUID that name the participant (RTPS 2.5, 9.3.1).
+const PREFIX: usize = 12;
+
+/// Messages received since the start, by the topic's name on the wire. As many as are read.
+#[derive(Debug, Clone, Default)]
+pub struct Tallies(Arc<Mutex<BTreeMap<String, u64>>>);
+
+impl Tallies {
+    pub fn add(&self, dds_topic: &str, count: usize) {
+        let mut tallies = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        match tallies.get_mut(dds_topic) {
+            Some(tally) => *tally += count as u64,
+            None => drop(tallies.insert(dds_topic.to_owned(), count as u64)),
+        }
+    }
+
+    fn read(&self) -> BTreeMap<String, u64> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+/// Looks until it is stopped.
+pub async fn run(
+    participant: DomainParticipant,
+    tallies: Tallies,
+    seen: Arc<watch::Sender<Arc<Discovery>>>,
+    nodes: watch::Receiver<Nodes>,
+    clock: Clock,
+    mut stop: watch::Receiver<bool>,
+) {
+    let mut looks = tokio::time::interval(LOOK);
+    looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let mut before = (clock.now(), tallies.read());
+    loop {
+        tokio::select! {
+            () = stopped(&mut stop) => return,
+            _ = looks.tick() => {}
+        }
+        let now = (clock.now(), tallies.read());
+        let mut discovery = look(&participant);
+        discovery.at = Some(now.0);
+        discovery.nodes = nodes.borrow().all();
+        let rates = rates(&before, &now);
+        for (name, rate) in rates {
+            let place = discovery.topics.binary_search_by(|topic| topic.name.cmp(&name));
+            // What is read and nobody publishes is worth a row of its own.
+            let place = place.unwrap_or_else(|place| {
+                discovery.topics.insert(place, TopicSeen { name, ..TopicSeen::default() });
+                place
+            });
+            discovery.topics[place].rate_hz = Some(rate);
+        }
+        seen.send_replace(Arc::new(discovery));
+        before = now;
+    }
+}
+
+/// Messages per second of what is read, by the names of ROS.
+fn rates(
+    before: &(Timestamp, BTreeMap<String, u64>),
+    now: &(Timestamp, BTreeMap<String, u64>),
+) -> BTreeMap<String, f32> {
+    let seconds = now.0.since(before.0).as_nanos() as f32 / 1e9;
+    let rate = |(topic, count): (&String, &u64)| {
+        let more = count - before.1.get(topic).copied().unwrap_or(0).min(*count);
+        (ros_name(topic), if seconds > 0.0 { more as f32 / seconds } else { 0.0 })
+    };
+    now.1.iter().map(rate).collect()
+}
+
+fn look(participant: &DomainParticipant) -> Discovery {
+    let own = participant.guid().to_bytes();
+    let mut topics: BTreeMap<String, TopicSeen> = BTreeMap::new();
+    let mut participants = BTreeSet::new();
+    for found in participant.discovered_writers() {
+        let data = found.publication_topic_data;
+        let endpoint = Endpoint {
+            // A writer that does not say is reliable and volatile (DDS 1.4, 2.2.3).
+            reliable: data.reliability != Some(Reliability::BestEffort),
+            ..endpoint(data.key.to_bytes(), own, &data.type_name, data.durability)
+        };
+        participants.insert(endpoint.participant.clone());
+        push(&mut topics, &data.topic_name, endpoint, |topic| &mut topic.publishers);
+    }
+    for found in participant.discovered_readers() {
+        let data = found.subscription_topic_data;
+        let qos = data.qos();
+        let endpoint = Endpoint {
+            // A reader that does not say takes what comes.
+            reliable: matches!(qos.reliability(), Some(Reliability::Reliable { .. })),
+            ..endpoint(data.key().to_bytes(), own, data.type_name(), qos.durability())
+        };
+        participants.insert(endpoint.participant.clone());
+        push(&mut topics, &data.topic_name, endpoint, |topic| &mut topic.subscribers);
+    }
+    participants.remove(&hex(&own[..PREFIX]));
+    let more = topics.len().saturating_sub(TOPICS_MAX);
+    let topics = topics.into_values().take(TOPICS_MAX);
+    Discovery { topics: topics.collect(), more, participants: participants.len(), ..Discovery::default() }
+}
+
+fn endpoint(guid: [u8; 16], own: [u8; 16], type_name: &str, durability: Option<Durability>) -> Endpoint {
+    Endpoint {
+        participant: hex(&guid[..PREFIX]),
+        type_name: messages::ros_type_name(type_name).to_string(),
+        reliable: false,
+        transient_local: durability.is_some_and(|kind| kind >= Durability::TransientLocal),
+        ours: guid[..PREFIX] == own[..PREFIX],
+    }
+}
+
+fn push(
+    topics: &mut BTreeMap<String, TopicSeen>,
+    dds_topic: &str,
+    endpoint: Endpoint,
+    list: impl Fn(&mut TopicSeen) -> &mut Vec<Endpoint>,
+) {
+    let name = ros_name(dds_topic);
+    let topic = topics.entry(name.clone()).or_insert_with(|| TopicSeen { name, ..TopicSeen::default() });
+    let list = list(topic);
+    if list.len() < ENDPOINTS_MAX {
+        list.push(endpoint);
+    }
+}
+
+/// `rt/diagnostics` is `/diagnostics` to ROS; other names are left as they are.
+fn ros_name(dds_topic: &str) -> String {
+    dds_topic.strip_prefix("rt/").map_or_else(|| dds_topic.to_owned(), |name| format!("/{name}"))
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_are_of_the_time_between_two_looks() {
+        let tallies = Tallies::default();
+        tallies.add("rt/diagnostics", 5);
+        let before = (Timestamp::from_millis(1000), tallies.read());
+        tallies.add("rt/diagnostics", 20);
+        tallies.add("rt/new", 4);
+        let now = (Timestamp::from_millis(3000), tallies.read());
+        let expect = [("/diagnostics".to_owned(), 10.0), ("/new".to_owned(), 2.0)];
+        assert_eq!(rates(&before, &now), BTreeMap::from(expect));
+        assert_eq!(rates(&now, &now).values().copied().collect::<Vec<_>>(), [0.0, 0.0]);
+    }
+}

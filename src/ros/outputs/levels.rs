@@ -1,0 +1,222 @@
+//! What the vehicle is to be told, and when: levels that follow from snapshots. Pure.
+
+use crate::engine::input::Output;
+use crate::engine::model::Stage;
+use crate::engine::snapshot::{MapPose, Snapshot};
+use crate::engine::time::{Span, Timestamp};
+
+/// One message for the vehicle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Say {
+    /// In m/s².
+    Deceleration(f64),
+    ManeuverStop(bool),
+    Clearance(bool),
+    Stage(Stage),
+    /// The operator's pose of this number.
+    Pose(u64, MapPose),
+}
+
+impl Say {
+    pub fn output(self) -> Output {
+        match self {
+            Say::Deceleration(_) => Output::Deceleration,
+            Say::ManeuverStop(_) => Output::ManeuverStop,
+            Say::Clearance(_) => Output::Clearance,
+            Say::Stage(_) => Output::Stage,
+            Say::Pose(..) => Output::Pose,
+        }
+    }
+}
+
+/// What was said last. What could not be said is due again.
+#[derive(Debug)]
+pub struct Levels {
+    /// A request that is in force is repeated.
+    pub every: Span,
+    deceleration: Option<(f64, Timestamp)>,
+    maneuver_stop: Option<bool>,
+    clearance: Option<bool>,
+    stage: Option<Stage>,
+    pose: u64,
+}
+
+impl Levels {
+    /// A pose that was given before is not given again: the vehicle has moved since.
+    pub fn new(every: Span, before: &Snapshot) -> Levels {
+        Levels {
+            every,
+            deceleration: None,
+            maneuver_stop: None,
+            clearance: None,
+            stage: None,
+            pose: before.localization.number,
+        }
+    }
+
+    /// Nobody heard what was said: there is another participant. The pose is no level.
+    pub fn forget(&mut self) {
+        *self = Levels {
+            every: self.every,
+            pose: self.pose,
+            deceleration: None,
+            maneuver_stop: None,
+            clearance: None,
+            stage: None,
+        };
+    }
+
+    /// What is to be said now, most urgent first.
+    pub fn due(&self, snapshot: &Snapshot, now: Timestamp) -> Vec<Say> {
+        let mut due = Vec::new();
+        if let Some(mps2) = snapshot.deceleration()
+            && self.deceleration.is_none_or(|(said, at)| said != mps2 || now >= at + self.every)
+        {
+            due.push(Say::Deceleration(mps2));
+        }
+        let maneuver_stop = snapshot.maneuver_stop();
+        if self.maneuver_stop != Some(maneuver_stop) {
+            due.push(Say::ManeuverStop(maneuver_stop));
+        }
+        if self.clearance != Some(snapshot.clearance) {
+            due.push(Say::Clearance(snapshot.clearance));
+        }
+        if self.stage != Some(snapshot.stage) {
+            due.push(Say::Stage(snapshot.stage));
+        }
+        let localization = &snapshot.localization;
+        if let Some(pose) = localization.pose.filter(|_| localization.number > self.pose) {
+            due.push(Say::Pose(localization.number, pose));
+        }
+        due
+    }
+
+    pub fn said(&mut self, say: Say, now: Timestamp) {
+        match say {
+            Say::Deceleration(mps2) => self.deceleration = Some((mps2, now)),
+            Say::ManeuverStop(on) => self.maneuver_stop = Some(on),
+            Say::Clearance(on) => self.clearance = Some(on),
+            Say::Stage(stage) => self.stage = Some(stage),
+            Say::Pose(number, _) => self.pose = number,
+        }
+    }
+
+    /// When a request is to be repeated. What is over is forgotten, so that the next one starts at once.
+    pub fn repeat_at(&mut self, snapshot: &Snapshot) -> Option<Timestamp> {
+        if snapshot.deceleration().is_none() {
+            self.deceleration = None;
+        }
+        self.deceleration.map(|(_, at)| at + self.every)
+    }
+
+    /// The vehicle was told that it may start.
+    pub fn cleared(&self) -> bool {
+        self.clearance == Some(true)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::engine::Engine;
+    use crate::engine::countermeasure::Request;
+    use crate::engine::model::{Driving, Limits, Model, Parts, Policy, StageModel, Text};
+    use crate::engine::monitor::spec::Watched;
+    use crate::engine::snapshot::{Countermeasure, MeasureState};
+
+    fn at(ms: u64) -> Timestamp {
+        Timestamp::from_millis(ms)
+    }
+
+    fn calm() -> Snapshot {
+        let parts = Parts {
+            vehicle_id: "v".into(),
+            vehicle_name: Text::plain("V"),
+            stages: StageModel::Shuttle,
+            signals: Vec::new(),
+            groups: Vec::new(),
+            modules: Vec::new(),
+            watched: Watched::default(),
+            driving: Driving::default(),
+            discovered: Policy::default(),
+            limits: Limits::default(),
+        };
+        let model = Arc::new(Model::new(parts).expect("nothing depends on anything"));
+        (*Engine::new(model, Timestamp::ZERO).snapshot()).clone()
+    }
+
+    fn asking(requests: &[Request]) -> Snapshot {
+        let measure = |&request: &Request| Countermeasure {
+            request,
+            by_operator: false,
+            causes: Arc::from([]),
+            since: Timestamp::ZERO,
+            state: MeasureState::Requested,
+            latched: false,
+        };
+        Snapshot { countermeasures: requests.iter().map(measure).collect(), ..calm() }
+    }
+
+    /// Says all that is due, and returns it.
+    fn say(levels: &mut Levels, snapshot: &Snapshot, ms: u64) -> Vec<Say> {
+        let due = levels.due(snapshot, at(ms));
+        due.iter().for_each(|&say| levels.said(say, at(ms)));
+        due
+    }
+
+    #[test]
+    fn a_level_is_said_once_when_it_changes_and_again_to_a_new_participant() {
+        let mut levels = Levels::new(Span::from_millis(50), &calm());
+        let all = [Say::ManeuverStop(false), Say::Clearance(false), Say::Stage(Stage::Locked)];
+        assert_eq!(say(&mut levels, &calm(), 0), all);
+        assert_eq!(say(&mut levels, &calm(), 10_000), []);
+        let cleared = Snapshot { clearance: true, stage: Stage::Cleared, ..calm() };
+        assert_eq!(say(&mut levels, &cleared, 0), [Say::Clearance(true), Say::Stage(Stage::Cleared)]);
+        assert!(levels.cleared());
+        levels.forget();
+        assert_eq!(say(&mut levels, &cleared, 0).len(), 3);
+    }
+
+    #[test]
+    fn what_was_not_said_stays_due() {
+        let levels = Levels::new(Span::from_millis(50), &calm());
+        assert_eq!(levels.due(&calm(), at(0)), levels.due(&calm(), at(5)));
+    }
+
+    #[test]
+    fn a_deceleration_goes_first_is_repeated_and_ends_in_silence() {
+        let mut levels = Levels::new(Span::from_millis(50), &calm());
+        say(&mut levels, &calm(), 0);
+        let asked = asking(&[Request::Decelerate { mps2: 1.0 }, Request::ManeuverStop]);
+        assert_eq!(say(&mut levels, &asked, 10), [Say::Deceleration(1.0), Say::ManeuverStop(true)]);
+        assert_eq!(levels.repeat_at(&asked), Some(at(60)));
+        assert_eq!(say(&mut levels, &asked, 59), []);
+        assert_eq!(say(&mut levels, &asked, 60), [Say::Deceleration(1.0)]);
+        let stronger = asking(&[Request::Decelerate { mps2: 2.0 }, Request::ManeuverStop]);
+        assert_eq!(say(&mut levels, &stronger, 61), [Say::Deceleration(2.0)], "at once");
+        assert_eq!(say(&mut levels, &calm(), 70), [Say::ManeuverStop(false)]);
+        assert_eq!(levels.repeat_at(&calm()), None);
+        assert_eq!(
+            say(&mut levels, &stronger, 71).first(),
+            Some(&Say::Deceleration(2.0)),
+            "a new one, at once"
+        );
+    }
+
+    #[test]
+    fn a_pose_is_given_once_and_none_from_before_the_start() {
+        let posed = |number| {
+            let pose = MapPose { x_m: 1.0, y_m: 2.0, yaw_deg: 90.0 };
+            let mut snapshot = calm();
+            (snapshot.localization.number, snapshot.localization.pose) = (number, Some(pose));
+            snapshot
+        };
+        let mut levels = Levels::new(Span::from_millis(50), &posed(3));
+        assert!(!say(&mut levels, &posed(3), 0).iter().any(|say| matches!(say, Say::Pose(..))));
+        assert!(matches!(say(&mut levels, &posed(4), 0)[..], [Say::Pose(4, _)]));
+        levels.forget();
+        assert!(!say(&mut levels, &posed(4), 0).iter().any(|say| matches!(say, Say::Pose(..))));
+    }
+}

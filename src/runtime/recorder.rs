@@ -1,0 +1,132 @@
+//! Hands on what happened, for a history, without ever waiting for it.
+
+use std::sync::mpsc::{SyncSender, TrySendError};
+
+use crate::engine::Engine;
+use crate::engine::record::{Record, Recorded};
+use crate::engine::time::{Span, Timestamp};
+
+/// Records wait this long for others, so that they are written together.
+const EVERY: Span = Span::from_millis(100);
+/// So many do not wait.
+const BATCH: usize = 512;
+
+/// What happened and is not handed on yet. A queue that is full loses a whole batch; how many
+/// records that were stands in the next one that it takes.
+pub struct Recorder {
+    /// `None` where nobody wants to know, or the one who did is gone.
+    queue: Option<SyncSender<Vec<Record>>>,
+    waiting: Vec<Record>,
+    handed_on: Timestamp,
+    lost: u64,
+}
+
+impl Recorder {
+    pub fn start(engine: &mut Engine, queue: Option<SyncSender<Vec<Record>>>, now: Timestamp) -> Recorder {
+        let mut recorder = Recorder { queue, waiting: Vec::new(), handed_on: now, lost: 0 };
+        if recorder.queue.is_some() {
+            engine.keep_events();
+            recorder.begin(engine, false);
+        }
+        recorder
+    }
+
+    /// Notes all that is: the engine started, or runs by another configuration.
+    pub fn begin(&mut self, engine: &mut Engine, anew: bool) {
+        if self.queue.is_some() {
+            self.take(engine);
+            self.waiting.extend(Record::present(&engine.snapshot(), anew));
+        }
+    }
+
+    /// Notes what happened, by the names that hold now.
+    pub fn take(&mut self, engine: &mut Engine) {
+        let events = engine.take_events();
+        if !events.is_empty() {
+            let snapshot = engine.snapshot();
+            self.waiting.extend(events.into_iter().filter_map(|event| Record::of(event, &snapshot)));
+        }
+    }
+
+    /// Notes what happened, and hands it on in time.
+    pub fn follow(&mut self, engine: &mut Engine, now: Timestamp) {
+        self.take(engine);
+        let is_due = self.waiting.len() >= BATCH || now.since(self.handed_on) >= EVERY;
+        if is_due && !self.waiting.is_empty() {
+            self.handed_on = now;
+            self.hand_on(now);
+        }
+    }
+
+    fn hand_on(&mut self, now: Timestamp) {
+        let Some(queue) = &self.queue else { return self.waiting.clear() };
+        let mut batch = std::mem::take(&mut self.waiting);
+        if self.lost > 0 {
+            batch.insert(0, Record { at: now, what: Recorded::Lost(self.lost) });
+        }
+        let dropped = batch.len() as u64 - u64::from(self.lost > 0);
+        match queue.try_send(batch) {
+            Ok(()) => self.lost = 0,
+            Err(TrySendError::Full(_)) => self.lost += dropped,
+            Err(TrySendError::Disconnected(_)) => self.queue = None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::mpsc::sync_channel;
+
+    use super::*;
+    use crate::engine::input::{Input, OperatorAction};
+    use crate::engine::model::{Driving, Limits, Model, Parts, Policy, Stage, StageModel, Text};
+    use crate::engine::monitor::spec::Watched;
+
+    fn engine() -> Engine {
+        let parts = Parts {
+            vehicle_id: "v".into(),
+            vehicle_name: Text::plain("V"),
+            stages: StageModel::Shuttle,
+            signals: Vec::new(),
+            groups: Vec::new(),
+            modules: Vec::new(),
+            watched: Watched::default(),
+            driving: Driving::default(),
+            discovered: Policy::default(),
+            limits: Limits::default(),
+        };
+        Engine::new(Arc::new(Model::new(parts).unwrap()), Timestamp::ZERO)
+    }
+
+    #[test]
+    fn a_full_queue_loses_records_counts_them_and_holds_nobody_up() {
+        let (queue, records) = sync_channel(1);
+        let mut engine = engine();
+        let mut recorder = Recorder::start(&mut engine, Some(queue), Timestamp::ZERO);
+        let at = Timestamp::from_millis;
+        recorder.follow(&mut engine, at(50));
+        assert!(records.try_recv().is_err(), "it waits for others");
+        recorder.follow(&mut engine, at(100));
+        for ms in [200, 300] {
+            let action =
+                if ms == 200 { OperatorAction::Login { name: "a".into() } } else { OperatorAction::Logout };
+            engine.handle(&Input::Operator(action), at(ms));
+            recorder.follow(&mut engine, at(ms));
+        }
+        let first = records.try_recv().unwrap();
+        assert_eq!(first[0].what, Recorded::Started { anew: false });
+        assert_eq!(first[1].what, Recorded::Stage(Stage::Locked));
+        assert!(
+            first.iter().any(|it| matches!(&it.what, Recorded::Shown { node, .. } if &**node == "telltale"))
+        );
+        assert!(records.try_recv().is_err(), "the queue was full");
+        engine.handle(&Input::Operator(OperatorAction::Login { name: "a".into() }), at(400));
+        recorder.follow(&mut engine, at(400));
+        let next = records.try_recv().unwrap();
+        assert!(matches!(next[0].what, Recorded::Lost(lost) if lost >= 2), "{next:?}");
+        drop(records);
+        engine.handle(&Input::Operator(OperatorAction::Logout), at(500));
+        recorder.follow(&mut engine, at(500));
+    }
+}

@@ -1,0 +1,407 @@
+//! The audit log: who did what and what came of it, as a chain in which nothing can be changed,
+//! left out or cut off without being noticed.
+//!
+//! A record is on the disk before its caller is answered. The head of the chain is noted beside
+//! the database in [`HEAD_FILE_NAME`] and in the log of the program: whoever can write the
+//! database alone cannot write a chain that fits.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, Transaction, TransactionBehavior, params};
+
+use super::chain::{self, Hash, Verifier};
+use super::users::{from_unix_ms, to_unix_ms};
+use super::{Database, FILE_NAME, Head, Role, Store, StoreError, Verdict};
+
+/// The head of the chain, beside the database.
+pub const HEAD_FILE_NAME: &str = "audit.head";
+
+/// Records that are kept. Past this the oldest are taken away, which is a record itself.
+const RECORDS_MAX: u64 = 1_000_000;
+const PRUNE_AT_ONCE: u64 = 1000;
+pub(super) const PRUNED_UP_TO: &str = "up to ";
+
+/// The program's log notes the head after so many records, and at start and end.
+const LOG_HEAD_EVERY: u64 = 100;
+/// Records after which the head is noted even if more wait to be written.
+const HEAD_LAG_MAX: u64 = 64;
+
+/// A field that is longer is cut.
+const FIELD_CHARS_MAX: usize = 300;
+
+/// Records that are read at once to verify the chain: others get their turn in between.
+const VERIFY_AT_ONCE: u32 = 1000;
+
+/// The source of what was done on the command line.
+pub const COMMAND_LINE: &str = "command line";
+/// The source of what the program does by itself.
+pub const TELLTALE: &str = "telltale";
+
+macro_rules! actions {
+    ($($name:ident: $word:literal, $about:literal;)*) => {
+        /// What somebody did or tried to do.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+        pub enum Action { $(#[doc = $about] $name,)* }
+
+        impl Action {
+            pub const ALL: &[Action] = &[$(Action::$name,)*];
+
+            /// The word in the database.
+            pub const fn as_str(self) -> &'static str {
+                match self { $(Action::$name => $word,)* }
+            }
+        }
+    };
+}
+
+actions! {
+    Start: "start", "The server began.";
+    End: "end", "The server ended as it was asked to.";
+    Login: "login", "Somebody gave a name and a secret.";
+    Logout: "logout", "A session was ended by who held it.";
+    SessionEnded: "session ended", "A session was ended by its age, or by another login.";
+    HandOver: "hand-over", "An operator took the seat over from another.";
+    Request: "request", "A request was refused: foreign origin, wrong role, false token.";
+    Localize: "localize", "The operator gave the position of the vehicle.";
+    ClearanceAsked: "clearance asked", "The first step of the clearance.";
+    Clearance: "clearance", "The second step: the vehicle was cleared to drive.";
+    Stop: "stop", "The operator stopped the vehicle.";
+    Acknowledge: "acknowledge", "The operator acknowledged an alarm.";
+    Reset: "reset", "A latched error was forgotten.";
+    Stage: "stage", "The vehicle came into another stage.";
+    Countermeasure: "countermeasure", "A countermeasure was requested or ended.";
+    Configuration: "configuration", "The configuration was read again.";
+    Fault: "demo fault", "A fault of the simulated shuttle was switched.";
+    UserAdded: "user added", "A user was added.";
+    UserSecret: "user secret", "A user got another secret.";
+    UserRole: "user role", "A user got another role.";
+    UserRemoved: "user removed", "A user was removed.";
+    TokenAdded: "token added", "A token for a program was made.";
+    TokenRevoked: "token revoked", "A token of a program was taken back.";
+    Omitted: "omitted", "Records that were left out, because there were too many of their kind.";
+    Pruned: "pruned", "The oldest records were taken away.";
+    ChainBroken: "chain broken", "The chain did not end where it had been noted to.";
+}
+
+/// What is to be written into the log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Record {
+    /// The user's name; empty where nobody is known.
+    pub who: String,
+    pub role: Option<Role>,
+    /// An address, or [`COMMAND_LINE`], or [`TELLTALE`].
+    pub source: String,
+    pub action: Action,
+    /// What it was done to.
+    pub target: String,
+    /// Why it was refused or failed; `None` if it was done.
+    pub refusal: Option<String>,
+}
+
+impl Record {
+    /// Something that was done by nobody in particular.
+    pub fn of(action: Action, source: impl Into<String>) -> Record {
+        let (who, target) = (String::new(), String::new());
+        Record { who, role: None, source: source.into(), action, target, refusal: None }
+    }
+
+    pub fn by(mut self, who: impl Into<String>, role: Role) -> Record {
+        (self.who, self.role) = (who.into(), Some(role));
+        self
+    }
+
+    pub fn on(mut self, target: impl Into<String>) -> Record {
+        self.target = target.into();
+        self
+    }
+
+    pub fn refused(mut self, why: impl Into<String>) -> Record {
+        self.refusal = Some(why.into());
+        self
+    }
+}
+
+/// A record as it lies in the log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Entry {
+    pub number: u64,
+    pub at_ms: i64,
+    pub who: String,
+    pub role: String,
+    pub source: String,
+    pub action: String,
+    pub target: String,
+    /// `done`, or `refused: ` and why.
+    pub outcome: String,
+    pub hash: Hash,
+}
+
+impl Entry {
+    /// The wall time at which it was written.
+    pub fn at(&self) -> SystemTime {
+        from_unix_ms(self.at_ms)
+    }
+
+    pub fn was_refused(&self) -> bool {
+        self.outcome != DONE
+    }
+
+    pub(super) fn fields(&self) -> [&str; 6] {
+        [&self.who, &self.role, &self.source, &self.action, &self.target, &self.outcome]
+    }
+
+    pub(super) fn read(row: &Row<'_>) -> rusqlite::Result<Entry> {
+        Ok(Entry {
+            number: u64::try_from(row.get::<_, i64>(0)?).unwrap_or(0),
+            at_ms: row.get(1)?,
+            who: row.get(2)?,
+            role: row.get(3)?,
+            source: row.get(4)?,
+            action: row.get(5)?,
+            target: row.get(6)?,
+            outcome: row.get(7)?,
+            hash: Hash(row.get(8)?),
+        })
+    }
+}
+
+const DONE: &str = "done";
+
+impl Store {
+    /// Writes a record. When this returns, it is on the disk.
+    ///
+    /// # Errors
+    /// If the database fails: what is to be recorded must not be acknowledged then.
+    pub async fn audit(&self, record: Record) -> Result<(), StoreError> {
+        self.call(move |database| database.change(&[record], |_| Ok(()))).await
+    }
+
+    /// Records before number `before`, the newest first, at most `count`.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn audit_entries(&self, before: Option<u64>, count: u32) -> Result<Vec<Entry>, StoreError> {
+        let before = before.and_then(|before| i64::try_from(before).ok()).unwrap_or(i64::MAX);
+        self.call(move |database| {
+            let sql = "SELECT number, at_ms, who, role, source, action, target, outcome, hash
+                       FROM audit WHERE number < ?1 ORDER BY number DESC LIMIT ?2";
+            let mut query = database.connection.prepare_cached(sql)?;
+            let entries = query.query_map((before, count), Entry::read)?;
+            Ok(entries.collect::<Result<_, _>>()?)
+        })
+        .await
+    }
+
+    /// Goes through the whole chain; others get their turn in between.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn verify_audit(&self) -> Result<Verdict, StoreError> {
+        let mut verifier = self.call(|database| Ok(Verifier::new(database.log.noted()))).await?;
+        loop {
+            let more;
+            (verifier, more) = self
+                .call(move |database| {
+                    let more = verifier.read(&database.connection, VERIFY_AT_ONCE)?;
+                    Ok((verifier, more))
+                })
+                .await?;
+            if !more {
+                return Ok(verifier.verdict());
+            }
+        }
+    }
+}
+
+/// Verifies the chain in a data folder and changes nothing there. Beside the head that lies there
+/// the chain must hold the `heads` that were noted elsewhere.
+///
+/// # Errors
+/// If there is no database, or it cannot be read.
+pub fn verify_audit_in(folder: &Path, heads: &[Head]) -> Result<Verdict, StoreError> {
+    let path = folder.join(FILE_NAME);
+    let open_error = |reason| StoreError::Open { path: path.clone(), reason };
+    if !path.exists() {
+        return Err(StoreError::NoDatabase { path });
+    }
+    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let connection = Connection::open_with_flags(&path, flags).map_err(open_error)?;
+    connection.busy_timeout(super::schema::LOCK_WAIT).map_err(open_error)?;
+    let mut known = heads.to_vec();
+    // The head is never ahead of the database, so it is read first.
+    known.extend(read_head(&folder.join(HEAD_FILE_NAME)));
+    let mut verifier = Verifier::new(known);
+    while verifier.read(&connection, VERIFY_AT_ONCE)? {}
+    Ok(verifier.verdict())
+}
+
+/// The head of the chain, as it is noted outside of the database.
+#[derive(Debug)]
+pub(super) struct Log {
+    /// `None` for a store that ends with the process.
+    head_file: Option<PathBuf>,
+    /// The record that was written last.
+    head: Head,
+    /// The one that [`HEAD_FILE_NAME`] names.
+    noted: Head,
+    logged: u64,
+    /// Why the head could not be noted last time.
+    fault: Option<String>,
+}
+
+impl Log {
+    /// Takes up the chain where it ends. If it does not reach what was noted, that becomes a record.
+    pub(super) fn open(
+        connection: &mut Connection,
+        folder: Option<&Path>,
+        wall: SystemTime,
+    ) -> Result<Log, StoreError> {
+        let head_file = folder.map(|folder| folder.join(HEAD_FILE_NAME));
+        let noted = head_file.as_deref().and_then(read_head).unwrap_or(Head::NONE);
+        let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        if noted.number > 0 && hash_of(&transaction, noted.number)? != Some(noted.hash) {
+            tracing::error!(%noted, "the audit log is not the one that was noted; `telltale audit verify` says more");
+            let record =
+                Record::of(Action::ChainBroken, TELLTALE).on(format!("{HEAD_FILE_NAME} said {noted}"));
+            append(&transaction, &record, wall)?;
+        }
+        transaction.commit()?;
+        let head = Head::of(connection)?;
+        let mut log = Log { head_file, head, noted, logged: head.number, fault: None };
+        log.say();
+        log.note();
+        Ok(log)
+    }
+
+    fn noted(&self) -> Vec<Head> {
+        vec![self.noted]
+    }
+
+    fn written(&mut self, head: Head) {
+        self.head = head;
+        if head.number >= self.logged + LOG_HEAD_EVERY {
+            self.say();
+        }
+        if head.number >= self.noted.number + HEAD_LAG_MAX {
+            self.note();
+        }
+    }
+
+    /// Notes the head in the log of the program.
+    pub(super) fn say(&mut self) {
+        self.logged = self.head.number;
+        if self.head_file.is_some() && self.head.number > 0 {
+            tracing::info!("audit head {}", self.head);
+        }
+    }
+
+    /// Notes the head beside the database.
+    pub(super) fn note(&mut self) {
+        if self.noted == self.head {
+            return;
+        }
+        let written = self.head_file.as_deref().map_or(Ok(()), |file| write_head(file, self.head));
+        match written {
+            Ok(()) => (self.noted, self.fault) = (self.head, None),
+            Err(error) => self.fault = Some(format!("{HEAD_FILE_NAME} cannot be written: {error}")),
+        }
+    }
+
+    pub(super) fn fault(&self) -> Option<&str> {
+        self.fault.as_deref()
+    }
+}
+
+impl Database {
+    /// Makes a change and writes its records, whole or not at all. It is on the disk when this returns.
+    pub(super) fn change<T>(
+        &mut self,
+        records: &[Record],
+        change: impl FnOnce(&Transaction<'_>) -> Result<T, StoreError>,
+    ) -> Result<T, StoreError> {
+        let wall = self.clock.wall();
+        // The end of the chain is read under the lock: another process may write too.
+        let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let value = change(&transaction)?;
+        let mut head = None;
+        for record in records {
+            head = Some(append(&transaction, record, wall)?);
+        }
+        if let Some(last) = head {
+            head = prune(&transaction, last, RECORDS_MAX, wall)?.or(head);
+        }
+        transaction.commit()?;
+        if let Some(head) = head {
+            self.log.written(head);
+        }
+        Ok(value)
+    }
+}
+
+fn append(connection: &Connection, record: &Record, wall: SystemTime) -> Result<Head, StoreError> {
+    let last = Head::of(connection)?;
+    let number = last.number + 1;
+    let at_ms = to_unix_ms(wall);
+    let outcome = record.refusal.as_ref().map_or(DONE.to_owned(), |why| format!("refused: {why}"));
+    let [who, source, target, outcome] =
+        [&record.who, &record.source, &record.target, &outcome].map(|it| cut(it));
+    let role = record.role.map_or("", Role::as_str);
+    let action = record.action.as_str();
+    let hash = chain::hash(last.hash, number, at_ms, [who, role, source, action, target, outcome]);
+    connection
+        .prepare_cached(
+            "INSERT INTO audit (number, at_ms, who, role, source, action, target, outcome, hash)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+        )?
+        .execute(params![number as i64, at_ms, who, role, source, action, target, outcome, hash.0])?;
+    Ok(Head { number, hash })
+}
+
+fn prune(
+    connection: &Connection,
+    last: Head,
+    records_max: u64,
+    wall: SystemTime,
+) -> Result<Option<Head>, StoreError> {
+    let first: i64 = connection.query_row("SELECT min(number) FROM audit", [], |row| row.get(0))?;
+    let first = first.unsigned_abs();
+    if last.number - first < records_max + PRUNE_AT_ONCE {
+        return Ok(None);
+    }
+    let number = first + PRUNE_AT_ONCE - 1;
+    let Some(hash) = hash_of(connection, number)? else { return Ok(None) };
+    connection.execute("DELETE FROM audit WHERE number <= ?1", [number as i64])?;
+    let target = format!("{PRUNED_UP_TO}{}", Head { number, hash });
+    append(connection, &Record::of(Action::Pruned, TELLTALE).on(target), wall).map(Some)
+}
+
+fn hash_of(connection: &Connection, number: u64) -> Result<Option<Hash>, StoreError> {
+    let sql = "SELECT hash FROM audit WHERE number = ?1";
+    Ok(connection.query_row(sql, [number as i64], |row| Ok(Hash(row.get(0)?))).optional()?)
+}
+
+fn cut(text: &str) -> &str {
+    text.char_indices().nth(FIELD_CHARS_MAX).map_or(text, |(end, _)| &text[..end])
+}
+
+fn read_head(file: &Path) -> Option<Head> {
+    Head::parse(&std::fs::read_to_string(file).ok()?)
+}
+
+/// Whole or not at all, whenever the power goes.
+fn write_head(file: &Path, head: Head) -> std::io::Result<()> {
+    let new = file.with_extension(format!("head.{}", std::process::id()));
+    let mut options = std::fs::OpenOptions::new();
+    options.write(true).create(true).truncate(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    let mut writer = options.open(&new)?;
+    writer.write_all(format!("{head}\n").as_bytes())?;
+    writer.sync_data()?;
+    std::fs::rename(&new, file)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,144 @@
+//! What happened, in a file of its own: every transition with its cause, stages, signals, alarms.
+//!
+//! A thread writes what the engine's task hands over, in batches. It is no part of what the
+//! vehicle's state rests on: a failure is logged and counted, and everything else goes on. The
+//! file is bounded: past [`ROWS_MAX`] records the oldest go, but the last of each node stays, so that
+//! every moment that is kept knows what everything showed.
+
+mod read;
+mod write;
+
+use std::path::Path;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use rusqlite::Connection;
+
+pub use read::{Happened, HistoryQuery, NodePast, Past, Stretch};
+
+use super::StoreError;
+use super::schema::make_private_file;
+use crate::clock::Clock;
+use crate::engine::record::Record;
+
+/// The file beside the users': it may grow large, and may be removed.
+pub const HISTORY_FILE: &str = "history.db";
+/// Records that are kept, each about 80 bytes on the disk.
+pub const ROWS_MAX: usize = 1_000_000;
+/// Batches that wait for the disk. A full queue refuses the next one: see `runtime`.
+const QUEUE: usize = 64;
+/// How often the file is told that the program still runs, at least.
+const ALIVE_EVERY: Duration = Duration::from_secs(5);
+
+const SCHEMA: &str = "
+    CREATE TABLE IF NOT EXISTS nodes (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE) STRICT;
+    CREATE TABLE IF NOT EXISTS records (
+        id INTEGER PRIMARY KEY,
+        at_ms INTEGER NOT NULL,
+        kind INTEGER NOT NULL,
+        node INTEGER,
+        state INTEGER,
+        own INTEGER,
+        other INTEGER,
+        number INTEGER
+    ) STRICT;
+    CREATE INDEX IF NOT EXISTS records_by_node ON records (node, at_ms) WHERE kind = 1;
+    CREATE INDEX IF NOT EXISTS records_by_time ON records (at_ms) WHERE kind <> 1;
+    CREATE TABLE IF NOT EXISTS alive (one INTEGER PRIMARY KEY CHECK (one = 1), at_ms INTEGER NOT NULL) STRICT;
+";
+
+/// The handle of the history. Clones use the same one.
+#[derive(Debug, Clone)]
+pub struct History {
+    connection: Arc<Mutex<Connection>>,
+    clock: Clock,
+}
+
+impl History {
+    /// Opens or makes the file in `folder`, and starts to write what comes through the queue.
+    ///
+    /// # Errors
+    /// If the file cannot be written or is none of ours.
+    pub fn open(folder: &Path, clock: Clock) -> Result<(History, SyncSender<Vec<Record>>), StoreError> {
+        let path = folder.join(HISTORY_FILE);
+        let error = |reason| StoreError::Open { path: path.clone(), reason };
+        // It tells where and when the vehicle failed: for nobody else's eyes.
+        make_private_file(&path).map_err(|reason| StoreError::Folder { path: folder.to_owned(), reason })?;
+        let connection = Connection::open(&path).map_err(error)?;
+        History::start(connection, clock, ROWS_MAX).map_err(error)
+    }
+
+    /// A history that ends with the process.
+    ///
+    /// # Errors
+    /// If SQLite fails.
+    pub fn in_memory(clock: Clock) -> Result<(History, SyncSender<Vec<Record>>), StoreError> {
+        Ok(History::start(Connection::open_in_memory()?, clock, ROWS_MAX)?)
+    }
+
+    fn start(
+        connection: Connection,
+        clock: Clock,
+        rows_max: usize,
+    ) -> rusqlite::Result<(History, SyncSender<Vec<Record>>)> {
+        connection.busy_timeout(Duration::from_secs(2))?;
+        connection.pragma_update_and_check(None, "journal_mode", "WAL", |_| Ok(()))?;
+        // The last moments before a loss of power may be missing; the file stays whole.
+        connection.pragma_update(None, "synchronous", "NORMAL")?;
+        connection.pragma_update(None, "trusted_schema", false)?;
+        connection.execute_batch(SCHEMA)?;
+        let writer = write::Writer::new(&connection, rows_max)?;
+        let history = History { connection: Arc::new(Mutex::new(connection)), clock };
+        let (queue, records) = sync_channel(QUEUE);
+        let shared = history.clone();
+        // Without a thread the queue fills and records are counted as lost: no reason to end.
+        let spawned = std::thread::Builder::new()
+            .name("history".to_owned())
+            .spawn(move || shared.write(writer, &records));
+        if let Err(error) = spawned {
+            tracing::error!(%error, "the history has no thread; nothing will be recorded");
+        }
+        Ok((history, queue))
+    }
+
+    /// What is recorded of some nodes and of everything else in a span of time.
+    ///
+    /// # Errors
+    /// What the database says.
+    pub async fn past(&self, query: HistoryQuery) -> Result<Past, StoreError> {
+        let history = self.clone();
+        let read = tokio::task::spawn_blocking(move || read::past(&history.lock(), &query));
+        Ok(read.await.map_err(|_| StoreError::Ended)??)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Connection> {
+        self.connection.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Runs until the engine's task has ended.
+    fn write(&self, mut writer: write::Writer, records: &Receiver<Vec<Record>>) {
+        let mut failing = false;
+        loop {
+            let mut batch = match records.recv_timeout(ALIVE_EVERY) {
+                Ok(batch) => batch,
+                Err(RecvTimeoutError::Timeout) => Vec::new(),
+                Err(RecvTimeoutError::Disconnected) => return,
+            };
+            batch.extend(records.try_iter().take(QUEUE).flatten());
+            let now = (self.clock.wall(), self.clock.now());
+            let written = writer.write(&mut self.lock(), &batch, now);
+            match &written {
+                Err(error) if !failing => {
+                    tracing::error!(%error, "the history cannot be written: check the free space of the data folder");
+                }
+                Ok(()) if failing => tracing::info!("the history can be written again"),
+                _ => {}
+            }
+            failing = written.is_err();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,170 @@
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use super::write::Writer;
+use super::*;
+use crate::engine::model::Stage;
+use crate::engine::record::Recorded;
+use crate::engine::state::State;
+use crate::engine::time::Timestamp;
+
+/// The wall clock at the start of the tests' time.
+const START_MS: i64 = 1_000_000;
+
+struct Disk {
+    connection: Connection,
+    writer: Writer,
+}
+
+impl Disk {
+    fn new(rows_max: usize) -> Disk {
+        let connection = Connection::open_in_memory().unwrap();
+        connection.execute_batch(SCHEMA).unwrap();
+        let writer = Writer::new(&connection, rows_max).unwrap();
+        Disk { connection, writer }
+    }
+
+    /// The program ends without a word and starts again.
+    fn restart(&mut self) {
+        self.writer = Writer::new(&self.connection, ROWS_MAX).unwrap();
+    }
+
+    fn write(&mut self, at_ms: u64, records: &[Recorded]) {
+        let at = Timestamp::from_millis(at_ms);
+        let wall = UNIX_EPOCH + Duration::from_millis(START_MS as u64 + at_ms);
+        let batch: Vec<Record> = records.iter().map(|what| Record { at, what: what.clone() }).collect();
+        self.writer.write(&mut self.connection, &batch, (wall, at)).unwrap();
+    }
+
+    fn past(&self, nodes: &[&str], from_ms: i64, to_ms: i64) -> Past {
+        let nodes = nodes.iter().map(|&name| name.to_owned()).collect();
+        let query = HistoryQuery { nodes, from_ms: START_MS + from_ms, to_ms: START_MS + to_ms };
+        read::past(&self.connection, &query).unwrap()
+    }
+
+    /// From, to and state of each stretch of a node.
+    fn stretches(&self, node: &str, from_ms: i64, to_ms: i64) -> Vec<(i64, i64, State)> {
+        let past = self.past(&[node], from_ms, to_ms);
+        let stretch = |it: &Stretch| (it.from_ms - START_MS, it.to_ms - START_MS, it.state);
+        past.nodes[0].stretches.iter().map(stretch).collect()
+    }
+
+    fn rows(&self) -> i64 {
+        self.connection.query_row("SELECT count(*) FROM records", [], |row| row.get(0)).unwrap()
+    }
+}
+
+fn shown(node: &str, state: State, cause: Option<&str>) -> Recorded {
+    Recorded::Shown { node: node.into(), state, own: State::Error, cause: cause.map(Into::into) }
+}
+
+#[test]
+fn what_a_node_showed_is_known_for_any_span() {
+    let mut disk = Disk::new(ROWS_MAX);
+    disk.write(
+        0,
+        &[Recorded::Started { anew: false }, shown("a", State::Ok, None), shown("b", State::Ok, None)],
+    );
+    disk.write(1000, &[shown("a", State::Ignore, Some("b"))]);
+    disk.write(3000, &[shown("a", State::Ok, None)]);
+    let (ok, ignore) = (State::Ok, State::Ignore);
+    for (from, to, expect) in [
+        (0, 4000, vec![(0, 1000, ok), (1000, 3000, ignore), (3000, 4000, ok)]),
+        (1500, 2000, vec![(1500, 2000, ignore)]),
+        (500, 1500, vec![(500, 1000, ok), (1000, 1500, ignore)]),
+        (-500, -100, vec![]),
+        (3000, 5000, vec![(3000, 5000, ok)]),
+    ] {
+        assert_eq!(disk.stretches("a", from, to), expect, "{from} to {to}");
+    }
+    assert_eq!(disk.past(&["a"], 1500, 2000).nodes[0].stretches[0].cause.as_deref(), Some("b"));
+    assert!(disk.stretches("nobody", 0, 4000).is_empty());
+}
+
+#[test]
+fn nothing_is_claimed_for_the_time_between_two_runs_nor_of_what_is_gone() {
+    let mut disk = Disk::new(ROWS_MAX);
+    disk.write(
+        0,
+        &[Recorded::Started { anew: false }, shown("a", State::Error, None), shown("b", State::Ok, None)],
+    );
+    disk.write(2000, &[]);
+    disk.restart();
+    disk.write(9000, &[Recorded::Started { anew: false }, shown("a", State::Ok, None)]);
+    assert_eq!(disk.stretches("a", 0, 10_000), [(0, 2000, State::Error), (9000, 10_000, State::Ok)]);
+    assert_eq!(disk.stretches("b", 0, 10_000), [(0, 2000, State::Ok)]);
+    assert_eq!(disk.stretches("b", 9500, 10_000), []);
+    assert_eq!(disk.stretches("a", 3000, 8000), []);
+    disk.write(11_000, &[Recorded::Started { anew: true }, shown("c", State::Ok, None)]);
+    assert_eq!(disk.stretches("a", 9500, 12_000), [(9500, 11_000, State::Ok)]);
+}
+
+#[test]
+fn all_else_that_happened_is_told_in_order() {
+    let mut disk = Disk::new(ROWS_MAX);
+    let all = [
+        (Recorded::Started { anew: false }, Happened::Started { anew: false }),
+        (Recorded::Stage(Stage::Active), Happened::Stage(Stage::Active)),
+        (
+            Recorded::Signal { name: "active".into(), value: None },
+            Happened::Signal { name: "active".into(), value: None },
+        ),
+        (
+            Recorded::AlarmRaised { id: 3, node: "a".into() },
+            Happened::AlarmRaised { id: 3, node: "a".into() },
+        ),
+        (
+            Recorded::AlarmMoved { id: 3, symptom: "a".into(), cause: "b".into() },
+            Happened::AlarmMoved { id: 3, symptom: "a".into(), cause: "b".into() },
+        ),
+        (
+            Recorded::AlarmCleared { id: 3, node: "b".into() },
+            Happened::AlarmCleared { id: 3, node: "b".into() },
+        ),
+        (
+            Recorded::AlarmAcknowledged { id: 3, node: "b".into() },
+            Happened::AlarmAcknowledged { id: 3, node: "b".into() },
+        ),
+        (Recorded::Lost(7), Happened::Lost(7)),
+    ];
+    let records: Vec<Recorded> = all.iter().map(|(record, _)| record.clone()).collect();
+    disk.write(5, &records);
+    let past = disk.past(&[], 0, 10);
+    let told: Vec<Happened> = past.happened.into_iter().map(|(_, what)| what).collect();
+    assert_eq!(told, all.map(|(_, happened)| happened));
+    assert!(disk.past(&[], 6, 10).happened.is_empty());
+}
+
+#[test]
+fn the_oldest_go_and_the_present_stays_known() {
+    let mut disk = Disk::new(200);
+    disk.write(0, &[Recorded::Started { anew: false }, shown("still", State::Warning, None)]);
+    for step in 1..=2000_u64 {
+        let state = if step % 2 == 0 { State::Ok } else { State::Error };
+        disk.write(step * 10, &[shown("busy", state, Some(&format!("cause {step}")))]);
+    }
+    assert!((100..=200).contains(&disk.rows()), "{}", disk.rows());
+    assert_eq!(disk.stretches("still", 19_000, 20_000), [(19_000, 20_000, State::Warning)]);
+    assert!(disk.stretches("busy", 19_500, 20_000).len() > 40);
+    let names: i64 = disk.connection.query_row("SELECT count(*) FROM nodes", [], |row| row.get(0)).unwrap();
+    assert!(names <= 300, "{names} names of causes that nobody remembers");
+}
+
+#[tokio::test]
+async fn a_database_that_fails_is_survived_and_what_was_lost_is_told() {
+    let mut disk = Disk::new(ROWS_MAX);
+    disk.connection.execute_batch("ALTER TABLE records RENAME TO away").unwrap();
+    let batch = [Record { at: Timestamp::ZERO, what: shown("a", State::Ok, None) }];
+    let now = (SystemTime::UNIX_EPOCH, Timestamp::ZERO);
+    assert!(disk.writer.write(&mut disk.connection, &batch, now).is_err());
+    disk.connection.execute_batch("ALTER TABLE away RENAME TO records").unwrap();
+    disk.write(10, &[shown("a", State::Error, None)]);
+    assert_eq!(disk.past(&[], 0, 20).happened, [(START_MS + 10, Happened::Lost(1))]);
+    assert_eq!(disk.stretches("a", 0, 20), [(10, 20, State::Error)]);
+
+    let folder = std::env::temp_dir().join(format!("telltale-history-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join(HISTORY_FILE), [b'x'; 4096]).unwrap();
+    let error = History::open(&folder, Clock::start()).unwrap_err().to_string();
+    std::fs::remove_dir_all(&folder).unwrap();
+    assert!(error.contains(HISTORY_FILE), "{error}");
+}

@@ -1,0 +1,204 @@
+//! Records into rows, and the oldest rows out.
+
+use std::collections::HashMap;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use rusqlite::{Connection, Transaction, params};
+
+use crate::clock::wall_at;
+use crate::engine::record::{Record, Recorded};
+use crate::engine::time::Timestamp;
+
+/// Kinds of rows. They are numbers on the disk: none is ever given to another.
+pub const SHOWN: i64 = 1;
+pub const STARTED: i64 = 2;
+pub const STAGE: i64 = 3;
+pub const SIGNAL: i64 = 4;
+pub const RAISED: i64 = 5;
+pub const MOVED: i64 = 6;
+pub const CLEARED: i64 = 7;
+pub const LOST: i64 = 8;
+pub const ACKNOWLEDGED: i64 = 9;
+
+/// Names whose row is known without asking; more are asked for again.
+const NAMES_MAX: usize = 65_536;
+
+#[derive(Debug)]
+pub struct Writer {
+    names: HashMap<Box<str>, i64>,
+    rows: usize,
+    rows_max: usize,
+    /// When the program that wrote before this one was alive last.
+    alive_before_ms: Option<i64>,
+    lost: u64,
+}
+
+/// One row without its time.
+#[derive(Default)]
+struct Row {
+    kind: i64,
+    node: Option<i64>,
+    state: Option<i64>,
+    own: Option<i64>,
+    other: Option<i64>,
+    number: Option<i64>,
+}
+
+impl Writer {
+    pub fn new(connection: &Connection, rows_max: usize) -> rusqlite::Result<Writer> {
+        let rows: i64 = connection.query_row("SELECT count(*) FROM records", [], |row| row.get(0))?;
+        let alive = connection.query_row("SELECT max(at_ms) FROM alive", [], |row| row.get(0))?;
+        let rows = usize::try_from(rows).unwrap_or(0);
+        Ok(Writer { names: HashMap::new(), rows, rows_max, alive_before_ms: alive, lost: 0 })
+    }
+
+    /// Writes all of a batch or, if the database fails, nothing; then it is counted as lost.
+    pub fn write(
+        &mut self,
+        connection: &mut Connection,
+        batch: &[Record],
+        now: (SystemTime, Timestamp),
+    ) -> rusqlite::Result<()> {
+        let written = self.try_write(connection, batch, now);
+        match written {
+            Ok(rows) => {
+                // Where rows went, names that only they had went with them.
+                if rows < self.rows + batch.len() {
+                    self.names.clear();
+                }
+                self.rows = rows;
+                self.lost = 0;
+            }
+            Err(_) => {
+                // What was rolled back gave no lasting ids.
+                self.names.clear();
+                self.lost += batch.len() as u64;
+            }
+        }
+        written.map(drop)
+    }
+
+    fn try_write(
+        &mut self,
+        connection: &mut Connection,
+        batch: &[Record],
+        now: (SystemTime, Timestamp),
+    ) -> rusqlite::Result<usize> {
+        let transaction = connection.transaction()?;
+        let now_ms = millis(now.0);
+        let mut rows = self.rows;
+        if self.lost > 0 {
+            insert(
+                &transaction,
+                now_ms,
+                Row { kind: LOST, number: Some(self.lost as i64), ..Row::default() },
+            )?;
+            rows += 1;
+        }
+        for record in batch {
+            let row = self.row(&transaction, &record.what)?;
+            insert(&transaction, millis(wall_at(now.0, now.1, record.at)), row)?;
+        }
+        rows += batch.len();
+        transaction.execute("INSERT OR REPLACE INTO alive (one, at_ms) VALUES (1, ?)", [now_ms])?;
+        if rows > self.rows_max {
+            rows = trim(&transaction, rows - self.rows_max + self.rows_max / 20, rows)?;
+        }
+        transaction.commit()?;
+        Ok(rows)
+    }
+
+    fn row(&mut self, transaction: &Transaction<'_>, what: &Recorded) -> rusqlite::Result<Row> {
+        let mut id = |name: &str| self.name(transaction, name);
+        Ok(match what {
+            Recorded::Shown { node, state, own, cause } => Row {
+                kind: SHOWN,
+                node: Some(id(node)?),
+                state: Some(*state as i64),
+                own: Some(*own as i64),
+                other: cause.as_ref().map(|cause| id(cause)).transpose()?,
+                number: None,
+            },
+            Recorded::Started { anew } => Row {
+                kind: STARTED,
+                state: Some(i64::from(*anew)),
+                number: if *anew { None } else { self.alive_before_ms },
+                ..Row::default()
+            },
+            Recorded::Stage(stage) => Row { kind: STAGE, state: Some(*stage as i64), ..Row::default() },
+            Recorded::Signal { name, value } => {
+                Row { kind: SIGNAL, node: Some(id(name)?), state: value.map(i64::from), ..Row::default() }
+            }
+            Recorded::AlarmRaised { id: number, node } => {
+                Row { kind: RAISED, node: Some(id(node)?), number: Some(*number as i64), ..Row::default() }
+            }
+            Recorded::AlarmMoved { id: number, symptom, cause } => Row {
+                kind: MOVED,
+                node: Some(id(symptom)?),
+                other: Some(id(cause)?),
+                number: Some(*number as i64),
+                ..Row::default()
+            },
+            Recorded::AlarmAcknowledged { id: number, node } => Row {
+                kind: ACKNOWLEDGED,
+                node: Some(id(node)?),
+                number: Some(*number as i64),
+                ..Row::default()
+            },
+            Recorded::AlarmCleared { id: number, node } => {
+                Row { kind: CLEARED, node: Some(id(node)?), number: Some(*number as i64), ..Row::default() }
+            }
+            Recorded::Lost(lost) => Row { kind: LOST, number: Some(*lost as i64), ..Row::default() },
+        })
+    }
+
+    fn name(&mut self, transaction: &Transaction<'_>, name: &str) -> rusqlite::Result<i64> {
+        if let Some(&id) = self.names.get(name) {
+            return Ok(id);
+        }
+        transaction.prepare_cached("INSERT OR IGNORE INTO nodes (name) VALUES (?)")?.execute([name])?;
+        let id = transaction
+            .prepare_cached("SELECT id FROM nodes WHERE name = ?")?
+            .query_row([name], |row| row.get(0))?;
+        if self.names.len() >= NAMES_MAX {
+            self.names.clear();
+        }
+        self.names.insert(name.into(), id);
+        Ok(id)
+    }
+}
+
+fn insert(transaction: &Transaction<'_>, at_ms: i64, row: Row) -> rusqlite::Result<()> {
+    let Row { kind, node, state, own, other, number } = row;
+    transaction
+        .prepare_cached(
+            "INSERT INTO records (at_ms, kind, node, state, own, other, number) VALUES (?, ?, ?, ?, ?, ?, ?)",
+        )?
+        .execute(params![at_ms, kind, node, state, own, other, number])?;
+    Ok(())
+}
+
+/// Drops about so many of the oldest rows, but keeps what was the last of each node among them.
+/// Returns how many rows there are then.
+fn trim(transaction: &Transaction<'_>, surplus: usize, rows: usize) -> rusqlite::Result<usize> {
+    let border: i64 = transaction.query_row(
+        "SELECT id FROM records ORDER BY id LIMIT 1 OFFSET ?",
+        [surplus as i64],
+        |row| row.get(0),
+    )?;
+    let dropped = transaction.execute(
+        "DELETE FROM records WHERE id < ?1 AND id NOT IN
+            (SELECT max(id) FROM records WHERE id < ?1 AND kind = 1 GROUP BY node)",
+        [border],
+    )?;
+    transaction.execute(
+        "DELETE FROM nodes WHERE id NOT IN (SELECT node FROM records WHERE node IS NOT NULL
+            UNION SELECT other FROM records WHERE other IS NOT NULL)",
+        [],
+    )?;
+    Ok(rows - dropped)
+}
+
+pub fn millis(at: SystemTime) -> i64 {
+    at.duration_since(UNIX_EPOCH).map_or(0, |since| i64::try_from(since.as_millis()).unwrap_or(i64::MAX))
+}

@@ -1,0 +1,236 @@
+//! What of the vehicle outlives a restart: its stage, its alarms with their numbers, and what an
+//! operator decided.
+
+use std::time::{Duration, SystemTime};
+
+use rusqlite::{Connection, OptionalExtension, Row, params};
+
+use super::audit::Record;
+use super::users::{from_unix_ms, to_unix_ms};
+use super::{Database, Store, StoreError};
+use crate::engine::countermeasure::Request;
+use crate::engine::model::Stage;
+use crate::engine::resume::{Restored, RestoredAlarm, RestoredMeasure};
+use crate::engine::snapshot::MapPose;
+use crate::engine::time::Span;
+
+/// More than an engine keeps of anything; the rest of a longer list is not remembered.
+const ROWS_MAX: usize = 8192;
+
+/// The vehicle as it is to be remembered. Who sits in the operator's seat is with the sessions.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VehicleMemory {
+    /// Counts the states of this process: an older one than that remembered last is not written.
+    pub seq: u64,
+    /// The wall time of `vehicle`: the monotonic clock starts anew.
+    pub at: SystemTime,
+    pub vehicle: Restored,
+}
+
+impl VehicleMemory {
+    /// Whether nothing that matters has changed since the earlier one: time passes for every alarm.
+    pub fn says_the_same(&self, earlier: &VehicleMemory) -> bool {
+        let [mut now, mut then] = [self.vehicle.clone(), earlier.vehicle.clone()];
+        for alarm in now.alarms.iter_mut().chain(&mut then.alarms) {
+            alarm.age = Span::ZERO;
+        }
+        now == then
+    }
+}
+
+impl Store {
+    /// Remembers the vehicle, and writes what led there into the audit log, both or neither. When
+    /// this returns, it is on the disk; only then may an action be acknowledged.
+    ///
+    /// # Errors
+    /// If the database fails: the action must not be acknowledged then.
+    pub async fn remember(&self, memory: VehicleMemory, records: Vec<Record>) -> Result<(), StoreError> {
+        self.call(move |database| {
+            let is_new = memory.seq >= database.remembered_seq;
+            database
+                .change(&records, |transaction| if is_new { write(transaction, &memory) } else { Ok(()) })?;
+            database.remembered_seq = database.remembered_seq.max(memory.seq);
+            Ok(())
+        })
+        .await
+    }
+
+    /// The vehicle as it was remembered last, with the operator who sits in the seat still; `None`
+    /// at the first start.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn recall(&self) -> Result<Option<Restored>, StoreError> {
+        let operator = self.seated_operator().await?;
+        let restored = self.call(Database::read_vehicle).await?;
+        Ok(restored.map(|restored| Restored { operator: operator.map(Box::from), ..restored }))
+    }
+}
+
+fn write(connection: &Connection, memory: &VehicleMemory) -> Result<(), StoreError> {
+    let vehicle = &memory.vehicle;
+    let (number, pose) = vehicle.pose.unzip();
+    connection
+        .prepare_cached(
+            "INSERT INTO vehicle (one, stage, posed, pose_number, pose_x_m, pose_y_m, pose_yaw_deg, last_alarm)
+             VALUES (1, ?1, ?2, ?3, ?4, ?5, ?6, ?7)
+             ON CONFLICT (one) DO UPDATE SET stage = ?1, posed = ?2, pose_number = ?3, pose_x_m = ?4,
+                 pose_y_m = ?5, pose_yaw_deg = ?6, last_alarm = max(last_alarm, ?7)",
+        )?
+        .execute(params![
+            vehicle.stage.as_str(),
+            vehicle.posed,
+            number.map(|number| number as i64),
+            pose.map(|pose| pose.x_m),
+            pose.map(|pose| pose.y_m),
+            pose.map(|pose| pose.yaw_deg),
+            vehicle.last_alarm as i64,
+        ])?;
+    connection.execute_batch(
+        "DELETE FROM alarms; DELETE FROM accepted; DELETE FROM causes; DELETE FROM countermeasures;",
+    )?;
+    let mut insert = connection.prepare_cached("INSERT INTO alarms VALUES (?1, ?2, ?3, ?4, ?5)")?;
+    for alarm in vehicle.alarms.iter().take(ROWS_MAX) {
+        let RestoredAlarm { id, node, age, acknowledged, active } = alarm;
+        let raised = memory.at.checked_sub(Duration::from_nanos(age.as_nanos()));
+        let raised_ms = to_unix_ms(raised.unwrap_or(SystemTime::UNIX_EPOCH));
+        insert.execute(params![*id as i64, node, raised_ms, acknowledged, active])?;
+    }
+    let mut insert = connection.prepare_cached("INSERT OR IGNORE INTO accepted VALUES (?1)")?;
+    for node in vehicle.accepted.iter().take(ROWS_MAX) {
+        insert.execute([node])?;
+    }
+    let mut insert = connection.prepare_cached("INSERT INTO countermeasures VALUES (?1, ?2, ?3, ?4)")?;
+    let mut insert_cause = connection.prepare_cached("INSERT INTO causes VALUES (?1, ?2, ?3, ?4)")?;
+    for (number, measure) in vehicle.countermeasures.iter().enumerate() {
+        let number = number as i64;
+        let mps2 = if let Request::Decelerate { mps2 } = measure.request { Some(mps2) } else { None };
+        insert.execute(params![number, measure.request.as_str(), mps2, measure.by_operator])?;
+        for (position, (node, acknowledged)) in measure.causes.iter().take(ROWS_MAX).enumerate() {
+            insert_cause.execute(params![number, position as i64, node, acknowledged])?;
+        }
+    }
+    Ok(())
+}
+
+impl Database {
+    fn read_vehicle(&mut self) -> Result<Option<Restored>, StoreError> {
+        let connection = &self.connection;
+        let wall = self.clock.wall();
+        let sql =
+            "SELECT stage, posed, pose_number, pose_x_m, pose_y_m, pose_yaw_deg, last_alarm FROM vehicle";
+        let Some(vehicle) = connection.query_row(sql, [], read_first).optional()? else { return Ok(None) };
+        let mut query =
+            connection.prepare("SELECT id, node, raised_ms, acknowledged, active FROM alarms ORDER BY id")?;
+        let alarms = query.query_map([], |row| {
+            let age = wall.duration_since(from_unix_ms(row.get(2)?)).unwrap_or_default();
+            Ok(RestoredAlarm {
+                id: row.get::<_, i64>(0)?.unsigned_abs(),
+                node: row.get(1)?,
+                age: Span::from_nanos(u64::try_from(age.as_nanos()).unwrap_or(u64::MAX)),
+                acknowledged: row.get(3)?,
+                active: row.get(4)?,
+            })
+        })?;
+        let alarms = alarms.collect::<Result<_, _>>()?;
+        let mut query = connection.prepare("SELECT node FROM accepted ORDER BY node")?;
+        let accepted = query.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
+        let countermeasures = read_measures(connection)?;
+        Ok(Some(Restored { alarms, accepted, countermeasures, ..vehicle }))
+    }
+}
+
+/// A word that names no stage is a fault of the database; the vehicle is locked then.
+fn read_first(row: &Row<'_>) -> rusqlite::Result<Restored> {
+    let word: String = row.get(0)?;
+    let pose = match (row.get::<_, Option<i64>>(2)?, row.get(3)?, row.get(4)?, row.get(5)?) {
+        (Some(number), Some(x_m), Some(y_m), Some(yaw_deg)) => {
+            Some((number.unsigned_abs(), MapPose { x_m, y_m, yaw_deg }))
+        }
+        _ => None,
+    };
+    Ok(Restored {
+        stage: Stage::ALL.into_iter().find(|stage| stage.as_str() == word).unwrap_or(Stage::Locked),
+        posed: row.get(1)?,
+        pose,
+        last_alarm: row.get::<_, i64>(6)?.unsigned_abs(),
+        ..Restored::default()
+    })
+}
+
+fn read_measures(connection: &Connection) -> Result<Vec<RestoredMeasure>, StoreError> {
+    let mut query = connection
+        .prepare("SELECT number, request, mps2, by_operator FROM countermeasures ORDER BY number")?;
+    let mut causes = connection
+        .prepare("SELECT node, acknowledged FROM causes WHERE countermeasure = ?1 ORDER BY position")?;
+    let mut rows = query.query([])?;
+    let mut measures = Vec::new();
+    while let Some(row) = rows.next()? {
+        let known = [Request::Notify, Request::ManeuverStop, Request::Decelerate { mps2: 0.0 }];
+        let word: String = row.get(1)?;
+        let request = match (known.into_iter().find(|it| it.as_str() == word), row.get(2)?) {
+            (Some(Request::Decelerate { .. }), Some(mps2)) => Request::Decelerate { mps2 },
+            (Some(request @ (Request::Notify | Request::ManeuverStop)), _) => request,
+            _ => continue,
+        };
+        let causes = causes.query_map([row.get::<_, i64>(0)?], |row| Ok((row.get(0)?, row.get(1)?)))?;
+        let causes = causes.collect::<Result<_, _>>()?;
+        measures.push(RestoredMeasure { request, by_operator: row.get(3)?, causes });
+    }
+    Ok(measures)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Clock;
+    use crate::store::audit::{Action, TELLTALE};
+    use crate::store::{DemoSecrets, Store};
+
+    fn vehicle(stage: Stage, acknowledged: bool) -> Restored {
+        let alarm = |id, acknowledged| RestoredAlarm {
+            id,
+            node: "sensors/lidar".into(),
+            age: Span::ZERO,
+            acknowledged,
+            active: true,
+        };
+        let causes = vec![("sensors/lidar".into(), acknowledged), ("can".into(), false)];
+        Restored {
+            stage,
+            operator: None,
+            posed: true,
+            pose: Some((3, MapPose { x_m: 1.5, y_m: -2.0, yaw_deg: 90.0 })),
+            alarms: vec![alarm(3, acknowledged), alarm(7, true)],
+            last_alarm: 9,
+            accepted: vec!["can".into(), "sensors/imu".into()],
+            countermeasures: vec![
+                RestoredMeasure { request: Request::Decelerate { mps2: 1.25 }, by_operator: false, causes },
+                RestoredMeasure { request: Request::ManeuverStop, by_operator: true, causes: Vec::new() },
+            ],
+        }
+    }
+
+    #[tokio::test]
+    async fn the_vehicle_is_recalled_as_it_was_remembered_last() {
+        let clock = Clock::start();
+        let store = Store::in_memory(clock, DemoSecrets::Refused).unwrap();
+        assert_eq!(store.recall().await.unwrap(), None);
+        let bare = Restored { last_alarm: 2, ..Restored::default() };
+        let recalled =
+            |vehicle: &Restored| VehicleMemory { seq: 0, at: clock.wall(), vehicle: vehicle.clone() };
+        for vehicle in [vehicle(Stage::Active, false), vehicle(Stage::Localizing, true), bare] {
+            let memory = VehicleMemory { seq: 4, ..recalled(&vehicle) };
+            let record = Record::of(Action::Acknowledge, TELLTALE).on("7");
+            store.remember(memory.clone(), vec![record]).await.unwrap();
+            let old = VehicleMemory { seq: 3, vehicle: Restored::default(), ..memory.clone() };
+            store.remember(old, Vec::new()).await.unwrap();
+            let found = store.recall().await.unwrap().unwrap();
+            assert_eq!(found.last_alarm, 9, "numbers are never given twice");
+            assert!(found.alarms.iter().all(|alarm| alarm.age < Span::from_secs(60)));
+            let expected = Restored { last_alarm: 9, ..vehicle };
+            assert!(recalled(&found).says_the_same(&recalled(&expected)), "{found:?}");
+        }
+        assert_eq!(store.audit_entries(None, 10).await.unwrap().len(), 3);
+    }
+}

@@ -1,0 +1,166 @@
+//! What the server writes into the audit log, and how much of what anybody can cause from outside.
+//!
+//! What somebody with a session does is always recorded. Failed logins and refused requests can be
+//! caused by anybody, so of each kind only so many are recorded one by one; the rest is counted.
+
+use std::collections::HashMap;
+use std::net::IpAddr;
+use std::sync::PoisonError;
+
+use super::state::AppState;
+use crate::engine::time::{Span, Timestamp};
+use crate::store::audit::{Action, Record, TELLTALE};
+use crate::store::{Session, StoreError};
+
+/// Records of one kind that may come at once.
+const BURST: u32 = 60;
+/// And then one after each of these: about 3 MB in a day.
+const REFILL: Span = Span::from_secs(10);
+/// What was left out is told after this long, if nothing of its kind is recorded before.
+const TELL_AFTER: Span = Span::from_secs(60);
+
+/// How much of what was recorded lately.
+#[derive(Debug, Default)]
+pub struct Limit(HashMap<Kind, Bucket>);
+
+/// What anybody can cause. The vehicle's own displays are counted apart, so that nobody out there
+/// keeps them out of the log. There are few kinds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+struct Kind {
+    action: Action,
+    is_local: bool,
+}
+
+#[derive(Debug)]
+struct Bucket {
+    tokens: u32,
+    filled: Timestamp,
+    omitted: u64,
+    omitted_since: Timestamp,
+}
+
+impl Limit {
+    /// Whether a record may be written, and how many of its kind were left out before it.
+    fn admit(&mut self, now: Timestamp, kind: Kind) -> Option<u64> {
+        let bucket = self.0.entry(kind).or_insert(Bucket {
+            tokens: BURST,
+            filled: now,
+            omitted: 0,
+            omitted_since: now,
+        });
+        let refills = now.since(bucket.filled).as_nanos() / REFILL.as_nanos();
+        if refills > 0 {
+            bucket.tokens = bucket.tokens.saturating_add(u32::try_from(refills).unwrap_or(BURST)).min(BURST);
+            bucket.filled = bucket.filled + Span::from_nanos(refills * REFILL.as_nanos());
+        }
+        if bucket.tokens == 0 {
+            if bucket.omitted == 0 {
+                bucket.omitted_since = now;
+            }
+            bucket.omitted += 1;
+            return None;
+        }
+        bucket.tokens -= 1;
+        Some(std::mem::take(&mut bucket.omitted))
+    }
+
+    /// What was left out and is to be told now.
+    fn due(&mut self, now: Timestamp) -> Vec<(Kind, u64)> {
+        let due = self
+            .0
+            .iter_mut()
+            .filter(|(_, bucket)| bucket.omitted > 0 && now.since(bucket.omitted_since) >= TELL_AFTER);
+        due.map(|(kind, bucket)| (*kind, std::mem::take(&mut bucket.omitted))).collect()
+    }
+}
+
+impl Kind {
+    fn omitted(self, count: u64) -> Record {
+        let whence = if self.is_local { "this machine" } else { "the network" };
+        let target = format!("{count} more refusals: {}, from {whence}", self.action.as_str());
+        Record::of(Action::Omitted, TELLTALE).on(target)
+    }
+}
+
+impl AppState {
+    /// Records what somebody did. When this returns, it is on the disk; only then may it be
+    /// acknowledged.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn audit(&self, record: Record) -> Result<(), StoreError> {
+        self.store.audit(record).await
+    }
+
+    /// Records a refusal that anybody can cause, unless there were too many of its kind.
+    pub async fn audit_refusal(&self, source: IpAddr, record: Record) {
+        let kind = Kind { action: record.action, is_local: source.to_canonical().is_loopback() };
+        let admitted = self.audit_limit().admit(self.clock.now(), kind);
+        let Some(omitted) = admitted else { return };
+        if omitted > 0 {
+            self.audit_or_log(kind.omitted(omitted)).await;
+        }
+        self.audit_or_log(record).await;
+    }
+
+    /// Records how many refusals were not recorded one by one.
+    pub async fn audit_omitted(&self) {
+        let due = self.audit_limit().due(self.clock.now());
+        for (kind, count) in due {
+            self.audit_or_log(kind.omitted(count)).await;
+        }
+    }
+
+    /// Records what happened whether it can be recorded or not.
+    pub async fn audit_or_log(&self, record: Record) {
+        let action = record.action.as_str();
+        if let Err(error) = self.store.audit(record).await {
+            tracing::error!(%error, action, "the audit log lacks a record");
+        }
+    }
+
+    fn audit_limit(&self) -> std::sync::MutexGuard<'_, Limit> {
+        self.audit_limit.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The beginning of a record of what a session did.
+pub fn record_of(session: &Session, action: Action, source: IpAddr) -> Record {
+    Record::of(action, source.to_canonical().to_string()).by(&*session.user, session.role)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flood_is_counted_and_does_not_hide_the_vehicles_own_displays() {
+        let mut limit = Limit::default();
+        let stranger = Kind { action: Action::Login, is_local: false };
+        let local = Kind { is_local: true, ..stranger };
+        let (mut admitted, mut told, mut records) = (0, 0, 0);
+        for second in 0..24 * 3600_u64 {
+            let now = Timestamp::ZERO + Span::from_secs(second);
+            for _ in 0..10 {
+                if let Some(omitted) = limit.admit(now, stranger) {
+                    admitted += 1;
+                    told += omitted;
+                    records += 1 + u64::from(omitted > 0);
+                }
+            }
+            if second == 3600 {
+                assert_eq!(limit.admit(now, local), Some(0));
+            }
+            for (kind, count) in limit.due(now) {
+                assert_eq!(kind, stranger);
+                records += 1;
+                told += count;
+            }
+        }
+        assert!(records < 3 * 8640, "{records}");
+        let later = Timestamp::ZERO + Span::from_secs(48 * 3600);
+        let rest: u64 = limit.due(later).iter().map(|(_, count)| count).sum();
+        assert_eq!(admitted + told + rest, 10 * 24 * 3600);
+        assert!(limit.due(later).is_empty());
+    }
+}

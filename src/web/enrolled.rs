@@ -1,0 +1,86 @@
+//! The displays at which a PIN will do: those in the vehicle, where nobody gets who was not let in.
+
+use std::net::IpAddr;
+use std::str::FromStr;
+
+/// One entry of the list, as the command line takes it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Display {
+    /// Browsers on this machine.
+    Loopback,
+    At(IpAddr),
+    /// No display at all: everybody gives a password.
+    None,
+}
+
+/// A word that names no display.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} is no display: give an address such as 10.0.0.7, or `loopback`, or `none`")]
+pub struct NoDisplay(String);
+
+impl FromStr for Display {
+    type Err = NoDisplay;
+
+    fn from_str(word: &str) -> Result<Display, NoDisplay> {
+        match word {
+            "loopback" => Ok(Display::Loopback),
+            "none" => Ok(Display::None),
+            _ => word.parse().map(Display::At).map_err(|_| NoDisplay(word.to_owned())),
+        }
+    }
+}
+
+/// The enrolled displays: this machine's own, unless others are named.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Enrolled(Vec<Display>);
+
+impl Default for Enrolled {
+    fn default() -> Enrolled {
+        Enrolled(vec![Display::Loopback])
+    }
+}
+
+impl Enrolled {
+    /// Those of the list; without one, this machine's own.
+    pub fn new(displays: Vec<Display>) -> Enrolled {
+        if displays.is_empty() { Enrolled::default() } else { Enrolled(displays) }
+    }
+
+    /// Whether a PIN will do from there.
+    pub fn has(&self, source: IpAddr) -> bool {
+        let source = source.to_canonical();
+        self.0.iter().any(|display| match display {
+            Display::Loopback => source.is_loopback(),
+            Display::At(ip) => ip.to_canonical() == source,
+            Display::None => false,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pin_will_do_where_the_list_says() {
+        let cases = [
+            ("", "127.0.0.1", true),
+            ("", "::1", true),
+            ("", "::ffff:127.0.0.1", true),
+            ("", "10.0.0.7", false),
+            ("10.0.0.7", "10.0.0.7", true),
+            ("10.0.0.7", "::ffff:10.0.0.7", true),
+            ("10.0.0.7", "10.0.0.70", false),
+            ("10.0.0.7", "127.0.0.1", false),
+            ("10.0.0.7 loopback", "127.0.0.1", true),
+            ("none", "127.0.0.1", false),
+            ("fd00::7", "fd00::7", true),
+        ];
+        for (list, source, expected) in cases {
+            let displays = list.split_whitespace().map(|word| word.parse().unwrap()).collect();
+            let enrolled = Enrolled::new(displays);
+            assert_eq!(enrolled.has(source.parse().unwrap()), expected, "{list:?} {source}");
+        }
+        assert!("shuttle".parse::<Display>().is_err());
+    }
+}

@@ -1,0 +1,299 @@
+//! What an operator does with the vehicle: one POST for each action, granted or refused in words.
+
+use std::net::IpAddr;
+use std::time::Duration;
+
+use axum::extract::rejection::{FormRejection, PathRejection};
+use axum::extract::{Form, FromRequestParts, Path};
+use axum::http::StatusCode;
+use axum::http::request::Parts;
+use axum::response::{IntoResponse, Redirect, Response};
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::answer::{Reader, Speaks, json_answer, refusal, refused_in_words};
+use super::audit::record_of;
+use super::guard::SignedIn;
+use super::login::{Peer, source_of};
+use super::pending::{CONFIRM_WITHIN, NotPending};
+use super::state::{AppState, is_seated};
+use super::versions::Matter;
+use super::view::{self, Lang};
+use super::wording::Trouble;
+use crate::engine::input::{AlarmRef, OperatorAction, Place, Response as Answer};
+use crate::engine::model::NodeId;
+use crate::engine::snapshot::Snapshot;
+use crate::store::Session;
+use crate::store::audit::{Action, Record};
+
+type FormOf<T> = Result<Form<T>, FormRejection>;
+type PathOf = Result<Path<String>, PathRejection>;
+
+/// The `seq` that the button was shown with.
+#[derive(Debug, Deserialize)]
+pub struct Versioned {
+    version: u64,
+    /// The wall time of the server's last heartbeat before the tap, as the heartbeat said it.
+    beat: Option<String>,
+}
+
+/// Twice the time after which a page without heartbeats covers itself.
+const TAP_LATE_MAX: Duration = Duration::from_secs(4);
+
+#[derive(Debug, Deserialize)]
+pub struct LocalizeForm {
+    stop: Option<Box<str>>,
+    x: Option<f64>,
+    y: Option<f64>,
+    yaw_deg: Option<f64>,
+    version: u64,
+    beat: Option<String>,
+}
+
+#[derive(Debug, Deserialize)]
+pub struct ConfirmForm {
+    token: String,
+    version: Option<u64>,
+    beat: Option<String>,
+}
+
+/// `POST /vehicle/localize`
+pub async fn localize(tap: Tap, form: FormOf<LocalizeForm>) -> Response {
+    let Ok(Form(form)) = form else { return refusal(&tap.reader, Trouble::BadForm) };
+    let place = match form {
+        LocalizeForm { stop: Some(stop), x: None, y: None, yaw_deg: None, .. } => Place::Stop(stop),
+        LocalizeForm { stop: None, x: Some(x_m), y: Some(y_m), yaw_deg: Some(yaw_deg), .. } => {
+            Place::Pose { x_m, y_m, yaw_deg }
+        }
+        _ => return refusal(&tap.reader, Trouble::BadForm),
+    };
+    let shown = Versioned { version: form.version, beat: form.beat };
+    let target = match &place {
+        Place::Stop(stop) => stop.to_string(),
+        Place::Pose { x_m, y_m, yaw_deg } => format!("x {x_m} y {y_m} yaw {yaw_deg}"),
+    };
+    let record = tap.record(Action::Localize).on(target);
+    tap.act(&shown, Matter::Stage, OperatorAction::Localize { place }, record).await
+}
+
+/// `POST /vehicle/stop`
+pub async fn stop(tap: Tap, form: FormOf<Versioned>) -> Response {
+    let Ok(Form(shown)) = form else { return refusal(&tap.reader, Trouble::BadForm) };
+    tap.act(&shown, Matter::Stage, OperatorAction::RequestStop, tap.record(Action::Stop)).await
+}
+
+/// `POST /vehicle/clearance`: the first step; the answer holds the token for the second.
+pub async fn clearance(tap: Tap, form: FormOf<Versioned>) -> Response {
+    let Ok(Form(shown)) = form else { return refusal(&tap.reader, Trouble::BadForm) };
+    let (display_live, storage_ok) = tap.conditions();
+    let ask = OperatorAction::AskClearance { display_live, storage_ok };
+    let record = tap.record(Action::ClearanceAsked);
+    if let Err(refused) = tap.command(&shown, Matter::Clearance, ask, record).await {
+        return refused.answer(&tap.reader);
+    }
+    match tap.app.pending.ask(&tap.session, shown.version, tap.app.clock.now()) {
+        Ok(token) => tap.done(&json!({ "token": token, "expires_s": CONFIRM_WITHIN.as_millis() / 1000 })),
+        Err(error) => {
+            tracing::error!(%error, "no token can be made");
+            refusal(&tap.reader, Trouble::Unavailable)
+        }
+    }
+}
+
+/// `POST /vehicle/clearance/confirm`: the second step.
+pub async fn confirm(tap: Tap, form: FormOf<ConfirmForm>) -> Response {
+    let Ok(Form(form)) = form else { return refusal(&tap.reader, Trouble::BadForm) };
+    let asked = match tap.app.pending.redeem(&form.token, &tap.session, tap.app.clock.now()) {
+        Ok(asked) => asked,
+        Err(why) => {
+            let reasons = vec![tap.reader.lang.not_pending(why == NotPending::TooLate)];
+            tap.app.audit_or_log(tap.record(Action::Clearance).refused(reasons.join(" "))).await;
+            return NotDone::Refused { reasons, seq: None }.answer(&tap.reader);
+        }
+    };
+    let (display_live, storage_ok) = tap.conditions();
+    let shown =
+        Versioned { version: form.version.map_or(asked, |version| version.min(asked)), beat: form.beat };
+    let clear = OperatorAction::Clear { display_live, storage_ok };
+    tap.act(&shown, Matter::Clearance, clear, tap.record(Action::Clearance)).await
+}
+
+/// `POST /alarms/{id}/acknowledge`, where the id is the number of an alarm, the name of a node
+/// with a WARNING, or `stop` for the stop that the operator asked for.
+pub async fn acknowledge(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Response {
+    let Some(id) = inner(&path, "/acknowledge") else { return refusal(&tap.reader, Trouble::NotFound) };
+    let Ok(Form(shown)) = form else { return refusal(&tap.reader, Trouble::BadForm) };
+    let snapshot = tap.app.published().snapshot;
+    let (alarm, matter) = match id.parse() {
+        Ok(number) => (AlarmRef::Number(number), Matter::Alarm(number)),
+        Err(_) if id == "stop" => (AlarmRef::OperatorStop, Matter::Stage),
+        Err(_) => (AlarmRef::Node(id.into()), of_node(&snapshot, id)),
+    };
+    let record = tap.record(Action::Acknowledge).on(id);
+    tap.act(&shown, matter, OperatorAction::Acknowledge { alarm }, record).await
+}
+
+/// `POST /modules/{id}/reset`, where the id is `group/module`.
+pub async fn reset(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Response {
+    let Some(module) = inner(&path, "/reset") else { return refusal(&tap.reader, Trouble::NotFound) };
+    let Ok(Form(shown)) = form else { return refusal(&tap.reader, Trouble::BadForm) };
+    let matter = of_node(&tap.app.published().snapshot, module);
+    let action = OperatorAction::Reset { module: module.into() };
+    tap.act(&shown, matter, action, tap.record(Action::Reset).on(module)).await
+}
+
+/// Ids hold slashes, so a route of such an id takes all that follows and its last word is read here.
+fn inner<'a>(path: &'a PathOf, word: &str) -> Option<&'a str> {
+    let Ok(Path(path)) = path else { return None };
+    path.strip_suffix(word).filter(|id| !id.is_empty())
+}
+
+/// What a node stands for: its component. What is in none is judged with the stage alone.
+fn of_node(snapshot: &Snapshot, name: &str) -> Matter {
+    let mut group = match snapshot.node(name) {
+        Some(NodeId::Group(id)) => id,
+        Some(NodeId::Module(id)) => snapshot.module(id).0.group,
+        None => return Matter::Stage,
+    };
+    while let Some(parent) = snapshot.group(group).0.parent {
+        group = parent;
+    }
+    let info = snapshot.group(group).0;
+    if info.is_other || info.is_system { Matter::Stage } else { Matter::Component(group) }
+}
+
+/// Somebody touched a button.
+#[derive(Debug, Clone)]
+pub struct Tap {
+    app: AppState,
+    session: Session,
+    source: IpAddr,
+    reader: Reader,
+}
+
+impl FromRequestParts<AppState> for Tap {
+    type Rejection = Response;
+
+    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Tap, Response> {
+        let SignedIn(session) = SignedIn::from_request_parts(parts, app).await?;
+        let source = source_of(parts.extensions.get::<Peer>().copied());
+        let reader = Reader::of(&parts.uri, &parts.headers);
+        Ok(Tap { app: app.clone(), session, source, reader })
+    }
+}
+
+/// Why a tap changed nothing.
+enum NotDone {
+    /// `seq` is the present one where the tap was made for an older state.
+    Refused {
+        reasons: Vec<String>,
+        seq: Option<u64>,
+    },
+    Unavailable,
+}
+
+impl NotDone {
+    fn answer(self, reader: &Reader) -> Response {
+        match self {
+            NotDone::Refused { reasons, seq } => refused_in_words(reader, &reasons, seq),
+            NotDone::Unavailable => refusal(reader, Trouble::Unavailable),
+        }
+    }
+}
+
+impl Tap {
+    async fn act(
+        &self,
+        shown: &Versioned,
+        matter: Matter,
+        action: OperatorAction,
+        record: Record,
+    ) -> Response {
+        match self.command(shown, matter, action, record).await {
+            Ok(()) => self.done(&json!({})),
+            Err(refused) => refused.answer(&self.reader),
+        }
+    }
+
+    /// Hands the action to the engine, if it was shown as things are and by whom it concerns. What
+    /// was done or refused is on the disk when this returns.
+    async fn command(
+        &self,
+        shown: &Versioned,
+        matter: Matter,
+        action: OperatorAction,
+        record: Record,
+    ) -> Result<(), NotDone> {
+        if let Err(refused) = self.is_current(shown, matter) {
+            if let NotDone::Refused { reasons, .. } = &refused {
+                self.app.audit_or_log(record.refused(reasons.join(" "))).await;
+            }
+            return Err(refused);
+        }
+        // Runs to its end whoever still listens: what was done has to be kept.
+        let tap = self.clone();
+        let done = tokio::spawn(async move { tap.hand_on(action, record).await });
+        done.await.unwrap_or(Err(NotDone::Unavailable))
+    }
+
+    fn is_current(&self, shown: &Versioned, matter: Matter) -> Result<(), NotDone> {
+        let published = self.app.published();
+        let words = self.reader.lang.words();
+        if !is_seated(&self.session, &published.snapshot) {
+            return Err(NotDone::Refused { reasons: vec![words.not_in_seat.to_owned()], seq: None });
+        }
+        let seen = self.app.frames.observe(&published);
+        if !seen.holds(matter, shown.version) || self.is_late(shown) {
+            let reasons = vec![words.refused_stale.to_owned()];
+            return Err(NotDone::Refused { reasons, seq: Some(seen.seq()) });
+        }
+        Ok(())
+    }
+
+    async fn hand_on(&self, action: OperatorAction, record: Record) -> Result<(), NotDone> {
+        match self.app.command(action).await {
+            Ok(Answer::Done) => self.app.keep(record).await.map_err(|error| {
+                tracing::error!(%error, "an action cannot be kept");
+                NotDone::Unavailable
+            }),
+            Ok(Answer::Refused(reasons)) => {
+                let published = self.app.published();
+                let english = view::refusals(&published, Lang::En, &reasons).join(" ");
+                self.app.audit_or_log(record.refused(english)).await;
+                let reasons = view::refusals(&published, self.reader.lang, &reasons);
+                Err(NotDone::Refused { reasons, seq: None })
+            }
+            Err(error) => {
+                tracing::error!(%error, "an action cannot be handed on");
+                Err(NotDone::Unavailable)
+            }
+        }
+    }
+
+    /// What the engine cannot know: whether the operator sees what is, and whether it can be written down.
+    fn conditions(&self) -> (bool, bool) {
+        let display_live = self.app.displays.is_live_for(&self.session, self.app.clock.now());
+        (display_live, self.app.is_storage_ok())
+    }
+
+    /// Whether the tap waited somewhere on its way: it was made while the display could still say
+    /// that it is live, and arrives when it could not.
+    fn is_late(&self, shown: &Versioned) -> bool {
+        let Some(beat) = &shown.beat else { return false };
+        let Ok(beat) = humantime::parse_rfc3339(beat) else { return true };
+        let wall = self.app.clock.wall();
+        let apart = wall.duration_since(beat).or_else(|_| beat.duration_since(wall)).unwrap_or_default();
+        apart > TAP_LATE_MAX
+    }
+
+    fn record(&self, action: Action) -> Record {
+        record_of(&self.session, action, self.source)
+    }
+
+    fn done(&self, answer: &Value) -> Response {
+        match self.reader.speaks {
+            Speaks::Json => json_answer(StatusCode::OK, answer),
+            Speaks::Html => Redirect::to("/").into_response(),
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! Whether what a tap was made for is still as it was shown.
+//!
+//! `seq` grows with every change of the vehicle's state, a thousand times a second if need be. A
+//! tap that were refused for any of them would never be in time, so each action is bound to the
+//! part of the state that it is decided by, and to the `seq` at which that part changed last.
+
+use std::collections::HashMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::engine::model::{GroupId, NodeId};
+use crate::engine::snapshot::{Alarm, Snapshot};
+
+/// A part of the state that an operator decides by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Matter {
+    /// The stage, who leads the vehicle, where it was said to stand, and whether a stop is asked for.
+    Stage,
+    /// All that is judged before a clearance.
+    Clearance,
+    /// One alarm, by its number: which fault it is of, and whether it is there still.
+    Alarm(u64),
+    /// What a top-level group shows.
+    Component(GroupId),
+}
+
+/// The matters of the newest snapshot that anybody was shown.
+#[derive(Debug, Default)]
+pub struct Versions(Mutex<Latest>);
+
+#[derive(Debug, Default)]
+struct Latest {
+    seen: Seen,
+    digests: HashMap<Matter, u64>,
+}
+
+/// The `seq` since which each matter is as one snapshot shows it.
+#[derive(Debug, Clone, Default)]
+pub struct Seen {
+    seq: u64,
+    since: Arc<HashMap<Matter, u64>>,
+}
+
+impl Seen {
+    pub fn seq(&self) -> u64 {
+        self.seq
+    }
+
+    /// The version by which a command about this matter is given.
+    pub fn of(&self, matter: Matter) -> u64 {
+        // Of a matter that is gone nothing older than now holds.
+        self.since.get(&matter).map_or(self.seq, |&since| since.min(self.seq))
+    }
+
+    /// Whether a command that was shown with `version` was shown with this matter as it is.
+    pub fn holds(&self, matter: Matter, version: u64) -> bool {
+        (self.of(matter)..=self.seq).contains(&version)
+    }
+}
+
+impl Versions {
+    /// Every snapshot comes by here before somebody is shown it.
+    pub fn observe(&self, snapshot: &Snapshot) -> Seen {
+        let mut latest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if snapshot.seq > latest.seen.seq || latest.digests.is_empty() {
+            let digests = digests(snapshot);
+            let since = digests.iter().map(|(matter, digest)| {
+                let same = latest.digests.get(matter) == Some(digest);
+                let since = latest.seen.since.get(matter).copied().filter(|_| same);
+                (*matter, since.unwrap_or(snapshot.seq))
+            });
+            let since = Arc::new(since.collect());
+            *latest = Latest { seen: Seen { seq: snapshot.seq, since }, digests };
+        }
+        // Who is shown an older snapshot has that one's versions: none newer than itself.
+        Seen { seq: snapshot.seq, since: latest.seen.since.clone() }
+    }
+}
+
+fn digests(snapshot: &Snapshot) -> HashMap<Matter, u64> {
+    let mut digests = HashMap::new();
+    let (stage, operator) = (snapshot.stage, &snapshot.operator);
+    let steps = (stage, operator, snapshot.localization.number, snapshot.stop_requested());
+    digests.insert(Matter::Stage, digest(&steps));
+    for alarm in snapshot.alarms.iter() {
+        digests.insert(Matter::Alarm(alarm.id), digest(&of_alarm(alarm)));
+    }
+    let mut tiles = Vec::new();
+    for id in snapshot.tiles() {
+        let (_, view) = snapshot.group(id);
+        let shown = (view.state, view.own, view.since);
+        digests.insert(Matter::Component(id), digest(&shown));
+        tiles.push((view.state, view.own));
+    }
+    let roots: Vec<NodeId> = snapshot.roots.iter().map(|root| root.node).collect();
+    let alarms: Vec<_> = snapshot.alarms.iter().map(of_alarm).collect();
+    // Reasons and measures hold figures, which have no hash of their own.
+    let words = format!("{:?} {:?}", snapshot.clearance_refusals, snapshot.countermeasures);
+    let judged = (steps, tiles, roots, alarms, &snapshot.accepted, words);
+    digests.insert(Matter::Clearance, digest(&judged));
+    digests
+}
+
+fn of_alarm(alarm: &Alarm) -> (u64, NodeId, bool, bool) {
+    (alarm.id, alarm.node, alarm.acknowledged, alarm.active)
+}
+
+fn digest(value: &impl Hash) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    value.hash(&mut hasher);
+    hasher.finish()
+}

@@ -1,0 +1,92 @@
+//! The audit log, a page at a time, with whether its chain is whole.
+
+use askama::Template;
+
+use crate::store::Verdict;
+use crate::store::audit::Entry;
+
+use crate::web::view::clean::{MESSAGE, NAME, clean};
+use crate::web::view::pages::Frame;
+use crate::web::view::{Lang, PageContext, View, html};
+
+use super::{DevFrame, Page};
+
+/// What the page shows.
+#[derive(Debug, Clone)]
+pub struct AuditPage {
+    /// The newest first.
+    pub entries: Vec<Entry>,
+    /// The number before which the next page begins, if there is one.
+    pub older: Option<u64>,
+    pub verdict: Verdict,
+}
+
+struct Row {
+    number: u64,
+    at: String,
+    who: String,
+    role: String,
+    source: String,
+    action: String,
+    target: String,
+    outcome: String,
+    refused: bool,
+}
+
+#[derive(Template)]
+#[template(path = "developer/audit.html")]
+struct AuditHtml {
+    frame: Frame,
+    dev: DevFrame,
+    heads: [&'static str; 7],
+    is_whole: bool,
+    verdict: String,
+    head: String,
+    rows: Vec<Row>,
+    older: Option<u64>,
+    older_word: &'static str,
+}
+
+pub fn page(view: &View<'_>, page: &AuditPage, context: &PageContext) -> String {
+    let mut dev = DevFrame::new(view, context, Page::Audit, 0);
+    // To read the chain takes a while: it is read when somebody asks. What was done is no diagnosis.
+    dev.fixed = true;
+    dev.locked = false;
+    let (heads, older_word) = match context.lang {
+        Lang::En => (["No.", "Time", "Who", "From", "What", "On what", "Outcome"], "Older records"),
+        Lang::De => (["Nr.", "Zeit", "Wer", "Woher", "Was", "Woran", "Ergebnis"], "Ältere Einträge"),
+    };
+    let rows = page.entries.iter().map(|entry| Row {
+        number: entry.number,
+        at: humantime::format_rfc3339_millis(entry.at()).to_string(),
+        who: clean(&entry.who, NAME),
+        role: clean(&entry.role, NAME),
+        source: clean(&entry.source, NAME),
+        action: clean(&entry.action, NAME),
+        target: clean(&entry.target, MESSAGE),
+        outcome: clean(&entry.outcome, MESSAGE),
+        refused: entry.was_refused(),
+    });
+    html(&AuditHtml {
+        frame: super::frame(context),
+        dev,
+        heads,
+        is_whole: page.verdict.breach.is_none(),
+        verdict: verdict(&page.verdict, context.lang),
+        head: page.verdict.head.to_string(),
+        rows: rows.collect(),
+        older: page.older,
+        older_word,
+    })
+}
+
+fn verdict(verdict: &Verdict, lang: Lang) -> String {
+    match (&verdict.breach, lang) {
+        (None, Lang::En) => format!("All {} records are as they were written.", verdict.records),
+        (None, Lang::De) => format!("Alle {} Einträge sind unverändert.", verdict.records),
+        (Some(breach), Lang::En) => format!("Record {} {}.", breach.number, clean(&breach.what, MESSAGE)),
+        (Some(breach), Lang::De) => {
+            format!("Die Kette ist beschädigt. Eintrag {}: {}.", breach.number, clean(&breach.what, MESSAGE))
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! Which lines a graph has, and which of them are part of a path from a root cause.
+
+use std::collections::BTreeMap;
+
+use crate::engine::model::{DependsOn, GroupId, ModuleId, NodeId};
+use crate::engine::snapshot::Reason;
+use crate::engine::state::State;
+
+use super::Drawing;
+
+/// A dependency between what is drawn of two nodes.
+#[derive(Default)]
+pub(super) struct Link {
+    pub any: bool,
+    pub hot: bool,
+    /// Dependencies that this line stands for.
+    pub count: usize,
+}
+
+impl Drawing<'_> {
+    /// From what is depended on to what depends, as far as both are drawn apart.
+    pub(super) fn links(&self) -> BTreeMap<(NodeId, NodeId), Link> {
+        let layout = &self.view.snapshot.layout;
+        let groups =
+            (0..).map(|id| NodeId::Group(GroupId(id))).zip(layout.groups.iter().map(|it| &it.depends_on));
+        let modules =
+            (0..).map(|id| NodeId::Module(ModuleId(id))).zip(layout.modules.iter().map(|it| &it.depends_on));
+        let mut links: BTreeMap<(NodeId, NodeId), Link> = BTreeMap::new();
+        for (from, dependencies) in groups.chain(modules) {
+            for dependency in dependencies {
+                let (nodes, any) = match dependency {
+                    DependsOn::Node(node) => (std::slice::from_ref(node), false),
+                    DependsOn::AnyOf(nodes) => (&**nodes, true),
+                };
+                for &on in nodes {
+                    let (Some(left), Some(right)) = (self.shown(on), self.shown(from)) else { continue };
+                    if left == right {
+                        continue;
+                    }
+                    let link = links.entry((left, right)).or_default();
+                    link.any |= any;
+                    link.hot |= self.is_hot(on, from);
+                    link.count += 1;
+                }
+            }
+        }
+        links
+    }
+
+    /// Whether a root cause masks `from` by way of `on`.
+    fn is_hot(&self, on: NodeId, from: NodeId) -> bool {
+        let snapshot = self.view.snapshot;
+        let Some(Reason::Masked { by }) = snapshot.shown(from).1 else { return false };
+        match (on, snapshot.shown(on)) {
+            (_, (_, Some(Reason::Masked { by: further }))) => by.iter().any(|root| further.contains(root)),
+            (_, (_, Some(Reason::NotRelevant(_)))) => false,
+            (NodeId::Group(id), (State::Error | State::Unknown, None)) => {
+                by.contains(&on)
+                    || by.iter().any(|&root| self.is_inside(root, id))
+                    || snapshot
+                        .group(id)
+                        .1
+                        .paths
+                        .iter()
+                        .any(|path| path.last().is_some_and(|root| by.contains(root)))
+            }
+            (NodeId::Module(_), _) => by.contains(&on),
+            _ => false,
+        }
+    }
+
+    fn is_inside(&self, node: NodeId, group: GroupId) -> bool {
+        let layout = &self.view.snapshot.layout;
+        let mut at = match node {
+            NodeId::Group(id) => Some(id),
+            NodeId::Module(id) => Some(layout.modules[id.0 as usize].group),
+        };
+        while let Some(id) = at {
+            if id == group {
+                return true;
+            }
+            at = layout.groups[id.0 as usize].parent;
+        }
+        false
+    }
+}

@@ -1,0 +1,225 @@
+//! The developer's pages. All have one frame: which vehicle, its stage, whether what stands here is
+//! live, and the way to the other pages.
+
+mod asked;
+mod audit;
+mod configuration;
+mod coverage;
+mod graph;
+mod masking;
+mod statuses;
+mod timeline;
+mod topics;
+mod trend;
+mod why;
+mod words;
+
+use crate::engine::discovery::Discovery;
+use crate::engine::model::{NodeId, Stage};
+use crate::runtime::{Published, Rereading};
+use crate::store::Past;
+
+pub use asked::Asked;
+pub use audit::AuditPage;
+pub use timeline::Window;
+pub use trend::Trends;
+
+use super::clean::{NAME, clean};
+use super::pages::Frame;
+use super::{PageContext, View};
+use words::DevWords;
+
+/// A page of the developer's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Page {
+    Statuses,
+    Graph,
+    Timeline,
+    Masking,
+    Coverage,
+    Topics,
+    Configuration,
+    Audit,
+}
+
+impl Page {
+    const ALL: [Page; 8] = [
+        Page::Statuses,
+        Page::Graph,
+        Page::Timeline,
+        Page::Masking,
+        Page::Coverage,
+        Page::Topics,
+        Page::Configuration,
+        Page::Audit,
+    ];
+
+    pub const fn path(self) -> &'static str {
+        match self {
+            Page::Statuses => "/developer",
+            Page::Graph => "/developer/graph",
+            Page::Timeline => "/developer/timeline",
+            Page::Masking => "/developer/masking",
+            Page::Coverage => "/developer/coverage",
+            Page::Topics => "/developer/topics",
+            Page::Configuration => "/developer/configuration",
+            Page::Audit => "/developer/audit",
+        }
+    }
+
+    const fn word(self, words: &'static DevWords) -> &'static str {
+        match self {
+            Page::Statuses => words.statuses,
+            Page::Graph => words.graph,
+            Page::Timeline => words.timeline,
+            Page::Masking => words.masking,
+            Page::Coverage => words.coverage,
+            Page::Topics => words.topics,
+            Page::Configuration => words.configuration,
+            Page::Audit => words.audit,
+        }
+    }
+}
+
+/// A page in the navigation.
+struct Way {
+    path: &'static str,
+    word: &'static str,
+    /// The key that leads there.
+    key: usize,
+    here: bool,
+}
+
+/// What every developer's page is framed by.
+struct DevFrame {
+    words: &'static DevWords,
+    title: String,
+    ways: Vec<Way>,
+    vehicle: String,
+    stage: &'static str,
+    stage_word: &'static str,
+    overall: &'static str,
+    user: String,
+    locked: bool,
+    at: String,
+    seq: u64,
+    revision: u64,
+    /// Milliseconds after which the page asks anew though nothing was said to have changed; zero
+    /// where nothing changes unsaid.
+    renew_ms: u32,
+    /// What it shows is no present, and does not change by itself.
+    fixed: bool,
+}
+
+impl DevFrame {
+    fn new(view: &View<'_>, context: &PageContext, page: Page, renew_ms: u32) -> DevFrame {
+        let snapshot = view.snapshot;
+        let words = DevWords::of(context.lang);
+        let known = Page::ALL.into_iter().filter(|&it| it != Page::Configuration || context.configuration);
+        let ways = known.enumerate().map(|(index, it)| Way {
+            path: it.path(),
+            word: it.word(words),
+            key: index + 1,
+            here: it == page,
+        });
+        DevFrame {
+            words,
+            title: page.word(words).to_owned(),
+            ways: ways.collect(),
+            vehicle: view.lang.pick(&snapshot.layout.vehicle_name, NAME),
+            stage: snapshot.stage.as_str(),
+            stage_word: view.lang.stage(snapshot.stage, snapshot.overall),
+            overall: snapshot.overall.as_str(),
+            user: clean(&context.user, NAME),
+            locked: snapshot.stage == Stage::Locked,
+            at: view.wall(snapshot.now),
+            seq: snapshot.seq,
+            revision: snapshot.revision,
+            renew_ms,
+            fixed: false,
+        }
+    }
+}
+
+fn frame(context: &PageContext) -> Frame {
+    Frame::new(context.lang, context.palette)
+}
+
+/// A link to the page of one node.
+struct NodeLink {
+    name: String,
+    address: String,
+}
+
+impl NodeLink {
+    fn of(view: &View<'_>, node: NodeId) -> NodeLink {
+        let name = view.snapshot.node_name(node);
+        NodeLink { name: clean(name, 2 * NAME), address: why_address(name) }
+    }
+}
+
+/// Where a page says why a node shows what it shows. The name goes as it is: cleaned, it would be another.
+fn why_address(name: &str) -> String {
+    format!("/developer/why{}", asked::address([("node", name)].into_iter()))
+}
+
+/// Everything that was received.
+pub fn developer_page(
+    published: &Published,
+    context: &PageContext,
+    asked: &Asked,
+    trends: &Trends,
+) -> String {
+    statuses::page(&View::new(published, context.lang, false), context, asked, trends)
+}
+
+/// Why one node shows what it shows.
+pub fn why_page(published: &Published, node: NodeId, context: &PageContext, trends: &Trends) -> String {
+    why::page(&View::new(published, context.lang, false), node, context, trends)
+}
+
+/// What depends on what, as it stands now.
+pub fn graph_page(published: &Published, context: &PageContext, asked: &Asked) -> String {
+    graph::page(&View::new(published, context.lang, false), context, asked)
+}
+
+/// What nodes showed, over time.
+pub fn timeline_page(
+    published: &Published,
+    context: &PageContext,
+    asked: &Asked,
+    window: &Window,
+    past: Option<&Past>,
+) -> String {
+    timeline::page(&View::new(published, context.lang, false), context, asked, window, past)
+}
+
+/// What is hidden, by whom, since when, and what it says itself.
+pub fn masking_page(published: &Published, context: &PageContext, asked: &Asked) -> String {
+    masking::page(&View::new(published, context.lang, false), context, asked)
+}
+
+/// In which ways each group is diagnosed.
+pub fn coverage_page(published: &Published, context: &PageContext, asked: &Asked) -> String {
+    coverage::page(&View::new(published, context.lang, false), context, asked)
+}
+
+/// What DDS discovery sees.
+pub fn topics_page(published: &Published, context: &PageContext, asked: &Asked, seen: &Discovery) -> String {
+    topics::page(&View::new(published, context.lang, false), context, asked, seen)
+}
+
+/// What the configuration's file would change, or has changed.
+pub fn configuration_page(
+    published: &Published,
+    read: &Rereading,
+    may_take: bool,
+    context: &PageContext,
+) -> String {
+    configuration::page(&View::new(published, context.lang, false), read, may_take, context)
+}
+
+/// Who did what, and whether the chain of it is whole.
+pub fn audit_page(published: &Published, page: &AuditPage, context: &PageContext) -> String {
+    audit::page(&View::new(published, context.lang, false), page, context)
+}

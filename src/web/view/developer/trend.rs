@@ -1,0 +1,209 @@
+//! The recent past of every number in the statuses, sampled, and its drawing.
+
+use std::collections::{HashMap, VecDeque};
+use std::fmt::Write as _;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::engine::snapshot::{Layout, Report, Snapshot};
+use crate::engine::time::{Span, Timestamp};
+
+/// One sample of every value in this time.
+pub const SAMPLE_EVERY: Span = Span::from_secs(2);
+/// Samples of one value that are kept: five minutes.
+const SAMPLES: usize = 150;
+/// A past that is shorter is drawn as if it were this long: a minute.
+const SAMPLES_DRAWN: usize = 30;
+/// Values of one module that are followed.
+const VALUES: usize = 16;
+/// Values of all modules that are followed; those that come later have no past.
+const SERIES: usize = 20_000;
+
+/// Points of a line as wide as a word, and of one as wide as a column.
+pub const POINTS_SMALL: usize = 36;
+pub const POINTS_WIDE: usize = SAMPLES;
+
+/// Drawn into this box.
+const WIDTH: f32 = 100.0;
+const HEIGHT: f32 = 20.0;
+
+/// The recent past of all numbers. Bounded: 20,000 values with 150 samples each.
+#[derive(Debug, Default)]
+pub struct Trends(Mutex<Inner>);
+
+#[derive(Debug, Default)]
+struct Inner {
+    last: Option<Timestamp>,
+    layout: Option<Arc<Layout>>,
+    /// By `ModuleId` of `layout`.
+    modules: Vec<Module>,
+    series: usize,
+}
+
+#[derive(Debug, Default)]
+struct Module {
+    report: Option<Arc<Report>>,
+    values: Vec<(Box<str>, VecDeque<f32>)>,
+}
+
+/// One value over time as a line, with what it was least and most.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trend {
+    pub key: String,
+    /// `d` of a path in a box of 100 x 20.
+    pub line: String,
+    pub least: f32,
+    pub most: f32,
+}
+
+impl Trends {
+    /// Takes a sample, if the last one is old enough.
+    pub fn sample(&self, snapshot: &Snapshot) {
+        let mut inner = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if inner.last.is_some_and(|last| snapshot.now.since(last) < SAMPLE_EVERY) {
+            return;
+        }
+        inner.last = Some(snapshot.now);
+        inner.follow(&snapshot.layout);
+        let Inner { modules, series, .. } = &mut *inner;
+        for (module, view) in modules.iter_mut().zip(snapshot.modules.iter()) {
+            let same = module.report.as_ref().is_some_and(|report| Arc::ptr_eq(report, &view.report));
+            if same || view.silent {
+                module.go_on(view.silent);
+            } else {
+                module.take(&view.report, series);
+            }
+        }
+    }
+
+    /// The values of a module that are numbers and have a past, in lines of so many points.
+    pub fn of(&self, module: usize, id: &str, points: usize) -> Vec<Trend> {
+        let inner = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let named = |layout: &Arc<Layout>| layout.modules.get(module).is_some_and(|info| *info.id == *id);
+        if !inner.layout.as_ref().is_some_and(named) {
+            return Vec::new();
+        }
+        inner.modules[module].values.iter().filter_map(|(key, samples)| draw(key, samples, points)).collect()
+    }
+}
+
+impl Inner {
+    /// Where the layout is another, each module keeps its past by its name.
+    fn follow(&mut self, layout: &Arc<Layout>) {
+        let Some(before) = self.layout.replace(layout.clone()) else {
+            self.modules.resize_with(layout.modules.len(), Module::default);
+            return;
+        };
+        if Arc::ptr_eq(&before, layout) {
+            return;
+        }
+        let names = before.modules.iter().map(|info| info.id.clone());
+        let mut old: HashMap<Arc<str>, Module> = names.zip(std::mem::take(&mut self.modules)).collect();
+        let kept = layout.modules.iter().map(|info| old.remove(&info.id).unwrap_or_default());
+        self.modules = kept.collect();
+        self.series = self.modules.iter().map(|module| module.values.len()).sum();
+    }
+}
+
+impl Module {
+    fn take(&mut self, report: &Arc<Report>, series: &mut usize) {
+        self.report = Some(report.clone());
+        let numbers: Vec<(&str, f32)> = report
+            .values
+            .iter()
+            .filter_map(|(key, value)| Some((&**key, number(value)?)))
+            .take(VALUES)
+            .collect();
+        for (key, samples) in &mut self.values {
+            let now = numbers.iter().find(|(name, _)| *name == &**key).map_or(f32::NAN, |&(_, value)| value);
+            push(samples, now);
+        }
+        for (key, value) in numbers {
+            let known = self.values.iter().any(|(name, _)| **name == *key);
+            if !known && self.values.len() < VALUES && *series < SERIES {
+                self.values.push((key.into(), VecDeque::from([value])));
+                *series += 1;
+            }
+        }
+    }
+
+    /// The values are as they were; or nobody knows, as nothing came.
+    fn go_on(&mut self, silent: bool) {
+        for (_, samples) in &mut self.values {
+            let last = samples.back().copied().unwrap_or(f32::NAN);
+            push(samples, if silent { f32::NAN } else { last });
+        }
+        if silent {
+            self.report = None;
+        }
+    }
+}
+
+fn push(samples: &mut VecDeque<f32>, value: f32) {
+    if samples.len() == SAMPLES {
+        samples.pop_front();
+    }
+    samples.push_back(value);
+}
+
+fn number(text: &str) -> Option<f32> {
+    text.trim().parse().ok().filter(|value: &f32| value.is_finite())
+}
+
+/// Nothing, where there are not two samples to join.
+fn draw(key: &str, samples: &VecDeque<f32>, points: usize) -> Option<Trend> {
+    let known = || samples.iter().copied().filter(|value| !value.is_nan());
+    if known().count() < 2 {
+        return None;
+    }
+    let (least, most) = (known().fold(f32::INFINITY, f32::min), known().fold(f32::NEG_INFINITY, f32::max));
+    let range = most - least;
+    // The present is at the right end, however short the past is.
+    let width = samples.len().max(SAMPLES_DRAWN);
+    let first = width - samples.len();
+    let (mut line, mut pen_down) = (String::new(), false);
+    // The newest is always among those that are drawn.
+    let step = samples.len().div_ceil(points.max(1)).max(1);
+    let drawn =
+        samples.iter().enumerate().filter(|(index, _)| (samples.len() - 1 - index).is_multiple_of(step));
+    for (index, value) in drawn {
+        if value.is_nan() {
+            pen_down = false;
+            continue;
+        }
+        let x = (first + index) as f32 * WIDTH / (width - 1) as f32;
+        let share = if range > 0.0 && range.is_finite() { (value - least) / range } else { 0.5 };
+        let y = HEIGHT - 1.0 - share * (HEIGHT - 2.0);
+        let _ = write!(line, "{}{x:.1} {y:.1}", if pen_down { "L" } else { "M" });
+        pen_down = true;
+    }
+    Some(Trend { key: key.to_owned(), line, least, most })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::web::view::sample::Sample;
+
+    #[test]
+    fn a_number_gets_a_past_and_silence_a_gap() {
+        let trends = Trends::default();
+        let mut sample = Sample::shuttle(true);
+        for value in ["1.0", "3.0", "2.0"] {
+            sample = sample.report("can/battery", 0, "fine", &[("v", value), ("word", "high")]).pass(2);
+            trends.sample(&sample.snapshot());
+            trends.sample(&sample.snapshot());
+        }
+        let snapshot = sample.snapshot();
+        let index = snapshot.layout.modules.iter().position(|info| &*info.id == "can/battery").unwrap();
+        let of = trends.of(index, "can/battery", SAMPLES);
+        let [trend] = &*of else { panic!("{of:?}") };
+        assert_eq!((&*trend.key, trend.least, trend.most), ("v", 1.0, 3.0));
+        assert_eq!(trend.line, "M93.1 19.0L96.6 1.0L100.0 10.0");
+        assert!(trends.of(index, "another", SAMPLES).is_empty());
+
+        let mut sample = sample.silence("can/battery").pass(8);
+        trends.sample(&sample.snapshot());
+        let trend = trends.of(index, "can/battery", SAMPLES).remove(0);
+        assert_eq!(trend.line, "M89.7 19.0L93.1 1.0L96.6 10.0", "the present is unknown");
+    }
+}

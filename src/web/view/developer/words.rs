@@ -1,0 +1,193 @@
+//! The words of the developer's pages. A word that lacks a language does not compile.
+
+use crate::web::view::Lang;
+
+macro_rules! words {
+    ($($key:ident: $en:literal, $de:literal;)*) => {
+        /// Fixed words of one language.
+        #[derive(Debug)]
+        pub struct DevWords { $(pub $key: &'static str,)* }
+
+        static EN: DevWords = DevWords { $($key: $en,)* };
+        static DE: DevWords = DevWords { $($key: $de,)* };
+
+        #[cfg(test)]
+        const ALL: &[(&str, &str, &str)] = &[$((stringify!($key), $en, $de),)*];
+    };
+}
+
+words! {
+    statuses: "Statuses", "Status";
+    graph: "Graph", "Graph";
+    timeline: "Timeline", "Zeitverlauf";
+    masking: "Masking", "Maskierung";
+    coverage: "Coverage", "Abdeckung";
+    topics: "Topics", "Topics";
+    configuration: "Configuration", "Konfiguration";
+    audit: "Audit log", "Protokoll";
+    pages: "Pages", "Seiten";
+
+    locked: "Locked: no diagnosis is shown before an operator logs in.", "Gesperrt: Keine Diagnose, bevor sich jemand anmeldet.";
+    late: "Delayed: what stands here may be old.", "Verzögert: Was hier steht, kann veraltet sein.";
+    dead: "Not live: the server does not answer. What stands here is old.", "Nicht live: Der Server antwortet nicht. Was hier steht, ist veraltet.";
+    stage: "Stage", "Phase";
+    vehicle_page: "Vehicle", "Fahrzeug";
+    help: "Keys", "Tasten";
+    close: "Close", "Schließen";
+    help_filter: "to the filter", "zum Filter";
+    help_move: "next, previous row", "nächste, vorige Zeile";
+    help_open: "open the row", "Zeile öffnen";
+    help_pin: "pin the row", "Zeile anheften";
+    help_zoom: "larger, smaller, as it was", "größer, kleiner, wie zuvor";
+    help_help: "this help", "diese Hilfe";
+    help_leave: "leave a field, close", "Feld verlassen, schließen";
+
+    filter: "Filter", "Filter";
+    filter_hint: "Name, message, value", "Name, Meldung, Wert";
+    group: "Group", "Gruppe";
+    all_groups: "All groups", "Alle Gruppen";
+    all_states: "All states", "Alle Zustände";
+    abnormal: "Not okay", "Nicht okay";
+    apply: "Apply", "Anwenden";
+    shown: "Shown", "Gezeigt";
+    own: "Own", "Eigener";
+    module: "Module", "Modul";
+    since: "Since", "Seit";
+    age: "Age", "Alter";
+    message: "Message", "Meldung";
+    values: "Values", "Werte";
+    never: "never", "nie";
+    silent: "silent", "stumm";
+    pin: "Pin", "Anheften";
+    unpin: "Unpin", "Lösen";
+    pinned: "Pinned", "Angeheftet";
+    nothing_matches: "Nothing matches the filter.", "Nichts passt zum Filter.";
+    previous: "Previous", "Zurück";
+    next: "Next", "Weiter";
+    of: "of", "von";
+    reception: "Reception troubles", "Störungen des Empfangs";
+    reception_none: "None since the start.", "Keine seit dem Start.";
+    counters: "Counters", "Zähler";
+    signals: "Signals", "Signale";
+    topic: "Topic", "Topic";
+    kind: "Kind", "Art";
+    count: "Count", "Anzahl";
+    last: "Last", "Zuletzt";
+    text: "Text", "Text";
+    malformed: "malformed", "fehlerhaft";
+    wrong_type: "wrong type", "falscher Typ";
+    lost: "lost", "verloren";
+    arrays: "arrays", "Arrays";
+    received: "statuses", "Status";
+    dropped: "dropped names", "verworfene Namen";
+    unknown_signals: "unknown signals", "unbekannte Signale";
+    samples: "watched messages", "beobachtete Nachrichten";
+    dropped_samples: "of another configuration", "einer anderen Konfiguration";
+
+    why: "Why", "Warum";
+    value: "Value", "Wert";
+    least: "Least", "Kleinster";
+    most: "Most", "Größter";
+    minutes: "Last 5 minutes", "Letzte 5 Minuten";
+    members: "Members", "Teile";
+
+    hidden: "Hidden", "Verborgen";
+    hidden_by: "By", "Durch";
+    masked: "Masked: what they need fails", "Maskiert: Was sie brauchen, fällt aus";
+    not_relevant: "Not relevant now", "Zurzeit nicht wichtig";
+    says: "Says itself", "Sagt selbst";
+    because: "Because", "Weil";
+    nothing_masked: "Nothing is masked now.", "Zurzeit ist nichts maskiert.";
+    nothing_irrelevant: "Everything matters now.", "Zurzeit ist alles wichtig.";
+    behind: "in ERROR behind", "dahinter in ERROR";
+
+    isolated: "Isolated", "Isoliert";
+    contextual: "Contextual", "Kontextuell";
+    content: "Content", "Inhalt";
+    meta: "Meta", "Meta";
+    sequential: "sequential", "sequenziell";
+    parallel: "parallel", "parallel";
+    unstated: "no flow stated", "ohne Datenfluss";
+    sum: "All", "Alle";
+    no_modules: "none", "keine";
+    coverage_text: "How many modules diagnose each group in which way. A way that nobody takes is hatched.", "Wie viele Module jede Gruppe auf welche Weise diagnostizieren. Was niemand abdeckt, ist schraffiert.";
+
+    zoom_in: "Larger", "Größer";
+    zoom_out: "Smaller", "Kleiner";
+    zoom_whole: "Whole", "Ganz";
+    open_all: "Open all", "Alle öffnen";
+    close_all: "Close all", "Alle schließen";
+    legend_edge: "leads from what fails to what it masks", "führt von dem, was ausfällt, zu dem, was es maskiert";
+    legend_any: "only if every member of the set fails", "nur wenn alle der Menge ausfallen";
+    legend_hot: "path from a root cause", "Weg von einer Ursache";
+    graph_of: "Dependencies of groups and modules", "Abhängigkeiten der Gruppen und Module";
+    more_groups: "Groups that are not drawn", "Gruppen, die nicht gezeichnet sind";
+
+    span: "Span", "Spanne";
+    until: "Until", "Bis";
+    live_now: "Live", "Live";
+    earlier: "Earlier", "Früher";
+    later: "Later", "Später";
+    moment: "Moment", "Zeitpunkt";
+    add_node: "Add a node", "Knoten hinzufügen";
+    add: "Add", "Hinzufügen";
+    remove: "Remove", "Entfernen";
+    time: "Time", "Zeit";
+    event: "Event", "Ereignis";
+    events: "What happened", "Was geschah";
+    no_events: "Nothing happened in this span.", "In dieser Spanne geschah nichts.";
+    no_record: "no record", "nicht aufgezeichnet";
+    from_history: "From history: this is not the present.", "Aus dem Verlauf: Das ist nicht die Gegenwart.";
+    no_history: "The history cannot be read now; the log says why. States and alarms work without it.", "Der Verlauf ist zurzeit nicht lesbar; das Protokoll sagt warum. Zustände und Alarme kommen ohne ihn aus.";
+    history_lost: "transitions were lost because the disk was too slow", "Wechsel gingen verloren, weil der Speicher zu langsam war";
+    cut: "There is more than can be drawn: choose a shorter span.", "Es gibt mehr, als gezeichnet werden kann: kürzere Spanne wählen.";
+    ev_stage: "stage", "Phase";
+    ev_signal: "signal", "Signal";
+    ev_raised: "alarm raised", "Alarm ausgelöst";
+    ev_moved: "alarm moved to its cause", "Alarm zur Ursache gewandert";
+    ev_acknowledged: "alarm acknowledged", "Alarm quittiert";
+    ev_cleared: "alarm cleared", "Alarm beendet";
+    ev_reloaded: "configuration replaced", "Konfiguration ersetzt";
+    ev_started: "Telltale started", "Telltale gestartet";
+    cause: "Cause", "Ursache";
+    owed: "owed to the cause", "der Ursache geschuldet";
+
+    topic_type: "Type", "Typ";
+    publishers: "Publishers", "Publisher";
+    subscribers: "Subscribers", "Subscriber";
+    rate: "Rate", "Rate";
+    mismatch_type: "Types differ", "Typen verschieden";
+    mismatch_reliability: "Reliability asked for, not offered", "Zuverlässigkeit verlangt, nicht geboten";
+    mismatch_durability: "Last value asked for, not kept", "Letzter Wert verlangt, nicht behalten";
+    nodes: "ROS nodes", "ROS-Knoten";
+    participants: "other participants", "andere Teilnehmer";
+    no_topics: "DDS discovery has seen nothing yet.", "Die DDS-Erkennung hat noch nichts gesehen.";
+
+    config_same: "The file means the same as what runs.", "Die Datei bedeutet dasselbe wie das, was läuft.";
+    config_differs: "The file differs from what runs", "Die Datei weicht von dem ab, was läuft";
+    config_taken: "The file was taken. This has changed", "Die Datei wurde übernommen. Das hat sich geändert";
+    config_refused: "The file cannot be used; what runs stays", "Die Datei ist unbrauchbar; was läuft, bleibt";
+    config_warnings: "What can happen with it and should not", "Was damit geschehen kann und nicht sollte";
+    config_take: "Take it", "Übernehmen";
+}
+
+impl DevWords {
+    pub fn of(lang: Lang) -> &'static DevWords {
+        match lang {
+            Lang::En => &EN,
+            Lang::De => &DE,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ALL;
+
+    #[test]
+    fn every_word_is_there_in_both_languages() {
+        for (key, en, de) in ALL {
+            assert!(!en.trim().is_empty() && !de.trim().is_empty(), "{key}");
+        }
+    }
+}

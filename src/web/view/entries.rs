@@ -1,0 +1,229 @@
+//! What the list of what is wrong says, before anybody asks how much room it has.
+
+use std::collections::{BTreeMap, HashMap};
+
+use crate::engine::model::{GroupId, ModuleId, NodeId, Stage};
+use crate::engine::snapshot::{Reason, RootCause};
+use crate::engine::state::State;
+use crate::engine::time::Timestamp;
+
+use super::View;
+use super::clean::{MESSAGE, clean};
+use crate::web::versions::Matter;
+
+/// WARNINGs of one component that are entries of their own; more of them are one.
+const WARNINGS_NAMED: usize = 3;
+
+/// One entry of the list.
+#[derive(Debug, Clone)]
+pub struct Entry {
+    pub node: NodeId,
+    pub state: State,
+    pub title: String,
+    pub message: String,
+    pub place: String,
+    pub since: Timestamp,
+    pub waits: String,
+    pub masks: u32,
+    pub help: String,
+    /// It was wrong, and nobody has taken note of it.
+    pub over: bool,
+    /// What the operator has to take note of.
+    pub acknowledge: Option<Target>,
+}
+
+/// What an acknowledgement is for, as its route names it.
+#[derive(Debug, Clone)]
+pub struct Target {
+    pub id: String,
+    pub matter: Matter,
+}
+
+pub fn entries(view: &View<'_>) -> Vec<Entry> {
+    let behind = behind(view);
+    let roots = view.snapshot.roots.iter();
+    let mut entries: Vec<Entry> = roots.map(|root| of_root(view, root, &behind)).collect();
+    lesser(view, &mut entries);
+    past(view, &mut entries);
+    entries
+}
+
+fn of_root(view: &View<'_>, root: &RootCause, behind: &HashMap<NodeId, usize>) -> Entry {
+    let state = view.snapshot.shown(root.node).0;
+    let entry = match root.node {
+        NodeId::Module(id) => of_module(view, id, state),
+        NodeId::Group(id) => of_group(view, id, state, view.words.no_member.to_owned()),
+    };
+    let alarm = view.snapshot.alarms.iter().find(|alarm| alarm.active && alarm.node == root.node);
+    let target = alarm.filter(|alarm| !alarm.acknowledged);
+    Entry {
+        since: root.since,
+        masks: root.masks,
+        waits: waits(view, root, behind.get(&root.node).copied().unwrap_or_default()),
+        acknowledge: target.map(|alarm| Target { id: alarm.id.to_string(), matter: Matter::Alarm(alarm.id) }),
+        ..entry
+    }
+}
+
+/// What a root cause puts aside: `Four others wait, 2 errors behind it`.
+fn waits(view: &View<'_>, root: &RootCause, behind: usize) -> String {
+    let own = view.board.tile_of(root.node);
+    let masked =
+        |reason: &Option<Reason>| matches!(reason, Some(Reason::Masked { by }) if by.contains(&root.node));
+    let tiles = view.board.tiles.iter().enumerate();
+    let waiting =
+        tiles.filter(|&(tile, &id)| Some(tile) != own && masked(&view.snapshot.group(id).1.reason)).count();
+    let who = match (waiting, root.masks) {
+        (0, 0) => return String::new(),
+        (0, masks) => view.lang.modules_wait(masks as usize),
+        (tiles, _) => view.lang.others_wait(tiles),
+    };
+    if behind > 0 { who + &view.lang.with_errors(behind) } else { who }
+}
+
+/// How many masked modules report an ERROR themselves, by the root cause that hides them.
+fn behind(view: &View<'_>) -> HashMap<NodeId, usize> {
+    let mut behind = HashMap::new();
+    if view.snapshot.roots.iter().all(|root| root.masks == 0) {
+        return behind;
+    }
+    for module in view.snapshot.modules.iter().filter(|module| module.own == State::Error) {
+        if let Some(Reason::Masked { by }) = &module.reason {
+            for &root in by.iter() {
+                *behind.entry(root).or_default() += 1;
+            }
+        }
+    }
+    behind
+}
+
+fn of_module(view: &View<'_>, id: ModuleId, state: State) -> Entry {
+    let (info, module) = view.snapshot.module(id);
+    let title = view.fault(id, state);
+    let message = clean(&module.report.message, MESSAGE);
+    let node = NodeId::Module(id);
+    // Without a name of its own a fault is called by its component, and then its place is its label.
+    let unnamed = state == State::Unknown || info.name.is_none();
+    Entry {
+        node,
+        state,
+        // What was heard before the silence is no news.
+        message: if message == title || state == State::Unknown { String::new() } else { message },
+        title,
+        place: if unnamed { view.label(info) } else { view.tile_name(node) },
+        since: module.since,
+        waits: String::new(),
+        masks: 0,
+        help: help(view, node, state),
+        over: false,
+        acknowledge: None,
+    }
+}
+
+/// What to do. A fault without words of its own, while the vehicle drives, has these.
+fn help(view: &View<'_>, node: NodeId, state: State) -> String {
+    let own = if state == State::Unknown { String::new() } else { view.help(node) };
+    let drives = view.snapshot.stage == Stage::Active;
+    if own.is_empty() && drives && matches!(state, State::Error | State::Unknown) {
+        return view.lang.steps().take_over_ready.to_owned();
+    }
+    own
+}
+
+fn of_group(view: &View<'_>, id: GroupId, state: State, place: String) -> Entry {
+    let node = NodeId::Group(id);
+    Entry {
+        node,
+        state,
+        title: view.group_name(id),
+        message: String::new(),
+        place,
+        since: view.snapshot.group(id).1.since,
+        waits: String::new(),
+        masks: 0,
+        help: help(view, node, state),
+        over: false,
+        acknowledge: None,
+    }
+}
+
+/// Adds what is visible and not okay without being a root: several of one kind in one component
+/// are one entry. A component that shows a fault which nothing inside it explains is one itself.
+fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
+    let roots: Vec<NodeId> = view.snapshot.roots.iter().map(|root| root.node).collect();
+    let mut found = Vec::new();
+    for id in view.watched() {
+        let modules = view.modules_of(id);
+        for state in [State::Error, State::Unknown, State::Warning] {
+            let visible = |&module: &ModuleId| view.snapshot.module(module).1.state == state;
+            let of_state: Vec<ModuleId> = modules
+                .iter()
+                .copied()
+                .filter(|module| visible(module) && !roots.contains(&NodeId::Module(*module)))
+                .collect();
+            // Somebody who accepts a WARNING reads which one.
+            if state == State::Warning && of_state.len() <= WARNINGS_NAMED {
+                found.extend(of_state.iter().map(|&one| Entry {
+                    acknowledge: of_warnings(view, id, &[one]),
+                    ..of_module(view, one, state)
+                }));
+                continue;
+            }
+            let entry = match *of_state {
+                [] => continue,
+                [one] => of_module(view, one, state),
+                _ => {
+                    let since = of_state.iter().map(|&module| view.snapshot.module(module).1.since);
+                    let since = since.min().unwrap_or(view.snapshot.now);
+                    Entry { since, ..of_group(view, id, state, view.lang.times(of_state.len(), state)) }
+                }
+            };
+            let acknowledge = (state == State::Warning).then(|| of_warnings(view, id, &of_state)).flatten();
+            found.push(Entry { acknowledge, ..entry });
+        }
+        let (_, group) = view.snapshot.group(id);
+        let faulty = !matches!(group.state, State::Ok | State::Ignore);
+        let mut said = roots.iter().copied().chain(found.iter().map(|entry| entry.node));
+        let tile = view.board.tile_of(NodeId::Group(id));
+        if faulty && !said.any(|node| node == NodeId::Group(id) || view.board.tile_of(node) == tile) {
+            found.push(of_group(view, id, group.state, view.lang.state(group.state).to_owned()));
+        }
+    }
+    found.sort_by_key(|entry| std::cmp::Reverse(entry.state));
+    entries.extend(found);
+}
+
+/// The first WARNING of a component that nobody has accepted.
+fn of_warnings(view: &View<'_>, group: GroupId, modules: &[ModuleId]) -> Option<Target> {
+    let is_component = view.board.tiles.contains(&group);
+    let open = modules.iter().find(|&&module| !view.snapshot.accepted.contains(&NodeId::Module(module)))?;
+    let matter = if is_component { Matter::Component(group) } else { Matter::Stage };
+    Some(Target { id: view.snapshot.node_name(NodeId::Module(*open)).to_string(), matter })
+}
+
+/// Adds the alarms that are over: those of one node are one entry.
+fn past(view: &View<'_>, entries: &mut Vec<Entry>) {
+    let mut of_node: BTreeMap<NodeId, (usize, u64, Timestamp)> = BTreeMap::new();
+    for alarm in view.snapshot.alarms.iter().filter(|alarm| !alarm.active && !alarm.acknowledged) {
+        let (count, id, raised) = of_node.entry(alarm.node).or_insert((0, alarm.id, alarm.raised));
+        *count += 1;
+        (*id, *raised) = (alarm.id, alarm.raised);
+    }
+    let mut found: Vec<(u64, Entry)> = of_node
+        .into_iter()
+        .map(|(node, (count, id, raised))| {
+            let entry = match node {
+                NodeId::Module(module) => of_module(view, module, State::Error),
+                NodeId::Group(group) => of_group(view, group, State::Error, String::new()),
+            };
+            // By its name all of them are meant.
+            let target = if count > 1 { view.snapshot.node_name(node).to_string() } else { id.to_string() };
+            let acknowledge = Some(Target { id: target, matter: Matter::Alarm(id) });
+            let message = view.lang.so_often(count);
+            let help = String::new();
+            (id, Entry { since: raised, message, help, over: true, acknowledge, ..entry })
+        })
+        .collect();
+    found.sort_by_key(|(id, _)| *id);
+    entries.extend(found.into_iter().map(|(_, entry)| entry));
+}

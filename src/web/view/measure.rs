@@ -1,0 +1,76 @@
+//! The countermeasure: what is asked of the vehicle, because of what, and whether it does it.
+
+use askama::Template;
+
+use crate::engine::countermeasure::Kind;
+use crate::engine::model::NodeId;
+use crate::engine::snapshot::{Countermeasure, MeasureState};
+
+use super::{Fragment, View, html};
+
+#[derive(Template)]
+#[template(path = "partials/measure.html")]
+struct MeasureHtml {
+    swap: bool,
+    measure: Option<Measure>,
+}
+
+struct Measure {
+    request: &'static str,
+    state: &'static str,
+    icon: &'static str,
+    title: String,
+    because: String,
+    confirmed: &'static str,
+}
+
+pub fn measure(view: &View<'_>) -> Fragment {
+    let measure = view.snapshot.countermeasure().map(|it| of(view, it));
+    let html = html(&MeasureHtml { swap: view.swap, measure });
+    Fragment { id: "countermeasure".to_owned(), html }
+}
+
+/// Whether the vehicle is asked to move differently: a banner says so over everything.
+pub fn has_banner(view: &View<'_>) -> bool {
+    view.snapshot.countermeasure().is_some_and(|it| it.request.kind().moves())
+}
+
+fn of(view: &View<'_>, it: &Countermeasure) -> Measure {
+    let steps = view.lang.steps();
+    let causes: Vec<String> = it.causes.iter().map(|cause| fault(view, cause.node)).collect();
+    let because = match (causes.first(), it.by_operator) {
+        (Some(first), _) => {
+            let others = match causes.len() - 1 {
+                0 => String::new(),
+                others => format!(", {}", view.lang.and_more(others)),
+            };
+            format!("{} {first}{others}", steps.because_of)
+        }
+        (None, true) => steps.asked_by_operator.to_owned(),
+        (None, false) => String::new(),
+    };
+    Measure {
+        request: it.request.as_str(),
+        state: it.state.as_str(),
+        icon: match (it.state, it.request.kind()) {
+            (MeasureState::Unconfirmed, _) => "error",
+            (_, Kind::Decelerate) => "slow",
+            _ => "stop",
+        },
+        title: view.lang.measure(it.request, it.state),
+        because,
+        confirmed: match it.state {
+            MeasureState::Unconfirmed => steps.unconfirmed,
+            _ if it.latched => steps.held,
+            MeasureState::Engaged => steps.engaged,
+            MeasureState::Requested => steps.asked,
+        },
+    }
+}
+
+fn fault(view: &View<'_>, node: NodeId) -> String {
+    match node {
+        NodeId::Group(id) => view.group_name(id),
+        NodeId::Module(id) => view.fault(id, view.snapshot.module(id).1.own),
+    }
+}

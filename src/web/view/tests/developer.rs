@@ -1,0 +1,253 @@
+//! What the developer's pages say.
+
+use super::*;
+use crate::engine::discovery::{Discovery, Endpoint, TopicSeen};
+use crate::engine::model::NodeId;
+use crate::engine::state::State;
+use crate::runtime::Rereading;
+use crate::store::{Happened, NodePast, Past, Stretch};
+
+fn asked(pairs: &[(&str, &str)]) -> Asked {
+    Asked::of(pairs.iter().map(|&(key, value)| (key.to_owned(), value.to_owned())).collect())
+}
+
+/// Every page of the developer's. What is asked for, was recorded and is read from files is `text`.
+pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&'static str, String)> {
+    let asked = asked(&[
+        ("q", ""),
+        ("pin", text),
+        ("group", ""),
+        ("sort", text),
+        ("node", text),
+        ("node", "localization"),
+        ("cell", "0 localization"),
+        ("open", "all"),
+    ]);
+    let trends = Trends::default();
+    let window = Window::of(published, &asked);
+    let stretch = |from_ms: i64, state: State, cause: Option<&str>| Stretch {
+        from_ms: window.query.from_ms + from_ms,
+        to_ms: window.query.from_ms + from_ms + 30_000,
+        state,
+        own: State::Error,
+        cause: cause.map(Into::into),
+    };
+    let stretches = vec![
+        stretch(0, State::Ok, None),
+        stretch(30_000, State::Error, None),
+        stretch(60_000, State::Ignore, Some(text)),
+        stretch(90_000, State::Ignore, None),
+    ];
+    let node = |name: &String| NodePast { name: name.clone(), stretches: stretches.clone() };
+    let moved = Happened::AlarmMoved { id: 1, symptom: text.to_owned(), cause: text.to_owned() };
+    let past = Past {
+        nodes: window.query.nodes.iter().map(node).collect(),
+        happened: vec![(window.query.to_ms, moved), (window.query.to_ms, Happened::Lost(3))],
+        cut: false,
+    };
+    let read = Rereading {
+        taken: false,
+        differences: vec![text.to_owned()],
+        problems: None,
+        warnings: Some(text.to_owned()),
+    };
+    let mut pages = vec![
+        ("statuses", developer_page(published, context, &asked, &trends)),
+        ("graph", graph_page(published, context, &asked)),
+        ("timeline", timeline_page(published, context, &asked, &window, Some(&past))),
+        ("timeline-none", timeline_page(published, context, &asked, &window, None)),
+        ("masking", masking_page(published, context, &asked)),
+        ("coverage", coverage_page(published, context, &asked)),
+        ("topics", topics_page(published, context, &asked, &discovery(text))),
+        ("configuration", configuration_page(published, &read, true, context)),
+    ];
+    // Of a locked vehicle no node has a page.
+    let locked = published.snapshot.stage == Stage::Locked;
+    let modules = published.snapshot.layout.modules.iter().filter(|_| !locked).map(|info| &info.id);
+    for name in
+        modules.chain(published.snapshot.layout.groups.iter().filter(|_| !locked).map(|info| &info.path))
+    {
+        let node = published.snapshot.node(name).expect("it is there");
+        pages.push(("why", why_page(published, node, context, &trends)));
+    }
+    pages
+}
+
+fn discovery(text: &str) -> Discovery {
+    let endpoint =
+        Endpoint { participant: text.to_owned(), type_name: text.to_owned(), ..Endpoint::default() };
+    let other = Endpoint { type_name: "std_msgs/msg/Bool".to_owned(), reliable: true, ..endpoint.clone() };
+    let topic = TopicSeen {
+        name: format!("/{text}"),
+        publishers: vec![endpoint],
+        subscribers: vec![other],
+        rate_hz: Some(9.96),
+    };
+    Discovery {
+        at: Some(Timestamp::ZERO),
+        topics: vec![topic],
+        nodes: vec![format!("/{text}")],
+        more: 0,
+        participants: 1,
+    }
+}
+
+fn english() -> PageContext {
+    context(Lang::En, Palette::Night)
+}
+
+#[track_caller]
+fn holds(html: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(html.contains(part), "lacks {part:?}:\n{html}");
+    }
+}
+
+/// The modules in the table, in its order.
+fn listed(published: &Published, pairs: &[(&str, &str)]) -> Vec<String> {
+    let html = developer_page(published, &english(), &asked(pairs), &Trends::default());
+    let rows = html.split("data-module=\"").skip(1);
+    rows.map(|row| row.split('"').next().unwrap_or_default().to_owned()).collect()
+}
+
+#[test]
+fn the_developer_sees_all_that_was_received() {
+    let published = Sample::shuttle(false)
+        .report("nobody: knows", 2, "mine alone", &[("key", "value")])
+        .trouble("/diagnostics", TroubleKind::Malformed, 7, "string runs past the end")
+        .pass(3)
+        .published();
+    let page = developer_page(&published, &english(), &Asked::default(), &Trends::default());
+    let all = ["nobody: knows", "mine alone", "string runs past the end", "malformed", ">7<", "can/battery"];
+    holds(&page, &all);
+    let operator = operator_page(&published, &english());
+    assert!(!operator.contains("mine alone") && !operator.contains("developer.css"));
+}
+
+#[test]
+fn statuses_are_filtered_sorted_and_pinned_as_the_address_says() {
+    let published = jump().report("can/battery", 1, "Low: 20 %", &[("volt", "11.9")]).pass(4).published();
+    assert_eq!(listed(&published, &[("q", "VOLT")]), ["can/battery"]);
+    assert_eq!(listed(&published, &[("q", "low: 2")]), ["can/battery"]);
+    assert_eq!(listed(&published, &[("level", "warning")]), ["can/battery"]);
+    assert_eq!(listed(&published, &[("level", "abnormal")]).len(), 2);
+    assert!(listed(&published, &[("group", "can")]).iter().all(|name| name.starts_with("can/")));
+    let by_state = listed(&published, &[("sort", "state")]);
+    assert_eq!(by_state[..2], ["localization/tf_quality", "can/battery"]);
+    assert_eq!(listed(&published, &[("sort", "state"), ("desc", "1")]).last(), by_state.first());
+    let pinned = listed(&published, &[("q", "volt"), ("pin", "mission/server"), ("pin", "gone")]);
+    assert_eq!(pinned, ["mission/server", "can/battery"]);
+    assert!(listed(&published, &[("q", "nothing like this")]).is_empty());
+    assert_eq!(listed(&published, &[("page", "99")]).len(), published.snapshot.modules.len());
+}
+
+#[test]
+fn many_modules_come_in_pages_and_collapsed() {
+    let modules = (0..5000).map(|index| module(&format!("g/{index:04}"), 0, &format!("{index:04}")));
+    let parts = ModelParts {
+        groups: vec![group("g", Text::plain("G"))],
+        modules: modules.collect(),
+        signals: Vec::new(),
+        stages: StageModel::None,
+        ..parts()
+    };
+    let published = Sample::of(parts).pass(1).published();
+    let first = listed(&published, &[]);
+    let second = listed(&published, &[("page", "2")]);
+    assert_eq!((first.len(), second.len()), (60, 60));
+    assert!(first.last() < second.first());
+    let graph = graph_page(&published, &english(), &Asked::default());
+    assert!(graph.len() < 20_000 && !graph.contains("g/0001"), "{}", graph.len());
+    let open = graph_page(&published, &english(), &asked(&[("open", "g")]));
+    assert!(open.contains("g/0001") && !open.contains("g/4000") && open.len() < 60_000);
+}
+
+#[test]
+fn the_audit_names_what_is_hidden_and_by_whom() {
+    let published = jump().report("perception/costmap_delay", 2, "350 ms late", &[]).pass(4).published();
+    let page = masking_page(&published, &english(), &Asked::default());
+    let masked = page.split("id=\"not-relevant\"").next().unwrap_or_default();
+    holds(masked, &["perception/costmap_delay", "localization/tf_quality", "350 ms late"]);
+    assert!(!masked.contains(">sensors/imu<"), "{masked}");
+    let filtered = masking_page(&published, &english(), &asked(&[("q", "COSTMAP")]));
+    assert!(filtered.contains("perception/costmap_delay") && !filtered.contains(">prediction<"));
+}
+
+#[test]
+fn the_coverage_counts_every_module_once_and_marks_what_is_empty() {
+    let published = Sample::shuttle(true).published();
+    let page = coverage_page(&published, &english(), &asked(&[("cell", "0 can")]));
+    let all = published.snapshot.modules.len();
+    holds(&page, &[&format!("<td class=\"sum\">{all}</td>"), "class=\"none\"", "can/battery"]);
+}
+
+#[test]
+fn the_graph_draws_the_path_of_a_root_cause_and_no_other_hot() {
+    let lines = |published: &Published, open: &str| {
+        let page = graph_page(published, &english(), &asked(&[("open", open)]));
+        let lines = page.split("<g class=\"line\" data-hot><title>").skip(1);
+        lines.map(|line| line.split('<').next().unwrap_or_default().to_owned()).collect::<Vec<_>>()
+    };
+    assert!(lines(&Sample::shuttle(true).published(), "all").is_empty());
+    let hot = lines(&jump().pass(4).published(), "none");
+    holds(&hot.join("\n"), &["localization \u{2192} perception", "perception \u{2192} prediction"]);
+    assert!(!hot.iter().any(|line| line.starts_with("sensors") || line.starts_with("mission")), "{hot:?}");
+}
+
+#[test]
+fn the_timeline_draws_what_was_recorded_and_says_what_was_not() {
+    let published = Sample::shuttle(true).published();
+    let live = Window::of(&published, &asked(&[("span", "100")]));
+    assert_eq!(live.query.to_ms - live.query.from_ms, 100_000);
+    assert_eq!(live.query.nodes.len(), 8, "{:?}", live.query.nodes);
+    let asks = [("node", "a/b"), ("span", "100"), ("until", "1000000"), ("at", "500")];
+    let window = Window::of(&published, &asked(&asks));
+    assert_eq!((window.query.from_ms, window.query.to_ms), (900_000, 1_000_000));
+    let stretch = |from_ms, to_ms, state, cause: Option<&str>| Stretch {
+        from_ms,
+        to_ms,
+        state,
+        own: State::Error,
+        cause: cause.map(Into::into),
+    };
+    let stretches = vec![
+        stretch(900_000, 920_000, State::Error, None),
+        stretch(920_000, 960_000, State::Ignore, Some("a/root")),
+    ];
+    let nodes = vec![NodePast { name: "a/b".to_owned(), stretches }];
+    let past = Past { nodes, ..Past::default() };
+    let page = timeline_page(&published, &english(), &asked(&asks), &window, Some(&past));
+    // The ERROR before the cause showed itself is owed to it; the moment in the middle is masked.
+    holds(
+        &page,
+        &[
+            "bar-owed",
+            "x=\"0.00%\" y=\"1\" width=\"20.00%\"",
+            "url(#p-masked)",
+            "From history",
+            "data-static",
+        ],
+    );
+    holds(&page, &["data-state=\"ignore\">Ignored</span> <small>a/root", "1970-01-01T00:15:50.000Z"]);
+    let after = asked(&[asks[0], asks[1], asks[2]]);
+    let window = Window::of(&published, &after);
+    let page = timeline_page(&published, &english(), &after, &window, Some(&past));
+    holds(&page, &["data-state=\"none\">no record<"]);
+}
+
+#[test]
+fn a_why_page_leads_to_what_it_names() {
+    let published = jump().pass(4).published();
+    let NodeId::Group(_) = published.snapshot.node("perception").expect("it is there") else { panic!() };
+    let node = published.snapshot.node("perception").expect("it is there");
+    let page = why_page(&published, node, &english(), &Trends::default());
+    holds(&page, &["/developer/why?node=localization%2Ftf_quality", "perception/costmap_delay"]);
+}
+
+#[test]
+fn topics_show_types_rates_and_what_does_not_match() {
+    let page = topics_page(&jump().published(), &english(), &Asked::default(), &discovery("front"));
+    holds(&page, &["/front", "std_msgs/msg/Bool", "10.0 Hz", "data-mismatch", "Types differ", "best effort"]);
+    let page = topics_page(&jump().published(), &english(), &asked(&[("q", "rear")]), &discovery("front"));
+    assert!(!page.contains("data-topic"), "{page}");
+}

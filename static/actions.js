@@ -1,0 +1,149 @@
+// The operator's taps: each is one POST with the version of the state it was shown with, sent at
+// once or not at all. Nothing waits in a queue, and nothing is sent while the display is not live.
+(() => {
+  "use strict";
+  const ANSWER_MS = 2000;
+  // A second tap on the same place, and a tap on a button that has just appeared there.
+  const AFTER_ACTION_MS = 800;
+  const AFTER_CHANGE_MS = 400;
+  const NOTICE_MS = 12000;
+
+  const body = document.body;
+  const bar = document.getElementById("actions");
+  const confirmation = document.getElementById("confirm");
+  const notice = document.getElementById("notice");
+
+  let busy = false;
+  let quietTimer = 0;
+  let quietUntil = 0;
+  let noticeTimer = 0;
+
+  // The stylesheet lets no tap through meanwhile.
+  const quiet = (ms) => {
+    quietUntil = Math.max(quietUntil, performance.now() + ms);
+    bar.dataset.quiet = "";
+    clearTimeout(quietTimer);
+    quietTimer = setTimeout(() => delete bar.dataset.quiet, quietUntil - performance.now());
+  };
+
+  // --- what was not done, and why
+
+  const hideNotice = () => {
+    notice.hidden = true;
+    clearTimeout(noticeTimer);
+  };
+
+  const show = (kind, reasons = []) => {
+    notice.dataset.kind = kind;
+    notice.querySelector("ul").replaceChildren(
+      ...reasons.map((reason) => {
+        const item = document.createElement("li");
+        item.textContent = reason;
+        return item;
+      }),
+    );
+    notice.hidden = false;
+    clearTimeout(noticeTimer);
+    noticeTimer = setTimeout(hideNotice, NOTICE_MS);
+  };
+
+  // --- the second step of a clearance
+
+  let askedWith = null;
+  let until = 0;
+  let countdown = 0;
+
+  const version = () => document.getElementById("step").dataset.version;
+
+  const closeConfirmation = () => {
+    confirmation.hidden = true;
+    confirmation.elements.token.value = "";
+    delete bar.dataset.confirming;
+    clearInterval(countdown);
+  };
+
+  const count = () => {
+    const left_s = Math.ceil((until - performance.now()) / 1000);
+    confirmation.querySelector(".left").textContent = Math.max(0, left_s);
+    if (left_s <= 0) closeConfirmation();
+  };
+
+  const askForConfirmation = ({ token, expires_s }, asked) => {
+    askedWith = asked;
+    until = performance.now() + expires_s * 1000;
+    confirmation.elements.token.value = token;
+    confirmation.hidden = false;
+    bar.dataset.confirming = "";
+    clearInterval(countdown);
+    countdown = setInterval(count, 100);
+    count();
+  };
+
+  // --- sending
+
+  const send = async (form, button) => {
+    const act = form.dataset.act;
+    const fields = new URLSearchParams(new FormData(form, button));
+    fields.set("beat", globalThis.telltale?.beatAt ?? "");
+    const answer = await fetch(form.action, {
+      method: "POST",
+      body: fields,
+      headers: { Accept: "application/json" },
+      redirect: "manual",
+      cache: "no-store",
+      signal: AbortSignal.timeout(ANSWER_MS),
+    });
+    if (answer.status === 401 || answer.type === "opaqueredirect") return location.assign("/login");
+    const said = await answer.json();
+    if (answer.ok) {
+      hideNotice();
+      quiet(AFTER_ACTION_MS);
+      if (act === "clearance") askForConfirmation(said, fields.get("version"));
+      else closeConfirmation();
+      if (act === "localize") document.getElementById("sheet-stops").hidePopover();
+      if (act === "logout") location.assign("/login");
+      return undefined;
+    }
+    if (act === "confirm") closeConfirmation();
+    show("refused", said.refused ?? [said.error]);
+    // What was shown was old: everything is asked for anew.
+    if ("seq" in said) document.dispatchEvent(new CustomEvent("telltale:refresh"));
+    return undefined;
+  };
+
+  document.addEventListener("submit", async (event) => {
+    const form = event.target.closest("form[data-act]");
+    if (!form) return;
+    event.preventDefault();
+    if (busy) return;
+    if (body.dataset.live !== "live") return show("unsent");
+    busy = true;
+    form.dataset.sending = "";
+    try {
+      await send(form, event.submitter);
+    } catch {
+      show("unanswered");
+    } finally {
+      busy = false;
+      delete form.dataset.sending;
+    }
+  });
+
+  confirmation.elements.cancel.addEventListener("click", closeConfirmation);
+  notice.querySelector("[name=dismiss]").addEventListener("click", hideNotice);
+
+  // --- the bar changes under the finger
+
+  const offered = () => [...document.querySelectorAll("#step form button")].map((it) => `${it.name} ${it.value}`).join();
+  let before = offered();
+
+  document.addEventListener("htmx:after:swap", () => {
+    const now = offered();
+    if (now !== before) quiet(AFTER_CHANGE_MS);
+    before = now;
+    // The server would refuse: what was asked for was another state.
+    if (!confirmation.hidden && version() !== askedWith) closeConfirmation();
+  });
+
+  addEventListener("telltale:dead", closeConfirmation);
+})();

@@ -1,0 +1,89 @@
+// The login by touch: keys that fill the form, and the names that were used at this display.
+// The form works without it.
+(() => {
+  "use strict";
+  const NAMES_KEPT = 3;
+  const KEPT = "telltale.names";
+
+  const form = document.querySelector(".page-login form");
+  const pad = document.querySelector(".pad");
+  const known = document.querySelector(".known");
+  const { name, secret } = form.elements;
+
+  const names = () => {
+    try {
+      const kept = JSON.parse(localStorage.getItem(KEPT));
+      return Array.isArray(kept) ? kept.filter((it) => typeof it === "string").slice(0, NAMES_KEPT) : [];
+    } catch {
+      return [];
+    }
+  };
+
+  // --- the keys that the field in hand needs
+
+  let field = name.value ? secret : name;
+
+  const turnTo = (input) => {
+    field = input;
+    pad.querySelector(".digits").hidden = input !== secret;
+    pad.querySelector(".letters").hidden = input !== name;
+    for (const input of [name, secret]) input.parentElement.classList.toggle("typing", input === field);
+  };
+
+  const press = (key) => {
+    if (key === "enter") form.requestSubmit();
+    else if (key === "next") turnTo(secret);
+    else if (key === "back") field.value = [...field.value].slice(0, -1).join("");
+    else if (field.value.length < field.maxLength) field.value += key;
+  };
+
+  for (const input of [name, secret]) input.addEventListener("focus", () => turnTo(input));
+  pad.addEventListener("click", (event) => {
+    const key = event.target.closest("[data-key]")?.dataset.key;
+    if (key) press(key);
+  });
+  // A touch on a key leaves the field its focus, so that a keyboard goes on where it was.
+  pad.addEventListener("pointerdown", (event) => event.preventDefault());
+
+  // --- who was here before
+
+  const choose = (who) => {
+    name.value = who;
+    secret.value = "";
+    turnTo(secret);
+    mark();
+  };
+
+  const mark = () => {
+    for (const button of known.children) {
+      button.setAttribute("aria-pressed", String(button.textContent === name.value));
+    }
+  };
+
+  for (const who of names()) {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = who;
+    button.addEventListener("click", () => choose(who));
+    known.append(button);
+  }
+  known.hidden = known.children.length === 0;
+  if (!name.value && known.firstElementChild) {
+    choose(known.firstElementChild.textContent);
+    secret.focus();
+  }
+  name.addEventListener("input", mark);
+  mark();
+
+  // The operator's page keeps the name once the login has worked.
+  form.addEventListener("submit", () => {
+    try {
+      sessionStorage.setItem("telltale.trying", name.value);
+    } catch {
+      // Without storage nothing is remembered.
+    }
+  });
+
+  pad.hidden = false;
+  turnTo(field);
+})();

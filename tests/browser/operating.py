@@ -1,0 +1,63 @@
+"""What an operator's hands do at a touch display."""
+
+from playwright.sync_api import expect
+
+from vehicle import CHROMIUM
+
+DEMO_OPERATOR = ("operator", "246810")
+DISPLAY = {"width": 1280, "height": 800}
+
+
+def touch_context(chromium, lang="en", palette="night", **more):
+    context = chromium.new_context(viewport=DISPLAY, locale="de-DE" if lang == "de" else "en-GB", has_touch=True, **more)
+    context.set_default_timeout(10_000)
+    return context
+
+
+def watch(page, trouble):
+    """Notes everything that the browser complains about."""
+    page.on("console", lambda message: message.type in ("error", "warning") and trouble.append(message.text))
+    page.on("pageerror", lambda error: trouble.append(str(error)))
+    page.add_init_script(
+        "addEventListener('securitypolicyviolation',"
+        " event => console.error(`CSP: ${event.violatedDirective} ${event.blockedURI}`))"
+    )
+
+
+def type_by_touch(page, name, secret):
+    """Fills the form with the pad alone."""
+    for letter in name:
+        page.locator(f".letters [data-key='{letter}']").tap()
+    page.locator(".letters [data-key=next]").tap()
+    for digit in secret:
+        page.locator(f".digits [data-key='{digit}']").tap()
+
+
+def log_in_by_touch(page, server, name, secret):
+    page.goto(server.url + "/login")
+    type_by_touch(page, name, secret)
+    page.locator(".digits [data-key=enter]").tap()
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+
+
+def stage(page, name, seconds=10):
+    expect(page.locator("body")).to_have_attribute("data-stage", name, timeout=seconds * 1000)
+
+
+def step(page, name):
+    return page.locator(f"#actions button[name={name}]")
+
+
+def localize(page):
+    stage(page, "localizing")
+    step(page, "localize").first.tap()
+    stage(page, "standby", 20)
+
+
+def clear(page):
+    """Both steps, as soon as nothing stands in the way."""
+    ready = page.locator("#actions button[name=clearance]:not([aria-disabled])")
+    expect(ready).to_be_visible(timeout=40_000)
+    ready.tap()
+    expect(step(page, "confirm")).to_be_visible()
+    step(page, "confirm").tap()

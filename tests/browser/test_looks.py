@@ -1,0 +1,154 @@
+"""Sizes, contrasts and names, as the browser computes them, of every page that an operator sees."""
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+
+from operating import DEMO_OPERATOR, clear, localize, log_in_by_touch, stage, touch_context, watch
+from vehicle import Client, Server, own_domain
+
+AXE = (Path(__file__).parent / "axe/axe.min.js").read_text()
+# 15 mm and 20 mm, and the capitals' heights of 2.8 mm and 3.7 mm, at 149 dpi.
+TOUCH_PX, TOUCH_FIRST_PX = 88, 117
+TYPE_PX, TYPE_LARGE_PX = 22.5, 30
+TRANSFER_BYTES_MAX = 150_000
+
+VISIBLE = """selector => [...document.querySelectorAll(selector)].filter(it => {
+  const box = it.getBoundingClientRect();
+  return box.width > 1 && box.height > 1 && getComputedStyle(it).visibility === 'visible' && !it.closest('.hush');
+}).map(it => {
+  const box = it.getBoundingClientRect(), style = getComputedStyle(it);
+  return { what: (it.id || it.name || it.className || it.tagName) + ': ' + it.textContent.trim().slice(0, 30),
+    width: box.width, height: box.height, type: parseFloat(style.fontSize),
+    right: box.right, bottom: box.bottom, cut: it.scrollWidth > it.clientWidth + 1 && style.overflow === 'hidden' };
+})"""
+
+# Relative luminance by WCAG 2, of a text on the nearest background that is not transparent.
+CONTRAST = """selector => {
+  const rgb = color => color.match(/[\\d.]+/g).map(Number);
+  const linear = c => (c /= 255) <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4;
+  const light = ([r, g, b]) => 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
+  const ground = it => {
+    for (; it; it = it.parentElement) {
+      const style = getComputedStyle(it), color = rgb(style.backgroundColor);
+      const stripes = style.backgroundImage.match(/rgba?\\([^)]*\\)/g);
+      if (stripes) return stripes.map(rgb);
+      if (color.length < 4 || color[3] === 1) return [color];
+    }
+    return [[255, 255, 255]];
+  };
+  return [...document.querySelectorAll(selector)].filter(it => it.offsetParent !== null && it.textContent.trim()).map(it => {
+    const ink = light(rgb(getComputedStyle(it).color));
+    const ratio = Math.min(...ground(it).map(light).map(paper => (Math.max(ink, paper) + 0.05) / (Math.min(ink, paper) + 0.05)));
+    return [it.className + ': ' + it.textContent.trim().slice(0, 30), ratio];
+  });
+}"""
+
+
+@pytest.fixture
+def demo(tmp_path):
+    server = Server(tmp_path, own_domain() + 41, "demo").start()
+    yield server
+    assert server.stop() == 0
+
+
+def violations(page):
+    """What axe-core finds on what is to be seen now."""
+    page.evaluate(AXE)
+    found = page.evaluate(
+        "async () => (await axe.run(document, { resultTypes: ['violations'] })).violations"
+        ".map(it => `${it.id}: ${it.help}: ${it.nodes.map(node => node.html.slice(0, 160)).join(' | ')}`)"
+    )
+    return "\n".join(found)
+
+
+def check_sizes(page, name):
+    for it in page.evaluate(VISIBLE, "button, a, input:not([type=hidden])"):
+        first = "primary" in it["what"] or it["what"].startswith(("stop", "clearance", "confirm", "localize"))
+        least = TOUCH_FIRST_PX if first else TOUCH_PX
+        assert it["height"] >= least - 0.5 and it["width"] >= TOUCH_PX - 0.5, f"{name}: {it}"
+    for it in page.evaluate(VISIBLE, ".tile .state, .cause .title, .cause .help, #actions .primary, #actions .side, .row b"):
+        assert it["type"] >= TYPE_LARGE_PX - 0.01, f"{name}: {it}"
+    for it in page.evaluate(VISIBLE, "p, span, button, li, time, b, strong, h1, h2, label, input"):
+        assert it["type"] >= TYPE_PX - 0.01, f"{name}: {it}"
+        assert it["right"] <= 1280.5, f"{name}: {it}"
+    for it in page.evaluate(VISIBLE, ".tile, .tile .state, .cause .title, #actions button, .row b, #top .stage"):
+        assert not it["cut"] and it["bottom"] <= 800.5, f"{name}: {it}"
+    body = page.evaluate("() => [document.documentElement.scrollWidth, document.documentElement.scrollHeight]")
+    assert body[0] <= 1280 and body[1] <= 800, f"{name}: {body}"
+
+
+def check_contrasts(page, name):
+    for what, ratio in page.evaluate(CONTRAST, "p, .tile span:not(.hush, .cover, .cover *), .cause span:not(.hush), button, label, .checks span"):
+        assert ratio >= 4.5, f"{name}: {what}: {ratio:.2f}"
+    alarms = ".tile:is([data-state=error], [data-state=warning]) > span:not(.cover), .cause .title, .cause .help, .measure strong"
+    for what, ratio in page.evaluate(CONTRAST, alarms):
+        assert ratio >= 7, f"{name}: {what}: {ratio:.2f}"
+
+
+def check(page, name):
+    check_sizes(page, name)
+    check_contrasts(page, name)
+    assert not violations(page), f"{name}:\n{violations(page)}"
+
+
+def in_both_palettes(page, name):
+    for _ in range(2):
+        check(page, f"{name}, {page.locator('html').get_attribute('data-palette')}")
+        page.locator("[data-tool=palette]").tap()
+
+
+@pytest.mark.parametrize("lang", ["en", "de"])
+def test_every_state_holds_its_sizes_its_contrasts_and_its_names(demo, chromium, trouble, lang):
+    client = Client(demo, *DEMO_OPERATOR)
+    context = touch_context(chromium, lang, reduced_motion="reduce")
+    page = context.new_page()
+    watch(page, trouble)
+    page.goto(demo.url + "/login")
+    in_both_palettes(page, "login")
+    log_in_by_touch(page, demo, *DEMO_OPERATOR)
+    stage(page, "localizing")
+    in_both_palettes(page, "localizing")
+    localize(page)
+    in_both_palettes(page, "standby")
+    client.post("/demo/fault", name="low_battery", active="true")
+    expect(page.locator("#tile-can")).to_have_attribute("data-state", "warning")
+    in_both_palettes(page, "warning")
+    client.post("/demo/fault", name="low_battery", active="false")
+    expect(page.locator("#tile-can")).to_have_attribute("data-state", "ok")
+    clear(page)
+    stage(page, "active", 20)
+    in_both_palettes(page, "active")
+    client.post("/demo/fault", name="sensor_outage", active="true")
+    expect(page.locator("#tile-execution")).to_have_attribute("data-reason", "masked", timeout=10_000)
+    expect(page.locator("#countermeasure[data-request]")).to_be_visible()
+    in_both_palettes(page, "fault")
+    flashing = page.evaluate("() => document.getAnimations().length")
+    assert flashing == 0, "reduced motion is kept"
+    page.locator("#tile-planning").tap()
+    expect(page.locator("#panel-planning")).to_be_visible()
+    assert not violations(page), violations(page)
+    page.locator("#panel-planning .close").tap()
+    context.close()
+
+
+def test_the_operators_page_is_small_and_flashes_slowly(demo, chromium, trouble):
+    context = touch_context(chromium)
+    page = context.new_page()
+    watch(page, trouble)
+    log_in_by_touch(page, demo, *DEMO_OPERATOR)
+    network = context.new_cdp_session(page)
+    sizes = []
+    network.on("Network.loadingFinished", lambda event: sizes.append(event["encodedDataLength"]))
+    network.send("Network.enable")
+    network.send("Network.setCacheDisabled", {"cacheDisabled": True})
+    page.reload()
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+    assert len(sizes) > 6 and sum(sizes) <= TRANSFER_BYTES_MAX, f"{sum(sizes)} bytes: {sizes}"
+    rules = page.evaluate(
+        "() => [...document.styleSheets].flatMap(sheet => [...sheet.cssRules]).filter(rule => rule.style?.animationName"
+        " && ['call', 'ring'].includes(rule.style.animationName)).map(rule => rule.style.animationDuration)"
+    )
+    assert rules and all(rule == "1s" for rule in rules), rules
+    context.close()

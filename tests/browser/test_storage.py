@@ -1,0 +1,132 @@
+"""A full disk, a read-only one, a broken database: the display goes on and says so.
+
+It needs mount namespaces, as root or through those of users; where they are not to be had it fails.
+"""
+
+import json
+import os
+import subprocess
+import urllib.error
+
+import pytest
+
+from vehicle import CONFIG, OPERATOR, STARTUP_S, TELLTALE, Client, Server, own_domain, until
+
+IS_ROOT = os.geteuid() == 0
+# A probe every five seconds, and some.
+NOTICE_S = 12
+
+
+class Mounted(Server):
+    """A server whose data folder is a small file system in a mount namespace of its own."""
+
+    def start(self):
+        data = self.folder / "data"
+        data.mkdir()
+        self.data = data
+        serve = [TELLTALE, "serve", "--config", CONFIG, "--data", data, "--interface", "127.0.0.1"]
+        serve += ["--listen", f"127.0.0.1:{self.port}", "--domain", self.domain]
+        secret = f"{OPERATOR[1]}\\n{OPERATOR[1]}\\n"
+        script = f"""
+            set -e
+            mount -t tmpfs -o size=16m,mode=0700 tmpfs {data}
+            printf '{secret}' | {TELLTALE} user add {OPERATOR[0]} --role operator --data {data}
+            exec {' '.join(map(str, serve))}
+        """
+        self.log = open(self.folder / "serve.log", "ab")
+        words = ["unshare", "--mount", "--propagation", "private", *([] if IS_ROOT else ["--map-root-user"])]
+        words += ["sh", "-c", script]
+        self.process = subprocess.Popen(words, stdout=self.log, stderr=self.log, stdin=subprocess.DEVNULL)
+        until(self.answers, STARTUP_S, lambda: f"the server answers\n{self.read_log()}")
+        return self
+
+    def inside(self, script):
+        """Runs a script where the server sees its data folder."""
+        words = ["nsenter", *([] if IS_ROOT else ["--user", "--preserve-credentials"]), "--mount"]
+        words += ["--target", str(self.process.pid), "sh", "-ec", f"cd {self.data}\n{script}"]
+        return subprocess.run(words, text=True, capture_output=True, timeout=60, check=True).stdout
+
+
+@pytest.fixture
+def mounted(tmp_path):
+    server = Mounted(tmp_path, own_domain())
+    server.start()
+    yield server
+    assert server.stop() == 0
+
+
+def storage(client):
+    """The message of the WARNING, if there is one."""
+    snapshot = client.snapshot()
+    groups = [group for group in snapshot["groups"] if group["id"] == "telltale"]
+    modules = [module for group in groups for module in group["modules"] if module["id"] == "telltale/storage"]
+    found = [module for module in modules if module["state"] == "warning"]
+    assert all(module["state"] in ("ok", "warning") for module in modules), modules
+    return found[0]["message"] if found else None
+
+
+def goes_on(client):
+    """The display lives: what is published grows older and is replaced."""
+    first = client.snapshot()["at"]
+    until(lambda: client.snapshot()["at"] > first, 2, "the snapshots go on")
+
+
+def test_a_full_disk_is_a_warning_and_the_display_goes_on(mounted):
+    client = Client(mounted, *OPERATOR)
+    assert storage(client) is None
+    mounted.inside("dd if=/dev/zero of=fill bs=64k 2>/dev/null || true; dd if=/dev/zero of=rest bs=1k 2>/dev/null || true")
+    message = until(lambda: storage(client), NOTICE_S, "a warning")
+    assert "full" in message, message
+    goes_on(client)
+    mounted.inside("rm fill rest")
+    until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
+    Client(mounted, *OPERATOR)
+    assert mounted.inside(f"{TELLTALE} audit verify --data .").startswith("ok")
+
+
+def test_a_disk_that_becomes_read_only_is_a_warning_and_the_display_goes_on(mounted):
+    client = Client(mounted, *OPERATOR)
+    mounted.inside(f"mount --bind {mounted.data} {mounted.data}; mount -o remount,bind,ro {mounted.data}")
+    message = until(lambda: storage(client), NOTICE_S, "a warning")
+    assert "read-only" in message, message
+    goes_on(client)
+    # From outside of it: nobody can unmount the folder in which they are.
+    mounted.inside(f"cd /; umount {mounted.data}")
+    until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
+
+
+def test_a_database_that_is_overwritten_or_removed_is_a_warning_and_the_display_goes_on(mounted):
+    client = Client(mounted, *OPERATOR)
+    mounted.inside("cp telltale.db kept; dd if=/dev/urandom of=telltale.db bs=512 count=1 conv=notrunc 2>/dev/null")
+    message = until(lambda: storage(client), NOTICE_S, "a warning")
+    assert "overwritten" in message, message
+    goes_on(client)
+    mounted.inside("cat kept > telltale.db")
+    until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
+    mounted.inside("mv telltale.db elsewhere")
+    message = until(lambda: storage(client), NOTICE_S, "a warning")
+    assert "removed or replaced" in message, message
+    goes_on(client)
+    mounted.inside("mv elsewhere telltale.db")
+    until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
+
+
+def test_nothing_is_acknowledged_that_cannot_be_kept(mounted):
+    client = Client(mounted, *OPERATOR)
+    mounted.inside("dd if=/dev/zero of=fill bs=4k 2>/dev/null || true; dd if=/dev/zero of=rest bs=1k 2>/dev/null || true")
+    until(lambda: storage(client), NOTICE_S, "a warning")
+    answers = []
+    for _ in range(200):
+        try:
+            Client(mounted, *OPERATOR)
+            answers.append(200)
+        except urllib.error.HTTPError as error:
+            answers.append(error.code)
+            if error.code == 503:
+                break
+    assert answers[-1] == 503, f"the log on a full disk has room for everything: {answers}"
+    goes_on(client)
+    mounted.inside("rm fill rest")
+    until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
+    assert json.loads(client.post("/logout") or b"{}") == {}
+    assert mounted.inside(f"{TELLTALE} audit verify --data .").startswith("ok")

@@ -1,0 +1,167 @@
+"""The whole story by touch, at the simulated shuttle: log in, localize, clear, drive, a fault and
+what the vehicle does about it, arrive, log out."""
+
+import re
+import signal
+
+import pytest
+from playwright.sync_api import expect
+
+from operating import DEMO_OPERATOR, clear, localize, log_in_by_touch, stage, step, touch_context, watch
+from vehicle import Client, Server, own_domain, until
+
+
+@pytest.fixture
+def demo(tmp_path):
+    server = Server(tmp_path, own_domain() + 40, "demo").start()
+    yield server
+    assert server.stop() == 0
+
+
+@pytest.fixture
+def display(chromium, trouble, demo):
+    context = touch_context(chromium)
+    page = context.new_page()
+    watch(page, trouble)
+    log_in_by_touch(page, demo, *DEMO_OPERATOR)
+    yield page
+    context.close()
+
+
+def sounded(page):
+    return int(page.locator("body").get_attribute("data-sounded") or 0)
+
+
+def test_the_story_by_touch_alone(demo, display, trouble):
+    page = display
+    client = Client(demo, *DEMO_OPERATOR)
+    expect(page.locator("[data-tool=sound]")).to_have_attribute("data-sound", "on")
+    localize(page)
+    expect(page.locator("#countermeasure")).not_to_have_attribute("data-request", re.compile("."))
+    clear(page)
+    stage(page, "active", 20)
+    expect(page.locator("#causes .calm")).to_be_visible(timeout=10_000)
+    before = sounded(page)
+
+    client.post("/demo/fault", name="localization_jump", active="true")
+    expect(page.locator("#tile-localization")).to_have_attribute("data-state", "error")
+    banner = page.locator("#countermeasure[data-request=decelerate]")
+    expect(banner).to_be_visible()
+    expect(banner).to_have_attribute("data-state", "engaged")
+    expect(banner).to_contain_text("Slowing down")
+    expect(banner).to_contain_text("Confirmed by the vehicle")
+    expect(page.locator("#causes [data-node]").first).to_have_attribute("data-waiting", "")
+    assert sounded(page) == before + 1, "one sound for one fault, none for what it masks"
+    page.locator("#tile-perception").tap()
+    expect(page.locator("#panel-perception")).to_be_visible()
+    for part in (banner, page.locator("#top .stage"), page.locator("#causes")):
+        expect(part).to_be_visible()
+    page.locator("#panel-perception .close").tap()
+
+    client.post("/demo/fault", name="localization_jump", active="false")
+    expect(page.locator("#tile-localization")).to_have_attribute("data-state", "ok", timeout=20_000)
+    expect(banner).to_contain_text("Acknowledge to release")
+    page.locator("#causes button[name=acknowledge]").tap()
+    expect(banner).to_have_count(0)
+    assert sounded(page) == before + 1
+
+    expect(step(page, "logout")).to_have_count(0)
+    step(page, "stop").tap()
+    expect(page.locator("#countermeasure[data-request=maneuver_stop]")).to_be_visible()
+    expect(step(page, "release")).to_be_visible()
+    step(page, "release").tap()
+    expect(step(page, "stop")).to_be_visible()
+    stage(page, "standby", 90)
+    page.wait_for_timeout(500)
+    step(page, "logout").tap()
+    page.wait_for_url(demo.url + "/login*")
+    expect(page.locator(".known button")).to_have_text(["operator"])
+    expect(page.locator(".digits")).to_be_visible()
+
+
+def test_a_refused_clearance_lists_every_check_and_a_double_tap_clears_nothing(demo, display, trouble):
+    page = display
+    client = Client(demo, *DEMO_OPERATOR)
+    localize(page)
+    client.post("/demo/fault", name="low_battery", active="true")
+    client.post("/demo/fault", name="costmap_delay", active="true")
+    checks = page.locator("#step .checks li:not(.holds)")
+    expect(checks.filter(has_text="Perception: error")).to_be_visible(timeout=10_000)
+    expect(checks.filter(has_text="Acknowledge first: Battery is low")).to_be_visible()
+    refused = page.locator("#step button[name=clearance]")
+    expect(refused).to_have_attribute("aria-disabled", "true")
+    expect(page.locator("#actions[data-quiet]")).to_have_count(0)
+    refused.tap(force=True)
+    expect(page.locator("#notice li").first).to_be_visible()
+    assert page.locator("#notice li").count() >= 2
+    page.locator("#notice [name=dismiss]").tap()
+    trouble.expect("409")
+
+    client.post("/demo/fault", name="costmap_delay", active="false")
+    client.post("/demo/fault", name="low_battery", active="false")
+    ready = page.locator("#actions button[name=clearance]:not([aria-disabled])")
+    acknowledge = page.locator("#causes button[name=acknowledge]")
+    until(lambda: acknowledge.count() == 0 or acknowledge.tap(), 20, "all acknowledged")
+    expect(ready).to_be_visible(timeout=40_000)
+    expect(page.locator("#actions[data-quiet]")).to_have_count(0)
+    box = ready.bounding_box()
+    for _ in range(2):
+        page.touchscreen.tap(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        page.wait_for_timeout(60)
+    page.wait_for_timeout(1500)
+    stage(page, "standby")
+
+
+def test_a_confirmation_that_is_not_given_in_time_is_gone(demo, display, trouble):
+    page = display
+    localize(page)
+    expect(page.locator("#actions button[name=clearance]:not([aria-disabled])")).to_be_visible(timeout=40_000)
+    step(page, "clearance").tap()
+    expect(page.locator("#confirm .left")).to_have_text(re.compile("^(10|9|8)$"))
+    expect(page.locator("#confirm")).to_be_hidden(timeout=11_500)
+    stage(page, "standby")
+
+
+def test_a_tap_while_the_server_hangs_is_not_kept_for_later(demo, display, trouble):
+    page = display
+    stage(page, "localizing")
+    demo.send(signal.SIGSTOP)
+    page.wait_for_timeout(300)
+    # The display still says that it is live: the tap goes out, and waits with the server.
+    step(page, "localize").first.tap()
+    expect(page.locator("body")).to_have_attribute("data-live", "dead", timeout=5_000)
+    page.wait_for_timeout(3_500)
+    demo.send(signal.SIGCONT)
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+    page.wait_for_timeout(1_500)
+    stage(page, "localizing")
+    expect(page.locator("#step .turning")).to_have_count(0)
+    trouble.expect("409", "Failed to load resource", "WebSocket", "ERR_")
+
+
+def test_a_second_display_shows_the_same_and_holds_no_token(demo, display, chromium, trouble):
+    page = display
+    context = touch_context(chromium)
+    other = context.new_page()
+    watch(other, trouble)
+    log_in_by_touch(other, demo, *DEMO_OPERATOR)
+    localize(page)
+    stage(other, "standby")
+    expect(page.locator("#actions button[name=clearance]:not([aria-disabled])")).to_be_visible(timeout=40_000)
+    step(page, "clearance").tap()
+    expect(step(page, "confirm")).to_be_visible()
+    expect(other.locator("#confirm")).to_be_hidden()
+    step(page, "confirm").tap()
+    for each in (page, other):
+        expect(each.locator("body")).to_have_attribute("data-stage", re.compile("cleared|active"))
+    context.close()
+
+
+def test_a_position_is_given_again_at_a_stop(demo, display, trouble):
+    page = display
+    localize(page)
+    step(page, "stops").tap()
+    expect(page.locator("#sheet-stops")).to_be_visible()
+    page.locator("#sheet-stops button[name=localize]").first.tap()
+    expect(page.locator("#sheet-stops")).to_be_hidden()
+    expect(page.locator("#actions button[name=clearance]:not([aria-disabled])")).to_be_visible(timeout=40_000)

@@ -1,0 +1,171 @@
+//! Who may enter, from where and for how long: PINs, the one seat, idle sessions, tokens of programs.
+
+use std::net::SocketAddr;
+
+use axum::http::header::{AUTHORIZATION, COOKIE, ORIGIN};
+use axum::http::{Method, StatusCode};
+use telltale::engine::time::Span;
+use telltale::store::Role;
+use telltale::web::{DEVELOPER_IDLE_MAX, Peer};
+
+use super::fixture::{Answer, Fixture, as_program, form_request, request};
+
+async fn log_in_from(fixture: &Fixture, source: &str, form: &str) -> Answer {
+    let mut login = form_request("/login", None, form);
+    login.extensions_mut().insert(Peer(SocketAddr::new(source.parse().unwrap(), 40_000)));
+    fixture.send(as_program(login)).await
+}
+
+#[tokio::test]
+async fn a_pin_will_do_at_an_enrolled_display_and_a_password_everywhere() {
+    let fixture = Fixture::new().await;
+    fixture.store.add_user("anna", Role::Operator, "a long password").await.unwrap();
+    fixture.store.add_user("bert", Role::Operator, "975310").await.unwrap();
+    let cases = [
+        ("127.0.0.1", "name=anna&secret=a+long+password", StatusCode::OK),
+        ("::1", "name=anna&secret=a+long+password", StatusCode::OK),
+        ("10.0.0.7", "name=anna&secret=a+long+password", StatusCode::OK),
+        ("10.0.0.7", "name=bert&secret=975310", StatusCode::FORBIDDEN),
+        // The same words whether it is the right one, and whether there is such a user.
+        ("10.0.0.8", "name=bert&secret=975311", StatusCode::FORBIDDEN),
+        ("10.0.0.9", "name=nobody&secret=975310", StatusCode::FORBIDDEN),
+        ("127.0.0.1", "name=bert&secret=975310&take_over=1", StatusCode::OK),
+    ];
+    let mut refused = Vec::new();
+    for (source, form, expected) in cases {
+        let answer = log_in_from(&fixture, source, form).await;
+        assert_eq!(answer.status, expected, "{source} {form}: {}", answer.body);
+        if expected == StatusCode::FORBIDDEN {
+            refused.push(answer.body);
+        }
+    }
+    assert!(refused.iter().all(|body| *body == refused[0] && body.contains("password")), "{refused:?}");
+}
+
+#[tokio::test]
+async fn the_seat_is_one_and_is_handed_over_in_so_many_words() {
+    let fixture = Fixture::new().await;
+    fixture.store.add_user("bert", Role::Operator, "975310").await.unwrap();
+    let first = fixture.cookie_of("operator").await;
+    for active in [false, true] {
+        fixture.drive(active).await;
+        let asked = fixture.log_in("bert", "975310").await;
+        assert_eq!((asked.status, asked.cookie()), (StatusCode::CONFLICT, None));
+        assert!(asked.body.contains("operator is the operator"), "{}", asked.body);
+        assert!(asked.body.contains(r#"name="take_over" value="1""#) && asked.body.contains("Take over"));
+        let wrong = fixture.log_in("bert", "975311&take_over=1").await;
+        assert_eq!(wrong.status, StatusCode::UNAUTHORIZED);
+        assert_eq!(fixture.get("/", Some(&first)).await.status, StatusCode::OK, "nothing was changed");
+    }
+    let taken = fixture.log_in("bert", "975310&take_over=1").await;
+    assert_eq!(taken.leads_to(), Some("/"));
+    let second = taken.cookie().unwrap();
+    fixture.until(|snapshot| snapshot.operator.as_deref() == Some("bert")).await;
+    assert_eq!(fixture.store.seated_operator().await.unwrap().as_deref(), Some("bert"));
+    assert_eq!(fixture.get("/", Some(&first)).await.leads_to(), Some("/login"), "its sessions ended");
+    assert_eq!(fixture.get("/", Some(&second)).await.status, StatusCode::OK);
+    let entries = fixture.store.audit_entries(None, 2).await.unwrap();
+    let actions = entries.iter().map(|it| (&*it.action, &*it.who, &*it.target)).collect::<Vec<_>>();
+    assert_eq!(actions, [("login", "bert", "bert"), ("hand-over", "bert", "from operator")]);
+
+    let program = as_program(form_request("/login", None, "name=operator&secret=246810"));
+    let answer = fixture.send(program).await;
+    let body: serde_json::Value = serde_json::from_str(&answer.body).unwrap();
+    assert_eq!((answer.status, &body["operator"]), (StatusCode::CONFLICT, &serde_json::json!("bert")));
+    // The same operator at another display takes nothing over, and others need no seat.
+    assert_eq!(fixture.log_in("bert", "975310").await.leads_to(), Some("/"));
+    fixture.cookie_of("developer").await;
+    assert_eq!(fixture.get("/", Some(&second)).await.status, StatusCode::OK);
+}
+
+#[tokio::test]
+async fn a_developer_who_does_nothing_is_logged_out_and_nobody_else_is() {
+    let (fixture, hand) = Fixture::with_hand().await;
+    let developer = fixture.cookie_of("developer").await;
+    let operator = fixture.cookie_of("operator").await;
+    let authority = fixture.cookie_of("authority").await;
+    let get = async |cookie: &str, renewal: bool| {
+        let mut request = as_program(request(Method::GET, "/api/v1/snapshot", Some(cookie)));
+        if renewal {
+            request.headers_mut().insert("telltale-renewal", "1".parse().unwrap());
+        }
+        fixture.send(request).await.status
+    };
+    let minute = Span::from_secs(60);
+    for _ in 0..3 {
+        hand.advance(DEVELOPER_IDLE_MAX - minute);
+        assert_eq!(get(&developer, false).await, StatusCode::OK, "it was used in time");
+    }
+    // An open page that renews itself is nobody who does something.
+    hand.advance(DEVELOPER_IDLE_MAX - minute);
+    assert_eq!(get(&developer, true).await, StatusCode::OK);
+    hand.advance(minute);
+    assert_eq!(get(&developer, true).await, StatusCode::UNAUTHORIZED);
+    assert_eq!(get(&developer, false).await, StatusCode::UNAUTHORIZED);
+    for cookie in [&operator, &authority] {
+        assert_eq!(get(cookie, false).await, StatusCode::OK);
+    }
+    // A session ends with its day, but the operator's of a vehicle that drives.
+    fixture.drive(true).await;
+    hand.advance(Span::from_secs(12 * 3600));
+    assert_eq!(get(&authority, false).await, StatusCode::UNAUTHORIZED);
+    assert_eq!(get(&operator, false).await, StatusCode::OK);
+}
+
+#[tokio::test]
+async fn a_programs_token_is_a_bearer_and_no_cookie() {
+    let fixture = Fixture::new().await;
+    let developer = fixture.store.add_token("developer", "dashboard", 1).await.unwrap();
+    let authority = fixture.store.add_token("authority", "", 1).await.unwrap();
+    let send = async |method: Method, path: &str, token: &str| {
+        let mut request = as_program(request(method, path, None));
+        request.headers_mut().insert(AUTHORIZATION, format!("Bearer {token}").parse().unwrap());
+        fixture.send(request).await.status
+    };
+    let (developer, authority) = (developer.as_str(), authority.as_str());
+    for (method, path, token, expected) in [
+        (Method::GET, "/api/v1/snapshot", developer, StatusCode::OK),
+        (Method::GET, "/api/v1/snapshot", authority, StatusCode::OK),
+        (Method::GET, "/developer/audit", authority, StatusCode::OK),
+        (Method::POST, "/demo/fault", authority, StatusCode::FORBIDDEN),
+        // It goes through without an origin: no browser sends this header by itself.
+        (Method::POST, "/demo/fault", developer, StatusCode::UNSUPPORTED_MEDIA_TYPE),
+    ] {
+        assert_eq!(send(method.clone(), path, token).await, expected, "{method} {path}");
+    }
+    let mut as_cookie = request(Method::GET, "/api/v1/snapshot", None);
+    as_cookie.headers_mut().insert(COOKIE, format!("telltale={developer}").parse().unwrap());
+    assert_eq!(fixture.send(as_cookie).await.status, StatusCode::UNAUTHORIZED);
+    let mut foreign = request(Method::POST, "/logout", None);
+    foreign.headers_mut().insert(COOKIE, format!("telltale={developer}").parse().unwrap());
+    foreign.headers_mut().insert(ORIGIN, "http://evil.example".parse().unwrap());
+    assert_ne!(fixture.send(foreign).await.status, StatusCode::OK);
+    for token in fixture.store.tokens().await.unwrap() {
+        fixture.store.revoke_token(token.number).await.unwrap();
+    }
+    assert_eq!(send(Method::GET, "/api/v1/snapshot", developer).await, StatusCode::UNAUTHORIZED);
+}
+
+#[tokio::test]
+async fn an_expired_programs_token_opens_nothing() {
+    let (fixture, hand) = Fixture::with_hand().await;
+    let token = fixture.store.add_token("developer", "", 1).await.unwrap();
+    let mut statuses = Vec::new();
+    for _ in 0..2 {
+        let mut request = request(Method::GET, "/api/v1/snapshot", None);
+        request.headers_mut().insert(AUTHORIZATION, format!("Bearer {}", token.as_str()).parse().unwrap());
+        statuses.push(fixture.send(request).await.status);
+        hand.advance(Span::from_secs(24 * 3600));
+    }
+    assert_eq!(statuses, [StatusCode::OK, StatusCode::UNAUTHORIZED]);
+}
+
+#[tokio::test]
+async fn without_users_the_page_says_how_to_make_the_first_one() {
+    let fixture = Fixture::new().await;
+    for (name, _, _) in telltale::store::DEMO_USERS {
+        fixture.store.remove_user(name).await.unwrap();
+    }
+    let page = fixture.get("/login", None).await;
+    assert!(page.body.contains("telltale user add"), "{}", page.body);
+}

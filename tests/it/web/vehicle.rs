@@ -1,0 +1,280 @@
+//! The operator's actions: what is granted, what is refused and why, and what a late tap does.
+
+use axum::http::StatusCode;
+use serde_json::Value;
+use telltale::engine::model::Stage;
+use telltale::engine::state::State;
+use telltale::store::{Session, Token};
+
+use super::fixture::{Answer, Fixture, as_program, form_request};
+
+/// An operator at a display, at a vehicle that reports that all is well.
+struct Operator {
+    fixture: Fixture,
+    cookie: String,
+}
+
+impl Operator {
+    async fn localizing() -> Operator {
+        let fixture = Fixture::new().await;
+        let cookie = fixture.cookie_of("operator").await;
+        for status in ["lidar", "imu", "tf", "planner"] {
+            fixture.status(status, 0, "fine").await;
+        }
+        let operator = Operator { fixture, cookie };
+        operator.fixture.until(|snapshot| snapshot.overall == State::Ok).await;
+        operator
+    }
+
+    async fn standing() -> Operator {
+        let operator = Operator::localizing().await;
+        let answer = operator.post("/vehicle/localize", "stop=depot").await;
+        assert_eq!(answer.status, StatusCode::OK, "{}", answer.body);
+        operator.fixture.until(|snapshot| snapshot.stage == Stage::Standby).await;
+        operator
+    }
+
+    fn session(&self) -> Session {
+        let token = Token::parse(self.cookie.split_once('=').unwrap().1).unwrap();
+        self.fixture.app.session(&token).unwrap()
+    }
+
+    /// What the display would say: it shows what is.
+    fn look(&self) {
+        let (displays, now) = (&self.fixture.app.displays, self.fixture.clock.now());
+        let place = displays.enter(&self.session()).unwrap();
+        place.sent(self.seq(), now);
+        place.confirm(self.seq());
+        // The socket stays open as long as the test runs.
+        std::mem::forget(place);
+    }
+
+    fn seq(&self) -> u64 {
+        self.fixture.link.snapshots.borrow().snapshot.seq
+    }
+
+    /// A tap on what is shown now.
+    async fn post(&self, path: &str, fields: &str) -> Answer {
+        // Somebody has to be shown a state before anybody can act on it.
+        self.fixture.get_json("/api/v1/snapshot", &self.cookie).await;
+        self.post_at(self.seq(), path, fields).await
+    }
+
+    async fn post_at(&self, version: u64, path: &str, fields: &str) -> Answer {
+        let form = format!("version={version}&{fields}");
+        self.fixture.send(as_program(form_request(path, Some(&self.cookie), &form))).await
+    }
+
+    async fn token(&self) -> String {
+        let answer = json(&self.post("/vehicle/clearance", "").await, StatusCode::OK);
+        assert_eq!(answer["expires_s"], 10);
+        answer["token"].as_str().unwrap().to_owned()
+    }
+
+    async fn confirm(&self, token: &str) -> Answer {
+        let request =
+            form_request("/vehicle/clearance/confirm", Some(&self.cookie), &format!("token={token}"));
+        self.fixture.send(as_program(request)).await
+    }
+}
+
+#[track_caller]
+fn json(answer: &Answer, status: StatusCode) -> Value {
+    assert_eq!(answer.status, status, "{}", answer.body);
+    serde_json::from_str(&answer.body).unwrap()
+}
+
+#[track_caller]
+fn refused(answer: &Answer) -> Vec<String> {
+    let answer = json(answer, StatusCode::CONFLICT);
+    answer["refused"].as_array().unwrap().iter().map(|it| it.as_str().unwrap().to_owned()).collect()
+}
+
+#[tokio::test]
+async fn the_way_from_the_login_to_a_stop_on_the_road() {
+    let operator = Operator::standing().await;
+    operator.look();
+    let token = operator.token().await;
+    assert_eq!(operator.fixture.stage(), Stage::Standby, "the first step clears nothing");
+    assert_eq!(operator.confirm(&token).await.status, StatusCode::OK);
+    assert_eq!(operator.fixture.stage(), Stage::Cleared);
+    operator.fixture.drive(true).await;
+    assert_eq!(operator.post("/vehicle/stop", "").await.status, StatusCode::OK);
+    let snapshot = operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
+    assert_eq!(snapshot["countermeasures"][0]["request"], "maneuver_stop");
+    assert_eq!(snapshot["countermeasures"][0]["cause"], "operator");
+    assert_eq!(operator.post("/alarms/stop/acknowledge", "").await.status, StatusCode::OK);
+    let snapshot = operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
+    assert_eq!(snapshot["countermeasures"].as_array().unwrap().len(), 0);
+}
+
+#[tokio::test]
+async fn a_clearance_is_refused_with_every_reason_by_the_names_that_are_shown() {
+    let operator = Operator::standing().await;
+    operator.fixture.status("lidar", 2, "broken").await;
+    operator.fixture.until(|snapshot| !snapshot.roots.is_empty()).await;
+    let reasons = refused(&operator.post("/vehicle/clearance", "").await);
+    let words = reasons.join("\n");
+    assert_eq!(reasons.len(), 3, "{words}");
+    for part in ["Sensors is in error", "Localization cannot be judged", "display is not up to date"] {
+        assert!(words.contains(part), "{part}: {words}");
+    }
+    let mut request =
+        form_request("/vehicle/clearance", Some(&operator.cookie), &format!("version={}", operator.seq()));
+    request.headers_mut().insert("accept-language", "de".parse().unwrap());
+    let answer = operator.fixture.send(request).await;
+    assert_eq!(answer.status, StatusCode::CONFLICT);
+    assert!(answer.body.contains("Die Anzeige ist nicht aktuell"), "{}", answer.body);
+}
+
+#[tokio::test]
+async fn a_token_is_good_once_for_one_login_and_for_the_state_it_was_given_for() {
+    let operator = Operator::standing().await;
+    operator.look();
+    for wrong in ["", "0", &"f".repeat(32), "../../etc"] {
+        refused(&operator.confirm(wrong).await);
+    }
+    let first = operator.token().await;
+    let second = operator.token().await;
+    assert_ne!(first, second);
+    refused(&operator.confirm(&first).await);
+    assert_eq!(operator.fixture.stage(), Stage::Standby, "a replaced token opens nothing");
+    assert_eq!(operator.confirm(&second).await.status, StatusCode::OK);
+    refused(&operator.confirm(&second).await);
+
+    let operator = Operator::standing().await;
+    operator.look();
+    let token = operator.token().await;
+    operator.fixture.status("tf", 1, "unsure").await;
+    operator.fixture.until(|snapshot| snapshot.overall == State::Warning).await;
+    // Somebody was shown it, if only for a moment.
+    operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
+    operator.fixture.status("tf", 0, "fine").await;
+    operator.fixture.until(|snapshot| snapshot.overall == State::Ok).await;
+    refused(&operator.confirm(&token).await);
+    assert_eq!(operator.fixture.stage(), Stage::Standby);
+
+    let operator = Operator::standing().await;
+    operator.look();
+    let token = operator.token().await;
+    let other = Operator { cookie: operator.fixture.cookie_of("operator").await, fixture: operator.fixture };
+    other.look();
+    refused(&other.confirm(&token).await);
+    assert_eq!(other.fixture.stage(), Stage::Standby, "it was given to another login");
+}
+
+#[tokio::test]
+async fn a_tap_on_an_older_state_does_nothing_and_says_so() {
+    let operator = Operator::standing().await;
+    operator.look();
+    let shown = operator.seq();
+    operator.post("/vehicle/localize", "stop=depot").await;
+    operator.fixture.status("lidar", 2, "broken").await;
+    operator.fixture.until(|snapshot| !snapshot.alarms.is_empty()).await;
+    operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
+    let before = operator.fixture.until(|_| true).await;
+    for (path, fields) in [
+        ("/vehicle/localize", "stop=depot"),
+        ("/vehicle/clearance", ""),
+        ("/vehicle/stop", ""),
+        ("/alarms/1/acknowledge", ""),
+        ("/alarms/sensors/acknowledge", ""),
+        ("/modules/sensors/lidar/reset", ""),
+    ] {
+        for version in [0, shown, operator.seq() + 1000] {
+            let answer = json(&operator.post_at(version, path, fields).await, StatusCode::CONFLICT);
+            assert!(answer["seq"].as_u64() >= Some(before.seq), "{path} {version}: {answer}");
+        }
+    }
+    let after = operator.fixture.until(|_| true).await;
+    assert_eq!((after.alarms[0].acknowledged, after.localization.number), (false, 1 + 1));
+}
+
+#[tokio::test]
+async fn what_does_not_concern_an_action_does_not_make_its_tap_late() {
+    let operator = Operator::standing().await;
+    operator.look();
+    operator.fixture.drive(true).await;
+    operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
+    let shown = operator.seq();
+    for round in 0..20 {
+        operator.fixture.status("lidar", round % 2 + 1, "flaps").await;
+    }
+    operator.fixture.until(|snapshot| snapshot.seq > shown + 2).await;
+    operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
+    let answer = operator.post_at(shown, "/vehicle/stop", "").await;
+    assert_eq!(answer.status, StatusCode::OK, "{}", answer.body);
+}
+
+#[tokio::test]
+async fn a_tap_that_waited_on_its_way_does_nothing() {
+    let operator = Operator::standing().await;
+    for beat in ["2020-01-01T00:00:00.000Z", "2120-01-01T00:00:00Z", "yesterday", ""] {
+        let fields = format!("stop=depot&beat={beat}");
+        refused(&operator.post("/vehicle/localize", &fields).await);
+    }
+    let now = humantime::format_rfc3339_millis(operator.fixture.clock.wall());
+    let answer = operator.post("/vehicle/localize", &format!("stop=depot&beat={now}")).await;
+    assert_eq!(answer.status, StatusCode::OK, "{}", answer.body);
+}
+
+#[tokio::test]
+async fn what_is_no_form_or_no_place_is_told_apart() {
+    let operator = Operator::localizing().await;
+    for fields in ["", "x=1", "x=1&y=2", "stop=depot&x=1&y=2&yaw_deg=3", "x=1&y=2&yaw_deg=left"] {
+        let answer = operator.post("/vehicle/localize", fields).await;
+        assert_eq!(answer.status, StatusCode::UNPROCESSABLE_ENTITY, "{fields}");
+    }
+    for fields in ["stop=nowhere", "x=NaN&y=0&yaw_deg=0", "x=0&y=inf&yaw_deg=0", "x=99999&y=0&yaw_deg=0"] {
+        refused(&operator.post("/vehicle/localize", fields).await);
+    }
+    let request = form_request("/vehicle/stop", Some(&operator.cookie), "");
+    assert_eq!(operator.fixture.send(request).await.status, StatusCode::UNPROCESSABLE_ENTITY);
+    for path in ["/alarms/1", "/alarms/acknowledge", "/modules/x", "/modules/x/acknowledge"] {
+        assert_eq!(operator.post(path, "").await.status, StatusCode::NOT_FOUND, "{path}");
+    }
+    assert_eq!(operator.fixture.stage(), Stage::Localizing);
+    let answer = operator.post("/vehicle/localize", "x=10.5&y=-3&yaw_deg=90").await;
+    assert_eq!(answer.status, StatusCode::OK, "{}", answer.body);
+}
+
+#[tokio::test]
+async fn alarms_and_warnings_are_acknowledged_by_number_and_by_name() {
+    let operator = Operator::standing().await;
+    operator.fixture.status("lidar", 2, "broken").await;
+    operator.fixture.until(|snapshot| !snapshot.alarms.is_empty()).await;
+    assert_eq!(operator.post("/alarms/1/acknowledge", "").await.status, StatusCode::OK);
+    let snapshot = operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
+    assert_eq!(snapshot["alarms"][0]["acknowledged"], true);
+    operator.fixture.status("lidar", 0, "fine").await;
+    operator.fixture.status("imu", 1, "warm").await;
+    operator.fixture.until(|snapshot| snapshot.overall == State::Warning).await;
+    let answer = operator.post("/alarms/sensors/inside/imu/acknowledge", "").await;
+    assert_eq!(answer.status, StatusCode::OK, "{}", answer.body);
+    refused(&operator.post("/alarms/7/acknowledge", "").await);
+    refused(&operator.post("/alarms/nobody/acknowledge", "").await);
+    refused(&operator.post("/modules/sensors/lidar/reset", "").await);
+}
+
+#[tokio::test]
+async fn a_browser_without_scripts_is_led_back_to_its_page() {
+    let operator = Operator::localizing().await;
+    operator.fixture.get("/", Some(&operator.cookie)).await;
+    let form = format!("version={}&stop=depot", operator.seq());
+    let answer = operator.fixture.post("/vehicle/localize", Some(&operator.cookie), &form).await;
+    assert_eq!((answer.status, answer.leads_to()), (StatusCode::SEE_OTHER, Some("/")));
+}
+
+#[tokio::test]
+async fn who_does_not_sit_in_the_seat_acts_on_nothing() {
+    let operator = Operator::standing().await;
+    let login = "name=operator&secret=246810";
+    operator.fixture.post("/logout", Some(&operator.cookie), "").await;
+    let answer = operator.fixture.post("/login", None, login).await;
+    let cookie = answer.cookie().unwrap();
+    let gone = operator.post_at(operator.seq(), "/vehicle/localize", "stop=depot").await;
+    assert_eq!(gone.status, StatusCode::UNAUTHORIZED, "{}", gone.body);
+    let answer = operator.fixture.post("/vehicle/shutdown", Some(&cookie), "").await;
+    assert_eq!((answer.status, answer.leads_to()), (StatusCode::SEE_OTHER, Some("/login")));
+    assert_eq!(operator.fixture.stage(), Stage::Locked);
+}
