@@ -1,6 +1,7 @@
 //! Alarms: one for each root cause, with a number that lasts (`ENGINE.md` 6).
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
+use std::collections::hash_map::{Entry, HashMap};
 
 use super::event::{Events, What};
 use super::model::NodeId;
@@ -139,11 +140,11 @@ impl Alarms {
             }
         }
         for &node in roots {
-            if !active.contains_key(&node) {
+            if let Entry::Vacant(slot) = active.entry(node) {
                 changed = true;
                 self.last_id += 1;
                 events.push(now, What::AlarmRaised { id: self.last_id, node });
-                active.insert(node, self.list.len());
+                slot.insert(self.list.len());
                 self.list.push(Alarm {
                     id: self.last_id,
                     node,
