@@ -215,7 +215,9 @@ async fn resume(
     clock: Clock,
     records: Option<SyncSender<Vec<Happening>>>,
 ) -> anyhow::Result<Link> {
-    let Some(restored) = store.recall().await? else { return Ok(runtime::start(model.clone(), clock)) };
+    let Some(restored) = store.recall().await? else {
+        return Ok(runtime::start_recorded(model.clone(), clock, records));
+    };
     let (stage, alarms) = (restored.stage.as_str(), restored.alarms.len());
     let operator = restored.operator.as_deref().unwrap_or("nobody");
     tracing::info!("going on: the vehicle was {stage}, the operator is {operator}, {alarms} alarms are open");

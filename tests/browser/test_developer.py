@@ -21,6 +21,9 @@ def developer(server, vehicle, page):
     server.add_user(*DEVELOPER, role="developer")
     operator = Client(server, *OPERATOR)
     until(lambda: operator.snapshot()["overall"] == "ok", 20, operator.snapshot)
+    operator.post("/vehicle/localize", stop="depot", version=operator.snapshot()["seq"])
+    until(lambda: operator.snapshot()["stage"] == "standby", 20, operator.snapshot)
+    until(lambda: operator.snapshot()["overall"] == "ok", 20, operator.snapshot)
     log_in(page, server)
     return page
 
@@ -147,6 +150,11 @@ def large_configuration(path):
     return path
 
 
+def known(snapshot):
+    """How many modules there are, those by which the diagnosis checks itself included."""
+    return GROUPS * MODULES + len([group for group in snapshot["groups"] if group["id"] == "telltale"][0]["modules"])
+
+
 def test_five_thousand_modules_are_handled_in_a_tenth_of_a_second(chromium, tmp_path):
     config = large_configuration(tmp_path / "large.yaml")
     server = Server(tmp_path, own_domain(), config=config)
@@ -175,14 +183,15 @@ def test_five_thousand_modules_are_handled_in_a_tenth_of_a_second(chromium, tmp_
     try:
         log_in(page, server)
         visit(page, server, "/developer")
-        expect(page.locator("#matching")).to_have_text("5002")
+        every = str(known(Client(server, *DEVELOPER).snapshot()))
+        expect(page.locator("#matching")).to_have_text(every)
         type_in = "const f = document.getElementById('filter'); f.value = '%s'; f.dispatchEvent(new Event('input', { bubbles: true }))"
         matching = "document.getElementById('matching').textContent === '%s'"
         first = "document.querySelector('#modules tbody:last-child tr').dataset.module === '%s'"
         click = "document.querySelector('[data-go=%s]').click()"
         acts = [
             (type_in % "g07/", matching % "100"),
-            (type_in % "", matching % "5002"),
+            (type_in % "", matching % every),
             (click % "next", first % "g00/m060"),
             (click % "previous", first % "g00/m000"),
         ]

@@ -35,9 +35,11 @@ def expect_tile(page, name, state, reason=None):
 def expect_standing(page):
     """Logged in at a stop: all is well, and nobody asks the planner."""
     expect(page.locator("body")).to_have_attribute("data-stage", re.compile("localizing|standby"))
+    # A tap at a page that is not live does nothing.
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
     if page.locator("body").get_attribute("data-stage") == "localizing":
         page.locator("#actions button[name=localize]").first.click()
-    expect(page.locator("body")).to_have_attribute("data-stage", "standby")
+    expect(page.locator("body")).to_have_attribute("data-stage", "standby", timeout=10_000)
     expect(page.locator("body")).to_have_attribute("data-live", "live")
     for name in TILES:
         if name in ("planning", "execution"):
