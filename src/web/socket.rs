@@ -12,7 +12,7 @@ use axum::extract::{Query, State};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use tokio::sync::watch;
-use tokio::time::{MissedTickBehavior, interval, timeout};
+use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
 
 use super::answer::{Reader, refusal};
 use super::displays::Place;
@@ -34,6 +34,9 @@ const BEATS_PER_PING: u64 = 4;
 const PINGS_UNANSWERED_MAX: u32 = 5;
 /// A message that the socket does not take for this long finds nobody who reads.
 const SEND_TIMEOUT: Duration = Duration::from_secs(5);
+/// A page shows no more states in a second than eyes see: what comes sooner after the last message
+/// waits this long, and is then the newest.
+const SHOW_EVERY: Duration = Duration::from_millis(40);
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 
 #[derive(Debug, Deserialize)]
@@ -107,6 +110,13 @@ enum Feed {
     Pulse { lang: Lang },
 }
 
+impl Feed {
+    /// Programs get every snapshot that they keep up with.
+    fn pause(&self) -> Duration {
+        if let Feed::Page { .. } = self { SHOW_EVERY } else { Duration::ZERO }
+    }
+}
+
 struct Connection {
     app: AppState,
     line: Line,
@@ -153,14 +163,17 @@ impl Connection {
         // After a stop of the whole process there is one beat to make up for, not all.
         beats.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut beat = 0;
+        let mut pause = std::pin::pin!(sleep(Duration::ZERO));
         self.show(&latest(&mut snapshots)).await?;
         loop {
             tokio::select! {
                 () = self.line.session.ended() => return Err(Ending::Revoked),
                 () = turned(&mut closing) => return Err(Ending::Closing),
-                changed = snapshots.changed() => {
+                () = &mut pause, if !pause.is_elapsed() => {}
+                changed = snapshots.changed(), if pause.is_elapsed() => {
                     changed.map_err(|_| Ending::NoEngine)?;
                     self.show(&latest(&mut snapshots)).await?;
+                    pause.set(sleep(self.feed.pause()));
                 }
                 received = self.line.socket.recv() => self.hear(received)?,
                 _ = beats.tick() => {
@@ -175,7 +188,7 @@ impl Connection {
     async fn show(&mut self, published: &Published) -> Result<(), Ending> {
         match &mut self.feed {
             Feed::Page { lang, shown } => {
-                let frame = self.app.frames.html(published, *lang);
+                let frame = self.app.frames.html(published, *lang, &self.app.trends);
                 let message = news(&frame, *shown);
                 *shown = Some(frame.revision());
                 self.seq = frame.seq();

@@ -118,7 +118,7 @@ async fn closed(socket: &mut Socket) -> CloseCode {
 
 fn shown(server: &Server, lang: Lang) -> Vec<Fragment> {
     let published = server.app.published();
-    fragments(&published, &server.app.frames.observe(&published), lang)
+    fragments(&published, &server.app.frames.observe(&published), lang, &server.app.trends)
 }
 
 #[tokio::test]
