@@ -155,8 +155,9 @@ pub struct Outcome {
     pub transitions: Vec<Transition>,
     pub signals: Vec<SignalChange>,
     pub moved: Vec<Moved>,
-    /// How many were raised: so often a display sounds.
+    /// How many were raised, and how often a display sounds.
     pub alarms: u64,
+    pub sounds: usize,
 }
 
 /// Runs a scenario to its last step or expectation.
@@ -282,6 +283,7 @@ impl Run {
         let snapshot = self.engine.snapshot();
         self.seq = Some(snapshot.seq);
         let numbers = snapshot.alarms.iter().map(|alarm| alarm.id);
+        self.outcome.sounds += snapshot.audible().iter().filter(|&&id| id > self.outcome.alarms).count();
         self.outcome.alarms = numbers.fold(self.outcome.alarms, u64::max);
         let before: HashMap<NodeId, Shown> = self.shown.drain(..).collect();
         for node in nodes(&snapshot) {
