@@ -10,7 +10,7 @@ use super::board::Tile;
 use super::clean::{ID, MESSAGE, VALUE, address, clean};
 use super::node::{icon, own_matters, reason_word};
 use super::trend::{POINTS_SMALL, Trend};
-use super::{Fragment, View, html};
+use super::{DETAIL, Fragment, View, html};
 use crate::web::steps::StepWords;
 use crate::web::text::Words;
 use crate::web::versions::Matter;
@@ -107,7 +107,7 @@ pub fn detail(view: &View<'_>, tile: Tile) -> Fragment {
         rows: modules.iter().take(ROWS).enumerate().map(|(index, &id)| row(view, tile, id, index)).collect(),
         more: (more > 0).then(|| view.lang.and_more(more)),
     });
-    Fragment { id: format!("detail-{}", info.path), html }
+    Fragment { id: format!("{DETAIL}{}", info.path), html }
 }
 
 /// The way from the first root cause to this component, and what the root cause says.

@@ -101,6 +101,9 @@ impl Palette {
     }
 }
 
+/// How the ids of those elements begin that stand behind the tiles.
+pub const DETAIL: &str = "detail-";
+
 /// One element of the operator's page that changes by itself.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fragment {
