@@ -78,6 +78,8 @@ def test_sheets_details_and_a_display_that_is_not_live_can_be_read_by_all(demo, 
     clean_in_both_palettes(page, "stale")
     expect(page.locator("body")).to_have_attribute("data-live", "dead")
     clean_in_both_palettes(page, "dead")
+    demo.send(signal.SIGCONT)
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
     trouble.expect("WebSocket", "ERR_", "htmx:ws:error")
 
 
