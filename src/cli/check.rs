@@ -13,6 +13,7 @@ use crate::engine::model::{
 };
 use crate::engine::vehicle::{Guard, TRANSITIONS, Transition};
 use crate::yaml::Problems;
+use crate::yaml::plain::escaped;
 
 /// Check a configuration and print its graph of groups, modules and dependencies.
 ///
@@ -58,9 +59,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             }
             let (found, problems) = loaded.soundness();
             match (args.dot, args.svg) {
-                (true, _) => print(&dot(&loaded.model)),
-                (_, true) => print(&graph::draw(&loaded.model)),
-                _ => print(&text(&loaded, &found)),
+                (true, _) => print_words(&dot(&loaded.model)),
+                (_, true) => print_words(&graph::draw(&loaded.model)),
+                _ => print_words(&text(&loaded, &found)),
             }
             if let Some(problems) = &problems {
                 report(problems);
@@ -103,6 +104,11 @@ fn soundness_text(found: &Soundness) -> String {
 pub(super) fn report(problems: &Problems) {
     let colour = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
     eprint!("{}", problems.render(colour));
+}
+
+/// Prints words of a file: nothing in them acts on the terminal.
+pub(super) fn print_words(text: &str) {
+    print(&escaped(text));
 }
 
 /// Prints to standard output. A reader that went away (`| head`) is no error of ours.

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use serde_json::json;
 
-use super::check::{print, report};
+use super::check::{print, print_words, report};
 use super::{EXIT_NO, EXIT_USAGE};
 use crate::config;
 use crate::engine::time::Timestamp;
@@ -42,9 +42,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     for path in &args.files {
         match scenario_file::load(path).and_then(|file| run_file(&file).map(|run| (file, run))) {
             Ok((file, Run { outcome, panel })) => {
-                let text =
-                    if args.json { json(path, &file, &outcome) } else { summary(path, &file, &outcome) };
-                print(&text);
+                match args.json {
+                    true => print(&json(path, &file, &outcome)),
+                    false => print_words(&summary(path, &file, &outcome)),
+                }
                 panels.push(panel);
                 if !outcome.failures.is_empty() {
                     code = code.max(EXIT_NO);

@@ -48,8 +48,16 @@ impl<'r> Names<'r> {
             names.add_group(group, None, log);
         }
         if file.groups.is_empty() && log.is_empty() {
-            let start = Span { file: 0, start: 0, end: 0 };
-            log.push(Problem::at(start, "no groups: nothing would be diagnosed").help("add `groups`"));
+            let problem = match file.groups_span {
+                Some(span) => Problem::at(span, "`groups` is empty: nothing would be diagnosed"),
+                None => {
+                    let start = Span { file: 0, start: 0, end: 0 };
+                    Problem::at(start, "there are no `groups`: nothing would be diagnosed")
+                }
+            };
+            log.push(
+                problem.help("for example `groups: [{ id: sensors, match: [{ namespace: /sensors }] }]`"),
+            );
         }
         names
     }

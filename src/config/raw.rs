@@ -21,6 +21,8 @@ pub(super) struct File {
     pub limits: Option<Limits>,
     pub localized_after: Option<time::Span>,
     pub groups: Vec<Group>,
+    /// The key `groups`, where there is one.
+    pub groups_span: Option<Span>,
     pub countermeasures: Vec<RawRule>,
     pub publish: Option<RawPublishing>,
     /// Folders with definitions of messages, each relative to the file that names it.
@@ -48,6 +50,7 @@ impl FromNode for File {
             defaults: fields.optional("defaults"),
             limits: fields.optional("limits"),
             localized_after: fields.optional("localized_after"),
+            groups_span: fields.key_span("groups"),
             groups: fields.or_default("groups"),
             countermeasures: fields.or_default("countermeasures"),
             publish: fields.optional("publish"),

@@ -339,3 +339,30 @@ fn includes_go_wrong_with_the_line_that_asked_for_them() {
         ]
     );
 }
+
+#[test]
+fn a_file_without_groups_says_whether_the_key_is_there() {
+    let help = "(for example `groups: [{ id: sensors, match: [{ namespace: /sensors }] }]`)";
+    let missing = format!("1:1: there are no `groups`: nothing would be diagnosed {help}");
+    check("vehicle: { id: v }\n", &[&missing]);
+    let empty = format!("2:1: `groups` is empty: nothing would be diagnosed {help}");
+    check("vehicle: { id: v }\ngroups: []\n", &[&empty]);
+    check("vehicle: { id: v }\ngroups:\n", &[&empty]);
+}
+
+#[test]
+fn what_a_file_holds_does_not_act_on_the_terminal() {
+    for text in [
+        "groups: [{ id: g\u{1b}[31m }]\n",
+        "groups: [{ id: g, depends_on: [\"z\\e[2J\\u202ez\"] }]\n# \u{202e}\n",
+        "groups: [{ id: g, \"w\\e]0;\": 1 }] # \u{2066}\u{9b}2J\n",
+    ] {
+        let problems = parse("c\u{1b}[1m", text).unwrap_err();
+        let shown = problems.render(false) + &problems.lines().concat();
+        let acts = |letter: &char| {
+            letter.is_control() && *letter != '\n'
+                || matches!(letter, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+        };
+        assert_eq!(shown.chars().find(acts), None, "{shown:?}");
+    }
+}

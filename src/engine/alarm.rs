@@ -1,6 +1,7 @@
 //! Alarms: one for each root cause, with a number that lasts (`ENGINE.md` 6).
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
+use std::collections::hash_map::{Entry, HashMap};
 
 use super::event::{Events, What};
 use super::model::NodeId;
@@ -16,6 +17,8 @@ const KEPT_MAX: usize = 256;
 #[derive(Debug, Default)]
 pub(super) struct Alarms {
     list: Vec<Alarm>,
+    /// How many of them are active.
+    active: usize,
     last_id: u64,
     /// Modules with an alarm from before a restart that said nothing since: it is not over.
     awaited: HashSet<NodeId>,
@@ -24,6 +27,10 @@ pub(super) struct Alarms {
 impl Alarms {
     pub(super) fn list(&self) -> &[Alarm] {
         &self.list
+    }
+
+    pub(super) fn active(&self) -> usize {
+        self.active
     }
 
     pub(super) fn last_id(&self) -> u64 {
@@ -39,6 +46,7 @@ impl Alarms {
         list.retain(|alarm| alarm.active || !alarm.acknowledged);
         self.awaited = list.iter().filter(|alarm| alarm.active).map(|alarm| alarm.node).collect();
         self.last_id = list.iter().map(|alarm| alarm.id).fold(last_id, u64::max);
+        self.active = self.awaited.len();
         self.list = list;
     }
 
@@ -89,6 +97,7 @@ impl Alarms {
         let kept =
             old.list.iter().filter_map(|alarm| Some(Alarm { node: renamed(alarm.node)?, ..alarm.clone() }));
         self.list = kept.collect();
+        self.active = self.list.iter().filter(|alarm| alarm.active).count();
     }
 
     /// Takes the present root causes, ranked. `explained` tells for a former root the causes
@@ -131,10 +140,11 @@ impl Alarms {
             }
         }
         for &node in roots {
-            if !active.contains_key(&node) {
+            if let Entry::Vacant(slot) = active.entry(node) {
                 changed = true;
                 self.last_id += 1;
                 events.push(now, What::AlarmRaised { id: self.last_id, node });
+                slot.insert(self.list.len());
                 self.list.push(Alarm {
                     id: self.last_id,
                     node,
@@ -144,6 +154,7 @@ impl Alarms {
                 });
             }
         }
+        self.active = active.len();
         if changed {
             self.list.retain(|alarm| alarm.active || !alarm.acknowledged);
             self.drop_oldest();

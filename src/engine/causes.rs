@@ -4,12 +4,14 @@
 //! the size of the healthy rest of the vehicle does not matter.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
 use super::model::{GroupId, ModuleId, NodeId};
 use super::net::{Change, Net};
 use super::node::Facts;
+use super::paths::Ways;
 use super::snapshot::{Path, RootCause};
 use super::state::State;
 use super::time::Timestamp;
@@ -20,7 +22,7 @@ const NAMED_MAX: usize = 64;
 
 /// A reason to look further upstream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-enum Vertex {
+pub(super) enum Vertex {
     /// What blocks a group, and with it everything inside.
     Blocked(GroupId),
     Module(ModuleId),
@@ -36,10 +38,41 @@ type RootSet = Arc<[u32]>;
 #[derive(Debug, Default)]
 pub(super) struct Causes {
     region: BTreeSet<(u32, Vertex)>,
-    since: HashMap<NodeId, Timestamp>,
+    since: HashMap<NodeId, Timestamp, Mixing>,
     dirty: bool,
     /// Groups whose paths are set in the snapshot.
     explained: BTreeSet<GroupId>,
+}
+
+/// Hashes ids of our own making, which nobody outside can choose: a multiplication for each word.
+#[derive(Debug, Default, Clone, Copy)]
+pub(super) struct Mixer(u64);
+
+pub(super) type Mixing = BuildHasherDefault<Mixer>;
+
+impl Hasher for Mixer {
+    fn finish(&self) -> u64 {
+        // A table takes the low bits for a place and the high ones to tell apart.
+        self.0 ^ (self.0 >> 32)
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.write_u64(u64::from(byte));
+        }
+    }
+
+    fn write_u32(&mut self, word: u32) {
+        self.write_u64(u64::from(word));
+    }
+
+    fn write_u64(&mut self, word: u64) {
+        self.0 = (self.0.rotate_left(5) ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    }
+
+    fn write_isize(&mut self, word: isize) {
+        self.write_u64(word as u64);
+    }
 }
 
 /// What one search found, for the snapshot.
@@ -53,11 +86,13 @@ pub(super) struct Explained {
     pub(super) paths: Vec<(GroupId, Arc<[Path]>)>,
 }
 
-struct Found {
-    order: Vec<Vertex>,
-    position: HashMap<Vertex, usize>,
+pub(super) struct Found {
+    pub(super) order: Vec<Vertex>,
+    pub(super) position: HashMap<Vertex, usize, Mixing>,
     sets: Vec<RootSet>,
     roots: Vec<NodeId>,
+    /// By root: its position.
+    pub(super) ends: Vec<u32>,
 }
 
 impl Causes {
@@ -113,12 +148,13 @@ impl Causes {
         let mut roots: Vec<u32> = (0..found.roots.len() as u32)
             .filter(|&root| masks[root as usize] > 0 || shows_error(net, found.roots[root as usize]))
             .collect();
-        let current: BTreeSet<NodeId> = roots.iter().map(|&root| found.roots[root as usize]).collect();
-        self.since.retain(|node, _| current.contains(node));
-        for &node in &current {
-            self.since.entry(node).or_insert(now);
-        }
-        roots.sort_by_key(|&root| {
+        let before = std::mem::take(&mut self.since);
+        let since = |&root: &u32| {
+            let node = found.roots[root as usize];
+            (node, before.get(&node).copied().unwrap_or(now))
+        };
+        self.since = roots.iter().map(since).collect();
+        roots.sort_by_cached_key(|&root| {
             let node = found.roots[root as usize];
             (Reverse(masks[root as usize]), self.since[&node], node)
         });
@@ -136,9 +172,10 @@ impl Causes {
     }
 
     fn paths(&mut self, net: &Net, found: &Found, rank: &[u32]) -> Vec<(GroupId, Arc<[Path]>)> {
-        let mut shown: Vec<(GroupId, usize, Vec<u32>)> = Vec::new();
-        let mut wanted: BTreeSet<u32> = BTreeSet::new();
-        for (position, &vertex) in found.order.iter().enumerate() {
+        let mut shown: Vec<(GroupId, u32)> = Vec::new();
+        // By rank, so that each group's paths are in that order.
+        let mut wanted: BTreeMap<u32, (u32, Vec<usize>)> = BTreeMap::new();
+        for (position, &vertex) in (0..).zip(&found.order) {
             let (Vertex::Failing(id) | Vertex::Hidden(id)) = vertex else { continue };
             let facts = net.groups[id.0 as usize].node.facts;
             let displayed = match vertex {
@@ -146,20 +183,26 @@ impl Causes {
                 _ => true,
             };
             if displayed {
-                let named = ranked(&found.sets[position], rank);
-                wanted.extend(&named);
-                shown.push((id, position, named));
+                for root in ranked(&found.sets[position as usize], rank) {
+                    let (_, groups) = wanted.entry(rank[root as usize]).or_insert((root, Vec::new()));
+                    groups.push(shown.len());
+                }
+                shown.push((id, position));
             }
         }
-        let ways: HashMap<u32, Vec<Option<(u32, usize)>>> =
-            wanted.into_iter().map(|root| (root, found.ways(net, root))).collect();
+        let mut lists: Vec<Vec<Path>> = shown.iter().map(|_| Vec::new()).collect();
+        let mut ways = Ways::new(net, found);
+        for (root, groups) in wanted.into_values() {
+            ways.walk_from(root);
+            for index in groups {
+                lists[index].push(ways.path(shown[index].1));
+            }
+        }
         let before = std::mem::replace(&mut self.explained, shown.iter().map(|(id, ..)| *id).collect());
         let gone = before.difference(&self.explained).map(|&id| (id, Arc::from(Vec::new())));
         let mut paths: Vec<(GroupId, Arc<[Path]>)> = gone.collect();
-        for (id, position, named) in shown {
-            let list: Vec<Path> = named.iter().map(|root| found.walk(position, &ways[root])).collect();
-            paths.push((id, list.into()));
-        }
+        let listed = shown.into_iter().zip(lists);
+        paths.extend(listed.map(|((id, _), list)| (id, list.into())));
         paths
     }
 }
@@ -192,14 +235,16 @@ fn ranked(set: &[u32], rank: &[u32]) -> Vec<u32> {
 fn search(net: &Net, region: &BTreeSet<(u32, Vertex)>) -> Found {
     let mut found = Found {
         order: Vec::with_capacity(region.len()),
-        position: HashMap::with_capacity(region.len()),
+        position: HashMap::with_capacity_and_hasher(region.len(), Mixing::default()),
         sets: Vec::with_capacity(region.len()),
         roots: Vec::new(),
+        ends: Vec::new(),
     };
     for &(_, vertex) in region {
         let set = match end(net, vertex) {
             Some(node) => {
                 found.roots.push(node);
+                found.ends.push(found.order.len() as u32);
                 Arc::from([found.roots.len() as u32 - 1])
             }
             None => found.union(net, vertex),
@@ -212,7 +257,7 @@ fn search(net: &Net, region: &BTreeSet<(u32, Vertex)>) -> Found {
 }
 
 /// The node itself, where a way upstream ends at it.
-fn end(net: &Net, vertex: Vertex) -> Option<NodeId> {
+pub(super) fn end(net: &Net, vertex: Vertex) -> Option<NodeId> {
     match vertex {
         Vertex::Module(id) => {
             let facts = net.modules[id.0 as usize].node.facts;
@@ -232,7 +277,7 @@ fn cause_of(net: &Net, node: NodeId) -> Vertex {
 }
 
 /// One step upstream from a vertex, in configuration order.
-fn for_each_hop(net: &Net, vertex: Vertex, mut hop: impl FnMut(Vertex)) {
+pub(super) fn for_each_hop(net: &Net, vertex: Vertex, mut hop: impl FnMut(Vertex)) {
     match vertex {
         Vertex::Blocked(id) => blocked_hops(net, NodeId::Group(id), &mut hop),
         Vertex::Module(id) => {
@@ -303,8 +348,10 @@ impl Found {
         match parts.as_slice() {
             [only] => (*only).clone(),
             _ => {
-                let all: BTreeSet<u32> = parts.iter().flat_map(|set| set.iter().copied()).collect();
-                all.into_iter().collect()
+                let mut all: Vec<u32> = parts.iter().flat_map(|set| set.iter().copied()).collect();
+                all.sort_unstable();
+                all.dedup();
+                all.into()
             }
         }
     }
@@ -342,45 +389,5 @@ impl Found {
             masked.push((node, by.clone()));
         }
         masked
-    }
-
-    /// For each vertex the shortest way to one root: its length, and the next position.
-    fn ways(&self, net: &Net, root: u32) -> Vec<Option<(u32, usize)>> {
-        let mut ways: Vec<Option<(u32, usize)>> = vec![None; self.order.len()];
-        for position in 0..self.order.len() {
-            if self.sets[position].binary_search(&root).is_err() {
-                continue;
-            }
-            if end(net, self.order[position]).is_some() {
-                ways[position] = Some((0, position));
-                continue;
-            }
-            let mut best: Option<(u32, usize)> = None;
-            for_each_hop(net, self.order[position], |hop| {
-                let Some(&next) = self.position.get(&hop) else { return };
-                let Some((length, _)) = ways[next] else { return };
-                if best.is_none_or(|(least, _)| length + 1 < least) {
-                    best = Some((length + 1, next));
-                }
-            });
-            ways[position] = best;
-        }
-        ways
-    }
-
-    fn walk(&self, start: usize, ways: &[Option<(u32, usize)>]) -> Path {
-        let mut path = Vec::new();
-        let mut position = start;
-        while let Some((length, next)) = ways[position] {
-            path.push(match self.order[position] {
-                Vertex::Module(id) => NodeId::Module(id),
-                Vertex::Blocked(id) | Vertex::Failing(id) | Vertex::Hidden(id) => NodeId::Group(id),
-            });
-            if length == 0 {
-                break;
-            }
-            position = next;
-        }
-        path.into()
     }
 }

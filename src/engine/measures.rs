@@ -390,7 +390,11 @@ fn collect(net: &Net, masked_by: &impl Fn(NodeId) -> Vec<NodeId>, node: NodeId, 
         NodeId::Group(id) => {
             let group = &net.groups[id.0 as usize];
             let bar = facts.worst().min(State::Error);
+            // There may be thousands of them, and only so many are named.
             for &member in &group.failing {
+                if found.len() >= CAUSES_MAX {
+                    break;
+                }
                 if net.node(member).facts.worst() >= bar {
                     collect(net, masked_by, member, found);
                 }

@@ -24,6 +24,7 @@ mod net;
 mod node;
 mod operate;
 mod overflow;
+mod paths;
 pub mod persistent;
 pub mod record;
 mod relevance;
@@ -389,13 +390,13 @@ impl Engine {
         let heard = self.alarms.hear(&self.net, &changes);
         let explained = self.causes.explain(&self.net, self.now);
         let mut blamed = Vec::new();
-        if heard || explained.is_some() {
-            if let Some(explained) = explained {
-                if self.events.wanted() {
-                    blamed = self.views.blamed_anew(&explained.masked, &changes);
-                }
-                self.views.set_causes(explained);
+        let changed = explained.is_some_and(|explained| {
+            if self.events.wanted() {
+                blamed = self.views.blamed_anew(&explained.masked, &changes);
             }
+            self.views.set_causes(explained)
+        });
+        if heard || changed || self.alarms.active() != self.views.root_count() {
             let (views, roots) = (&self.views, self.views.roots());
             if self.alarms.follow(&roots, |node| views.masked_by(node), self.now, &mut self.events) {
                 self.views.set_alarms(self.alarms.list());
@@ -428,7 +429,7 @@ impl Engine {
         if let Some(node) = self.views.masked_root() {
             return Some(format!("{node} is a root cause and hidden"));
         }
-        (self.net.own_errors > 0 && self.views.no_roots())
+        (self.net.own_errors > 0 && self.views.root_count() == 0)
             .then(|| format!("{} modules are in ERROR and none is shown", self.net.own_errors))
     }
 }

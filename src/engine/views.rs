@@ -1,5 +1,7 @@
 //! What snapshots are made of, kept up to date piece by piece.
 
+mod questions;
+
 use std::sync::Arc;
 
 use super::causes::Explained;
@@ -45,6 +47,8 @@ pub(super) struct Views {
     reports: Vec<Arc<Report>>,
     /// A masked node for which the last search found no cause.
     unexplained: Option<NodeId>,
+    /// A root cause that was masked itself after the last search.
+    masked_root: Option<NodeId>,
     seq_changed: bool,
     revision_changed: bool,
 }
@@ -69,6 +73,7 @@ impl Views {
             is_heard: Vec::new(),
             reports: Vec::new(),
             unexplained: None,
+            masked_root: None,
             seq_changed: true,
             revision_changed: true,
         };
@@ -275,7 +280,8 @@ impl Views {
         }
     }
 
-    pub(super) fn set_causes(&mut self, explained: Explained) {
+    /// Takes what a search found. Returns whether the root causes changed.
+    pub(super) fn set_causes(&mut self, explained: Explained) -> bool {
         self.unexplained = explained.masked.iter().find(|(_, by)| by.is_empty()).map(|(node, _)| *node);
         for (node, by) in explained.masked {
             self.set_masked_by(node, by);
@@ -288,10 +294,14 @@ impl Views {
                 self.seq_changed = true;
             }
         }
-        if *self.roots != *explained.roots {
+        let changed = *self.roots != *explained.roots;
+        if changed {
             self.roots = explained.roots.into();
             self.seq_changed = true;
         }
+        let masked = self.roots.iter().find(|root| self.reason(root.node).is_some());
+        self.masked_root = masked.map(|root| root.node);
+        changed
     }
 
     fn set_masked_by(&mut self, node: NodeId, by: Arc<[NodeId]>) {
@@ -305,63 +315,6 @@ impl Views {
         if let Some(slot) = slot {
             *slot = Some(Reason::Masked { by });
             self.seq_changed = true;
-        }
-    }
-
-    pub(super) fn module(&self, name: &str) -> Option<ModuleId> {
-        let position = self.layout.modules.iter().position(|module| &*module.id == name)?;
-        Some(ModuleId(position as u32))
-    }
-
-    /// The causes of a masked node, ranked; none if it is not masked.
-    pub(super) fn masked_by(&self, node: NodeId) -> Vec<NodeId> {
-        match self.reason(node) {
-            Some(Reason::Masked { by }) => by.to_vec(),
-            _ => Vec::new(),
-        }
-    }
-
-    pub(super) fn module_ids(&self) -> impl Iterator<Item = (&str, ModuleId)> {
-        let modules = self.layout.modules.iter().enumerate();
-        modules.map(|(index, module)| (&*module.id, ModuleId(index as u32)))
-    }
-
-    pub(super) fn nodes(&self) -> impl Iterator<Item = (NodeId, &str)> {
-        let groups = (0..self.layout.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
-        let modules = (0..self.layout.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
-        groups.chain(modules).map(|node| (node, self.name(node)))
-    }
-
-    pub(super) fn roots(&self) -> Vec<NodeId> {
-        self.roots.iter().map(|root| root.node).collect()
-    }
-
-    pub(super) fn no_roots(&self) -> bool {
-        self.roots.is_empty()
-    }
-
-    /// A root cause that is masked itself.
-    pub(super) fn masked_root(&self) -> Option<&str> {
-        let masked = self.roots.iter().find(|root| self.reason(root.node).is_some());
-        masked.map(|root| self.name(root.node))
-    }
-
-    /// A masked node without a cause. Whoever lost its last cause was set by the last search.
-    pub(super) fn masked_by_nothing(&self) -> Option<&str> {
-        self.unexplained.map(|node| self.name(node))
-    }
-
-    pub(super) fn reason(&self, node: NodeId) -> Option<&Reason> {
-        match node {
-            NodeId::Group(id) => self.groups[id.0 as usize].reason.as_ref(),
-            NodeId::Module(id) => self.modules[id.0 as usize].reason.as_ref(),
-        }
-    }
-
-    pub(super) fn name(&self, node: NodeId) -> &str {
-        match node {
-            NodeId::Group(id) => &self.layout.groups[id.0 as usize].path,
-            NodeId::Module(id) => &self.layout.modules[id.0 as usize].id,
         }
     }
 

@@ -92,6 +92,12 @@ impl File {
             bind.expect(raw, &mut expectations, &mut log);
         }
         let figure = bind.figure(self.raw.figure.as_ref(), &expectations, &mut log);
+        if log.is_empty() && !self.raw.serves() {
+            let problem = Problem::at(self.raw.span, "this scenario expects nothing, so it cannot fail");
+            log.push(problem.help(
+                "add `expect: [{ at: 1, groups: { NAME: ok } }]`, or `figure: { nodes: [NAME] }` if it is only drawn",
+            ));
+        }
         if log.is_empty() {
             Ok(Scenario { start: self.raw.start, steps, expectations, figure })
         } else {

@@ -15,6 +15,8 @@ use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Span, Spanned};
 
 #[derive(Debug)]
 pub(super) struct Raw {
+    /// The file as a whole.
+    pub span: Span,
     pub name: Option<String>,
     pub config: Option<Node>,
     pub dependencies: Option<bool>,
@@ -25,6 +27,12 @@ pub(super) struct Raw {
 }
 
 impl Raw {
+    /// Something in it can fail, or it is there to be drawn.
+    pub fn serves(&self) -> bool {
+        let judged = self.steps.iter().any(|step| step.refused.is_some());
+        judged || !self.expect.is_empty() || self.figure.is_some()
+    }
+
     /// The last instant that is named.
     pub fn end(&self) -> Timestamp {
         let steps = self.steps.iter().flat_map(|step| [step.at, step.until]);
@@ -57,6 +65,7 @@ impl FromNode for Raw {
             }
         }
         let raw = Raw {
+            span: fields.span(),
             config,
             name: fields.required("name"),
             dependencies: fields

@@ -4,6 +4,7 @@
 //! by error. serde stops at the first; therefore the tree is made from the parser's events.
 
 pub mod decode;
+pub mod plain;
 pub mod problem;
 pub mod source;
 pub mod tree;

@@ -7,6 +7,7 @@ use miette::{
     Severity, SourceCode, SourceSpan, SpanContents,
 };
 
+use super::plain;
 use super::source::{Sources, Span};
 
 /// Problems beyond this many are counted, not kept.
@@ -67,6 +68,17 @@ impl Problem {
         self.also.push((span, label.into()));
         self
     }
+
+    fn printable(&self) -> Problem {
+        let escaped = |text: &String| plain::escaped(text).into_owned();
+        Problem {
+            message: escaped(&self.message),
+            label: escaped(&self.label),
+            also: self.also.iter().map(|(span, label)| (*span, escaped(label))).collect(),
+            help: self.help.as_ref().map(escaped),
+            ..*self
+        }
+    }
 }
 
 /// All that is wrong, with the texts that it is wrong in. Never empty where it is an error.
@@ -99,7 +111,7 @@ impl Problems {
                 format!("{}:{line}:{column}: ", self.sources.name(span.file))
             });
             let help = problem.help.as_ref().map_or(String::new(), |help| format!(" ({help})"));
-            format!("{place}{}{help}", problem.message)
+            plain::escaped(&format!("{place}{}{help}", problem.message)).into_owned()
         };
         self.list.iter().map(line).collect()
     }
@@ -109,8 +121,9 @@ impl Problems {
         let theme = if colour { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
         let handler = GraphicalReportHandler::new_themed(theme).with_width(100).with_links(false);
         let mut text = String::new();
-        for problem in &self.list {
-            let report = Report { problem, sources: &self.sources };
+        let sources = self.sources.printable();
+        for problem in self.list.iter().map(Problem::printable) {
+            let report = Report { problem: &problem, sources: &sources };
             // Writing to a String cannot fail, and a span that miette cannot show still has its words.
             if handler.render_report(&mut text, &report).is_err() {
                 text.push_str(&problem.message);

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{ErrorKind, Read};
 use std::path::Path;
 
+use super::plain;
 use super::problem::Problem;
 
 /// No file of ours is larger; what is, is something else.
@@ -50,6 +51,15 @@ impl Sources {
             Problem::of_file(&name, &what, "save the file with the encoding UTF-8")
         })?;
         Ok(self.add(&name, &text))
+    }
+
+    /// The same for a terminal: every place in the texts stays where it is.
+    pub fn printable(&self) -> Sources {
+        let printable = |source: &Source| Source {
+            name: plain::escaped(&source.name).into_owned(),
+            text: plain::masked(&source.text),
+        };
+        Sources(self.0.iter().map(printable).collect())
     }
 
     pub fn len(&self) -> usize {

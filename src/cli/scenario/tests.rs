@@ -114,8 +114,17 @@ expect:
 }
 
 #[test]
+fn a_scenario_that_cannot_fail_is_refused() {
+    let expected = "1:1: this scenario expects nothing, so it cannot fail (add `expect: [{ at: 1, groups: { NAME: ok } }]`, or `figure: { nodes: [NAME] }` if it is only drawn)";
+    for text in ["", "expect: []\n", "steps: [{ at: 1, status: { name: s, level: ok } }]\n"] {
+        check_run(text, &[expected]);
+    }
+    check_run("figure: { nodes: [a] }\n", &[]);
+}
+
+#[test]
 fn a_refused_action_is_a_failure_only_where_it_is_said() {
-    check_run("steps: [{ at: 1, operator: { reset: a/m } }]\n", &[]);
+    check_run("steps: [{ at: 1, operator: { reset: a/m } }]\nfigure: {}\n", &[]);
     check_run(
         "steps: [{ at: 1, operator: { reset: a/m }, refused: false }]\n",
         &["3:9: at 1 s, the operator's action: expected granted, got refused ([NotLatched(\"a/m\")])"],
@@ -291,7 +300,9 @@ steps:
 
 #[test]
 fn a_figure_without_strips_or_time_is_still_a_figure() {
-    for text in ["", "steps: [{ at: 0, status: { name: s, level: ok } }]\nfigure: { nodes: [a] }\n"] {
+    for text in
+        ["figure: {}\n", "steps: [{ at: 0, status: { name: s, level: ok } }]\nfigure: { nodes: [a] }\n"]
+    {
         let file = scenario_file::parse("s", &format!("{HEAD}{text}")).unwrap();
         let panel = run_file(&file).unwrap().panel;
         let drawn = figure::draw(&[panel]);

@@ -1,7 +1,8 @@
 //! What can happen with a configuration and should not, each with a counterexample.
 //!
 //! Every situation that the conditions can tell apart is looked at: with all modules OK, with all in
-//! ERROR, with each in ERROR alone, and with the fewest failures that make each dependency block. By
+//! ERROR, with each in ERROR alone, and with the fewest failures that make each dependency block, as
+//! ERROR and, where that masks, as UNKNOWN. By
 //! `ENGINE.md` 4 to 6 no node can be masked without a cause in sight; this holds it for the model in
 //! hand. The rest are conditions, dependencies and groups that cannot do what they are there for.
 
@@ -54,6 +55,8 @@ pub struct Finding {
 pub struct Example {
     pub situation: Situation,
     pub failing: Vec<ModuleId>,
+    /// What they report; all others are OK.
+    pub state: State,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -135,8 +138,8 @@ impl Look<'_> {
         self.judge.picture(situation, |_| state, Some(state))
     }
 
-    fn example(situation: &Situation, failing: &[ModuleId]) -> Option<Example> {
-        Some(Example { situation: situation.clone(), failing: failing.to_vec() })
+    fn example(situation: &Situation, failing: &[ModuleId], state: State) -> Option<Example> {
+        Some(Example { situation: situation.clone(), failing: failing.to_vec(), state })
     }
 
     /// I1: whatever is masked has a cause in sight.
@@ -147,25 +150,30 @@ impl Look<'_> {
         for (situation, state) in situations.iter().flat_map(|it| [(it, State::Error), (it, State::Unknown)])
         {
             let picture = self.all(situation, state);
-            self.unexplained(situation, &picture, &all);
+            self.unexplained(situation, &picture, (&all, state));
             for &module in &all {
                 if self.pictures.saturating_mul(nodes) > WORK_MAX {
                     self.complete = false;
                     return;
                 }
                 let picture = self.failing(situation, &[module], state);
-                self.unexplained(situation, &picture, &[module]);
+                self.unexplained(situation, &picture, (&[module], state));
             }
         }
     }
 
-    fn unexplained(&mut self, situation: &Situation, picture: &Picture, failing: &[ModuleId]) {
+    fn unexplained(
+        &mut self,
+        situation: &Situation,
+        picture: &Picture,
+        (failing, state): (&[ModuleId], State),
+    ) {
         let hidden = self.judge.nodes().find(|&node| {
             let facts = picture.of(node);
             facts.masked() && !facts.block_explained
         });
         if let Some(node) = hidden {
-            let example = Look::example(situation, failing);
+            let example = Look::example(situation, failing, state);
             self.findings.push(Finding { node, what: What::Unexplained, example });
         }
     }
@@ -199,13 +207,17 @@ impl Look<'_> {
     ) -> Option<(NodeId, Option<Example>)> {
         let relevant = self.all(situation, State::Ok);
         let cuts = self.all_of(&relevant, targets(dependency));
-        cuts.into_iter().find_map(|failing| {
-            let picture = self.failing(situation, &failing, State::Error);
+        // An ERROR may mask more than an UNKNOWN, and so be the one that a tile shows.
+        let states: &[State] =
+            if dependency.masks_unknown { &[State::Error, State::Unknown] } else { &[State::Error] };
+        let mut tried = cuts.iter().flat_map(|failing| states.iter().map(move |&state| (failing, state)));
+        tried.find_map(|(failing, state)| {
+            let picture = self.failing(situation, failing, state);
             if !blocks(&picture, dependency) || self.tile_gets_worse(&relevant, &picture) {
                 return None;
             }
             let masked = self.judge.nodes().find(|&node| picture.of(node).masked())?;
-            Some((masked, Look::example(situation, &failing)))
+            Some((masked, Look::example(situation, failing, state)))
         })
     }
 
@@ -301,7 +313,7 @@ impl Look<'_> {
             best.of(holder).relevant && blocks(best, dependency) && self.at_fault(best, dependency)
         });
         if let Some((situation, _)) = best {
-            let example = Look::example(situation, &[]);
+            let example = Look::example(situation, &[], State::Ok);
             self.findings.push(Finding {
                 node: holder,
                 what: What::AlwaysMasked { dependency: index },
@@ -379,7 +391,7 @@ impl Look<'_> {
             Some(&member) => Dead::Waits(member),
             None => Dead::NotRelevant(node),
         };
-        let example = Look::example(situation, &[]);
+        let example = Look::example(situation, &[], State::Ok);
         self.findings.push(Finding { node, what: What::NeverOk { why }, example });
     }
 

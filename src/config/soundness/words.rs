@@ -69,7 +69,10 @@ fn example(model: &Model, example: &Example) -> String {
     let failing: Vec<&str> = example.failing.iter().map(|id| &*model.modules[id.0 as usize].id).collect();
     let with = match failing.as_slice() {
         [] => String::new(),
-        names => format!(", with {} in ERROR", names.join(" and ")),
+        names => {
+            let state = example.state.as_str().to_uppercase();
+            format!(", with {} in {state}", names.join(" and "))
+        }
     };
     format!(" (in {}{with})", example.situation.describe(model))
 }

@@ -148,3 +148,21 @@ fn a_countermeasure_watches_what_counts_in_its_stages() {
         ],
     );
 }
+
+#[test]
+fn an_unknown_cause_may_be_hidden_where_an_error_would_not() {
+    // In ERROR, `b` takes the good member of its tile with it; in UNKNOWN only `c` goes.
+    check(
+        "groups:
+  - id: a
+    combine: any
+    groups:
+      - { id: good, depends_on: [a/b], modules: [{ id: m, status: g }] }
+      - { id: b, modules: [{ id: m, status: b }] }
+  - { id: c, depends_on: [{ on: a/b, masks_when: [error, unknown] }], modules: [{ id: m, status: c }] }
+",
+        &[
+            "7:27: `c` can be masked while no tile gets worse (in stage localizing, with a/b/m in UNKNOWN) (the cause is named in the list of causes only: depend on the redundant group as a whole, or let the group combine the worst)",
+        ],
+    );
+}

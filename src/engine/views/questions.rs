@@ -1,0 +1,63 @@
+//! What the rest of the engine asks of what is shown.
+
+use super::Views;
+use crate::engine::model::{GroupId, ModuleId, NodeId};
+use crate::engine::snapshot::Reason;
+
+impl Views {
+    pub(in crate::engine) fn module(&self, name: &str) -> Option<ModuleId> {
+        let position = self.layout.modules.iter().position(|module| &*module.id == name)?;
+        Some(ModuleId(position as u32))
+    }
+
+    /// The causes of a masked node, ranked; none if it is not masked.
+    pub(in crate::engine) fn masked_by(&self, node: NodeId) -> Vec<NodeId> {
+        match self.reason(node) {
+            Some(Reason::Masked { by }) => by.to_vec(),
+            _ => Vec::new(),
+        }
+    }
+
+    pub(in crate::engine) fn module_ids(&self) -> impl Iterator<Item = (&str, ModuleId)> {
+        let modules = self.layout.modules.iter().enumerate();
+        modules.map(|(index, module)| (&*module.id, ModuleId(index as u32)))
+    }
+
+    pub(in crate::engine) fn nodes(&self) -> impl Iterator<Item = (NodeId, &str)> {
+        let groups = (0..self.layout.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
+        let modules = (0..self.layout.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
+        groups.chain(modules).map(|node| (node, self.name(node)))
+    }
+
+    pub(in crate::engine) fn roots(&self) -> Vec<NodeId> {
+        self.roots.iter().map(|root| root.node).collect()
+    }
+
+    pub(in crate::engine) fn root_count(&self) -> usize {
+        self.roots.len()
+    }
+
+    /// A root cause that is masked itself. Who is masked or not any more made a search.
+    pub(in crate::engine) fn masked_root(&self) -> Option<&str> {
+        self.masked_root.map(|node| self.name(node))
+    }
+
+    /// A masked node without a cause. Whoever lost its last cause was set by the last search.
+    pub(in crate::engine) fn masked_by_nothing(&self) -> Option<&str> {
+        self.unexplained.map(|node| self.name(node))
+    }
+
+    pub(in crate::engine) fn reason(&self, node: NodeId) -> Option<&Reason> {
+        match node {
+            NodeId::Group(id) => self.groups[id.0 as usize].reason.as_ref(),
+            NodeId::Module(id) => self.modules[id.0 as usize].reason.as_ref(),
+        }
+    }
+
+    pub(in crate::engine) fn name(&self, node: NodeId) -> &str {
+        match node {
+            NodeId::Group(id) => &self.layout.groups[id.0 as usize].path,
+            NodeId::Module(id) => &self.layout.modules[id.0 as usize].id,
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! Text of a file made fit for a terminal: what would move the cursor, colour what follows or turn
+//! the direction of reading around is shown by its number.
+
+use std::borrow::Cow;
+
+/// `text` with such characters as `\u{1b}`. Line feeds and tabs stay.
+pub fn escaped(text: &str) -> Cow<'_, str> {
+    if !text.contains(acts) {
+        return Cow::Borrowed(text);
+    }
+    let mut out = String::with_capacity(text.len());
+    for letter in text.chars() {
+        if acts(letter) { out.extend(letter.escape_unicode()) } else { out.push(letter) }
+    }
+    Cow::Owned(out)
+}
+
+/// `text` with a mark of the same number of bytes for each such character, so that places in it stay
+/// where they are.
+pub fn masked(text: &str) -> String {
+    let mark = |letter: char| match letter.len_utf8() {
+        1 => '?',
+        2 => '¿',
+        3 => '\u{fffd}',
+        _ => '𝪋',
+    };
+    text.chars().map(|letter| if acts(letter) { mark(letter) } else { letter }).collect()
+}
+
+/// Control characters, and those of the bidirectional algorithm.
+fn acts(letter: char) -> bool {
+    let control = letter.is_control() && !matches!(letter, '\n' | '\t');
+    control
+        || matches!(letter,
+            '\u{61c}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}'
+            | '\u{feff}' | '\u{e0000}'..='\u{e007f}')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_acts_on_a_terminal_is_shown_by_its_number() {
+        assert_eq!(escaped("a\u{1b}[2Jb\u{202e}c\td\n"), "a\\u{1b}[2Jb\\u{202e}c\td\n");
+        assert_eq!(escaped("Übersicht – 日本\n"), "Übersicht – 日本\n");
+    }
+
+    #[test]
+    fn marks_are_as_long_as_what_they_stand_for() {
+        for text in ["a\u{1b}b", "a\u{9b}b", "a\u{202e}b", "a\u{e0041}b", "\r\n"] {
+            let masked = masked(text);
+            assert_eq!(masked.len(), text.len(), "{text:?}");
+            assert_eq!(escaped(&masked), masked, "{text:?}");
+        }
+    }
+}
