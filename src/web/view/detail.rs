@@ -168,6 +168,8 @@ fn values(view: &View<'_>, id: ModuleId, drawn: bool) -> Vec<Value> {
     let (info, module) = view.snapshot.module(id);
     let past = view.trends.filter(|_| drawn && !module.report.values.is_empty());
     let mut past = past.map(|trends| trends.of(id.0 as usize, &info.id, POINTS_SMALL)).unwrap_or_default();
+    // Limits stand among the values too: what never moved needs no line.
+    past.retain(|trend| trend.least < trend.most);
     past.truncate(VALUES_DRAWN);
     let values = module.report.values.iter().take(VALUES);
     let value = values.map(|(key, value)| {
