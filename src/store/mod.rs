@@ -9,6 +9,7 @@ pub mod audit;
 mod chain;
 mod health;
 mod history;
+mod leave;
 mod role;
 mod schema;
 mod secret;
@@ -28,6 +29,7 @@ use tokio::sync::{oneshot, watch};
 pub use chain::{Breach, Hash, Head, Verdict};
 pub use health::Fault;
 pub use history::{HISTORY_FILE, Happened, History, HistoryQuery, NodePast, Past, Stretch};
+pub use leave::Leaving;
 pub use role::Role;
 pub use schema::{FILE_NAME, make_folder};
 pub use secret::{DEMO_USERS, DemoSecrets, Lane, SecretError, is_pin};
@@ -90,6 +92,13 @@ pub enum StoreError {
     ManyTokens(String),
     #[error("there is no token {0}; `telltale user tokens` shows all")]
     NoSuchToken(i64),
+}
+
+impl StoreError {
+    /// Whether it is the disk or the database, and not how it was asked.
+    pub const fn is_of_storage(&self) -> bool {
+        matches!(self, StoreError::Database(_))
+    }
 }
 
 /// The handle of the database. Clones use the same one; it closes when the last is dropped.
