@@ -324,6 +324,10 @@ fn welcome(app: &AppState, reader: &Reader, token: &Token, session: &Session) ->
         Speaks::Json => {
             json_answer(StatusCode::OK, &json!({ "name": &*session.user, "role": session.role.as_str() }))
         }
+        // The operator's screen of a locked vehicle is the login, where others would begin anew.
+        Speaks::Html if session.role != Role::Operator && app.published().snapshot.stage == Stage::Locked => {
+            Redirect::to("/developer").into_response()
+        }
         Speaks::Html => Redirect::to("/").into_response(),
     };
     set_cookie(&mut answer, app, token.as_str(), SESSION_LIFE.as_secs());
@@ -354,6 +358,9 @@ fn failed(app: &AppState, reader: &Reader, name: &str, failure: LoginFailure) ->
         (Speaks::Json, LoginFailure::SeatTaken { by }) => {
             let refused = format!("{by} is the operator; take_over=1 takes the seat over");
             json_answer(status, &json!({ "refused": [refused], "operator": by }))
+        }
+        (Speaks::Json, LoginFailure::Wait { seconds }) => {
+            json_answer(status, &json!({ "error": failure.as_str(), "seconds": seconds }))
         }
         (Speaks::Json, _) => json_answer(status, &json!({ "error": failure.as_str() })),
         (Speaks::Html, _) => login_page(app, reader, status, name, Some(failure)),

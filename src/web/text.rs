@@ -82,8 +82,8 @@ words! {
     log_out: "Log out", "Abmelden";
     name: "Name", "Name";
     secret: "PIN or password", "PIN oder Passwort";
-    login_title: "Locked", "Gesperrt";
-    login_text: "Log in to see the vehicle.", "Anmelden, um das Fahrzeug zu sehen.";
+    login_title: "Log in", "Anmelden";
+    login_text: "The vehicle is shown after that.", "Danach ist das Fahrzeug zu sehen.";
     login_wrong: "Name or PIN is wrong.", "Name oder PIN ist falsch.";
     login_unavailable: "Logins cannot be checked now. Try again.", "Anmeldung zurzeit nicht prüfbar. Noch einmal versuchen.";
     login_storage: "The disk is full or broken, so nothing was changed. Call the control room.", "Speicher voll oder defekt, daher nichts geändert. Leitstelle rufen.";

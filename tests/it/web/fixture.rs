@@ -147,7 +147,8 @@ impl Fixture {
             _ => "demo-authority",
         };
         let answer = self.log_in(name, secret).await;
-        assert_eq!((answer.status, answer.leads_to()), (StatusCode::SEE_OTHER, Some("/")), "{name}");
+        let leads_to = if self.stage() == Stage::Locked { "/developer" } else { "/" };
+        assert_eq!((answer.status, answer.leads_to()), (StatusCode::SEE_OTHER, Some(leads_to)), "{name}");
         answer.cookie().unwrap()
     }
 

@@ -11,8 +11,9 @@ use super::fixture::{ADDRESS, COMPONENTS, Fixture, as_program, form_request, req
 async fn an_operators_login_unlocks_the_vehicle_and_the_others_do_not() {
     let fixture = Fixture::new().await;
     for name in ["developer", "authority"] {
-        fixture.cookie_of(name).await;
+        let cookie = fixture.cookie_of(name).await;
         assert_eq!(fixture.stage(), Stage::Locked);
+        assert_eq!(fixture.get("/developer", Some(&cookie)).await.status, StatusCode::OK, "where it leads");
     }
     let cookie = fixture.cookie_of("operator").await;
     assert_eq!(fixture.stage(), Stage::Localizing);
