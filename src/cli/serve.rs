@@ -81,7 +81,7 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     station::check_plain(args.listen, tls.is_some(), args.insecure_http)?;
     let listener = station::bind(args.listen).await?;
     let folder = data::folder(args.data.clone())?;
-    let store = Store::open(&folder, clock, DemoSecrets::Refused)?;
+    let store = Store::open_or_read(&folder, clock, DemoSecrets::Refused)?;
     say_if_nobody_can_log_in(&store, &folder).await?;
     let origins = args.origins.clone();
     let file = Some(args.config.clone());

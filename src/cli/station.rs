@@ -72,7 +72,10 @@ impl Station {
         let bridge = ros::start(options, &loaded.model, link.inputs.clone(), clock).await?;
         let discovery = Some(bridge.discovery());
         let settings = Settings { origins, secure, enrolled, demo, rereads, history, discovery };
-        store.audit(Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"))).await?;
+        let start = Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"));
+        if let Err(error) = store.audit(start).await {
+            tracing::error!(%error, "the start cannot be recorded");
+        }
         let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
         tracing::info!("the display is on {}; it listens to {listens_to}", url(address, secure));
         let end = store.clone();

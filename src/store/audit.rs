@@ -275,6 +275,14 @@ impl Log {
         Ok(log)
     }
 
+    /// Reads where the chain ends, of a database that cannot be written.
+    pub(super) fn read(connection: &Connection, folder: &Path) -> Result<Log, StoreError> {
+        let head_file = folder.join(HEAD_FILE_NAME);
+        let noted = read_head(&head_file).unwrap_or(Head::NONE);
+        let head = Head::of(connection)?;
+        Ok(Log { head_file: Some(head_file), head, noted, logged: head.number, fault: None })
+    }
+
     fn noted(&self) -> Vec<Head> {
         vec![self.noted]
     }

@@ -4,10 +4,11 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use rusqlite::ErrorCode;
+use rusqlite::{Connection, ErrorCode};
 use tokio::sync::watch;
 
-use super::{Database, FILE_NAME, Store, StoreError};
+use super::audit::Log;
+use super::{Database, FILE_NAME, Store, StoreError, schema};
 use crate::engine::time::{Span, Timestamp};
 
 const PROBE_EVERY: Span = Span::from_secs(5);
@@ -32,6 +33,8 @@ pub(super) struct Health {
     place: Option<Place>,
     fault: watch::Sender<Fault>,
     probed: Option<Timestamp>,
+    /// The database is open for reading alone.
+    is_reading: bool,
 }
 
 #[derive(Debug)]
@@ -44,7 +47,13 @@ impl Health {
     pub(super) fn new(folder: Option<&Path>) -> Health {
         let place =
             folder.map(|folder| Place { folder: folder.to_owned(), file: identity(&folder.join(FILE_NAME)) });
-        Health { place, fault: watch::channel(None).0, probed: None }
+        Health { place, fault: watch::channel(None).0, probed: None, is_reading: false }
+    }
+
+    /// The database could be opened for reading alone.
+    pub(super) fn cannot_write(&mut self, why: &str) {
+        self.is_reading = true;
+        self.say(Some(why));
     }
 
     pub(super) fn watch(&self) -> watch::Receiver<Fault> {
@@ -90,15 +99,39 @@ impl Database {
         if self.health.probed.is_some_and(|probed| now.since(probed) < PROBE_EVERY) {
             return;
         }
-        let fault = self.probe().err();
+        let fault = self.check().err();
         self.health.probed = Some(self.clock.now());
         self.health.say(fault.as_deref());
     }
 
-    fn probe(&self) -> Result<(), String> {
+    /// Opens for writing what could only be read so far.
+    fn open_again(&mut self) -> Result<(), String> {
+        let place = self.health.place.as_ref().filter(|_| self.health.is_reading);
+        let Some(Place { folder, .. }) = place else { return Ok(()) };
+        let folder = folder.clone();
+        // Connections of one process share the log's index, and with it that nothing may be written.
+        let nothing = Connection::open_in_memory().map_err(|error| error.to_string())?;
+        drop(std::mem::replace(&mut self.connection, nothing));
+        let reopened = schema::open(&folder).and_then(|mut connection| {
+            let log = Log::open(&mut connection, Some(&folder), self.clock.wall())?;
+            Ok((connection, log))
+        });
+        match reopened {
+            Ok((connection, log)) => (self.connection, self.log) = (connection, log),
+            Err(error) => {
+                self.connection = schema::open_reading(&folder).map_err(|error| error.to_string())?;
+                return Err(error.to_string());
+            }
+        }
+        self.health.is_reading = false;
+        self.reload_sessions().map_err(|error| error.to_string())
+    }
+
+    fn check(&mut self) -> Result<(), String> {
         if let Some(place) = &self.health.place {
             place.check()?;
         }
+        self.open_again()?;
         if let Some(fault) = self.log.fault() {
             return Err(fault.to_owned());
         }

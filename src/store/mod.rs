@@ -9,6 +9,7 @@ pub mod audit;
 mod chain;
 mod health;
 mod history;
+mod leave;
 mod role;
 mod schema;
 mod secret;
@@ -28,6 +29,7 @@ use tokio::sync::{oneshot, watch};
 pub use chain::{Breach, Hash, Head, Verdict};
 pub use health::Fault;
 pub use history::{HISTORY_FILE, Happened, History, HistoryQuery, NodePast, Past, Stretch};
+pub use leave::Leaving;
 pub use role::Role;
 pub use schema::{FILE_NAME, make_folder};
 pub use secret::{DEMO_USERS, DemoSecrets, Lane, SecretError, is_pin};
@@ -53,7 +55,7 @@ const FOREIGN_CHANGE_POLL: Duration = Duration::from_millis(500);
 pub enum StoreError {
     #[error("the data folder {} cannot be used: {reason}. Make it writable or name another one with --data", path.display())]
     Folder { path: PathBuf, reason: std::io::Error },
-    #[error("the database {} cannot be opened: {reason}. Check its permissions and the free space, or name another folder with --data", path.display())]
+    #[error("the database {} cannot be opened: {reason}. Check its permissions and the free space, put a copy in its place, move it away to begin with an empty one, or name another folder with --data", path.display())]
     Open { path: PathBuf, reason: rusqlite::Error },
     #[error(
         "the database {} has schema {found}, this telltale knows {known}: use the newer telltale that made it, or name another folder with --data",
@@ -92,6 +94,25 @@ pub enum StoreError {
     NoSuchToken(i64),
 }
 
+impl StoreError {
+    /// Whether it is the disk or the database, and not how it was asked.
+    pub const fn is_of_storage(&self) -> bool {
+        matches!(self, StoreError::Database(_))
+    }
+
+    /// Whether it is that the disk takes nothing.
+    fn is_of_disk(&self) -> bool {
+        use rusqlite::ErrorCode::{CannotOpen, DiskFull, ReadOnly, SystemIoFailure};
+        match self {
+            StoreError::Open { reason, .. } | StoreError::Database(reason) => {
+                matches!(reason.sqlite_error_code(), Some(CannotOpen | DiskFull | ReadOnly | SystemIoFailure))
+            }
+            StoreError::Folder { .. } => true,
+            _ => false,
+        }
+    }
+}
+
 /// The handle of the database. Clones use the same one; it closes when the last is dropped.
 #[derive(Debug, Clone)]
 pub struct Store {
@@ -127,6 +148,27 @@ impl Store {
         Store::start(schema::open(folder)?, Some(folder), clock, demo)
     }
 
+    /// As [`Store::open`]; a database that can be read and not written is opened too. It is written
+    /// as soon as that is possible; until then [`Store::fault`] says why not.
+    ///
+    /// # Errors
+    /// If there is no database and none can be made, it cannot be read, or a newer telltale made it.
+    pub fn open_or_read(folder: &Path, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
+        let error = match Store::open(folder, clock, demo) {
+            Err(error) if error.is_of_disk() => error,
+            opened => return opened,
+        };
+        Store::read(folder, &error.to_string(), clock, demo).map_err(|_| error)
+    }
+
+    fn read(folder: &Path, why: &str, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
+        let connection = schema::open_reading(folder)?;
+        let log = Log::read(&connection, folder)?;
+        let mut health = Health::new(Some(folder));
+        health.cannot_write(why);
+        Store::run(connection, log, health, clock, demo)
+    }
+
     /// Opens `telltale.db` in `folder`, if there is one.
     ///
     /// # Errors
@@ -150,9 +192,18 @@ impl Store {
         clock: Clock,
         demo: DemoSecrets,
     ) -> Result<Store, StoreError> {
-        let sessions = Arc::new(Sessions::default());
         let log = Log::open(&mut connection, folder, clock.wall())?;
-        let health = Health::new(folder);
+        Store::run(connection, log, Health::new(folder), clock, demo)
+    }
+
+    fn run(
+        connection: Connection,
+        log: Log,
+        health: Health,
+        clock: Clock,
+        demo: DemoSecrets,
+    ) -> Result<Store, StoreError> {
+        let sessions = Arc::new(Sessions::default());
         let fault = health.watch();
         let mut database = Database {
             connection,

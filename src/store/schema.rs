@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use rusqlite::{Connection, TransactionBehavior};
+use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 
 use super::StoreError;
 
@@ -104,6 +104,49 @@ pub(super) fn open(folder: &Path) -> Result<Connection, StoreError> {
     Ok(connection)
 }
 
+/// Opens a database of today's schema that may be read and not written: on a disk that is full or
+/// read-only.
+pub(super) fn open_reading(folder: &Path) -> Result<Connection, StoreError> {
+    let path = folder.join(FILE_NAME);
+    let open_error = |reason| StoreError::Open { path: path.clone(), reason };
+    if !path.exists() {
+        return Err(StoreError::NoDatabase { path });
+    }
+    let open = |parameter: &str| {
+        let flags =
+            OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let connection = Connection::open_with_flags(uri(&path, parameter), flags)?;
+        connection.busy_timeout(LOCK_WAIT)?;
+        let found: u32 = connection.pragma_query_value(None, "user_version", |row| row.get(0))?;
+        connection.query_row("SELECT count(*) FROM users", [], |_| Ok(()))?;
+        Ok((connection, found))
+    };
+    let log = std::fs::metadata(folder.join(format!("{FILE_NAME}-wal")));
+    let is_whole = log.map_or(true, |log| log.len() == 0);
+    // Without a log beside it the file is all there is, and needs none of the files that a log needs.
+    let opened = open("mode=ro").or_else(|error| if is_whole { open("immutable=1") } else { Err(error) });
+    let (connection, found) = opened.map_err(open_error)?;
+    let known = MIGRATIONS.len() as u32;
+    if found != known {
+        return Err(StoreError::Newer { path, found, known });
+    }
+    Ok(connection)
+}
+
+/// A path as SQLite reads it with a parameter behind it.
+fn uri(path: &Path, parameter: &str) -> String {
+    let escaped: String = path.to_string_lossy().chars().fold(String::new(), |mut uri, letter| {
+        match letter {
+            '%' => uri.push_str("%25"),
+            '?' => uri.push_str("%3f"),
+            '#' => uri.push_str("%23"),
+            _ => uri.push(letter),
+        }
+        uri
+    });
+    format!("file:{escaped}?{parameter}")
+}
+
 pub(super) fn open_in_memory() -> Result<Connection, StoreError> {
     let mut connection = Connection::open_in_memory()?;
     configure(&connection)?;
@@ -129,6 +172,10 @@ fn migrate(connection: &mut Connection, path: &Path) -> Result<(), StoreError> {
         transaction.pragma_query_value(None, "user_version", |row| row.get(0)).map_err(open_error)?;
     if found > known {
         return Err(StoreError::Newer { path: path.to_owned(), found, known });
+    }
+    if found == known {
+        // Nothing is written: a disk that is full must not keep the display from starting.
+        return Ok(());
     }
     for step in &MIGRATIONS[found as usize..] {
         transaction.execute_batch(step).map_err(open_error)?;
@@ -204,6 +251,24 @@ mod tests {
             let holds = |bytes: &[u8]| bytes.windows(secret.len()).any(|window| window == secret);
             assert!(!holds(&file) && !holds(&wal), "a secret lies on the disk");
         }
+    }
+
+    #[tokio::test]
+    async fn a_database_that_cannot_be_written_is_read_until_it_can() {
+        let folder = Folder::new("reading # 100%");
+        let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+        store.add_user("anna", Role::Operator, "135791").await.unwrap();
+        let user = store.authenticate("anna", "135791").await.unwrap().unwrap();
+        let (token, _) = store.open_session(&user).await.unwrap();
+        store.take_seat("anna").await.unwrap();
+        let reading = Store::read(&folder.0, "no room", Clock::start(), DemoSecrets::Refused).unwrap();
+        assert_eq!(reading.fault().borrow().as_deref(), Some("no room"));
+        assert!(reading.session(&token).is_some());
+        assert_eq!(reading.seated_operator().await.unwrap().as_deref(), Some("anna"));
+        let mut fault = reading.fault();
+        fault.wait_for(Option::is_none).await.unwrap();
+        reading.open_session(&user).await.expect("it is written again");
+        assert!(reading.session(&token).is_some());
     }
 
     #[test]

@@ -30,6 +30,8 @@ pub enum SecretError {
         "a PIN needs {PIN_DIGITS_MIN} digits or more, a password {PASSWORD_CHARS_MIN} characters or more"
     )]
     ShortOperator,
+    #[error("a PIN of one digit, or of digits in a row, is guessed first: choose another")]
+    Guessable,
     #[error("a password needs {PASSWORD_CHARS_MIN} characters or more")]
     Short,
     #[error("a secret has at most {SECRET_BYTES_MAX} bytes")]
@@ -67,9 +69,18 @@ pub(super) fn check_policy(role: Role, secret: &str) -> Result<(), SecretError> 
     let is_pin = chars >= PIN_DIGITS_MIN && secret.bytes().all(|byte| byte.is_ascii_digit());
     match role {
         Role::Operator if !is_pin && chars < PASSWORD_CHARS_MIN => Err(SecretError::ShortOperator),
+        Role::Operator if is_pin && is_guessed_first(secret) => Err(SecretError::Guessable),
         Role::Developer | Role::Authority if chars < PASSWORD_CHARS_MIN => Err(SecretError::Short),
         _ => Ok(()),
     }
+}
+
+/// Whether all digits are the same, or each is the next of the one before, up or down.
+fn is_guessed_first(pin: &str) -> bool {
+    let steps = [0, 1, 9];
+    steps
+        .iter()
+        .any(|step| pin.as_bytes().windows(2).all(|pair| (pair[0] - b'0' + step) % 10 == pair[1] - b'0'))
 }
 
 /// Whether a secret is a PIN: digits, and fewer than a password needs. Anybody can see that of what
@@ -186,6 +197,11 @@ mod tests {
         let twelve = "correct horse".get(..12).unwrap();
         let cases = [
             (Role::Operator, "135791", Ok(())),
+            (Role::Operator, "123456", Err(SecretError::Guessable)),
+            (Role::Operator, "98765432", Err(SecretError::Guessable)),
+            (Role::Operator, "111111", Err(SecretError::Guessable)),
+            (Role::Operator, "567890", Err(SecretError::Guessable)),
+            (Role::Operator, "111112", Ok(())),
             (Role::Operator, "13579", Err(SecretError::ShortOperator)),
             (Role::Operator, "13579a", Err(SecretError::ShortOperator)),
             (Role::Operator, twelve, Ok(())),

@@ -29,6 +29,11 @@ impl AppState {
         self.store.remember(memory_of(&self.published()), vec![record]).await
     }
 
+    /// The vehicle as it is now.
+    pub fn memory(&self) -> VehicleMemory {
+        memory_of(&self.published())
+    }
+
     /// Whether what is granted can be written down.
     pub fn is_storage_ok(&self) -> bool {
         self.store.fault().borrow().is_none()

@@ -17,7 +17,7 @@ use super::guard::{SignedIn, cookie_name, cookie_session};
 use super::state::{AppState, is_seated};
 use super::view::{self, LoginContext, LoginFailure};
 use super::wording::Trouble;
-use crate::engine::input::{OperatorAction, Response as Answer};
+use crate::engine::input::{OperatorAction, Refusal, Response as Answer};
 use crate::engine::model::Stage;
 use crate::engine::time::Span;
 use crate::store::audit::{Action, Record};
@@ -85,6 +85,7 @@ pub async fn login(
         Ok((token, session)) => welcome(&app, &reader, &token, &session),
         Err(NotOpened::Refused(reasons)) => refused(&reader, &reasons),
         Err(NotOpened::SeatTaken(by)) => failed(&app, &reader, &form.name, LoginFailure::SeatTaken { by }),
+        Err(NotOpened::Storage) => failed(&app, &reader, &form.name, LoginFailure::Storage),
         Err(NotOpened::Unavailable) => failed(&app, &reader, &form.name, LoginFailure::Unavailable),
     }
 }
@@ -116,10 +117,15 @@ async fn leave(
     reader: &Reader,
     action: OperatorAction,
 ) -> Response {
+    // A program's token is taken back on the command line.
+    if session.kind == SessionKind::Program {
+        return refusal(&Reader { speaks: Speaks::Json, ..*reader }, Trouble::Forbidden);
+    }
     let source = source_of(peer.map(|Extension(peer)| peer));
     match whole(close(app.clone(), session.clone(), source, action)).await {
         Ok(()) => {}
         Err(NotOpened::Refused(reasons)) => return refused(reader, &reasons),
+        Err(NotOpened::Storage) => return refusal(reader, Trouble::Storage),
         Err(NotOpened::SeatTaken(_) | NotOpened::Unavailable) => {
             return refusal(reader, Trouble::Unavailable);
         }
@@ -164,14 +170,16 @@ async fn prove(app: &AppState, form: &LoginForm, source: IpAddr) -> Result<Verif
 enum NotOpened {
     /// This operator sits in the seat.
     SeatTaken(String),
-    Refused(Vec<crate::engine::input::Refusal>),
+    Refused(Vec<Refusal>),
+    /// It cannot be written down.
+    Storage,
     Unavailable,
 }
 
 impl From<StoreError> for NotOpened {
     fn from(error: StoreError) -> NotOpened {
         tracing::error!(%error, "sessions cannot be changed");
-        NotOpened::Unavailable
+        if error.is_of_storage() { NotOpened::Storage } else { NotOpened::Unavailable }
     }
 }
 
@@ -273,33 +281,52 @@ async fn close(
 ) -> Result<(), NotOpened> {
     let _seat = app.seat.lock().await;
     let record = record_of(&session, Action::Logout, source);
-    if session.kind == SessionKind::Program {
-        return Err(NotOpened::Unavailable);
-    }
     if !is_seated(&session, &app.published().snapshot) {
         app.store.end_session(&session).await?;
         return Ok(app.audit(record).await?);
     }
-    match app.command(action).await {
-        Ok(Answer::Done) => {}
-        Ok(Answer::Refused(reasons)) => {
-            app.audit(record.refused(format!("{reasons:?}"))).await?;
-            return Err(NotOpened::Refused(reasons));
+    // What is foreseen to be refused is not written as done before.
+    if let Some(reason) = foreseen(&action, app.published().snapshot.stage) {
+        app.audit(record.refused(format!("{:?}", [&reason]))).await?;
+        return Err(NotOpened::Refused(vec![reason]));
+    }
+    // Written first: while nothing can be written, the operator keeps the vehicle and the session.
+    let leaving = app.store.leave(&session.user, record.clone()).await?;
+    let (why, not_closed) = match app.command(action).await {
+        Ok(Answer::Done) => {
+            app.store.left().await?;
+            // That the vehicle is locked follows from the empty seat, after a restart too.
+            if let Err(error) = app.store.remember(app.memory(), Vec::new()).await {
+                tracing::error!(%error, "the vehicle cannot be remembered");
+            }
+            return Ok(());
         }
+        Ok(Answer::Refused(reasons)) => (format!("{reasons:?}"), NotOpened::Refused(reasons)),
         Err(error) => {
             tracing::error!(%error, "nobody can log out");
-            return Err(NotOpened::Unavailable);
+            (error.to_string(), NotOpened::Unavailable)
         }
+    };
+    app.store.take_back(leaving, record.refused(why)).await?;
+    Err(not_closed)
+}
+
+fn foreseen(action: &OperatorAction, stage: Stage) -> Option<Refusal> {
+    match action {
+        OperatorAction::Logout if stage == Stage::Active => Some(Refusal::LogoutWhileActive),
+        OperatorAction::Shutdown if stage == Stage::Active => Some(Refusal::ShutdownWhileActive),
+        _ => None,
     }
-    app.store.leave_seat().await?;
-    app.store.end_sessions_of(&session.user).await?;
-    Ok(app.keep(record).await?)
 }
 
 fn welcome(app: &AppState, reader: &Reader, token: &Token, session: &Session) -> Response {
     let mut answer = match reader.speaks {
         Speaks::Json => {
             json_answer(StatusCode::OK, &json!({ "name": &*session.user, "role": session.role.as_str() }))
+        }
+        // The operator's screen of a locked vehicle is the login, where others would begin anew.
+        Speaks::Html if session.role != Role::Operator && app.published().snapshot.stage == Stage::Locked => {
+            Redirect::to("/developer").into_response()
         }
         Speaks::Html => Redirect::to("/").into_response(),
     };
@@ -322,13 +349,18 @@ fn failed(app: &AppState, reader: &Reader, name: &str, failure: LoginFailure) ->
         LoginFailure::PinElsewhere => StatusCode::FORBIDDEN,
         LoginFailure::SeatTaken { .. } => StatusCode::CONFLICT,
         LoginFailure::Wait { .. } => StatusCode::TOO_MANY_REQUESTS,
-        LoginFailure::Unavailable | LoginFailure::NoUsers => StatusCode::SERVICE_UNAVAILABLE,
+        LoginFailure::Storage | LoginFailure::Unavailable | LoginFailure::NoUsers => {
+            StatusCode::SERVICE_UNAVAILABLE
+        }
     };
     let wait = if let LoginFailure::Wait { seconds } = failure { Some(seconds) } else { None };
     let mut answer = match (reader.speaks, &failure) {
         (Speaks::Json, LoginFailure::SeatTaken { by }) => {
             let refused = format!("{by} is the operator; take_over=1 takes the seat over");
             json_answer(status, &json!({ "refused": [refused], "operator": by }))
+        }
+        (Speaks::Json, LoginFailure::Wait { seconds }) => {
+            json_answer(status, &json!({ "error": failure.as_str(), "seconds": seconds }))
         }
         (Speaks::Json, _) => json_answer(status, &json!({ "error": failure.as_str() })),
         (Speaks::Html, _) => login_page(app, reader, status, name, Some(failure)),

@@ -84,10 +84,11 @@ words! {
     log_out: "Log out", "Abmelden";
     name: "Name", "Name";
     secret: "PIN or password", "PIN oder Passwort";
-    login_title: "Locked", "Gesperrt";
-    login_text: "Log in to see the vehicle.", "Anmelden, um das Fahrzeug zu sehen.";
+    login_title: "Log in", "Anmelden";
+    login_text: "The vehicle is shown after that.", "Danach ist das Fahrzeug zu sehen.";
     login_wrong: "Name or PIN is wrong.", "Name oder PIN ist falsch.";
     login_unavailable: "Logins cannot be checked now. Try again.", "Anmeldung zurzeit nicht prüfbar. Noch einmal versuchen.";
+    login_storage: "The disk is full or broken, so nothing was changed. Call the control room.", "Speicher voll oder defekt, daher nichts geändert. Leitstelle rufen.";
     login_pin_elsewhere: "A PIN works at the displays in the vehicle only. Here a password is needed.", "Eine PIN gilt nur an den Anzeigen im Fahrzeug. Hier ist ein Passwort nötig.";
     login_take_over: "Take over", "Übernehmen";
     login_no_users: "No user exists yet. On the vehicle: telltale user add NAME --role operator", "Noch kein Benutzer. Auf dem Fahrzeug: telltale user add NAME --role operator";

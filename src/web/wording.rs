@@ -16,6 +16,8 @@ pub enum Trouble {
     ForeignHost,
     BadForm,
     TooManySockets,
+    /// It cannot be written down.
+    Storage,
     Unavailable,
 }
 
@@ -28,7 +30,9 @@ impl Trouble {
             Trouble::Forbidden | Trouble::ForeignOrigin => StatusCode::FORBIDDEN,
             Trouble::ForeignHost => StatusCode::MISDIRECTED_REQUEST,
             Trouble::BadForm => StatusCode::UNPROCESSABLE_ENTITY,
-            Trouble::TooManySockets | Trouble::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
+            Trouble::TooManySockets | Trouble::Storage | Trouble::Unavailable => {
+                StatusCode::SERVICE_UNAVAILABLE
+            }
         }
     }
 
@@ -68,6 +72,13 @@ impl Trouble {
             (Trouble::TooManySockets, Lang::De) => {
                 ("Zu viele Anzeigen", "Bitte zuerst eine der offenen Anzeigen schließen.")
             }
+            (Trouble::Storage, Lang::En) => {
+                ("Not done", "The disk is full or broken, so nothing was changed. Call the control room.")
+            }
+            (Trouble::Storage, Lang::De) => (
+                "Nicht ausgeführt",
+                "Der Speicher ist voll oder defekt, daher wurde nichts geändert. Leitstelle rufen.",
+            ),
             (Trouble::Unavailable, Lang::En) => {
                 ("Not available", "The server cannot do this now. Try again.")
             }

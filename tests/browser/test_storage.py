@@ -15,6 +15,7 @@ from vehicle import CONFIG, OPERATOR, STARTUP_S, TELLTALE, Client, Server, own_d
 IS_ROOT = os.geteuid() == 0
 # A probe every five seconds, and some.
 NOTICE_S = 12
+FILL = "dd if=/dev/zero of=fill bs=4k 2>/dev/null || true; dd if=/dev/zero of=rest bs=1k 2>/dev/null || true"
 
 
 class Mounted(Server):
@@ -33,6 +34,7 @@ class Mounted(Server):
             printf '{secret}' | {TELLTALE} user add {OPERATOR[0]} --role operator --data {data}
             exec {' '.join(map(str, serve))}
         """
+        self.words = serve
         self.log = open(self.folder / "serve.log", "ab")
         words = ["unshare", "--mount", "--propagation", "private", *([] if IS_ROOT else ["--map-root-user"])]
         words += ["sh", "-c", script]
@@ -40,10 +42,29 @@ class Mounted(Server):
         until(self.answers, STARTUP_S, lambda: f"the server answers\n{self.read_log()}")
         return self
 
+    def enter(self, *words):
+        user = [] if IS_ROOT else ["--user", "--preserve-credentials"]
+        return ["nsenter", *user, "--mount", "--target", str(self.process.pid), *map(str, words)]
+
+    def start_again(self):
+        """After a `kill -9`, on the same file system: something stays in its namespace meanwhile."""
+        stays = subprocess.Popen(self.enter("sleep", "600"))
+        namespace = lambda pid: os.readlink(f"/proc/{pid}/ns/mnt")
+        until(lambda: namespace(stays.pid) == namespace(self.process.pid), 5, "the namespace is entered")
+        self.process.kill()
+        self.process.wait(timeout=10)
+        self.process = stays
+        words = self.enter(*self.words)
+        self.process = subprocess.Popen(words, stdout=self.log, stderr=self.log, stdin=subprocess.DEVNULL)
+        try:
+            until(self.answers, STARTUP_S, lambda: f"the server answers\n{self.read_log()}")
+        finally:
+            stays.kill()
+            stays.wait(timeout=10)
+
     def inside(self, script):
         """Runs a script where the server sees its data folder."""
-        words = ["nsenter", *([] if IS_ROOT else ["--user", "--preserve-credentials"]), "--mount"]
-        words += ["--target", str(self.process.pid), "sh", "-ec", f"cd {self.data}\n{script}"]
+        words = self.enter("sh", "-ec", f"cd {self.data}\n{script}")
         return subprocess.run(words, text=True, capture_output=True, timeout=60, check=True).stdout
 
 
@@ -95,6 +116,28 @@ def test_a_disk_that_becomes_read_only_is_a_warning_and_the_display_goes_on(moun
     until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
 
 
+@pytest.mark.parametrize("wrong", ["full", "read-only"])
+def test_a_restart_on_a_disk_that_takes_nothing_shows_what_it_showed(mounted, wrong):
+    client = Client(mounted, *OPERATOR)
+    if wrong == "full":
+        mounted.inside(FILL)
+    else:
+        mounted.inside(f"mount --bind {mounted.data} {mounted.data}; mount -o remount,bind,ro {mounted.data}")
+    mounted.start_again()
+    message = until(lambda: storage(client), NOTICE_S, "a warning")
+    assert wrong in message or wrong.replace("-", "") in message, message
+    assert client.snapshot()["stage"] == "localizing"
+    goes_on(client)
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        client.post("/logout")
+    assert refused.value.code == 503 and "disk" in refused.value.read().decode()
+    assert client.snapshot()["stage"] == "localizing"
+    mounted.inside("rm fill rest" if wrong == "full" else f"mount -o remount,bind,rw {mounted.data}")
+    until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
+    Client(mounted, *OPERATOR)
+    assert mounted.inside(f"{TELLTALE} audit verify --data .").startswith("ok")
+
+
 def test_a_database_that_is_overwritten_or_removed_is_a_warning_and_the_display_goes_on(mounted):
     client = Client(mounted, *OPERATOR)
     mounted.inside("cp telltale.db kept; dd if=/dev/urandom of=telltale.db bs=512 count=1 conv=notrunc 2>/dev/null")
@@ -113,7 +156,7 @@ def test_a_database_that_is_overwritten_or_removed_is_a_warning_and_the_display_
 
 def test_nothing_is_acknowledged_that_cannot_be_kept(mounted):
     client = Client(mounted, *OPERATOR)
-    mounted.inside("dd if=/dev/zero of=fill bs=4k 2>/dev/null || true; dd if=/dev/zero of=rest bs=1k 2>/dev/null || true")
+    mounted.inside(FILL)
     until(lambda: storage(client), NOTICE_S, "a warning")
     answers = []
     for _ in range(200):

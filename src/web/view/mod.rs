@@ -145,10 +145,16 @@ pub enum LoginFailure {
     /// It is a PIN, and this is no display at which one will do.
     PinElsewhere,
     /// Too many failures: this many seconds until the next try is looked at.
-    Wait { seconds: u64 },
+    Wait {
+        seconds: u64,
+    },
     /// Another operator has the vehicle; who just proved to be one may take it over.
-    SeatTaken { by: String },
+    SeatTaken {
+        by: String,
+    },
     /// The server can not check logins now.
+    /// It cannot be written down: the disk is full, or the database broken.
+    Storage,
     Unavailable,
     /// No user exists yet; `telltale user add` makes one.
     NoUsers,
@@ -162,6 +168,9 @@ impl LoginFailure {
             LoginFailure::PinElsewhere => "a PIN will do at the vehicle's own displays only; give a password",
             LoginFailure::Wait { .. } => "too many failures; wait",
             LoginFailure::SeatTaken { .. } => "another operator has the vehicle",
+            LoginFailure::Storage => {
+                "nothing can be written: the disk is full or the database broken; nothing was changed"
+            }
             LoginFailure::Unavailable | LoginFailure::NoUsers => "logins cannot be checked now; try again",
         }
     }

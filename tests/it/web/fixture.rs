@@ -75,10 +75,20 @@ impl Fixture {
         (Fixture::at(clock, ADDRESS, false, DemoSecrets::Accepted).await, hand)
     }
 
+    /// Whose database lies in a folder.
+    pub async fn in_folder(folder: &std::path::Path) -> Fixture {
+        let clock = Clock::start();
+        let store = Store::open(folder, clock, DemoSecrets::Accepted).unwrap();
+        Fixture::on(store, clock, ADDRESS, false, DemoSecrets::Accepted).await
+    }
+
     async fn at(clock: Clock, address: &str, secure: bool, demo: DemoSecrets) -> Fixture {
+        Fixture::on(Store::in_memory(clock, demo).unwrap(), clock, address, secure, demo).await
+    }
+
+    async fn on(store: Store, clock: Clock, address: &str, secure: bool, demo: DemoSecrets) -> Fixture {
         let (history, records) = History::in_memory(clock).unwrap();
         let link = runtime::start_recorded(Arc::new(model()), clock, Some(records));
-        let store = Store::in_memory(clock, demo).unwrap();
         store.add_demo_users().await.unwrap();
         let (switch, faults) = mpsc::channel(4);
         let origins = Origins::of_listener(address.parse().unwrap(), secure);
@@ -137,7 +147,8 @@ impl Fixture {
             _ => "demo-authority",
         };
         let answer = self.log_in(name, secret).await;
-        assert_eq!((answer.status, answer.leads_to()), (StatusCode::SEE_OTHER, Some("/")), "{name}");
+        let leads_to = if self.stage() == Stage::Locked { "/developer" } else { "/" };
+        assert_eq!((answer.status, answer.leads_to()), (StatusCode::SEE_OTHER, Some(leads_to)), "{name}");
         answer.cookie().unwrap()
     }
 

@@ -11,8 +11,9 @@ use super::fixture::{ADDRESS, COMPONENTS, Fixture, as_program, form_request, req
 async fn an_operators_login_unlocks_the_vehicle_and_the_others_do_not() {
     let fixture = Fixture::new().await;
     for name in ["developer", "authority"] {
-        fixture.cookie_of(name).await;
+        let cookie = fixture.cookie_of(name).await;
         assert_eq!(fixture.stage(), Stage::Locked);
+        assert_eq!(fixture.get("/developer", Some(&cookie)).await.status, StatusCode::OK, "where it leads");
     }
     let cookie = fixture.cookie_of("operator").await;
     assert_eq!(fixture.stage(), Stage::Localizing);
@@ -184,4 +185,33 @@ async fn a_browser_that_leaves_in_the_middle_of_a_logout_is_logged_out_all_the_s
         }
     };
     tokio::time::timeout(std::time::Duration::from_secs(5), ended).await.expect("the session ends");
+}
+
+#[tokio::test]
+async fn a_logout_that_cannot_be_written_changes_nothing_and_names_the_disk() {
+    let folder = std::env::temp_dir().join(format!("telltale-logout-{}", std::process::id()));
+    let fixture = Fixture::in_folder(&folder).await;
+    let cookie = fixture.cookie_of("operator").await;
+    let stage = fixture.stage();
+    let disk = rusqlite::Connection::open(folder.join("telltale.db")).unwrap();
+    for table in ["audit", "sessions", "seat"] {
+        let full = format!(
+            "CREATE TRIGGER full BEFORE {} ON {table} BEGIN SELECT RAISE(ABORT, 'no room'); END",
+            if table == "audit" { "INSERT" } else { "DELETE" }
+        );
+        disk.execute_batch(&full).unwrap();
+        for path in ["/logout", "/vehicle/shutdown"] {
+            let answer = fixture.post(path, Some(&cookie), "").await;
+            assert_eq!((answer.status, answer.cookie()), (StatusCode::SERVICE_UNAVAILABLE, None), "{path}");
+            assert!(answer.body.contains("The disk is full or broken"), "{}", answer.body);
+            assert_eq!(fixture.stage(), stage, "{path}");
+            assert_eq!(fixture.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
+            assert_eq!(fixture.get("/api/v1/snapshot", Some(&cookie)).await.status, StatusCode::OK);
+        }
+        disk.execute_batch("DROP TRIGGER full").unwrap();
+    }
+    assert_eq!(fixture.post("/logout", Some(&cookie), "").await.leads_to(), Some("/login"));
+    assert_eq!(fixture.stage(), Stage::Locked);
+    assert_eq!(fixture.store.verify_audit().await.unwrap().breach, None);
+    std::fs::remove_dir_all(&folder).unwrap();
 }
