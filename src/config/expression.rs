@@ -136,7 +136,7 @@ impl VariableResolver for Inputs<'_> {
             FieldValue::Number(value) => Some(CowVal::Owned(Box::new(CelDouble::from(*value)))),
             FieldValue::Bool(value) => Some(CowVal::Owned(Box::new(CelBool::from(*value)))),
             FieldValue::Text(text) => Some(CowVal::Owned(Box::new(CelString::from(&**text)))),
-            FieldValue::Pose(_) | FieldValue::Unreadable(_) => None,
+            FieldValue::Pose(_) | FieldValue::Absent | FieldValue::Unreadable(_) => None,
         }
     }
 }

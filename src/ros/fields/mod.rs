@@ -2,7 +2,8 @@
 //! read straight from the bytes, passing over all that is not asked for.
 //!
 //! A path names fields from outside to inside, `twist.twist.linear.x`. `[2]` is an element of an
-//! array, counted from 0; `[child_frame_id=base_link]` is the first element with that value;
+//! array, counted from 0; `[child_frame_id=base_link]` is the first element with that value, and a
+//! message without one says nothing of the field, as each broadcaster of `/tf` sends its own frames;
 //! `.length` is the number of elements. A Time or Duration is a number of seconds.
 
 mod definition;
@@ -163,7 +164,8 @@ impl Reader {
         let mut fault = None;
         let values = self.fields.iter().map(|program| match program.read(reader.clone()) {
             Ok(value) => value,
-            Err(Miss::Absent(why) | Miss::Refused(why)) => FieldValue::Unreadable(why.into()),
+            Err(Miss::Absent) => FieldValue::Absent,
+            Err(Miss::Refused(why)) => FieldValue::Unreadable(why.into()),
             Err(Miss::Fault(wrong)) => {
                 let why = wrong.to_string().into();
                 fault = Some(wrong);
