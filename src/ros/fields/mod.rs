@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::cdr::{self, Endian, Fault};
-use crate::engine::monitor::spec::{FieldKind, FieldSpec, TopicSpec};
+use crate::engine::monitor::spec::{FieldKind, FieldSpec, ScalarKind, TopicSpec};
 use crate::engine::sample::FieldValue;
 use library::Library;
 use path::Step;
@@ -103,7 +103,7 @@ impl Definitions {
         let shape = Library::new(&self.folders).shape(type_name);
         let shape = shape.map_err(|error| FieldError { path: None, text: error.text, help: error.help })?;
         let program = compile(&shape, &FieldSpec { path: path.into(), kind: FieldKind::Scalar })?;
-        if program.is_boolean() {
+        if program.kind() == Some(ScalarKind::Bool) {
             return Ok(BooleanReader(program));
         }
         let text = format!("`{path}` of {type_name} is neither true nor false");
@@ -175,6 +175,11 @@ impl Reader {
         let values = values.collect();
         let stamp_ns = self.stamp.as_ref().and_then(|stamp| stamp.read_stamp(reader));
         Reading { values, stamp_ns, fault }
+    }
+
+    /// What each field is, in their order; `None` for a pose.
+    pub fn kinds(&self) -> impl Iterator<Item = Option<ScalarKind>> {
+        self.fields.iter().map(Program::kind)
     }
 
     /// Nothing but the fact that a message came is wanted.

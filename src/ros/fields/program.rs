@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::definition::Primitive;
 use super::path::Step;
 use super::shape::{Array, Kind, Message, Shape};
-use crate::engine::monitor::spec::FieldKind;
+use crate::engine::monitor::spec::{FieldKind, ScalarKind};
 use crate::engine::sample::{FieldValue, Pose};
 use crate::ros::cdr::{Fault, Reader};
 
@@ -107,9 +107,14 @@ impl Program {
         }
     }
 
-    /// Whether the value is true or false.
-    pub fn is_boolean(&self) -> bool {
-        matches!(self.leaf, Leaf::Primitive(Primitive::Bool))
+    /// What its value is; `None` for a pose.
+    pub fn kind(&self) -> Option<ScalarKind> {
+        Some(match &self.leaf {
+            Leaf::Primitive(Primitive::Bool) => ScalarKind::Bool,
+            Leaf::Primitive(_) | Leaf::Time | Leaf::Length(_) => ScalarKind::Number,
+            Leaf::Text => ScalarKind::Text,
+            Leaf::Pose => return None,
+        })
     }
 
     /// Whether it reads a point in time.
