@@ -178,15 +178,18 @@ groups:
   modules:
   - { id: l, monitor: { latency: { topic: /x, type: my_msgs/msg/Unknown, error_above: 1s } } }
   - { id: v, monitor: { value: { topic: /odom, type: nav_msgs/msg/Odometry, field: twist.twist.linear.w, error_above: 1 } } }
+  - { id: f, monitor: { frequency: { topic: /points, type: sensor_msgs/msg/PointClod2, error_below: 1 } } }
+  - { id: o, monitor: { frequency: { topic: /own, type: my_msgs/msg/Own, error_below: 1 } } }
 ";
         let loaded = config::parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
         let lines =
             check(&loaded, &Definitions::default()).map(|problems| problems.lines()).unwrap_or_default();
         let places: Vec<&str> =
             lines.iter().map(|line| line.split(": ").next().unwrap_or_default()).collect();
-        assert_eq!(places, ["c:3:68", "c:4:68", "c:8:53", "c:9:84"], "{lines:#?}");
+        assert_eq!(places, ["c:3:68", "c:4:68", "c:8:53", "c:9:84", "c:10:60"], "{lines:#?}");
         assert!(lines[0].contains("did you mean `is_dense`?"), "{lines:#?}");
         assert!(lines[2].contains("my_msgs/msg/Unknown.msg"), "{lines:#?}");
+        assert!(lines[4].contains("did you mean sensor_msgs/msg/PointCloud2?"), "{lines:#?}");
     }
 
     #[test]

@@ -66,15 +66,18 @@ impl Definitions {
     }
 
     /// Compiles a reader for what is wanted of a topic. A topic of which nothing but the fact that a
-    /// message came is wanted can have any type.
+    /// message came is wanted can have any type, but none that its own package does not have.
     ///
     /// # Errors
     /// Every field that the type does not have, that is no such value, or the type that is not known.
     pub fn check(&self, spec: &TopicSpec) -> Result<Reader, FieldsError> {
-        if spec.fields.is_empty() && !spec.stamp {
-            return Ok(Reader { fields: Vec::new(), stamp: None });
-        }
         let of_type = |text, help| FieldError { path: None, text, help };
+        if spec.fields.is_empty() && !spec.stamp {
+            return match Library::new(&self.folders).misnamed(&spec.type_name) {
+                Some(error) => Err(FieldsError(vec![of_type(error.text, error.help)])),
+                None => Ok(Reader { fields: Vec::new(), stamp: None }),
+            };
+        }
         let shape = Library::new(&self.folders).shape(&spec.type_name);
         let shape = shape.map_err(|error| FieldsError(vec![of_type(error.text, error.help)]))?;
         let mut errors = Vec::new();
