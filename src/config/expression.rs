@@ -133,7 +133,7 @@ fn unanswered(condition: &Condition, kinds: &[ScalarKind]) -> Option<Box<str>> {
     let probe = |round: usize| -> Vec<FieldValue> {
         let value = |(position, kind): (usize, &ScalarKind)| match kind {
             ScalarKind::Number => FieldValue::Number([1.0, 0.0, -1.0, 1e6][(round + position) % 4]),
-            ScalarKind::Bool => FieldValue::Bool((round >> (position % 2)) % 2 == 0),
+            ScalarKind::Bool => FieldValue::Bool((round >> (position % 2)).is_multiple_of(2)),
             // One that `double` takes, too.
             ScalarKind::Text => FieldValue::Text(["1", "", "a", "2.5"][(round + position) % 4].into()),
         };
