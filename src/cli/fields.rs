@@ -3,8 +3,12 @@
 
 use std::path::PathBuf;
 
-use crate::config::{Loaded, Place};
-use crate::engine::monitor::spec::TopicId;
+use crate::config::{Loaded, Place, expression};
+use crate::engine::model::{Model, ModuleId};
+use crate::engine::monitor::spec::{
+    AgreementRule, Condition, MonitorSpec, ScalarKind, TopicId, ValueRule, ValueSource,
+};
+use crate::engine::sample::FieldValue;
 use crate::ros::fields::{Definitions, FieldError};
 use crate::yaml::Problems;
 
@@ -35,16 +39,127 @@ pub fn check(loaded: &Loaded, definitions: &Definitions) -> Option<Problems> {
         let (text, help) = about(&source.topic, error);
         Some((if field { Place::SignalField(index) } else { Place::SignalType(index) }, text, help))
     });
-    let topics = (0..).map(TopicId).zip(&loaded.model.watched.topics);
-    let monitors = topics.flat_map(|(id, spec)| {
-        let errors = definitions.check(spec).err().map(|all| all.0).unwrap_or_default();
+    let topics = &loaded.model.watched.topics;
+    let read: Vec<_> = topics.iter().map(|spec| definitions.check(spec)).collect();
+    let kinds: Vec<Option<Vec<_>>> =
+        read.iter().map(|read| read.as_ref().ok().map(|reader| reader.kinds().collect())).collect();
+    let monitors = (0..).map(TopicId).zip(topics).zip(read).flat_map(|((id, spec), read)| {
+        let errors = read.err().map(|all| all.0).unwrap_or_default();
         errors.into_iter().map(move |error| {
             let field = spec.fields.iter().position(|field| Some(&field.path) == error.path.as_ref());
             let (text, help) = about(&spec.topic, error);
             (field.map_or(Place::Type(id), |field| Place::Field(id, field as u32)), text, help)
         })
     });
-    loaded.problems(signals.chain(monitors))
+    loaded.problems(signals.chain(monitors).chain(Kinds { model: &loaded.model, kinds }.misfits()))
+}
+
+/// What the fields of a model are.
+struct Kinds<'m> {
+    model: &'m Model,
+    /// By topic, then by field; none of a topic that cannot be read.
+    kinds: Vec<Option<Vec<Option<ScalarKind>>>>,
+}
+
+impl Kinds<'_> {
+    /// Monitors whose rule can never judge what their fields are.
+    fn misfits(&self) -> Vec<(Place, String, String)> {
+        let mut found = Vec::new();
+        for (id, module) in (0..).map(ModuleId).zip(&self.model.modules) {
+            let problems = match &module.monitor {
+                MonitorSpec::Value { source, rule: ValueRule::Bands(_) } => {
+                    self.no_number(source).into_iter().collect()
+                }
+                MonitorSpec::Value { source, rule: ValueRule::Unless { error, warning } } => {
+                    let wanted = [("error_unless", error), ("warning_unless", warning)];
+                    wanted
+                        .iter()
+                        .filter_map(|(key, wanted)| self.never_equal(source, key, wanted.as_ref()?))
+                        .collect()
+                }
+                MonitorSpec::Sequence { earlier: a, later: b, .. }
+                | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(_), .. } => {
+                    [a, b].into_iter().filter_map(|source| self.no_number(source)).collect()
+                }
+                MonitorSpec::Expression { inputs, warning, error, .. } => {
+                    let inputs: Vec<_> =
+                        inputs.iter().map(|(name, source)| (&**name, self.kind(source))).collect();
+                    let conditions = [error, warning].into_iter().flatten();
+                    let misfit = |condition: &Condition| {
+                        let (text, help) = expression::misfit(condition, &inputs)?;
+                        Some((format!("`{}` can never be judged: {text}", condition.text), help))
+                    };
+                    conditions.filter_map(misfit).collect()
+                }
+                _ => Vec::new(),
+            };
+            let problems: Vec<(String, String)> = problems;
+            let name = &module.id;
+            found.extend(
+                problems
+                    .into_iter()
+                    .map(|(text, help)| (Place::Module(id), format!("module `{name}`: {text}"), help)),
+            );
+        }
+        found
+    }
+
+    /// Unknown of a KeyValue, of a pose, and where the topic cannot be read.
+    fn kind(&self, source: &ValueSource) -> Option<ScalarKind> {
+        let ValueSource::Field { topic, field } = source else { return None };
+        self.kinds[topic.0 as usize].as_ref()?.get(*field as usize).copied().flatten()
+    }
+
+    fn path<'a>(&'a self, source: &'a ValueSource) -> &'a str {
+        match source {
+            ValueSource::Field { topic, field } => {
+                &self.model.watched.topics[topic.0 as usize].fields[*field as usize].path
+            }
+            ValueSource::Key { key, .. } => key,
+        }
+    }
+
+    fn no_number(&self, source: &ValueSource) -> Option<(String, String)> {
+        let kind = self.kind(source).filter(|kind| *kind != ScalarKind::Number)?;
+        let text = format!("`{}` is {}, and a number is judged", self.path(source), name(kind));
+        Some((text, format!("name a field that is a number, or watch it with {}", unless(kind))))
+    }
+
+    fn never_equal(&self, source: &ValueSource, key: &str, wanted: &FieldValue) -> Option<(String, String)> {
+        let is = self.kind(source)?;
+        let wants = match wanted {
+            FieldValue::Number(_) => ScalarKind::Number,
+            FieldValue::Bool(_) => ScalarKind::Bool,
+            _ => ScalarKind::Text,
+        };
+        if is == wants {
+            return None;
+        }
+        let text = format!(
+            "`{}` is {} and never equals {}, as `{key}` wants",
+            self.path(source),
+            name(is),
+            name(wants)
+        );
+        Some((text, format!("watch it with {}", unless(is))))
+    }
+}
+
+fn name(kind: ScalarKind) -> &'static str {
+    match kind {
+        ScalarKind::Number => "a number",
+        ScalarKind::Bool => "a boolean",
+        ScalarKind::Text => "a text",
+    }
+}
+
+/// How a value of this kind is compared.
+fn unless(kind: ScalarKind) -> &'static str {
+    match kind {
+        ScalarKind::Number => "limits, or `error_unless: 3`",
+        ScalarKind::Bool => "`error_unless: true` or `error_unless: false`",
+        ScalarKind::Text => "`error_unless: WORD`, in quotes if it looks like a number",
+    }
 }
 
 #[cfg(test)]
@@ -63,14 +178,82 @@ groups:
   modules:
   - { id: l, monitor: { latency: { topic: /x, type: my_msgs/msg/Unknown, error_above: 1s } } }
   - { id: v, monitor: { value: { topic: /odom, type: nav_msgs/msg/Odometry, field: twist.twist.linear.w, error_above: 1 } } }
+  - { id: f, monitor: { frequency: { topic: /points, type: sensor_msgs/msg/PointClod2, error_below: 1 } } }
+  - { id: o, monitor: { frequency: { topic: /own, type: my_msgs/msg/Own, error_below: 1 } } }
 ";
         let loaded = config::parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
         let lines =
             check(&loaded, &Definitions::default()).map(|problems| problems.lines()).unwrap_or_default();
         let places: Vec<&str> =
             lines.iter().map(|line| line.split(": ").next().unwrap_or_default()).collect();
-        assert_eq!(places, ["c:3:68", "c:4:68", "c:8:53", "c:9:84"], "{lines:#?}");
+        assert_eq!(places, ["c:3:68", "c:4:68", "c:8:53", "c:9:84", "c:10:60"], "{lines:#?}");
         assert!(lines[0].contains("did you mean `is_dense`?"), "{lines:#?}");
         assert!(lines[2].contains("my_msgs/msg/Unknown.msg"), "{lines:#?}");
+        assert!(lines[4].contains("did you mean sensor_msgs/msg/PointCloud2?"), "{lines:#?}");
+    }
+
+    #[test]
+    fn rules_that_can_never_judge_their_fields_are_refused() {
+        let cloud = |rule: &str| format!("value: {{ topic: /c, type: sensor_msgs/msg/PointCloud2, {rule} }}");
+        let of = |field: &str| format!("{{ topic: /c, type: sensor_msgs/msg/PointCloud2, field: {field} }}");
+        let two = |kind: &str, a: &str, b: &str, rule: &str| {
+            let (first, second) = if kind == "sequence" { ("earlier", "later") } else { ("a", "b") };
+            format!("{kind}: {{ {first}: {}, {second}: {}, {rule} }}", of(a), of(b))
+        };
+        let condition = |text: &str| {
+            let inputs = format!("n: {}, b: {}, t: {}", of("width"), of("is_dense"), of("header.frame_id"));
+            let key = "k: { status: s, key: k }";
+            format!("expression: {{ inputs: {{ {inputs}, {key} }}, error: '{text}' }}")
+        };
+        let cases = [
+            (cloud("field: width, error_above: 1"), None),
+            (cloud("field: data.length, error_below: 1"), None),
+            (cloud("field: header.stamp, error_below: 1"), None),
+            (
+                cloud("field: is_dense, error_above: 1"),
+                Some("`is_dense` is a boolean, and a number is judged"),
+            ),
+            (cloud("field: header.frame_id, error_above: 1"), Some("is a text")),
+            (cloud("field: is_dense, error_unless: true"), None),
+            (
+                cloud("field: is_dense, error_unless: 5"),
+                Some("never equals a number, as `error_unless` wants"),
+            ),
+            (cloud("field: width, error_unless: true"), Some("never equals a boolean")),
+            (
+                cloud("field: width, warning_unless: \"5\""),
+                Some("never equals a text, as `warning_unless` wants"),
+            ),
+            (cloud("field: header.frame_id, error_unless: lidar"), None),
+            (cloud("field: header.frame_id, error_unless: 5"), Some("never equals a number")),
+            (two("sequence", "header.stamp", "width", "error_below: 0"), None),
+            (two("sequence", "header.stamp", "is_dense", "error_below: 0"), Some("`is_dense` is a boolean")),
+            (
+                two("agreement", "header.frame_id", "width", "error_above: 1"),
+                Some("`header.frame_id` is a text"),
+            ),
+            ("value: { status: s, key: k, error_above: 1 }".to_owned(), None),
+            (condition("n > 1 && b || t == \"x\""), None),
+            (condition("n > 1 || k"), None),
+            (condition("double(t) > 1"), None),
+            (condition("n > \"a\""), Some("this is a text, not a number")),
+            (condition("b > 3"), Some("can never be judged")),
+            (condition("n"), Some("must be true or false")),
+            (condition("n && b"), Some("this is a number, not a truth value")),
+            (condition("k > 3 && t"), Some("this is a text, not a truth value")),
+        ];
+        for (monitor, expected) in cases {
+            let text = format!("groups:\n- id: a\n  modules:\n  - {{ id: m, monitor: {{ {monitor} }} }}\n");
+            let loaded = config::parse("c", &text).unwrap_or_else(|problems| panic!("{monitor}: {problems}"));
+            let found = check(&loaded, &Definitions::default()).map(|problems| problems.lines());
+            let fits = match (&found, expected) {
+                (None, None) => true,
+                (Some(lines), Some(words)) => {
+                    lines.len() == 1 && lines[0].starts_with("c:4:11: ") && lines[0].contains(words)
+                }
+                _ => false,
+            };
+            assert!(fits, "{monitor}: {found:#?}");
+        }
     }
 }

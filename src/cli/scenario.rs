@@ -75,9 +75,10 @@ struct Run {
 /// What is wrong with the configuration, or with the scenario in view of it.
 fn run_file(file: &File) -> Result<Run, Problems> {
     let loaded = match &file.config {
-        Config::Path(path) => config::load(path)?,
-        Config::Inline(node) => config::of_node(file.sources.clone(), node)?,
+        Config::Path(path) => config::load(path),
+        Config::Inline(node) => config::of_node(file.sources.clone(), node),
     };
+    let loaded = loaded.map_err(|problems| file.wrong().unwrap_or(problems))?;
     let model = match file.dependencies {
         true => loaded.model,
         false => Arc::new(scenario::without_dependencies(&loaded.model)),

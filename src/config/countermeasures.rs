@@ -4,8 +4,8 @@ use std::collections::HashMap;
 
 use super::names::Names;
 use super::relations::Signals;
-use crate::engine::countermeasure::{Confirmation, ConfirmedBy, Request, Rule};
-use crate::engine::model::{NodeId, Stage};
+use crate::engine::countermeasure::{Confirmation, ConfirmedBy, Kind, Request, Rule};
+use crate::engine::model::{ACTIVE_SIGNAL, NodeId, Stage};
 use crate::engine::state::State;
 use crate::engine::time;
 use crate::yaml::decode::{All, did_you_mean, scalar, word};
@@ -74,7 +74,8 @@ impl FromNode for RawRule {
 
 fn request(node: &Node, mps2: Option<Spanned<f64>>, log: &mut Log) -> Option<Request> {
     if scalar(node) == Some("record") {
-        let problem = Problem::at(node.span, "recording needs no rule: every WARNING and ERROR is recorded");
+        let problem =
+            Problem::at(node.span, "a countermeasure asks the vehicle or the operator; recording is neither");
         log.push(problem.help("remove this countermeasure"));
         return None;
     }
@@ -132,7 +133,28 @@ impl FromNode for RawConfirmedBy {
 
 /// The rules that can be said to the engine; the log says what is wrong with the others.
 pub(super) fn rules(raw: &[RawRule], names: &Names, signals: &Signals, log: &mut Log) -> Vec<Rule> {
-    raw.iter().filter_map(|raw| rule(raw, names, signals, log)).collect()
+    let mut rules: Vec<Rule> = Vec::new();
+    let mut spans: Vec<Span> = Vec::new();
+    for (raw, when) in raw.iter().filter_map(|raw| raw.when.as_ref().map(|when| (raw, when))) {
+        let Some(rule) = rule(raw, names, signals, log) else { continue };
+        let earlier = rules.iter().position(|earlier| is_same(earlier, &rule));
+        if let Some(&first) = earlier.and_then(|index| spans.get(index)) {
+            let text = "another countermeasure asks to decelerate for the same already";
+            let problem = Problem::at(when.span, text).label("again here").also(first, "first here");
+            log.push(problem.help("keep one of the two, or let them differ in what they watch"));
+        }
+        rules.push(rule);
+        spans.push(when.span);
+    }
+    rules
+}
+
+/// Whether both ask to decelerate, perhaps with other figures, when the same happens.
+fn is_same(a: &Rule, b: &Rule) -> bool {
+    [a, b].iter().all(|rule| rule.request.kind() == Kind::Decelerate)
+        && a.state == b.state
+        && a.nodes.iter().any(|node| b.nodes.contains(node))
+        && a.stages.iter().any(|stage| b.stages.contains(stage))
 }
 
 /// Where each node of each rule is written; in the order of [`rules`] where nothing is wrong.
@@ -184,6 +206,14 @@ fn confirmed_by(raw: &RawConfirmedBy, signals: &Signals, log: &mut Log) -> Optio
         RawConfirmedBy::Status(name) => return Some(ConfirmedBy::Status(name.as_str().into())),
         RawConfirmedBy::Signal(name) => name,
     };
+    if name.value == ACTIVE_SIGNAL {
+        let text = format!("`{ACTIVE_SIGNAL}` says that the vehicle drives, which confirms no stop");
+        log.push(
+            Problem::at(name.span, text)
+                .help("name a signal that is true while the vehicle does what was asked"),
+        );
+        return None;
+    }
     let found = signals.get(name.value.as_str()).copied();
     if found.is_none() {
         let mut known: Vec<&str> = signals.keys().copied().collect();

@@ -12,7 +12,7 @@ use cel::common::value::CowVal;
 use cel::context::VariableResolver;
 use cel::{Context, Env, Value, extensions};
 
-use crate::engine::monitor::spec::Condition;
+use crate::engine::monitor::spec::{Condition, ScalarKind};
 use crate::engine::sample::FieldValue;
 use crate::yaml::decode::did_you_mean;
 use crate::yaml::{Log, Problem, Span, Spanned, suggest};
@@ -96,13 +96,54 @@ pub(super) fn condition(text: &Spanned<String>, names: &[&str], log: &mut Log) -
         }
     };
     let mut expression = program.expression().clone();
-    let mut check = Check { text, names, info: program.source_info(), log, good: true };
+    let known = vec![None; names.len()];
+    let mut check = Check { text, names, known: &known, info: program.source_info(), log, good: true };
     let kind = check.walk(&mut expression);
     if check.good && !matches!(kind, None | Some(Kind::Truth)) {
         check.problem(expression.id, "a condition must be true or false", "compare it: `... > 0`");
     }
     let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
     check.good.then(|| Condition::new(value, move |values| holds(&expression, &names, values)))
+}
+
+/// Why a condition that was read can have no answer for inputs of these kinds, and what to do; an
+/// input of no known kind can be anything.
+pub fn misfit(condition: &Condition, inputs: &[(&str, Option<ScalarKind>)]) -> Option<(String, String)> {
+    let program = ENVIRONMENT.compile(&condition.text).ok()?;
+    let text = Spanned { value: condition.text.to_string(), span: Span { file: 0, start: 0, end: 0 } };
+    let names: Vec<&str> = inputs.iter().map(|(name, _)| *name).collect();
+    let known: Vec<Option<Kind>> = inputs.iter().map(|(_, kind)| kind.map(Kind::of)).collect();
+    let mut log = Log::default();
+    let info = program.source_info();
+    let mut check = Check { text: &text, names: &names, known: &known, info, log: &mut log, good: true };
+    let mut expression = program.expression().clone();
+    let kind = check.walk(&mut expression);
+    if check.good && !matches!(kind, None | Some(Kind::Truth)) {
+        check.problem(expression.id, "a condition must be true or false", "compare it: `... > 0`");
+    }
+    let problem = log.into_problems().into_iter().next();
+    problem.map(|problem| (problem.message, problem.help.unwrap_or_default())).or_else(|| {
+        let kinds: Option<Vec<ScalarKind>> = inputs.iter().map(|(_, kind)| *kind).collect();
+        unanswered(condition, &kinds?).map(|why| (why.into(), "correct one of the parts".to_owned()))
+    })
+}
+
+/// Why no values of these kinds have an answer, if so.
+fn unanswered(condition: &Condition, kinds: &[ScalarKind]) -> Option<Box<str>> {
+    let probe = |round: usize| -> Vec<FieldValue> {
+        let value = |(position, kind): (usize, &ScalarKind)| match kind {
+            ScalarKind::Number => FieldValue::Number([1.0, 0.0, -1.0, 1e6][(round + position) % 4]),
+            ScalarKind::Bool => FieldValue::Bool((round >> (position % 2)).is_multiple_of(2)),
+            // One that `double` takes, too.
+            ScalarKind::Text => FieldValue::Text(["1", "", "a", "2.5"][(round + position) % 4].into()),
+        };
+        kinds.iter().enumerate().map(value).collect()
+    };
+    let mut why = None;
+    for round in 0..8 {
+        why = Some(condition.holds(&probe(round)).err()?);
+    }
+    why
 }
 
 /// The parser's words without the list of all that could have stood there.
@@ -136,7 +177,7 @@ impl VariableResolver for Inputs<'_> {
             FieldValue::Number(value) => Some(CowVal::Owned(Box::new(CelDouble::from(*value)))),
             FieldValue::Bool(value) => Some(CowVal::Owned(Box::new(CelBool::from(*value)))),
             FieldValue::Text(text) => Some(CowVal::Owned(Box::new(CelString::from(&**text)))),
-            FieldValue::Pose(_) | FieldValue::Unreadable(_) => None,
+            FieldValue::Pose(_) | FieldValue::Absent | FieldValue::Unreadable(_) => None,
         }
     }
 }
@@ -151,6 +192,14 @@ enum Kind {
 }
 
 impl Kind {
+    fn of(kind: ScalarKind) -> Kind {
+        match kind {
+            ScalarKind::Number => Kind::Number,
+            ScalarKind::Bool => Kind::Truth,
+            ScalarKind::Text => Kind::Text,
+        }
+    }
+
     fn as_str(self) -> &'static str {
         match self {
             Kind::Truth => "a truth value",
@@ -164,6 +213,8 @@ impl Kind {
 struct Check<'a> {
     text: &'a Spanned<String>,
     names: &'a [&'a str],
+    /// What each input is, where that is known.
+    known: &'a [Option<Kind>],
     info: &'a SourceInfo,
     log: &'a mut Log,
     good: bool,
@@ -177,8 +228,7 @@ impl Check<'_> {
             Expr::Literal(literal) => self.literal(id, literal),
             Expr::Ident(name) => {
                 let name = name.clone();
-                self.input(id, &name);
-                None
+                self.input(id, &name)
             }
             Expr::Call(call) => self.call(id, call),
             Expr::List(list) => {
@@ -214,14 +264,15 @@ impl Check<'_> {
         Some(Kind::Number)
     }
 
-    fn input(&mut self, id: u64, name: &str) {
-        if self.names.contains(&name) {
-            return;
+    fn input(&mut self, id: u64, name: &str) -> Option<Kind> {
+        if let Some(index) = self.names.iter().position(|known| *known == name) {
+            return self.known[index];
         }
         let known = self.names.iter().copied();
         let help = suggest(name, known)
             .map_or_else(|| format!("the inputs are: {}", self.names.join(", ")), did_you_mean);
         self.problem(id, &format!("there is no input `{name}`"), &help);
+        None
     }
 
     fn call(&mut self, id: u64, call: &mut CallExpr) -> Option<Kind> {

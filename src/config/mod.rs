@@ -3,7 +3,7 @@
 
 mod countermeasures;
 mod difference;
-mod expression;
+pub mod expression;
 mod filters;
 mod monitors;
 mod names;

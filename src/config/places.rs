@@ -1,6 +1,6 @@
 //! Where the nodes of a model are written.
 
-use crate::engine::model::NodeId;
+use crate::engine::model::{ModuleId, NodeId};
 use crate::engine::monitor::spec::TopicId;
 use crate::yaml::{Sources, Span};
 
@@ -17,6 +17,8 @@ pub enum Place {
     SignalType(usize),
     /// The field of a signal.
     SignalField(usize),
+    /// The id of a module, for what is wrong with its monitor.
+    Module(ModuleId),
 }
 
 #[derive(Debug, Clone)]
@@ -59,6 +61,7 @@ impl Places {
             Place::Field(id, field) => topic(id)?.fields.get(field as usize).copied(),
             Place::SignalType(index) => self.signals.get(index).map(|(type_name, _)| *type_name),
             Place::SignalField(index) => self.signals.get(index).map(|(_, field)| *field),
+            Place::Module(id) => self.modules.get(id.0 as usize).map(|module| module.id),
         }
     }
 

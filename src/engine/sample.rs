@@ -27,7 +27,10 @@ pub enum FieldValue {
     Bool(bool),
     Text(Box<str>),
     Pose(Pose),
-    /// Why there is none, for a developer: the message ends early, no element matches.
+    /// It is not in this message: no element is the one that is asked for. Such a message says
+    /// nothing of the field; only its age goes on.
+    Absent,
+    /// Why there is none, for a developer: the message ends early, there is no such element.
     Unreadable(Box<str>),
 }
 

@@ -181,7 +181,10 @@ impl Watching {
         for reader in &topic.readers {
             let taken = match reader.field {
                 None => Taken::Message(sample),
-                Some(field) => Taken::Value(&sample.values[field as usize]),
+                Some(field) => match &sample.values[field as usize] {
+                    FieldValue::Absent => continue,
+                    value => Taken::Value(value),
+                },
             };
             let watch = &mut self.watches[reader.watch as usize];
             watch.monitor.take(reader.slot as usize, taken, now);

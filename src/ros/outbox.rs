@@ -8,8 +8,8 @@ use tokio::sync::{mpsc, watch};
 use crate::engine::input::{Input, Stamped};
 use crate::engine::time::Timestamp;
 
-/// Bytes of messages that may wait for the engine from one topic.
-const WAITING_BYTES_MAX: usize = 64 << 20;
+/// Bytes of messages that may wait for the engine from one topic, beside the last one.
+const WAITING_BYTES_MAX: usize = 16 << 20;
 
 /// Why a topic is read no longer.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -29,7 +29,7 @@ const DEPTH_MIN: usize = 8;
 const RETAINED_BYTES: usize = 64 << 20;
 /// With more than this, a participant with a smaller depth replaces the present one: a depth can
 /// only grow.
-const RETAINED_BYTES_MAX: usize = 4 * RETAINED_BYTES;
+const RETAINED_BYTES_MAX: usize = 2 * RETAINED_BYTES;
 
 /// One received message.
 #[derive(Debug)]
@@ -260,7 +260,7 @@ mod tests {
     #[test]
     fn large_messages_never_fill_the_memory() {
         let mut retention = Retention::new();
-        assert_eq!(observe(&mut retention, 250, 1_000_000), Advice::Fits, "deeper would be too much");
+        assert_eq!(observe(&mut retention, 120, 1_000_000), Advice::Fits, "deeper would be too much");
         let mut depth = 0;
         for _ in 0..20 {
             if let Advice::Rebuild(smaller) = observe(&mut retention, 1, 20_000_000) {

@@ -207,6 +207,7 @@ impl Subscription {
             };
             match value {
                 Ok(value) => inputs.push(Input::Signal { name: signal.name.clone(), value }),
+                Err(Miss::Absent) => {}
                 Err(why) => *wrong = Some(why),
             }
         }

@@ -24,6 +24,8 @@ pub struct File {
     /// Whether the vehicle knows its dependencies.
     pub dependencies: bool,
     raw: Raw,
+    /// What is wrong with the file by itself; the names in it are looked at all the same.
+    wrong: Vec<Problem>,
 }
 
 #[derive(Debug)]
@@ -36,7 +38,7 @@ pub enum Config {
 /// Reads a scenario file.
 ///
 /// # Errors
-/// Everything that is wrong with it.
+/// Why nothing can be made of it. What else is wrong is said by [`File::bind`].
 pub fn load(path: &Path) -> Result<File, Problems> {
     let mut sources = Sources::default();
     match sources.read(path) {
@@ -48,7 +50,7 @@ pub fn load(path: &Path) -> Result<File, Problems> {
 /// Reads a scenario from a text that is called `name` in messages.
 ///
 /// # Errors
-/// Everything that is wrong with it.
+/// As [`load`].
 pub fn parse(name: &str, text: &str) -> Result<File, Problems> {
     let mut sources = Sources::default();
     let file = sources.add(name, text);
@@ -58,30 +60,33 @@ pub fn parse(name: &str, text: &str) -> Result<File, Problems> {
 fn of_source(sources: Sources, file: u16) -> Result<File, Problems> {
     let mut log = Log::default();
     let raw = tree::parse(&sources, file, &mut log).and_then(|node| Raw::from_node(&node, &mut log));
-    let Some(mut raw) = raw.filter(|_| log.is_empty()) else {
-        return Err(Problems::new(sources, log.into_problems()));
-    };
+    let wrong = log.into_problems();
+    let Some(mut raw) = raw else { return Err(Problems::new(sources, wrong)) };
     let base = Path::new(sources.name(file)).parent().unwrap_or(Path::new(""));
-    // Both were required; without them the log would not be empty.
     let config = match raw.config.take() {
         Some(Node { kind: Kind::Scalar { text, .. }, .. }) => Config::Path(base.join(text)),
         Some(node) => Config::Inline(node),
-        None => return Err(Problems::new(sources, Vec::new())),
+        None => return Err(Problems::new(sources, wrong)),
     };
     let name = raw.name.take().unwrap_or_default();
-    Ok(File { name, config, dependencies: raw.dependencies.unwrap_or(true), raw, sources })
+    Ok(File { name, config, dependencies: raw.dependencies.unwrap_or(true), raw, sources, wrong })
 }
 
 impl File {
+    /// What is wrong with the file by itself, if anything is.
+    pub fn wrong(&self) -> Option<Problems> {
+        (!self.wrong.is_empty()).then(|| Problems::new(self.sources.clone(), self.wrong.clone()))
+    }
+
     /// The scenario as it runs on this model.
     ///
     /// # Errors
-    /// Every name in it that the model does not have.
+    /// What is wrong with it, and every name in it that the model does not have.
     pub fn bind(&self, model: &Model) -> Result<Scenario, Problems> {
         let mut log = Log::default();
         let end = self.raw.end();
         let named = self.raw.named_statuses();
-        let bind = Bind { model, end, named };
+        let bind = Bind { model, end, named, whole: self.wrong.is_empty() };
         let mut count = 0;
         let mut steps = Vec::new();
         for raw in &self.raw.steps {
@@ -92,16 +97,17 @@ impl File {
             bind.expect(raw, &mut expectations, &mut log);
         }
         let figure = bind.figure(self.raw.figure.as_ref(), &expectations, &mut log);
-        if log.is_empty() && !self.raw.serves() {
+        if log.is_empty() && self.wrong.is_empty() && !self.raw.serves() {
             let problem = Problem::at(self.raw.span, "this scenario expects nothing, so it cannot fail");
             log.push(problem.help(
                 "add `expect: [{ at: 1, groups: { NAME: ok } }]`, or `figure: { nodes: [NAME] }` if it is only drawn",
             ));
         }
-        if log.is_empty() {
+        let found: Vec<Problem> = self.wrong.iter().cloned().chain(log.into_problems()).collect();
+        if found.is_empty() {
             Ok(Scenario { start: self.raw.start, steps, expectations, figure })
         } else {
-            Err(Problems::new(self.sources.clone(), log.into_problems()))
+            Err(Problems::new(self.sources.clone(), found))
         }
     }
 }
@@ -111,6 +117,8 @@ struct Bind<'a> {
     /// The last instant that the file names.
     end: Timestamp,
     named: HashSet<&'a str>,
+    /// Nothing is wrong with the file by itself, so its times mean something.
+    whole: bool,
 }
 
 impl Bind<'_> {
@@ -120,7 +128,7 @@ impl Bind<'_> {
             raw.every.map(|every| Repeat { every: every.value, until: raw.until.unwrap_or(self.end) });
         if let Some(repeat) = repeat {
             *count = count.saturating_add(repeat.until.since(at).as_nanos() / repeat.every.as_nanos().max(1));
-            if *count > INPUTS_MAX {
+            if *count > INPUTS_MAX && self.whole {
                 let problem = Problem::at(raw.span, format!("the steps repeat more than {INPUTS_MAX} times"));
                 log.push(problem.help("choose a longer `every` or an earlier `until`"));
             }

@@ -162,6 +162,12 @@ async fn fields_of_foreign_messages_arrive_right() {
     assert_eq!(&*sample.values, [number(5000.0), number(4.0), number(60_000.0), FieldValue::Bool(true)]);
     assert_eq!(sample.stamp_ns, STAMP_NS);
 
+    // Another broadcaster sends frames of its own.
+    let mut other = Peer::start(&domain, TF);
+    other.wait_matched(1);
+    other.write(&json!({"message": "TFMessage", "fields": {"transforms": [{"child_frame_id": "wheel"}]}}));
+    let sample = watching.sample("/tf").await;
+    assert_eq!(sample.values[0], FieldValue::Absent);
     tf.write(&json!({"message": "TFMessage", "fields": {"transforms": [
         {"child_frame_id": "odom"}, {"child_frame_id": "base_link", "transform": {"translation": {"x": 8.0}}},
     ]}}));

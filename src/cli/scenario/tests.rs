@@ -171,6 +171,8 @@ fn a_file_that_is_wrong_says_where() {
         &[
             "3:9: the figure ends before it begins (exchange `from` and `to`)",
             "3:9: `event` without `zero` (add `zero: 3`, when it happens)",
+            "3:22: the configuration has no group or module `b` (write the full name)",
+            "3:36: the configuration has no signal `active` (declare it under `signals`)",
             "3:71: unknown key `strips` in a figure (known here: from, to, zero, nodes, signals, event)",
         ],
     );
@@ -309,4 +311,15 @@ fn a_figure_without_strips_or_time_is_still_a_figure() {
         assert!(drawn.ends_with("</svg>\n") && !drawn.contains("NaN"), "{drawn}");
     }
     assert!(figure::draw(&[]).ends_with("</svg>\n"));
+}
+
+#[test]
+fn a_wrong_key_hides_no_unknown_name() {
+    check_run(
+        "tolerance: 1\nexpect: [{ at: 1, groups: { b: ok } }]\n",
+        &[
+            "3:1: unknown key `tolerance` in a scenario (known here: config, name, dependencies, start, steps, expect, figure)",
+            "4:29: the configuration has no group or module `b` (write the full name)",
+        ],
+    );
 }

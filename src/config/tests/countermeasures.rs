@@ -52,7 +52,9 @@ fn requests_are_known_and_bearable() {
     );
     wrong(
         &format!("{{ request: record, {when} }}"),
-        &["4:14: recording needs no rule: every WARNING and ERROR is recorded (remove this countermeasure)"],
+        &[
+            "4:14: a countermeasure asks the vehicle or the operator; recording is neither (remove this countermeasure)",
+        ],
     );
     for mps2 in ["0", "-1", "3.1"] {
         wrong(
@@ -131,4 +133,42 @@ fn confirmations_come_from_somewhere() {
         "{ request: notify, when: { groups: [planning] }, confirmed_by: { signal: braking } }",
         &["4:52: a notice is shown here; nobody else has to confirm it (remove `confirmed_by`)"],
     );
+}
+
+#[test]
+fn driving_confirms_no_stop() {
+    for request in ["decelerate", "maneuver_stop"] {
+        let when = "when: { groups: [planning] }";
+        let text = "signals: { active: { topic: /b, type: std_msgs/msg/Bool } }\ngroups: [{ id: planning, modules: [{ id: m, status: s }] }]\n";
+        let problems = parse(
+            "c",
+            &format!(
+                "{text}countermeasures:\n- {{ request: {request}, {when}, confirmed_by: {{ signal: active }} }}\n"
+            ),
+        );
+        let lines = problems.map(|_| ()).unwrap_err().lines();
+        assert!(
+            lines.len() == 1 && lines[0].contains("the vehicle drives, which confirms no stop"),
+            "{lines:?}"
+        );
+    }
+}
+
+#[test]
+fn one_countermeasure_decelerates_for_one_thing() {
+    let decelerate = |when: &str| format!("- {{ request: decelerate, mps2: 2, when: {{ {when} }} }}\n");
+    let first = decelerate("groups: [planning]");
+    for (second, same) in [
+        (decelerate("groups: [execution, planning]"), true),
+        (decelerate("groups: [planning], stages: [cleared, active]"), true),
+        (decelerate("groups: [planning], stages: [cleared]"), false),
+        (decelerate("groups: [planning], state: warning"), false),
+        (decelerate("groups: [execution]"), false),
+        ("- { request: maneuver_stop, when: { groups: [planning] } }\n".to_owned(), false),
+    ] {
+        let found = parse("c", &format!("{HEAD}countermeasures:\n{first}{second}")).map(|_| ());
+        let lines = found.map_err(|problems| problems.lines()).err().unwrap_or_default();
+        let fits = lines.iter().any(|line| line.contains("another countermeasure asks to decelerate"));
+        assert!(lines.len() == usize::from(same) && fits == same, "{second}: {lines:?}");
+    }
 }

@@ -109,7 +109,7 @@ fn literal(value: &FieldValue) -> String {
         FieldValue::Bool(value) => value.to_string(),
         FieldValue::Text(text) => format!("'{text}'"),
         // No configuration can say these.
-        FieldValue::Pose(_) | FieldValue::Unreadable(_) => String::new(),
+        FieldValue::Pose(_) | FieldValue::Absent | FieldValue::Unreadable(_) => String::new(),
     }
 }
 

@@ -97,7 +97,7 @@ impl Inputs {
             return doubt(What::Old);
         }
         match value {
-            FieldValue::Unreadable(_) => doubt(What::Unreadable),
+            FieldValue::Absent | FieldValue::Unreadable(_) => doubt(What::Unreadable),
             FieldValue::Number(number) if number.is_nan() => doubt(What::NotANumber),
             FieldValue::Number(number) if number.is_infinite() => doubt(What::Infinite),
             FieldValue::Pose(pose) => match fault(pose) {

@@ -53,6 +53,14 @@ pub enum FieldKind {
     Pose,
 }
 
+/// What a [`FieldKind::Scalar`] is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ScalarKind {
+    Number,
+    Bool,
+    Text,
+}
+
 /// Something that is asked again and again whether it is there.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WatchdogSpec {

@@ -35,9 +35,6 @@ impl Value {
         match (self.look(now), &self.rule) {
             (Err(doubt), _) => Words::plain(self.inputs.say(doubt)),
             (Ok((value, _)), ValueRule::Bands(bands)) => match value {
-                FieldValue::Bool(is) => {
-                    Words { message: is.to_string(), values: vec![("value", is.to_string())] }
-                }
                 FieldValue::Number(value) => {
                     let value = *value;
                     Words { message: bands.say(value, ""), values: bands.values("value", value) }
@@ -58,21 +55,13 @@ impl Value {
     fn look(&self, now: Timestamp) -> Result<(&FieldValue, State), Doubt> {
         let value = self.inputs.value(0, now)?;
         let state = match &self.rule {
-            ValueRule::Bands(bands) => match value {
-                FieldValue::Bool(is) => bands.judge(one_or_zero(*is)),
-                _ => bands.judge(self.inputs.number(0, now)?),
-            },
+            ValueRule::Bands(bands) => bands.judge(self.inputs.number(0, now)?),
             ValueRule::Unless { error: Some(wanted), .. } if value != wanted => State::Error,
             ValueRule::Unless { warning: Some(wanted), .. } if value != wanted => State::Warning,
             ValueRule::Unless { .. } => State::Ok,
         };
         Ok((value, state))
     }
-}
-
-/// Against bands, true is 1 and false is 0.
-fn one_or_zero(is: bool) -> f64 {
-    f64::from(u8::from(is))
 }
 
 fn say(value: &FieldValue) -> String {
@@ -88,6 +77,6 @@ fn bare(value: &FieldValue) -> String {
         FieldValue::Bool(is) => is.to_string(),
         FieldValue::Text(text) => super::words::cut(text).to_owned(),
         FieldValue::Pose(_) => "a pose".into(),
-        FieldValue::Unreadable(_) => "unreadable".into(),
+        FieldValue::Absent | FieldValue::Unreadable(_) => "unreadable".into(),
     }
 }

@@ -91,6 +91,18 @@ impl<'a> Library<'a> {
         Ok(shape)
     }
 
+    /// Why there is no such type, where its package is known and so would have it. A type of another
+    /// package may well exist.
+    pub fn misnamed(&self, type_name: &str) -> Option<TypeError> {
+        let error = self.text(type_name).err()?;
+        let (package, name) = type_name.split_once("/msg/")?;
+        let within = |folder: &PathBuf| folder.join(package).join("msg");
+        let defined = |folder: &PathBuf| within(folder).join(format!("{name}.idl")).is_file();
+        let built_in = BUILT_IN.iter().any(|(known, _)| *known == package);
+        let known = built_in || self.folders.iter().any(|folder| within(folder).is_dir());
+        (known && !self.folders.iter().any(defined)).then_some(error)
+    }
+
     /// The package of a type and the text of its definition.
     fn text<'b>(&self, type_name: &'b str) -> Result<(&'b str, String), TypeError> {
         let whole = messages::dds_type_name(type_name).and_then(|_| type_name.split_once("/msg/"));
@@ -198,6 +210,17 @@ mod tests {
             }
         }
         assert_eq!(count, 103);
+    }
+
+    #[test]
+    fn a_wrong_name_in_a_known_package_is_told_from_an_unknown_package() {
+        let misnamed = |name: &str| Library::new(&[]).misnamed(name).map(|error| error.help);
+        let meant = "did you mean sensor_msgs/msg/PointCloud2?".to_owned();
+        assert_eq!(misnamed("sensor_msgs/msg/PointClod2"), Some(meant));
+        assert!(misnamed("sensor_msgs/msg/Smell").is_some_and(|help| help.contains("`share`")));
+        for fine in ["sensor_msgs/msg/PointCloud2", "my_msgs/msg/Thing"] {
+            assert_eq!(misnamed(fine), None, "{fine}");
+        }
     }
 
     #[test]

@@ -2,7 +2,8 @@
 //! read straight from the bytes, passing over all that is not asked for.
 //!
 //! A path names fields from outside to inside, `twist.twist.linear.x`. `[2]` is an element of an
-//! array, counted from 0; `[child_frame_id=base_link]` is the first element with that value;
+//! array, counted from 0; `[child_frame_id=base_link]` is the first element with that value, and a
+//! message without one says nothing of the field, as each broadcaster of `/tf` sends its own frames;
 //! `.length` is the number of elements. A Time or Duration is a number of seconds.
 
 mod definition;
@@ -16,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::cdr::{self, Endian, Fault};
-use crate::engine::monitor::spec::{FieldKind, FieldSpec, TopicSpec};
+use crate::engine::monitor::spec::{FieldKind, FieldSpec, ScalarKind, TopicSpec};
 use crate::engine::sample::FieldValue;
 use library::Library;
 use path::Step;
@@ -65,15 +66,18 @@ impl Definitions {
     }
 
     /// Compiles a reader for what is wanted of a topic. A topic of which nothing but the fact that a
-    /// message came is wanted can have any type.
+    /// message came is wanted can have any type, but none that its own package does not have.
     ///
     /// # Errors
     /// Every field that the type does not have, that is no such value, or the type that is not known.
     pub fn check(&self, spec: &TopicSpec) -> Result<Reader, FieldsError> {
-        if spec.fields.is_empty() && !spec.stamp {
-            return Ok(Reader { fields: Vec::new(), stamp: None });
-        }
         let of_type = |text, help| FieldError { path: None, text, help };
+        if spec.fields.is_empty() && !spec.stamp {
+            return match Library::new(&self.folders).misnamed(&spec.type_name) {
+                Some(error) => Err(FieldsError(vec![of_type(error.text, error.help)])),
+                None => Ok(Reader { fields: Vec::new(), stamp: None }),
+            };
+        }
         let shape = Library::new(&self.folders).shape(&spec.type_name);
         let shape = shape.map_err(|error| FieldsError(vec![of_type(error.text, error.help)]))?;
         let mut errors = Vec::new();
@@ -102,7 +106,7 @@ impl Definitions {
         let shape = Library::new(&self.folders).shape(type_name);
         let shape = shape.map_err(|error| FieldError { path: None, text: error.text, help: error.help })?;
         let program = compile(&shape, &FieldSpec { path: path.into(), kind: FieldKind::Scalar })?;
-        if program.is_boolean() {
+        if program.kind() == Some(ScalarKind::Bool) {
             return Ok(BooleanReader(program));
         }
         let text = format!("`{path}` of {type_name} is neither true nor false");
@@ -163,7 +167,8 @@ impl Reader {
         let mut fault = None;
         let values = self.fields.iter().map(|program| match program.read(reader.clone()) {
             Ok(value) => value,
-            Err(Miss::Absent(why) | Miss::Refused(why)) => FieldValue::Unreadable(why.into()),
+            Err(Miss::Absent) => FieldValue::Absent,
+            Err(Miss::Refused(why)) => FieldValue::Unreadable(why.into()),
             Err(Miss::Fault(wrong)) => {
                 let why = wrong.to_string().into();
                 fault = Some(wrong);
@@ -173,6 +178,11 @@ impl Reader {
         let values = values.collect();
         let stamp_ns = self.stamp.as_ref().and_then(|stamp| stamp.read_stamp(reader));
         Reading { values, stamp_ns, fault }
+    }
+
+    /// What each field is, in their order; `None` for a pose.
+    pub fn kinds(&self) -> impl Iterator<Item = Option<ScalarKind>> {
+        self.fields.iter().map(Program::kind)
     }
 
     /// Nothing but the fact that a message came is wanted.

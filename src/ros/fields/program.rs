@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::definition::Primitive;
 use super::path::Step;
 use super::shape::{Array, Kind, Message, Shape};
-use crate::engine::monitor::spec::FieldKind;
+use crate::engine::monitor::spec::{FieldKind, ScalarKind};
 use crate::engine::sample::{FieldValue, Pose};
 use crate::ros::cdr::{Fault, Reader};
 
@@ -56,8 +56,8 @@ enum Wanted {
 pub enum Miss {
     /// It is not what its type says.
     Fault(Fault),
-    /// There is no such element.
-    Absent(String),
+    /// No element is the one that is asked for: this message is of others.
+    Absent,
     /// It is there and cannot be taken.
     Refused(String),
 }
@@ -66,7 +66,8 @@ impl fmt::Display for Miss {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Miss::Fault(fault) => fault.fmt(f),
-            Miss::Absent(why) | Miss::Refused(why) => f.write_str(why),
+            Miss::Absent => f.write_str("no element is the one that is asked for"),
+            Miss::Refused(why) => f.write_str(why),
         }
     }
 }
@@ -106,9 +107,14 @@ impl Program {
         }
     }
 
-    /// Whether the value is true or false.
-    pub fn is_boolean(&self) -> bool {
-        matches!(self.leaf, Leaf::Primitive(Primitive::Bool))
+    /// What its value is; `None` for a pose.
+    pub fn kind(&self) -> Option<ScalarKind> {
+        Some(match &self.leaf {
+            Leaf::Primitive(Primitive::Bool) => ScalarKind::Bool,
+            Leaf::Primitive(_) | Leaf::Time | Leaf::Length(_) => ScalarKind::Number,
+            Leaf::Text => ScalarKind::Text,
+            Leaf::Pose => return None,
+        })
     }
 
     /// Whether it reads a point in time.
@@ -149,7 +155,7 @@ impl Program {
                 Move::Index { array, index } => {
                     let count = array.count(reader)?;
                     if *index >= count {
-                        return Err(Miss::Absent(format!("there is no element {index}: there are {count}")));
+                        return Err(Miss::Refused(format!("there is no element {index}: there are {count}")));
                     }
                     array.skip(*index, reader)?;
                 }
@@ -180,11 +186,7 @@ fn find(array: &Array, key: &Program, wanted: &Wanted, reader: &mut Reader<'_>) 
         }
         array.skip(1, reader)?;
     }
-    let wanted = match wanted {
-        Wanted::Text(text) => text.to_string(),
-        Wanted::Number(number) => number.to_string(),
-    };
-    Err(Miss::Absent(format!("none of {count} elements is of `{wanted}`")))
+    Err(Miss::Absent)
 }
 
 fn number(primitive: Primitive, reader: &mut Reader<'_>) -> Result<f64, Fault> {

@@ -1,9 +1,11 @@
 //! A snapshot as the tools of ROS 2 for aggregated diagnostics expect it (rqt_robot_monitor and its
 //! kin): one status for each node of the tree, named by its path, a group before its members.
 
+use std::borrow::Cow;
+
 use crate::engine::input::StatusArray;
 use crate::engine::model::{GroupId, ModuleId, Stage};
-use crate::engine::snapshot::{NotRelevant, Reason, Snapshot};
+use crate::engine::snapshot::{ModuleView, NotRelevant, Reason, Snapshot};
 use crate::engine::state::State;
 
 /// The tree of the vehicle. Before a login it says nothing of what modules report.
@@ -12,7 +14,7 @@ pub fn tree(snapshot: &Snapshot) -> StatusArray {
     let root = part(&snapshot.layout.vehicle_name.en);
     let tops: Vec<GroupId> = (0..snapshot.layout.groups.len() as u32)
         .map(GroupId)
-        .filter(|&id| snapshot.group(id).0.parent.is_none())
+        .filter(|&id| snapshot.group(id).0.parent.is_none() && !is_idle(snapshot, id))
         .collect();
     out.push_status(level(snapshot.overall), &format!("/{root}"), word(snapshot.overall), "");
     for &id in &tops {
@@ -23,6 +25,12 @@ pub fn tree(snapshot: &Snapshot) -> StatusArray {
         group(snapshot, id, &format!("/{root}"), &mut out);
     }
     out
+}
+
+/// The group of what nothing claims, while there is no such thing.
+fn is_idle(snapshot: &Snapshot, id: GroupId) -> bool {
+    let (info, _) = snapshot.group(id);
+    info.is_other && info.groups.is_empty() && info.modules.is_empty()
 }
 
 /// The worst of the whole, in one status.
@@ -52,8 +60,8 @@ fn group(snapshot: &Snapshot, id: GroupId, above: &str, out: &mut StatusArray) {
     }
     for &module in &info.modules {
         let (_, view) = snapshot.module(module);
-        let said = if snapshot.stage == Stage::Locked { "" } else { &view.report.message };
-        let said = message(snapshot, view.state, view.reason.as_ref(), said);
+        let said = if snapshot.stage == Stage::Locked { Cow::default() } else { words(view) };
+        let said = message(snapshot, view.state, view.reason.as_ref(), &said);
         let name = format!("{path}/{}", module_part(snapshot, module));
         out.push_status(level(view.state), &name, &said, &view.report.hardware_id);
         own_values(snapshot, view.state, view.own, out);
@@ -62,6 +70,18 @@ fn group(snapshot: &Snapshot, id: GroupId, above: &str, out: &mut StatusArray) {
                 out.push_value(key, value);
             }
         }
+    }
+}
+
+/// What a module says last; of one that is silent, that it is.
+fn words(view: &ModuleView) -> Cow<'_, str> {
+    let message = &*view.report.message;
+    match (view.silent, view.received) {
+        (true, None) => "nothing was received yet".into(),
+        (true, Some(_)) if message.is_empty() => "nothing is received any more".into(),
+        (true, Some(_)) => format!("nothing is received any more; the last was: {message}").into(),
+        (false, None) if message.is_empty() && view.own == State::Unknown => "nothing is known yet".into(),
+        (false, _) => message.into(),
     }
 }
 
@@ -123,5 +143,47 @@ const fn word(state: State) -> &'static str {
         State::Error => "Error",
         State::Unknown => "Stale",
         State::Ignore => "Ignored",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+
+    use crate::engine::Engine;
+    use crate::engine::input::Input;
+    use crate::engine::model::{Driving, Limits, Model, Parts, Policy, StageModel, Text};
+    use crate::engine::monitor::spec::Watched;
+    use crate::engine::time::Timestamp;
+
+    #[test]
+    fn what_nothing_claims_is_there_only_when_it_is_and_silence_is_said() {
+        let parts = Parts {
+            vehicle_id: "v".into(),
+            vehicle_name: Text::plain("V"),
+            stages: StageModel::None,
+            signals: Vec::new(),
+            groups: Vec::new(),
+            modules: Vec::new(),
+            watched: Watched::default(),
+            driving: Driving::default(),
+            discovered: Policy::default(),
+            limits: Limits::default(),
+        };
+        let model = Arc::new(Model::new(parts).expect("nothing depends on anything"));
+        let mut engine = Engine::new(model, Timestamp::ZERO);
+        let others = |engine: &mut Engine| -> Vec<(String, String)> {
+            let tree = tree(&engine.snapshot());
+            let others = tree.iter().filter(|status| status.name().contains("Other"));
+            others.map(|status| (status.name().to_owned(), status.message().to_owned())).collect()
+        };
+        assert_eq!(others(&mut engine), []);
+        let mut array = StatusArray::default();
+        array.push_status(0, "lidar", "fine", "");
+        engine.handle(&Input::Diagnostics(array), Timestamp::from_millis(10));
+        assert_eq!(others(&mut engine)[1].1, "fine");
+        engine.handle(&Input::Tick, Timestamp::from_millis(60_000));
+        assert_eq!(others(&mut engine)[1].1, "nothing is received any more; the last was: fine");
     }
 }

@@ -63,6 +63,7 @@ fn samples_and_probes_are_written_in_one_way() {
             "14:55: every one of these messages would have the same stamp (write how old each is when it comes: `delay: 0.05`)",
             "15:21: a probe asks one of `icmp`, `tcp`, `node` (for example `probe: { node: /planner, answered: false }`)",
             "16:21: a probe asks one of `icmp`, `tcp`, `node` (for example `probe: { node: /planner, answered: false }`)",
+            "16:38: the configuration has no such watchdog (add a monitor of the kind `watchdog`)",
             "17:21: a probe needs either `answered` or `impossible` (write `answered: true`, `answered: false` or `impossible: WHY`)",
             "18:26: expected a number, found `1h` (write digits with a point, for example `12.5`)",
         ],

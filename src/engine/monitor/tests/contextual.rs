@@ -219,8 +219,9 @@ fn an_expression_holds_over_the_latest_values() {
             (300, Do::Number(0, 0.0), Ok, ""),
             (310, Do::Number(0, f64::NAN), Unknown, "v (/a x) is not a number"),
             (320, Do::Number(0, 0.0), Ok, ""),
+            (500, Do::Value(1, FieldValue::Absent), Ok, ""),
             (520, Do::Nothing, Ok, ""),
-            (521, Do::Nothing, Unknown, "w (/b x) is older than 500 ms"),
+            (521, Do::Value(1, FieldValue::Absent), Unknown, "w (/b x) is older than 500 ms"),
         ],
     );
 }

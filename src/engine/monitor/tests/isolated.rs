@@ -124,9 +124,12 @@ fn values_are_judged_by_bands_or_compared() {
             (60, Do::Number(0, f64::NEG_INFINITY), Unknown, "/a x is infinite"),
             (600, Do::Value(0, unreadable), Unknown, "cannot be read: the message ends early"),
             (900, Do::Value(0, FieldValue::Text("hot".into())), Unknown, "text where a number is wanted"),
-            (1200, Do::Value(0, FieldValue::Bool(true)), Ok, "true"),
-            (3199, Do::Nothing, Ok, ""),
-            (3200, Do::Nothing, Unknown, ""),
+            (1200, Do::Value(0, FieldValue::Bool(true)), Unknown, "a boolean where a number is wanted"),
+            (1210, Do::Number(0, 1.0), Ok, ""),
+            // Messages of others say nothing, and keep nothing alive.
+            (2000, Do::Value(0, FieldValue::Absent), Ok, "1, at most 80"),
+            (3209, Do::Value(0, FieldValue::Absent), Ok, ""),
+            (3210, Do::Nothing, Unknown, ""),
         ],
     );
     let text = |text: &str| FieldValue::Text(text.into());
