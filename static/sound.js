@@ -1,5 +1,5 @@
-// One sound for each alarm that is raised: none for what a root cause masks, none when an alarm
-// moves to its cause, none twice. Made here, so that it needs no file.
+// One sound for each alarm that calls: none for what a root cause masks, none when an alarm moves
+// to its cause, none for more of a component that calls already, none twice. Made here, so that it needs no file.
 (() => {
   "use strict";
   const HEARD = "telltale.heard";
@@ -51,9 +51,10 @@
     if (!causes) return;
     const numbers = causes.dataset.alarms.split(" ").filter(Boolean).map(Number);
     // Numbers only grow; smaller ones are those of a server that began anew.
-    const last = Number(causes.dataset.lastAlarm) < heard() ? 0 : heard();
+    const raised = Number(causes.dataset.lastAlarm);
+    const last = raised < heard() ? 0 : heard();
     const fresh = numbers.filter((number) => number > last);
-    sessionStorage.setItem(HEARD, String(Math.max(last, ...numbers)));
+    sessionStorage.setItem(HEARD, String(raised));
     if (isOn()) for (const _ of fresh) sound();
   };
 

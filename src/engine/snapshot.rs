@@ -2,6 +2,7 @@
 //!
 //! A snapshot is cheap to make and to keep: parts that did not change are shared with the one before.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::countermeasure::{Kind, Request};
@@ -84,6 +85,30 @@ impl Snapshot {
 
     pub fn module(&self, id: ModuleId) -> (&ModuleInfo, &ModuleView) {
         (&self.layout.modules[id.0 as usize], &self.modules[id.0 as usize])
+    }
+
+    /// The numbers of the alarms that call by a sound: of each component the oldest of those that are
+    /// there and not acknowledged. One fault often shows in several modules of a component.
+    pub fn audible(&self) -> Vec<u64> {
+        let mut oldest: BTreeMap<NodeId, u64> = BTreeMap::new();
+        for alarm in self.alarms.iter().filter(|alarm| alarm.active && !alarm.acknowledged) {
+            let of = oldest.entry(self.component(alarm.node)).or_insert(alarm.id);
+            *of = alarm.id.min(*of);
+        }
+        oldest.into_values().collect()
+    }
+
+    /// The tile that a node belongs to; what belongs to none stands for itself.
+    fn component(&self, node: NodeId) -> NodeId {
+        let mut group = match node {
+            NodeId::Group(id) => id,
+            NodeId::Module(id) => self.module(id).0.group,
+        };
+        while let Some(parent) = self.group(group).0.parent {
+            group = parent;
+        }
+        let info = self.group(group).0;
+        if info.is_other || info.is_system { node } else { NodeId::Group(group) }
     }
 
     /// The tiles: the configuration's groups without a parent, in its order.

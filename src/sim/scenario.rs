@@ -155,6 +155,9 @@ pub struct Outcome {
     pub transitions: Vec<Transition>,
     pub signals: Vec<SignalChange>,
     pub moved: Vec<Moved>,
+    /// How many were raised, and how often a display sounds.
+    pub alarms: u64,
+    pub sounds: usize,
 }
 
 /// Runs a scenario to its last step or expectation.
@@ -163,7 +166,6 @@ pub fn run(model: Arc<Model>, scenario: &Scenario) -> Outcome {
         engine: Engine::new(model, Timestamp::ZERO),
         shown: Vec::new(),
         seq: None,
-        alarms: 0,
         clock_offset_ns: 0,
         outcome: Outcome::default(),
     };
@@ -212,7 +214,6 @@ struct Run {
     /// What each node showed last: groups, then modules.
     shown: Vec<(NodeId, Shown)>,
     seq: Option<u64>,
-    alarms: u64,
     clock_offset_ns: i64,
     outcome: Outcome,
 }
@@ -281,7 +282,9 @@ impl Run {
         }
         let snapshot = self.engine.snapshot();
         self.seq = Some(snapshot.seq);
-        self.alarms = snapshot.alarms.iter().map(|alarm| alarm.id).fold(self.alarms, u64::max);
+        let numbers = snapshot.alarms.iter().map(|alarm| alarm.id);
+        self.outcome.sounds += snapshot.audible().iter().filter(|&&id| id > self.outcome.alarms).count();
+        self.outcome.alarms = numbers.fold(self.outcome.alarms, u64::max);
         let before: HashMap<NodeId, Shown> = self.shown.drain(..).collect();
         for node in nodes(&snapshot) {
             let (state, reason) = snapshot.shown(node);
@@ -309,7 +312,8 @@ impl Run {
 
     fn compare(&mut self, expectation: &Expectation) {
         let snapshot = self.engine.snapshot();
-        let Err((subject, expected, got, why)) = compare(&snapshot, self.alarms, &expectation.what) else {
+        let Err((subject, expected, got, why)) = compare(&snapshot, self.outcome.alarms, &expectation.what)
+        else {
             return;
         };
         let (span, at) = (expectation.span, expectation.at);

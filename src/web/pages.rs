@@ -21,7 +21,8 @@ pub async fn operator(
 ) -> Html<String> {
     let published = app.published();
     let seen = app.frames.observe(&published);
-    Html(view::operator_page(&permitted(&published), &seen, &page_context(&app, &session, &reader)))
+    let context = page_context(&app, &session, &reader);
+    Html(view::operator_page(&permitted(&published), &seen, &context, &app.trends))
 }
 
 /// `GET /api/v1/snapshot`

@@ -12,11 +12,11 @@ use axum::extract::{Query, State};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use tokio::sync::watch;
-use tokio::time::{MissedTickBehavior, interval, timeout};
+use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
 
 use super::answer::{Reader, refusal};
 use super::displays::Place;
-use super::frame::{self, Frame};
+use super::frame;
 use super::guard::SignedIn;
 use super::state::{AppState, turned};
 use super::view::Lang;
@@ -34,6 +34,10 @@ const BEATS_PER_PING: u64 = 4;
 const PINGS_UNANSWERED_MAX: u32 = 5;
 /// A message that the socket does not take for this long finds nobody who reads.
 const SEND_TIMEOUT: Duration = Duration::from_secs(5);
+/// A page shows no more states in a second than eyes see: what comes sooner after the last message
+/// waits this long, and is then the newest. What stands behind the tiles has more time.
+const SHOW_EVERY: Duration = Duration::from_millis(60);
+const DETAILS_EVERY: Duration = Duration::from_millis(500);
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 
 #[derive(Debug, Deserialize)]
@@ -51,7 +55,7 @@ pub async fn page(
 ) -> Response {
     let asked = query.ok().and_then(|Query(query)| query.lang);
     let lang = asked.as_deref().and_then(Lang::from_word).unwrap_or(reader.lang);
-    open(app, session, &reader, upgrade, Feed::Page { lang, shown: None })
+    open(app, session, &reader, upgrade, Feed::Page { lang, shown: None, details: 0 })
 }
 
 /// `GET /api/v1/stream`
@@ -99,12 +103,20 @@ fn open(
 /// What a connection carries.
 #[derive(Debug)]
 enum Feed {
-    /// Fragments of the operator's page; `shown` is the revision that was sent last.
-    Page { lang: Lang, shown: Option<u64> },
+    /// Fragments of the operator's page: `shown` is the revision that was sent last, and `details`
+    /// that of what stands behind the tiles.
+    Page { lang: Lang, shown: Option<u64>, details: u64 },
     /// Whole snapshots as JSON.
     Snapshots,
     /// Beats alone, which say what there is to ask for.
     Pulse { lang: Lang },
+}
+
+impl Feed {
+    /// Programs get every snapshot that they keep up with.
+    fn pause(&self) -> Duration {
+        if let Feed::Page { .. } = self { SHOW_EVERY } else { Duration::ZERO }
+    }
 }
 
 struct Connection {
@@ -152,17 +164,23 @@ impl Connection {
         let mut beats = interval(BEAT_EVERY);
         // After a stop of the whole process there is one beat to make up for, not all.
         beats.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut details = interval(DETAILS_EVERY);
+        details.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut beat = 0;
+        let mut pause = std::pin::pin!(sleep(Duration::ZERO));
         self.show(&latest(&mut snapshots)).await?;
         loop {
             tokio::select! {
                 () = self.line.session.ended() => return Err(Ending::Revoked),
                 () = turned(&mut closing) => return Err(Ending::Closing),
-                changed = snapshots.changed() => {
+                () = &mut pause, if !pause.is_elapsed() => {}
+                changed = snapshots.changed(), if pause.is_elapsed() => {
                     changed.map_err(|_| Ending::NoEngine)?;
                     self.show(&latest(&mut snapshots)).await?;
+                    pause.set(sleep(self.feed.pause()));
                 }
                 received = self.line.socket.recv() => self.hear(received)?,
+                _ = details.tick() => self.show_details(&self.app.published()).await?,
                 _ = beats.tick() => {
                     beat += 1;
                     self.beat(beat).await?;
@@ -174,9 +192,15 @@ impl Connection {
     /// Sends what this client does not have yet.
     async fn show(&mut self, published: &Published) -> Result<(), Ending> {
         match &mut self.feed {
-            Feed::Page { lang, shown } => {
-                let frame = self.app.frames.html(published, *lang);
-                let message = news(&frame, *shown);
+            Feed::Page { lang, shown, details } => {
+                let frame = self.app.frames.html(published, *lang, &self.app.trends);
+                let message = match *shown {
+                    Some(shown) => frame.since(shown),
+                    None => {
+                        *details = frame.revision();
+                        Some(frame.full())
+                    }
+                };
                 *shown = Some(frame.revision());
                 self.seq = frame.seq();
                 self.place.sent(self.seq, self.app.clock.now());
@@ -190,6 +214,20 @@ impl Connection {
                 let json = self.app.frames.json(published);
                 self.line.send(Message::Text(json)).await
             }
+        }
+    }
+
+    /// What stands behind the tiles, and with it all else that is new.
+    async fn show_details(&mut self, published: &Published) -> Result<(), Ending> {
+        let Feed::Page { lang, shown: Some(shown), details } = &mut self.feed else { return Ok(()) };
+        let frame = self.app.frames.html(published, *lang, &self.app.trends);
+        let message = frame.since_with_details(*shown, *details);
+        (*shown, *details) = (frame.revision(), frame.revision());
+        self.seq = frame.seq();
+        self.place.sent(self.seq, self.app.clock.now());
+        match message {
+            Some(message) => self.line.send(Message::Text(message)).await,
+            None => Ok(()),
         }
     }
 
@@ -234,13 +272,6 @@ impl Connection {
 #[derive(Debug, Deserialize)]
 struct Shown {
     shown: u64,
-}
-
-fn news(frame: &Frame, shown: Option<u64>) -> Option<Utf8Bytes> {
-    match shown {
-        Some(shown) => frame.since(shown),
-        None => Some(frame.full()),
-    }
 }
 
 fn latest(snapshots: &mut watch::Receiver<Published>) -> Published {

@@ -26,6 +26,9 @@ words! {
     stop_back: "Take the stop back", "Anhalten zurücknehmen";
     acknowledge: "Acknowledge", "Quittieren";
     over: "Over", "Vorbei";
+    held_error: "Held until reset", "Gehalten bis zum Zurücksetzen";
+    reset: "Reset", "Zurücksetzen";
+    reset_here: "Over. Held until reset: touch here.", "Vorbei. Gehalten bis zum Zurücksetzen: hier berühren.";
     refused: "Not done", "Nicht ausgeführt";
     not_sent: "Not sent: this display is not live.", "Nicht gesendet: Diese Anzeige ist nicht live.";
     no_answer: "The server did not answer. Look at what is shown.", "Der Server hat nicht geantwortet. Anzeige beachten.";

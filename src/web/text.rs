@@ -71,6 +71,8 @@ words! {
     itself: "itself", "selbst";
     close: "Close", "Schließen";
     why: "Why", "Warum";
+    minutes: "last 5 minutes", "letzte 5 Minuten";
+    more: "more", "weitere";
 
     live: "Live", "Live";
     live_stale: "Delayed", "Verzögert";

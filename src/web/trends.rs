@@ -1,4 +1,4 @@
-//! Samples every number that is received, for the small curves of the developer's pages.
+//! Samples every number that is received, for the small curves of the pages.
 
 use super::state::AppState;
 

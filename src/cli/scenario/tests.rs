@@ -45,6 +45,26 @@ fn every_scenario_that_is_shipped_holds() {
 }
 
 #[test]
+fn a_display_sounds_once_for_each_fault_of_the_paper() {
+    // Where nothing is known of dependencies, as in the first, each component sounds. What matters
+    // only while the vehicle drives, and it stands, is no fault.
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/scenarios");
+    for (name, sounds) in [
+        ("1-sensor-outage-without-dependencies", 3),
+        ("2-sensor-outage", 1),
+        ("3-localization-failure", 1),
+        ("4-planner-error-at-a-stop", 0),
+        ("5-becoming-active", 0),
+        ("6-planner-error-while-active", 1),
+    ] {
+        let file = scenario_file::load(&folder.join(format!("{name}.yaml")));
+        let file = file.unwrap_or_else(|problems| panic!("{problems}"));
+        let outcome = run_file(&file).unwrap_or_else(|problems| panic!("{problems}")).outcome;
+        assert_eq!(outcome.sounds, sounds, "{name}");
+    }
+}
+
+#[test]
 fn a_failure_says_expected_got_and_why() {
     check_run(
         "steps: [{ at: 1, status: { name: s, level: error, message: broken } }]

@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use axum::extract::ws::Utf8Bytes;
 
-use crate::web::view::Fragment;
+use crate::web::view::{DETAIL, Fragment};
 
 /// All fragments at one snapshot, each with the revision of its last change. Words change
 /// without a new `seq`, so `seq` is what pages are told and the revision is what decides.
@@ -28,6 +28,13 @@ struct Part {
     /// `html` as the inside of a JSON string.
     escaped: Arc<str>,
     changed: u64,
+}
+
+impl Part {
+    /// What stands behind a tile, and is seen only where somebody opened it.
+    fn is_detail(&self) -> bool {
+        self.id.starts_with(DETAIL)
+    }
 }
 
 impl Frame {
@@ -63,16 +70,26 @@ impl Frame {
         self.full.get_or_init(|| self.message(self.parts.iter())).clone()
     }
 
-    /// What changed since the frame of the revision `shown`; `None` if nothing did.
+    /// What changed since the frame of the revision `shown`, without what stands behind the tiles;
+    /// `None` if nothing did.
     pub fn since(&self, shown: u64) -> Option<Utf8Bytes> {
         if self.previous == Some(shown) {
-            return self.step.get_or_init(|| self.changes(shown)).clone();
+            return self.step.get_or_init(|| self.changes(shown, None)).clone();
         }
-        self.changes(shown)
+        self.changes(shown, None)
     }
 
-    fn changes(&self, shown: u64) -> Option<Utf8Bytes> {
-        let changed = || self.parts.iter().filter(|part| part.changed > shown);
+    /// [`since`](Frame::since), and of what stands behind the tiles since the revision `details`.
+    pub fn since_with_details(&self, shown: u64, details: u64) -> Option<Utf8Bytes> {
+        self.changes(shown, Some(details))
+    }
+
+    fn changes(&self, shown: u64, details: Option<u64>) -> Option<Utf8Bytes> {
+        let is_new = |part: &&Part| {
+            let shown = if part.is_detail() { details } else { Some(shown) };
+            shown.is_some_and(|shown| part.changed > shown)
+        };
+        let changed = || self.parts.iter().filter(is_new);
         changed().next()?;
         Some(self.message(changed()))
     }
@@ -139,6 +156,19 @@ mod tests {
             assert_eq!(message.as_ref().map(Utf8Bytes::as_str), expected.as_deref(), "{since}");
         }
         assert_eq!(third.full().as_str(), "{\"seq\":45,\"content\":\"<a2><b2>\"}");
+    }
+
+    #[test]
+    fn what_stands_behind_the_tiles_is_sent_apart() {
+        let first = frame(1, &[("a", "<a1>"), ("detail-a", "<d1>")], None);
+        let second = frame(2, &[("a", "<a1>"), ("detail-a", "<d2>")], Some(&first));
+        let third = frame(3, &[("a", "<a2>"), ("detail-a", "<d2>")], Some(&second));
+        let content = |message: Option<Utf8Bytes>| message.map(|it| it.as_str()[21..].to_owned());
+        assert_eq!(second.since(1), None);
+        assert_eq!(content(third.since(2)).as_deref(), Some("<a2>\"}"));
+        assert_eq!(content(third.since_with_details(2, 1)).as_deref(), Some("<a2><d2>\"}"));
+        assert_eq!(content(third.since_with_details(3, 1)).as_deref(), Some("<d2>\"}"));
+        assert_eq!(third.since_with_details(3, 3), None);
     }
 
     #[test]

@@ -14,7 +14,7 @@ use axum::extract::ws::Utf8Bytes;
 pub use html::Frame;
 
 use super::versions::{Seen, Versions};
-use super::view::{self, Lang};
+use super::view::{self, Lang, Trends};
 use crate::engine::model::Stage;
 use crate::engine::persistent::PersistentVec;
 use crate::engine::snapshot::{Layout, Localization, Snapshot};
@@ -31,14 +31,14 @@ pub struct Frames {
 
 impl Frames {
     /// The frame of this snapshot, or of a newer one that another listener has seen already.
-    pub fn html(&self, published: &Published, lang: Lang) -> Arc<Frame> {
+    pub fn html(&self, published: &Published, lang: Lang, trends: &Trends) -> Arc<Frame> {
         let mut latest = self.html[lang as usize].lock().unwrap_or_else(PoisonError::into_inner);
         match &*latest {
             Some(frame) if frame.revision() >= published.snapshot.revision => frame.clone(),
             before => {
                 let Published { snapshot, .. } = published;
                 let seen = self.observe(published);
-                let fragments = view::fragments(&permitted(published), &seen, lang);
+                let fragments = view::fragments(&permitted(published), &seen, lang, trends);
                 let frame =
                     Arc::new(Frame::new(snapshot.seq, snapshot.revision, fragments, before.as_deref()));
                 *latest = Some(frame.clone());

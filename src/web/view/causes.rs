@@ -30,7 +30,7 @@ struct CausesHtml {
     words: &'static Words,
     steps: &'static StepWords,
     swap: bool,
-    /// Numbers of the alarms that are there: the page sounds once for each that is new.
+    /// Numbers of the alarms that call: the page sounds once for each that is new.
     alarms: String,
     last_alarm: u64,
     entries: Vec<EntryHtml>,
@@ -79,13 +79,12 @@ pub fn causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
         let message = if index < fits.messages { html.message } else { String::new() };
         EntryHtml { waits, message, ..html }
     };
-    let alarms = view.snapshot.alarms.iter().filter(|alarm| alarm.active);
     let calm = entries.iter().all(|entry| entry.over).then(|| calm(view));
     let html = html(&CausesHtml {
         words: view.words,
         steps: view.lang.steps(),
         swap: view.swap,
-        alarms: alarms.map(|alarm| alarm.id.to_string()).collect::<Vec<_>>().join(" "),
+        alarms: view.snapshot.audible().iter().map(u64::to_string).collect::<Vec<_>>().join(" "),
         last_alarm: view.snapshot.last_alarm,
         entries: entries[..fits.shown].iter().enumerate().map(entry).collect(),
         more: (more > 0).then_some(more),

@@ -7,15 +7,21 @@ use crate::engine::snapshot::{ModuleView, Reason};
 use crate::engine::state::State;
 
 use super::board::Tile;
-use super::clean::{ID, MESSAGE, VALUE, clean};
+use super::clean::{ID, MESSAGE, VALUE, address, clean};
 use super::node::{icon, own_matters, reason_word};
-use super::{Fragment, View, html};
+use super::trend::{POINTS_SMALL, Trend};
+use super::{DETAIL, Fragment, View, html};
+use crate::web::steps::StepWords;
 use crate::web::text::Words;
+use crate::web::versions::Matter;
 
 /// Modules of one component that are listed; the worst first, the rest is counted.
 const ROWS: usize = 40;
 /// Values of one module that are shown.
 const VALUES: usize = 8;
+/// Modules of one component whose values are drawn, and values of one of them that are.
+const ROWS_DRAWN: usize = 12;
+const VALUES_DRAWN: usize = 3;
 
 struct Row {
     id: String,
@@ -29,13 +35,31 @@ struct Row {
     own: Option<&'static str>,
     since: String,
     message: String,
-    values: Vec<(String, String)>,
+    values: Vec<Value>,
+    /// Its ERROR stays until somebody resets it.
+    held: bool,
+    reset: Option<ResetHtml>,
+}
+
+struct Value {
+    key: String,
+    value: String,
+    past: Option<Trend>,
+}
+
+struct ResetHtml {
+    /// As a part of an address.
+    address: String,
+    version: u64,
+    /// The fault is over: a reset is not refused.
+    ready: bool,
 }
 
 #[derive(Template)]
 #[template(path = "partials/detail.html")]
 struct DetailHtml<'a> {
     words: &'static Words,
+    steps: &'static StepWords,
     swap: bool,
     path: &'a str,
     name: String,
@@ -66,6 +90,7 @@ pub fn detail(view: &View<'_>, tile: Tile) -> Fragment {
     let (chain, root) = if masked { why(view, tile) } else { (Vec::new(), String::new()) };
     let html = html(&DetailHtml {
         words: view.words,
+        steps: view.lang.steps(),
         swap: view.swap,
         path: &info.path,
         name: view.group_name(id),
@@ -79,10 +104,10 @@ pub fn detail(view: &View<'_>, tile: Tile) -> Fragment {
         behind: (behind > 0).then(|| view.lang.errors_behind(behind)),
         chain,
         root,
-        rows: modules.iter().take(ROWS).map(|&module| row(view, module)).collect(),
+        rows: modules.iter().take(ROWS).enumerate().map(|(index, &id)| row(view, tile, id, index)).collect(),
         more: (more > 0).then(|| view.lang.and_more(more)),
     });
-    Fragment { id: format!("detail-{}", info.path), html }
+    Fragment { id: format!("{DETAIL}{}", info.path), html }
 }
 
 /// The way from the first root cause to this component, and what the root cause says.
@@ -110,13 +135,12 @@ fn weight(module: &ModuleView) -> u8 {
     }
 }
 
-fn row(view: &View<'_>, id: ModuleId) -> Row {
+fn row(view: &View<'_>, tile: Tile, id: ModuleId, index: usize) -> Row {
     let (info, module) = view.snapshot.module(id);
     let own = own_matters(module);
     let failing = if own { module.own } else { module.state };
     let label = view.label(info);
     let named = matches!(failing, State::Warning | State::Error) && info.name.is_some();
-    let values = module.report.values.iter().take(VALUES);
     Row {
         id: clean(&info.id, ID),
         title: if named { view.fault(id, failing) } else { label.clone() },
@@ -133,6 +157,38 @@ fn row(view: &View<'_>, id: ModuleId) -> Row {
         } else {
             clean(&module.report.message, MESSAGE)
         },
-        values: values.map(|(key, value)| (clean(key, VALUE), clean(value, VALUE))).collect(),
+        values: values(view, id, index < ROWS_DRAWN),
+        held: module.steps.latched,
+        reset: reset(view, tile, id),
     }
+}
+
+/// What a module measures; a number of the last minutes is a line too.
+fn values(view: &View<'_>, id: ModuleId, drawn: bool) -> Vec<Value> {
+    let (info, module) = view.snapshot.module(id);
+    let past = view.trends.filter(|_| drawn && !module.report.values.is_empty());
+    let mut past = past.map(|trends| trends.of(id.0 as usize, &info.id, POINTS_SMALL)).unwrap_or_default();
+    // Limits stand among the values too: what never moved needs no line.
+    past.retain(|trend| trend.least < trend.most);
+    past.truncate(VALUES_DRAWN);
+    let values = module.report.values.iter().take(VALUES);
+    let value = values.map(|(key, value)| {
+        let index = past.iter().position(|trend| *trend.key == **key);
+        Value {
+            key: clean(key, VALUE),
+            value: clean(value, VALUE),
+            past: index.map(|index| past.swap_remove(index)),
+        }
+    });
+    value.collect()
+}
+
+fn reset(view: &View<'_>, tile: Tile, id: ModuleId) -> Option<ResetHtml> {
+    view.snapshot.operator.as_ref()?;
+    let (info, module) = view.snapshot.module(id);
+    module.steps.latched.then(|| ResetHtml {
+        address: address(&info.id),
+        version: view.seen.of(Matter::Component(view.board.tiles[tile])),
+        ready: module.steps.debounced != Some(State::Error),
+    })
 }

@@ -122,12 +122,22 @@ fn of_module(view: &View<'_>, id: ModuleId, state: State) -> Entry {
 
 /// What to do. A fault without words of its own, while the vehicle drives, has these.
 fn help(view: &View<'_>, node: NodeId, state: State) -> String {
+    if is_held(view, node) {
+        return view.lang.steps().reset_here.to_owned();
+    }
     let own = if state == State::Unknown { String::new() } else { view.help(node) };
     let drives = view.snapshot.stage == Stage::Active;
     if own.is_empty() && drives && matches!(state, State::Error | State::Unknown) {
         return view.lang.steps().take_over_ready.to_owned();
     }
     own
+}
+
+/// The fault is over, and its ERROR stays until somebody resets it.
+fn is_held(view: &View<'_>, node: NodeId) -> bool {
+    let NodeId::Module(id) = node else { return false };
+    let steps = view.snapshot.module(id).1.steps;
+    steps.latched && steps.debounced != Some(State::Error) && view.board.tile_of(node).is_some()
 }
 
 fn of_group(view: &View<'_>, id: GroupId, state: State, place: String) -> Entry {

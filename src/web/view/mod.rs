@@ -22,6 +22,7 @@ mod step;
 mod tests;
 mod tile;
 mod top;
+mod trend;
 
 use std::time::{Duration, SystemTime};
 
@@ -37,10 +38,11 @@ use crate::web::versions::Seen;
 use board::Board;
 
 pub use developer::{
-    Asked, AuditPage, Trends, Window, audit_page, configuration_page, coverage_page, developer_page,
-    graph_page, masking_page, timeline_page, topics_page, why_page,
+    Asked, AuditPage, Window, audit_page, configuration_page, coverage_page, developer_page, graph_page,
+    masking_page, timeline_page, topics_page, why_page,
 };
 pub use pages::{demo_page, login_page, message_page, operator_page};
+pub use trend::Trends;
 
 /// Files below `static/` that the login page needs: served without a session, so none of them may
 /// name a part of the vehicle. An entry that ends in `/` names a folder.
@@ -98,6 +100,9 @@ impl Palette {
         [Palette::Day, Palette::Night].into_iter().find(|palette| palette.as_str() == word)
     }
 }
+
+/// How the ids of those elements begin that stand behind the tiles.
+pub const DETAIL: &str = "detail-";
 
 /// One element of the operator's page that changes by itself.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -172,8 +177,8 @@ pub struct DemoFault {
 
 /// Every element of the operator's page that changes with the snapshot, in page order. While the
 /// vehicle is locked that is the top bar alone, which tells the page to leave.
-pub fn fragments(published: &Published, seen: &Seen, lang: Lang) -> Vec<Fragment> {
-    let view = View { seen: seen.clone(), ..View::new(published, lang, true) };
+pub fn fragments(published: &Published, seen: &Seen, lang: Lang, trends: &Trends) -> Vec<Fragment> {
+    let view = View { seen: seen.clone(), trends: Some(trends), ..View::new(published, lang, true) };
     if published.snapshot.stage == Stage::Locked {
         return vec![top::top(&view)];
     }
@@ -197,13 +202,16 @@ struct View<'a> {
     swap: bool,
     /// The versions by which the buttons are shown.
     seen: Seen,
+    /// The recent past of the values, where it is shown.
+    trends: Option<&'a Trends>,
 }
 
 impl<'a> View<'a> {
     fn new(published: &'a Published, lang: Lang, swap: bool) -> View<'a> {
         let snapshot = &*published.snapshot;
         let board = Board::of(&snapshot.layout);
-        View { snapshot, at: published.at, lang, words: lang.words(), board, swap, seen: Seen::default() }
+        let (words, seen) = (lang.words(), Seen::default());
+        View { snapshot, at: published.at, lang, words, board, swap, seen, trends: None }
     }
 
     /// When `then` was, by the wall clock, to the second: the page counts on from there. Finer

@@ -11,7 +11,9 @@ use crate::web::text::Words;
 use crate::web::versions::Seen;
 
 use super::clean::{MESSAGE, NAME, clean};
-use super::{DemoFault, Lang, LoginContext, LoginFailure, PageContext, Palette, Parts, View, html, top};
+use super::{
+    DemoFault, Lang, LoginContext, LoginFailure, PageContext, Palette, Parts, Trends, View, html, top,
+};
 
 /// What every page is framed by.
 pub struct Frame {
@@ -69,13 +71,13 @@ struct OperatorHtml {
 }
 
 /// The operator's screen. In the stage `locked` it is the login: nothing of the vehicle shows.
-pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext) -> String {
+pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, trends: &Trends) -> String {
     if published.snapshot.stage == Stage::Locked {
         let name = String::new();
         let PageContext { lang, palette, demo, .. } = *context;
         return login_page(&LoginContext { lang, palette, name, failure: None, demo });
     }
-    let view = View { seen: seen.clone(), ..View::new(published, context.lang, false) };
+    let view = View { seen: seen.clone(), trends: Some(trends), ..View::new(published, context.lang, false) };
     let parts = Parts::of(&view);
     let paths = view.board.tiles.iter().map(|&id| view.snapshot.group(id).0.path.to_string());
     let steps = context.lang.steps();

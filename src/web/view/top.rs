@@ -9,6 +9,7 @@ use crate::engine::model::Stage;
 
 use super::clean::{NAME, clean};
 use super::{Fragment, View, html};
+use crate::web::assets;
 use crate::web::text::Words;
 
 #[derive(Template)]
@@ -62,7 +63,7 @@ fn now(view: &View<'_>) -> &'static str {
 /// Changes when the tiles do, or the program: a page made before then loads itself anew.
 pub fn layout_mark(view: &View<'_>) -> String {
     let mut hasher = DefaultHasher::new();
-    (env!("CARGO_PKG_VERSION"), &*view.snapshot.layout.vehicle_id).hash(&mut hasher);
+    (env!("CARGO_PKG_VERSION"), assets::url(""), &*view.snapshot.layout.vehicle_id).hash(&mut hasher);
     for (tile, place) in view.board.tiles.iter().zip(&view.board.places) {
         (view.snapshot.group(*tile).0.path.as_bytes(), place).hash(&mut hasher);
     }

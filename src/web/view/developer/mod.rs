@@ -10,7 +10,6 @@ mod masking;
 mod statuses;
 mod timeline;
 mod topics;
-mod trend;
 mod why;
 mod words;
 
@@ -22,11 +21,10 @@ use crate::store::Past;
 pub use asked::Asked;
 pub use audit::AuditPage;
 pub use timeline::Window;
-pub use trend::Trends;
 
 use super::clean::{NAME, clean};
 use super::pages::Frame;
-use super::{PageContext, View};
+use super::{PageContext, Trends, View};
 use words::DevWords;
 
 /// A page of the developer's.

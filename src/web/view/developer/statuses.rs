@@ -12,11 +12,11 @@ use crate::engine::time::Timestamp;
 use crate::web::view::clean::{MESSAGE, NAME, VALUE, clean};
 use crate::web::view::node::reason_word;
 use crate::web::view::pages::Frame;
-use crate::web::view::{PageContext, View, html};
+use crate::web::view::trend::{POINTS_SMALL, Trend};
+use crate::web::view::{PageContext, Trends, View, html};
 
-use super::trend::{POINTS_SMALL, Trend};
 use super::words::DevWords;
-use super::{Asked, DevFrame, Page, Trends, why_address};
+use super::{Asked, DevFrame, Page, why_address};
 
 /// Rows of one page of the table.
 const ROWS: usize = 60;

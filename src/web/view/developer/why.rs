@@ -7,10 +7,10 @@ use crate::engine::state::State;
 use crate::engine::why::WhyStep;
 use crate::web::view::clean::{MESSAGE, NAME, VALUE, clean};
 use crate::web::view::pages::Frame;
-use crate::web::view::{Lang, PageContext, View, html};
+use crate::web::view::trend::{POINTS_WIDE, Trend};
+use crate::web::view::{Lang, PageContext, Trends, View, html};
 
-use super::trend::{POINTS_WIDE, Trend};
-use super::{DevFrame, NodeLink, Page, Trends};
+use super::{DevFrame, NodeLink, Page};
 
 /// Nodes named in one step; a group may have thousands of members.
 const NAMED: usize = 20;

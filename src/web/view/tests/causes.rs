@@ -30,7 +30,7 @@ fn roots_come_first_and_the_rest_is_counted() {
     let order: Vec<_> =
         html.split("data-node=\"").skip(1).filter_map(|rest| rest.split('"').next()).collect();
     assert_eq!(order, ["localization/tf_quality", "mission/server"]);
-    assert!(html.contains(">+2<"), "{html}");
+    assert!(html.contains("<b>2</b> <span>more</span>"), "{html}");
 }
 
 #[test]

@@ -1,4 +1,5 @@
 use super::*;
+use crate::engine::time::Span;
 
 #[test]
 fn behind_a_masked_tile_stand_its_own_errors_and_the_way_to_the_cause() {
@@ -36,4 +37,52 @@ fn the_worst_stands_first_and_the_list_is_bounded() {
     assert!(first.starts_with("can/extra_99"), "{first}");
     assert_eq!(html.matches("data-module").count(), 40);
     assert!(html.contains("and 62 more"));
+}
+
+#[test]
+fn an_error_that_is_held_offers_its_reset_and_says_when_it_is_refused() {
+    let mut parts = parts();
+    let held = parts.modules.iter_mut().find(|module| &*module.id == "can/bus").expect("it is there");
+    held.policy.latch = Some(Span::from_secs(1));
+    let standing = Sample::of(parts).login().signal("active", false).pass(5);
+    let fault = standing.report("can/bus", 2, "no frames", &[]).pass(6);
+    let over = Sample::of(self::parts()).login().pass(5);
+    check(&over.published(), Lang::En, "detail-can", &[], &["Held", "/reset"]);
+
+    let mut fault = fault;
+    let during =
+        Published { snapshot: fault.snapshot(), at: SystemTime::UNIX_EPOCH + Duration::from_secs(86_400) };
+    let expect = ["Held until reset", r#"action="/modules/can/bus/reset""#, r#"aria-disabled="true""#];
+    check(&during, Lang::En, "detail-can", &expect, &[]);
+
+    let mut over = fault.report("can/bus", 0, "fine", &[]).pass(6);
+    let after =
+        Published { snapshot: over.snapshot(), at: SystemTime::UNIX_EPOCH + Duration::from_secs(86_400) };
+    check(&after, Lang::De, "detail-can", &["Gehalten bis zum Zurücksetzen", "/reset"], &["aria-disabled"]);
+    check(&after, Lang::En, "causes", &["Over. Held until reset: touch here."], &["Take over."]);
+    let reset = OperatorAction::Reset { module: "can/bus".into() };
+    check(&over.act(reset).pass(1).published(), Lang::En, "detail-can", &[], &["Held", "/reset"]);
+}
+
+#[test]
+fn numbers_of_the_last_minutes_are_drawn_within_bounds() {
+    let mut parts = parts();
+    parts.modules.extend((0..100).map(|index| module("can", 4, &format!("extra_{index}"))));
+    let trends = Trends::default();
+    let mut sample = Sample::of(parts).login();
+    for value in ["1.5", "2.5", "4.0"] {
+        let values: Vec<(&str, &str)> = ["a", "b", "c", "d", "word"]
+            .map(|key| (key, if key == "word" { "high" } else { value }))
+            .to_vec();
+        sample = sample.report("can/battery", 2, "low", &values).pass(3);
+        trends.sample(&sample.snapshot());
+    }
+    let published = sample.published();
+    let seen = Versions::default().observe(&published.snapshot);
+    let all = super::super::fragments(&published, &seen, Lang::En, &trends);
+    let html = all.into_iter().find(|it| it.id == "detail-can").expect("it is there").html;
+    assert!(html.contains(r#"aria-label="a: 1.5 &ndash; 4, last 5 minutes""#), "{html}");
+    let battery = html.split("</li>").next().unwrap_or_default();
+    assert_eq!(battery.matches("class=\"spark\"").count(), 3, "{battery}");
+    assert!(html.matches("class=\"spark\"").count() <= 36, "{html}");
 }

@@ -28,11 +28,16 @@ fn context(lang: Lang, palette: Palette) -> PageContext {
 
 /// The page as it is for somebody to whom nothing was shown before.
 fn operator_page(published: &Published, context: &PageContext) -> String {
-    super::operator_page(published, &Versions::default().observe(&published.snapshot), context)
+    super::operator_page(
+        published,
+        &Versions::default().observe(&published.snapshot),
+        context,
+        &Trends::default(),
+    )
 }
 
 fn fragments(published: &Published, lang: Lang) -> Vec<Fragment> {
-    super::fragments(published, &Versions::default().observe(&published.snapshot), lang)
+    super::fragments(published, &Versions::default().observe(&published.snapshot), lang, &Trends::default())
 }
 
 fn fragment(published: &Published, lang: Lang, id: &str) -> String {

@@ -1,0 +1,184 @@
+"""What the display shows in every condition of its own: stale, dead, without a socket, without a
+session, in any size, and with sheets open."""
+
+import signal
+
+import pytest
+from playwright.sync_api import expect
+
+from operating import DEMO_OPERATOR, localize, log_in_by_touch, stage, step, touch_context, watch
+from test_looks import check_sizes, violations
+from vehicle import OPERATOR, Client, Server, Writer, own_domain
+
+LATCHED = """vehicle: { stages: none }
+groups:
+  - id: drive
+    name: Drive
+    modules:
+      - { id: brake, status: brake, latch: 100ms, timeout: 60s, name: Brake weak, help: Stop. }
+      - { id: motor, status: motor, timeout: 60s }
+"""
+
+
+@pytest.fixture
+def demo(tmp_path):
+    server = Server(tmp_path, own_domain() + 43, "demo").start()
+    yield server
+    server.send(signal.SIGCONT)
+    assert server.stop() == 0
+
+
+@pytest.fixture
+def display(chromium, trouble, demo):
+    context = touch_context(chromium, reduced_motion="reduce")
+    page = context.new_page()
+    watch(page, trouble)
+    log_in_by_touch(page, demo, *DEMO_OPERATOR)
+    yield page
+    context.close()
+
+
+def clean_in_both_palettes(page, name):
+    """Nothing for axe-core to find, whatever can be touched."""
+    for palette in ("day", "night"):
+        page.evaluate("palette => void (document.documentElement.dataset.palette = palette)", palette)
+        found = violations(page)
+        assert not found, f"{name}, {palette}:\n{found}"
+
+
+def test_sheets_details_and_a_display_that_is_not_live_can_be_read_by_all(demo, display, trouble):
+    page = display
+    localize(page)
+    step(page, "stops").tap()
+    expect(page.locator("#sheet-stops")).to_be_visible()
+    clean_in_both_palettes(page, "stops")
+    page.locator("#sheet-stops .close").tap()
+    client = Client(demo, *DEMO_OPERATOR)
+    # Two that are over, and two that are there: more than have room.
+    for fault, tile in (("localization_jump", "localization"), ("can_loss", "can")):
+        client.post("/demo/fault", name=fault, active="true")
+        expect(page.locator(f"#tile-{tile}")).to_have_attribute("data-state", "error", timeout=10_000)
+        client.post("/demo/fault", name=fault, active="false")
+        expect(page.locator(f"#tile-{tile}")).to_have_attribute("data-state", "ok", timeout=20_000)
+    for fault in ("costmap_delay", "low_battery"):
+        client.post("/demo/fault", name=fault, active="true")
+    expect(page.locator("#tile-perception")).to_have_attribute("data-state", "error", timeout=10_000)
+    expect(page.locator("#causes .more")).to_contain_text("more")
+    check_sizes(page, "many")
+    page.locator("#causes .more").tap()
+    expect(page.locator("#sheet-causes")).to_be_visible()
+    clean_in_both_palettes(page, "causes")
+    page.locator("#sheet-causes .close").tap()
+    page.locator("#tile-can").tap()
+    expect(page.locator("#panel-can .spark").first).to_be_visible(timeout=10_000)
+    clean_in_both_palettes(page, "detail")
+    page.locator("#panel-can .close").tap()
+    demo.send(signal.SIGSTOP)
+    expect(page.locator("body")).to_have_attribute("data-live", "stale")
+    clean_in_both_palettes(page, "stale")
+    expect(page.locator("body")).to_have_attribute("data-live", "dead")
+    clean_in_both_palettes(page, "dead")
+    demo.send(signal.SIGCONT)
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+    trouble.expect("WebSocket", "ERR_", "htmx:ws:error")
+
+
+@pytest.mark.parametrize("width, height", [(390, 844), (1920, 1080)])
+def test_other_sizes_do_not_break(demo, display, width, height):
+    page = display
+    localize(page)
+    client = Client(demo, *DEMO_OPERATOR)
+    client.post("/demo/fault", name="localization_jump", active="true")
+    expect(page.locator("#tile-localization")).to_have_attribute("data-state", "error", timeout=10_000)
+    page.set_viewport_size({"width": width, "height": height})
+    wide = page.evaluate("() => document.documentElement.scrollWidth")
+    assert wide <= width, f"{wide} px of {width}"
+    for part in ("#top .stage", "#live", "#tile-localization", "#causes .cause", "#step button", "#causes button[name=acknowledge]"):
+        expect(page.locator(part).first).to_be_visible()
+        box = page.locator(part).first.bounding_box()
+        assert box["x"] >= 0 and box["x"] + box["width"] <= width + 0.5, f"{part}: {box}"
+    boxes = [tile.bounding_box() for tile in page.locator(".tile").all()]
+    for index, one in enumerate(boxes):
+        for other in boxes[index + 1 :]:
+            apart = (
+                one["x"] + one["width"] <= other["x"] + 0.5
+                or other["x"] + other["width"] <= one["x"] + 0.5
+                or one["y"] + one["height"] <= other["y"] + 0.5
+                or other["y"] + other["height"] <= one["y"] + 0.5
+            )
+            assert apart, f"{one} over {other}"
+    page.locator("#tile-localization").tap()
+    expect(page.locator("#panel-localization .close")).to_be_visible()
+    box = page.locator("#panel-localization").bounding_box()
+    assert box["x"] >= 0 and box["x"] + box["width"] <= width + 0.5, box
+    assert not violations(page), violations(page)
+
+
+def test_a_lost_session_leads_to_the_login(demo, display, chromium, trouble):
+    page = display
+    stage(page, "localizing")
+    page.context.clear_cookies()
+    step(page, "localize").first.tap()
+    page.wait_for_url(demo.url + "/login*", timeout=5_000)
+    trouble.expect("401", "403", "Failed to load resource")
+
+
+def test_after_an_update_of_the_server_the_page_loads_itself_anew(demo, display):
+    page = display
+    page.evaluate("() => { document.body.dataset.layout = 'of another version'; window.isOld = true; }")
+    localize(page)
+    page.wait_for_function("() => !window.isOld")
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+
+
+def test_a_browser_without_sockets_says_that_it_shows_nothing_live(demo, display, trouble):
+    page = display
+    page.add_init_script("delete window.WebSocket")
+    page.reload()
+    expect(page.locator("body")).to_have_attribute("data-live", "dead", timeout=5_000)
+    expect(page.locator(".banner .when-dead").filter(visible=True)).to_contain_text("take over")
+    trouble[:] = []
+
+
+def test_an_error_that_is_held_is_reset_at_its_component(tmp_path, chromium, trouble):
+    config = tmp_path / "held.yaml"
+    config.write_text(LATCHED)
+    server = Server(tmp_path, own_domain() + 44, config=config)
+    server.add_user(*OPERATOR)
+    server.start()
+    writer = Writer(server.domain, "rt/diagnostics", "DiagnosticArray", tmp_path / "writer.log")
+    report = lambda level: writer.write(
+        statuses=[
+            {"level": it, "name": name, "message": "", "hardware_id": "", "values": {}}
+            for name, it in (("brake", level), ("motor", 0))
+        ]
+    )
+    context = touch_context(chromium)
+    page = context.new_page()
+    watch(page, trouble)
+    try:
+        log_in_by_touch(page, server, *OPERATOR)
+        writer.write(wait_matched=1, timeout=10)
+        report(2)
+        tile, held = page.locator("#tile-drive"), page.locator("#panel-drive .held")
+        expect(tile).to_have_attribute("data-state", "error")
+        tile.tap()
+        expect(held).to_contain_text("Held until reset")
+        page.wait_for_timeout(1_000)
+        held.locator("button").tap(force=True)
+        expect(page.locator("#notice li").first).to_be_visible()
+        page.locator("#notice [name=dismiss]").tap()
+        # A touch beside the detail closes it.
+        tile.tap()
+        report(0)
+        expect(held.locator("button:not([aria-disabled])")).to_be_visible()
+        expect(tile).to_have_attribute("data-state", "error")
+        expect(page.locator("#causes .help").first).to_contain_text("touch here")
+        held.locator("button").tap()
+        expect(tile).to_have_attribute("data-state", "ok")
+        expect(held).to_have_count(0)
+        trouble.expect("409")
+    finally:
+        context.close()
+        writer.close()
+        assert server.stop() == 0
