@@ -39,7 +39,7 @@ words! {
     sound_off: "Sound off", "Ton aus";
 
     waits_goal: "waiting for a goal", "wartet auf ein Ziel";
-    waits_clearance: "goal set, waiting for clearance", "Ziel gesetzt, wartet auf Freigabe";
+    waits_clearance: "goal set, waiting for clearance", "wartet auf Freigabe";
     waits_start: "about to start", "fährt gleich an";
     waits_stop: "choose a stop", "Haltestelle wählen";
     by_itself: "by itself", "selbsttätig";
@@ -56,10 +56,13 @@ words! {
     drives: "The vehicle drives by itself", "Das Fahrzeug fährt selbst";
     may_start: "The vehicle may start at any moment", "Das Fahrzeug kann jederzeit anfahren";
     nothing_wrong: "Nothing is wrong", "Keine Störung";
+    held_acknowledge: "Still held back. Acknowledge to release.", "Wird noch gehalten. Quittieren gibt frei.";
+    held_stop: "Held until the stop is taken back", "Gilt, bis es zurückgenommen wird";
+    held_calm: "The cause is over, the vehicle still held back", "Ursache vorbei, Fahrzeug noch gehalten";
     no_sight: "Something is unknown", "Etwas ist unbekannt";
     take_over_ready: "Be ready to take over.", "Bereit sein zu übernehmen.";
 
-    because_of: "because of", "wegen";
+    because_of: "because of", "Ursache:";
     asked_by_operator: "asked for by the operator", "von der Fahrbegleitung angefordert";
     asked: "Sent to the vehicle", "An das Fahrzeug gesendet";
     engaged: "Confirmed by the vehicle", "Vom Fahrzeug bestätigt";
