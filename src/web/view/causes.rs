@@ -13,7 +13,6 @@ use super::fit::{LARGE, LARGE_EM, SMALL, SMALL_EM, lines};
 use super::{Fragment, View, html, measure};
 use crate::web::steps::StepWords;
 use crate::web::text::Words;
-use crate::web::versions::Matter;
 
 /// Height of the list on the reference display in pixels, below its heading.
 const ROOM: usize = 472;
@@ -175,8 +174,7 @@ fn of_entry(view: &View<'_>, entry: &Entry) -> EntryHtml {
         state: entry.state.as_str(),
         icon: if entry.over { "ok" } else { super::node::icon(entry.state, None) },
         word: if entry.over { view.lang.steps().over } else { view.lang.state(entry.state) },
-        // Only what is an alarm calls.
-        waiting: entry.acknowledge.as_ref().is_some_and(|it| matches!(it.matter, Matter::Alarm(_))),
+        waiting: entry.calls || entry.over,
         over: entry.over,
         masks: entry.masks,
         title: entry.title.clone(),
@@ -190,6 +188,9 @@ fn of_entry(view: &View<'_>, entry: &Entry) -> EntryHtml {
 
 /// "All okay" is said only where every component that matters shows OK.
 fn calm(view: &View<'_>) -> (bool, String) {
+    if measure::waits_for_note(view) {
+        return (false, view.lang.steps().held_calm.to_owned());
+    }
     let states = view.board.tiles.iter().map(|&id| view.snapshot.group(id).1.state);
     // Whoever is ignored was put aside by the stage: with a mask there would be a root cause.
     let active = states.filter(|&state| state == State::Ok).count();
@@ -223,6 +224,7 @@ mod tests {
             waits: "Four others wait".to_owned(),
             masks: 4,
             help: help.to_owned(),
+            calls: false,
             over: false,
             acknowledge: None,
         }
