@@ -116,6 +116,18 @@ impl Lang {
         format!("{names}: {what}")
     }
 
+    /// `Planning, Control: wait for Localization`: components that another one's fault puts aside.
+    pub fn wait_for(self, names: &[String], cause: Option<&str>) -> String {
+        let what = match (self, cause, names.len()) {
+            (_, None, _) => return self.not_fit(&names.join(", "), State::Ignore),
+            (Lang::En, Some(cause), 1) => format!("waits for {cause}"),
+            (Lang::En, Some(cause), _) => format!("wait for {cause}"),
+            (Lang::De, Some(cause), 1) => format!("wartet auf {cause}"),
+            (Lang::De, Some(cause), _) => format!("warten auf {cause}"),
+        };
+        format!("{}: {what}", names.join(", "))
+    }
+
     /// A WARNING that has to be accepted before a clearance.
     pub fn not_accepted(self, name: &str) -> String {
         match self {

@@ -229,8 +229,7 @@ fn past(view: &View<'_>, entries: &mut Vec<Entry>) {
     for (node, (count, id, raised)) in of_node {
         if let Some(back) = entries.iter_mut().find(|entry| entry.node == node) {
             let of_both = back.acknowledge.is_some();
-            back.acknowledge =
-                Some(if of_both || count > 1 { by_name(view, node) } else { by_number(id) });
+            back.acknowledge = Some(if of_both || count > 1 { by_name(view, node) } else { by_number(id) });
             continue;
         }
         let entry = match node {
