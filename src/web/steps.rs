@@ -26,6 +26,7 @@ words! {
     stop_back: "Take the stop back", "Anhalten zurücknehmen";
     acknowledge: "Acknowledge", "Quittieren";
     over: "Over", "Vorbei";
+    silent_since: "Silent. Said last:", "Verstummt. Zuletzt:";
     held_error: "Held until reset", "Gehalten bis zum Zurücksetzen";
     reset: "Reset", "Zurücksetzen";
     reset_here: "Over. Held until reset: touch here.", "Vorbei. Gehalten bis zum Zurücksetzen: hier berühren.";
@@ -126,6 +127,14 @@ impl Lang {
             (Lang::De, Some(cause), _) => format!("warten auf {cause}"),
         };
         format!("{}: {what}", names.join(", "))
+    }
+
+    /// A module's report that has not lasted long enough to count.
+    pub fn reports_not_long(self, reported: State) -> String {
+        match self {
+            Lang::En => format!("Reports {}, not for long enough yet:", self.state(reported)),
+            Lang::De => format!("Meldet {}, noch nicht lange genug:", self.state(reported)),
+        }
     }
 
     /// A WARNING that has to be accepted before a clearance.
