@@ -55,6 +55,11 @@ proptest! {
         let mut since = vec![None; model.modules.len()];
         for (index, (at, input)) in history.iter().enumerate() {
             note_relevance(&engine.snapshot(), index, &mut since);
+            // Time alone may make a module relevant between two inputs, as the end of a localization does.
+            while let Some(due) = engine.next_deadline().filter(|due| due < at) {
+                engine.handle(&Input::Tick, due);
+                note_relevance(&engine.snapshot(), index, &mut since);
+            }
             engine.handle(input, *at);
             let snapshot = engine.snapshot();
             note_relevance(&snapshot, index + 1, &mut since);
