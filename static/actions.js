@@ -7,6 +7,7 @@
   const AFTER_ACTION_MS = 800;
   const AFTER_CHANGE_MS = 400;
   const NOTICE_MS = 12000;
+  const REFUSED_MS = 6000;
 
   const body = document.body;
   const bar = document.getElementById("actions");
@@ -17,6 +18,7 @@
   let quietTimer = 0;
   let quietUntil = 0;
   let noticeTimer = 0;
+  let refusedTimer = 0;
 
   // The stylesheet lets no tap through meanwhile.
   const quiet = (ms) => {
@@ -45,6 +47,15 @@
     notice.hidden = false;
     clearTimeout(noticeTimer);
     noticeTimer = setTimeout(hideNotice, NOTICE_MS);
+  };
+
+  // The bar lists what stands in the way: it calls, and what has no room there opens.
+  const showChecks = () => {
+    hideNotice();
+    bar.dataset.refused = "";
+    clearTimeout(refusedTimer);
+    refusedTimer = setTimeout(() => delete bar.dataset.refused, REFUSED_MS);
+    if (bar.querySelector("[name=checks]")) document.getElementById("sheet-checks").showPopover();
   };
 
   // --- the second step of a clearance
@@ -105,7 +116,8 @@
       return undefined;
     }
     if (act === "confirm") closeConfirmation();
-    show("refused", said.refused ?? [said.error]);
+    if (act === "clearance" && bar.querySelector(".step .checks li:not(.holds)")) showChecks();
+    else show("refused", said.refused ?? [said.error]);
     // What was shown was old: everything is asked for anew.
     if ("seq" in said) document.dispatchEvent(new CustomEvent("telltale:refresh"));
     return undefined;
@@ -134,13 +146,28 @@
 
   // --- the bar changes under the finger
 
-  const offered = () => [...document.querySelectorAll("#step form button")].map((it) => `${it.name} ${it.value}`).join();
+  const list = document.querySelector("aside");
+  const offeredIn = (forms) => [...document.querySelectorAll(`${forms} form button`)].map((it) => `${it.name} ${it.value}`).join();
+  const offered = () => offeredIn("#step");
   let before = offered();
+  let listed = offeredIn("#causes");
+  let listTimer = 0;
+
+  // A button that has just come to mean another alarm takes no tap that was aimed at the last one.
+  const settle = () => {
+    const now = offeredIn("#causes");
+    if (now === listed) return;
+    listed = now;
+    list.dataset.quiet = "";
+    clearTimeout(listTimer);
+    listTimer = setTimeout(() => delete list.dataset.quiet, AFTER_CHANGE_MS);
+  };
 
   document.addEventListener("htmx:after:swap", () => {
     const now = offered();
     if (now !== before) quiet(AFTER_CHANGE_MS);
     before = now;
+    settle();
     // The server would refuse: what was asked for was another state.
     if (!confirmation.hidden && version() !== askedWith) closeConfirmation();
   });

@@ -18,6 +18,7 @@ mod pages;
 mod pending;
 mod refusals;
 mod router;
+mod said;
 mod seat;
 mod socket;
 mod state;

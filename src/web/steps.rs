@@ -26,6 +26,7 @@ words! {
     stop_back: "Take the stop back", "Anhalten zurücknehmen";
     acknowledge: "Acknowledge", "Quittieren";
     over: "Over", "Vorbei";
+    silent_since: "Silent. Said last:", "Verstummt. Zuletzt:";
     held_error: "Held until reset", "Gehalten bis zum Zurücksetzen";
     reset: "Reset", "Zurücksetzen";
     reset_here: "Over. Held until reset: touch here.", "Vorbei. Gehalten bis zum Zurücksetzen: hier berühren.";
@@ -39,7 +40,7 @@ words! {
     sound_off: "Sound off", "Ton aus";
 
     waits_goal: "waiting for a goal", "wartet auf ein Ziel";
-    waits_clearance: "goal set, waiting for clearance", "Ziel gesetzt, wartet auf Freigabe";
+    waits_clearance: "goal set, waiting for clearance", "wartet auf Freigabe";
     waits_start: "about to start", "fährt gleich an";
     waits_stop: "choose a stop", "Haltestelle wählen";
     by_itself: "by itself", "selbsttätig";
@@ -56,10 +57,13 @@ words! {
     drives: "The vehicle drives by itself", "Das Fahrzeug fährt selbst";
     may_start: "The vehicle may start at any moment", "Das Fahrzeug kann jederzeit anfahren";
     nothing_wrong: "Nothing is wrong", "Keine Störung";
+    held_acknowledge: "Still held back. Acknowledge to release.", "Wird noch gehalten. Quittieren gibt frei.";
+    held_stop: "Held until the stop is taken back", "Gilt, bis es zurückgenommen wird";
+    held_calm: "The cause is over, the vehicle still held back", "Ursache vorbei, Fahrzeug noch gehalten";
     no_sight: "Something is unknown", "Etwas ist unbekannt";
     take_over_ready: "Be ready to take over.", "Bereit sein zu übernehmen.";
 
-    because_of: "because of", "wegen";
+    because_of: "because of", "Ursache:";
     asked_by_operator: "asked for by the operator", "von der Fahrbegleitung angefordert";
     asked: "Sent to the vehicle", "An das Fahrzeug gesendet";
     engaged: "Confirmed by the vehicle", "Vom Fahrzeug bestätigt";
@@ -111,6 +115,26 @@ impl Lang {
             (Lang::De, _) => "Warnung",
         };
         format!("{names}: {what}")
+    }
+
+    /// `Planning, Control: wait for Localization`: components that another one's fault puts aside.
+    pub fn wait_for(self, names: &[String], cause: Option<&str>) -> String {
+        let what = match (self, cause, names.len()) {
+            (_, None, _) => return self.not_fit(&names.join(", "), State::Ignore),
+            (Lang::En, Some(cause), 1) => format!("waits for {cause}"),
+            (Lang::En, Some(cause), _) => format!("wait for {cause}"),
+            (Lang::De, Some(cause), 1) => format!("wartet auf {cause}"),
+            (Lang::De, Some(cause), _) => format!("warten auf {cause}"),
+        };
+        format!("{}: {what}", names.join(", "))
+    }
+
+    /// A module's report that has not lasted long enough to count.
+    pub fn reports_not_long(self, reported: State) -> String {
+        match self {
+            Lang::En => format!("Reports {}, not for long enough yet:", self.state(reported)),
+            Lang::De => format!("Meldet {}, noch nicht lange genug:", self.state(reported)),
+        }
     }
 
     /// A WARNING that has to be accepted before a clearance.

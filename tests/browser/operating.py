@@ -1,8 +1,8 @@
 """What an operator's hands do at a touch display."""
 
-from playwright.sync_api import expect
+from playwright.sync_api import TimeoutError, expect
 
-from vehicle import CHROMIUM
+from vehicle import CHROMIUM, until
 
 DEMO_OPERATOR = ("operator", "246810")
 DISPLAY = {"width": 1280, "height": 800}
@@ -61,3 +61,19 @@ def clear(page):
     ready.tap()
     expect(step(page, "confirm")).to_be_visible()
     step(page, "confirm").tap()
+
+
+def acknowledge_all(page):
+    """One tap for each alarm. The button goes with the last of them, perhaps before the next tap."""
+    button = page.locator("#causes button[name=acknowledge]")
+
+    def tap():
+        if button.count() == 0:
+            return True
+        try:
+            button.tap(timeout=1000)
+        except TimeoutError:
+            pass
+        return False
+
+    until(tap, 20, "all acknowledged")

@@ -7,8 +7,8 @@ import signal
 import pytest
 from playwright.sync_api import expect
 
-from operating import DEMO_OPERATOR, clear, localize, log_in_by_touch, stage, step, touch_context, watch
-from vehicle import Client, Server, own_domain, until
+from operating import DEMO_OPERATOR, acknowledge_all, clear, localize, log_in_by_touch, stage, step, touch_context, watch
+from vehicle import Client, Server, own_domain
 
 
 @pytest.fixture
@@ -61,7 +61,9 @@ def test_the_story_by_touch_alone(demo, display, trouble):
     client.post("/demo/fault", name="localization_jump", active="false")
     expect(page.locator("#tile-localization")).to_have_attribute("data-state", "ok", timeout=20_000)
     expect(banner).to_contain_text("Acknowledge to release")
-    page.locator("#causes button[name=acknowledge]").tap()
+    expect(page.locator("#step .text")).to_have_text("Still held back. Acknowledge to release.")
+    # Each alarm that came of it is acknowledged by itself.
+    acknowledge_all(page)
     expect(banner).to_have_count(0)
     assert sounded(page) == before + 1
 
@@ -92,16 +94,16 @@ def test_a_refused_clearance_lists_every_check_and_a_double_tap_clears_nothing(d
     expect(refused).to_have_attribute("aria-disabled", "true")
     expect(page.locator("#actions[data-quiet]")).to_have_count(0)
     refused.tap(force=True)
-    expect(page.locator("#notice li").first).to_be_visible()
-    assert page.locator("#notice li").count() >= 2
-    page.locator("#notice [name=dismiss]").tap()
+    expect(page.locator("#actions[data-refused] .checks")).to_be_visible()
+    expect(page.locator("#notice")).to_be_hidden()
+    assert page.locator("#all-checks li:not(.holds)").count() >= 2
+    expect(page.locator("#causes button[name=acknowledge]")).to_be_visible()
     trouble.expect("409")
 
     client.post("/demo/fault", name="costmap_delay", active="false")
     client.post("/demo/fault", name="low_battery", active="false")
     ready = page.locator("#actions button[name=clearance]:not([aria-disabled])")
-    acknowledge = page.locator("#causes button[name=acknowledge]")
-    until(lambda: acknowledge.count() == 0 or acknowledge.tap(), 20, "all acknowledged")
+    acknowledge_all(page)
     expect(ready).to_be_visible(timeout=40_000)
     expect(page.locator("#actions[data-quiet]")).to_have_count(0)
     box = ready.bounding_box()

@@ -13,7 +13,6 @@ use super::fit::{LARGE, LARGE_EM, SMALL, SMALL_EM, lines};
 use super::{Fragment, View, html, measure};
 use crate::web::steps::StepWords;
 use crate::web::text::Words;
-use crate::web::versions::Matter;
 
 /// Height of the list on the reference display in pixels, below its heading.
 const ROOM: usize = 472;
@@ -70,16 +69,26 @@ struct EntryHtml {
 
 pub fn causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
     let acknowledge = acknowledge(view, entries);
+    let calm = entries.iter().all(|entry| entry.over).then(|| calm(view));
     let banner = if measure::has_banner(view) { BANNER } else { 0 };
-    let fits = fitting(entries, ROOM - banner, acknowledge.is_some());
+    let said = calm.as_ref().map_or(0, |(_, text)| GAP + LARGE * lines(text, LARGE_EM, 4));
+    let room = ROOM - banner - said;
+    let mut entries = entries.to_vec();
+    let mut fits = fitting(&entries, room, acknowledge.is_some());
+    // What the button acts on is in sight.
+    let meant = entries.iter().position(|entry| entry.acknowledge.is_some());
+    if let Some(meant) = meant.filter(|&meant| acknowledge.is_some() && meant >= fits.shown.max(2)) {
+        entries[1..=meant].rotate_right(1);
+        fits = fitting(&entries, room, true);
+    }
     let more = entries.len() - fits.shown;
     let entry = |(index, entry)| {
         let html = of_entry(view, entry);
         let waits = if index < fits.waits { html.waits } else { String::new() };
         let message = if index < fits.messages { html.message } else { String::new() };
-        EntryHtml { waits, message, ..html }
+        let help = if index < fits.helps { html.help } else { String::new() };
+        EntryHtml { waits, message, help, ..html }
     };
-    let calm = entries.iter().all(|entry| entry.over).then(|| calm(view));
     let html = html(&CausesHtml {
         words: view.words,
         steps: view.lang.steps(),
@@ -128,24 +137,37 @@ fn acknowledge(view: &View<'_>, entries: &[Entry]) -> Option<AcknowledgeHtml> {
     })
 }
 
-/// How many entries are shown, and how many of them with what waits, and with their message.
+/// How many entries are shown, and how many of them with what to do, with what waits, and with
+/// their message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Fitting {
     shown: usize,
+    helps: usize,
     waits: usize,
     messages: usize,
 }
 
-/// What has room, by an estimate of its lines. The first entry always has, and each that is shown
-/// has what to do about it; then what waits counts for more than the message.
+/// What has room, by an estimate of its lines. The first entry always has, with what to do about
+/// it; where others would be hidden for that alone they are shown without. Then what waits counts
+/// for more than the message.
 fn fitting(entries: &[Entry], room: usize, button: bool) -> Fitting {
-    let (whole, rest) = if button { (room - BUTTONS, room - BUTTONS) } else { (room, room - BUTTONS) };
-    let height = |count: usize| entries[..count].iter().map(|entry| GAP + height_brief(entry)).sum::<usize>();
+    let (whole, rest) = if button {
+        (room.saturating_sub(BUTTONS), room.saturating_sub(BUTTONS))
+    } else {
+        (room, room.saturating_sub(BUTTONS))
+    };
+    let height = |count: usize, helps: usize| {
+        let (first, rest) = entries[..count].split_at(helps);
+        let brief = first.iter().map(|entry| GAP + height_brief(entry)).sum::<usize>();
+        brief + rest.iter().map(|entry| GAP + height_bare(entry)).sum::<usize>()
+    };
     // The whole list needs no button that counts the rest.
-    let fits = |count: &usize| height(*count) <= GAP + if *count == entries.len() { whole } else { rest };
-    let shown = (0..=entries.len()).rev().find(fits).unwrap_or(0).max(usize::from(!entries.is_empty()));
-    let room = if shown == entries.len() { whole } else { rest };
-    let mut free = (room + GAP).saturating_sub(height(shown));
+    let room = |count: usize| GAP + if count == entries.len() { whole } else { rest };
+    let least = usize::from(!entries.is_empty());
+    let all = (least..=entries.len()).rev();
+    let helps = all.clone().find(|&count| height(count, count) <= room(count)).unwrap_or(least);
+    let shown = all.clone().find(|&count| height(count, helps.min(count)) <= room(count)).unwrap_or(least);
+    let mut free = room(shown).saturating_sub(height(shown, helps));
     let mut grown = |words: fn(&Entry) -> &str| {
         let grows = |entry: &&Entry| {
             let more = SMALL * lines(words(entry), SMALL_EM, 2);
@@ -156,15 +178,22 @@ fn fitting(entries: &[Entry], room: usize, button: bool) -> Fitting {
         entries[..shown].iter().take_while(grows).count()
     };
     let waits = grown(|entry| &entry.waits);
-    Fitting { shown, waits, messages: grown(|entry| &entry.message) }
+    Fitting { shown, helps, waits, messages: grown(|entry| &entry.message) }
 }
 
 fn height_brief(entry: &Entry) -> usize {
+    let help = lines(&entry.help, LARGE_EM, 8);
+    (height_of_words(entry) + if help > 0 { 6 + LARGE * help } else { 0 }).max(88)
+}
+
+fn height_bare(entry: &Entry) -> usize {
+    height_of_words(entry).max(88)
+}
+
+fn height_of_words(entry: &Entry) -> usize {
     // An icon and how long it lasts share the line.
     let place = lines(&format!("iiii {}, seit 00 i", entry.place), SMALL_EM, 3);
-    let help = lines(&entry.help, LARGE_EM, 8);
-    let title = LARGE * lines(&entry.title, LARGE_EM, 2);
-    (14 + title + SMALL * place + if help > 0 { 6 + LARGE * help } else { 0 }).max(88)
+    14 + LARGE * lines(&entry.title, LARGE_EM, 2) + SMALL * place
 }
 
 fn of_entry(view: &View<'_>, entry: &Entry) -> EntryHtml {
@@ -175,8 +204,7 @@ fn of_entry(view: &View<'_>, entry: &Entry) -> EntryHtml {
         state: entry.state.as_str(),
         icon: if entry.over { "ok" } else { super::node::icon(entry.state, None) },
         word: if entry.over { view.lang.steps().over } else { view.lang.state(entry.state) },
-        // Only what is an alarm calls.
-        waiting: entry.acknowledge.as_ref().is_some_and(|it| matches!(it.matter, Matter::Alarm(_))),
+        waiting: entry.calls || entry.over,
         over: entry.over,
         masks: entry.masks,
         title: entry.title.clone(),
@@ -190,6 +218,9 @@ fn of_entry(view: &View<'_>, entry: &Entry) -> EntryHtml {
 
 /// "All okay" is said only where every component that matters shows OK.
 fn calm(view: &View<'_>) -> (bool, String) {
+    if measure::waits_for_note(view) {
+        return (false, view.lang.steps().held_calm.to_owned());
+    }
     let states = view.board.tiles.iter().map(|&id| view.snapshot.group(id).1.state);
     // Whoever is ignored was put aside by the stage: with a mask there would be a root cause.
     let active = states.filter(|&state| state == State::Ok).count();
@@ -223,6 +254,7 @@ mod tests {
             waits: "Four others wait".to_owned(),
             masks: 4,
             help: help.to_owned(),
+            calls: false,
             over: false,
             acknowledge: None,
         }
@@ -235,7 +267,7 @@ mod tests {
         assert_eq!(shown(&[], ROOM, false), 0);
         assert_eq!(shown(&[entry(&long, &long)], ROOM, true), 1);
         let two = fitting(&[entry("short", "do"), entry("short", "do")], ROOM, false);
-        assert_eq!(two, Fitting { shown: 2, waits: 2, messages: 2 });
+        assert_eq!(two, Fitting { shown: 2, helps: 2, waits: 2, messages: 2 });
         let many: Vec<Entry> = (0..50).map(|_| entry("short", "")).collect();
         for (room, button) in [(ROOM, false), (ROOM, true), (ROOM - BANNER, true)] {
             assert!((2..=4).contains(&shown(&many, room, button)), "{:?}", fitting(&many, room, button));

@@ -2,6 +2,7 @@
 
 use crate::engine::input::Refusal;
 use crate::engine::model::{ModuleId, NodeId};
+use crate::engine::snapshot::Reason;
 use crate::engine::state::State;
 
 use super::View;
@@ -26,7 +27,13 @@ impl View<'_> {
                 _ => None,
             });
             let ids: Vec<&str> = of_state.collect();
-            if !ids.is_empty() {
+            if state == State::Ignore {
+                let waiting = self.by_cause(&ids);
+                checks.extend(waiting.into_iter().map(|(cause, ids)| {
+                    let names: Vec<String> = ids.iter().map(|id| self.called(id)).collect();
+                    self.fails(self.lang.wait_for(&names, cause.as_deref()), &ids)
+                }));
+            } else if !ids.is_empty() {
                 let names: Vec<String> = ids.iter().map(|id| self.called(id)).collect();
                 checks.push(self.fails(self.lang.not_fit(&names.join(", "), state), &ids));
             }
@@ -46,6 +53,42 @@ impl View<'_> {
         }
         checks.extend(self.what_holds());
         checks
+    }
+
+    /// Groups that are put aside, by the component whose fault does it.
+    fn by_cause<'n>(&self, ids: &[&'n str]) -> Vec<(Option<String>, Vec<&'n str>)> {
+        let mut found: Vec<(Option<String>, Vec<&str>)> = Vec::new();
+        for id in ids {
+            let reason = match self.snapshot.node(id) {
+                Some(NodeId::Group(id)) => self.snapshot.group(id).1.reason.as_ref(),
+                _ => None,
+            };
+            let cause = match reason {
+                Some(Reason::Masked { by }) => by.first().map(|&root| self.tile_name(root)),
+                _ => None,
+            };
+            match found.iter_mut().find(|(of, _)| *of == cause) {
+                Some((_, ids)) => ids.push(id),
+                None => found.push((cause, vec![id])),
+            }
+        }
+        found
+    }
+
+    /// Why something was refused, a sentence a reason; what waits for one cause is one of them.
+    pub(super) fn sentences(&self, refusals: &[Refusal]) -> Vec<String> {
+        let waits = |it: &&Refusal| matches!(it, Refusal::Group { state: State::Ignore, .. });
+        let ids = refusals.iter().filter(waits).filter_map(|refusal| match refusal {
+            Refusal::Group { group, .. } => Some(&**group),
+            _ => None,
+        });
+        let ids: Vec<&str> = ids.collect();
+        let said = refusals.iter().filter(|it| !waits(it)).map(|it| self.sentence(it));
+        let waiting = self.by_cause(&ids).into_iter().map(|(cause, ids)| {
+            let names: Vec<String> = ids.iter().map(|id| self.called(id)).collect();
+            self.lang.wait_for(&names, cause.as_deref())
+        });
+        said.chain(waiting).collect()
     }
 
     fn fails(&self, text: String, nodes: &[&str]) -> Check {

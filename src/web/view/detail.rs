@@ -11,6 +11,7 @@ use super::clean::{ID, MESSAGE, VALUE, address, clean};
 use super::node::{icon, own_matters, reason_word};
 use super::trend::{POINTS_SMALL, Trend};
 use super::{DETAIL, Fragment, View, html};
+use crate::web::said::said;
 use crate::web::steps::StepWords;
 use crate::web::text::Words;
 use crate::web::versions::Matter;
@@ -33,6 +34,8 @@ struct Row {
     word: &'static str,
     because: String,
     own: Option<&'static str>,
+    /// Why it is not what it reports itself.
+    decided: String,
     since: String,
     message: String,
     values: Vec<Value>,
@@ -151,15 +154,31 @@ fn row(view: &View<'_>, tile: Tile, id: ModuleId, index: usize) -> Row {
         word: view.lang.state(module.state),
         because: view.reason(NodeId::Module(id), module.reason.as_ref()),
         own: own.then(|| view.lang.state(module.own)),
+        decided: decided(view, module),
         since: view.wall(module.since),
         message: if module.received.is_none() {
             view.words.no_report.to_owned()
         } else {
-            clean(&module.report.message, MESSAGE)
+            said(view.lang, clean(&module.report.message, MESSAGE))
         },
         values: values(view, id, index < ROWS_DRAWN),
         held: module.steps.latched,
         reset: reset(view, tile, id),
+    }
+}
+
+/// The step that made another state of what a module reported: silence, or a fault that has to last.
+fn decided(view: &View<'_>, module: &ModuleView) -> String {
+    let steps = module.steps;
+    let Some(reported) = steps.reported.filter(|&reported| reported != module.own) else {
+        return String::new();
+    };
+    if module.silent {
+        view.lang.steps().silent_since.to_owned()
+    } else if steps.debounced != steps.judged && !steps.latched {
+        view.lang.reports_not_long(reported)
+    } else {
+        String::new()
     }
 }
 

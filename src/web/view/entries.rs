@@ -9,6 +9,7 @@ use crate::engine::time::Timestamp;
 
 use super::View;
 use super::clean::{MESSAGE, clean};
+use crate::web::said::said;
 use crate::web::versions::Matter;
 
 /// WARNINGs of one component that are entries of their own; more of them are one.
@@ -26,6 +27,8 @@ pub struct Entry {
     pub waits: String,
     pub masks: u32,
     pub help: String,
+    /// It is an alarm of which nobody has taken note.
+    pub calls: bool,
     /// It was wrong, and nobody has taken note of it.
     pub over: bool,
     /// What the operator has to take note of.
@@ -60,7 +63,8 @@ fn of_root(view: &View<'_>, root: &RootCause, behind: &HashMap<NodeId, usize>) -
         since: root.since,
         masks: root.masks,
         waits: waits(view, root, behind.get(&root.node).copied().unwrap_or_default()),
-        acknowledge: target.map(|alarm| Target { id: alarm.id.to_string(), matter: Matter::Alarm(alarm.id) }),
+        calls: target.is_some(),
+        acknowledge: target.map(|alarm| by_number(alarm.id)),
         ..entry
     }
 }
@@ -100,7 +104,7 @@ fn behind(view: &View<'_>) -> HashMap<NodeId, usize> {
 fn of_module(view: &View<'_>, id: ModuleId, state: State) -> Entry {
     let (info, module) = view.snapshot.module(id);
     let title = view.fault(id, state);
-    let message = clean(&module.report.message, MESSAGE);
+    let message = said(view.lang, clean(&module.report.message, MESSAGE));
     let node = NodeId::Module(id);
     // Without a name of its own a fault is called by its component, and then its place is its label.
     let unnamed = state == State::Unknown || info.name.is_none();
@@ -115,6 +119,7 @@ fn of_module(view: &View<'_>, id: ModuleId, state: State) -> Entry {
         waits: String::new(),
         masks: 0,
         help: help(view, node, state),
+        calls: false,
         over: false,
         acknowledge: None,
     }
@@ -152,6 +157,7 @@ fn of_group(view: &View<'_>, id: GroupId, state: State, place: String) -> Entry 
         waits: String::new(),
         masks: 0,
         help: help(view, node, state),
+        calls: false,
         over: false,
         acknowledge: None,
     }
@@ -211,7 +217,8 @@ fn of_warnings(view: &View<'_>, group: GroupId, modules: &[ModuleId]) -> Option<
     Some(Target { id: view.snapshot.node_name(NodeId::Module(*open)).to_string(), matter })
 }
 
-/// Adds the alarms that are over: those of one node are one entry.
+/// Adds the alarms that are over: those of one node are one entry, and where its fault is back
+/// they are a part of that one.
 fn past(view: &View<'_>, entries: &mut Vec<Entry>) {
     let mut of_node: BTreeMap<NodeId, (usize, u64, Timestamp)> = BTreeMap::new();
     for alarm in view.snapshot.alarms.iter().filter(|alarm| !alarm.active && !alarm.acknowledged) {
@@ -219,21 +226,35 @@ fn past(view: &View<'_>, entries: &mut Vec<Entry>) {
         *count += 1;
         (*id, *raised) = (alarm.id, alarm.raised);
     }
-    let mut found: Vec<(u64, Entry)> = of_node
-        .into_iter()
-        .map(|(node, (count, id, raised))| {
-            let entry = match node {
-                NodeId::Module(module) => of_module(view, module, State::Error),
-                NodeId::Group(group) => of_group(view, group, State::Error, String::new()),
-            };
-            // By its name all of them are meant.
-            let target = if count > 1 { view.snapshot.node_name(node).to_string() } else { id.to_string() };
-            let acknowledge = Some(Target { id: target, matter: Matter::Alarm(id) });
-            let message = view.lang.so_often(count);
-            let help = String::new();
-            (id, Entry { since: raised, message, help, over: true, acknowledge, ..entry })
-        })
-        .collect();
+    let mut found: Vec<(u64, Entry)> = Vec::new();
+    for (node, (count, id, raised)) in of_node {
+        if let Some(back) = entries.iter_mut().find(|entry| entry.node == node) {
+            let of_both = back.acknowledge.is_some();
+            back.acknowledge = Some(if of_both || count > 1 { by_name(view, node) } else { by_number(id) });
+            continue;
+        }
+        let entry = match node {
+            NodeId::Module(module) => of_module(view, module, State::Error),
+            NodeId::Group(group) => of_group(view, group, State::Error, String::new()),
+        };
+        let acknowledge = Some(if count > 1 { by_name(view, node) } else { by_number(id) });
+        let message = view.lang.so_often(count);
+        let help = String::new();
+        found.push((id, Entry { since: raised, message, help, over: true, acknowledge, ..entry }));
+    }
     found.sort_by_key(|(id, _)| *id);
     entries.extend(found.into_iter().map(|(_, entry)| entry));
+}
+
+fn by_number(id: u64) -> Target {
+    Target { id: id.to_string(), matter: Matter::Alarm(id) }
+}
+
+/// All alarms of a node: they are decided by what its component shows.
+fn by_name(view: &View<'_>, node: NodeId) -> Target {
+    let tile = view.board.tile_of(node).map(|tile| view.board.tiles[tile]);
+    Target {
+        id: view.snapshot.node_name(node).to_string(),
+        matter: tile.map_or(Matter::Stage, Matter::Component),
+    }
 }

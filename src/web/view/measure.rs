@@ -35,6 +35,11 @@ pub fn has_banner(view: &View<'_>) -> bool {
     view.snapshot.countermeasure().is_some_and(|it| it.request.kind().moves())
 }
 
+/// Whether what is asked of the vehicle stays only because nobody has taken note of its cause.
+pub fn waits_for_note(view: &View<'_>) -> bool {
+    view.snapshot.countermeasure().is_some_and(|it| it.latched && it.request.kind().moves())
+}
+
 fn of(view: &View<'_>, it: &Countermeasure) -> Measure {
     let steps = view.lang.steps();
     let causes: Vec<String> = it.causes.iter().map(|cause| fault(view, cause.node)).collect();

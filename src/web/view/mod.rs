@@ -197,7 +197,7 @@ pub fn fragments(published: &Published, seen: &Seen, lang: Lang, trends: &Trends
 /// Why something was refused, one sentence a reason, by the names that are shown.
 pub fn refusals(published: &Published, lang: Lang, reasons: &[Refusal]) -> Vec<String> {
     let view = View::new(published, lang, false);
-    reasons.iter().map(|reason| view.sentence(reason)).collect()
+    view.sentences(reasons)
 }
 
 /// What all parts of a page are made from.

@@ -9,7 +9,7 @@ use crate::engine::state::State;
 use super::checks::Check;
 use super::clean::{ID, NAME, clean};
 use super::fit::{SMALL_EM_BAR, SMALL_EM_BAR_NARROW, lines};
-use super::{Fragment, View, html};
+use super::{Fragment, View, html, measure};
 use crate::web::steps::StepWords;
 use crate::web::text::Words;
 use crate::web::versions::Matter;
@@ -148,6 +148,10 @@ fn clear(view: &View<'_>) -> Step {
 fn condition(view: &View<'_>) -> String {
     let steps = view.lang.steps();
     match view.snapshot.overall {
+        State::Ok | State::Ignore | State::Warning if measure::waits_for_note(view) => {
+            steps.held_acknowledge.to_owned()
+        }
+        State::Ok | State::Ignore if measure::has_banner(view) => steps.held_stop.to_owned(),
         State::Ok | State::Ignore => steps.nothing_wrong.to_owned(),
         State::Unknown => steps.no_sight.to_owned(),
         state @ (State::Warning | State::Error) => {
