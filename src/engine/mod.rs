@@ -85,6 +85,8 @@ pub struct Engine {
     warnings: Warnings,
     measures: Measures,
     told: Told,
+    /// After a start: until then nobody need have said whether the vehicle drives.
+    active_by: Timestamp,
     /// Something changed that the vehicle's stage or a request may follow from.
     led: bool,
     timers: Timers,
@@ -125,6 +127,7 @@ impl Engine {
             warnings: Warnings::default(),
             measures: Measures::new(&model),
             told: Told::default(),
+            active_by: now,
             led: true,
             timers: Timers::default(),
             overflow: Overflow::default(),
@@ -219,7 +222,7 @@ impl Engine {
             TimerKey::Module(index) => self.net.mark_module(ModuleId(index)),
             TimerKey::Reception => self.judge_reception(),
             // Settling looks at them.
-            TimerKey::Localization | TimerKey::Measures => self.led = true,
+            TimerKey::Localization | TimerKey::Measures | TimerKey::Active => self.led = true,
             TimerKey::Monitor(index) => {
                 self.judge_monitor(index, false);
             }

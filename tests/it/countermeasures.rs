@@ -11,7 +11,7 @@ use telltale::engine::input::{
 use telltale::engine::model::{Model, Stage};
 use telltale::engine::snapshot::{MeasureState, Snapshot};
 use telltale::engine::state::State;
-use telltale::engine::time::Timestamp;
+use telltale::engine::time::{Span, Timestamp};
 
 const CONFIG: &str = "
 signals:
@@ -135,7 +135,7 @@ fn a_restart_in_the_middle_of_a_fault_takes_nothing_back() {
     let snapshot = vehicle.look();
     assert_eq!((snapshot.stage, snapshot.operator.as_deref()), (Stage::Active, Some("operator")));
     // Nothing says yet whether it drives, and nothing says that the fault is over.
-    assert_eq!(state(&snapshot, "telltale/active"), State::Error);
+    assert_eq!(state(&snapshot, "telltale/active"), State::Unknown);
     assert_eq!(asked(&snapshot), Some(("decelerate", vec!["planning/planner"], false)));
     assert_eq!(snapshot.alarms[0].id, 1);
     assert!(snapshot.alarms[0].active);
@@ -146,6 +146,28 @@ fn a_restart_in_the_middle_of_a_fault_takes_nothing_back() {
     vehicle.report(&[("planner", 0)]);
     assert_eq!(vehicle.acknowledge("planning/planner"), Response::Done);
     assert_eq!(asked(&vehicle.look()), None);
+}
+
+#[test]
+fn after_a_restart_active_has_its_time_to_be_heard() {
+    for heard in [true, false] {
+        let mut vehicle = Vehicle::in_stage(Stage::Active);
+        vehicle.active(true);
+        vehicle.restart();
+        let start = vehicle.now;
+        if heard {
+            vehicle.active(true);
+        }
+        vehicle.report(&[("lidar", 0), ("planner", 0)]);
+        let expected = if heard { State::Ok } else { State::Unknown };
+        assert_eq!(state(&vehicle.look(), "telltale/active"), expected);
+        assert!(vehicle.look().alarms.is_empty());
+        vehicle.now = start + Span::from_secs(4);
+        vehicle.input(&Input::Tick);
+        let expected = if heard { State::Ok } else { State::Error };
+        assert_eq!(state(&vehicle.look(), "telltale/active"), expected);
+        assert_eq!(vehicle.look().alarms.is_empty(), heard);
+    }
 }
 
 #[test]
