@@ -14,6 +14,7 @@ pub(super) enum TimerKey {
     Localization,
     Measures,
     Active,
+    Searched,
     Monitor(u32),
     Module(u32),
 }
@@ -22,7 +23,7 @@ pub(super) enum TimerKey {
 #[derive(Debug, Default)]
 pub(super) struct Timers {
     heap: BinaryHeap<Reverse<(Timestamp, TimerKey)>>,
-    queued: [Vec<Option<Timestamp>>; 7],
+    queued: [Vec<Option<Timestamp>>; 8],
 }
 
 impl Timers {
@@ -65,6 +66,7 @@ impl Timers {
             TimerKey::Measures => (4, 0),
             TimerKey::Monitor(index) => (5, index as usize),
             TimerKey::Active => (6, 0),
+            TimerKey::Searched => (7, 0),
         };
         let slots = &mut self.queued[kind];
         if slots.len() <= index {

@@ -9,7 +9,7 @@ use telltale::engine::input::{
     AlarmRef, Input, OperatorAction, Output, OutputNews, Place, Response, StatusArray,
 };
 use telltale::engine::model::{Model, Stage};
-use telltale::engine::snapshot::{MeasureState, Snapshot};
+use telltale::engine::snapshot::{Alarm, MeasureState, Snapshot};
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
 
@@ -112,6 +112,20 @@ fn a_masked_node_lets_its_root_ask_for_what_it_would_have_asked() {
 }
 
 #[test]
+fn a_request_stays_while_the_cause_that_was_named_for_it_is_there() {
+    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    vehicle.report(&[("lidar", 2), ("planner", 2)]);
+    let held = Some(("decelerate", vec!["sensors/lidar"], false));
+    assert_eq!(asked(&vehicle.look()), held);
+    // The planner is well again behind its mask, and the operator knows of the LiDAR.
+    vehicle.report(&[("planner", 0)]);
+    assert_eq!(vehicle.acknowledge("sensors/lidar"), Response::Done);
+    assert_eq!(asked(&vehicle.look()), held);
+    vehicle.report(&[("lidar", 0)]);
+    assert_eq!(asked(&vehicle.look()), None);
+}
+
+#[test]
 fn a_request_that_cannot_be_sent_is_an_error_of_its_own() {
     let mut vehicle = Vehicle::in_stage(Stage::Active);
     vehicle.send(Output::Deceleration, Some("no network"));
@@ -168,6 +182,64 @@ fn after_a_restart_active_has_its_time_to_be_heard() {
         assert_eq!(state(&vehicle.look(), "telltale/active"), expected);
         assert_eq!(vehicle.look().alarms.is_empty(), heard);
     }
+}
+
+/// Numbers, nodes and whether they are active.
+fn alarms(snapshot: &Snapshot) -> Vec<(u64, &str, bool, bool)> {
+    let alarm = |it: &Alarm| (it.id, &**snapshot.node_name(it.node), it.active, it.acknowledged);
+    snapshot.alarms.iter().map(alarm).collect()
+}
+
+#[test]
+fn after_a_restart_an_alarm_is_over_once_its_module_is_known_and_no_root() {
+    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    vehicle.active(true);
+    vehicle.report(&[("planner", 2)]);
+    vehicle.acknowledge("planning/planner");
+    vehicle.restart();
+    vehicle.active(true);
+    assert_eq!(alarms(&vehicle.look()), [(1, "planning/planner", true, true)]);
+    vehicle.report(&[("lidar", 0), ("planner", 0)]);
+    assert_eq!(alarms(&vehicle.look()), []);
+    vehicle.report(&[("planner", 2)]);
+    assert_eq!(alarms(&vehicle.look()), [(2, "planning/planner", true, false)]);
+}
+
+#[test]
+fn a_fault_of_the_vehicles_side_that_lasts_over_a_restart_keeps_its_number() {
+    let seconds = |vehicle: &mut Vehicle, seconds| {
+        vehicle.now = vehicle.now + Span::from_secs(seconds);
+        vehicle.input(&Input::Tick);
+    };
+    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    vehicle.active(true);
+    vehicle.send(Output::Deceleration, Some("no writer"));
+    vehicle.report(&[("planner", 2)]);
+    let before = alarms(&vehicle.look()).len();
+    vehicle.restart();
+    let restored: Vec<u64> = vehicle.look().alarms.iter().map(|it| it.id).collect();
+    assert_eq!(restored.len(), before);
+    vehicle.active(true);
+    vehicle.report(&[("lidar", 0), ("planner", 2)]);
+    seconds(&mut vehicle, 1);
+    vehicle.send(Output::Deceleration, Some("no writer"));
+    seconds(&mut vehicle, 5);
+    let ids: Vec<u64> = vehicle.look().alarms.iter().filter(|it| it.active).map(|it| it.id).collect();
+    assert_eq!((ids, state(&vehicle.look(), "telltale/countermeasure")), (restored, State::Error));
+    // Nobody says whether it drives, before the restart and after it.
+    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    vehicle.active(true);
+    vehicle.restart();
+    vehicle.report(&[("lidar", 0), ("planner", 0)]);
+    seconds(&mut vehicle, 5);
+    assert_eq!(alarms(&vehicle.look()), [(1, "telltale/active", true, false)]);
+    vehicle.restart();
+    vehicle.report(&[("lidar", 0), ("planner", 0)]);
+    seconds(&mut vehicle, 5);
+    assert_eq!(alarms(&vehicle.look()), [(1, "telltale/active", true, false)]);
+    vehicle.restart();
+    vehicle.active(true);
+    assert_eq!(alarms(&vehicle.look()), [(1, "telltale/active", false, false)], "over as soon as it is said");
 }
 
 #[test]
