@@ -126,6 +126,25 @@ fn a_request_stays_while_the_cause_that_was_named_for_it_is_there() {
 }
 
 #[test]
+fn silence_lets_a_rule_for_unknown_ask() {
+    let text = CONFIG.replace("[planning/planner], state: error", "[planning/planner], state: unknown");
+    let model = config::parse("c.yaml", &text).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let mut engine = Engine::new(model, Timestamp::ZERO);
+    engine.start_in(Stage::Active);
+    let mut vehicle = Vehicle { engine, now: Timestamp::ZERO };
+    vehicle.report(&[("lidar", 0), ("planner", 1)]);
+    assert!(asked(&vehicle.look()).is_some(), "nothing was heard at the start");
+    vehicle.acknowledge("planning/planner");
+    assert_eq!(asked(&vehicle.look()), None, "a WARNING is better than UNKNOWN");
+    vehicle.now = vehicle.now + Span::from_secs(9);
+    vehicle.report(&[("lidar", 0)]);
+    assert_eq!(asked(&vehicle.look()), None);
+    vehicle.now = vehicle.now + Span::from_secs(1);
+    vehicle.input(&Input::Tick);
+    assert_eq!(asked(&vehicle.look()), Some(("decelerate", vec!["planning/planner"], false)));
+}
+
+#[test]
 fn a_request_that_cannot_be_sent_is_an_error_of_its_own() {
     let mut vehicle = Vehicle::in_stage(Stage::Active);
     vehicle.send(Output::Deceleration, Some("no network"));
