@@ -105,7 +105,7 @@ impl FromNode for RawWhen {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let mut fields = Fields::of(node, "the `when` of a countermeasure", log)?;
         let (groups, modules) = (fields.or_default("groups"), fields.or_default("modules"));
-        let states = [State::Warning, State::Error].map(|state| (state.as_str(), state));
+        let states = [State::Warning, State::Unknown, State::Error].map(|state| (state.as_str(), state));
         let state = fields.node("state").and_then(|node| word(node, fields.log, "state", &states));
         let stages: Option<Spanned<All<Stage>>> = fields.optional("stages");
         if let Some(empty) = stages.as_ref().filter(|stages| stages.value.0.is_empty()) {

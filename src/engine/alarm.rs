@@ -5,7 +5,6 @@ use std::collections::hash_map::{Entry, HashMap};
 
 use super::event::{Events, What};
 use super::model::NodeId;
-use super::net::{Change, Net};
 use super::snapshot::Alarm;
 use super::time::Timestamp;
 
@@ -20,7 +19,7 @@ pub(super) struct Alarms {
     /// How many of them are active.
     active: usize,
     last_id: u64,
-    /// Modules with an alarm from before a restart that said nothing since: it is not over.
+    /// Modules with an alarm from before a restart of which nothing is known since: it is not over.
     awaited: HashSet<NodeId>,
 }
 
@@ -38,7 +37,7 @@ impl Alarms {
     }
 
     /// Takes over alarms from before a restart. Those that were active stay until their module is
-    /// heard.
+    /// known.
     pub(super) fn restore(&mut self, mut list: Vec<Alarm>, last_id: u64) {
         for alarm in &mut list {
             alarm.active &= matches!(alarm.node, NodeId::Module(_));
@@ -50,20 +49,16 @@ impl Alarms {
         self.list = list;
     }
 
-    /// Notes which awaited modules were heard. Returns whether any was.
-    pub(super) fn hear(&mut self, net: &Net, changes: &[Change]) -> bool {
-        if self.awaited.is_empty() {
-            return false;
-        }
-        let heard = |node: NodeId| match node {
-            NodeId::Module(id) => net.modules[id.0 as usize].own.received().is_some(),
-            NodeId::Group(_) => true,
-        };
+    /// Lets go of awaited modules that are known by now. Returns whether there was any.
+    pub(super) fn hear(&mut self, is_known: impl Fn(NodeId) -> bool) -> bool {
         let before = self.awaited.len();
-        for change in changes.iter().filter(|change| heard(change.node)) {
-            self.awaited.remove(&change.node);
-        }
+        self.awaited.retain(|&node| !is_known(node));
         self.awaited.len() != before
+    }
+
+    /// Whether an alarm from before a restart waits for its module.
+    pub(super) fn awaits(&self) -> bool {
+        !self.awaited.is_empty()
     }
 
     /// The node that an alarm stands for.
@@ -102,7 +97,8 @@ impl Alarms {
 
     /// Takes the present root causes, ranked. `explained` tells for a former root the causes
     /// that mask it now: its alarm moves to the first of them that has none yet, and keeps its
-    /// number. Returns whether anything changed.
+    /// number. Where all have theirs, they stand for it too: it is gone, and nobody need know of it
+    /// any more. Returns whether anything changed.
     pub(super) fn follow(
         &mut self,
         roots: &[NodeId],
@@ -123,11 +119,12 @@ impl Alarms {
         for index in gone {
             changed = true;
             let causes = explained(self.list[index].node);
-            let heir = causes.into_iter().find(|node| present.contains(node) && !active.contains_key(node));
+            let heir = causes.iter().find(|node| present.contains(node) && !active.contains_key(node));
+            let explained = causes.iter().any(|node| active.contains_key(node));
             let alarm = &mut self.list[index];
             active.remove(&alarm.node);
             match heir {
-                Some(node) => {
+                Some(&node) => {
                     events.push(now, What::AlarmMoved { id: alarm.id, symptom: alarm.node, cause: node });
                     alarm.node = node;
                     alarm.acknowledged = false;
@@ -136,6 +133,7 @@ impl Alarms {
                 None => {
                     events.push(now, What::AlarmCleared { id: alarm.id, node: alarm.node });
                     alarm.active = false;
+                    alarm.acknowledged |= explained;
                 }
             }
         }
@@ -203,7 +201,31 @@ mod tests {
         alarms.follow(&[A], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
         alarms.follow(&[A, B], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
         alarms.follow(&[C], |_| vec![C], Timestamp::ZERO, &mut Events::default());
-        assert_eq!(numbers(&alarms), [(1, C, true), (2, B, false)]);
+        assert_eq!(numbers(&alarms), [(1, C, true)], "the rest is owed to it and asks for nothing");
+        alarms.follow(&[C, A], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        alarms.follow(&[C], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        assert_eq!(numbers(&alarms), [(1, C, true), (3, A, false)], "over without a cause");
+    }
+
+    #[test]
+    fn an_alarm_from_before_a_restart_is_over_once_its_module_is_known_and_no_root() {
+        for (acknowledged, left) in [(true, vec![]), (false, vec![(7, A, false)])] {
+            let mut alarms = Alarms::default();
+            let alarm = Alarm { id: 7, node: A, raised: Timestamp::ZERO, acknowledged, active: true };
+            alarms.restore(vec![alarm], 7);
+            let follow = |alarms: &mut Alarms, roots: &[NodeId]| {
+                alarms.follow(roots, |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+            };
+            assert!(!alarms.hear(|_| false) && alarms.awaits());
+            follow(&mut alarms, &[]);
+            assert_eq!(numbers(&alarms), [(7, A, true)]);
+            assert!(alarms.hear(|_| true) && !alarms.awaits());
+            follow(&mut alarms, &[]);
+            assert_eq!(numbers(&alarms), left);
+            follow(&mut alarms, &[A]);
+            let new = alarms.list().last().map(|alarm| (alarm.id, alarm.acknowledged, alarm.active));
+            assert_eq!(new, Some((8, false, true)));
+        }
     }
 
     #[test]

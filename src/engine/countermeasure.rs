@@ -61,7 +61,7 @@ impl Kind {
 pub struct Rule {
     pub request: Request,
     pub nodes: Vec<NodeId>,
-    /// WARNING or ERROR.
+    /// WARNING, UNKNOWN or ERROR, and what is worse.
     pub state: State,
     /// Never empty.
     pub stages: Vec<Stage>,

@@ -15,7 +15,8 @@ use super::vehicle::Event;
 /// What the diagnosis said last of the vehicle's side.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Told {
-    active_unknown: bool,
+    /// `None` while somebody says whether the vehicle drives, or need not.
+    active_unknown: Option<State>,
     measures: Option<String>,
     outputs: Option<String>,
 }
@@ -140,7 +141,8 @@ impl Engine {
         let shuttle = self.vehicle.model == StageModel::Shuttle;
         let known = self.active_signal.and_then(|index| self.signals.value(index));
         let told = Told {
-            active_unknown: shuttle && self.vehicle.stage == Stage::Active && known.is_none(),
+            active_unknown: (shuttle && self.vehicle.stage == Stage::Active && known.is_none())
+                .then_some(if self.now < self.active_by { State::Unknown } else { State::Error }),
             measures: self.measures.trouble(&self.model),
             outputs: unsent(&self.measures.unsent()),
         };
@@ -148,8 +150,8 @@ impl Engine {
             return;
         }
         let (state, words) = match told.active_unknown {
-            true => (State::Error, "nothing says whether the vehicle drives"),
-            false => (State::Ok, ""),
+            Some(state) => (state, "nothing says whether the vehicle drives"),
+            None => (State::Ok, ""),
         };
         self.report_on_self(SystemCheck::Active, state, words);
         let worse = |words: &Option<String>, state| if words.is_some() { state } else { State::Ok };

@@ -28,7 +28,7 @@ impl Engine {
                 self.counters.samples += 1;
                 self.watching.take_sample(sample, self.now, &mut judge)
             }
-            Input::Topic(news) => self.watching.take_news(news, &mut judge),
+            Input::Topic(news) => self.watching.take_news(news, self.now, &mut judge),
             Input::Probe(probe) => self.watching.take_probe(probe, self.now, &mut judge),
             _ => Some(()),
         };

@@ -51,6 +51,11 @@ impl Held {
         !self.present && released
     }
 
+    /// Whether a cause that was named for it is still there.
+    fn is_caused(&self, net: &Net, state: State) -> bool {
+        self.causes.iter().any(|cause| fails(&net.node(cause.node).facts, state))
+    }
+
     /// Takes the causes as they are now; what is acknowledged of them stays so.
     fn explain(&mut self, roots: &[NodeId]) {
         let known = |node| self.causes.iter().any(|it| it.node == node && it.acknowledged);
@@ -120,24 +125,27 @@ impl Measures {
                 let rule = &model.driving.countermeasures[index];
                 let fails = fails(&net.node(node).facts, rule.state);
                 let by = By::Rule(index, node);
-                match self.held.iter_mut().find(|held| held.by == by) {
-                    Some(held) => held.present = fails,
-                    None if fails && rule.stages.contains(&stage) => {
-                        let (request, causes) = (rule.request, Vec::new());
-                        self.held.push(Held { request, by, since: now, present: true, causes });
-                    }
-                    None => {}
+                let known = self.held.iter().any(|held| held.by == by);
+                if fails && !known && rule.stages.contains(&stage) {
+                    let (request, causes) = (rule.request, Vec::new());
+                    self.held.push(Held { request, by, since: now, present: true, causes });
                 }
             }
         }
         for held in &mut self.held {
             match held.by {
-                By::Rule(_, node) if held.present => held.explain(&causes(node)),
-                By::Past => {
-                    let fails = |cause: &Cause| fails(&net.node(cause.node).facts, State::Warning);
-                    held.present = held.causes.iter().any(fails);
+                By::Rule(index, node) => {
+                    let state = model.driving.countermeasures[index].state;
+                    held.present = fails(&net.node(node).facts, state);
+                    if held.present {
+                        held.explain(&causes(node));
+                    } else {
+                        // What waited for its cause may be well before the cause is.
+                        held.present = held.is_caused(net, state);
+                    }
                 }
-                _ => {}
+                By::Past => held.present = held.is_caused(net, State::Warning),
+                By::Operator => {}
             }
         }
         self.held.retain(|held| !held.is_over());
@@ -178,6 +186,14 @@ impl Measures {
             Some(_) => self.unsent.insert(news.output, news.clone()),
             None => self.unsent.remove(&news.output),
         };
+    }
+
+    /// Whether the vehicle has time left to confirm what is asked of it.
+    pub(super) fn waits(&self, model: &Model) -> bool {
+        let waits = |asked: &Asked| {
+            asked.state == MeasureState::Requested && self.confirmation(model, asked.request.kind()).is_some()
+        };
+        self.asked.iter().flatten().any(waits)
     }
 
     /// What cannot be sent, in order.

@@ -85,6 +85,8 @@ pub struct Engine {
     warnings: Warnings,
     measures: Measures,
     told: Told,
+    /// After a start: until then nobody need have said whether the vehicle drives.
+    active_by: Timestamp,
     /// Something changed that the vehicle's stage or a request may follow from.
     led: bool,
     timers: Timers,
@@ -125,6 +127,7 @@ impl Engine {
             warnings: Warnings::default(),
             measures: Measures::new(&model),
             told: Told::default(),
+            active_by: now,
             led: true,
             timers: Timers::default(),
             overflow: Overflow::default(),
@@ -219,7 +222,9 @@ impl Engine {
             TimerKey::Module(index) => self.net.mark_module(ModuleId(index)),
             TimerKey::Reception => self.judge_reception(),
             // Settling looks at them.
-            TimerKey::Localization | TimerKey::Measures => self.led = true,
+            TimerKey::Localization | TimerKey::Measures | TimerKey::Active | TimerKey::Searched => {
+                self.led = true;
+            }
             TimerKey::Monitor(index) => {
                 self.judge_monitor(index, false);
             }
@@ -365,6 +370,9 @@ impl Engine {
             self.report_on_self(SystemCheck::Invariants, State::Error, &breach);
             self.follow_changes();
         }
+        if self.hear_awaited() {
+            self.follow_alarms();
+        }
         self.show_lead();
         self.views.settle(&self.vehicle, &self.net);
     }
@@ -387,7 +395,6 @@ impl Engine {
                 self.watching.note_relevance(id, change.after.relevant);
             }
         }
-        let heard = self.alarms.hear(&self.net, &changes);
         let explained = self.causes.explain(&self.net, self.now);
         let mut blamed = Vec::new();
         let changed = explained.is_some_and(|explained| {
@@ -396,11 +403,8 @@ impl Engine {
             }
             self.views.set_causes(explained)
         });
-        if heard || changed || self.alarms.active() != self.views.root_count() {
-            let (views, roots) = (&self.views, self.views.roots());
-            if self.alarms.follow(&roots, |node| views.masked_by(node), self.now, &mut self.events) {
-                self.views.set_alarms(self.alarms.list());
-            }
+        if changed || self.alarms.active() != self.views.root_count() {
+            self.follow_alarms();
         }
         if self.events.wanted() {
             self.keep_changes(&changes);
@@ -409,6 +413,13 @@ impl Engine {
         // The list is handed back empty: its room is used again.
         self.net.changes = changes;
         self.net.changes.clear();
+    }
+
+    fn follow_alarms(&mut self) {
+        let (views, roots) = (&self.views, self.views.roots());
+        if self.alarms.follow(&roots, |node| views.masked_by(node), self.now, &mut self.events) {
+            self.views.set_alarms(self.alarms.list());
+        }
     }
 
     fn keep_changes(&mut self, changes: &[Change]) {

@@ -37,6 +37,11 @@ impl OwnState {
         self.received
     }
 
+    /// Whether anything was said of it, by itself or by the clock.
+    pub(super) fn known(&self) -> bool {
+        self.reported.is_some()
+    }
+
     pub(super) fn silent(&self) -> bool {
         self.silent
     }

@@ -28,6 +28,8 @@ impl Engine {
         next.take_storage(self.storage_fault.take());
         next.take_display(self.display_late.take());
         next.told = std::mem::take(&mut self.told);
+        next.active_by = self.active_by;
+        next.timers.arm(TimerKey::Active, next.active_by);
         next.take_signals(self);
         next.take_modules(self);
         if let Some(due) = next.reception.due() {

@@ -6,9 +6,15 @@ use super::Engine;
 use super::countermeasure::Request;
 use super::measures::{By, Cause, Held};
 use super::model::{Model, NodeId, Stage, StageModel};
+use super::node::ModuleKind;
 use super::snapshot::{Alarm, Localization, MapPose, Snapshot};
+use super::system::SystemCheck;
 use super::time::{Span, Timestamp};
+use super::timers::TimerKey;
 use super::vehicle::Event;
+
+/// After a start, what DDS discovery may take to find those who publish.
+pub(super) const DISCOVERY: Span = Span::from_secs(3);
 
 /// What outlives the program: everything that an operator decided or has to decide. The states of
 /// the components do not; they are UNKNOWN until they are heard. Nodes are named as on the wire.
@@ -100,10 +106,43 @@ impl Engine {
     /// they stand for is heard again; what the configuration does not name any more is left out.
     pub fn resume(model: Arc<Model>, restored: &Restored, now: Timestamp) -> Engine {
         let mut engine = Engine::build(model, now);
+        engine.await_publishers();
         engine.take_restored(restored);
         engine.settle();
         engine.views.set_alarms(engine.alarms.list());
         engine
+    }
+
+    /// What nobody was found for yet is silent because of us.
+    fn await_publishers(&mut self) {
+        let until = self.now + DISCOVERY;
+        self.watching.searching_until = Some(until);
+        let timeout = self.active_signal.and_then(|index| self.model.signals[index].timeout);
+        self.active_by = self.now + timeout.unwrap_or(DISCOVERY);
+        self.timers.arm(TimerKey::Active, self.active_by);
+        self.timers.arm(TimerKey::Searched, until);
+    }
+
+    /// Lets go of alarms from before the restart whose modules are known. What the diagnosis says of
+    /// itself follows from others: it is known once they had their time.
+    pub(super) fn hear_awaited(&mut self) -> bool {
+        if !self.alarms.awaits() {
+            return false;
+        }
+        let (net, now) = (&self.net, self.now);
+        let active = net.system_module(SystemCheck::Active);
+        let told =
+            now >= self.active_by || self.active_signal.is_some_and(|it| self.signals.value(it).is_some());
+        let searched = self.watching.searching_until.is_none_or(|until| now >= until);
+        let confirmed = searched && !self.measures.waits(&self.model);
+        self.alarms.hear(|node| match node {
+            NodeId::Module(id) if id == active => told,
+            NodeId::Module(id) => match net.modules[id.0 as usize].kind {
+                ModuleKind::BuiltIn => confirmed,
+                _ => net.modules[id.0 as usize].own.known(),
+            },
+            NodeId::Group(_) => true,
+        })
     }
 
     fn take_restored(&mut self, restored: &Restored) {

@@ -13,6 +13,8 @@ pub(super) enum TimerKey {
     Reception,
     Localization,
     Measures,
+    Active,
+    Searched,
     Monitor(u32),
     Module(u32),
 }
@@ -21,7 +23,7 @@ pub(super) enum TimerKey {
 #[derive(Debug, Default)]
 pub(super) struct Timers {
     heap: BinaryHeap<Reverse<(Timestamp, TimerKey)>>,
-    queued: [Vec<Option<Timestamp>>; 6],
+    queued: [Vec<Option<Timestamp>>; 8],
 }
 
 impl Timers {
@@ -63,6 +65,8 @@ impl Timers {
             TimerKey::Localization => (3, 0),
             TimerKey::Measures => (4, 0),
             TimerKey::Monitor(index) => (5, index as usize),
+            TimerKey::Active => (6, 0),
+            TimerKey::Searched => (7, 0),
         };
         let slots = &mut self.queued[kind];
         if slots.len() <= index {

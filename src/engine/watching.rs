@@ -29,6 +29,8 @@ pub(super) struct Watching {
     pub(super) judge: Vec<u32>,
     /// Modules that became relevant or ceased to be.
     pub(super) turned: Vec<ModuleId>,
+    /// After a start, until then discovery may not have found everybody.
+    pub(super) searching_until: Option<Timestamp>,
 }
 
 /// A module's monitor, and what was told of it.
@@ -103,6 +105,14 @@ pub(super) struct Told {
     pub(super) words: Option<Words>,
     /// When to look at it again.
     pub(super) due: Option<Timestamp>,
+}
+
+impl Watch {
+    fn found(&mut self, now: Timestamp) {
+        if self.monitor.found(now) {
+            self.due = None;
+        }
+    }
 }
 
 impl Watching {
@@ -187,6 +197,7 @@ impl Watching {
                 },
             };
             let watch = &mut self.watches[reader.watch as usize];
+            watch.found(now);
             watch.monitor.take(reader.slot as usize, taken, now);
             watch.pending = true;
             if judge.last() != Some(&reader.watch) {
@@ -197,14 +208,16 @@ impl Watching {
     }
 
     /// Takes what discovery says; `None` if it is of another configuration.
-    pub(super) fn take_news(&mut self, news: &TopicNews, judge: &mut Vec<u32>) -> Option<()> {
+    pub(super) fn take_news(&mut self, news: &TopicNews, now: Timestamp, judge: &mut Vec<u32>) -> Option<()> {
         let id = self.topic(&news.source)?;
         let topic = &mut self.topics[id.0 as usize];
         topic.news = Some(News { publishers: news.publishers, other_type: news.other_type.clone() });
         judge.extend(topic.readers.iter().map(|reader| reader.watch));
         judge.dedup();
         for &watch in &*judge {
-            self.watches[watch as usize].pending = true;
+            let watch = &mut self.watches[watch as usize];
+            watch.found(now);
+            watch.pending = true;
         }
         Some(())
     }
@@ -288,6 +301,10 @@ impl Watching {
         let watch = &mut self.watches[index as usize];
         watch.running = relevant;
         watch.monitor.set_relevant(relevant, now);
+        let heard = watch.topics.iter().any(|id| self.topics[id.0 as usize].news.is_some());
+        if let Some(until) = self.searching_until.filter(|_| relevant && !heard) {
+            watch.monitor.search(until);
+        }
         if watch.by_the_clock {
             // What was measured before is of no meaning now.
             (watch.worded, watch.pending) = (None, true);

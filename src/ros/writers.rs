@@ -18,6 +18,9 @@ const HISTORY: Span = Span::from_secs(3);
 /// A message this much older than the discovery of its writer is. Less is the time that discovery
 /// takes, or clocks that differ.
 const HISTORY_AGE: Duration = Duration::from_secs(1);
+/// A publisher that does not say when it published hands its history over at once: what comes later
+/// than this after its first message is of now.
+const HISTORY_BURST: Span = Span::from_millis(300);
 
 /// What discovery says of a writer.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -60,6 +63,8 @@ struct Known {
     offer: Offer,
     since: Timestamp,
     since_wall: SystemTime,
+    /// When its first message was received.
+    first: Option<Timestamp>,
 }
 
 impl Writers {
@@ -77,7 +82,7 @@ impl Writers {
                 if offer.type_name != dds_type {
                     wrong.push(offer.type_name.clone());
                 }
-                Known { offer: offer.clone(), since: now, since_wall: wall }
+                Known { offer: offer.clone(), since: now, since_wall: wall, first: None }
             });
             self.known.insert(guid, Known { offer, ..known });
         }
@@ -111,11 +116,14 @@ impl Writers {
 
     /// Whether a message is from before our time. The library asks every transient-local writer for
     /// its history, even for a reader that wants none.
-    pub fn is_history(&self, writer: &Guid, source: Option<SystemTime>, now: Timestamp) -> bool {
-        self.known.get(writer).is_some_and(|known| {
-            known.offer.transient_local
-                && now.since(known.since) < HISTORY
-                && source.is_none_or(|source| source + HISTORY_AGE < known.since_wall)
+    pub fn is_history(&mut self, writer: &Guid, source: Option<SystemTime>, now: Timestamp) -> bool {
+        self.known.get_mut(writer).is_some_and(|known| {
+            let first = *known.first.get_or_insert(now);
+            let old = match source {
+                Some(source) => source + HISTORY_AGE < known.since_wall,
+                None => now.since(first) < HISTORY_BURST,
+            };
+            known.offer.transient_local && now.since(known.since) < HISTORY && old
         })
     }
 
@@ -239,6 +247,8 @@ mod tests {
         let cases = [
             (A, source(98_000), 5100, true),
             (A, None, 5100, true),
+            (A, None, 5399, true),
+            (A, None, 5400, false),
             (A, source(99_500), 5100, false),
             (A, source(98_000), 8100, false),
             (B, source(98_000), 5100, false),

@@ -9,9 +9,9 @@ use telltale::engine::input::{
     AlarmRef, Input, OperatorAction, Output, OutputNews, Place, Response, StatusArray,
 };
 use telltale::engine::model::{Model, Stage};
-use telltale::engine::snapshot::{MeasureState, Snapshot};
+use telltale::engine::snapshot::{Alarm, MeasureState, Snapshot};
 use telltale::engine::state::State;
-use telltale::engine::time::Timestamp;
+use telltale::engine::time::{Span, Timestamp};
 
 const CONFIG: &str = "
 signals:
@@ -112,6 +112,39 @@ fn a_masked_node_lets_its_root_ask_for_what_it_would_have_asked() {
 }
 
 #[test]
+fn a_request_stays_while_the_cause_that_was_named_for_it_is_there() {
+    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    vehicle.report(&[("lidar", 2), ("planner", 2)]);
+    let held = Some(("decelerate", vec!["sensors/lidar"], false));
+    assert_eq!(asked(&vehicle.look()), held);
+    // The planner is well again behind its mask, and the operator knows of the LiDAR.
+    vehicle.report(&[("planner", 0)]);
+    assert_eq!(vehicle.acknowledge("sensors/lidar"), Response::Done);
+    assert_eq!(asked(&vehicle.look()), held);
+    vehicle.report(&[("lidar", 0)]);
+    assert_eq!(asked(&vehicle.look()), None);
+}
+
+#[test]
+fn silence_lets_a_rule_for_unknown_ask() {
+    let text = CONFIG.replace("[planning/planner], state: error", "[planning/planner], state: unknown");
+    let model = config::parse("c.yaml", &text).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let mut engine = Engine::new(model, Timestamp::ZERO);
+    engine.start_in(Stage::Active);
+    let mut vehicle = Vehicle { engine, now: Timestamp::ZERO };
+    vehicle.report(&[("lidar", 0), ("planner", 1)]);
+    assert!(asked(&vehicle.look()).is_some(), "nothing was heard at the start");
+    vehicle.acknowledge("planning/planner");
+    assert_eq!(asked(&vehicle.look()), None, "a WARNING is better than UNKNOWN");
+    vehicle.now = vehicle.now + Span::from_secs(9);
+    vehicle.report(&[("lidar", 0)]);
+    assert_eq!(asked(&vehicle.look()), None);
+    vehicle.now = vehicle.now + Span::from_secs(1);
+    vehicle.input(&Input::Tick);
+    assert_eq!(asked(&vehicle.look()), Some(("decelerate", vec!["planning/planner"], false)));
+}
+
+#[test]
 fn a_request_that_cannot_be_sent_is_an_error_of_its_own() {
     let mut vehicle = Vehicle::in_stage(Stage::Active);
     vehicle.send(Output::Deceleration, Some("no network"));
@@ -135,7 +168,7 @@ fn a_restart_in_the_middle_of_a_fault_takes_nothing_back() {
     let snapshot = vehicle.look();
     assert_eq!((snapshot.stage, snapshot.operator.as_deref()), (Stage::Active, Some("operator")));
     // Nothing says yet whether it drives, and nothing says that the fault is over.
-    assert_eq!(state(&snapshot, "telltale/active"), State::Error);
+    assert_eq!(state(&snapshot, "telltale/active"), State::Unknown);
     assert_eq!(asked(&snapshot), Some(("decelerate", vec!["planning/planner"], false)));
     assert_eq!(snapshot.alarms[0].id, 1);
     assert!(snapshot.alarms[0].active);
@@ -146,6 +179,86 @@ fn a_restart_in_the_middle_of_a_fault_takes_nothing_back() {
     vehicle.report(&[("planner", 0)]);
     assert_eq!(vehicle.acknowledge("planning/planner"), Response::Done);
     assert_eq!(asked(&vehicle.look()), None);
+}
+
+#[test]
+fn after_a_restart_active_has_its_time_to_be_heard() {
+    for heard in [true, false] {
+        let mut vehicle = Vehicle::in_stage(Stage::Active);
+        vehicle.active(true);
+        vehicle.restart();
+        let start = vehicle.now;
+        if heard {
+            vehicle.active(true);
+        }
+        vehicle.report(&[("lidar", 0), ("planner", 0)]);
+        let expected = if heard { State::Ok } else { State::Unknown };
+        assert_eq!(state(&vehicle.look(), "telltale/active"), expected);
+        assert!(vehicle.look().alarms.is_empty());
+        vehicle.now = start + Span::from_secs(4);
+        vehicle.input(&Input::Tick);
+        let expected = if heard { State::Ok } else { State::Error };
+        assert_eq!(state(&vehicle.look(), "telltale/active"), expected);
+        assert_eq!(vehicle.look().alarms.is_empty(), heard);
+    }
+}
+
+/// Numbers, nodes and whether they are active.
+fn alarms(snapshot: &Snapshot) -> Vec<(u64, &str, bool, bool)> {
+    let alarm = |it: &Alarm| (it.id, &**snapshot.node_name(it.node), it.active, it.acknowledged);
+    snapshot.alarms.iter().map(alarm).collect()
+}
+
+#[test]
+fn after_a_restart_an_alarm_is_over_once_its_module_is_known_and_no_root() {
+    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    vehicle.active(true);
+    vehicle.report(&[("planner", 2)]);
+    vehicle.acknowledge("planning/planner");
+    vehicle.restart();
+    vehicle.active(true);
+    assert_eq!(alarms(&vehicle.look()), [(1, "planning/planner", true, true)]);
+    vehicle.report(&[("lidar", 0), ("planner", 0)]);
+    assert_eq!(alarms(&vehicle.look()), []);
+    vehicle.report(&[("planner", 2)]);
+    assert_eq!(alarms(&vehicle.look()), [(2, "planning/planner", true, false)]);
+}
+
+#[test]
+fn a_fault_of_the_vehicles_side_that_lasts_over_a_restart_keeps_its_number() {
+    let seconds = |vehicle: &mut Vehicle, seconds| {
+        vehicle.now = vehicle.now + Span::from_secs(seconds);
+        vehicle.input(&Input::Tick);
+    };
+    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    vehicle.active(true);
+    vehicle.send(Output::Deceleration, Some("no writer"));
+    vehicle.report(&[("planner", 2)]);
+    let before = alarms(&vehicle.look()).len();
+    vehicle.restart();
+    let restored: Vec<u64> = vehicle.look().alarms.iter().map(|it| it.id).collect();
+    assert_eq!(restored.len(), before);
+    vehicle.active(true);
+    vehicle.report(&[("lidar", 0), ("planner", 2)]);
+    seconds(&mut vehicle, 1);
+    vehicle.send(Output::Deceleration, Some("no writer"));
+    seconds(&mut vehicle, 5);
+    let ids: Vec<u64> = vehicle.look().alarms.iter().filter(|it| it.active).map(|it| it.id).collect();
+    assert_eq!((ids, state(&vehicle.look(), "telltale/countermeasure")), (restored, State::Error));
+    // Nobody says whether it drives, before the restart and after it.
+    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    vehicle.active(true);
+    vehicle.restart();
+    vehicle.report(&[("lidar", 0), ("planner", 0)]);
+    seconds(&mut vehicle, 5);
+    assert_eq!(alarms(&vehicle.look()), [(1, "telltale/active", true, false)]);
+    vehicle.restart();
+    vehicle.report(&[("lidar", 0), ("planner", 0)]);
+    seconds(&mut vehicle, 5);
+    assert_eq!(alarms(&vehicle.look()), [(1, "telltale/active", true, false)]);
+    vehicle.restart();
+    vehicle.active(true);
+    assert_eq!(alarms(&vehicle.look()), [(1, "telltale/active", false, false)], "over as soon as it is said");
 }
 
 #[test]

@@ -93,8 +93,8 @@ fn rules_watch_nodes_that_there_are() {
         &["4:49: `planning` is named twice (remove one of the two)"],
     );
     wrong(
-        &rule("groups: [planning], state: unknown"),
-        &["4:57: unknown state `unknown` (one of: warning, error)"],
+        &rule("groups: [planning], state: ok"),
+        &["4:57: unknown state `ok` (one of: warning, unknown, error)"],
     );
     wrong(
         &rule("groups: [planning], stages: [activ]"),

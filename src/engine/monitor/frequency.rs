@@ -10,7 +10,8 @@ use crate::engine::time::{Span, Timestamp};
 pub(in crate::engine) struct Frequency {
     window: Window,
     bands: Bands,
-    /// Since when the module is relevant: nothing before is counted.
+    /// Since when the module is relevant: nothing before is counted. Ahead of us while it is not
+    /// known yet who publishes.
     since: Option<Timestamp>,
 }
 
@@ -22,6 +23,20 @@ impl Frequency {
     pub(super) fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
         self.window.clear();
         self.since = relevant.then_some(now);
+    }
+
+    /// Lets the first window begin only at `until`, unless somebody is found before.
+    pub(super) fn search(&mut self, until: Timestamp) {
+        self.since = self.since.map(|since| since.max(until));
+    }
+
+    /// Who publishes is known now. Returns whether that ends a search.
+    pub(super) fn found(&mut self, now: Timestamp) -> bool {
+        let searching = self.since.is_some_and(|since| since > now);
+        if searching {
+            self.since = Some(now);
+        }
+        searching
     }
 
     pub(super) fn take(&mut self, now: Timestamp) {

@@ -139,6 +139,21 @@ impl Monitor {
         }
     }
 
+    /// Right after a start: what nobody was found for yet is not judged by the clock before `until`.
+    pub(super) fn search(&mut self, until: Timestamp) {
+        if let Monitor::Frequency(monitor) = self {
+            monitor.search(until);
+        }
+    }
+
+    /// Discovery spoke, or a message came. Returns whether something is to be judged earlier now.
+    pub(super) fn found(&mut self, now: Timestamp) -> bool {
+        match self {
+            Monitor::Frequency(monitor) => monitor.found(now),
+            _ => false,
+        }
+    }
+
     pub(super) fn take(&mut self, slot: usize, taken: Taken<'_>, now: Timestamp) {
         match (self, taken) {
             (Monitor::Frequency(monitor), Taken::Message(_)) => monitor.take(now),

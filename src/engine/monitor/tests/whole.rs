@@ -6,6 +6,7 @@ use super::super::spec::ValueRule;
 use super::*;
 use crate::engine::filter::Filter;
 use crate::engine::input::OperatorAction;
+use crate::engine::resume::{Restored, RestoredAlarm};
 
 fn value(source: ValueSource) -> MonitorSpec {
     MonitorSpec::Value { source, rule: ValueRule::Bands(at_most(80.0, 90.0)) }
@@ -176,4 +177,47 @@ fn words_change_rarely_and_states_at_once() {
     assert_eq!(engine.next_deadline(), Some(Timestamp::from_millis(1000)));
     engine.handle(&Input::Tick, Timestamp::from_millis(1000));
     assert_eq!(own(&engine.snapshot(), 0), (Ok, "9.99, at most 80 wanted"));
+}
+
+#[test]
+fn after_a_restart_a_rate_is_judged_one_window_after_its_publisher_was_found() {
+    let found = |at: u64| vec![(at, Do::Publishers(0, 1))];
+    let rate = |from: u64| (from..=from + 5000).step_by(100).map(|at| (at, Do::Number(0, 1.0))).collect();
+    // What happens, when it is judged first, and as what.
+    let cases: [(Vec<(u64, Do)>, u64, State); 5] = [
+        (Vec::new(), 4000, Error),
+        (found(700), 1700, Error),
+        (vec![(700, Do::Number(0, 1.0))], 1700, Error),
+        (vec![(2500, Do::Publishers(0, 0))], 3500, Error),
+        (rate(700), 1700, Ok),
+    ];
+    for (steps, judged, expected) in cases {
+        let model = model(parts(vec![(frequency(), Policy::default())]));
+        let mut engine = Engine::resume(model.clone(), &Restored::default(), Timestamp::ZERO);
+        let mut steps = steps.into_iter().peekable();
+        for at in (0..=5000).step_by(50) {
+            while let Some((at, what)) = steps.next_if(|step| step.0 <= at) {
+                engine.handle(&input(&model.watched, at, &what), Timestamp::from_millis(at));
+            }
+            engine.handle(&Input::Tick, Timestamp::from_millis(at));
+            let state = if at < judged { Unknown } else { expected };
+            assert_eq!(own(&engine.snapshot(), 0).0, state, "{at} ms, judged from {judged} ms");
+        }
+    }
+}
+
+#[test]
+fn what_the_clock_finds_ok_after_a_restart_has_no_alarm_any_more() {
+    let model = model(parts(vec![(frequency(), Policy::default())]));
+    let alarm =
+        RestoredAlarm { id: 7, node: "g/m0".into(), age: millis(0), acknowledged: true, active: true };
+    let restored = Restored { alarms: vec![alarm], last_alarm: 7, ..Restored::default() };
+    let mut engine = Engine::resume(model.clone(), &restored, Timestamp::ZERO);
+    for at in (0..=2000).step_by(100) {
+        // Time acts first, so the first judgement is the clock's and not a message's.
+        engine.handle(&input(&model.watched, at, &Do::Number(0, 1.0)), Timestamp::from_millis(at));
+        let snapshot = engine.snapshot();
+        assert_eq!(own(&snapshot, 0).0, if at < 1000 { Unknown } else { Ok }, "{at} ms");
+        assert_eq!(snapshot.alarms.is_empty(), at >= 1000, "{at} ms");
+    }
 }
