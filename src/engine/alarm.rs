@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 use std::collections::hash_map::{Entry, HashMap};
 
+use super::Engine;
 use super::event::{Events, What};
 use super::model::NodeId;
 use super::snapshot::Alarm;
@@ -168,6 +169,16 @@ impl Alarms {
             surplus -= usize::from(drop);
             !drop
         });
+    }
+}
+
+impl Engine {
+    /// Brings the alarms to the present root causes.
+    pub(super) fn follow_alarms(&mut self) {
+        let (views, roots) = (&self.views, self.views.roots());
+        if self.alarms.follow(&roots, |node| views.masked_by(node), self.now, &mut self.events) {
+            self.views.set_alarms(self.alarms.list());
+        }
     }
 }
 

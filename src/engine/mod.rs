@@ -415,13 +415,6 @@ impl Engine {
         self.net.changes.clear();
     }
 
-    fn follow_alarms(&mut self) {
-        let (views, roots) = (&self.views, self.views.roots());
-        if self.alarms.follow(&roots, |node| views.masked_by(node), self.now, &mut self.events) {
-            self.views.set_alarms(self.alarms.list());
-        }
-    }
-
     fn keep_changes(&mut self, changes: &[Change]) {
         for Change { node, before, after } in changes {
             if (before.shown, before.own, before.masked) != (after.shown, after.own, after.masked) {

@@ -184,7 +184,8 @@ fn after_a_restart_a_rate_is_judged_one_window_after_its_publisher_was_found() {
     let found = |at: u64| vec![(at, Do::Publishers(0, 1))];
     let rate = |from: u64| (from..=from + 5000).step_by(100).map(|at| (at, Do::Number(0, 1.0))).collect();
     // What happens, when it is judged first, and as what.
-    let cases: [(Vec<(u64, Do)>, u64, State); 5] = [
+    type Case = (Vec<(u64, Do)>, u64, State);
+    let cases: [Case; 5] = [
         (Vec::new(), 4000, Error),
         (found(700), 1700, Error),
         (vec![(700, Do::Number(0, 1.0))], 1700, Error),
