@@ -97,7 +97,8 @@ def test_other_sizes_do_not_break(demo, display, width, height):
         expect(page.locator(part).first).to_be_visible()
         box = page.locator(part).first.bounding_box()
         assert box["x"] >= 0 and box["x"] + box["width"] <= width + 0.5, f"{part}: {box}"
-    boxes = [tile.bounding_box() for tile in page.locator(".tile").all()]
+    # All at one moment: the list above them grows.
+    boxes = page.locator(".tile").evaluate_all("tiles => tiles.map((tile) => tile.getBoundingClientRect().toJSON())")
     for index, one in enumerate(boxes):
         for other in boxes[index + 1 :]:
             apart = (
