@@ -116,7 +116,7 @@ async fn a_clearance_is_refused_with_every_reason_by_the_names_that_are_shown() 
     let reasons = refused(&operator.post("/vehicle/clearance", "").await);
     let words = reasons.join("\n");
     assert_eq!(reasons.len(), 3, "{words}");
-    for part in ["Sensors is in error", "Localization cannot be judged", "display is not up to date"] {
+    for part in ["Sensors is in error", "Localization: waits for Sensors", "display is not up to date"] {
         assert!(words.contains(part), "{part}: {words}");
     }
     let mut request =
