@@ -75,18 +75,18 @@ impl Displays {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).open.len()
     }
 
-    /// Of which instant the best display of this session shows the state, if one has confirmed any.
+    /// Of which instant the best display of a login shows the state, if one has confirmed any.
     pub fn shows_as_of(&self, session: &Session) -> Option<Timestamp> {
         self.newest(|display| display.session.is(session))
     }
 
-    /// Whether a display of this session lives: it confirmed a recent state.
+    /// Whether a display of a login lives: it confirmed a recent state.
     pub fn is_live(&self, session: &Session, now: Timestamp) -> bool {
         self.shows_as_of(session).is_some_and(|shown| now.since(shown) < LIVE_WITHIN)
     }
 
-    /// Whether whoever has this session sees the vehicle as it is: on a display of this session, or
-    /// on another one of theirs where this session has none.
+    /// Whether whoever logged in sees the vehicle as it is: on a display of this login, or
+    /// on another one of theirs where this login has none.
     pub fn is_live_for(&self, session: &Session, now: Timestamp) -> bool {
         let has_own = {
             let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
