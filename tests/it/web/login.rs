@@ -213,5 +213,6 @@ async fn a_logout_that_cannot_be_written_changes_nothing_and_names_the_disk() {
     assert_eq!(fixture.post("/logout", Some(&cookie), "").await.leads_to(), Some("/login"));
     assert_eq!(fixture.stage(), Stage::Locked);
     assert_eq!(fixture.store.verify_audit().await.unwrap().breach, None);
-    std::fs::remove_dir_all(&folder).unwrap();
+    // The store's thread may still be closing its files.
+    let _ = std::fs::remove_dir_all(&folder);
 }

@@ -290,7 +290,8 @@ async fn a_socket_ends_when_another_process_removes_its_user() {
     let closed = timeout(Duration::from_secs(1), closed(&mut socket)).await.expect("within a second");
     assert_eq!(closed, CloseCode::Policy);
     assert!(server.app.session(&Token::parse(token.as_str()).unwrap()).is_none());
-    std::fs::remove_dir_all(&folder).unwrap();
+    // The store's threads may still be closing their files.
+    let _ = std::fs::remove_dir_all(&folder);
 }
 
 #[tokio::test]
