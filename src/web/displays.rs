@@ -10,12 +10,21 @@ use tokio::time::{MissedTickBehavior, interval};
 use super::state::AppState;
 use crate::engine::input::{Input, Stamped};
 use crate::engine::time::{Span, Timestamp};
-use crate::store::Session;
+use crate::store::{Role, Session};
 
-/// A vehicle has a few displays; more sockets than this are refused.
-const SOCKETS_MAX: usize = 64;
-/// A browser that reloads leaves old sockets behind for a moment.
-const SOCKETS_PER_SESSION_MAX: usize = 16;
+/// How many sockets of one sort may be open: of one login (a browser that reloads leaves old ones
+/// behind for a moment), of one user, of all operators, and of all others. Operators and others are
+/// counted apart, pages and streams of programs too: none of them takes the places of another.
+#[derive(Debug)]
+struct Bounds {
+    session: usize,
+    user: usize,
+    operators: usize,
+    others: usize,
+}
+
+const PAGES: Bounds = Bounds { session: 16, user: 64, operators: 64, others: 256 };
+const STREAMS: Bounds = Bounds { session: 16, user: 32, operators: 32, others: 96 };
 
 /// A display that shows nothing younger than this is not live.
 pub const LIVE_WITHIN: Span = Span::from_secs(2);
@@ -39,6 +48,7 @@ struct Table {
 #[derive(Debug)]
 struct Display {
     session: Session,
+    is_stream: bool,
     /// What was sent and is not confirmed: `seq` and when. Past the limit the oldest stay: they
     /// are what the display is late with.
     sent: VecDeque<(u64, Timestamp)>,
@@ -54,18 +64,25 @@ pub struct Place {
 }
 
 impl Displays {
-    /// A place for one more socket, if there is one.
+    /// A place for the socket of one more page, if there is one.
     pub fn enter(&self, session: &Session) -> Option<Place> {
+        self.enter_as(session, false)
+    }
+
+    /// A place for the socket of one more program, if there is one.
+    pub fn enter_stream(&self, session: &Session) -> Option<Place> {
+        self.enter_as(session, true)
+    }
+
+    fn enter_as(&self, session: &Session, is_stream: bool) -> Option<Place> {
         let mut table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let of_session = table.open.values().filter(|display| display.session.is(session)).count();
-        if table.open.len() >= SOCKETS_MAX || of_session >= SOCKETS_PER_SESSION_MAX {
+        if !table.has_place(session, is_stream) {
             return None;
         }
         let number = table.next;
         table.next += 1;
-        table
-            .open
-            .insert(number, Display { session: session.clone(), sent: VecDeque::new(), shows_as_of: None });
+        let (session, sent, shows_as_of) = (session.clone(), VecDeque::new(), None);
+        table.open.insert(number, Display { session, is_stream, sent, shows_as_of });
         table.count.send_replace(table.open.len());
         Some(Place { displays: self.clone(), number })
     }
@@ -122,6 +139,21 @@ impl Displays {
         let mut count = self.0.lock().unwrap_or_else(PoisonError::into_inner).count.subscribe();
         // The sender lives as long as `self`.
         let _ = count.wait_for(|count| *count == 0).await;
+    }
+}
+
+impl Table {
+    fn has_place(&self, session: &Session, is_stream: bool) -> bool {
+        let bounds = if is_stream { STREAMS } else { PAGES };
+        let is_operator = |of: &Session| of.role == Role::Operator;
+        let (mut of_session, mut of_user, mut of_all) = (0, 0, 0);
+        for other in self.open.values().filter(|other| other.is_stream == is_stream) {
+            of_session += usize::from(other.session.is(session));
+            of_user += usize::from(other.session.user == session.user);
+            of_all += usize::from(is_operator(&other.session) == is_operator(session));
+        }
+        let all_max = if is_operator(session) { bounds.operators } else { bounds.others };
+        of_session < bounds.session && of_user < bounds.user && of_all < all_max
     }
 }
 
@@ -216,5 +248,40 @@ mod tests {
         assert!(displays.is_live_for(&session, at(9_500)) && !displays.is_late("operator", at(10_900)));
         drop(place);
         assert!(!displays.is_live_for(&session, at(9_500)) && !displays.is_late("operator", at(20_000)));
+    }
+    #[tokio::test]
+    async fn nobody_takes_the_places_of_others_and_two_hundred_browsers_have_one() {
+        let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
+        store.add_demo_users().await.unwrap();
+        let logins = async |name: &str, secret: &str| {
+            let mut sessions = Vec::new();
+            for _ in 0..5 {
+                let user = store.authenticate(name, secret).await.unwrap().unwrap();
+                sessions.push(store.open_session(&user).await.unwrap().1);
+            }
+            sessions
+        };
+        let displays = Displays::default();
+        let fill = |sessions: &[Session], is_stream: bool| -> Vec<Place> {
+            let tries = sessions.iter().cycle().take(500);
+            tries.filter_map(|session| displays.enter_as(session, is_stream)).collect()
+        };
+        let mut held = Vec::new();
+        for name in ["authority", "bert", "carl", "dora", "emil"] {
+            let secret = if name == "authority" { "demo-authority" } else { "a long password" };
+            if name != "authority" {
+                store.add_user(name, Role::Authority, secret).await.unwrap();
+            }
+            let sessions = logins(name, secret).await;
+            let (one, all) = (fill(&sessions[..1], false), fill(&sessions, false));
+            let streams = fill(&sessions, true);
+            held.push((one.len() + all.len(), streams.len()));
+            std::mem::forget((one, all, streams));
+        }
+        assert_eq!(held, [(64, 32), (64, 32), (64, 32), (64, 0), (0, 0)], "pages and streams of each");
+        let operator = logins("operator", "246810").await;
+        let streams = fill(&operator, true);
+        assert_eq!((streams.len(), fill(&operator[..1], false).len()), (32, 16));
+        assert_eq!(fill(&operator, false).len(), 64, "the places of pages that went are free");
     }
 }

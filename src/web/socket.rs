@@ -92,7 +92,11 @@ fn open(
         Ok(upgrade) => upgrade,
         Err(rejection) => return rejection.into_response(),
     };
-    let Some(place) = app.displays.enter(&session) else { return refusal(reader, Trouble::TooManySockets) };
+    let place = match feed {
+        Feed::Snapshots => app.displays.enter_stream(&session),
+        Feed::Page { .. } | Feed::Pulse { .. } => app.displays.enter(&session),
+    };
+    let Some(place) = place else { return refusal(reader, Trouble::TooManySockets) };
     let upgrade = upgrade.max_message_size(INBOUND_BYTES_MAX).max_frame_size(INBOUND_BYTES_MAX);
     upgrade.on_upgrade(move |socket| async move {
         let line = Line { socket, session, pings_unanswered: 0 };

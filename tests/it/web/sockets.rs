@@ -345,3 +345,30 @@ async fn sockets_are_bounded_and_the_end_of_the_server_is_told() {
     }
     timeout(PATIENCE, server.served).await.expect("it ends in time").unwrap().unwrap();
 }
+
+#[tokio::test]
+async fn streams_of_programs_take_no_place_of_a_page() {
+    let server = Server::new().await;
+    let operator = server.fixture.cookie_of("operator").await;
+    let mut streams = Vec::new();
+    for login in 0..3 {
+        let cookie = server.fixture.cookie_of("authority").await;
+        let origin = server.origin();
+        let headers = [("cookie", cookie.as_str()), ("origin", origin.as_str())];
+        for number in 0..16 {
+            match server.try_connect("/api/v1/stream", &headers).await {
+                Ok(stream) => streams.push(stream),
+                Err(status) => {
+                    assert_eq!((status, login), (StatusCode::SERVICE_UNAVAILABLE, 2), "{number}");
+                }
+            }
+        }
+        let mut page = server.connect("/ws", &cookie).await;
+        next_content(&mut page).await;
+    }
+    assert_eq!(streams.len(), 32, "of one user");
+    let mut page = server.connect("/ws", &operator).await;
+    next_content(&mut page).await;
+    let mut stream = server.connect("/api/v1/stream", &operator).await;
+    next_json(&mut stream, |value| value.get("groups").is_some()).await;
+}
