@@ -11,6 +11,7 @@ pub mod frame;
 mod guard;
 mod headers;
 mod keep;
+mod lines;
 mod listen;
 mod login;
 mod origins;

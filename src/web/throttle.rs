@@ -101,8 +101,8 @@ fn keys(name: &str, source: IpAddr) -> [Key; 2] {
     [Key::Source(network(source)), account]
 }
 
-/// Whoever has an IPv6 address has 2^64 of them.
-fn network(ip: IpAddr) -> IpAddr {
+/// Where an address counts: whoever has an IPv6 address has 2^64 of them.
+pub fn network(ip: IpAddr) -> IpAddr {
     match ip {
         IpAddr::V4(_) => ip,
         IpAddr::V6(ip) => IpAddr::V6(Ipv6Addr::from_bits(ip.to_bits() & !u128::from(u64::MAX))),

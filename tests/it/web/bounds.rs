@@ -179,3 +179,29 @@ async fn a_flood_of_connections_leaves_the_page_alive() {
     let fixture: &Fixture = &server.fixture;
     assert_eq!(fixture.get("/healthz", None).await.status, StatusCode::OK);
 }
+
+#[tokio::test]
+async fn silent_connections_make_no_request_wait() {
+    const SILENT: usize = 300;
+    let server = Server::new().await;
+    let mut silent = Vec::new();
+    let post = format!(
+        "POST /login HTTP/1.1\r\nhost: {0}\r\norigin: http://{0}\r\naccept: application/json\r\n\
+         content-type: application/x-www-form-urlencoded\r\nconnection: close\r\ncontent-length: 2\r\n\r\na=",
+        server.address
+    );
+    for round in 0..3 {
+        for _ in 0..SILENT / 3 {
+            silent.push(TcpStream::connect(server.address).await.unwrap());
+        }
+        let sent = server.fixture.clock.now();
+        let mut own = TcpStream::connect(server.address).await.unwrap();
+        own.write_all(post.as_bytes()).await.unwrap();
+        let said = rest(own).await;
+        assert!(said.starts_with("HTTP/1.1 422"), "{said}");
+        let took = server.fixture.clock.now().since(sent);
+        assert!(took < Span::from_secs(3), "round {round}: {} ms", took.as_millis());
+    }
+    // Those that were silent longest gave their places away.
+    assert_eq!(rest(silent.remove(0)).await, "");
+}
