@@ -15,6 +15,7 @@ use super::answer::{Reader, Speaks, json_answer, refusal, refused};
 use super::audit::record_of;
 use super::guard::{SignedIn, cookie_name, cookie_session};
 use super::state::{AppState, is_seated};
+use super::throttle::Source;
 use super::view::{self, LoginContext, LoginFailure};
 use super::wording::Trouble;
 use crate::engine::input::{OperatorAction, Refusal, Response as Answer};
@@ -144,15 +145,16 @@ async fn prove(app: &AppState, form: &LoginForm, source: IpAddr) -> Result<Verif
     if is_pin(&form.secret) && !app.settings.enrolled.has(source) {
         return Err(LoginFailure::PinElsewhere);
     }
+    let is_near = app.settings.enrolled.is_near(source);
+    let from = Source { ip: source, is_near };
     let throttle = || app.throttle.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Err(wait) = throttle().attempt(app.clock.now(), &form.name, source) {
+    if let Err(wait) = throttle().attempt(app.clock.now(), &form.name, from) {
         return Err(LoginFailure::Wait { seconds: whole_seconds(wait) });
     }
-    let is_near = source.is_loopback() || app.settings.enrolled.has(source);
     let lane = if is_near { Lane::Vehicle } else { Lane::Elsewhere };
     match app.store.authenticate_from(lane, &form.name, &form.secret).await {
         Ok(Some(user)) => {
-            throttle().succeeded(&form.name, source);
+            throttle().succeeded(&form.name, from);
             Ok(user)
         }
         Ok(None) => {
