@@ -194,6 +194,12 @@ async fn a_bearer_is_no_page_and_needs_no_origin() {
         as_program(request)
     };
     assert_eq!(fixture.send(with(token)).await.status, StatusCode::OK);
+    for scheme in ["bearer", "BEARER"] {
+        let mut request = with(token);
+        let value = format!("{scheme} {token}").parse().unwrap();
+        request.headers_mut().insert(AUTHORIZATION, value);
+        assert_eq!(fixture.send(request).await.status, StatusCode::OK, "{scheme}");
+    }
     for wrong in [&token[1..], &"0".repeat(64), "", "é"] {
         let mut request = with("0");
         if let Ok(value) = axum::http::HeaderValue::from_bytes(format!("Bearer {wrong}").as_bytes()) {
