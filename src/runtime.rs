@@ -65,6 +65,8 @@ pub struct Reload {
 pub struct Reread {
     /// Whether the engine is to run by it, or only the difference is asked for.
     pub take: bool,
+    /// The [digest](Rereading::digest) of what whoever asks was shown: anything else is not taken.
+    pub shown: Option<String>,
     pub reply: oneshot::Sender<Rereading>,
 }
 
@@ -78,6 +80,8 @@ pub struct Rereading {
     pub problems: Option<String>,
     /// What can happen with it and should not.
     pub warnings: Option<String>,
+    /// Of the text of the files and of the differences; empty where there are problems.
+    pub digest: String,
 }
 
 /// What the rest of the program holds of the engine. Clones feed and watch the same one.

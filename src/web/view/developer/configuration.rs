@@ -20,9 +20,19 @@ struct ConfigurationHtml {
     warnings: Option<String>,
     /// The reader may let the engine run by it.
     may_take: bool,
+    /// It is not what the reader was shown before, and was not taken.
+    is_other: bool,
+    /// What is shown here, for the button.
+    shown: String,
 }
 
-pub fn page(view: &View<'_>, read: &Rereading, may_take: bool, context: &PageContext) -> String {
+pub fn page(
+    view: &View<'_>,
+    read: &Rereading,
+    may_take: bool,
+    is_other: bool,
+    context: &PageContext,
+) -> String {
     let mut dev = DevFrame::new(view, context, Page::Configuration, 0);
     // The file is no diagnosis: it may be mended before anybody logs in.
     dev.locked = false;
@@ -36,5 +46,7 @@ pub fn page(view: &View<'_>, read: &Rereading, may_take: bool, context: &PageCon
         problems: lines(&read.problems),
         warnings: lines(&read.warnings),
         may_take,
+        is_other,
+        shown: read.digest.clone(),
     })
 }

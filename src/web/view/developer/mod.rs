@@ -212,9 +212,10 @@ pub fn configuration_page(
     published: &Published,
     read: &Rereading,
     may_take: bool,
+    is_other: bool,
     context: &PageContext,
 ) -> String {
-    configuration::page(&View::new(published, context.lang, false), read, may_take, context)
+    configuration::page(&View::new(published, context.lang, false), read, may_take, is_other, context)
 }
 
 /// Who did what, and whether the chain of it is whole.

@@ -50,6 +50,7 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         differences: vec![text.to_owned()],
         problems: None,
         warnings: Some(text.to_owned()),
+        digest: "0123".to_owned(),
     };
     let mut pages = vec![
         ("statuses", developer_page(published, context, &asked, &trends)),
@@ -59,7 +60,7 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         ("masking", masking_page(published, context, &asked)),
         ("coverage", coverage_page(published, context, &asked)),
         ("topics", topics_page(published, context, &asked, &discovery(text))),
-        ("configuration", configuration_page(published, &read, true, context)),
+        ("configuration", configuration_page(published, &read, true, true, context)),
     ];
     // Of a locked vehicle no node has a page.
     let locked = published.snapshot.stage == Stage::Locked;
