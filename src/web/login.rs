@@ -217,9 +217,15 @@ impl Entrance {
             return Err(NotOpened::SeatTaken(other.to_owned()));
         }
         if let Some(before) = &self.before {
-            app.store.end_session(before).await?;
+            self.end(&app, before).await?;
         }
+        let open = || app.store.sessions().iter().filter(|session| *session.user == *name).count();
+        let before = open();
         let (token, session) = app.store.open_session(&self.user).await?;
+        if let ended @ 1.. = (before + 1).saturating_sub(open()) {
+            let record = self.record(Action::SessionEnded);
+            app.audit(record.on(format!("{ended} of too many, the oldest"))).await?;
+        }
         match self.enter(&app, other.as_deref()).await {
             Ok(()) => {
                 tracing::info!(user = name, role = role.as_str(), source = %self.source, "logged in");
@@ -230,6 +236,21 @@ impl Entrance {
                 Err(not_opened)
             }
         }
+    }
+
+    /// Ends the session that the browser had. That of a driving vehicle's operator ends for the
+    /// operator alone, and for whoever takes the seat over: for others this is a logout.
+    async fn end(&self, app: &AppState, before: &Session) -> Result<(), NotOpened> {
+        let snapshot = app.published().snapshot;
+        let leaves = is_seated(before, &snapshot) && self.user.role() != Role::Operator;
+        if let Some(reason) = foreseen(&OperatorAction::Logout, snapshot.stage).filter(|_| leaves) {
+            let why = format!("{:?} of {}", [&reason], before.user);
+            app.audit(self.record(Action::Login).refused(why)).await?;
+            return Err(NotOpened::Refused(vec![reason]));
+        }
+        let record = record_of(before, Action::SessionEnded, self.source);
+        app.audit(record.on(format!("login of {}", self.user.name()))).await?;
+        Ok(app.store.end_session(before).await?)
     }
 
     /// What is recorded here is on the disk before the login is acknowledged.
