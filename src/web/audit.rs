@@ -94,13 +94,20 @@ impl AppState {
 
     /// Records a refusal that anybody can cause, unless there were too many of its kind.
     pub async fn audit_refusal(&self, source: IpAddr, record: Record) {
-        let kind = Kind { action: record.action, is_near: self.settings.enrolled.is_near(source) };
+        if self.may_record_refusal(source, record.action).await {
+            self.audit_or_log(record).await;
+        }
+    }
+
+    /// Whether one more refusal of this kind is to be recorded; what was left out before it is told.
+    pub async fn may_record_refusal(&self, source: IpAddr, action: Action) -> bool {
+        let kind = Kind { action, is_near: self.settings.enrolled.is_near(source) };
         let admitted = self.audit_limit().admit(self.clock.now(), kind);
-        let Some(omitted) = admitted else { return };
+        let Some(omitted) = admitted else { return false };
         if omitted > 0 {
             self.audit_or_log(kind.omitted(omitted)).await;
         }
-        self.audit_or_log(record).await;
+        true
     }
 
     /// Records how many refusals were not recorded one by one.

@@ -1,5 +1,6 @@
 //! Login and logout.
 
+use std::hash::BuildHasher as _;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::PoisonError;
 
@@ -71,8 +72,11 @@ pub async fn login(
     let user = match prove(&app, &form, source).await {
         Ok(user) => user,
         Err(failure) => {
-            let record = Record::of(Action::Login, source.to_string()).on(&*form.name);
-            app.audit_refusal(source, record.refused(failure.as_str())).await;
+            if app.may_record_refusal(source, Action::Login).await {
+                let record = Record::of(Action::Login, source.to_string());
+                let record = record.on(recorded_name(&app, &form.name).await);
+                app.audit_or_log(record.refused(failure.as_str())).await;
+            }
             return failed(&app, &reader, &form.name, failure);
         }
     };
@@ -138,6 +142,15 @@ async fn leave(
     };
     set_cookie(&mut answer, &app, "", 0);
     answer
+}
+
+/// What the audit log says of a name with which a login failed. What is no user's may be a secret
+/// that was typed into the wrong field: of that only repeats can be told, until the next restart.
+async fn recorded_name(app: &AppState, name: &str) -> String {
+    match app.store.users().await {
+        Ok(users) if users.iter().any(|user| user.name == name) => name.to_owned(),
+        _ => format!("(unknown name, {:08x})", app.unknown_names.hash_one(name) >> 32),
+    }
 }
 
 async fn prove(app: &AppState, form: &LoginForm, source: IpAddr) -> Result<Verified, LoginFailure> {
