@@ -3,6 +3,8 @@
 use std::io;
 use std::net::SocketAddr;
 use std::pin::pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use axum::Router;
@@ -18,6 +20,7 @@ use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 use tower::ServiceExt as _;
 
+use super::bare::Dressed;
 use super::lines::{Lines, Place};
 use super::login::Peer;
 use super::router::router;
@@ -124,7 +127,10 @@ impl Line {
     async fn converse(mut self, stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static) {
         let mut http = http1::Builder::new();
         http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(64 * 1024);
+        let is_asked = Arc::new(AtomicBool::new(false));
+        let stream = Dressed::new(stream, is_asked.clone());
         let service = service_fn(|mut request: Request<Incoming>| {
+            is_asked.store(true, Ordering::Relaxed);
             request.extensions_mut().insert(Peer(self.peer));
             let (work, router) = (self.place.work(), self.router.clone());
             async move {

@@ -3,6 +3,7 @@
 mod answer;
 pub mod assets;
 mod audit;
+mod bare;
 mod demo;
 mod developer;
 mod displays;

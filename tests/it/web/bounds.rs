@@ -11,6 +11,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 
+use super::access::HEADERS;
 use super::fixture::{Fixture, as_program, form_request};
 use super::sockets::{Server, next_json};
 
@@ -66,6 +67,10 @@ async fn who_speaks_too_slowly_or_too_much_is_cut_off_and_others_are_served() {
         let _ = stream.write_all(head.as_bytes()).await;
         let said = rest(stream).await;
         assert!(said.is_empty() || said.starts_with("HTTP/1.1 4"), "{said}");
+        // What the HTTP library says by itself too.
+        for (name, value) in HEADERS.into_iter().filter(|_| !said.is_empty()) {
+            assert!(said.contains(&format!("\r\n{name}: {value}\r\n")), "{name}: {said}");
+        }
     }
     next_json(&mut page, |value| value.get("beat").is_some()).await;
 }
