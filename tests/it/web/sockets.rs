@@ -310,9 +310,27 @@ async fn a_page_may_say_what_it_shows_and_nothing_else() {
     next_json(&mut socket, |value| value["beat"].as_u64() > Some(1)).await;
     assert!(server.app.displays.is_live(&session, server.fixture.clock.now()));
 
+    // By its beats it says when, where `seq` stands still.
+    let mut beating = server.connect("/ws", &cookie).await;
+    next_json(&mut beating, |value| value["beat"].as_u64() > Some(1)).await;
+    for said in [format!("{{\"shown\":{seq},\"beat\":1}}"), "{\"beat\":2}".to_owned()] {
+        beating.send(Message::text(said)).await.unwrap();
+    }
+    next_json(&mut beating, |value| value["beat"].as_u64() > Some(3)).await;
+
     let future = format!("{{\"shown\":{}}}", seq + 1000);
     let long = format!("{{\"shown\":1,\"x\":\"{}\"}}", "x".repeat(17 * 1024));
-    for nonsense in ["", "hello", "{}", "{\"shown\":-1}", "{\"shown\":\"1\"}", "[]", &future] {
+    for nonsense in [
+        "",
+        "hello",
+        "{}",
+        "{\"shown\":0,\"beat\":99}",
+        "{\"beat\":-1}",
+        "{\"shown\":-1}",
+        "{\"shown\":\"1\"}",
+        "[]",
+        &future,
+    ] {
         let mut socket = server.connect("/ws", &cookie).await;
         next_content(&mut socket).await;
         socket.send(Message::text(nonsense)).await.unwrap();
