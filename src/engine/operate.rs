@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use super::Engine;
 use super::input::{AlarmRef, OperatorAction, Place, Refusal, Response};
-use super::measures;
 use super::model::{ModuleId, NodeId, Stage, StageModel};
 use super::node::Facts;
+use super::roots;
 use super::snapshot::MapPose;
 use super::state::State;
 use super::vehicle::Event;
@@ -195,7 +195,8 @@ impl Engine {
         if vehicle.stage != Stage::Standby {
             reasons.push(Refusal::WrongStage(vehicle.stage));
         }
-        if vehicle.localization.given.is_some() && !vehicle.localization.done {
+        let waits = vehicle.localization.given.is_some() || vehicle.localization.owed;
+        if waits && !vehicle.localization.done {
             reasons.push(Refusal::NotLocalized);
         }
         if !self.has_goal() {
@@ -229,7 +230,7 @@ impl Engine {
     pub(super) fn follow_measures(&mut self) {
         let (net, views) = (&self.net, &self.views);
         let masked_by = |node| views.masked_by(node);
-        let causes = |node| measures::roots(net, &masked_by, node);
+        let causes = |node| roots::roots(net, &masked_by, node);
         self.measures.follow(&self.model, net, self.vehicle.stage, self.now, causes);
     }
 }

@@ -52,7 +52,7 @@ impl Engine {
                 old.model.signals.iter().position(|it| it.name == spec.name && it.source == spec.source);
             let Some(before) = before else { continue };
             self.signals.copy(index, &old.signals, before, self.now);
-            if let Some(due) = self.signals.due(index).filter(|&due| due > self.now) {
+            if let Some(due) = self.signals.due(index, self.now) {
                 self.timers.arm(TimerKey::Signal(index as u32), due);
             }
         }
