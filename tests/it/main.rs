@@ -24,6 +24,7 @@ mod driving;
 mod evaluation;
 mod fields;
 mod hostile;
+mod monitoring;
 mod peer;
 mod properties;
 mod start;
