@@ -6,6 +6,7 @@ use std::time::{Duration, UNIX_EPOCH};
 use serde_json::{Value, json};
 use telltale::clock::Clock;
 use telltale::config;
+use telltale::engine::input::TroubleKind;
 use telltale::engine::model::NodeId;
 use telltale::engine::state::State::{self, Error, Ok as Good, Unknown, Warning};
 use telltale::ros::{self, Bridge, BridgeOptions};
@@ -81,6 +82,16 @@ impl Watching {
         }
     }
 
+    /// Waits until something wrong with the reception of a topic was told.
+    async fn tells(&mut self, topic: &str, kind: TroubleKind) {
+        let told = self.link.snapshots.wait_for(|published| {
+            let mut reception = published.snapshot.reception.iter();
+            reception.any(|it| &*it.topic == topic && it.kind == kind)
+        });
+        let told = tokio::time::timeout(PATIENCE, told).await;
+        assert!(told.is_ok_and(|told| told.is_ok()), "no {kind:?} on {topic}");
+    }
+
     /// Publishes again and again, as every sensor does, until a module shows this.
     async fn shows_for(&mut self, peer: &mut Peer, command: &str, (module, state, words): Shows) {
         let again = async {
@@ -131,7 +142,9 @@ fn big_endian(encapsulation: &str, frame_length: &str) -> String {
 async fn whatever_is_wrong_with_a_message_is_said(vendor: Vendor) {
     let domain = Domain::of(vendor);
     let mut watching = Watching::start(&domain).await;
-    let mut peers = [SPEED, CLOUD, TF].map(|arguments| Peer::start(&domain, arguments));
+    // The depth is what ROS 2 has by default.
+    let speeds = format!("--depth 10 {SPEED}");
+    let mut peers = [&speeds, CLOUD, TF].map(|arguments| Peer::start(&domain, arguments));
     peers.iter_mut().for_each(|peer| peer.wait_matched(1));
     let [speeds, clouds, tf] = &mut peers;
 
@@ -160,10 +173,19 @@ async fn whatever_is_wrong_with_a_message_is_said(vendor: Vendor) {
             (big_endian("00070000", "00000001"), ("speed", Unknown, "cannot be read")),
             (speed("3"), ("speed", Good, "3")),
             (json!({"raw": "00010000"}).to_string(), ("speed", Unknown, "cannot be read")),
+            (speed("3"), ("speed", Good, "3")),
+            (json!({"raw": "0001"}).to_string(), ("speed", Unknown, "cannot be read")),
         ]);
     }
     for (command, shows) in cases {
         watching.shows_for(speeds, &command, shows).await;
+    }
+    watching.tells("/speed", TroubleKind::Malformed).await;
+    if matches!(vendor, Vendor::FastDds) {
+        // The library waits for what is empty till the publisher keeps it no longer.
+        speeds.write(&json!({"raw": ""}));
+        watching.shows_for(speeds, &speed("4"), ("speed", Good, "4")).await;
+        watching.tells("/speed", TroubleKind::Lost).await;
     }
 
     let points = |header: Value| json!({"message": "PointCloud2", "fields": {"header": header, "width": 5000, "data": {"zeros": 5000}}});
