@@ -149,22 +149,23 @@ async fn whatever_is_wrong_with_a_message_is_said(vendor: Vendor) {
     let [speeds, clouds, tf] = &mut peers;
 
     let lie = json!({"raw": format!("00010000{}ffffffff{}", "0".repeat(16), "0".repeat(104))}).to_string();
-    let bad_text = format!("00010000{}03000000ff80000000{}", "0".repeat(16), "0".repeat(96));
+    let bad_text = format!("00010000{}03000000ff800000{}", "0".repeat(16), "0".repeat(96));
     let cut = json!({"message": "TwistStamped", "cut": 24}).to_string();
+    // Each shows something else than the one before it.
     let mut cases = vec![
         (speed("3.5"), ("speed", Good, "3.5")),
         (speed("NaN"), ("speed", Unknown, "/speed twist.linear.x is not a number")),
         (speed("9.5"), ("speed", Warning, "9.5, at most 9 wanted")),
         (speed("Infinity"), ("speed", Unknown, "is infinite")),
-        (speed("-Infinity"), ("speed", Unknown, "is infinite")),
         (speed("13"), ("speed", Error, "13")),
+        (speed("-Infinity"), ("speed", Unknown, "is infinite")),
         (lie, ("speed", Unknown, "cannot be read")),
         (speed("1e300"), ("speed", Error, "")),
         (cut, ("speed", Unknown, "cannot be read")),
         // Text that is no UTF-8 in another field is nothing against the number.
         (json!({"raw": bad_text}).to_string(), ("speed", Good, "0, at most 9 wanted")),
     ];
-    // Cyclone writes an encapsulation of its own, and something after it.
+    // Cyclone writes the encapsulation itself, and something after it.
     if matches!(vendor, Vendor::FastDds) {
         cases.extend([
             (big_endian("00000000", "00000001"), ("speed", Good, "3.5")),
@@ -195,8 +196,8 @@ async fn whatever_is_wrong_with_a_message_is_said(vendor: Vendor) {
         (watching.header(-20), Warning, "at most 10 wanted"),
         (watching.header(-40), Error, "at most 10 wanted"),
         (watching.header(-1_000_000), Unknown, "from another clock"),
-        (json!({"stamp": {"sec": -2_000_000_000}}), Unknown, "from another clock"),
         (json!({}), Unknown, "the stamp was not set"),
+        (json!({"stamp": {"sec": -2_000_000_000}}), Unknown, "from another clock"),
         (watching.header(0), Good, "s late"),
     ] {
         watching.shows_for(clouds, &points(header).to_string(), ("cloud", state, words)).await;
