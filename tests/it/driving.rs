@@ -112,7 +112,10 @@ async fn stage_clearance_pose_and_countermeasures_reach_a_foreign_peer(vendor: V
         .map(|_| hear(&mut peer, "/telltale/deceleration_request", |value| value["linear"][0] == -1.5))
         .map(|request| seconds(&request))
         .collect();
-    let every_s = (stamps[20] - stamps[0]) / 20.0;
+    // The median: a busy machine holds a few of them up.
+    let mut gaps: Vec<f64> = stamps.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    gaps.sort_by(f64::total_cmp);
+    let every_s = gaps[gaps.len() / 2];
     assert!((0.045..0.065).contains(&every_s), "{every_s}");
     published.outputs.shutdown().await;
 }
