@@ -20,7 +20,7 @@ use crate::sim::shuttle::{Departure, Fault};
 /// countermeasures ask for. With `--drive` it knows where it is and leaves every stop by itself.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Faults: sensor_outage, localization_jump, costmap_delay, planner_stall, can_loss, low_battery\n\n\
+    after_help = "Faults: sensor_outage, localization_jump, costmap_delay, planner_stall, can_loss, low_battery,\n  camera_crash\n\n\
     Example:\n  telltale sim --config config/shuttle.yaml --interface loopback --domain 7 --drive --fault sensor_outage@40..50"
 )]
 pub struct Args {
