@@ -12,8 +12,8 @@ use crate::engine::model::{
 };
 use crate::engine::monitor::spec::{FieldKind, FieldSpec, TopicSpec, Watched};
 use crate::engine::sample::FieldValue;
-use crate::ros::messages::{BOOL, GidSize};
 use crate::ros::messages::encode::{ACCEL_STAMPED, POSE_WITH_COVARIANCE_STAMPED};
+use crate::ros::messages::{BOOL, GidSize};
 use crate::ros::{self, Bridge, BridgeError, BridgeOptions};
 use crate::sim::shuttle::Order;
 

@@ -320,9 +320,7 @@ fn faults_are_faults_of_the_data() {
             Fault::LowBattery => assert!(missing == [false; 3] && charge == Some(0.17)),
             Fault::CameraCrash => {
                 let said = |status: &str| {
-                    let from_camera = |message: &Message| {
-                        matches!(message, Message::Diagnostics(array) if array.iter().any(|it| it.name() == status))
-                    };
+                    let from_camera = |message: &Message| matches!(message, Message::Diagnostics(array) if array.iter().any(|it| it.name() == status));
                     !silent(&watched, from_ms + 100, &from_camera)
                 };
                 assert!(missing == [false; 3] && said("imu: status") && !said("camera_front: image_rate"));

@@ -16,9 +16,9 @@ use crate::engine::snapshot::{Reason, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use crate::ros::DIAGNOSTICS;
+use crate::ros::Nodes;
 use crate::ros::cdr::Endian;
 use crate::ros::fields::{BooleanReader, Definitions, Reader};
-use crate::ros::Nodes;
 use crate::ros::messages::{GidSize, diagnostic_array, encode_nodes};
 use crate::sim::shuttle::{Departure, Fault, Message, Order, Sent, Shuttle};
 

@@ -73,7 +73,9 @@ impl Healthy {
                 engine.handle(&input(watched, at_ms, &Do::Publishers(topic, 1)), now);
             }
             if at_ms >= from_ms && (at_ms - from_ms).is_multiple_of(PERIOD_MS) {
-                let Input::Sample(mut sample) = input(watched, at_ms, &Do::Number(topic, 1.0)) else { return };
+                let Input::Sample(mut sample) = input(watched, at_ms, &Do::Number(topic, 1.0)) else {
+                    return;
+                };
                 sample.stamp_ns = Some(sample.received_wall_ns - 10_000_000);
                 let pose = Pose { x_m: at_ms as f64 / 100.0, qw: 1.0, ..Pose::default() };
                 sample.values[1] = FieldValue::Pose(pose);
