@@ -81,6 +81,8 @@ class Stream:
         self.hz, self.make, self.healthy = hz, make, (hz, make)
         self.next = time.monotonic() + random.random() / hz
         self.told = []
+        # How late its latest message ever was.
+        self.late_s = 0
 
     @property
     def period(self):
@@ -96,6 +98,7 @@ class Stream:
             if self.hz == 0 or self.writer is None:
                 continue
             data, at = self.make(), time.monotonic()
+            self.late_s = max(self.late_s, at - self.next)
             self.publisher.write(self.writer, data)
             for told in self.told:
                 told.set_result(at)
@@ -476,7 +479,8 @@ async def run(options, folder):
         await asyncio.gather(*trials)
         following.cancel()
         await asyncio.to_thread(server.stop)
-        print(f"{TELLTALE}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+        late_s = max(stream.late_s for case in measured for stream in case.streams)
+        print(f"{TELLTALE}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, the peer was late by up to {milliseconds(late_s)} ms")
         good = report(measured)
         false = await starts(measured, server, options.starts, len(measured) + 1)
         print(f"\n{options.starts} starts and {options.starts} reloads beside a healthy vehicle: {len(false)} false states")
