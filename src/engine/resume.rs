@@ -13,7 +13,7 @@ use super::time::{Span, Timestamp};
 use super::timers::TimerKey;
 use super::vehicle::Event;
 
-/// After a start, what DDS discovery may take to find those who publish.
+/// After a start or a reload, what DDS discovery may take to find those who publish.
 pub(super) const DISCOVERY: Span = Span::from_secs(3);
 
 /// What outlives the program: everything that an operator decided or has to decide. The states of
@@ -116,11 +116,15 @@ impl Engine {
 
     /// What nobody was found for yet is silent because of us.
     fn await_publishers(&mut self) {
-        let until = self.now + DISCOVERY;
-        self.watching.searching_until = Some(until);
+        self.search_until(self.now + DISCOVERY);
         let timeout = self.active_signal.and_then(|index| self.model.signals[index].timeout);
         self.active_by = self.now + timeout.unwrap_or(DISCOVERY);
         self.timers.arm(TimerKey::Active, self.active_by);
+    }
+
+    /// Rates of topics of which nobody was found yet are not judged before one window after `until`.
+    pub(super) fn search_until(&mut self, until: Timestamp) {
+        self.watching.searching_until = Some(until);
         self.timers.arm(TimerKey::Searched, until);
     }
 
