@@ -134,6 +134,7 @@ words! {
     remove: "Remove", "Entfernen";
     time: "Time", "Zeit";
     event: "Event", "Ereignis";
+    event_of: "Of what", "Wovon";
     events: "What happened", "Was geschah";
     no_events: "Nothing happened in this span.", "In dieser Spanne geschah nichts.";
     no_record: "no record", "nicht aufgezeichnet";
