@@ -69,6 +69,7 @@ words! {
     reception_none: "None since the start.", "Keine seit dem Start.";
     counters: "Counters", "Zähler";
     signals: "Signals", "Signale";
+    signal: "Signal", "Signal";
     topic: "Topic", "Topic";
     kind: "Kind", "Art";
     count: "Count", "Anzahl";

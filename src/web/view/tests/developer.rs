@@ -5,7 +5,7 @@ use crate::engine::discovery::{Discovery, Endpoint, TopicSeen};
 use crate::engine::model::NodeId;
 use crate::engine::state::State;
 use crate::runtime::Rereading;
-use crate::store::{Happened, NodePast, Past, Stretch};
+use crate::store::{Happened, Held, NodePast, Past, Stretch};
 
 fn asked(pairs: &[(&str, &str)]) -> Asked {
     Asked::of(pairs.iter().map(|&(key, value)| (key.to_owned(), value.to_owned())).collect())
@@ -42,6 +42,11 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
     let moved = Happened::AlarmMoved { id: 1, symptom: text.to_owned(), cause: text.to_owned() };
     let past = Past {
         nodes: window.query.nodes.iter().map(node).collect(),
+        stage: vec![Held { from_ms: window.query.from_ms, to_ms: window.query.to_ms, value: Stage::Active }],
+        signals: vec![(
+            text.to_owned(),
+            vec![Held { from_ms: window.query.from_ms, to_ms: window.query.to_ms, value: Some(true) }],
+        )],
         happened: vec![(window.query.to_ms, moved), (window.query.to_ms, Happened::Lost(3))],
         cut: false,
     };
@@ -215,7 +220,14 @@ fn the_timeline_draws_what_was_recorded_and_says_what_was_not() {
         stretch(920_000, 960_000, State::Ignore, Some("a/root")),
     ];
     let nodes = vec![NodePast { name: "a/b".to_owned(), stretches }];
-    let past = Past { nodes, ..Past::default() };
+    let held = |from_ms, to_ms, value| Held { from_ms, to_ms, value };
+    let active = vec![held(900_000, 940_000, None), held(940_000, 1_000_000, Some(true))];
+    let past = Past {
+        nodes,
+        stage: vec![Held { from_ms: 900_000, to_ms: 1_000_000, value: Stage::Active }],
+        signals: vec![("active".to_owned(), active)],
+        ..Past::default()
+    };
     let page = timeline_page(&published, &english(), &asked(&asks), &window, Some(&past));
     // The ERROR before the cause showed itself is owed to it; the moment in the middle is masked.
     holds(
@@ -228,6 +240,7 @@ fn the_timeline_draws_what_was_recorded_and_says_what_was_not() {
             "data-static",
         ],
     );
+    holds(&page, &["bar-stage bar-driving", "data-signal=\"active\"", "bar-true", "data-state=\"level\">true<"]);
     holds(&page, &["data-state=\"ignore\">Ignored</span> <small>a/root", "1970-01-01T00:15:50.000Z"]);
     let after = asked(&[asks[0], asks[1], asks[2]]);
     let window = Window::of(&published, &after);
