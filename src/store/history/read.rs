@@ -142,11 +142,7 @@ fn starts(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<Vec
 }
 
 /// What a node showed when the span began, and its transitions in it.
-fn shown(
-    connection: &Connection,
-    name: &str,
-    query: &HistoryQuery,
-) -> rusqlite::Result<Vec<Dated<Shown>>> {
+fn shown(connection: &Connection, name: &str, query: &HistoryQuery) -> rusqlite::Result<Vec<Dated<Shown>>> {
     const COLUMNS: &str = "SELECT records.id, at_ms, state, own, cause.name FROM records
         LEFT JOIN nodes AS cause ON cause.id = other
         WHERE kind = 1 AND node = (SELECT id FROM nodes WHERE name = ?)";
@@ -181,8 +177,9 @@ fn levels(
     // A stage has no name, and its row no node.
     const COLUMNS: &str = "SELECT id, at_ms, state FROM records
         WHERE kind <> 1 AND kind = ? AND node IS (SELECT id FROM nodes WHERE name = ?)";
-    let level =
-        |row: &Row<'_>| Ok(Dated { id: row.get(0)?, at_ms: row.get(1)?, what: row.get::<_, Option<i64>>(2)? });
+    let level = |row: &Row<'_>| {
+        Ok(Dated { id: row.get(0)?, at_ms: row.get(1)?, what: row.get::<_, Option<i64>>(2)? })
+    };
     let before = format!("{COLUMNS} AND at_ms <= ? ORDER BY at_ms DESC, id DESC LIMIT 1");
     let before = connection
         .prepare_cached(&before)?

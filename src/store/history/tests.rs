@@ -37,7 +37,12 @@ impl Disk {
 
     fn past(&self, nodes: &[&str], from_ms: i64, to_ms: i64) -> Past {
         let nodes = nodes.iter().map(|&name| name.to_owned()).collect();
-        let query = HistoryQuery { nodes, signals: vec!["active".to_owned()], from_ms: START_MS + from_ms, to_ms: START_MS + to_ms };
+        let query = HistoryQuery {
+            nodes,
+            signals: vec!["active".to_owned()],
+            from_ms: START_MS + from_ms,
+            to_ms: START_MS + to_ms,
+        };
         read::past(&self.connection, &query).unwrap()
     }
 

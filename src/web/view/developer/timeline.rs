@@ -28,7 +28,7 @@ const SPANS_S: [u64; 7] = [30, 120, 600, 3600, 6 * 3600, 24 * 3600, 7 * 24 * 360
 const EVENTS: usize = 100;
 const RENEW_MS: u32 = 1000;
 /// Names offered to choose from.
-const OFFERED: usize = 2000;
+const OFFERED: usize = 300;
 /// Where the slider stands, in thousandths of the span.
 const AT_END: u64 = 1000;
 struct Event {

@@ -171,6 +171,9 @@ words! {
     config_refused: "The file cannot be used; what runs stays", "Die Datei ist unbrauchbar; was läuft, bleibt";
     config_warnings: "What can happen with it and should not", "Was damit geschehen kann und nicht sollte";
     config_take: "Take it", "Übernehmen";
+    config_judging: "Every situation is being looked at ...", "Jede Situation wird betrachtet ...";
+    config_sound: "Every situation was looked at: nothing can happen that should not.", "Jede Situation wurde betrachtet: Nichts kann geschehen, das nicht sollte.";
+    config_running: "What runs, as it was read", "Was läuft, wie es gelesen wurde";
 }
 
 impl DevWords {

@@ -4,7 +4,7 @@ use super::*;
 use crate::engine::discovery::{Discovery, Endpoint, TopicSeen};
 use crate::engine::model::NodeId;
 use crate::engine::state::State;
-use crate::runtime::Rereading;
+use crate::runtime::{ConfigurationText, Rereading};
 use crate::store::{Happened, Held, NodePast, Past, Stretch};
 
 fn asked(pairs: &[(&str, &str)]) -> Asked {
@@ -55,6 +55,8 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         differences: vec![text.to_owned()],
         problems: None,
         warnings: Some(text.to_owned()),
+        judged: true,
+        running: [ConfigurationText { name: text.to_owned(), text: text.to_owned() }].into(),
     };
     let mut pages = vec![
         ("statuses", developer_page(published, context, &asked, &trends)),
@@ -64,7 +66,7 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         ("masking", masking_page(published, context, &asked)),
         ("coverage", coverage_page(published, context, &asked)),
         ("topics", topics_page(published, context, &asked, &discovery(text))),
-        ("configuration", configuration_page(published, &read, true, context)),
+        ("configuration", configuration_page(published, &read, true, context, &asked)),
     ];
     // Of a locked vehicle no node has a page.
     let locked = published.snapshot.stage == Stage::Locked;
@@ -240,7 +242,10 @@ fn the_timeline_draws_what_was_recorded_and_says_what_was_not() {
             "data-static",
         ],
     );
-    holds(&page, &["bar-stage bar-driving", "data-signal=\"active\"", "bar-true", "data-state=\"level\">true<"]);
+    holds(
+        &page,
+        &["bar-stage bar-driving", "data-signal=\"active\"", "bar-true", "data-state=\"level\">true<"],
+    );
     holds(&page, &["data-state=\"ignore\">Ignored</span> <small>a/root", "1970-01-01T00:15:50.000Z"]);
     let after = asked(&[asks[0], asks[1], asks[2]]);
     let window = Window::of(&published, &after);

@@ -71,7 +71,8 @@ impl Painter<'_> {
         let segments = segments(past);
         let (state, word, because) = match self.at_moment(&segments, |it| (it.from, it.to)) {
             Some(segment) => {
-                let because = segment.cause.as_deref().map(|cause| clean(cause, 2 * NAME)).unwrap_or_default();
+                let because =
+                    segment.cause.as_deref().map(|cause| clean(cause, 2 * NAME)).unwrap_or_default();
                 (state_of(segment.look), look_word(self.lang, segment.look), because)
             }
             None => ("none", self.words.no_record, String::new()),
