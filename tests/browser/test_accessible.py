@@ -76,7 +76,8 @@ def pages(config):
     yield f"/developer/why?node={CAUSE}", "#why"
     yield "/developer/why?node=localization", "#why"
     yield "/developer/audit", "#audit tbody tr"
-    yield "/developer/configuration", "#configuration"
+    yield "/developer/configuration", "#configuration[data-judged=true]"
+    yield "/developer/configuration?q=nothing-of-this-name", "#running .empty"
     text = CONFIG.read_text()
     config.write_text(text.replace("timeout: 2s", "timeout: 3s"))
     yield "/developer/configuration", "#differences li"

@@ -13,7 +13,7 @@ use super::pager::Pager;
 use super::{Asked, DevFrame, Page};
 
 /// Lines of one page.
-const LINES: usize = 150;
+const LINES: usize = 100;
 const LETTERS: usize = 400;
 /// What is being found out is asked for again.
 const RENEW_MS: u32 = 1000;

@@ -15,7 +15,7 @@ use super::words::DevWords;
 use super::{Asked, DevFrame, NodeLink, Page};
 
 /// Rows of one page of a table.
-const ROWS: usize = 60;
+const ROWS: usize = 40;
 /// Root causes named beside one node.
 const NAMED: usize = 6;
 const RENEW_MS: u32 = 0;

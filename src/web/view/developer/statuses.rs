@@ -20,7 +20,7 @@ use super::words::DevWords;
 use super::{Asked, DevFrame, Page, why_address};
 
 /// Rows of one page of the table.
-const ROWS: usize = 60;
+const ROWS: usize = 40;
 /// Rows that may be pinned above it.
 const PINS: usize = 20;
 const VALUES: usize = 5;

@@ -22,6 +22,8 @@ use strips::{Of, Painter, Strip};
 
 /// Strips of nodes on one page, and below them of signals.
 const STRIPS: usize = 60;
+/// Strips of a page that asks for none.
+const STRIPS_UNASKED: usize = 30;
 const SIGNALS: usize = 12;
 const SPAN_S: u64 = 120;
 const SPANS_S: [u64; 7] = [30, 120, 600, 3600, 6 * 3600, 24 * 3600, 7 * 24 * 3600];
@@ -92,14 +94,20 @@ impl Window {
         let to_ms = until.unwrap_or(now_ms).min(now_ms);
         let from_ms = to_ms.saturating_sub(span_s as i64 * 1000).max(0);
         let mut nodes: Vec<String> = Vec::new();
-        for name in asked.all("node").take(STRIPS) {
+        // What was added last is seen, whatever there is already.
+        let named: Vec<&str> = asked.all("node").collect();
+        for &name in &named[named.len().saturating_sub(STRIPS)..] {
             if !nodes.iter().any(|known| known == name) {
                 nodes.push(name.to_owned());
             }
         }
         if nodes.is_empty() {
             let snapshot = &published.snapshot;
-            nodes = snapshot.tiles().map(|id| snapshot.group(id).0.path.to_string()).take(STRIPS).collect();
+            nodes = snapshot
+                .tiles()
+                .map(|id| snapshot.group(id).0.path.to_string())
+                .take(STRIPS_UNASKED)
+                .collect();
             nodes.extend(snapshot.roots.iter().take(5).map(|root| snapshot.node_name(root.node).to_string()));
         }
         let signals = published.snapshot.signals.iter().map(|(name, _)| name.to_string()).take(SIGNALS);

@@ -12,7 +12,7 @@ use super::words::DevWords;
 use super::{Asked, DevFrame, Page};
 
 /// Rows of one page.
-const ROWS: usize = 60;
+const ROWS: usize = 40;
 /// Endpoints listed of one topic.
 const LISTED: usize = 24;
 const NODES: usize = 500;
