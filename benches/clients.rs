@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use futures_util::{SinkExt as _, StreamExt as _};
 use peer::{Domain, Peer};
-use serde_json::Value;
+use serde::Deserialize;
 use serving::{Server, USERS, connect, monotonic_ns, percentile, program, sent_ns};
 use tokio_tungstenite::tungstenite::Message;
 
@@ -36,31 +36,40 @@ struct Seen {
     silence_ms: f64,
 }
 
+/// What of a message says how it is to be answered.
+#[derive(Deserialize)]
+struct Said {
+    seq: u64,
+    beat: Option<u64>,
+}
+
 /// Takes what comes and answers it, as the page does.
 async fn client(address: String, cookie: String, end_ns: u64) -> Seen {
     let mut socket = connect(&address, &cookie, "/ws?lang=en").await;
     let (mut seen, mut last, mut beat_ns) = (Seen::default(), monotonic_ns(), monotonic_ns());
     while let Some(message) = socket.next().await {
-        let data = message.expect("the server keeps the socket").into_data();
+        let message = message.expect("the server keeps the socket");
         let now = monotonic_ns();
         if now > end_ns {
             break;
         }
-        if data.is_empty() {
+        assert!(!message.is_close(), "the server closed: {message}");
+        if !message.is_text() {
             continue;
         }
+        let data = message.into_data();
         seen.messages += 1;
         seen.bytes += data.len();
         if let Some(sent) = sent_ns(&data).filter(|&sent| sent > last) {
             last = sent;
             seen.delays.push((now - sent) as f64 / 1000.0);
         }
-        let said: Value = serde_json::from_slice(&data).expect("JSON");
-        if said["beat"].is_number() {
+        let said: Said = serde_json::from_slice(&data).expect("JSON");
+        if said.beat.is_some() {
             seen.silence_ms = seen.silence_ms.max((now - beat_ns) as f64 / 1e6);
             beat_ns = now;
         }
-        let answer = format!(r#"{{"shown":{}}}"#, said["seq"]);
+        let answer = format!(r#"{{"shown":{}}}"#, said.seq);
         socket.send(Message::text(answer)).await.expect("the server reads");
     }
     seen

@@ -26,7 +26,7 @@ const OPEN_MODULES: usize = 60;
 /// than a browser draws at once.
 const MODULES: usize = 60;
 const MODULES_MIN: usize = 4;
-const MODULES_IN_ALL: usize = 500;
+const MODULES_IN_ALL: usize = 300;
 /// Boxes at the top; what is beyond is named below the picture.
 const BOXES: usize = 150;
 /// Lines drawn: the hot ones first.
