@@ -30,6 +30,8 @@ const SETTLING_S: u64 = 3;
 struct Seen {
     /// From publishing a change to its frame, in microseconds.
     delays: Vec<f64>,
+    /// Changes that came before that counted.
+    unsettled: usize,
     messages: usize,
     bytes: usize,
     /// The longest time without a heartbeat, in milliseconds.
@@ -44,7 +46,7 @@ struct Said {
 }
 
 /// Takes what comes and answers it, as the page does.
-async fn client(address: String, cookie: String, end_ns: u64) -> Seen {
+async fn client(address: String, cookie: String, (from_ns, end_ns): (u64, u64)) -> Seen {
     let mut socket = connect(&address, &cookie, "/ws?lang=en").await;
     let (mut seen, mut last, mut beat_ns) = (Seen::default(), monotonic_ns(), monotonic_ns());
     while let Some(message) = socket.next().await {
@@ -62,7 +64,11 @@ async fn client(address: String, cookie: String, end_ns: u64) -> Seen {
         seen.bytes += data.len();
         if let Some(sent) = sent_ns(&data).filter(|&sent| sent > last) {
             last = sent;
-            seen.delays.push((now - sent) as f64 / 1000.0);
+            if sent < from_ns {
+                seen.unsettled += 1;
+            } else {
+                seen.delays.push((now - sent) as f64 / 1000.0);
+            }
         }
         let said: Said = serde_json::from_slice(&data).expect("JSON");
         if said.beat.is_some() {
@@ -92,11 +98,12 @@ async fn measure(server: &Server, domain: &Domain, clients: usize, seconds: u64)
         whole + 2
     );
     let peers = [Peer::start(domain, &traffic), Peer::start(domain, &changes)];
-    let end_ns = monotonic_ns() + whole * 1_000_000_000;
+    let began_ns = monotonic_ns();
+    let counted = (began_ns + SETTLING_S * 1_000_000_000, began_ns + whole * 1_000_000_000);
     // The operator's own page is the first of them.
     let cookie = |index: usize| if index == 0 { &server.cookie } else { &cookies[index / PER_SESSION] };
     let tasks: Vec<_> = (0..clients)
-        .map(|index| tokio::spawn(client(server.address.clone(), cookie(index).clone(), end_ns)))
+        .map(|index| tokio::spawn(client(server.address.clone(), cookie(index).clone(), counted)))
         .collect();
     tokio::time::sleep(Duration::from_secs(SETTLING_S)).await;
     let ((before, _), own) = (server.used(), own_seconds());
@@ -115,12 +122,11 @@ async fn measure(server: &Server, domain: &Domain, clients: usize, seconds: u64)
 }
 
 fn say(all: &[Seen], seconds: u64, whole: u64) {
-    let settled = (SETTLING_S * CHANGES_PER_S) as usize;
-    let mut delays: Vec<f64> =
-        all.iter().flat_map(|seen| seen.delays.iter().skip(settled).copied()).collect();
+    let mut delays: Vec<f64> = all.iter().flat_map(|seen| seen.delays.iter().copied()).collect();
     let mut worst: Vec<f64> =
         all.iter().map(|seen| seen.delays.iter().copied().fold(0.0, f64::max)).collect();
-    assert!(!delays.is_empty(), "no change arrived");
+    let unsettled: usize = all.iter().map(|seen| seen.unsettled).sum();
+    assert!(!delays.is_empty(), "no change arrived, but {unsettled} before they counted");
     delays.sort_by(f64::total_cmp);
     worst.sort_by(f64::total_cmp);
     let messages: usize = all.iter().map(|seen| seen.messages).sum();
