@@ -1,5 +1,5 @@
-//! Two hundred browsers at one vehicle: a foreign DDS peer publishes the shuttle's traffic and a change
-//! twenty times a second, the real server serves the operator's page to all, and each client answers
+//! Two hundred browsers at one vehicle: a foreign DDS peer publishes the shuttle's traffic and twenty
+//! times a second a change to WARNING or back, of which the page shows the warning's words at once, the real server serves the operator's page to all, and each client answers
 //! as the page does. `TELLTALE_PEER_PYTHON=... cargo bench --bench clients [-- CLIENTS [SECONDS]]`;
 //! `TELLTALE` names another program to measure than the one that is built with this.
 
@@ -94,7 +94,7 @@ async fn measure(server: &Server, domain: &Domain, clients: usize, seconds: u64)
     let (_, alone_mb) = server.used();
     let traffic = format!("load --statuses 30 --rate 10 --seconds {} --levels ok", whole + 2);
     let changes = format!(
-        "load --statuses 1 --rate {CHANGES_PER_S} --seconds {} --name imu:~status --levels ok --flip --mark 7",
+        "load --statuses 1 --rate {CHANGES_PER_S} --seconds {} --name imu:~status --levels ok --flip --say --mark 7",
         whole + 2
     );
     let peers = [Peer::start(domain, &traffic), Peer::start(domain, &changes)];

@@ -18,7 +18,8 @@ use serde_json::{Value, json};
 use serving::{Server, monotonic_ns, percentile, sent_ns};
 
 /// The probe changes its state so often each second, and for so long.
-const PROBE: &str = "load --statuses 1 --rate 20 --seconds 20 --name imu:~status --levels ok --flip --mark 7";
+const PROBE: &str =
+    "load --statuses 1 --rate 20 --seconds 20 --name imu:~status --levels ok --flip --say --mark 7";
 const PROBED_S: u64 = 24;
 
 /// Requests to the vehicle that are timed.
