@@ -78,6 +78,17 @@ pub struct Rereading {
     pub problems: Option<String>,
     /// What can happen with it and should not.
     pub warnings: Option<String>,
+    /// Every situation was looked at; until then `warnings` says nothing.
+    pub judged: bool,
+    /// The files that the engine runs by, as they were read.
+    pub running: Arc<[ConfigurationText]>,
+}
+
+/// A file of a configuration.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ConfigurationText {
+    pub name: String,
+    pub text: String,
 }
 
 /// What the rest of the program holds of the engine. Clones feed and watch the same one.

@@ -28,7 +28,7 @@ use tokio::sync::{oneshot, watch};
 
 pub use chain::{Breach, Hash, Head, Verdict};
 pub use health::Fault;
-pub use history::{HISTORY_FILE, Happened, History, HistoryQuery, NodePast, Past, Stretch};
+pub use history::{HISTORY_FILE, Happened, Held, History, HistoryQuery, NodePast, Past, Stretch};
 pub use leave::Leaving;
 pub use role::Role;
 pub use schema::{FILE_NAME, make_folder};

@@ -12,8 +12,8 @@ use crate::engine::input::{Input, Stamped};
 use crate::engine::time::{Span, Timestamp};
 use crate::store::Session;
 
-/// A vehicle has a few displays; more sockets than this are refused.
-const SOCKETS_MAX: usize = 64;
+/// Two hundred browsers at one vehicle are served; more sockets than this are refused.
+const SOCKETS_MAX: usize = 256;
 /// A browser that reloads leaves old sockets behind for a moment.
 const SOCKETS_PER_SESSION_MAX: usize = 16;
 

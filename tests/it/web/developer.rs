@@ -3,7 +3,7 @@
 use axum::http::StatusCode;
 use telltale::engine::snapshot::Reason;
 use telltale::engine::time::Span;
-use telltale::runtime::Rereading;
+use telltale::runtime::{ConfigurationText, Rereading};
 
 use super::fixture::{Fixture, as_program, form_request};
 
@@ -87,7 +87,15 @@ async fn a_configuration_is_shown_as_a_difference_before_it_is_taken() {
         while let Some(reread) = rereads.recv().await {
             asked.push(reread.take);
             let differences = vec!["group <new> was added".to_owned()];
-            let read = Rereading { taken: reread.take, differences, problems: None, warnings: None };
+            let text = "# a\ngroups: [] # <b>\u{202e}".to_owned();
+            let read = Rereading {
+                taken: reread.take,
+                differences,
+                problems: None,
+                warnings: None,
+                judged: false,
+                running: [ConfigurationText { name: "v.yaml".to_owned(), text }].into(),
+            };
             reread.reply.send(read).unwrap();
             if asked.len() == 3 {
                 break;
@@ -98,6 +106,8 @@ async fn a_configuration_is_shown_as_a_difference_before_it_is_taken() {
     let shown = fixture.get("/developer/configuration", Some(&developer)).await;
     assert!(shown.body.contains("group &#60;new&#62; was added"), "{}", shown.body);
     assert!(shown.body.contains(r#"name="reload""#));
+    assert!(shown.body.contains("groups: [] # &#60;b&#62;</code>"), "what runs: {}", shown.body);
+    assert!(shown.body.contains("Every situation is being looked at"));
     let read_only = fixture.get("/developer/configuration", Some(&authority)).await;
     assert!(!read_only.body.contains(r#"name="reload""#), "{}", read_only.body);
     let reload = "/developer/configuration/reload";

@@ -7,6 +7,7 @@ mod configuration;
 mod coverage;
 mod graph;
 mod masking;
+mod pager;
 mod statuses;
 mod timeline;
 mod topics;
@@ -213,8 +214,9 @@ pub fn configuration_page(
     read: &Rereading,
     may_take: bool,
     context: &PageContext,
+    asked: &Asked,
 ) -> String {
-    configuration::page(&View::new(published, context.lang, false), read, may_take, context)
+    configuration::page(&View::new(published, context.lang, false), read, may_take, context, asked)
 }
 
 /// Who did what, and whether the chain of it is whole.
