@@ -10,7 +10,8 @@ use tokio::sync::{mpsc, oneshot, watch};
 
 use crate::clock::Clock;
 use crate::engine::Engine;
-use crate::engine::input::{Input, OperatorAction, Response, Stamped};
+use crate::engine::foresee::Foreseen;
+use crate::engine::input::{Input, OperatorAction, Refusal, Response, Stamped};
 use crate::engine::model::Model;
 use crate::engine::record::Record;
 use crate::engine::resume::Restored;
@@ -22,7 +23,7 @@ use recorder::Recorder;
 /// readers then lose the oldest samples by their own depth, and count that.
 pub const INPUT_QUEUE: usize = 1024;
 
-/// Commands that may wait for the engine. A full queue makes the senders wait.
+/// Commands, and rehearsals too, that may wait for the engine. A full queue makes the senders wait.
 pub const COMMAND_QUEUE: usize = 64;
 
 /// New configurations that may wait for the engine. A full queue makes the senders wait.
@@ -50,6 +51,13 @@ pub struct Published {
 pub struct Command {
     pub action: OperatorAction,
     pub reply: oneshot::Sender<Response>,
+}
+
+/// An operator's action that is to be judged and not done.
+#[derive(Debug)]
+pub struct Rehearsal {
+    pub action: OperatorAction,
+    pub reply: oneshot::Sender<Result<Foreseen, Vec<Refusal>>>,
 }
 
 /// Another configuration for the engine, to be taken whole. What was wrong with it was said before.
@@ -85,6 +93,7 @@ pub struct Rereading {
 pub struct Link {
     pub inputs: mpsc::Sender<Stamped>,
     pub commands: mpsc::Sender<Command>,
+    pub rehearsals: mpsc::Sender<Rehearsal>,
     pub reloads: mpsc::Sender<Reload>,
     /// Holds at most the latest; whoever is slow skips what lies between.
     pub snapshots: watch::Receiver<Published>,
@@ -114,6 +123,7 @@ pub fn resume(
 fn run(mut engine: Engine, clock: Clock, records: Option<SyncSender<Vec<Record>>>) -> Link {
     let (inputs, inputs_rx) = mpsc::channel(INPUT_QUEUE);
     let (commands, commands_rx) = mpsc::channel(COMMAND_QUEUE);
+    let (rehearsals, rehearsals_rx) = mpsc::channel(COMMAND_QUEUE);
     let (reloads, reloads_rx) = mpsc::channel(RELOAD_QUEUE);
     let recorder = Recorder::start(&mut engine, records, clock.now());
     let first = Published { snapshot: engine.snapshot(), at: clock.wall() };
@@ -127,14 +137,16 @@ fn run(mut engine: Engine, clock: Clock, records: Option<SyncSender<Vec<Record>>
         clock,
         publish,
     };
-    let queues = Queues { inputs: inputs_rx, commands: commands_rx, reloads: reloads_rx };
+    let queues =
+        Queues { inputs: inputs_rx, commands: commands_rx, rehearsals: rehearsals_rx, reloads: reloads_rx };
     tokio::spawn(async move { turn.run(queues).await });
-    Link { inputs, commands, reloads, snapshots }
+    Link { inputs, commands, rehearsals, reloads, snapshots }
 }
 
 struct Queues {
     inputs: mpsc::Receiver<Stamped>,
     commands: mpsc::Receiver<Command>,
+    rehearsals: mpsc::Receiver<Rehearsal>,
     reloads: mpsc::Receiver<Reload>,
 }
 
@@ -149,7 +161,8 @@ struct Loop {
 }
 
 impl Loop {
-    async fn run(&mut self, Queues { mut inputs, mut commands, mut reloads }: Queues) {
+    async fn run(&mut self, queues: Queues) {
+        let Queues { mut inputs, mut commands, mut rehearsals, mut reloads } = queues;
         let mut batch = Vec::with_capacity(BATCH_MAX);
         loop {
             let wake = tokio::time::Instant::from_std(self.clock.instant(self.next_turn()));
@@ -159,6 +172,13 @@ impl Loop {
                 biased;
                 command = commands.recv() => match command {
                     Some(command) => self.obey(command),
+                    None => return,
+                },
+                rehearsal = rehearsals.recv() => match rehearsal {
+                    Some(Rehearsal { action, reply }) => {
+                        // Who asked may have gone; nothing has happened.
+                        let _ = reply.send(self.engine.foresee(&action, self.clock.now()));
+                    }
                     None => return,
                 },
                 reload = reloads.recv() => match reload {
@@ -190,6 +210,10 @@ impl Loop {
     }
 
     fn obey(&mut self, command: Command) {
+        // Who gave up was told that nothing happened. A stop is never too late.
+        if command.reply.is_closed() && command.action != OperatorAction::RequestStop {
+            return;
+        }
         let response = self.engine.handle(&Input::Operator(command.action), self.clock.now());
         // Published before it is answered: who asked finds the result in the next snapshot.
         self.publish_if_due();

@@ -51,6 +51,10 @@ impl Held {
         !self.present && released
     }
 
+    fn is_about(&self, node: NodeId) -> bool {
+        matches!(self.by, By::Rule(_, it) if it == node)
+    }
+
     /// Whether a cause that was named for it is still there.
     fn is_caused(&self, net: &Net, state: State) -> bool {
         self.causes.iter().any(|cause| fails(&net.node(cause.node).facts, state))
@@ -167,18 +171,33 @@ impl Measures {
         self.held.retain(|held| held.by != By::Operator);
     }
 
-    /// Takes note that the operator knows of a node's part. Returns whether it has one.
-    pub(super) fn acknowledge(&mut self, node: NodeId) -> bool {
-        let mut found = false;
+    /// Whether a node has a part in what is held that the operator can know of.
+    pub(super) fn is_held_for(&self, node: NodeId) -> bool {
+        let has_part =
+            |held: &Held| held.causes.iter().any(|cause| held.is_about(node) || cause.node == node);
+        self.held.iter().any(has_part)
+    }
+
+    /// Takes note that the operator knows of a node's part.
+    pub(super) fn acknowledge(&mut self, node: NodeId) {
         for held in &mut self.held {
-            let about = matches!(held.by, By::Rule(_, it) if it == node);
+            let about = held.is_about(node);
             for cause in held.causes.iter_mut().filter(|cause| about || cause.node == node) {
                 cause.acknowledged = true;
-                found = true;
             }
         }
         self.held.retain(|held| !held.is_over());
-        found
+    }
+
+    /// What would be asked for if this were done to what is held.
+    pub(super) fn list_after(&mut self, done: impl FnOnce(&mut Measures)) -> Arc<[Countermeasure]> {
+        let held = self.held.clone();
+        done(self);
+        let list = self.list();
+        let is_held = |kind| self.held.iter().any(|held| held.request.kind() == kind);
+        let after = list.iter().filter(|it| is_held(it.request.kind())).cloned().collect();
+        self.held = held;
+        after
     }
 
     pub(super) fn take_news(&mut self, news: &OutputNews) {

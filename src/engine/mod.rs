@@ -10,6 +10,7 @@ pub mod countermeasure;
 pub mod discovery;
 pub mod event;
 pub mod filter;
+pub mod foresee;
 pub mod graph;
 pub mod input;
 mod layout;

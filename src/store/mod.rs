@@ -29,7 +29,7 @@ use tokio::sync::{oneshot, watch};
 pub use chain::{Breach, Hash, Head, Verdict};
 pub use health::Fault;
 pub use history::{HISTORY_FILE, Happened, History, HistoryQuery, NodePast, Past, Stretch};
-pub use leave::Leaving;
+pub use leave::{Entering, Written};
 pub use role::Role;
 pub use schema::{FILE_NAME, make_folder};
 pub use secret::{DEMO_USERS, DemoSecrets, Lane, SecretError, is_pin};
@@ -90,6 +90,8 @@ pub enum StoreError {
         "{0} has too many tokens; `telltale user tokens` shows them, `telltale user revoke NUMBER` takes one back"
     )]
     ManyTokens(String),
+    #[error("the session was ended while it was opened; log in again")]
+    SessionEnded,
     #[error("there is no token {0}; `telltale user tokens` shows all")]
     NoSuchToken(i64),
 }

@@ -18,6 +18,8 @@ pub enum Trouble {
     TooManySockets,
     /// It cannot be written down.
     Storage,
+    /// A stop was requested, and that cannot be written down.
+    StopNotKept,
     Unavailable,
 }
 
@@ -30,7 +32,7 @@ impl Trouble {
             Trouble::Forbidden | Trouble::ForeignOrigin => StatusCode::FORBIDDEN,
             Trouble::ForeignHost => StatusCode::MISDIRECTED_REQUEST,
             Trouble::BadForm => StatusCode::UNPROCESSABLE_ENTITY,
-            Trouble::TooManySockets | Trouble::Storage | Trouble::Unavailable => {
+            Trouble::TooManySockets | Trouble::Storage | Trouble::StopNotKept | Trouble::Unavailable => {
                 StatusCode::SERVICE_UNAVAILABLE
             }
         }
@@ -78,6 +80,15 @@ impl Trouble {
             (Trouble::Storage, Lang::De) => (
                 "Nicht ausgeführt",
                 "Der Speicher ist voll oder defekt, daher wurde nichts geändert. Leitstelle rufen.",
+            ),
+            (Trouble::StopNotKept, Lang::En) => (
+                "Stop requested, not recorded",
+                "The vehicle is asked to stop. The disk is full or broken, so that is not recorded. Call the control room.",
+            ),
+            (Trouble::StopNotKept, Lang::De) => (
+                "Anhalten verlangt, nicht aufgezeichnet",
+                "Das Fahrzeug soll anhalten. Der Speicher ist voll oder defekt, daher ist das nicht aufgezeichnet. \
+                 Leitstelle rufen.",
             ),
             (Trouble::Unavailable, Lang::En) => {
                 ("Not available", "The server cannot do this now. Try again.")
