@@ -122,6 +122,7 @@ pub struct Store {
     sessions: Arc<Sessions>,
     hashing: Hashing,
     fault: watch::Receiver<Fault>,
+    folder: Option<Arc<Path>>,
     clock: Clock,
 }
 
@@ -168,7 +169,7 @@ impl Store {
         let log = Log::read(&connection, folder)?;
         let mut health = Health::new(Some(folder));
         health.cannot_write(why);
-        Store::run(connection, log, health, clock, demo)
+        Store::run(connection, log, health, Some(folder), clock, demo)
     }
 
     /// Opens `telltale.db` in `folder`, if there is one.
@@ -195,13 +196,14 @@ impl Store {
         demo: DemoSecrets,
     ) -> Result<Store, StoreError> {
         let log = Log::open(&mut connection, folder, clock.wall())?;
-        Store::run(connection, log, Health::new(folder), clock, demo)
+        Store::run(connection, log, Health::new(folder), folder, clock, demo)
     }
 
     fn run(
         connection: Connection,
         log: Log,
         health: Health,
+        folder: Option<&Path>,
         clock: Clock,
         demo: DemoSecrets,
     ) -> Result<Store, StoreError> {
@@ -222,7 +224,19 @@ impl Store {
             .name("store".to_owned())
             .spawn(move || database.run(&queue))
             .map_err(|reason| StoreError::Folder { path: PathBuf::from("(a new thread)"), reason })?;
-        Ok(Store { jobs, sessions, hashing: Hashing::new(demo)?, fault, clock })
+        Ok(Store {
+            jobs,
+            sessions,
+            hashing: Hashing::new(demo)?,
+            fault,
+            folder: folder.map(Arc::from),
+            clock,
+        })
+    }
+
+    /// Where the database lies; `None` for one that ends with the process.
+    pub fn folder(&self) -> Option<&Path> {
+        self.folder.as_deref()
     }
 
     /// Whether the database answers.

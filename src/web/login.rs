@@ -50,7 +50,18 @@ pub async fn page(State(app): State<AppState>, headers: HeaderMap, reader: Reade
         return Redirect::to("/").into_response();
     }
     let nobody = matches!(app.store.users().await, Ok(users) if users.is_empty());
-    login_page(&app, &reader, StatusCode::OK, "", nobody.then_some(LoginFailure::NoUsers))
+    login_page(&app, &reader, StatusCode::OK, "", nobody.then(|| no_users(&app)))
+}
+
+/// A folder with a blank in its name is quoted, as a shell has to be told it.
+fn no_users(app: &AppState) -> LoginFailure {
+    let data = app.store.folder().map(|folder| folder.display().to_string());
+    let is_plain = |it: char| it.is_alphanumeric() || "/._-+:@%,".contains(it);
+    let quoted = |data: String| match data.chars().all(is_plain) {
+        true => data,
+        false => format!("'{}'", data.replace('\'', r"'\''")),
+    };
+    LoginFailure::NoUsers { data: data.map(quoted) }
 }
 
 /// `POST /login`
@@ -337,7 +348,7 @@ fn failed(app: &AppState, reader: &Reader, name: &str, failure: LoginFailure) ->
         LoginFailure::PinElsewhere => StatusCode::FORBIDDEN,
         LoginFailure::SeatTaken { .. } => StatusCode::CONFLICT,
         LoginFailure::Wait { .. } => StatusCode::TOO_MANY_REQUESTS,
-        LoginFailure::Storage | LoginFailure::Unavailable | LoginFailure::NoUsers => {
+        LoginFailure::Storage | LoginFailure::Unavailable | LoginFailure::NoUsers { .. } => {
             StatusCode::SERVICE_UNAVAILABLE
         }
     };
