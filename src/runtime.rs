@@ -6,16 +6,16 @@ use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
 use std::time::SystemTime;
 
-use tokio::sync::{mpsc, oneshot, watch};
+use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
 use crate::clock::Clock;
 use crate::engine::Engine;
 use crate::engine::foresee::Foreseen;
 use crate::engine::input::{Input, OperatorAction, Refusal, Response, Stamped};
-use crate::engine::model::Model;
+use crate::engine::model::{Model, Stage};
 use crate::engine::record::Record;
 use crate::engine::resume::Restored;
-use crate::engine::snapshot::Snapshot;
+use crate::engine::snapshot::{Countermeasure, Snapshot};
 use crate::engine::time::{Span, Timestamp};
 use recorder::Recorder;
 
@@ -31,6 +31,10 @@ pub const RELOAD_QUEUE: usize = 1;
 
 /// Inputs handled before the others get their turn and a changed state is published.
 const BATCH_MAX: usize = 32;
+
+/// Turns of the vehicle that may wait for whoever records them. Past it the oldest are lost, and whoever
+/// waits for them is told how many.
+const TURN_QUEUE: usize = 256;
 
 /// New words and values, without a new state, wait this long for others.
 const WORDS_EVERY: Span = Span::from_millis(100);
@@ -97,6 +101,9 @@ pub struct Link {
     pub reloads: mpsc::Sender<Reload>,
     /// Holds at most the latest; whoever is slow skips what lies between.
     pub snapshots: watch::Receiver<Published>,
+    /// Every state in which the stage or what is asked of the vehicle was another one than before,
+    /// also those that were over before anybody saw them.
+    pub turns: broadcast::Sender<Published>,
 }
 
 /// Starts the engine in a task of the current tokio runtime. It ends when all links are dropped.
@@ -128,7 +135,10 @@ fn run(mut engine: Engine, clock: Clock, records: Option<SyncSender<Vec<Record>>
     let recorder = Recorder::start(&mut engine, records, clock.now());
     let first = Published { snapshot: engine.snapshot(), at: clock.wall() };
     let (publish, snapshots) = watch::channel(first);
+    let turns = broadcast::Sender::new(TURN_QUEUE);
     let mut turn = Loop {
+        led: engine.led(),
+        turns: turns.clone(),
         published_seq: engine.seq(),
         published_revision: engine.revision(),
         published_at: clock.now(),
@@ -140,7 +150,7 @@ fn run(mut engine: Engine, clock: Clock, records: Option<SyncSender<Vec<Record>>
     let queues =
         Queues { inputs: inputs_rx, commands: commands_rx, rehearsals: rehearsals_rx, reloads: reloads_rx };
     tokio::spawn(async move { turn.run(queues).await });
-    Link { inputs, commands, rehearsals, reloads, snapshots }
+    Link { inputs, commands, rehearsals, reloads, snapshots, turns }
 }
 
 struct Queues {
@@ -155,6 +165,8 @@ struct Loop {
     recorder: Recorder,
     clock: Clock,
     publish: watch::Sender<Published>,
+    turns: broadcast::Sender<Published>,
+    led: (Stage, Arc<[Countermeasure]>),
     published_seq: u64,
     published_revision: u64,
     published_at: Timestamp,
@@ -191,12 +203,14 @@ impl Loop {
                     }
                     for Stamped { input, received } in batch.drain(..) {
                         self.engine.handle(&input, received);
+                        self.tell_turn();
                     }
                 }
                 () = tokio::time::sleep_until(wake) => {
                     self.engine.handle(&Input::Tick, self.clock.now());
                 }
             }
+            self.tell_turn();
             self.publish_if_due();
             self.recorder.follow(&mut self.engine, self.clock.now());
         }
@@ -215,6 +229,7 @@ impl Loop {
             return;
         }
         let response = self.engine.handle(&Input::Operator(command.action), self.clock.now());
+        self.tell_turn();
         // Published before it is answered: who asked finds the result in the next snapshot.
         self.publish_if_due();
         // Who asked may have gone; the action stands all the same.
@@ -228,6 +243,16 @@ impl Loop {
         self.publish_if_due();
         // Who asked may have gone; the engine runs by it all the same.
         let _ = done.send(());
+    }
+
+    fn tell_turn(&mut self) {
+        let led = self.engine.led();
+        if led.0 == self.led.0 && Arc::ptr_eq(&led.1, &self.led.1) {
+            return;
+        }
+        self.led = led;
+        // Nobody may listen, as in a test.
+        let _ = self.turns.send(Published { snapshot: self.engine.snapshot(), at: self.clock.wall() });
     }
 
     fn publish_if_due(&mut self) {
@@ -249,7 +274,7 @@ impl Loop {
 mod tests {
     use super::*;
     use crate::engine::input::{Input, StatusArray};
-    use crate::engine::model::{Driving, Limits, NodeId, Parts, Policy, Stage, StageModel, Text};
+    use crate::engine::model::{Driving, Limits, NodeId, Parts, Policy, StageModel, Text};
     use crate::engine::monitor::spec::Watched;
     use crate::engine::state::State;
 

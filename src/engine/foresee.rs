@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use super::Engine;
 use super::input::{AlarmRef, OperatorAction, Refusal};
-use super::model::NodeId;
+use super::model::{NodeId, Stage};
 use super::resume::Restored;
-use super::snapshot::Snapshot;
+use super::snapshot::{Countermeasure, Snapshot};
 use super::time::Timestamp;
 use super::vehicle::Event;
 
@@ -55,6 +55,11 @@ impl Engine {
         (after.operator, after.stage, after.localization) =
             (vehicle.operator, vehicle.stage, vehicle.localization);
         Ok(Foreseen { seq: after.seq, vehicle: after.to_restore() })
+    }
+
+    /// The stage and what is asked of the vehicle. The list is another one whenever it changed.
+    pub fn led(&self) -> (Stage, Arc<[Countermeasure]>) {
+        (self.vehicle.stage, self.views.led().countermeasures.clone())
     }
 
     fn foresee_acknowledged(&mut self, alarm: &AlarmRef, after: &mut Snapshot) {

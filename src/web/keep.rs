@@ -3,6 +3,7 @@
 
 use std::time::Duration;
 
+use tokio::sync::broadcast::{self, error::TryRecvError};
 use tokio::sync::watch;
 use tokio::time::sleep;
 
@@ -19,6 +20,9 @@ use crate::store::{StoreError, VehicleMemory};
 const KEEP_EVERY: Duration = Duration::from_secs(1);
 
 const CAUSES_NAMED: usize = 4;
+
+/// Records that may wait for a disk that takes nothing.
+const WAITING_MAX: usize = 1024;
 
 /// What is asked of the vehicle, by name and state.
 type Measures = Vec<(&'static str, &'static str)>;
@@ -137,41 +141,64 @@ fn unavailable(error: &NoAnswer) -> NotActed {
 
 /// Follows the vehicle for as long as the server runs.
 pub async fn follow(app: AppState) {
+    let mut turns = app.link.turns.subscribe();
     let mut snapshots = app.link.snapshots.clone();
     let mut kept = Kept::default();
     loop {
-        if kept.keep(&app, &mut snapshots).await {
+        if kept.keep(&app, &mut snapshots, &mut turns).await {
             sleep(KEEP_EVERY).await;
         }
-        if snapshots.changed().await.is_err() {
+        if turns.is_empty() && snapshots.changed().await.is_err() {
             return;
         }
     }
 }
 
-/// What was kept last.
+/// What was kept last, and what is to be recorded since.
 #[derive(Debug, Default)]
 struct Kept {
     memory: Option<VehicleMemory>,
+    /// Of the state that was looked at last.
+    seq: u64,
     stage: Option<Stage>,
     measures: Measures,
+    /// What the disk did not take yet; what comes past [`WAITING_MAX`] is counted.
+    waiting: Vec<Record>,
+    lost: u64,
 }
 
 impl Kept {
     /// Remembers what is new; tells whether there was anything.
-    async fn keep(&mut self, app: &AppState, snapshots: &mut watch::Receiver<Published>) -> bool {
+    async fn keep(
+        &mut self,
+        app: &AppState,
+        snapshots: &mut watch::Receiver<Published>,
+        turns: &mut broadcast::Receiver<Published>,
+    ) -> bool {
         let mut owed = app.acting.lock().await;
+        loop {
+            match turns.try_recv() {
+                Ok(published) => self.look(&published),
+                Err(TryRecvError::Lagged(lost)) => self.lost += lost,
+                Err(TryRecvError::Empty | TryRecvError::Closed) => break,
+            }
+        }
         let published = snapshots.borrow_and_update().clone();
+        self.look(&published);
         let memory = memory_of(&published);
         let mut records = owed.0.clone();
-        records.extend(self.records(&published));
+        let omitted = || format!("{} changes of the stage or of countermeasures", self.lost);
+        records.extend((self.lost > 0).then(|| Record::of(Action::Omitted, TELLTALE).on(omitted())));
+        records.extend_from_slice(&self.waiting);
         let is_same = self.memory.as_ref().is_some_and(|kept| memory.says_the_same(kept));
         if is_same && records.is_empty() {
             return false;
         }
         match app.store.remember(memory.clone(), records).await {
             Ok(()) => {
-                self.take(memory, &published);
+                self.memory = Some(memory);
+                self.waiting.clear();
+                self.lost = 0;
                 owed.0.clear();
             }
             // The store's own watch over the disk tells of it.
@@ -180,7 +207,21 @@ impl Kept {
         true
     }
 
-    /// What happened since, for the audit log. What came and went in between is not in it.
+    /// Notes what is to be recorded of a state, unless a later one was looked at before.
+    fn look(&mut self, published: &Published) {
+        let snapshot = &published.snapshot;
+        if snapshot.seq < self.seq {
+            return;
+        }
+        self.seq = snapshot.seq;
+        for record in self.records(published) {
+            if self.waiting.len() < WAITING_MAX { self.waiting.push(record) } else { self.lost += 1 }
+        }
+        self.stage = Some(snapshot.stage);
+        self.measures = measures_of(published);
+    }
+
+    /// What is different from what was looked at last.
     fn records(&self, published: &Published) -> Vec<Record> {
         let snapshot = &published.snapshot;
         let mut records = Vec::new();
@@ -198,12 +239,6 @@ impl Kept {
             }
         }
         records
-    }
-
-    fn take(&mut self, memory: VehicleMemory, published: &Published) {
-        self.memory = Some(memory);
-        self.stage = Some(published.snapshot.stage);
-        self.measures = measures_of(published);
     }
 }
 

@@ -95,8 +95,7 @@ impl Vehicle {
         let records = self.fixture.store.audit_entries(None, 1).await.unwrap();
         let latched = snapshot.modules.iter().map(|module| module.steps.latched).collect::<Vec<_>>();
         format!(
-            "{:?} {:?} {:?} {:?} {:?} {:?} {latched:?} {seat:?} {written:?} {records:?}",
-            snapshot.seq,
+            "{:?} {:?} {:?} {:?} {:?} {latched:?} {seat:?} {written:?} {records:?}",
             snapshot.stage,
             snapshot.localization,
             snapshot.alarms,
