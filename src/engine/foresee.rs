@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::Engine;
 use super::input::{AlarmRef, OperatorAction, Refusal};
+use super::measures::Measures;
 use super::model::{NodeId, Stage};
 use super::resume::Restored;
 use super::snapshot::{Countermeasure, Snapshot};
@@ -82,5 +83,18 @@ impl Engine {
             let accepted = after.accepted.iter().copied();
             after.accepted = accepted.chain(self.warned_in(node).into_iter().map(NodeId::Module)).collect();
         }
+    }
+}
+
+impl Measures {
+    /// What would be asked for if this were done to what is held.
+    fn list_after(&mut self, done: impl FnOnce(&mut Measures)) -> Arc<[Countermeasure]> {
+        let held = self.held.clone();
+        done(self);
+        let list = self.list();
+        let is_held = |kind| self.held.iter().any(|held| held.request.kind() == kind);
+        let after = list.iter().filter(|it| is_held(it.request.kind())).cloned().collect();
+        self.held = held;
+        after
     }
 }
