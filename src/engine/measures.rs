@@ -49,6 +49,10 @@ impl Held {
         !self.present && released
     }
 
+    fn is_about(&self, node: NodeId) -> bool {
+        matches!(self.by, By::Rule(_, it) if it == node)
+    }
+
     /// Whether a cause that was named for it is still there. What a node that is well again bears
     /// in itself, such as one of a set of which one is enough, is no cause any more.
     fn is_caused(&self, net: &Net, state: State, by_itself: Option<NodeId>) -> bool {
@@ -79,7 +83,7 @@ pub(super) struct Measures {
     rules: HashMap<NodeId, Vec<usize>>,
     /// Nodes with rules that changed.
     dirty: BTreeSet<NodeId>,
-    held: Vec<Held>,
+    pub(super) held: Vec<Held>,
     /// The drive has ended, if it has not begun again by then: until then nothing is let go.
     arrives: Option<Timestamp>,
     asked: [Option<Asked>; 3],
@@ -185,18 +189,22 @@ impl Measures {
         self.held.retain(|held| held.by != By::Operator);
     }
 
-    /// Takes note that the operator knows of a node's part. Returns whether it has one.
-    pub(super) fn acknowledge(&mut self, node: NodeId) -> bool {
-        let mut found = false;
+    /// Whether a node has a part in what is held that the operator can know of.
+    pub(super) fn is_held_for(&self, node: NodeId) -> bool {
+        let has_part =
+            |held: &Held| held.causes.iter().any(|cause| held.is_about(node) || cause.node == node);
+        self.held.iter().any(has_part)
+    }
+
+    /// Takes note that the operator knows of a node's part.
+    pub(super) fn acknowledge(&mut self, node: NodeId) {
         for held in &mut self.held {
-            let about = matches!(held.by, By::Rule(_, it) if it == node);
+            let about = held.is_about(node);
             for cause in held.causes.iter_mut().filter(|cause| about || cause.node == node) {
                 cause.acknowledged = true;
-                found = true;
             }
         }
         self.let_go();
-        found
     }
 
     pub(super) fn take_news(&mut self, news: &OutputNews) {

@@ -11,6 +11,7 @@ pub mod discovery;
 mod drive;
 pub mod event;
 pub mod filter;
+pub mod foresee;
 pub mod graph;
 pub mod input;
 mod layout;

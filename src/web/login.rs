@@ -14,14 +14,16 @@ use serde_json::json;
 use super::answer::{Reader, Speaks, json_answer, refusal, refused};
 use super::audit::record_of;
 use super::guard::{SignedIn, cookie_name, cookie_session};
-use super::state::{AppState, is_seated};
+use super::state::{AppState, NoAnswer, is_seated};
 use super::view::{self, LoginContext, LoginFailure};
 use super::wording::Trouble;
 use crate::engine::input::{OperatorAction, Refusal, Response as Answer};
 use crate::engine::model::Stage;
 use crate::engine::time::Span;
 use crate::store::audit::{Action, Record};
-use crate::store::{Lane, Role, SESSION_LIFE, Session, SessionKind, StoreError, Token, Verified, is_pin};
+use crate::store::{
+    Entering, Lane, Role, SESSION_LIFE, Session, SessionKind, StoreError, Token, Verified, is_pin,
+};
 
 /// The other end of a connection.
 #[derive(Debug, Clone, Copy)]
@@ -48,7 +50,18 @@ pub async fn page(State(app): State<AppState>, headers: HeaderMap, reader: Reade
         return Redirect::to("/").into_response();
     }
     let nobody = matches!(app.store.users().await, Ok(users) if users.is_empty());
-    login_page(&app, &reader, StatusCode::OK, "", nobody.then_some(LoginFailure::NoUsers))
+    login_page(&app, &reader, StatusCode::OK, "", nobody.then(|| no_users(&app)))
+}
+
+/// A folder with a blank in its name is quoted, as a shell has to be told it.
+fn no_users(app: &AppState) -> LoginFailure {
+    let data = app.store.folder().map(|folder| folder.display().to_string());
+    let is_plain = |it: char| it.is_alphanumeric() || "/._-+:@%,".contains(it);
+    let quoted = |data: String| match data.chars().all(is_plain) {
+        true => data,
+        false => format!("'{}'", data.replace('\'', r"'\''")),
+    };
+    LoginFailure::NoUsers { data: data.map(quoted) }
 }
 
 /// `POST /login`
@@ -183,6 +196,13 @@ impl From<StoreError> for NotOpened {
     }
 }
 
+impl From<NoAnswer> for NotOpened {
+    fn from(error: NoAnswer) -> NotOpened {
+        tracing::error!(%error, "nobody can log in or out");
+        NotOpened::Unavailable
+    }
+}
+
 /// Runs to its end whoever still listens: a browser that goes on to another page drops its request,
 /// and half a logout would leave a session open behind a locked vehicle.
 async fn whole<T: Send + 'static>(
@@ -214,55 +234,46 @@ impl Entrance {
             app.audit(self.record(Action::Login).refused(why)).await?;
             return Err(NotOpened::SeatTaken(other.to_owned()));
         }
-        if let Some(before) = &self.before {
-            app.store.end_session(before).await?;
-        }
-        let (token, session) = app.store.open_session(&self.user).await?;
-        match self.enter(&app, other.as_deref()).await {
-            Ok(()) => {
-                tracing::info!(user = name, role = role.as_str(), source = %self.source, "logged in");
-                Ok((token, session))
-            }
-            Err(not_opened) => {
-                app.store.end_session(&session).await?;
-                Err(not_opened)
-            }
-        }
-    }
-
-    /// What is recorded here is on the disk before the login is acknowledged.
-    async fn enter(&self, app: &AppState, other: Option<&str>) -> Result<(), NotOpened> {
-        if self.user.role() != Role::Operator {
-            return Ok(app.audit(self.record(Action::Login)).await?);
-        }
-        // Written first: while nothing can be written, whoever has the vehicle keeps it.
-        app.store.take_seat(self.user.name()).await?;
-        let action = OperatorAction::Login { name: self.user.name().into() };
-        let not_opened = match app.command(action).await {
-            Ok(Answer::Done) => None,
-            Ok(Answer::Refused(reasons)) => Some(NotOpened::Refused(reasons)),
-            Err(error) => {
-                tracing::error!(%error, "nobody can log in");
-                Some(NotOpened::Unavailable)
+        let (token, session) = match role {
+            Role::Operator => self.take_seat(&app, other.as_deref()).await?,
+            _ => {
+                let entering =
+                    Entering { user: &self.user, before: self.before.as_ref(), seat: None, from: None };
+                let (token, _) = app.store.enter(entering, vec![self.record(Action::Login)]).await?;
+                let session = app.store.entered(&token).await?;
+                (token, session)
             }
         };
-        if let Some(not_opened) = not_opened {
-            match other {
-                Some(other) => app.store.take_seat(other).await?,
-                None => app.store.leave_seat().await?,
+        tracing::info!(user = name, role = role.as_str(), source = %self.source, "logged in");
+        Ok((token, session))
+    }
+
+    /// Written first: while nothing can be written, whoever has the vehicle keeps it.
+    async fn take_seat(&self, app: &AppState, other: Option<&str>) -> Result<(Token, Session), NotOpened> {
+        let _owed = app.acting.lock().await;
+        let action = OperatorAction::Login { name: self.user.name().into() };
+        let foreseen = match app.rehearse(action.clone()).await? {
+            Ok(foreseen) => foreseen,
+            Err(reasons) => {
+                app.audit(self.record(Action::Login).refused(format!("{reasons:?}"))).await?;
+                return Err(NotOpened::Refused(reasons));
             }
-            let why = match &not_opened {
-                NotOpened::Refused(reasons) => format!("{reasons:?}"),
-                _ => "the engine does not answer".to_owned(),
-            };
-            app.audit(self.record(Action::Login).refused(why)).await?;
-            return Err(not_opened);
-        }
-        if let Some(other) = other {
-            app.audit(self.record(Action::HandOver).on(format!("from {other}"))).await?;
-            app.store.end_sessions_of(other).await?;
-        }
-        Ok(app.keep(self.record(Action::Login)).await?)
+        };
+        let hand_over = other.map(|other| self.record(Action::HandOver).on(format!("from {other}")));
+        let records = hand_over.into_iter().chain([self.record(Action::Login)]).collect();
+        let seat = Some(app.remembering(foreseen));
+        let entering = Entering { user: &self.user, before: self.before.as_ref(), seat, from: other };
+        let (token, written) = app.store.enter(entering, records).await?;
+        let (why, not_opened) = match app.command(action).await {
+            Ok(Answer::Done) => {
+                let session = app.store.entered(&token).await?;
+                return Ok((token, session));
+            }
+            Ok(Answer::Refused(reasons)) => (format!("{reasons:?}"), NotOpened::Refused(reasons)),
+            Err(error) => (error.to_string(), error.into()),
+        };
+        app.store.take_back(written, app.memory(), self.record(Action::Login).refused(why)).await?;
+        Err(not_opened)
     }
 
     fn record(&self, action: Action) -> Record {
@@ -282,13 +293,12 @@ async fn close(
     let _seat = app.seat.lock().await;
     let record = record_of(&session, Action::Logout, source);
     if !is_seated(&session, &app.published().snapshot) {
-        app.store.end_session(&session).await?;
-        return Ok(app.audit(record).await?);
+        return Ok(app.store.end_session(&session, record).await?);
     }
-    // What is foreseen to be refused is not written as done before.
-    if let Some(reason) = foreseen(&action, app.published().snapshot.stage) {
-        app.audit(record.refused(format!("{:?}", [&reason]))).await?;
-        return Err(NotOpened::Refused(vec![reason]));
+    let _owed = app.acting.lock().await;
+    if let Err(reasons) = app.rehearse(action.clone()).await? {
+        app.audit(record.refused(format!("{reasons:?}"))).await?;
+        return Err(NotOpened::Refused(reasons));
     }
     // Written first: while nothing can be written, the operator keeps the vehicle and the session.
     let leaving = app.store.leave(&session.user, record.clone()).await?;
@@ -302,21 +312,10 @@ async fn close(
             return Ok(());
         }
         Ok(Answer::Refused(reasons)) => (format!("{reasons:?}"), NotOpened::Refused(reasons)),
-        Err(error) => {
-            tracing::error!(%error, "nobody can log out");
-            (error.to_string(), NotOpened::Unavailable)
-        }
+        Err(error) => (error.to_string(), error.into()),
     };
-    app.store.take_back(leaving, record.refused(why)).await?;
+    app.store.take_back(leaving, app.memory(), record.refused(why)).await?;
     Err(not_closed)
-}
-
-fn foreseen(action: &OperatorAction, stage: Stage) -> Option<Refusal> {
-    match action {
-        OperatorAction::Logout if stage == Stage::Active => Some(Refusal::LogoutWhileActive),
-        OperatorAction::Shutdown if stage == Stage::Active => Some(Refusal::ShutdownWhileActive),
-        _ => None,
-    }
 }
 
 fn welcome(app: &AppState, reader: &Reader, token: &Token, session: &Session) -> Response {
@@ -349,7 +348,7 @@ fn failed(app: &AppState, reader: &Reader, name: &str, failure: LoginFailure) ->
         LoginFailure::PinElsewhere => StatusCode::FORBIDDEN,
         LoginFailure::SeatTaken { .. } => StatusCode::CONFLICT,
         LoginFailure::Wait { .. } => StatusCode::TOO_MANY_REQUESTS,
-        LoginFailure::Storage | LoginFailure::Unavailable | LoginFailure::NoUsers => {
+        LoginFailure::Storage | LoginFailure::Unavailable | LoginFailure::NoUsers { .. } => {
             StatusCode::SERVICE_UNAVAILABLE
         }
     };

@@ -16,6 +16,7 @@ mod login;
 mod origins;
 mod pages;
 mod pending;
+mod plain;
 mod refusals;
 mod router;
 mod said;
