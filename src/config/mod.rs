@@ -28,8 +28,6 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use sha2::{Digest as _, Sha256};
-
 use self::places::Places;
 use self::publishing::Publishing;
 use self::soundness::Soundness;
@@ -53,6 +51,11 @@ pub struct Loaded {
 }
 
 impl Loaded {
+    /// The files that it was read from, with their texts.
+    pub fn sources(&self) -> &Sources {
+        &self.places.sources
+    }
+
     /// What can happen with this configuration and should not: see [`soundness`].
     pub fn soundness(&self) -> (Soundness, Option<Problems>) {
         let found = soundness::look(&self.model);
@@ -63,17 +66,6 @@ impl Loaded {
             .collect();
         let problems = (!problems.is_empty()).then(|| Problems::new(self.places.sources.clone(), problems));
         (found, problems)
-    }
-
-    /// A digest of the files as they were read, comments too.
-    pub fn digest(&self) -> [u8; 32] {
-        let sources = &self.places.sources;
-        let mut hash = Sha256::new();
-        for text in (0..sources.len() as u16).flat_map(|file| [sources.name(file), sources.text(file)]) {
-            hash.update((text.len() as u64).to_le_bytes());
-            hash.update(text);
-        }
-        hash.finalize().into()
     }
 
     /// What is wrong in view of the definitions of messages: each with its place, a sentence without

@@ -323,6 +323,10 @@ impl Views {
         self.seq_changed = true;
     }
 
+    pub(super) fn led(&self) -> &Led {
+        &self.led
+    }
+
     pub(super) fn set_led(&mut self, led: Led) {
         if self.led != led {
             self.led = led;

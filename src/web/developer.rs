@@ -84,28 +84,35 @@ pub async fn timeline(State(app): State<AppState>, visit: Visit) -> Html<String>
     Html(view::timeline_page(&published, &context, &asked, &window, past.as_ref()))
 }
 
-/// `GET /developer/masking?q=TEXT`
+/// `GET /developer/masking?q=TEXT&page=N&page-idle=N`
 pub async fn masking(visit: Visit) -> Html<String> {
     Html(view::masking_page(&visit.published, &visit.context, &visit.asked))
 }
 
-/// `GET /developer/coverage?cell=COLUMN PATH`
+/// `GET /developer/coverage?cell=COLUMN PATH&page=N`
 pub async fn coverage(visit: Visit) -> Html<String> {
     Html(view::coverage_page(&visit.published, &visit.context, &visit.asked))
 }
 
-/// `GET /developer/topics?q=TEXT`
+/// `GET /developer/topics?q=TEXT&page=N`
 pub async fn topics(State(app): State<AppState>, visit: Visit) -> Html<String> {
     let seen = app.settings.discovery.as_ref().map(|seen| seen.borrow().clone()).unwrap_or_default();
     Html(view::topics_page(&visit.published, &visit.context, &visit.asked, &seen))
 }
 
-/// `GET /developer/configuration`: what the file would change, if it were taken now.
+/// `GET /developer/configuration?q=TEXT&file=NUMBER&page=N`: what the file would change, if it were
+/// taken now, and what runs.
 pub async fn configuration(State(app): State<AppState>, visit: Visit) -> Response {
     match reread(&app, false, None).await {
         Ok(read) => {
             let may_take = visit.session.role == Role::Developer;
-            let page = view::configuration_page(&visit.published, &read, may_take, false, &visit.context);
+            let page = view::configuration_page(
+                &visit.published,
+                &read,
+                may_take.then_some(false),
+                &visit.context,
+                &visit.asked,
+            );
             Html(page).into_response()
         }
         Err(trouble) => refusal(&visit.reader, trouble),
@@ -157,7 +164,7 @@ pub async fn reload(
     };
     match visit.reader.speaks {
         Speaks::Json => {
-            let Rereading { taken, differences, problems, warnings, digest } = read;
+            let Rereading { taken, differences, problems, warnings, digest, .. } = read;
             let answer = json!({
                 "taken": taken, "differences": differences, "problems": problems, "warnings": warnings,
                 "shown": digest,
@@ -165,7 +172,9 @@ pub async fn reload(
             json_answer(status, &answer)
         }
         Speaks::Html => {
-            let page = view::configuration_page(&visit.published, &read, true, is_other, &visit.context);
+            let (visit, offer) = (&visit, Some(is_other));
+            let page =
+                view::configuration_page(&visit.published, &read, offer, &visit.context, &visit.asked);
             (status, Html(page)).into_response()
         }
     }

@@ -23,7 +23,8 @@ struct Bounds {
     others: usize,
 }
 
-const PAGES: Bounds = Bounds { session: 16, user: 64, operators: 64, others: 256 };
+/// Two hundred browsers of two users at one vehicle are served.
+const PAGES: Bounds = Bounds { session: 16, user: 112, operators: 64, others: 256 };
 const STREAMS: Bounds = Bounds { session: 16, user: 32, operators: 32, others: 96 };
 
 /// A display that shows nothing younger than this is not live.
@@ -389,7 +390,8 @@ mod tests {
             held.push((one.len() + all.len(), streams.len()));
             std::mem::forget((one, all, streams));
         }
-        assert_eq!(held, [(64, 32), (64, 32), (64, 32), (64, 0), (0, 0)], "pages and streams of each");
+        let expected = [(80, 32), (80, 32), (80, 32), (16, 0), (0, 0)];
+        assert_eq!(held, expected, "pages and streams of each, of five logins");
         let operator = logins("operator", "246810").await;
         let streams = fill(&operator, true);
         assert_eq!((streams.len(), fill(&operator[..1], false).len()), (32, 16));

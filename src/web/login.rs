@@ -15,7 +15,7 @@ use serde_json::json;
 use super::answer::{Reader, Speaks, json_answer, refusal, refused};
 use super::audit::record_of;
 use super::guard::{SignedIn, cookie_name, cookie_session};
-use super::state::{AppState, is_seated};
+use super::state::{AppState, NoAnswer, is_seated};
 use super::throttle::Source;
 use super::view::{self, LoginContext, LoginFailure};
 use super::wording::Trouble;
@@ -23,7 +23,9 @@ use crate::engine::input::{OperatorAction, Refusal, Response as Answer};
 use crate::engine::model::Stage;
 use crate::engine::time::Span;
 use crate::store::audit::{Action, Record};
-use crate::store::{Lane, Role, SESSION_LIFE, Session, SessionKind, StoreError, Token, Verified, is_pin};
+use crate::store::{
+    Entering, Lane, Role, SESSION_LIFE, Session, SessionKind, StoreError, Token, Verified, is_pin,
+};
 
 /// The other end of a connection.
 #[derive(Debug, Clone, Copy)]
@@ -50,7 +52,18 @@ pub async fn page(State(app): State<AppState>, headers: HeaderMap, reader: Reade
         return Redirect::to("/").into_response();
     }
     let nobody = matches!(app.store.users().await, Ok(users) if users.is_empty());
-    login_page(&app, &reader, StatusCode::OK, "", nobody.then_some(LoginFailure::NoUsers))
+    login_page(&app, &reader, StatusCode::OK, "", nobody.then(|| no_users(&app)))
+}
+
+/// A folder with a blank in its name is quoted, as a shell has to be told it.
+fn no_users(app: &AppState) -> LoginFailure {
+    let data = app.store.folder().map(|folder| folder.display().to_string());
+    let is_plain = |it: char| it.is_alphanumeric() || "/._-+:@%,".contains(it);
+    let quoted = |data: String| match data.chars().all(is_plain) {
+        true => data,
+        false => format!("'{}'", data.replace('\'', r"'\''")),
+    };
+    LoginFailure::NoUsers { data: data.map(quoted) }
 }
 
 /// `POST /login`
@@ -198,6 +211,13 @@ impl From<StoreError> for NotOpened {
     }
 }
 
+impl From<NoAnswer> for NotOpened {
+    fn from(error: NoAnswer) -> NotOpened {
+        tracing::error!(%error, "nobody can log in or out");
+        NotOpened::Unavailable
+    }
+}
+
 /// Runs to its end whoever still listens: a browser that goes on to another page drops its request,
 /// and half a logout would leave a session open behind a locked vehicle.
 async fn whole<T: Send + 'static>(
@@ -229,76 +249,77 @@ impl Entrance {
             app.audit(self.record(Action::Login).refused(why)).await?;
             return Err(NotOpened::SeatTaken(other.to_owned()));
         }
-        if let Some(before) = &self.before {
-            self.end(&app, before).await?;
-        }
-        let open = || app.store.sessions().iter().filter(|session| *session.user == *name).count();
-        let before = open();
-        let (token, session) = app.store.open_session(&self.user).await?;
-        if let ended @ 1.. = (before + 1).saturating_sub(open()) {
-            let record = self.record(Action::SessionEnded);
-            app.audit(record.on(format!("{ended} of too many, the oldest"))).await?;
-        }
-        match self.enter(&app, other.as_deref()).await {
-            Ok(()) => {
-                tracing::info!(user = name, role = role.as_str(), source = %self.source, "logged in");
-                Ok((token, session))
-            }
-            Err(not_opened) => {
-                app.store.end_session(&session).await?;
-                Err(not_opened)
-            }
-        }
-    }
-
-    /// Ends the session that the browser had. That of a driving vehicle's operator ends for the
-    /// operator alone, and for whoever takes the seat over: for others this is a logout.
-    async fn end(&self, app: &AppState, before: &Session) -> Result<(), NotOpened> {
-        let snapshot = app.published().snapshot;
-        let leaves = is_seated(before, &snapshot) && self.user.role() != Role::Operator;
-        if let Some(reason) = foreseen(&OperatorAction::Logout, snapshot.stage).filter(|_| leaves) {
-            let why = format!("{:?} of {}", [&reason], before.user);
-            app.audit(self.record(Action::Login).refused(why)).await?;
+        if let Some(reason) = self.is_refused_logout(&app) {
+            app.audit(self.record(Action::Login).refused(format!("{:?}", [&reason]))).await?;
             return Err(NotOpened::Refused(vec![reason]));
         }
-        let record = record_of(before, Action::SessionEnded, self.source);
-        app.audit(record.on(format!("login of {}", self.user.name()))).await?;
-        Ok(app.store.end_session(before).await?)
-    }
-
-    /// What is recorded here is on the disk before the login is acknowledged.
-    async fn enter(&self, app: &AppState, other: Option<&str>) -> Result<(), NotOpened> {
-        if self.user.role() != Role::Operator {
-            return Ok(app.audit(self.record(Action::Login)).await?);
-        }
-        // Written first: while nothing can be written, whoever has the vehicle keeps it.
-        app.store.take_seat(self.user.name()).await?;
-        let action = OperatorAction::Login { name: self.user.name().into() };
-        let not_opened = match app.command(action).await {
-            Ok(Answer::Done) => None,
-            Ok(Answer::Refused(reasons)) => Some(NotOpened::Refused(reasons)),
-            Err(error) => {
-                tracing::error!(%error, "nobody can log in");
-                Some(NotOpened::Unavailable)
+        let is_before = |session: &Session| self.before.as_ref().is_some_and(|before| before.is(session));
+        let others = || {
+            let sessions = app.store.sessions();
+            sessions.iter().filter(|session| *session.user == *name && !is_before(session)).count()
+        };
+        let had = others();
+        let (token, session) = match role {
+            Role::Operator => self.take_seat(&app, other.as_deref()).await?,
+            _ => {
+                let entering =
+                    Entering { user: &self.user, before: self.before.as_ref(), seat: None, from: None };
+                let records = self.ends().chain([self.record(Action::Login)]).collect();
+                let (token, _) = app.store.enter(entering, records).await?;
+                let session = app.store.entered(&token).await?;
+                (token, session)
             }
         };
-        if let Some(not_opened) = not_opened {
-            match other {
-                Some(other) => app.store.take_seat(other).await?,
-                None => app.store.leave_seat().await?,
+        if let ended @ 1.. = (had + 1).saturating_sub(others()) {
+            let record = self.record(Action::SessionEnded);
+            app.audit_or_log(record.on(format!("{ended} of too many, the oldest"))).await;
+        }
+        tracing::info!(user = name, role = role.as_str(), source = %self.source, "logged in");
+        Ok((token, session))
+    }
+
+    /// Whether the session of a driving vehicle's operator would end. It does for the operator, and
+    /// for whoever takes the seat over: for others this is a logout.
+    fn is_refused_logout(&self, app: &AppState) -> Option<Refusal> {
+        let snapshot = app.published().snapshot;
+        let leaves = self.before.as_ref().is_some_and(|before| is_seated(before, &snapshot));
+        let is_refused = leaves && self.user.role() != Role::Operator && snapshot.stage == Stage::Active;
+        is_refused.then_some(Refusal::LogoutWhileActive)
+    }
+
+    /// That the session ends which the browser had.
+    fn ends(&self) -> impl Iterator<Item = Record> {
+        let record = |before| record_of(before, Action::SessionEnded, self.source);
+        let target = format!("login of {}", self.user.name());
+        self.before.as_ref().map(record).map(|record| record.on(target)).into_iter()
+    }
+
+    /// Written first: while nothing can be written, whoever has the vehicle keeps it.
+    async fn take_seat(&self, app: &AppState, other: Option<&str>) -> Result<(Token, Session), NotOpened> {
+        let _owed = app.acting.lock().await;
+        let action = OperatorAction::Login { name: self.user.name().into() };
+        let foreseen = match app.rehearse(action.clone()).await? {
+            Ok(foreseen) => foreseen,
+            Err(reasons) => {
+                app.audit(self.record(Action::Login).refused(format!("{reasons:?}"))).await?;
+                return Err(NotOpened::Refused(reasons));
             }
-            let why = match &not_opened {
-                NotOpened::Refused(reasons) => format!("{reasons:?}"),
-                _ => "the engine does not answer".to_owned(),
-            };
-            app.audit(self.record(Action::Login).refused(why)).await?;
-            return Err(not_opened);
-        }
-        if let Some(other) = other {
-            app.audit(self.record(Action::HandOver).on(format!("from {other}"))).await?;
-            app.store.end_sessions_of(other).await?;
-        }
-        Ok(app.keep(self.record(Action::Login)).await?)
+        };
+        let hand_over = other.map(|other| self.record(Action::HandOver).on(format!("from {other}")));
+        let records = self.ends().chain(hand_over).chain([self.record(Action::Login)]).collect();
+        let seat = Some(app.remembering(foreseen));
+        let entering = Entering { user: &self.user, before: self.before.as_ref(), seat, from: other };
+        let (token, written) = app.store.enter(entering, records).await?;
+        let (why, not_opened) = match app.command(action).await {
+            Ok(Answer::Done) => {
+                let session = app.store.entered(&token).await?;
+                return Ok((token, session));
+            }
+            Ok(Answer::Refused(reasons)) => (format!("{reasons:?}"), NotOpened::Refused(reasons)),
+            Err(error) => (error.to_string(), error.into()),
+        };
+        app.store.take_back(written, app.memory(), self.record(Action::Login).refused(why)).await?;
+        Err(not_opened)
     }
 
     fn record(&self, action: Action) -> Record {
@@ -318,13 +339,12 @@ async fn close(
     let _seat = app.seat.lock().await;
     let record = record_of(&session, Action::Logout, source);
     if !is_seated(&session, &app.published().snapshot) {
-        app.store.end_session(&session).await?;
-        return Ok(app.audit(record).await?);
+        return Ok(app.store.end_session(&session, record).await?);
     }
-    // What is foreseen to be refused is not written as done before.
-    if let Some(reason) = foreseen(&action, app.published().snapshot.stage) {
-        app.audit(record.refused(format!("{:?}", [&reason]))).await?;
-        return Err(NotOpened::Refused(vec![reason]));
+    let _owed = app.acting.lock().await;
+    if let Err(reasons) = app.rehearse(action.clone()).await? {
+        app.audit(record.refused(format!("{reasons:?}"))).await?;
+        return Err(NotOpened::Refused(reasons));
     }
     // Written first: while nothing can be written, the operator keeps the vehicle and the session.
     let leaving = app.store.leave(&session.user, record.clone()).await?;
@@ -338,21 +358,10 @@ async fn close(
             return Ok(());
         }
         Ok(Answer::Refused(reasons)) => (format!("{reasons:?}"), NotOpened::Refused(reasons)),
-        Err(error) => {
-            tracing::error!(%error, "nobody can log out");
-            (error.to_string(), NotOpened::Unavailable)
-        }
+        Err(error) => (error.to_string(), error.into()),
     };
-    app.store.take_back(leaving, record.refused(why)).await?;
+    app.store.take_back(leaving, app.memory(), record.refused(why)).await?;
     Err(not_closed)
-}
-
-fn foreseen(action: &OperatorAction, stage: Stage) -> Option<Refusal> {
-    match action {
-        OperatorAction::Logout if stage == Stage::Active => Some(Refusal::LogoutWhileActive),
-        OperatorAction::Shutdown if stage == Stage::Active => Some(Refusal::ShutdownWhileActive),
-        _ => None,
-    }
 }
 
 fn welcome(app: &AppState, reader: &Reader, token: &Token, session: &Session) -> Response {
@@ -385,7 +394,7 @@ fn failed(app: &AppState, reader: &Reader, name: &str, failure: LoginFailure) ->
         LoginFailure::PinElsewhere => StatusCode::FORBIDDEN,
         LoginFailure::SeatTaken { .. } => StatusCode::CONFLICT,
         LoginFailure::Wait { .. } => StatusCode::TOO_MANY_REQUESTS,
-        LoginFailure::Storage | LoginFailure::Unavailable | LoginFailure::NoUsers => {
+        LoginFailure::Storage | LoginFailure::Unavailable | LoginFailure::NoUsers { .. } => {
             StatusCode::SERVICE_UNAVAILABLE
         }
     };

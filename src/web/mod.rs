@@ -18,6 +18,7 @@ mod login;
 mod origins;
 mod pages;
 mod pending;
+mod plain;
 mod refusals;
 mod router;
 mod said;

@@ -13,6 +13,7 @@ use super::demo::DemoFaults;
 use super::displays::Displays;
 use super::enrolled::Enrolled;
 use super::frame::Frames;
+use super::keep::Owed;
 use super::origins::Origins;
 use super::pending::PendingClearance;
 use super::seat::has_idled_out;
@@ -20,11 +21,12 @@ use super::throttle::Throttle;
 use super::view::Trends;
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
-use crate::engine::input::{OperatorAction, Response};
+use crate::engine::foresee::Foreseen;
+use crate::engine::input::{OperatorAction, Refusal, Response};
 use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Span;
-use crate::runtime::{self, Command, Link, Published, Reread};
+use crate::runtime::{self, Command, Link, Published, Rehearsal, Reread};
 use crate::store::{History, Role, Session, Store, Token};
 
 /// The engine answers in well under a millisecond; one that takes this long hangs.
@@ -73,6 +75,9 @@ pub struct Shared {
     pub(super) audit_readers: tokio::sync::Mutex<()>,
     /// Held while somebody takes the operator's seat or leaves it.
     pub(super) seat: tokio::sync::Mutex<()>,
+    /// Held from the judgement of an action until it is done, and while the vehicle is remembered:
+    /// what is on the disk never falls behind an action that was written there. After `seat`.
+    pub(super) acting: tokio::sync::Mutex<Owed>,
     /// Turns true when the server ends.
     pub closing: watch::Sender<bool>,
 }
@@ -98,6 +103,7 @@ impl AppState {
             audit_limit: Mutex::default(),
             audit_readers: tokio::sync::Mutex::default(),
             seat: tokio::sync::Mutex::default(),
+            acting: tokio::sync::Mutex::default(),
             closing: watch::channel(false).0,
         }))
     }
@@ -139,10 +145,23 @@ impl Shared {
         session.expires <= self.clock.now() && !drives
     }
 
+    /// Has an operator's action judged, and not done.
+    ///
+    /// # Errors
+    /// If the engine does not answer.
+    pub async fn rehearse(&self, action: OperatorAction) -> Result<Result<Foreseen, Vec<Refusal>>, NoAnswer> {
+        let (reply, answer) = oneshot::channel();
+        let exchange = async {
+            self.link.rehearsals.send(Rehearsal { action, reply }).await.map_err(|_| NoAnswer)?;
+            answer.await.map_err(|_| NoAnswer)
+        };
+        timeout(COMMAND_TIMEOUT, exchange).await.map_err(|_| NoAnswer)?
+    }
+
     /// Hands an operator's action to the engine.
     ///
     /// # Errors
-    /// If it does not answer; the action may have happened then or not.
+    /// If it does not answer. Nothing has happened then and nothing will; a stop may.
     pub async fn command(&self, action: OperatorAction) -> Result<Response, NoAnswer> {
         let (reply, answer) = oneshot::channel();
         let exchange = async {

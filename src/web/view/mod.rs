@@ -157,7 +157,10 @@ pub enum LoginFailure {
     Storage,
     Unavailable,
     /// No user exists yet; `telltale user add` makes one.
-    NoUsers,
+    /// `data` is the folder that `telltale user` has to be given.
+    NoUsers {
+        data: Option<String>,
+    },
 }
 
 impl LoginFailure {
@@ -171,7 +174,9 @@ impl LoginFailure {
             LoginFailure::Storage => {
                 "nothing can be written: the disk is full or the database broken; nothing was changed"
             }
-            LoginFailure::Unavailable | LoginFailure::NoUsers => "logins cannot be checked now; try again",
+            LoginFailure::Unavailable | LoginFailure::NoUsers { .. } => {
+                "logins cannot be checked now; try again"
+            }
         }
     }
 }

@@ -129,7 +129,10 @@ pub fn login_page(context: &LoginContext) -> String {
         LoginFailure::SeatTaken { by } => context.lang.login_seat_taken(&clean(by, NAME)),
         LoginFailure::Storage => words.login_storage.to_owned(),
         LoginFailure::Unavailable => words.login_unavailable.to_owned(),
-        LoginFailure::NoUsers => words.login_no_users.to_owned(),
+        LoginFailure::NoUsers { data } => {
+            let data = data.as_deref().map(|data| format!(" --data {}", clean(data, NAME_OF_FILE)));
+            words.login_no_users.to_owned() + &data.unwrap_or_default()
+        }
     });
     html(&LoginHtml {
         frame: Frame::new(context.lang, context.palette),
@@ -139,6 +142,9 @@ pub fn login_page(context: &LoginContext) -> String {
         demo: context.demo,
     })
 }
+
+/// Characters of a path: the longest that Linux takes.
+const NAME_OF_FILE: usize = 4096;
 
 struct FaultHtml {
     name: String,
@@ -165,6 +171,7 @@ pub fn demo_page(faults: &[DemoFault], context: &PageContext) -> String {
             "planner_stall" => (words.planner_stall, words.planner_stall_text),
             "can_loss" => (words.can_loss, words.can_loss_text),
             "low_battery" => (words.low_battery, words.low_battery_text),
+            "camera_crash" => (words.camera_crash, words.camera_crash_text),
             _ => ("", ""),
         };
         let title = if title.is_empty() { clean(&fault.name, NAME) } else { title.to_owned() };

@@ -6,13 +6,14 @@ use std::sync::Arc;
 use axum::http::header::{AUTHORIZATION, ORIGIN};
 use axum::http::{Method, StatusCode};
 use telltale::engine::Engine;
-use telltale::engine::input::{Input, OperatorAction};
+use telltale::engine::input::{Input, OperatorAction, Stamped};
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
 use telltale::store::audit::{Action, Entry, Record};
 use telltale::web::Peer;
 
 use super::fixture::{Fixture, as_program, form_request, model, request};
+use super::sockets::Server;
 
 /// The records so far, oldest first, as `action who target outcome`.
 async fn records(fixture: &Fixture) -> Vec<String> {
@@ -139,4 +140,29 @@ fn storage_that_fails_is_a_warning_until_it_works_again_and_a_reload_does_not_fo
         engine.reload(model.clone(), now);
         assert_eq!(shown(&mut engine), expected, "after a reload");
     }
+}
+
+#[tokio::test]
+async fn every_change_of_the_stage_is_recorded_however_short() {
+    let server = Server::new().await;
+    let fixture = &server.fixture;
+    fixture.cookie_of("operator").await;
+    // All at once: nobody is shown the states between.
+    let signal = |value| Input::Signal { name: "active".into(), value };
+    for value in [true, false, true, false, true] {
+        let stamped = Stamped { input: signal(value), received: fixture.clock.now() };
+        fixture.link.inputs.send(stamped).await.unwrap();
+    }
+    let recorded = async {
+        loop {
+            let mut records = fixture.store.audit_entries(None, 50).await.unwrap();
+            records.retain(|record| record.action == "stage");
+            let stages: Vec<_> = records.iter().rev().map(|record| record.target.clone()).collect();
+            if stages.ends_with(&["active", "standby", "active", "standby", "active"].map(String::from)) {
+                return;
+            }
+            tokio::task::yield_now().await;
+        }
+    };
+    tokio::time::timeout(std::time::Duration::from_secs(20), recorded).await.expect("each is there");
 }

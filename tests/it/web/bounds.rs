@@ -210,3 +210,27 @@ async fn silent_connections_make_no_request_wait() {
     // Those that were silent longest gave their places away.
     assert_eq!(rest(silent.remove(0)).await, "");
 }
+
+#[tokio::test]
+async fn what_is_too_large_or_malformed_is_told_in_words() {
+    let fixture = Fixture::new().await;
+    let long = format!("name=operator&secret={}", "1".repeat(20 * 1024));
+    let page = fixture.send(form_request("/login", None, &long)).await;
+    assert_eq!(
+        (page.status, page.header("content-type")),
+        (StatusCode::PAYLOAD_TOO_LARGE, Some("text/html; charset=utf-8"))
+    );
+    assert!(page.body.contains("at most 16 KiB") && page.header("content-security-policy").is_some());
+    let json = fixture.send(as_program(form_request("/login", None, &long))).await;
+    assert_eq!(
+        (json.status, json.header("content-type")),
+        (StatusCode::PAYLOAD_TOO_LARGE, Some("application/json"))
+    );
+    assert!(json.body.contains(r#"{"error":"Nothing was changed."#), "{}", json.body);
+    let cookie = fixture.cookie_of("operator").await;
+    let upgrade = fixture.get("/api/v1/stream", Some(&cookie)).await;
+    assert_eq!(
+        (upgrade.status, upgrade.header("content-type")),
+        (StatusCode::BAD_REQUEST, Some("application/json"))
+    );
+}

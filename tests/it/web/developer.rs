@@ -3,7 +3,7 @@
 use axum::http::StatusCode;
 use telltale::engine::snapshot::Reason;
 use telltale::engine::time::Span;
-use telltale::runtime::Rereading;
+use telltale::runtime::{ConfigurationText, Rereading};
 
 use super::fixture::{Fixture, as_program, form_request};
 
@@ -88,11 +88,17 @@ async fn a_configuration_is_shown_as_a_difference_before_it_is_taken() {
             asked.push(reread.take);
             let differences = vec!["group <new> was added".to_owned()];
             let digest = "0123".to_owned();
-            let taken = reread.take && reread.shown.is_none_or(|shown| shown == digest);
-            reread
-                .reply
-                .send(Rereading { taken, differences, problems: None, warnings: None, digest })
-                .unwrap();
+            let text = "# a\ngroups: [] # <b>\u{202e}".to_owned();
+            let read = Rereading {
+                taken: reread.take && reread.shown.is_none_or(|shown| shown == digest),
+                differences,
+                problems: None,
+                warnings: None,
+                judged: false,
+                running: [ConfigurationText { name: "v.yaml".to_owned(), text }].into(),
+                digest,
+            };
+            reread.reply.send(read).unwrap();
             if asked.len() == 6 {
                 break;
             }
@@ -102,6 +108,8 @@ async fn a_configuration_is_shown_as_a_difference_before_it_is_taken() {
     let shown = fixture.get("/developer/configuration", Some(&developer)).await;
     assert!(shown.body.contains("group &#60;new&#62; was added"), "{}", shown.body);
     assert!(shown.body.contains(r#"name="reload""#));
+    assert!(shown.body.contains("groups: [] # &#60;b&#62;</code>"), "what runs: {}", shown.body);
+    assert!(shown.body.contains("Every situation is being looked at"));
     let read_only = fixture.get("/developer/configuration", Some(&authority)).await;
     assert!(!read_only.body.contains(r#"name="reload""#), "{}", read_only.body);
     let reload = "/developer/configuration/reload";

@@ -61,8 +61,15 @@ fn all() -> Vec<(String, String)> {
 
 fn small() -> Vec<(String, String)> {
     let mut pages = Vec::new();
-    let names =
-        ["sensor_outage", "localization_jump", "costmap_delay", "planner_stall", "can_loss", "low_battery"];
+    let names = [
+        "sensor_outage",
+        "localization_jump",
+        "costmap_delay",
+        "planner_stall",
+        "can_loss",
+        "low_battery",
+        "camera_crash",
+    ];
     let faults = names.map(|name| DemoFault { name: name.to_owned(), active: name == "localization_jump" });
     for lang in Lang::ALL {
         for palette in [Palette::Day, Palette::Night] {
@@ -169,7 +176,10 @@ fn a_login_that_failed_says_why_and_keeps_the_name() {
     };
     assert!(login(Some(LoginFailure::Wrong)).contains("Name oder PIN ist falsch."));
     assert!(login(Some(LoginFailure::Wait { seconds: 30 })).contains("30 s warten"));
-    assert!(login(Some(LoginFailure::NoUsers)).contains("telltale user add"));
+    for (data, expected) in [(None, "operator<"), (Some("/var/lib/tell"), "operator --data /var/lib/tell<")] {
+        let page = login(Some(LoginFailure::NoUsers { data: data.map(str::to_owned) }));
+        assert!(page.contains(&format!("telltale user add NAME --role {expected}")), "{page}");
+    }
     assert!(login(None).contains(r#"value="anna""#) && !login(None).contains("246810"));
 }
 
