@@ -67,7 +67,7 @@ words! {
     no_news: "no news", "keine Meldung";
     no_member: "nothing to watch", "nichts zu überwachen";
     no_report: "has not reported yet", "hat sich noch nicht gemeldet";
-    masked_by: "Because of", "Wegen";
+    masked_by: "Cause", "Ursache";
     itself: "itself", "selbst";
     close: "Close", "Schließen";
     why: "Why", "Warum";

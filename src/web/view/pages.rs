@@ -61,8 +61,8 @@ struct OperatorHtml {
     measure: String,
     causes: String,
     step: String,
-    /// Name, title and content of what a button opens over the board.
-    sheets: [(&'static str, &'static str, String); 3],
+    /// Name, title in both languages, and content of what a button opens over the board.
+    sheets: [(&'static str, [(&'static str, &'static str); 2], String); 3],
     user: String,
     steps: [(&'static str, &'static StepWords); 2],
     role: &'static str,
@@ -80,7 +80,6 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
     let view = View { seen: seen.clone(), trends: Some(trends), ..View::new(published, context.lang, false) };
     let parts = Parts::of(&view);
     let paths = view.board.tiles.iter().map(|&id| view.snapshot.group(id).0.path.to_string());
-    let steps = context.lang.steps();
     let text = |fragment: super::Fragment| fragment.html;
     html(&OperatorHtml {
         frame: Frame::new(context.lang, context.palette),
@@ -97,15 +96,20 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
         causes: parts.causes.html,
         step: parts.step.html,
         sheets: [
-            ("stops", steps.where_is_it, parts.stops.html),
-            ("checks", steps.all_checks, parts.checks.html),
-            ("causes", steps.all_causes, parts.all_causes.html),
+            ("stops", titles(|steps| steps.where_is_it), parts.stops.html),
+            ("checks", titles(|steps| steps.all_checks), parts.checks.html),
+            ("causes", titles(|steps| steps.all_causes), parts.all_causes.html),
         ],
         user: clean(&context.user, NAME),
         steps: Lang::ALL.map(|lang| (lang.as_str(), lang.steps())),
         role: context.role.as_str(),
         panels: paths.zip(parts.details.into_iter().map(text)).collect(),
     })
+}
+
+/// A word of a part that is not swapped, in both languages.
+fn titles(word: fn(&StepWords) -> &'static str) -> [(&'static str, &'static str); 2] {
+    Lang::ALL.map(|lang| (lang.as_str(), word(lang.steps())))
 }
 
 #[derive(Template)]
