@@ -141,8 +141,19 @@
     }
   });
 
+  // A tap on this button is none beside what stands open, which would close it.
+  const dismiss = notice.querySelector("[name=dismiss]");
+  const keepOpen = () => {
+    dismiss.popoverTargetElement = document.querySelector(".panel:popover-open");
+    dismiss.popoverTargetAction = "show";
+  };
+  document.addEventListener("toggle", keepOpen, { capture: true });
+
   confirmation.elements.cancel.addEventListener("click", closeConfirmation);
-  notice.querySelector("[name=dismiss]").addEventListener("click", hideNotice);
+  dismiss.addEventListener("click", (event) => {
+    event.preventDefault();
+    hideNotice();
+  });
 
   // --- the bar changes under the finger
 

@@ -3,6 +3,9 @@
   "use strict";
   const root = document.documentElement;
 
+  // A live display needs it; the page says so itself.
+  if (!("WebSocket" in globalThis)) document.body.dataset.unfit = "";
+
   const remember = (name, value) => {
     document.cookie = `${name}=${value}; path=/; max-age=31536000; samesite=strict`;
   };

@@ -13,6 +13,7 @@ use serde_json::json;
 
 use super::answer::{Reader, Speaks, json_answer, refusal, refused};
 use super::audit::record_of;
+use super::farewell::{self, Farewell};
 use super::guard::{SignedIn, cookie_name, cookie_session};
 use super::state::{AppState, is_seated};
 use super::view::{self, LoginContext, LoginFailure};
@@ -48,7 +49,9 @@ pub async fn page(State(app): State<AppState>, headers: HeaderMap, reader: Reade
         return Redirect::to("/").into_response();
     }
     let nobody = matches!(app.store.users().await, Ok(users) if users.is_empty());
-    login_page(&app, &reader, StatusCode::OK, "", nobody.then_some(LoginFailure::NoUsers))
+    let farewell = farewell::of(&app, &headers).await;
+    let failure = nobody.then_some(LoginFailure::NoUsers);
+    login_page(&app, &reader, StatusCode::OK, "", failure, farewell)
 }
 
 /// `POST /login`
@@ -220,6 +223,7 @@ impl Entrance {
         let (token, session) = app.store.open_session(&self.user).await?;
         match self.enter(&app, other.as_deref()).await {
             Ok(()) => {
+                app.farewells.meet(&session);
                 tracing::info!(user = name, role = role.as_str(), source = %self.source, "logged in");
                 Ok((token, session))
             }
@@ -260,6 +264,7 @@ impl Entrance {
         }
         if let Some(other) = other {
             app.audit(self.record(Action::HandOver).on(format!("from {other}"))).await?;
+            app.farewells.end_all_of(other, Farewell::TakenOver);
             app.store.end_sessions_of(other).await?;
         }
         Ok(app.keep(self.record(Action::Login)).await?)
@@ -294,6 +299,7 @@ async fn close(
     let leaving = app.store.leave(&session.user, record.clone()).await?;
     let (why, not_closed) = match app.command(action).await {
         Ok(Answer::Done) => {
+            app.farewells.end_all_of(&session.user, Farewell::LoggedOut);
             app.store.left().await?;
             // That the vehicle is locked follows from the empty seat, after a restart too.
             if let Err(error) = app.store.remember(app.memory(), Vec::new()).await {
@@ -363,7 +369,7 @@ fn failed(app: &AppState, reader: &Reader, name: &str, failure: LoginFailure) ->
             json_answer(status, &json!({ "error": failure.as_str(), "seconds": seconds }))
         }
         (Speaks::Json, _) => json_answer(status, &json!({ "error": failure.as_str() })),
-        (Speaks::Html, _) => login_page(app, reader, status, name, Some(failure)),
+        (Speaks::Html, _) => login_page(app, reader, status, name, Some(failure), None),
     };
     if let Some(seconds) = wait {
         answer.headers_mut().insert(RETRY_AFTER, HeaderValue::from(seconds));
@@ -377,12 +383,14 @@ fn login_page(
     status: StatusCode,
     name: &str,
     failure: Option<LoginFailure>,
+    farewell: Option<Farewell>,
 ) -> Response {
     let context = LoginContext {
         lang: reader.lang,
         palette: reader.palette,
         name: name.chars().take(NAME_SHOWN_CHARS_MAX).collect(),
         failure,
+        farewell,
         demo: app.settings.demo.is_some(),
     };
     (status, Html(view::login_page(&context))).into_response()

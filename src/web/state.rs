@@ -11,6 +11,7 @@ use super::audit::Limit;
 use super::demo::DemoFaults;
 use super::displays::Displays;
 use super::enrolled::Enrolled;
+use super::farewell::{Farewell, Farewells};
 use super::frame::Frames;
 use super::origins::Origins;
 use super::pending::PendingClearance;
@@ -62,6 +63,7 @@ pub struct Shared {
     pub settings: Settings,
     pub frames: Frames,
     pub displays: Displays,
+    pub farewells: Farewells,
     pub trends: Trends,
     pub pending: PendingClearance,
     pub throttle: Mutex<Throttle>,
@@ -88,6 +90,7 @@ impl AppState {
             settings,
             frames: Frames::default(),
             displays: Displays::default(),
+            farewells: Farewells::default(),
             trends: Trends::default(),
             pending: PendingClearance::default(),
             throttle: Mutex::default(),
@@ -133,6 +136,11 @@ impl Shared {
         let published = self.link.snapshots.borrow();
         let drives = published.snapshot.stage == Stage::Active && is_seated(session, &published.snapshot);
         session.expires <= self.clock.now() && !drives
+    }
+
+    /// Why a session that is over by itself is.
+    pub fn overdue(&self, session: &Session) -> Farewell {
+        if has_idled_out(session, self.clock.now()) { Farewell::Idle } else { Farewell::Expired }
     }
 
     /// Hands an operator's action to the engine.

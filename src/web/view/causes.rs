@@ -280,7 +280,7 @@ mod tests {
         assert_eq!(shown(&[], ROOM, false), 0);
         assert_eq!(shown(&[entry(&long, &long)], ROOM, true), 1);
         let two = fitting(&[entry("short", "do"), entry("short", "do")], ROOM, false);
-        assert_eq!(two, Fitting { shown: 2, helps: 2, behinds: 2, messages: 1 });
+        assert_eq!(two, Fitting { shown: 2, helps: 2, behinds: 2, messages: 2 });
         let many: Vec<Entry> = (0..50).map(|_| entry("short", "")).collect();
         for (room, button) in [(ROOM, false), (ROOM, true), (ROOM - BANNER, true)] {
             assert!((2..=4).contains(&shown(&many, room, button)), "{:?}", fitting(&many, room, button));

@@ -8,8 +8,6 @@ use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 
 use super::View;
-use super::clean::{MESSAGE, clean};
-use crate::web::said::said;
 use crate::web::versions::Matter;
 
 /// WARNINGs of one component that are entries of their own; more of them are one.
@@ -106,7 +104,7 @@ fn behind(view: &View<'_>) -> HashMap<NodeId, usize> {
 fn of_module(view: &View<'_>, id: ModuleId, state: State) -> Entry {
     let (info, module) = view.snapshot.module(id);
     let title = view.fault(id, state);
-    let message = said(view.lang, clean(&module.report.message, MESSAGE));
+    let message = view.said(&module.report);
     let node = NodeId::Module(id);
     // Without a name of its own a fault is called by its component, and then its place is its label.
     let unnamed = state == State::Unknown || info.name.is_none();

@@ -67,7 +67,7 @@ mod tests {
             ("LiDAR data missing", 1),
             ("Position ist gesprungen", 2),
             ("Keine Verbindung zum Fahrzeug", 2),
-            ("Am nächsten sicheren Ort anhalten. Leitstelle rufen.", 3),
+            ("Am nächsten sicheren Ort anhalten. Leitstelle rufen.", 4),
             ("Take over. Stop. Call the control room.", 2),
         ] {
             assert_eq!(lines(text, LARGE_EM, 9), expect, "{text}");

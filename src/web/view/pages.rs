@@ -75,7 +75,7 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
     if published.snapshot.stage == Stage::Locked {
         let name = String::new();
         let PageContext { lang, palette, demo, .. } = *context;
-        return login_page(&LoginContext { lang, palette, name, failure: None, demo });
+        return login_page(&LoginContext { lang, palette, name, failure: None, farewell: None, demo });
     }
     let view = View { seen: seen.clone(), trends: Some(trends), ..View::new(published, context.lang, false) };
     let parts = Parts::of(&view);
@@ -118,6 +118,7 @@ struct LoginHtml {
     frame: Frame,
     name: String,
     failure: Option<String>,
+    farewell: Option<&'static str>,
     /// Words of the button, if the login takes the seat over from somebody.
     take_over: Option<&'static str>,
     demo: bool,
@@ -139,6 +140,7 @@ pub fn login_page(context: &LoginContext) -> String {
         frame: Frame::new(context.lang, context.palette),
         name: clean(&context.name, NAME),
         failure,
+        farewell: context.farewell.map(|why| context.lang.farewell(why)),
         take_over: is_taken.then_some(words.login_take_over),
         demo: context.demo,
     })
