@@ -25,6 +25,8 @@ pub enum Farewell {
     TakenOver,
     /// The same operator logged out at another display.
     LoggedOut,
+    /// Its holder logged out with it, and knows.
+    LoggedOutHere,
     /// The user was removed.
     Removed,
     /// Another role, another secret, too many logins, or nobody knows any more.
@@ -56,18 +58,29 @@ impl Farewells {
 
     /// Notes why a session ends.
     pub fn end(&self, session: &Session, why: Farewell) {
-        self.note(|it| it.is(session), why);
+        self.note(|it| it.is(session), Some(why));
     }
 
     /// Notes why all sessions of a user end.
     pub fn end_all_of(&self, user: &str, why: Farewell) {
-        self.note(|it| *it.user == *user, why);
+        self.note(|it| *it.user == *user, Some(why));
     }
 
-    fn note(&self, ends: impl Fn(&Session) -> bool, why: Farewell) {
+    /// Notes that a user logs out with this session, at all displays.
+    pub fn log_out(&self, session: &Session) {
+        self.end_all_of(&session.user, Farewell::LoggedOut);
+        self.end(session, Farewell::LoggedOutHere);
+    }
+
+    /// The sessions of a user go on after all.
+    pub fn stay(&self, user: &str) {
+        self.note(|it| *it.user == *user, None);
+    }
+
+    fn note(&self, ends: impl Fn(&Session) -> bool, why: Option<Farewell>) {
         let mut met = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         for it in met.iter_mut().filter(|it| ends(&it.session)) {
-            it.why = Some(why);
+            it.why = why;
         }
     }
 
@@ -80,17 +93,20 @@ impl Farewells {
 /// Why the session with which a browser comes is over. `None` where it has none, or an open one.
 pub async fn of(app: &AppState, headers: &HeaderMap) -> Option<Farewell> {
     let token = cookie(headers, cookie_name(app.settings.secure)).and_then(Token::parse)?;
-    if app.session(&token).is_some() {
-        return None;
-    }
-    let Some((session, why)) = app.farewells.of(&token) else { return Some(Farewell::Ended) };
+    let Some((session, why)) = app.farewells.of(&token) else {
+        return app.session(&token).is_none().then_some(Farewell::Ended);
+    };
     if session.is_open() {
-        // It is over, and is ended with the next check.
-        return Some(app.overdue(&session));
+        // The page may be quicker than the end of its session.
+        return why.or_else(|| app.has_expired(&session).then(|| app.overdue(&session))).filter(is_told);
     }
     let is_user = match app.store.users().await {
         Ok(users) => users.iter().any(|user| *user.name == *session.user),
         Err(_) => true,
     };
-    Some(if is_user { why.unwrap_or(Farewell::Ended) } else { Farewell::Removed })
+    Some(if is_user { why.unwrap_or(Farewell::Ended) } else { Farewell::Removed }).filter(is_told)
+}
+
+fn is_told(why: &Farewell) -> bool {
+    *why != Farewell::LoggedOutHere
 }

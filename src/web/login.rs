@@ -297,9 +297,9 @@ async fn close(
     }
     // Written first: while nothing can be written, the operator keeps the vehicle and the session.
     let leaving = app.store.leave(&session.user, record.clone()).await?;
+    app.farewells.log_out(&session);
     let (why, not_closed) = match app.command(action).await {
         Ok(Answer::Done) => {
-            app.farewells.end_all_of(&session.user, Farewell::LoggedOut);
             app.store.left().await?;
             // That the vehicle is locked follows from the empty seat, after a restart too.
             if let Err(error) = app.store.remember(app.memory(), Vec::new()).await {
@@ -313,6 +313,7 @@ async fn close(
             (error.to_string(), NotOpened::Unavailable)
         }
     };
+    app.farewells.stay(&session.user);
     app.store.take_back(leaving, record.refused(why)).await?;
     Err(not_closed)
 }

@@ -81,7 +81,7 @@ words! {
     stale_banner: "Display is late", "Anzeige verzögert";
     dead_banner: "Display not live - take over", "Anzeige nicht live - übernehmen";
 
-    unfit: "This browser cannot show the vehicle live. Use another one, such as a current Chromium or Firefox.", "Dieser Browser kann das Fahrzeug nicht live zeigen. Anderen verwenden, etwa ein aktuelles Chromium oder Firefox.";
+    unfit: "This browser is too old for a live display. Use another one, such as a new Chromium or Firefox.", "Dieser Browser ist zu alt für eine Live-Anzeige. Anderen verwenden, etwa ein neues Chromium oder Firefox.";
 
     log_in: "Log in", "Anmelden";
     log_out: "Log out", "Abmelden";
@@ -319,6 +319,7 @@ impl Lang {
                 "This user was removed. Call the control room.",
                 "Dieser Benutzer wurde entfernt. Leitstelle rufen.",
             ),
+            Farewell::LoggedOutHere => ("Logged out.", "Abgemeldet."),
             Farewell::Ended => {
                 ("Your login has ended. Log in again.", "Ihre Anmeldung wurde beendet. Neu anmelden.")
             }
