@@ -5,6 +5,7 @@ English and by day in German, at 5/8 of its size.
 """
 
 import os
+import re
 import signal
 import sys
 import tempfile
@@ -12,7 +13,7 @@ from pathlib import Path
 
 from playwright.sync_api import expect, sync_playwright
 
-from operating import DEMO_OPERATOR, DISPLAY, clear, localize, stage, step, type_by_touch
+from operating import DEMO_OPERATOR, DISPLAY, acknowledge_all, localize, stage, step, type_by_touch
 from vehicle import CHROMIUM, ROOT, Client, Server, own_domain
 
 SCALE = 0.625
@@ -54,6 +55,7 @@ def main():
 
 def story(page, server, camera):
     page.goto(server.url + "/login")
+    camera.take("locked")
     type_by_touch(page, *DEMO_OPERATOR)
     camera.take("login")
     page.locator(".digits [data-key=enter]").tap()
@@ -64,6 +66,10 @@ def story(page, server, camera):
     localize(page)
     expect(page.locator("#tile-can")).to_have_attribute("data-state", "warning")
     camera.take("standby")
+    # What is not enabled takes a tap all the same, and says why nothing comes of it.
+    step(page, "clearance").tap(force=True)
+    expect(page.locator("#actions[data-refused]")).to_be_visible()
+    camera.take("refused")
     client.post("/demo/fault", name="low_battery", active="false")
     expect(page.locator("#tile-can")).to_have_attribute("data-state", "ok")
     ready = page.locator("#actions button[name=clearance]:not([aria-disabled])")
@@ -78,7 +84,15 @@ def story(page, server, camera):
     client.post("/demo/fault", name="low_battery", active="true")
     expect(page.locator("#tile-can")).to_have_attribute("data-state", "warning")
     camera.take("warning")
+    client.post("/demo/fault", name="sensor_outage", active="true")
+    expect(page.locator("#tile-execution")).to_have_attribute("data-reason", "masked")
+    expect(page.locator("#countermeasure")).to_have_attribute("data-state", "engaged")
+    camera.take("two")
+    client.post("/demo/fault", name="sensor_outage", active="false")
     client.post("/demo/fault", name="low_battery", active="false")
+    expect(page.locator("#countermeasure .confirmed")).to_have_text(re.compile("Quittieren|Acknowledge"))
+    camera.take("held")
+    acknowledge_all(page)
     client.post("/demo/fault", name="localization_jump", active="true")
     expect(page.locator("#tile-execution")).to_have_attribute("data-reason", "masked")
     expect(page.locator("#countermeasure")).to_have_attribute("data-state", "engaged")
