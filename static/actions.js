@@ -179,6 +179,8 @@
     if (now !== before) quiet(AFTER_CHANGE_MS);
     before = now;
     settle();
+    // What stood in the way is gone.
+    if (!bar.querySelector(".step .checks li:not(.holds)")) delete bar.dataset.refused;
     // The server would refuse: what was asked for was another state.
     if (!confirmation.hidden && version() !== askedWith) closeConfirmation();
   });

@@ -11,7 +11,10 @@
   };
 
   const switchPalette = () => {
+    // Colours that leave late otherwise turn at once.
+    root.dataset.turning = "";
     root.dataset.palette = root.dataset.palette === "day" ? "night" : "day";
+    requestAnimationFrame(() => requestAnimationFrame(() => delete root.dataset.turning));
     remember("palette", root.dataset.palette);
   };
 

@@ -24,7 +24,7 @@ class Camera:
         self.page, self.folder, self.suffix = page, folder, suffix
 
     def take(self, name):
-        self.page.wait_for_timeout(300)
+        self.page.wait_for_timeout(600)
         self.page.screenshot(path=self.folder / f"{name}-{self.suffix}.png")
         print(f"{name}-{self.suffix}", flush=True)
 
@@ -85,12 +85,15 @@ def story(page, server, camera):
     expect(page.locator("#tile-can")).to_have_attribute("data-state", "warning")
     camera.take("warning")
     client.post("/demo/fault", name="sensor_outage", active="true")
+    expect(page.locator("#causes [data-node]").first).to_have_attribute("data-node", "sensors/velodyne_packet_alive")
     expect(page.locator("#tile-execution")).to_have_attribute("data-reason", "masked")
     expect(page.locator("#countermeasure")).to_have_attribute("data-state", "engaged")
+    page.wait_for_timeout(3000)
     camera.take("two")
     client.post("/demo/fault", name="sensor_outage", active="false")
     client.post("/demo/fault", name="low_battery", active="false")
     expect(page.locator("#countermeasure .confirmed")).to_have_text(re.compile("Quittieren|Acknowledge"))
+    expect(page.locator("#causes [data-node]")).to_have_count(0)
     camera.take("held")
     acknowledge_all(page)
     client.post("/demo/fault", name="localization_jump", active="true")

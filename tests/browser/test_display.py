@@ -43,6 +43,8 @@ def clean_in_both_palettes(page, name):
     """Nothing for axe-core to find, whatever can be touched."""
     for palette in ("day", "night"):
         page.evaluate("palette => void (document.documentElement.dataset.palette = palette)", palette)
+        # The ink of what was a fault stays for a moment.
+        page.wait_for_timeout(400)
         found = violations(page)
         assert not found, f"{name}, {palette}:\n{found}"
 

@@ -45,6 +45,9 @@ impl Frame {
     }
 }
 
+/// A word by language.
+type InBoth = [(&'static str, &'static str); 2];
+
 #[derive(Template)]
 #[template(path = "operator.html")]
 struct OperatorHtml {
@@ -62,7 +65,7 @@ struct OperatorHtml {
     causes: String,
     step: String,
     /// Name, title in both languages, and content of what a button opens over the board.
-    sheets: [(&'static str, [(&'static str, &'static str); 2], String); 3],
+    sheets: [(&'static str, InBoth, String); 3],
     user: String,
     steps: [(&'static str, &'static StepWords); 2],
     role: &'static str,
@@ -108,7 +111,7 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
 }
 
 /// A word of a part that is not swapped, in both languages.
-fn titles(word: fn(&StepWords) -> &'static str) -> [(&'static str, &'static str); 2] {
+fn titles(word: fn(&StepWords) -> &'static str) -> InBoth {
     Lang::ALL.map(|lang| (lang.as_str(), word(lang.steps())))
 }
 
