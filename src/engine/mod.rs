@@ -53,7 +53,6 @@ use input::{Input, ReceptionTrouble, Response, Status, StatusArray};
 use lead::Told;
 use measures::Measures;
 use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, LOCALIZATION_GROUP, Model, ModuleId, NodeId, Text};
-use monitor::say;
 use names::Names;
 use net::{Change, Net};
 use node::ModuleKind;
@@ -347,13 +346,7 @@ impl Engine {
 
     fn take_display(&mut self, late: Option<Box<str>>) {
         let state = if late.is_some() { State::Warning } else { State::Ok };
-        let words = late.as_deref().map(|whose| {
-            say!(
-                "the display of {whose} does not say what it shows",
-                "die Anzeige von {whose} meldet nicht, was sie zeigt",
-                whose = whose
-            )
-        });
+        let words = late.as_deref().map(system::display_late);
         self.report_on_self(SystemCheck::Display, state, words.unwrap_or_default());
         self.display_late = late;
     }

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from playwright.sync_api import expect, sync_playwright
 
-from operating import DEMO_OPERATOR, DISPLAY, acknowledge_all, localize, stage, step, type_by_touch
+from operating import DEMO_OPERATOR, DISPLAY, acknowledge_all, clear, localize, stage, step, type_by_touch
 from vehicle import CHROMIUM, ROOT, Client, Server, own_domain
 
 SCALE = 0.625
@@ -77,7 +77,11 @@ def story(page, server, camera):
     camera.take("ready")
     ready.tap()
     camera.take("confirm")
-    step(page, "confirm").tap()
+    # What changed meanwhile takes the question back.
+    if not step(page, "confirm").is_visible():
+        clear(page)
+    else:
+        step(page, "confirm").tap()
     stage(page, "active", 20)
     expect(page.locator("#causes .calm")).to_be_visible()
     camera.take("active")
