@@ -6,7 +6,7 @@
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
-use super::countermeasure::{ConfirmedBy, Kind, Request};
+use super::countermeasure::{ConfirmedBy, Kind, Request, Rule};
 use super::input::{Output, OutputNews};
 use super::model::{Model, NodeId, Stage, Text};
 use super::monitor::say;
@@ -52,9 +52,11 @@ impl Held {
         !self.present && released
     }
 
-    /// Whether a cause that was named for it is still there.
-    fn is_caused(&self, net: &Net, state: State) -> bool {
-        self.causes.iter().any(|cause| fails(&net.node(cause.node).facts, state))
+    /// Whether a cause that was named for it is still there. What a node that is well again bears
+    /// in itself, such as one of a set of which one is enough, is no cause any more.
+    fn is_caused(&self, net: &Net, state: State, by_itself: Option<NodeId>) -> bool {
+        let lies_in = |node| by_itself.is_some_and(|around| is_part_of(net, node, around));
+        self.causes.iter().any(|it| !lies_in(it.node) && fails(&net.node(it.node).facts, state))
     }
 
     /// Takes the causes as they are now; what is acknowledged of them stays so.
@@ -142,10 +144,10 @@ impl Measures {
                         held.explain(&causes(node));
                     } else {
                         // What waited for its cause may be well before the cause is.
-                        held.present = held.is_caused(net, state);
+                        held.present = held.is_caused(net, state, Some(node));
                     }
                 }
-                By::Past => held.present = held.is_caused(net, State::Warning),
+                By::Past => held.present = held.is_caused(net, State::Warning, None),
                 By::Operator => {}
             }
         }
@@ -361,10 +363,14 @@ impl Measures {
         }
     }
 
-    /// The rule that asks for a kind because of a node.
-    pub(super) fn rule(&self, model: &Model, node: NodeId, kind: Kind) -> Option<By> {
-        let asks = |&&index: &&usize| model.driving.countermeasures[index].request.kind() == kind;
-        self.rules.get(&node)?.iter().find(asks).map(|&index| By::Rule(index, node))
+    /// The rule that asks for the same because of a node as a rule of another configuration did.
+    pub(super) fn rule(&self, model: &Model, node: NodeId, before: &Rule) -> Option<By> {
+        let rules = &model.driving.countermeasures;
+        let asks =
+            |&&index: &&usize| rules[index].request == before.request && rules[index].state == before.state;
+        let alike = || self.rules.get(&node).into_iter().flatten().filter(asks);
+        let index = alike().find(|&&index| rules[index].stages == before.stages).or_else(|| alike().next());
+        index.map(|&index| By::Rule(index, node))
     }
 
     /// Takes over since when requests are made, and what cannot be sent.
@@ -376,6 +382,15 @@ impl Measures {
 
 fn fails(facts: &Facts, state: State) -> bool {
     facts.relevant && facts.worst() >= state
+}
+
+/// Whether a node is another one or one of its members, at any depth.
+fn is_part_of(net: &Net, mut node: NodeId, whole: NodeId) -> bool {
+    while node != whole {
+        let Some(parent) = net.node(node).parent else { return false };
+        node = NodeId::Group(parent);
+    }
+    true
 }
 
 fn output(kind: Kind) -> Option<Output> {

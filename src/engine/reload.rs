@@ -102,9 +102,11 @@ impl Engine {
             }
         }
         for held in old.measures.held() {
-            let rule = |node| self.measures.rule(&self.model, node, held.request.kind());
             let by = match held.by {
-                By::Rule(_, node) => renamed(node).and_then(rule).unwrap_or(By::Past),
+                By::Rule(index, node) => {
+                    let rule = &old.model.driving.countermeasures[index];
+                    renamed(node).and_then(|it| self.measures.rule(&self.model, it, rule)).unwrap_or(By::Past)
+                }
                 by => by,
             };
             let causes = held.causes.iter().filter_map(|it| Some(Cause { node: renamed(it.node)?, ..*it }));

@@ -326,3 +326,51 @@ fn a_pose_grows_the_number_that_is_published_by() {
     vehicle.restart();
     assert_eq!(vehicle.look().localization.number, 2);
 }
+
+#[test]
+fn what_is_worse_asks_for_more_after_a_reload_too() {
+    let text = format!(
+        "{CONFIG}  - {{ request: decelerate, mps2: 3.0, when: {{ groups: [sensors], state: error }} }}
+  - {{ request: decelerate, mps2: 1.0, when: {{ groups: [sensors], state: warning }} }}
+"
+    );
+    let model = || config::parse("c.yaml", &text).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let mut engine = Engine::new(model(), Timestamp::ZERO);
+    engine.start_in(Stage::Active);
+    let mut vehicle = Vehicle { engine, now: Timestamp::ZERO };
+    vehicle.report(&[("lidar", 1), ("planner", 0)]);
+    vehicle.acknowledge("sensors/lidar");
+    for node in ["planning", "planning/planner", "sensors"] {
+        vehicle.acknowledge(node);
+    }
+    vehicle.report(&[("lidar", 1), ("planner", 0)]);
+    assert_eq!(vehicle.look().deceleration(), Some(1.0));
+    vehicle.engine.reload(model(), vehicle.now);
+    assert_eq!(vehicle.look().deceleration(), Some(1.0));
+    vehicle.report(&[("lidar", 2)]);
+    assert_eq!(vehicle.look().deceleration(), Some(3.0));
+}
+
+#[test]
+fn a_set_of_which_one_is_enough_asks_for_nothing_once_one_is_well() {
+    let text = "
+signals:
+  active: { topic: /mission/active, type: std_msgs/msg/Bool }
+groups:
+  - { id: sensors, combine: any, modules: [{ id: front, status: front }, { id: rear, status: rear }] }
+countermeasures:
+  - { request: maneuver_stop, when: { groups: [sensors], state: error } }
+";
+    let model = config::parse("c.yaml", text).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let mut engine = Engine::new(model, Timestamp::ZERO);
+    engine.start_in(Stage::Active);
+    let mut vehicle = Vehicle { engine, now: Timestamp::ZERO };
+    vehicle.report(&[("front", 2), ("rear", 2)]);
+    let causes = vec!["sensors/front", "sensors/rear"];
+    assert_eq!(asked(&vehicle.look()), Some(("maneuver_stop", causes.clone(), false)));
+    vehicle.report(&[("rear", 0)]);
+    assert_eq!(asked(&vehicle.look()), Some(("maneuver_stop", causes, true)));
+    vehicle.acknowledge("sensors/front");
+    vehicle.acknowledge("sensors/rear");
+    assert_eq!(asked(&vehicle.look()), None);
+}

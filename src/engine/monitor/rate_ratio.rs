@@ -41,27 +41,23 @@ impl RateRatio {
         (now >= self.full_at()?).then(|| self.at(self.input.count(), self.output.count()))
     }
 
-    /// No later than what leaves the windows changes the state: as if only outputs left, or only inputs.
-    /// What leaves the other window pulls the ratio the other way.
+    /// When the state changes if nothing comes any more: messages leave both windows, in turn or at once.
     pub(super) fn due(&self, now: Timestamp) -> Option<Timestamp> {
         let full_at = self.full_at()?;
         if now < full_at {
             return Some(full_at);
         }
-        let (input, output) = (self.input.count(), self.output.count());
+        let (mut input, mut output) = (self.input.count(), self.output.count());
         let state = self.at(input, output);
-        let first = |window: &Window, at: &dyn Fn(u64) -> State| {
-            let mut left = window.count();
-            let mut leaving = window.leaving();
-            let change = leaving.find(|(_, count)| {
-                left -= count;
-                at(left) != state
-            });
-            change.map(|(at, _)| at)
-        };
-        let of_output = first(&self.output, &|left| self.at(input, left));
-        let of_input = first(&self.input, &|left| self.at(left, output));
-        [of_output, of_input].into_iter().flatten().min()
+        let (mut inputs, mut outputs) = (self.input.leaving().peekable(), self.output.leaving().peekable());
+        loop {
+            let next = [inputs.peek(), outputs.peek()].into_iter().flatten().map(|&(at, _)| at).min()?;
+            input -= inputs.next_if(|&(at, _)| at == next).map_or(0, |(_, count)| count);
+            output -= outputs.next_if(|&(at, _)| at == next).map_or(0, |(_, count)| count);
+            if self.at(input, output) != state {
+                return Some(next);
+            }
+        }
     }
 
     pub(super) fn moves(&self) -> bool {

@@ -38,6 +38,24 @@ fn a_rate_ratio_without_input_is_unknown_and_without_output_zero() {
 }
 
 #[test]
+fn a_ratio_with_limits_on_both_sides_comes_right_when_both_windows_let_go_at_once() {
+    let bands = Bands { error_below: Some(1.0), error_above: Some(1.0), ..Bands::default() };
+    check(
+        MonitorSpec::RateRatio { input: A, output: B, window: millis(1000), bands },
+        &[
+            (100, Do::Number(0, 0.0), Unknown, ""),
+            (100, Do::Number(1, 0.0), Unknown, ""),
+            (100, Do::Number(1, 0.0), Unknown, ""),
+            (300, Do::Number(0, 0.0), Unknown, ""),
+            (300, Do::Number(1, 0.0), Unknown, ""),
+            (1000, Do::Nothing, Error, "1.5 outputs per input, 1 to 1 wanted"),
+            (1100, Do::Nothing, Ok, ""),
+            (1300, Do::Nothing, Unknown, "no input"),
+        ],
+    );
+}
+
+#[test]
 fn a_sequence_compares_the_later_value_with_the_one_before_it() {
     let sequence = MonitorSpec::Sequence {
         earlier: field(A, 0),
