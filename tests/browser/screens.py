@@ -23,8 +23,8 @@ class Camera:
     def __init__(self, page, folder, suffix):
         self.page, self.folder, self.suffix = page, folder, suffix
 
-    def take(self, name):
-        self.page.wait_for_timeout(600)
+    def take(self, name, settled_ms=600):
+        self.page.wait_for_timeout(settled_ms)
         self.page.screenshot(path=self.folder / f"{name}-{self.suffix}.png")
         print(f"{name}-{self.suffix}", flush=True)
 
@@ -109,7 +109,7 @@ def story(page, server, camera):
     page.keyboard.press("Escape")
     server.send(signal.SIGSTOP)
     expect(page.locator("body")).to_have_attribute("data-live", "stale")
-    camera.take("stale")
+    camera.take("stale", settled_ms=50)
     expect(page.locator("body")).to_have_attribute("data-live", "dead")
     camera.take("dead")
 
