@@ -292,11 +292,7 @@ impl Measures {
         let unconfirmed = |asked: &&Asked| asked.state == MeasureState::Unconfirmed;
         let wrong = self.asked.iter().flatten().filter(unconfirmed).map(|asked| {
             let kind = asked.request.kind();
-            let name = match kind {
-                Kind::Decelerate => say!("decelerate", "Abbremsen"),
-                Kind::ManeuverStop => say!("maneuver_stop", "sicheres Anhalten"),
-                Kind::Notify => say!("notify", "Meldung"),
-            };
+            let name = kind.said();
             match output(kind).and_then(|output| self.unsent.get(&output)) {
                 Some(news) => {
                     let error = news.error.as_deref().unwrap_or_default();
