@@ -13,6 +13,7 @@ use serde_json::json;
 
 use super::answer::{Reader, Speaks, json_answer, refusal, refused};
 use super::audit::record_of;
+use super::farewell::{self, Farewell};
 use super::guard::{SignedIn, cookie_name, cookie_session};
 use super::state::{AppState, NoAnswer, is_seated};
 use super::view::{self, LoginContext, LoginFailure};
@@ -50,7 +51,8 @@ pub async fn page(State(app): State<AppState>, headers: HeaderMap, reader: Reade
         return Redirect::to("/").into_response();
     }
     let nobody = matches!(app.store.users().await, Ok(users) if users.is_empty());
-    login_page(&app, &reader, StatusCode::OK, "", nobody.then(|| no_users(&app)))
+    let farewell = farewell::of(&app, &headers).await;
+    login_page(&app, &reader, StatusCode::OK, "", nobody.then(|| no_users(&app)), farewell)
 }
 
 /// A folder with a blank in its name is quoted, as a shell has to be told it.
@@ -244,6 +246,7 @@ impl Entrance {
                 (token, session)
             }
         };
+        app.farewells.meet(&session);
         tracing::info!(user = name, role = role.as_str(), source = %self.source, "logged in");
         Ok((token, session))
     }
@@ -266,6 +269,9 @@ impl Entrance {
         let (token, written) = app.store.enter(entering, records).await?;
         let (why, not_opened) = match app.command(action).await {
             Ok(Answer::Done) => {
+                if let Some(other) = other {
+                    app.farewells.end_all_of(other, Farewell::TakenOver);
+                }
                 let session = app.store.entered(&token).await?;
                 return Ok((token, session));
             }
@@ -302,6 +308,7 @@ async fn close(
     }
     // Written first: while nothing can be written, the operator keeps the vehicle and the session.
     let leaving = app.store.leave(&session.user, record.clone()).await?;
+    app.farewells.log_out(&session);
     let (why, not_closed) = match app.command(action).await {
         Ok(Answer::Done) => {
             app.store.left().await?;
@@ -314,6 +321,7 @@ async fn close(
         Ok(Answer::Refused(reasons)) => (format!("{reasons:?}"), NotOpened::Refused(reasons)),
         Err(error) => (error.to_string(), error.into()),
     };
+    app.farewells.stay(&session.user);
     app.store.take_back(leaving, app.memory(), record.refused(why)).await?;
     Err(not_closed)
 }
@@ -362,7 +370,7 @@ fn failed(app: &AppState, reader: &Reader, name: &str, failure: LoginFailure) ->
             json_answer(status, &json!({ "error": failure.as_str(), "seconds": seconds }))
         }
         (Speaks::Json, _) => json_answer(status, &json!({ "error": failure.as_str() })),
-        (Speaks::Html, _) => login_page(app, reader, status, name, Some(failure)),
+        (Speaks::Html, _) => login_page(app, reader, status, name, Some(failure), None),
     };
     if let Some(seconds) = wait {
         answer.headers_mut().insert(RETRY_AFTER, HeaderValue::from(seconds));
@@ -376,12 +384,14 @@ fn login_page(
     status: StatusCode,
     name: &str,
     failure: Option<LoginFailure>,
+    farewell: Option<Farewell>,
 ) -> Response {
     let context = LoginContext {
         lang: reader.lang,
         palette: reader.palette,
         name: name.chars().take(NAME_SHOWN_CHARS_MAX).collect(),
         failure,
+        farewell,
         demo: app.settings.demo.is_some(),
     };
     (status, Html(view::login_page(&context))).into_response()
