@@ -8,7 +8,8 @@ use std::sync::Arc;
 
 use super::countermeasure::{ConfirmedBy, Kind, Request, Rule};
 use super::input::{Output, OutputNews};
-use super::model::{Model, NodeId, Stage};
+use super::model::{Model, NodeId, Stage, Text};
+use super::monitor::say;
 use super::names::Names;
 use super::net::{Change, Net};
 use super::node::Facts;
@@ -311,22 +312,34 @@ impl Measures {
     }
 
     /// What is wrong with the requests that are made now.
-    pub(super) fn trouble(&self, model: &Model) -> Option<String> {
+    pub(super) fn trouble(&self, model: &Model) -> Option<Text> {
         let unconfirmed = |asked: &&Asked| asked.state == MeasureState::Unconfirmed;
         let wrong = self.asked.iter().flatten().filter(unconfirmed).map(|asked| {
             let kind = asked.request.kind();
+            let name = kind.said();
             match output(kind).and_then(|output| self.unsent.get(&output)) {
                 Some(news) => {
                     let error = news.error.as_deref().unwrap_or_default();
-                    format!("{} cannot be sent on {}: {error}", kind.as_str(), news.topic)
+                    say!(
+                        "{name} cannot be sent on {topic}: {error}",
+                        "{name} nicht zu senden auf {topic}: {error}",
+                        name = name,
+                        topic = &*news.topic,
+                        error = error
+                    )
                 }
                 None => {
                     let within = self.confirmation(model, kind).map_or(0, |it| it.within.as_millis());
-                    format!("{} is not confirmed within {within} ms", kind.as_str())
+                    say!(
+                        "{name} is not confirmed within {within} ms",
+                        "{name} nach {within} ms nicht bestätigt",
+                        name = name,
+                        within = within.to_string()
+                    )
                 }
             }
         });
-        Some(wrong.collect::<Vec<_>>().join("; ")).filter(|text| !text.is_empty())
+        wrong.reduce(|all, next| say!("{all}; {next}", "{all}; {next}", all = all, next = next))
     }
 
     /// For the snapshot: strongest first.

@@ -113,6 +113,11 @@ impl Session {
         self.key
     }
 
+    /// Whether this is the session of a token.
+    pub fn is_of(&self, token: &Token) -> bool {
+        self.key == token.key()
+    }
+
     /// Whether both are the same login.
     pub fn is(&self, other: &Session) -> bool {
         self.key == other.key

@@ -4,6 +4,7 @@
 //! caused by anybody, so of each kind only so many are recorded one by one; the rest is counted.
 
 use std::collections::HashMap;
+use std::hash::BuildHasher as _;
 use std::net::IpAddr;
 use std::sync::PoisonError;
 
@@ -108,6 +109,15 @@ impl AppState {
             self.audit_or_log(kind.omitted(omitted)).await;
         }
         true
+    }
+
+    /// What is recorded of a name with which a login failed. What is no user's may be a secret that
+    /// was typed into the wrong field: of that only repeats can be told, until the next restart.
+    pub async fn recorded_name(&self, name: &str) -> String {
+        match self.store.users().await {
+            Ok(users) if users.iter().any(|user| user.name == name) => name.to_owned(),
+            _ => format!("(unknown name, {:08x})", self.unknown_names.hash_one(name) >> 32),
+        }
     }
 
     /// Records how many refusals were not recorded one by one.

@@ -1,6 +1,5 @@
 //! Login and logout.
 
-use std::hash::BuildHasher as _;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::PoisonError;
 
@@ -14,6 +13,7 @@ use serde_json::json;
 
 use super::answer::{Reader, Speaks, json_answer, refusal, refused};
 use super::audit::record_of;
+use super::farewell::{self, Farewell};
 use super::guard::{SignedIn, cookie_name, cookie_session};
 use super::state::{AppState, NoAnswer, is_seated};
 use super::throttle::Source;
@@ -52,7 +52,8 @@ pub async fn page(State(app): State<AppState>, headers: HeaderMap, reader: Reade
         return Redirect::to("/").into_response();
     }
     let nobody = matches!(app.store.users().await, Ok(users) if users.is_empty());
-    login_page(&app, &reader, StatusCode::OK, "", nobody.then(|| no_users(&app)))
+    let farewell = farewell::of(&app, &headers).await;
+    login_page(&app, &reader, StatusCode::OK, "", nobody.then(|| no_users(&app)), farewell)
 }
 
 /// A folder with a blank in its name is quoted, as a shell has to be told it.
@@ -87,7 +88,7 @@ pub async fn login(
         Err(failure) => {
             if app.may_record_refusal(source, Action::Login).await {
                 let record = Record::of(Action::Login, source.to_string());
-                let record = record.on(recorded_name(&app, &form.name).await);
+                let record = record.on(app.recorded_name(&form.name).await);
                 app.audit_or_log(record.refused(failure.as_str())).await;
             }
             return failed(&app, &reader, &form.name, failure);
@@ -155,15 +156,6 @@ async fn leave(
     };
     set_cookie(&mut answer, &app, "", 0);
     answer
-}
-
-/// What the audit log says of a name with which a login failed. What is no user's may be a secret
-/// that was typed into the wrong field: of that only repeats can be told, until the next restart.
-async fn recorded_name(app: &AppState, name: &str) -> String {
-    match app.store.users().await {
-        Ok(users) if users.iter().any(|user| user.name == name) => name.to_owned(),
-        _ => format!("(unknown name, {:08x})", app.unknown_names.hash_one(name) >> 32),
-    }
 }
 
 async fn prove(app: &AppState, form: &LoginForm, source: IpAddr) -> Result<Verified, LoginFailure> {
@@ -274,6 +266,7 @@ impl Entrance {
             let record = self.record(Action::SessionEnded);
             app.audit_or_log(record.on(format!("{ended} of too many, the oldest"))).await;
         }
+        app.farewells.meet(&session);
         tracing::info!(user = name, role = role.as_str(), source = %self.source, "logged in");
         Ok((token, session))
     }
@@ -312,6 +305,9 @@ impl Entrance {
         let (token, written) = app.store.enter(entering, records).await?;
         let (why, not_opened) = match app.command(action).await {
             Ok(Answer::Done) => {
+                if let Some(other) = other {
+                    app.farewells.end_all_of(other, Farewell::TakenOver);
+                }
                 let session = app.store.entered(&token).await?;
                 return Ok((token, session));
             }
@@ -348,6 +344,7 @@ async fn close(
     }
     // Written first: while nothing can be written, the operator keeps the vehicle and the session.
     let leaving = app.store.leave(&session.user, record.clone()).await?;
+    app.farewells.log_out(&session);
     let (why, not_closed) = match app.command(action).await {
         Ok(Answer::Done) => {
             app.store.left().await?;
@@ -360,6 +357,7 @@ async fn close(
         Ok(Answer::Refused(reasons)) => (format!("{reasons:?}"), NotOpened::Refused(reasons)),
         Err(error) => (error.to_string(), error.into()),
     };
+    app.farewells.stay(&session.user);
     app.store.take_back(leaving, app.memory(), record.refused(why)).await?;
     Err(not_closed)
 }
@@ -408,7 +406,7 @@ fn failed(app: &AppState, reader: &Reader, name: &str, failure: LoginFailure) ->
             json_answer(status, &json!({ "error": failure.as_str(), "seconds": seconds }))
         }
         (Speaks::Json, _) => json_answer(status, &json!({ "error": failure.as_str() })),
-        (Speaks::Html, _) => login_page(app, reader, status, name, Some(failure)),
+        (Speaks::Html, _) => login_page(app, reader, status, name, Some(failure), None),
     };
     if let Some(seconds) = wait {
         answer.headers_mut().insert(RETRY_AFTER, HeaderValue::from(seconds));
@@ -422,12 +420,14 @@ fn login_page(
     status: StatusCode,
     name: &str,
     failure: Option<LoginFailure>,
+    farewell: Option<Farewell>,
 ) -> Response {
     let context = LoginContext {
         lang: reader.lang,
         palette: reader.palette,
         name: name.chars().take(NAME_SHOWN_CHARS_MAX).collect(),
         failure,
+        farewell,
         demo: app.settings.demo.is_some(),
     };
     (status, Html(view::login_page(&context))).into_response()

@@ -46,6 +46,7 @@ async fn check(app: &AppState) -> Result<(), StoreError> {
     for session in app.store.sessions() {
         if session.kind == SessionKind::Person && app.has_expired(&session) {
             let why = if has_idled_out(&session, app.clock.now()) { "idle" } else { "expired" };
+            app.farewells.end(&session, app.overdue(&session));
             let record = Record::of(Action::SessionEnded, TELLTALE).on(why);
             app.store.end_session(&session, record.by(&*session.user, session.role)).await?;
         }

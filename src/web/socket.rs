@@ -97,6 +97,7 @@ fn open(
         Feed::Page { .. } | Feed::Pulse { .. } => app.displays.enter(&session),
     };
     let Some(place) = place else { return refusal(reader, Trouble::TooManySockets) };
+    app.farewells.meet(&session);
     let upgrade = upgrade.max_message_size(INBOUND_BYTES_MAX).max_frame_size(INBOUND_BYTES_MAX);
     upgrade.on_upgrade(move |socket| async move {
         let line = Line { socket, session, pings_unanswered: 0 };

@@ -12,6 +12,7 @@ use super::audit::Limit;
 use super::demo::DemoFaults;
 use super::displays::Displays;
 use super::enrolled::Enrolled;
+use super::farewell::{Farewell, Farewells};
 use super::frame::Frames;
 use super::keep::Owed;
 use super::origins::Origins;
@@ -65,6 +66,7 @@ pub struct Shared {
     pub settings: Settings,
     pub frames: Frames,
     pub displays: Displays,
+    pub farewells: Farewells,
     pub trends: Trends,
     pub pending: PendingClearance,
     pub throttle: Mutex<Throttle>,
@@ -96,6 +98,7 @@ impl AppState {
             settings,
             frames: Frames::default(),
             displays: Displays::default(),
+            farewells: Farewells::default(),
             trends: Trends::default(),
             pending: PendingClearance::default(),
             throttle: Mutex::default(),
@@ -156,6 +159,11 @@ impl Shared {
             answer.await.map_err(|_| NoAnswer)
         };
         timeout(COMMAND_TIMEOUT, exchange).await.map_err(|_| NoAnswer)?
+    }
+
+    /// Why a session that is over by itself is.
+    pub fn overdue(&self, session: &Session) -> Farewell {
+        if has_idled_out(session, self.clock.now()) { Farewell::Idle } else { Farewell::Expired }
     }
 
     /// Hands an operator's action to the engine.

@@ -29,6 +29,11 @@ CONTRAST = """selector => {
   const light = ([r, g, b]) => 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
   const ground = it => {
     for (; it; it = it.parentElement) {
+      // The colour of a fault that has just left lies over the ground.
+      for (const part of ['::after', '::before']) {
+        const glow = getComputedStyle(it, part);
+        if (it.matches('.tile, .summary') && glow.opacity === '1') return [rgb(glow.backgroundColor)];
+      }
       const style = getComputedStyle(it), color = rgb(style.backgroundColor);
       const stripes = style.backgroundImage.match(/rgba?\\([^)]*\\)/g);
       if (stripes) return stripes.map(rgb);

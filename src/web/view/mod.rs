@@ -33,6 +33,7 @@ use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Timestamp;
 use crate::runtime::Published;
 use crate::store::Role;
+use crate::web::farewell::Farewell;
 use crate::web::text::Words;
 use crate::web::versions::Seen;
 use board::Board;
@@ -134,6 +135,8 @@ pub struct LoginContext {
     /// The name that was typed last.
     pub name: String,
     pub failure: Option<LoginFailure>,
+    /// Why the session that the browser had is over.
+    pub farewell: Option<Farewell>,
     pub demo: bool,
 }
 

@@ -153,16 +153,18 @@ async fn every_change_of_the_stage_is_recorded_however_short() {
         let stamped = Stamped { input: signal(value), received: fixture.clock.now() };
         fixture.link.inputs.send(stamped).await.unwrap();
     }
+    let mut seen = Vec::new();
     let recorded = async {
         loop {
             let mut records = fixture.store.audit_entries(None, 50).await.unwrap();
             records.retain(|record| record.action == "stage");
-            let stages: Vec<_> = records.iter().rev().map(|record| record.target.clone()).collect();
-            if stages.ends_with(&["active", "standby", "active", "standby", "active"].map(String::from)) {
+            seen = records.iter().rev().map(|record| record.target.clone()).collect();
+            if seen.ends_with(&["active", "standby", "active", "standby", "active"].map(String::from)) {
                 return;
             }
             tokio::task::yield_now().await;
         }
     };
-    tokio::time::timeout(std::time::Duration::from_secs(20), recorded).await.expect("each is there");
+    let waited = tokio::time::timeout(std::time::Duration::from_secs(20), recorded).await;
+    assert!(waited.is_ok(), "{seen:?}");
 }

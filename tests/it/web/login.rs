@@ -243,7 +243,7 @@ async fn a_login_over_the_operators_session_is_a_logout_and_is_refused_like_one(
     assert_eq!(
         lines[1..],
         [
-            "login developer developer refused: [LogoutWhileActive] of operator",
+            "login developer developer refused: [LogoutWhileActive]",
             "session ended operator login of operator done",
             "login operator operator done",
             "session ended operator login of bert done",
