@@ -89,7 +89,7 @@ fn own_seconds() -> f64 {
 
 async fn measure(server: &Server, domain: &Domain, clients: usize, seconds: u64) {
     let sessions = clients.div_ceil(PER_SESSION).max(1);
-    let cookies: Vec<String> = (0..sessions).map(|_| server.log_in(USERS[1])).collect();
+    let cookies: Vec<String> = (0..sessions).map(|number| server.log_in(USERS[1 + number % 2])).collect();
     let whole = SETTLING_S + seconds;
     let (_, alone_mb) = server.used();
     let traffic = format!("load --statuses 30 --rate 10 --seconds {} --levels ok", whole + 2);

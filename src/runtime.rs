@@ -77,6 +77,8 @@ pub struct Reload {
 pub struct Reread {
     /// Whether the engine is to run by it, or only the difference is asked for.
     pub take: bool,
+    /// The [digest](Rereading::digest) of what whoever asks was shown: anything else is not taken.
+    pub shown: Option<String>,
     pub reply: oneshot::Sender<Rereading>,
 }
 
@@ -94,6 +96,8 @@ pub struct Rereading {
     pub judged: bool,
     /// The files that the engine runs by, as they were read.
     pub running: Arc<[ConfigurationText]>,
+    /// Of the text of the files and of the differences; empty where there are problems.
+    pub digest: String,
 }
 
 /// A file of a configuration.

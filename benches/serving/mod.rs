@@ -16,8 +16,11 @@ use tokio_tungstenite::{MaybeTlsStream, WebSocketStream};
 use crate::peer::Domain;
 
 /// Name, role and secret: who leads, and who looks on.
-pub const USERS: [(&str, &str, &str); 2] =
-    [("bench", "operator", "975310"), ("watcher", "authority", "lantern-48-harbour")];
+pub const USERS: [(&str, &str, &str); 3] = [
+    ("bench", "operator", "975310"),
+    ("watcher", "authority", "lantern-48-harbour"),
+    ("guest", "authority", "lantern-49-harbour"),
+];
 
 /// The program to measure: the one that `TELLTALE` names, else the one that was built with this.
 pub fn program() -> PathBuf {

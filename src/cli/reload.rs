@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use anyhow::Context as _;
+use sha2::{Digest as _, Sha256};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{mpsc, oneshot, watch};
 
@@ -108,13 +109,18 @@ pub async fn reload(
     engine: &mpsc::Sender<Reload>,
 ) -> Result<Outcome, ReloadError> {
     let outcome = preview(path, current, definitions).await?;
+    take(&outcome, engine).await?;
+    Ok(outcome)
+}
+
+async fn take(outcome: &Outcome, engine: &mpsc::Sender<Reload>) -> Result<(), ReloadError> {
     if !outcome.differences.is_empty() {
         let (done, taken) = oneshot::channel();
         let reload = Reload { model: outcome.loaded.model.clone(), done };
         engine.send(reload).await.map_err(|_| ReloadError::Ended)?;
         taken.await.map_err(|_| ReloadError::Ended)?;
     }
-    Ok(outcome)
+    Ok(())
 }
 
 /// The topics from which signals come, and what monitors watch.
@@ -204,29 +210,42 @@ impl Task {
                 () = self.engine.closed() => return,
             };
             let take = request.as_ref().is_none_or(|request| request.take);
-            let read = self.read(take).await;
-            if take {
+            let shown = request.as_ref().and_then(|request| request.shown.as_deref());
+            let (taken, read) = self.read(take, shown).await;
+            if taken || (take && read.is_err()) {
                 self.log(&read);
             }
             if let Some(request) = request {
                 // Who asked may have gone.
-                let _ = request.reply.send(self.rereading(take, &read));
+                let _ = request.reply.send(self.rereading(take, taken, &read));
             }
         }
     }
 
-    async fn read(&mut self, take: bool) -> Result<Outcome, ReloadError> {
+    /// Whether the file was taken, and what it is. What differs from what was shown is not taken.
+    async fn read(&mut self, take_it: bool, shown: Option<&str>) -> (bool, Result<Outcome, ReloadError>) {
         let current = self.publish.borrow().clone();
-        if !take {
-            return glance(&self.path, &current, &self.definitions).await;
+        let read = if take_it {
+            preview(&self.path, &current, &self.definitions).await
+        } else {
+            glance(&self.path, &current, &self.definitions).await
+        };
+        let outcome = match read {
+            Ok(outcome) => outcome,
+            Err(error) => return (false, Err(error)),
+        };
+        if !take_it || shown.is_some_and(|shown| shown != digest(&outcome)) {
+            return (false, Ok(outcome));
         }
-        let outcome = reload(&self.path, &current, &self.definitions, &self.engine).await?;
+        if let Err(error) = take(&outcome, &self.engine).await {
+            return (false, Err(error));
+        }
         self.running = texts(&outcome.loaded);
         self.publish.send_replace(outcome.loaded.clone());
-        Ok(outcome)
+        (true, Ok(outcome))
     }
 
-    fn rereading(&mut self, take: bool, read: &Result<Outcome, ReloadError>) -> Rereading {
+    fn rereading(&mut self, take: bool, taken: bool, read: &Result<Outcome, ReloadError>) -> Rereading {
         let running = self.running.clone();
         match read {
             Ok(outcome) => {
@@ -236,12 +255,13 @@ impl Task {
                     self.judge(&outcome.loaded)
                 };
                 Rereading {
-                    taken: take && !outcome.differences.is_empty(),
+                    taken: taken && !outcome.differences.is_empty(),
                     differences: outcome.differences.iter().map(ToString::to_string).collect(),
                     problems: None,
                     judged: said.is_some(),
                     warnings: said.flatten(),
                     running,
+                    digest: digest(outcome),
                 }
             }
             Err(error) => Rereading {
@@ -251,6 +271,7 @@ impl Task {
                 warnings: None,
                 judged: true,
                 running,
+                digest: String::new(),
             },
         }
     }
@@ -296,6 +317,17 @@ impl Task {
 
 fn bullets(differences: &[Difference]) -> String {
     differences.iter().map(|difference| format!("\n  {difference}")).collect()
+}
+
+/// What was read, and against what: the differences change with what runs.
+fn digest(outcome: &Outcome) -> String {
+    let mut hash = Sha256::new();
+    for text in outcome.loaded.sources().texts().flat_map(|(name, text)| [name, text]) {
+        hash.update((text.len() as u64).to_le_bytes());
+        hash.update(text);
+    }
+    hash.update(bullets(&outcome.differences));
+    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[cfg(test)]

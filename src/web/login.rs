@@ -1,5 +1,6 @@
 //! Login and logout.
 
+use std::hash::BuildHasher as _;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::PoisonError;
 
@@ -16,6 +17,7 @@ use super::audit::record_of;
 use super::farewell::{self, Farewell};
 use super::guard::{SignedIn, cookie_name, cookie_session};
 use super::state::{AppState, NoAnswer, is_seated};
+use super::throttle::Source;
 use super::view::{self, LoginContext, LoginFailure};
 use super::wording::Trouble;
 use crate::engine::input::{OperatorAction, Refusal, Response as Answer};
@@ -85,8 +87,11 @@ pub async fn login(
     let user = match prove(&app, &form, source).await {
         Ok(user) => user,
         Err(failure) => {
-            let record = Record::of(Action::Login, source.to_string()).on(&*form.name);
-            app.audit_refusal(source, record.refused(failure.as_str())).await;
+            if app.may_record_refusal(source, Action::Login).await {
+                let record = Record::of(Action::Login, source.to_string());
+                let record = record.on(recorded_name(&app, &form.name).await);
+                app.audit_or_log(record.refused(failure.as_str())).await;
+            }
             return failed(&app, &reader, &form.name, failure);
         }
     };
@@ -154,20 +159,30 @@ async fn leave(
     answer
 }
 
+/// What the audit log says of a name with which a login failed. What is no user's may be a secret
+/// that was typed into the wrong field: of that only repeats can be told, until the next restart.
+async fn recorded_name(app: &AppState, name: &str) -> String {
+    match app.store.users().await {
+        Ok(users) if users.iter().any(|user| user.name == name) => name.to_owned(),
+        _ => format!("(unknown name, {:08x})", app.unknown_names.hash_one(name) >> 32),
+    }
+}
+
 async fn prove(app: &AppState, form: &LoginForm, source: IpAddr) -> Result<Verified, LoginFailure> {
     // Whoever types it sees that it is a PIN: this says nothing of anybody's secret.
     if is_pin(&form.secret) && !app.settings.enrolled.has(source) {
         return Err(LoginFailure::PinElsewhere);
     }
+    let is_near = app.settings.enrolled.is_near(source);
+    let from = Source { ip: source, is_near };
     let throttle = || app.throttle.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Err(wait) = throttle().attempt(app.clock.now(), &form.name, source) {
+    if let Err(wait) = throttle().attempt(app.clock.now(), &form.name, from) {
         return Err(LoginFailure::Wait { seconds: whole_seconds(wait) });
     }
-    let is_near = source.is_loopback() || app.settings.enrolled.has(source);
     let lane = if is_near { Lane::Vehicle } else { Lane::Elsewhere };
     match app.store.authenticate_from(lane, &form.name, &form.secret).await {
         Ok(Some(user)) => {
-            throttle().succeeded(&form.name, source);
+            throttle().succeeded(&form.name, from);
             Ok(user)
         }
         Ok(None) => {
@@ -236,19 +251,50 @@ impl Entrance {
             app.audit(self.record(Action::Login).refused(why)).await?;
             return Err(NotOpened::SeatTaken(other.to_owned()));
         }
+        if let Some(reason) = self.is_refused_logout(&app) {
+            app.audit(self.record(Action::Login).refused(format!("{:?}", [&reason]))).await?;
+            return Err(NotOpened::Refused(vec![reason]));
+        }
+        let is_before = |session: &Session| self.before.as_ref().is_some_and(|before| before.is(session));
+        let others = || {
+            let sessions = app.store.sessions();
+            sessions.iter().filter(|session| *session.user == *name && !is_before(session)).count()
+        };
+        let had = others();
         let (token, session) = match role {
             Role::Operator => self.take_seat(&app, other.as_deref()).await?,
             _ => {
                 let entering =
                     Entering { user: &self.user, before: self.before.as_ref(), seat: None, from: None };
-                let (token, _) = app.store.enter(entering, vec![self.record(Action::Login)]).await?;
+                let records = self.ends().chain([self.record(Action::Login)]).collect();
+                let (token, _) = app.store.enter(entering, records).await?;
                 let session = app.store.entered(&token).await?;
                 (token, session)
             }
         };
+        if let ended @ 1.. = (had + 1).saturating_sub(others()) {
+            let record = self.record(Action::SessionEnded);
+            app.audit_or_log(record.on(format!("{ended} of too many, the oldest"))).await;
+        }
         app.farewells.meet(&session);
         tracing::info!(user = name, role = role.as_str(), source = %self.source, "logged in");
         Ok((token, session))
+    }
+
+    /// Whether the session of a driving vehicle's operator would end. It does for the operator, and
+    /// for whoever takes the seat over: for others this is a logout.
+    fn is_refused_logout(&self, app: &AppState) -> Option<Refusal> {
+        let snapshot = app.published().snapshot;
+        let leaves = self.before.as_ref().is_some_and(|before| is_seated(before, &snapshot));
+        let is_refused = leaves && self.user.role() != Role::Operator && snapshot.stage == Stage::Active;
+        is_refused.then_some(Refusal::LogoutWhileActive)
+    }
+
+    /// That the session ends which the browser had.
+    fn ends(&self) -> impl Iterator<Item = Record> {
+        let record = |before| record_of(before, Action::SessionEnded, self.source);
+        let target = format!("login of {}", self.user.name());
+        self.before.as_ref().map(record).map(|record| record.on(target)).into_iter()
     }
 
     /// Written first: while nothing can be written, whoever has the vehicle keeps it.
@@ -263,7 +309,7 @@ impl Entrance {
             }
         };
         let hand_over = other.map(|other| self.record(Action::HandOver).on(format!("from {other}")));
-        let records = hand_over.into_iter().chain([self.record(Action::Login)]).collect();
+        let records = self.ends().chain(hand_over).chain([self.record(Action::Login)]).collect();
         let seat = Some(app.remembering(foreseen));
         let entering = Entering { user: &self.user, before: self.before.as_ref(), seat, from: other };
         let (token, written) = app.store.enter(entering, records).await?;

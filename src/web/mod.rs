@@ -3,6 +3,7 @@
 mod answer;
 pub mod assets;
 mod audit;
+mod bare;
 mod demo;
 mod developer;
 mod displays;
@@ -12,6 +13,7 @@ pub mod frame;
 mod guard;
 mod headers;
 mod keep;
+mod lines;
 mod listen;
 mod login;
 mod origins;

@@ -1,5 +1,6 @@
 //! What all requests share.
 
+use std::hash::RandomState;
 use std::ops::Deref;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -69,6 +70,8 @@ pub struct Shared {
     pub trends: Trends,
     pub pending: PendingClearance,
     pub throttle: Mutex<Throttle>,
+    /// Makes numbers of names that are no user's, by a key of this run.
+    pub(super) unknown_names: RandomState,
     pub(super) audit_limit: Mutex<Limit>,
     /// Held while the audit log is read.
     pub(super) audit_readers: tokio::sync::Mutex<()>,
@@ -99,6 +102,7 @@ impl AppState {
             trends: Trends::default(),
             pending: PendingClearance::default(),
             throttle: Mutex::default(),
+            unknown_names: RandomState::new(),
             audit_limit: Mutex::default(),
             audit_readers: tokio::sync::Mutex::default(),
             seat: tokio::sync::Mutex::default(),

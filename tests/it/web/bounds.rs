@@ -11,6 +11,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 
+use super::access::HEADERS;
 use super::fixture::{Fixture, as_program, form_request};
 use super::sockets::{Server, next_json};
 
@@ -66,6 +67,10 @@ async fn who_speaks_too_slowly_or_too_much_is_cut_off_and_others_are_served() {
         let _ = stream.write_all(head.as_bytes()).await;
         let said = rest(stream).await;
         assert!(said.is_empty() || said.starts_with("HTTP/1.1 4"), "{said}");
+        // What the HTTP library says by itself too.
+        for (name, value) in HEADERS.into_iter().filter(|_| !said.is_empty()) {
+            assert!(said.contains(&format!("\r\n{name}: {value}\r\n")), "{name}: {said}");
+        }
     }
     next_json(&mut page, |value| value.get("beat").is_some()).await;
 }
@@ -178,6 +183,32 @@ async fn a_flood_of_connections_leaves_the_page_alive() {
     drop(idle);
     let fixture: &Fixture = &server.fixture;
     assert_eq!(fixture.get("/healthz", None).await.status, StatusCode::OK);
+}
+
+#[tokio::test]
+async fn silent_connections_make_no_request_wait() {
+    const SILENT: usize = 300;
+    let server = Server::new().await;
+    let mut silent = Vec::new();
+    let post = format!(
+        "POST /login HTTP/1.1\r\nhost: {0}\r\norigin: http://{0}\r\naccept: application/json\r\n\
+         content-type: application/x-www-form-urlencoded\r\nconnection: close\r\ncontent-length: 2\r\n\r\na=",
+        server.address
+    );
+    for round in 0..3 {
+        for _ in 0..SILENT / 3 {
+            silent.push(TcpStream::connect(server.address).await.unwrap());
+        }
+        let sent = server.fixture.clock.now();
+        let mut own = TcpStream::connect(server.address).await.unwrap();
+        own.write_all(post.as_bytes()).await.unwrap();
+        let said = rest(own).await;
+        assert!(said.starts_with("HTTP/1.1 422"), "{said}");
+        let took = server.fixture.clock.now().since(sent);
+        assert!(took < Span::from_secs(3), "round {round}: {} ms", took.as_millis());
+    }
+    // Those that were silent longest gave their places away.
+    assert_eq!(rest(silent.remove(0)).await, "");
 }
 
 #[tokio::test]

@@ -42,6 +42,10 @@ struct ConfigurationHtml {
     judged: bool,
     /// The reader may let the engine run by it.
     may_take: bool,
+    /// It is not what the reader was shown before, and was not taken.
+    is_other: bool,
+    /// What is shown here, for the button.
+    shown: String,
     filter: String,
     kept: Vec<(&'static str, String)>,
     files: Vec<Choice>,
@@ -49,10 +53,11 @@ struct ConfigurationHtml {
     lines: Vec<Line>,
 }
 
+/// `offer` is there for whoever may take the files, and true if they are not what was shown before.
 pub fn page(
     view: &View<'_>,
     read: &Rereading,
-    may_take: bool,
+    offer: Option<bool>,
     context: &PageContext,
     asked: &Asked,
 ) -> String {
@@ -76,7 +81,9 @@ pub fn page(
         problems: whole(&read.problems),
         warnings: whole(&read.warnings),
         judged: read.judged,
-        may_take,
+        may_take: offer.is_some(),
+        is_other: offer == Some(true),
+        shown: read.digest.clone(),
         filter: clean(asked.get("q"), MESSAGE),
         kept: asked.kept(&["file"]),
         files: read.running.iter().enumerate().map(file).collect(),

@@ -212,11 +212,11 @@ pub fn topics_page(published: &Published, context: &PageContext, asked: &Asked, 
 pub fn configuration_page(
     published: &Published,
     read: &Rereading,
-    may_take: bool,
+    offer: Option<bool>,
     context: &PageContext,
     asked: &Asked,
 ) -> String {
-    configuration::page(&View::new(published, context.lang, false), read, may_take, context, asked)
+    configuration::page(&View::new(published, context.lang, false), read, offer, context, asked)
 }
 
 /// Who did what, and whether the chain of it is whole.

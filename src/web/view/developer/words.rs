@@ -168,6 +168,7 @@ words! {
     config_same: "The file means the same as what runs.", "Die Datei bedeutet dasselbe wie das, was läuft.";
     config_differs: "The file differs from what runs", "Die Datei weicht von dem ab, was läuft";
     config_taken: "The file was taken. This has changed", "Die Datei wurde übernommen. Das hat sich geändert";
+    config_other: "Not taken: the files are no longer what was shown before. This is what they are now.", "Nicht übernommen: Die Dateien sind nicht mehr, was zuvor gezeigt wurde. Das sind sie jetzt.";
     config_refused: "The file cannot be used; what runs stays", "Die Datei ist unbrauchbar; was läuft, bleibt";
     config_warnings: "What can happen with it and should not", "Was damit geschehen kann und nicht sollte";
     config_take: "Take it", "Übernehmen";

@@ -57,6 +57,7 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         warnings: Some(text.to_owned()),
         judged: true,
         running: [ConfigurationText { name: text.to_owned(), text: text.to_owned() }].into(),
+        digest: "0123".to_owned(),
     };
     let mut pages = vec![
         ("statuses", developer_page(published, context, &asked, &trends)),
@@ -66,7 +67,7 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         ("masking", masking_page(published, context, &asked)),
         ("coverage", coverage_page(published, context, &asked)),
         ("topics", topics_page(published, context, &asked, &discovery(text))),
-        ("configuration", configuration_page(published, &read, true, context, &asked)),
+        ("configuration", configuration_page(published, &read, Some(true), context, &asked)),
     ];
     // Of a locked vehicle no node has a page.
     let locked = published.snapshot.stage == Stage::Locked;
