@@ -21,7 +21,9 @@
   const stage = document.getElementById("dev-stage");
   const content = () => document.getElementById("dev");
 
+  const lag = new Lag();
   let lastBeat = performance.now();
+  let late_ms = 0;
   let everBeat = false;
   let newest = Number(content().dataset.revision);
   let locked = content().dataset.locked;
@@ -93,7 +95,7 @@
 
   const judge = () => {
     const now = performance.now();
-    const age = now - lastBeat;
+    const age = now - lastBeat + late_ms;
     const behind = behindSince === null ? 0 : now - behindSince;
     const live =
       age >= DEAD_MS || behind >= BEHIND_DEAD_MS ? "dead"
@@ -106,6 +108,7 @@
   const beat = (message) => {
     lastBeat = performance.now();
     everBeat = true;
+    late_ms = lag.of(message);
     delete body.dataset.waiting;
     mark.dataset.phase = message.beat % 8;
     setText(clock, new Date(message.at).toTimeString().slice(0, 8));
@@ -122,11 +125,15 @@
 
   const connect = () => {
     const socket = new WebSocket(body.dataset.socket);
+    lag.try();
     let opened = false;
     const hang = setInterval(() => {
-      if (performance.now() - lastBeat > HANG_MS) socket.close();
+      if (performance.now() - lastBeat > HANG_MS || late_ms >= STALE_MS) socket.close();
     }, HANG_MS);
-    socket.addEventListener("open", () => (opened = true));
+    socket.addEventListener("open", () => {
+      lag.open();
+      opened = true;
+    });
     socket.addEventListener("message", ({ data }) => beat(JSON.parse(data)));
     socket.addEventListener("close", async ({ code }) => {
       clearInterval(hang);
