@@ -26,7 +26,8 @@
   let late_ms = 0;
   let everBeat = false;
   let newest = Number(content().dataset.revision);
-  let locked = content().dataset.locked;
+  // What a locked vehicle shows is another page, but for those that tell nothing of its parts.
+  const locked = body.dataset.stage === "locked";
   let behindSince = null;
   let renewedAt = performance.now();
   let renewing = null;
@@ -107,8 +108,8 @@
 
   const beat = (message) => {
     lastBeat = performance.now();
-    everBeat = true;
     late_ms = lag.of(message);
+    everBeat = true;
     delete body.dataset.waiting;
     mark.dataset.phase = message.beat % 8;
     setText(clock, new Date(message.at).toTimeString().slice(0, 8));
@@ -119,13 +120,13 @@
     newest = message.revision;
     const renews = content().dataset.static === undefined;
     if (renews && Number(content().dataset.revision) < newest && !document.hidden) behindSince ??= lastBeat;
-    if (String(message.stage === "locked") !== locked) location.reload();
+    if (renews && (message.stage === "locked") !== locked) location.reload();
     judge();
   };
 
   const connect = () => {
-    const socket = new WebSocket(body.dataset.socket);
     lag.try();
+    const socket = new WebSocket(body.dataset.socket);
     let opened = false;
     const hang = setInterval(() => {
       if (performance.now() - lastBeat > HANG_MS || late_ms >= STALE_MS) socket.close();
