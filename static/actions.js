@@ -29,7 +29,7 @@
 
   // The stylesheet lets no tap through meanwhile, but for a stop.
   const quiet = (ms, why) => {
-    if (performance.now() >= quietUntil) quietWhy = why;
+    if (why === "second" || performance.now() >= quietUntil) quietWhy = why;
     quietUntil = Math.max(quietUntil, performance.now() + ms);
     bar.dataset.quiet = "";
     clearTimeout(quietTimer);
@@ -189,7 +189,8 @@
     listTimer = setTimeout(() => delete list.dataset.quiet, AFTER_CHANGE_MS);
   };
 
-  sayMissed(bar, "#step button", () => quietWhy);
+  // What the first of two taps has done may be seen before it is answered.
+  sayMissed(bar, "#step button", () => (sent.size > 0 ? "second" : quietWhy));
   sayMissed(list, "form button", () => "changed");
 
   document.addEventListener("htmx:after:swap", () => {

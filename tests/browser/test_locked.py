@@ -68,6 +68,10 @@ def test_from_the_take_over_leads_a_large_button_back(server, vehicle, display, 
     back = page.locator("a.back")
     expect(back).to_have_text("Zurück zum Fahrzeug")
     assert back.bounding_box()["height"] >= 88
+    # Who leads the vehicle stays in sight beside what is missing.
+    page.locator(".digits [data-key=enter]").tap()
+    expect(page.locator(".missing")).to_have_text("PIN oder Passwort fehlt.", use_inner_text=True)
+    expect(page.locator(".failure").filter(has_text="anna begleitet die Fahrt.")).to_be_visible()
     expect(back).to_have_attribute("href", "/")
     back.tap()
     expect(page).to_have_url(re.compile("/login|/$"))
