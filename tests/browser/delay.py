@@ -6,12 +6,11 @@ import time
 
 
 class Delay:
-    """A proxy on a port of its own. `seconds` is how late whatever the server says arrives; it may
-    change at any time, and nothing overtakes what was said before."""
+    """A proxy to the port `to`, on a port of its own. `seconds` is how late whatever the server says
+    arrives; it may change at any time, and nothing overtakes what was said before."""
 
-    def __init__(self, port, server):
-        self.seconds, self.port, self.to = 0.0, port, server.port
-        self.url = f"http://127.0.0.1:{port}"
+    def __init__(self):
+        self.seconds, self.to = 0.0, None
         self.loop = asyncio.new_event_loop()
         self.started = threading.Event()
         self.thread = threading.Thread(target=self.run, daemon=True)
@@ -20,7 +19,8 @@ class Delay:
 
     def run(self):
         asyncio.set_event_loop(self.loop)
-        self.listener = self.loop.run_until_complete(asyncio.start_server(self.serve, "127.0.0.1", self.port))
+        self.listener = self.loop.run_until_complete(asyncio.start_server(self.serve, "127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self.listener.sockets[0].getsockname()[1]}"
         self.started.set()
         self.loop.run_forever()
 

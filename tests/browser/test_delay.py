@@ -8,30 +8,26 @@ from playwright.sync_api import expect
 from delay import Delay
 from test_operator import expect_standing, log_in
 from test_developer import DEVELOPER
-from vehicle import OPERATOR, Client, Server, free_port, own_domain
+from vehicle import OPERATOR, Client, Server, own_domain
 
 PAGES = ["/", "/developer"]
 
 
 @pytest.fixture
-def port():
-    return free_port()
+def way():
+    way = Delay()
+    yield way
+    way.close()
 
 
 @pytest.fixture
-def server(tmp_path, port):
-    server = Server(tmp_path, own_domain(), flags=["--origin", f"http://127.0.0.1:{port}"])
+def server(tmp_path, way):
+    server = Server(tmp_path, own_domain(), flags=["--origin", way.url])
+    way.to = server.port
     server.add_user(*OPERATOR)
     server.start()
     yield server
     assert server.stop() == 0
-
-
-@pytest.fixture
-def way(server, port):
-    way = Delay(port, server)
-    yield way
-    way.close()
 
 
 def live(page):
