@@ -240,13 +240,14 @@ impl Connection {
     /// Says that this server and its engine live. A page that hears nothing is covered by its own
     /// script, so nothing is said while the engine is silent.
     async fn beat(&mut self, number: u64) -> Result<(), Ending> {
+        let now = self.app.clock.now();
         let beat = match self.feed {
             _ if !self.app.is_engine_alive() => None,
             Feed::Page { .. } => {
-                self.place.beat(number, self.seq, self.app.clock.now());
-                Some(frame::beat(number, self.seq, self.app.clock.wall()))
+                self.place.beat(number, self.seq, now);
+                Some(frame::beat(number, self.seq, now, self.app.clock.wall()))
             }
-            Feed::Pulse { lang } => Some(frame::pulse(number, &self.app.published(), lang)),
+            Feed::Pulse { lang } => Some(frame::pulse(number, &self.app.published(), now, lang)),
             Feed::Snapshots => None,
         };
         if let Some(beat) = beat {

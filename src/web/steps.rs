@@ -33,6 +33,9 @@ words! {
     refused: "Not done", "Nicht ausgeführt";
     not_sent: "Not sent: this display is not live.", "Nicht gesendet: Diese Anzeige ist nicht live.";
     no_answer: "The server did not answer. Look at what is shown.", "Der Server hat nicht geantwortet. Anzeige beachten.";
+    waiting: "Not sent: the server has not answered the last tap yet.", "Nicht gesendet: Der letzte Tipp ist noch unbeantwortet.";
+    second_tap: "Only the first tap counted.", "Nur der erste Tipp hat gezählt.";
+    just_changed: "Not sent: the button has just changed.", "Nicht gesendet: Die Taste hat gerade gewechselt.";
     dismiss: "Close", "Schließen";
     all_checks: "All open checks", "Alle offenen Prüfungen";
     all_causes: "All that is wrong", "Alle Störungen";

@@ -89,6 +89,8 @@ words! {
     secret: "PIN or password", "PIN oder Passwort";
     login_title: "Log in", "Anmelden";
     login_text: "The vehicle is shown after that.", "Danach ist das Fahrzeug zu sehen.";
+    name_missing: "The name is missing.", "Der Name fehlt.";
+    secret_missing: "The PIN or password is missing.", "PIN oder Passwort fehlt.";
     login_wrong: "Name or PIN is wrong.", "Name oder PIN ist falsch.";
     login_unavailable: "Logins cannot be checked now. Try again.", "Anmeldung zurzeit nicht prüfbar. Noch einmal versuchen.";
     login_storage: "The disk is full or broken, so nothing was changed. Call the control room.", "Speicher voll oder defekt, daher nichts geändert. Leitstelle rufen.";
