@@ -167,8 +167,19 @@
     }
   });
 
+  // A tap on this button is none beside what stands open, which would close it.
+  const dismiss = notice.querySelector("[name=dismiss]");
+  const keepOpen = () => {
+    dismiss.popoverTargetElement = document.querySelector(".panel:popover-open");
+    dismiss.popoverTargetAction = "show";
+  };
+  document.addEventListener("toggle", keepOpen, { capture: true });
+
   confirmation.elements.cancel.addEventListener("click", closeConfirmation);
-  notice.querySelector("[name=dismiss]").addEventListener("click", hideNotice);
+  dismiss.addEventListener("click", (event) => {
+    event.preventDefault();
+    hideNotice();
+  });
 
   // --- the bar changes under the finger
 
@@ -198,6 +209,8 @@
     if (now !== before) quiet(AFTER_CHANGE_MS, "changed");
     before = now;
     settle();
+    // What stood in the way is gone.
+    if (!bar.querySelector(".step .checks li:not(.holds)")) delete bar.dataset.refused;
     // The server would refuse: what was asked for was another state.
     if (!confirmation.hidden && version() !== askedWith) closeConfirmation();
   });

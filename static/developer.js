@@ -168,7 +168,8 @@
       for (const hidden of form.querySelectorAll("input[type=hidden]")) hidden.remove();
       const named = new Set([...form.elements].map((element) => element.name));
       for (const [name, value] of new URLSearchParams(location.search)) {
-        if (named.has(name) || name === "page") continue;
+        // What another filter leaves is looked at from its beginning.
+        if (named.has(name) || name.startsWith("page")) continue;
         form.prepend(Object.assign(document.createElement("input"), { type: "hidden", name, value }));
       }
     }

@@ -3,9 +3,11 @@
 use std::sync::Arc;
 
 use super::Engine;
+use super::drive::ARRIVAL;
 use super::event::What;
 use super::input::{Output, OutputNews, Refusal};
-use super::model::{NodeId, Stage, StageModel};
+use super::model::{NodeId, Stage, StageModel, Text};
+use super::monitor::say;
 use super::snapshot::{Countermeasure, Localization};
 use super::state::State;
 use super::system::SystemCheck;
@@ -17,8 +19,9 @@ use super::vehicle::Event;
 pub(super) struct Told {
     /// `None` while somebody says whether the vehicle drives, or need not.
     active_unknown: Option<State>,
-    measures: Option<String>,
-    outputs: Option<String>,
+    contradicts_itself: bool,
+    measures: Option<Text>,
+    outputs: Option<Text>,
 }
 
 /// Where the vehicle is led and what is asked of it, as the snapshot has it.
@@ -63,9 +66,10 @@ impl Engine {
         self.net.mark_conditions(self.vehicle.stage);
     }
 
-    /// The operator's stop is over, and the goal is used up: the next drive needs its own.
+    /// The goal is used up: the next drive needs its own. What is asked of the vehicle stays until it is
+    /// certain that the drive is over.
     fn arrived(&mut self) {
-        self.measures.release_stop();
+        self.measures.arrive(self.now + ARRIVAL);
         let Some(goal) = self.goal_signal else { return };
         if self.signals.forget(goal) {
             self.events.push(self.now, What::Signal { index: goal, value: self.signals.value(goal) });
@@ -132,6 +136,7 @@ impl Engine {
             return;
         }
         self.vehicle.localization.done = true;
+        self.vehicle.localization.owed = false;
         self.led = true;
         self.step(Event::Localized);
     }
@@ -143,23 +148,34 @@ impl Engine {
         let told = Told {
             active_unknown: (shuttle && self.vehicle.stage == Stage::Active && known.is_none())
                 .then_some(if self.now < self.active_by { State::Unknown } else { State::Error }),
+            contradicts_itself: self.signals.drive.is_doubted(self.now),
             measures: self.measures.trouble(&self.model),
-            outputs: unsent(&self.measures.unsent()),
+            outputs: unsent(&self.measures.unsent()).map(Text::from),
         };
         if told == self.told {
             return;
         }
         let (state, words) = match told.active_unknown {
-            Some(state) => (state, "nothing says whether the vehicle drives"),
-            None => (State::Ok, ""),
+            _ if told.contradicts_itself => (
+                State::Error,
+                say!(
+                    "says in turn that the vehicle drives and that it does not",
+                    "meldet abwechselnd, dass das Fahrzeug fährt und nicht fährt"
+                ),
+            ),
+            Some(state) => (
+                state,
+                say!("nothing says whether the vehicle drives", "niemand meldet, ob das Fahrzeug fährt"),
+            ),
+            None => (State::Ok, Text::default()),
         };
         self.report_on_self(SystemCheck::Active, state, words);
-        let worse = |words: &Option<String>, state| if words.is_some() { state } else { State::Ok };
-        let words = |words: &Option<String>| words.clone().unwrap_or_default();
+        let worse = |words: &Option<Text>, state| if words.is_some() { state } else { State::Ok };
+        let words = |words: &Option<Text>| words.clone().unwrap_or_default();
         let measures = (worse(&told.measures, State::Error), words(&told.measures));
-        self.report_on_self(SystemCheck::Countermeasure, measures.0, &measures.1);
+        self.report_on_self(SystemCheck::Countermeasure, measures.0, measures.1);
         let outputs = (worse(&told.outputs, State::Warning), words(&told.outputs));
-        self.report_on_self(SystemCheck::Outputs, outputs.0, &outputs.1);
+        self.report_on_self(SystemCheck::Outputs, outputs.0, outputs.1);
         self.told = told;
     }
 

@@ -8,17 +8,16 @@ use std::sync::Arc;
 
 use super::countermeasure::{ConfirmedBy, Kind, Request, Rule};
 use super::input::{Output, OutputNews};
-use super::model::{Model, NodeId, Stage};
+use super::model::{Model, NodeId, Stage, Text};
+use super::monitor::say;
 use super::names::Names;
 use super::net::{Change, Net};
 use super::node::Facts;
+use super::roots::CAUSES_MAX;
 use super::signals::Signals;
 use super::snapshot::{Countermeasure, MeasureCause, MeasureState};
 use super::state::State;
 use super::time::Timestamp;
-
-/// Causes that are named for one countermeasure.
-const CAUSES_MAX: usize = 64;
 
 /// One reason for a request.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,6 +50,10 @@ impl Held {
         !self.present && released
     }
 
+    fn is_about(&self, node: NodeId) -> bool {
+        matches!(self.by, By::Rule(_, it) if it == node)
+    }
+
     /// Whether a cause that was named for it is still there. What a node that is well again bears
     /// in itself, such as one of a set of which one is enough, is no cause any more.
     fn is_caused(&self, net: &Net, state: State, by_itself: Option<NodeId>) -> bool {
@@ -81,7 +84,9 @@ pub(super) struct Measures {
     rules: HashMap<NodeId, Vec<usize>>,
     /// Nodes with rules that changed.
     dirty: BTreeSet<NodeId>,
-    held: Vec<Held>,
+    pub(super) held: Vec<Held>,
+    /// The drive has ended, if it has not begun again by then: until then nothing is let go.
+    arrives: Option<Timestamp>,
     asked: [Option<Asked>; 3],
     /// Why requests of a kind cannot be sent, with the topic.
     unsent: HashMap<Output, OutputNews>,
@@ -122,6 +127,11 @@ impl Measures {
         now: Timestamp,
         causes: impl Fn(NodeId) -> Vec<NodeId>,
     ) {
+        if stage == Stage::Active {
+            self.arrives = None;
+        } else if self.arrives.take_if(|at| *at <= now).is_some() {
+            self.release_stop();
+        }
         for node in std::mem::take(&mut self.dirty) {
             for &index in &self.rules[&node] {
                 let rule = &model.driving.countermeasures[index];
@@ -150,7 +160,18 @@ impl Measures {
                 By::Operator => {}
             }
         }
-        self.held.retain(|held| !held.is_over());
+        self.let_go();
+    }
+
+    /// The drive has ended, as far as is known before `certain`.
+    pub(super) fn arrive(&mut self, certain: Timestamp) {
+        self.arrives = Some(certain).filter(|_| !self.held.is_empty());
+    }
+
+    fn let_go(&mut self) {
+        if self.arrives.is_none() {
+            self.held.retain(|held| !held.is_over());
+        }
     }
 
     /// Holds a stop that the operator asked for. Twice is once.
@@ -169,18 +190,22 @@ impl Measures {
         self.held.retain(|held| held.by != By::Operator);
     }
 
-    /// Takes note that the operator knows of a node's part. Returns whether it has one.
-    pub(super) fn acknowledge(&mut self, node: NodeId) -> bool {
-        let mut found = false;
+    /// Whether a node has a part in what is held that the operator can know of.
+    pub(super) fn is_held_for(&self, node: NodeId) -> bool {
+        let has_part =
+            |held: &Held| held.causes.iter().any(|cause| held.is_about(node) || cause.node == node);
+        self.held.iter().any(has_part)
+    }
+
+    /// Takes note that the operator knows of a node's part.
+    pub(super) fn acknowledge(&mut self, node: NodeId) {
         for held in &mut self.held {
-            let about = matches!(held.by, By::Rule(_, it) if it == node);
+            let about = held.is_about(node);
             for cause in held.causes.iter_mut().filter(|cause| about || cause.node == node) {
                 cause.acknowledged = true;
-                found = true;
             }
         }
-        self.held.retain(|held| !held.is_over());
-        found
+        self.let_go();
     }
 
     pub(super) fn take_news(&mut self, news: &OutputNews) {
@@ -227,7 +252,7 @@ impl Measures {
         signals: &Signals,
         now: Timestamp,
     ) -> Option<Timestamp> {
-        let mut next: Option<Timestamp> = None;
+        let mut next: Option<Timestamp> = self.arrives;
         for kind in Kind::ALL {
             let slot = kind as usize;
             let Some(request) = self.strongest(kind) else {
@@ -287,22 +312,34 @@ impl Measures {
     }
 
     /// What is wrong with the requests that are made now.
-    pub(super) fn trouble(&self, model: &Model) -> Option<String> {
+    pub(super) fn trouble(&self, model: &Model) -> Option<Text> {
         let unconfirmed = |asked: &&Asked| asked.state == MeasureState::Unconfirmed;
         let wrong = self.asked.iter().flatten().filter(unconfirmed).map(|asked| {
             let kind = asked.request.kind();
+            let name = kind.said();
             match output(kind).and_then(|output| self.unsent.get(&output)) {
                 Some(news) => {
                     let error = news.error.as_deref().unwrap_or_default();
-                    format!("{} cannot be sent on {}: {error}", kind.as_str(), news.topic)
+                    say!(
+                        "{name} cannot be sent on {topic}: {error}",
+                        "{name} nicht zu senden auf {topic}: {error}",
+                        name = name,
+                        topic = &*news.topic,
+                        error = error
+                    )
                 }
                 None => {
                     let within = self.confirmation(model, kind).map_or(0, |it| it.within.as_millis());
-                    format!("{} is not confirmed within {within} ms", kind.as_str())
+                    say!(
+                        "{name} is not confirmed within {within} ms",
+                        "{name} nach {within} ms nicht bestätigt",
+                        name = name,
+                        within = within.to_string()
+                    )
                 }
             }
         });
-        Some(wrong.collect::<Vec<_>>().join("; ")).filter(|text| !text.is_empty())
+        wrong.reduce(|all, next| say!("{all}; {next}", "{all}; {next}", all = all, next = next))
     }
 
     /// For the snapshot: strongest first.
@@ -358,7 +395,7 @@ impl Measures {
 
     /// Takes over since when requests are made, and what cannot be sent.
     pub(super) fn keep(&mut self, old: &Measures) {
-        self.asked = old.asked;
+        (self.asked, self.arrives) = (old.asked, old.arrives);
         self.unsent.clone_from(&old.unsent);
     }
 }
@@ -390,46 +427,4 @@ fn is_ok(net: &Net, names: &Names, status: &str) -> bool {
         let own = &net.modules[id.0 as usize].own;
         own.received().is_some() && !own.silent() && net.modules[id.0 as usize].node.facts.own == State::Ok
     })
-}
-
-/// The root causes of a node that fails, at most [`CAUSES_MAX`]; the node itself where it is one.
-pub(super) fn roots(net: &Net, masked_by: &impl Fn(NodeId) -> Vec<NodeId>, node: NodeId) -> Vec<NodeId> {
-    let mut found = Vec::new();
-    collect(net, masked_by, node, &mut found);
-    if found.is_empty() {
-        found.push(node);
-    }
-    found
-}
-
-fn collect(net: &Net, masked_by: &impl Fn(NodeId) -> Vec<NodeId>, node: NodeId, found: &mut Vec<NodeId>) {
-    if found.len() >= CAUSES_MAX {
-        return;
-    }
-    let mut add = |node| {
-        if !found.contains(&node) && found.len() < CAUSES_MAX {
-            found.push(node);
-        }
-    };
-    let facts = net.node(node).facts;
-    if facts.masked {
-        masked_by(node).into_iter().for_each(add);
-        return;
-    }
-    match node {
-        NodeId::Module(_) => add(node),
-        NodeId::Group(id) => {
-            let group = &net.groups[id.0 as usize];
-            let bar = facts.worst().min(State::Error);
-            // There may be thousands of them, and only so many are named.
-            for &member in &group.failing {
-                if found.len() >= CAUSES_MAX {
-                    break;
-                }
-                if net.node(member).facts.worst() >= bar {
-                    collect(net, masked_by, member, found);
-                }
-            }
-        }
-    }
 }

@@ -8,8 +8,10 @@ mod alarm;
 mod causes;
 pub mod countermeasure;
 pub mod discovery;
+mod drive;
 pub mod event;
 pub mod filter;
+pub mod foresee;
 pub mod graph;
 pub mod input;
 mod layout;
@@ -31,6 +33,7 @@ mod relevance;
 mod reload;
 mod report;
 pub mod resume;
+mod roots;
 pub mod sample;
 mod signals;
 pub mod snapshot;
@@ -52,7 +55,7 @@ use event::{Event, Events, What};
 use input::{Input, ReceptionTrouble, Response, Status, StatusArray};
 use lead::Told;
 use measures::Measures;
-use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, LOCALIZATION_GROUP, Model, ModuleId, NodeId};
+use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, LOCALIZATION_GROUP, Model, ModuleId, NodeId, Text};
 use names::Names;
 use net::{Change, Net};
 use node::ModuleKind;
@@ -285,7 +288,7 @@ impl Engine {
             let message = self.overflow.count(group, module, self.model.limits.discovered_modules);
             self.net.overflow(group);
             self.net.report(module, State::Warning, self.now);
-            self.views.set_message(module, &message);
+            self.views.set_message(module, message);
         }
         let mut route = None;
         for group in claim.groups {
@@ -294,32 +297,6 @@ impl Engine {
             route = Some(self.names.discovered(name, module));
         }
         route
-    }
-
-    fn take_signal(&mut self, name: &str, value: bool) {
-        let Some(index) = self.signals.index(name) else {
-            self.counters.unknown_signals += 1;
-            return;
-        };
-        let changed = self.signals.take(index, value, self.now);
-        self.signal_changed(index, changed);
-    }
-
-    fn signal_changed(&mut self, index: usize, changed: bool) {
-        if let Some(due) = self.signals.due(index).filter(|&due| due > self.now) {
-            self.timers.arm(TimerKey::Signal(index as u32), due);
-        }
-        if !changed {
-            return;
-        }
-        let value = self.signals.value(index);
-        self.events.push(self.now, What::Signal { index, value });
-        if Some(index) == self.active_signal {
-            self.take_active(value);
-        }
-        self.led = true;
-        self.net.mark_conditions(self.vehicle.stage);
-        self.views.set_signals(&self.signals);
     }
 
     fn take_trouble(&mut self, trouble: &ReceptionTrouble) {
@@ -334,7 +311,7 @@ impl Engine {
             self.timers.arm(TimerKey::Reception, due);
         }
         let message = std::mem::take(&mut self.reception.message);
-        self.report_on_self(SystemCheck::Reception, state, &message);
+        self.report_on_self(SystemCheck::Reception, state, &*message);
         self.reception.message = message;
     }
 
@@ -346,18 +323,18 @@ impl Engine {
 
     fn take_display(&mut self, late: Option<Box<str>>) {
         let state = if late.is_some() { State::Warning } else { State::Ok };
-        let words = late.as_ref().map(|whose| format!("the display of {whose} does not say what it shows"));
-        self.report_on_self(SystemCheck::Display, state, &words.unwrap_or_default());
+        let words = late.as_deref().map(system::display_late);
+        self.report_on_self(SystemCheck::Display, state, words.unwrap_or_default());
         self.display_late = late;
     }
 
     /// Sets what the diagnosis says of itself.
-    fn report_on_self(&mut self, check: SystemCheck, state: State, message: &str) {
+    fn report_on_self(&mut self, check: SystemCheck, state: State, message: impl Into<Text>) {
         let id = self.net.system_module(check);
         if self.net.report(id, state, self.now) {
             self.net.mark_module(id);
         }
-        self.views.set_message(id, message);
+        self.views.set_message(id, message.into());
     }
 
     /// Brings everything to what follows from what was marked, at the present instant.
@@ -367,7 +344,7 @@ impl Engine {
             self.follow_changes();
         }
         if let Some(breach) = self.breach() {
-            self.report_on_self(SystemCheck::Invariants, State::Error, &breach);
+            self.report_on_self(SystemCheck::Invariants, State::Error, &*breach);
             self.follow_changes();
         }
         if self.hear_awaited() {

@@ -246,6 +246,8 @@ pub struct ModuleView {
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Report {
     pub message: Box<str>,
+    /// The message in German, where the engine says it: a monitor, or the diagnosis of itself.
+    pub german: Option<Box<str>>,
     pub hardware_id: Box<str>,
     pub values: Vec<(Box<str>, Box<str>)>,
 }
@@ -345,6 +347,8 @@ pub struct Localization {
     pub ok_since: Option<Timestamp>,
     /// It was OK for long enough.
     pub done: bool,
+    /// The vehicle was said to drive before that: without it there is no clearance.
+    pub owed: bool,
 }
 
 /// Metres and degrees in the map's frame.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::input::StatusArray;
 use super::model::{Limits, Model, ModuleId, Policy};
 use super::monitor::spec::{MonitorSpec, TopicId, TopicSpec, ValueSource, WatchdogSpec};
-use super::monitor::{Feed, Monitor, Taken, WORDS_EVERY, Words, feeds, parse};
+use super::monitor::{Feed, Monitor, NO_SUCH_KEY, Taken, WORDS_EVERY, Words, feeds, parse, say};
 use super::sample::{FieldValue, Probe, Sample, TopicNews};
 use super::state::State;
 use super::time::Timestamp;
@@ -29,7 +29,7 @@ pub(super) struct Watching {
     pub(super) judge: Vec<u32>,
     /// Modules that became relevant or ceased to be.
     pub(super) turned: Vec<ModuleId>,
-    /// After a start, until then discovery may not have found everybody.
+    /// After a start or a reload, until then discovery may not have found everybody.
     pub(super) searching_until: Option<Timestamp>,
 }
 
@@ -108,8 +108,8 @@ pub(super) struct Told {
 }
 
 impl Watch {
-    fn found(&mut self, now: Timestamp) {
-        if self.monitor.found(now) {
+    fn found(&mut self, slot: usize, now: Timestamp) {
+        if self.monitor.found(slot, now) {
             self.due = None;
         }
     }
@@ -197,7 +197,7 @@ impl Watching {
                 },
             };
             let watch = &mut self.watches[reader.watch as usize];
-            watch.found(now);
+            watch.found(reader.slot as usize, now);
             watch.monitor.take(reader.slot as usize, taken, now);
             watch.pending = true;
             if judge.last() != Some(&reader.watch) {
@@ -214,9 +214,9 @@ impl Watching {
         topic.news = Some(News { publishers: news.publishers, other_type: news.other_type.clone() });
         judge.extend(topic.readers.iter().map(|reader| reader.watch));
         judge.dedup();
-        for &watch in &*judge {
-            let watch = &mut self.watches[watch as usize];
-            watch.found(now);
+        for reader in &topic.readers {
+            let watch = &mut self.watches[reader.watch as usize];
+            watch.found(reader.slot as usize, now);
             watch.pending = true;
         }
         Some(())
@@ -270,7 +270,7 @@ impl Watching {
                 let value = match text {
                     Some(text) if reader.as_text => FieldValue::Text(text.into()),
                     Some(text) => parse(text),
-                    None => FieldValue::Unreadable("the status has no such key".into()),
+                    None => FieldValue::Unreadable(NO_SUCH_KEY.into()),
                 };
                 taken.push((reader.watch, reader.slot, value));
             }
@@ -301,9 +301,12 @@ impl Watching {
         let watch = &mut self.watches[index as usize];
         watch.running = relevant;
         watch.monitor.set_relevant(relevant, now);
-        let heard = watch.topics.iter().any(|id| self.topics[id.0 as usize].news.is_some());
-        if let Some(until) = self.searching_until.filter(|_| relevant && !heard) {
+        let heard = |id: &TopicId| self.topics[id.0 as usize].news.is_some();
+        if let Some(until) = self.searching_until.filter(|_| relevant && !watch.topics.iter().all(heard)) {
             watch.monitor.search(until);
+            for (slot, _) in watch.topics.iter().enumerate().filter(|(_, id)| heard(id)) {
+                watch.monitor.found(slot, now);
+            }
         }
         if watch.by_the_clock {
             // What was measured before is of no meaning now.
@@ -373,16 +376,28 @@ impl Watching {
     fn say(&self, blind: Option<Blind>, beside: bool, words: Words) -> Words {
         let Some(blind) = blind else { return words };
         let message = match blind {
-            Blind::NoPublisher(id) => format!("nobody publishes {}", self.topics[id.0 as usize].spec.topic),
+            Blind::NoPublisher(id) => say!(
+                "nobody publishes {topic}",
+                "niemand veröffentlicht {topic}",
+                topic = &*self.topics[id.0 as usize].spec.topic
+            ),
             Blind::WrongType(id) => {
                 let topic = &self.topics[id.0 as usize];
                 let other = topic.news.as_ref().and_then(|news| news.other_type.as_deref()).unwrap_or("?");
                 let TopicSpec { topic, type_name, .. } = &*topic.spec;
-                format!("{topic} has type {other}, configuration says {type_name}")
+                say!(
+                    "{topic} has type {other}, configuration says {wanted}",
+                    "{topic} hat den Typ {other}, laut Konfiguration {wanted}",
+                    topic = &**topic,
+                    other = other,
+                    wanted = &**type_name
+                )
             }
         };
         if beside {
-            Words { message: format!("{}; {message}", words.message), ..words }
+            let message =
+                say!("{said}; {message}", "{said}; {message}", said = words.message, message = message);
+            Words { message, values: words.values }
         } else {
             Words { message, values: Vec::new() }
         }

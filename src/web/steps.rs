@@ -66,7 +66,7 @@ words! {
     no_sight: "Something is unknown", "Etwas ist unbekannt";
     take_over_ready: "Be ready to take over.", "Bereit sein zu übernehmen.";
 
-    because_of: "because of", "Ursache:";
+    because_of: "Cause:", "Ursache:";
     asked_by_operator: "asked for by the operator", "von der Fahrbegleitung angefordert";
     asked: "Sent to the vehicle", "An das Fahrzeug gesendet";
     engaged: "Confirmed by the vehicle", "Vom Fahrzeug bestätigt";
@@ -151,9 +151,9 @@ impl Lang {
     /// `, 3 report errors themselves`: what hides behind a root cause.
     pub fn with_errors(self, count: usize) -> String {
         match (self, count) {
-            (Lang::En, 1) => ", 1 error behind it".to_owned(),
-            (Lang::En, _) => format!(", {count} errors behind it"),
-            (Lang::De, _) => format!(", {count} Fehler dahinter"),
+            (Lang::En, 1) => ", 1\u{a0}error behind it".to_owned(),
+            (Lang::En, _) => format!(", {count}\u{a0}errors behind it"),
+            (Lang::De, _) => format!(", {count}\u{a0}Fehler dahinter"),
         }
     }
 
