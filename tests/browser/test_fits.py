@@ -8,6 +8,16 @@ from vehicle import OPERATOR, Client, until
 
 CUT = """() => [...document.querySelectorAll("#countermeasure p *, #countermeasure p, .cause .title, .cause .help, .top .vehicle")]
   .filter(it => it.scrollWidth > it.clientWidth + 1 && getComputedStyle(it).display !== "inline").map(it => it.textContent)"""
+# What a screen reader may come to say, in closed sheets too.
+SAID = """() => {
+  const shown = it => { for (; it; it = it.parentElement) {
+    if (it.hidden || (getComputedStyle(it).display === "none" && !it.popover)) return false; } return true; };
+  const texts = [];
+  const walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walk.nextNode()) if (walk.currentNode.data.trim() && shown(walk.currentNode.parentElement)) texts.push(walk.currentNode.data.trim());
+  for (const it of document.querySelectorAll("[aria-label]")) texts.push(it.getAttribute("aria-label"));
+  return texts;
+}"""
 # Cells of the log in which one word takes more than one line.
 BROKEN = """() => [...document.querySelectorAll(".log td")].filter(it => !/[ /-]/.test(it.innerText.trim())
   && it.getClientRects()[0].height > 2.2 * parseFloat(getComputedStyle(it).lineHeight)).map(it => it.innerText)"""
@@ -41,6 +51,18 @@ def test_on_a_phone_nothing_is_cut_and_what_to_do_is_in_sight(server, vehicle, g
     help, bar, title = box("#causes .help"), box("#actions"), box("#countermeasure strong")
     assert help["y"] + help["height"] <= bar["y"], (help, bar)
     assert title["width"] > 200 and box("#countermeasure")["height"] < 200
+
+
+def test_after_a_switch_of_the_language_nothing_keeps_the_old_one(server, vehicle, german, trouble):
+    page, _ = german
+    page.goto(server.url + "/")
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+    page.locator("[data-tool=language]").tap()
+    expect(page.locator("#top .stage")).to_have_text("Localizing")
+    said = page.evaluate(SAID)
+    words = ("Schließen", "Störung", "Anzeige", "Prüfung", "Wo steht", "Fahrbegleitung", "Sensoren", "Okay von", "seit")
+    kept = [text for text in said if any(word in text for word in words)]
+    assert len(said) > 50 and not kept, kept
 
 
 def test_the_audit_log_breaks_no_word_and_speaks_german(server, german, trouble):
