@@ -173,8 +173,7 @@ pub async fn reload(
         }
         Speaks::Html => {
             let (visit, offer) = (&visit, Some(is_other));
-            let page =
-                view::configuration_page(&visit.published, &read, offer, &visit.context, &visit.asked);
+            let page = view::configuration_page(&visit.published, &read, offer, &visit.context, &visit.asked);
             (status, Html(page)).into_response()
         }
     }
