@@ -119,6 +119,7 @@ fn word(written: &str, lang: Lang) -> &str {
         "omitted" => "ausgelassen",
         "pruned" => "Älteste entfernt",
         "chain broken" => "Kette beschädigt",
+        "head missing" => "Kettenende fehlt",
         other => other,
     }
 }
