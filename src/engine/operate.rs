@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use super::Engine;
 use super::input::{AlarmRef, OperatorAction, Place, Refusal, Response};
-use super::measures;
+use super::measures::Known;
 use super::model::{ModuleId, NodeId, Stage, StageModel};
 use super::node::Facts;
+use super::roots;
 use super::snapshot::MapPose;
 use super::state::State;
 use super::vehicle::Event;
@@ -53,7 +54,7 @@ impl Engine {
             OperatorAction::RequestStop => {
                 self.need_operator()?;
                 if self.vehicle.stage != Stage::Active {
-                    return Err(vec![Refusal::WrongStage(self.vehicle.stage)]);
+                    return Err(vec![Refusal::NotDriving]);
                 }
                 self.measures.request_stop(self.now);
                 Ok(())
@@ -134,8 +135,12 @@ impl Engine {
             }
             AlarmRef::Number(number) => {
                 let node = self.alarms.node(*number).ok_or(Refusal::NoSuchAlarm(*number))?;
+                // What is asked for today is not released by what was yesterday.
+                let latest = self.alarms.latest(*number);
                 self.alarms.acknowledge(|alarm| alarm.id == *number, self.now, &mut self.events);
-                self.measures.acknowledge(node);
+                if let Some(alarm) = &latest {
+                    self.measures.acknowledge(Known { node, alarm: Some(alarm) });
+                }
                 self.views.set_alarms(self.alarms.list());
                 return Ok(());
             }
@@ -145,7 +150,7 @@ impl Engine {
             }
         };
         let alarmed = self.alarms.acknowledge(|alarm| alarm.node == node, self.now, &mut self.events);
-        let held = self.measures.acknowledge(node);
+        let held = self.measures.acknowledge(Known { node, alarm: None });
         let warned: Vec<ModuleId> =
             self.warnings.open().filter(|&id| self.around(NodeId::Module(id)).any(|it| it == node)).collect();
         let known = matches!(node, NodeId::Module(id) if self.warnings.is_accepted(id));
@@ -229,7 +234,7 @@ impl Engine {
     pub(super) fn follow_measures(&mut self) {
         let (net, views) = (&self.net, &self.views);
         let masked_by = |node| views.masked_by(node);
-        let causes = |node| measures::roots(net, &masked_by, node);
+        let causes = |node| roots::roots(net, &masked_by, node);
         self.measures.follow(&self.model, net, self.vehicle.stage, self.now, causes);
     }
 }

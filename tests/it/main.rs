@@ -5,6 +5,7 @@ mod dds;
 mod driving;
 mod evaluation;
 mod fields;
+mod held;
 mod hostile;
 mod peer;
 mod properties;
