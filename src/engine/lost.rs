@@ -7,20 +7,22 @@ use super::overflow;
 use super::system::SystemCheck;
 
 impl Engine {
-    /// Makes a discovered module again, where the filters would make it and there is room for it.
-    pub(super) fn rediscover(&mut self, name: &str) -> Option<NodeId> {
+    /// Makes a discovered module again, where the filters would make it and there is room for it. A
+    /// status that feeds several groups makes those of the others too.
+    pub(super) fn rediscover(&mut self, name: &str) {
         let inside = |path: &str| name.strip_prefix(path)?.strip_prefix('/').map(str::to_owned);
         let paths = self.views.paths().filter_map(|(group, path)| Some((group, inside(path)?)));
         let mut candidates: Vec<(GroupId, String)> = paths.collect();
         candidates.sort_by_key(|(_, status)| status.len());
         let other = self.net.other_group();
-        let (_, status) = candidates.into_iter().find(|(group, status)| {
+        let found = candidates.into_iter().find(|(group, status)| {
             status != overflow::MODULE
                 && self.names.find(status).is_none()
                 && self.names.claim(&self.model, status, other).groups.contains(group)
-        })?;
-        self.discover(&status);
-        self.views.module(name).map(NodeId::Module)
+        });
+        if let Some((_, status)) = found {
+            self.discover(&status);
+        }
     }
 
     /// Who stands for a node that is gone: the closest group around it that is there, or else the node

@@ -1,6 +1,6 @@
 //! Going on after a restart, and beginning in the middle (`SAFETY.md` R6).
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use super::Engine;
@@ -198,18 +198,13 @@ impl Engine {
 
     /// All nodes by name, with the discovered ones that something was decided of.
     fn find_again(&mut self, restored: &Restored) -> HashMap<Box<str>, NodeId> {
-        let mut nodes: HashMap<Box<str>, NodeId> =
-            self.views.nodes().map(|(node, name)| (name.into(), node)).collect();
+        let known: HashSet<Box<str>> = self.views.nodes().map(|(_, name)| name.into()).collect();
         let causes = restored.countermeasures.iter().flat_map(|it| &it.causes).map(|(name, _)| name);
         let alarms = restored.alarms.iter().map(|alarm| &alarm.node);
-        for name in causes.chain(alarms).chain(&restored.accepted) {
-            if !nodes.contains_key(name)
-                && let Some(node) = self.rediscover(name)
-            {
-                nodes.insert(name.clone(), node);
-            }
+        for name in causes.chain(alarms).chain(&restored.accepted).filter(|&name| !known.contains(name)) {
+            self.rediscover(name);
         }
-        nodes
+        self.views.nodes().map(|(node, name)| (name.into(), node)).collect()
     }
 
     /// Enters a stage at once with what it implies: an operator, a pose, a goal and what the Mission
