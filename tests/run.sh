@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Runs every test: unit, property, scenario, router, DDS with a foreign peer, a real browser.
+# Runs every test: unit, property, scenario, router, DDS with foreign peers, a real browser.
 #
-#   tests/run.sh             needs Rust, a C compiler, python3 with venv, and Chromium
+#   tests/run.sh             needs Rust, a C and a C++ compiler, Fast DDS, python3 with venv, and Chromium
 #   tests/run.sh screenshot  makes docs/screenshot.png anew instead
 #   tests/run.sh screens     makes docs/screens/ anew instead
 #
@@ -29,10 +29,15 @@ find_chromium() {
 
 has_venv() { python3 -c 'import ensurepip, venv' 2>/dev/null; }
 
+has_header() { echo "#include <$1>" | g++ -E -x c++ - >/dev/null 2>&1; }
+
 install_debian_packages() {
     local packages=()
     [ -n "$(find_chromium)" ] || packages+=(chromium)
     has_venv || packages+=(python3 python3-venv)
+    command -v g++ >/dev/null || packages+=(g++)
+    has_header fastdds/dds/domain/DomainParticipant.hpp || packages+=(libfastrtps-dev)
+    has_header fastcdr/Cdr.h || packages+=(libfastcdr-dev)
     [ ${#packages[@]} -gt 0 ] || return 0
     if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
         say "installing ${packages[*]}"
@@ -56,6 +61,19 @@ prepare_python() {
             "$venv/bin/pip" install -q --disable-pip-version-check --require-hashes --only-binary :all: \
                 -r tests/requirements.txt &&
             touch "$venv/complete" || die "the python packages could not be installed"
+    fi
+}
+
+# One library for each source, with all that it includes.
+prepare_fastdds() {
+    local source=tests/dds/fastdds.cpp flags=(-std=c++17 -O1 -Wall -Wextra -shared -fPIC) key
+    key=$({ g++ -dumpfullversion; echo "${flags[@]}"; g++ "${flags[@]}" -E "$source"; } | sha256sum | cut -c1-16)
+    fastdds=$work/fastdds-$key.so
+    if [ ! -e "$fastdds" ]; then
+        say "building ${fastdds#"$root"/}"
+        rm -f "$work"/fastdds-*
+        g++ "${flags[@]}" "$source" -o "$fastdds.part" -lfastrtps -lfastcdr &&
+            mv "$fastdds.part" "$fastdds" || die "$source does not build"
     fi
 }
 
@@ -92,9 +110,9 @@ scenarios() {
     count scenarios "$good" "$bad"
 }
 
-# The real program, a foreign DDS peer, a real browser. Skipped tests count as failed.
+# The real program, foreign DDS peers, a real browser. Skipped tests count as failed.
 browser_tests() {
-    say "the whole program: foreign DDS peer, real browser"
+    say "the whole program: foreign DDS peers, real browser"
     local report=$work/pytest.xml sums=(0 0) code
     rm -f "$report"
     "$TELLTALE_PEER_PYTHON" -m pytest -p no:cacheprovider -q --tb=short --junit-xml="$report" tests/browser
@@ -119,9 +137,11 @@ command -v cargo >/dev/null || die "missing: cargo. Install Rust from https://ru
 command -v cc >/dev/null || die "missing: a C compiler. Install with: sudo apt-get install gcc libc6-dev"
 install_debian_packages
 prepare_python
+prepare_fastdds
 
 export PYTHONDONTWRITEBYTECODE=1
 export TELLTALE_PEER_PYTHON=$venv/bin/python
+export TELLTALE_PEER_FASTDDS=$fastdds
 export TELLTALE=$root/target/debug/telltale
 CHROMIUM=$(find_chromium)
 export CHROMIUM

@@ -167,8 +167,14 @@ fn group_text(out: &mut String, model: &Model, id: GroupId, depth: usize) {
     for module in model.modules.iter().filter(|module| module.group == id) {
         let monitor = words::monitor(model, &module.monitor);
         let name = module.name.as_ref().map_or(String::new(), |name| format!(" \"{}\"", name.en));
-        let policy = words::policy(&module.policy);
-        let _ = writeln!(out, "{pad}  - {}{name}: {monitor}, {policy}", module.id);
+        // What is judged by the clock never falls silent.
+        let policy = if module.monitor.by_the_clock() {
+            words::policy_when_heard(&module.policy).collect()
+        } else {
+            vec![words::policy(&module.policy)]
+        };
+        let facts = std::iter::once(monitor).chain(policy).collect::<Vec<_>>().join(", ");
+        let _ = writeln!(out, "{pad}  - {}{name}: {facts}", module.id);
         conditions(out, model, &format!("{pad}    "), &module.depends_on, module.when.as_ref());
     }
     let inside = model.groups.iter().enumerate().filter(|(_, inner)| inner.parent == Some(id));

@@ -18,9 +18,11 @@ use crate::sim::shuttle::{Departure, Fault};
 ///
 /// It stands at the first stop, waits to be told where it is and to be cleared, and does what
 /// countermeasures ask for. With `--drive` it knows where it is and leaves every stop by itself.
+/// Its nodes show in `ros2 node list`: where nodes of Humble or older may join later, set
+/// `ROS_DISTRO`, or they fail on announcements of another size.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Faults: sensor_outage, localization_jump, costmap_delay, planner_stall, can_loss, low_battery\n\n\
+    after_help = "Faults: sensor_outage, localization_jump, costmap_delay, planner_stall, can_loss, low_battery,\n  camera_crash\n\n\
     Example:\n  telltale sim --config config/shuttle.yaml --interface loopback --domain 7 --drive --fault sensor_outage@40..50"
 )]
 pub struct Args {

@@ -10,6 +10,8 @@ use tokio::time::{Interval, MissedTickBehavior};
 
 use crate::clock::{self, Clock};
 use crate::config::Loaded;
+use crate::engine::time::{Span, Timestamp};
+use crate::ros::messages::GidSize;
 use crate::ros::{BridgeError, BridgeOptions, Publisher};
 use crate::sim::shuttle::{Departure, Fault, STEP, Sent, Shuttle};
 use orders::Orders;
@@ -24,12 +26,19 @@ pub const SWITCHES: usize = 64;
 /// How often the publisher is asked whether it still works.
 const LOOK: Duration = Duration::from_millis(500);
 
+/// Who is there already has told by then how long a gid is. If nobody has, it is as long as in the
+/// distributions of today.
+const ASKING: Span = Span::from_secs(3);
+
 /// The shuttle with DDS participants of its own: one to publish, one to listen.
 pub struct Vehicle {
     shuttle: Shuttle,
     publisher: Publisher,
     orders: Orders,
     wire: Wire,
+    /// Its nodes, as they were announced last.
+    announced: Vec<&'static str>,
+    opened: Timestamp,
     options: BridgeOptions,
     clock: Clock,
 }
@@ -46,8 +55,10 @@ impl Vehicle {
         let wire = Wire::of(&loaded.model);
         let publisher = publisher(options, &wire).await?;
         let orders = Orders::listen(options, &loaded.publishing, clock).await?;
-        let shuttle = Shuttle::new(SEED, clock.now(), &loaded.model.driving.stops, departure);
-        Ok(Vehicle { shuttle, publisher, orders, wire, options: options.clone(), clock })
+        let opened = clock.now();
+        let shuttle = Shuttle::new(SEED, opened, &loaded.model.driving.stops, departure);
+        let (announced, options) = (Vec::new(), options.clone());
+        Ok(Vehicle { shuttle, publisher, orders, wire, announced, opened, options, clock })
     }
 
     /// Drives, obeys and takes faults until their sender is gone, then leaves DDS.
@@ -65,6 +76,7 @@ impl Vehicle {
                     for sent in self.shuttle.advance(self.clock.now()) {
                         self.publish(&sent).await;
                     }
+                    self.announce().await;
                 }
                 _ = looks.tick() => self.reopen_if_stopped().await,
             }
@@ -82,13 +94,30 @@ impl Vehicle {
         }
     }
 
+    /// Says which nodes there are, if that is news.
+    async fn announce(&mut self) {
+        let nodes = self.shuttle.nodes();
+        if nodes == self.announced {
+            return;
+        }
+        let alone = self.clock.now() >= self.opened + ASKING;
+        let Some(size) = self.orders.gid_size().or(alone.then_some(GidSize::Bytes16)) else { return };
+        if let Err(error) = self.publisher.announce(&nodes, size).await {
+            tracing::debug!("the simulated shuttle: {error}");
+        }
+        self.announced = nodes;
+    }
+
     /// Whoever puts the demo to sleep with Ctrl-Z finds it awake again.
     async fn reopen_if_stopped(&mut self) {
         if !self.publisher.has_stopped() {
             return;
         }
         match publisher(&self.options, &self.wire).await {
-            Ok(publisher) => std::mem::replace(&mut self.publisher, publisher).shutdown().await,
+            Ok(publisher) => {
+                self.announced.clear();
+                std::mem::replace(&mut self.publisher, publisher).shutdown().await;
+            }
             Err(error) => tracing::warn!("the simulated shuttle cannot publish: {error}"),
         }
     }

@@ -11,7 +11,7 @@ use crate::yaml::decode::{Entries, did_you_mean};
 use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Spanned, suggest};
 
 /// The kinds of monitor (`ENGINE.md` 7).
-const KINDS: [&str; 10] = [
+pub(super) const KINDS: [&str; 10] = [
     "self_state",
     "frequency",
     "latency",

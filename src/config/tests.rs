@@ -8,6 +8,7 @@ mod schema;
 mod soundness;
 mod watching;
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use super::*;
@@ -121,6 +122,10 @@ fn the_shuttle_is_valid() {
     for module in &loaded.model.modules {
         assert!(module.name.is_some() && module.help.is_some(), "{} needs words for the operator", module.id);
     }
+    // It is the example of what can be diagnosed: every kind is in it.
+    let kinds: BTreeSet<_> =
+        loaded.model.modules.iter().map(|it| format!("{:?}", std::mem::discriminant(&it.monitor))).collect();
+    assert_eq!(kinds.len(), raw_monitor::KINDS.len());
 }
 
 #[test]

@@ -28,19 +28,17 @@ pub fn signal(signal: &SignalSpec) -> String {
 
 /// `unknown after 2s of silence, worse after 200ms`
 pub fn policy(policy: &Policy) -> String {
-    let mut text = format!("{} after {} of silence", policy.stale, span(policy.timeout));
-    for (what, after) in [("worse", policy.raise_after), ("better", policy.clear_after)] {
-        if !after.is_zero() {
-            let _ = write!(text, ", {what} after {}", span(after));
-        }
-    }
-    if policy.no_publisher == State::Error {
-        text.push_str(", error without a publisher");
-    }
-    if let Some(latch) = policy.latch {
-        let _ = write!(text, ", an error of {} stays until reset", span(latch));
-    }
-    text
+    let silence = format!("{} after {} of silence", policy.stale, span(policy.timeout));
+    std::iter::once(silence).chain(policy_when_heard(policy)).collect::<Vec<_>>().join(", ")
+}
+
+/// The same of what cannot fall silent.
+pub fn policy_when_heard(policy: &Policy) -> impl Iterator<Item = String> {
+    let after = |what: &str, after: Span| (!after.is_zero()).then(|| format!("{what} after {}", span(after)));
+    let publisher = (policy.no_publisher == State::Error).then(|| "error without a publisher".to_owned());
+    let latch = policy.latch.map(|latch| format!("an error of {} stays until reset", span(latch)));
+    let delays = [after("worse", policy.raise_after), after("better", policy.clear_after)];
+    delays.into_iter().chain([publisher, latch]).flatten()
 }
 
 /// `decelerate by 1 m/s² when planning or execution is error in active, confirmed by braking within 1s`

@@ -55,7 +55,7 @@ impl Measures {
             ConfirmedBy::Signal(index) => signals.value(*index) == Some(true),
             ConfirmedBy::Status(name) => is_ok(net, names, name),
         };
-        let mut next: Option<Timestamp> = None;
+        let mut next: Option<Timestamp> = self.arrives;
         let mut waited_for = Vec::new();
         for kind in Kind::ALL {
             let slot = kind as usize;
@@ -191,7 +191,7 @@ impl Measures {
 
     /// Takes over since when requests are made, and what cannot be sent.
     pub(super) fn keep(&mut self, old: &Measures) {
-        self.asked = old.asked;
+        (self.asked, self.arrives) = (old.asked, old.arrives);
         self.unsent.clone_from(&old.unsent);
     }
 }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::Engine;
+use super::drive::ARRIVAL;
 use super::event::What;
 use super::input::{Output, OutputNews, Refusal};
 use super::model::{NodeId, Stage, StageModel};
@@ -17,6 +18,7 @@ use super::vehicle::Event;
 pub(super) struct Told {
     /// `None` while somebody says whether the vehicle drives, or need not.
     active_unknown: Option<State>,
+    contradicts_itself: bool,
     measures: Option<String>,
     outputs: Option<String>,
 }
@@ -63,9 +65,10 @@ impl Engine {
         self.net.mark_conditions(self.vehicle.stage);
     }
 
-    /// The operator's stop is over, and the goal is used up: the next drive needs its own.
+    /// The goal is used up: the next drive needs its own. What is asked of the vehicle stays until it is
+    /// certain that the drive is over.
     fn arrived(&mut self) {
-        self.measures.release_stop();
+        self.measures.arrive(self.now + ARRIVAL);
         let Some(goal) = self.goal_signal else { return };
         if self.signals.forget(goal) {
             self.events.push(self.now, What::Signal { index: goal, value: self.signals.value(goal) });
@@ -132,6 +135,7 @@ impl Engine {
             return;
         }
         self.vehicle.localization.done = true;
+        self.vehicle.localization.owed = false;
         self.led = true;
         self.step(Event::Localized);
     }
@@ -143,6 +147,7 @@ impl Engine {
         let told = Told {
             active_unknown: (shuttle && self.vehicle.stage == Stage::Active && known.is_none())
                 .then_some(if self.now < self.active_by { State::Unknown } else { State::Error }),
+            contradicts_itself: self.signals.drive.is_doubted(self.now),
             measures: self.measures.trouble(&self.model),
             outputs: unsent(&self.measures.unsent()),
         };
@@ -150,6 +155,9 @@ impl Engine {
             return;
         }
         let (state, words) = match told.active_unknown {
+            _ if told.contradicts_itself => {
+                (State::Error, "says in turn that the vehicle drives and that it does not")
+            }
             Some(state) => (state, "nothing says whether the vehicle drives"),
             None => (State::Ok, ""),
         };

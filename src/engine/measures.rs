@@ -3,7 +3,7 @@
 //! What a rule asked for is held by itself: until its own cause is gone and acknowledged. The
 //! strongest of all that are held wins, so nothing falls back while its cause is there.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::Arc;
 
 use super::confirm::{Asked, Heard};
@@ -12,12 +12,10 @@ use super::input::{Output, OutputNews};
 use super::model::{Model, NodeId, Stage};
 use super::net::{Change, Net};
 use super::node::Facts;
+use super::roots::CAUSES_MAX;
 use super::snapshot::{Alarm, Countermeasure, MeasureCause};
 use super::state::State;
 use super::time::Timestamp;
-
-/// Causes that are named for one countermeasure.
-pub(super) const CAUSES_MAX: usize = 64;
 
 /// One reason for a request.
 #[derive(Debug, Clone, PartialEq)]
@@ -77,16 +75,35 @@ impl Held {
     fn explain(&mut self, about: NodeId, net: &Net, causes: &impl Fn(NodeId) -> Vec<NodeId>) {
         let before = std::mem::take(&mut self.causes);
         let known = |node| before.iter().any(|it| it.node == node && it.acknowledged);
+        let named = |node| {
+            let mut named = causes(node);
+            if named.len() > CAUSES_MAX {
+                named.truncate(CAUSES_MAX - 1);
+                named.push(about);
+            }
+            named
+        };
         let now = |node| Cause { node, acknowledged: known(node), present: true };
-        self.causes = causes(about).into_iter().map(now).collect();
-        for cause in before.iter().filter(|cause| !cause.acknowledged) {
-            if cause.present && net.node(cause.node).facts.masked {
-                causes(cause.node).into_iter().for_each(|node| self.add(now(node)));
-            } else {
-                self.add(Cause { present: fails(&net.node(cause.node).facts, State::Warning), ..*cause });
+        self.causes = named(about).into_iter().map(now).collect();
+        let mut past: Vec<NodeId> = Vec::new();
+        for Cause { node, present, .. } in before.iter().filter(|cause| !cause.acknowledged) {
+            match net.node(*node).facts.masked && *present {
+                true => past.extend(named(*node).into_iter().filter(|&node| !known(node))),
+                false => past.push(*node),
             }
         }
-        self.cut(about);
+        let mut seen: HashSet<NodeId> = self.causes.iter().map(|cause| cause.node).collect();
+        past.retain(|&node| seen.insert(node));
+        if past.len() > CAUSES_MAX {
+            past.retain(|&node| node != about);
+            past.truncate(CAUSES_MAX - 1);
+            past.insert(0, about);
+        }
+        for node in past {
+            let facts = &net.node(node).facts;
+            let present = !facts.masked && fails(facts, State::Warning);
+            self.add(Cause { node, acknowledged: false, present });
+        }
     }
 
     fn add(&mut self, cause: Cause) {
@@ -133,6 +150,8 @@ pub(super) struct Measures {
     /// Nodes with rules that changed.
     dirty: BTreeSet<NodeId>,
     pub(super) held: Vec<Held>,
+    /// The drive has ended, if it has not begun again by then: until then nothing is let go.
+    pub(super) arrives: Option<Timestamp>,
     pub(super) asked: [Option<Asked>; 3],
     /// What the vehicle said last, by each confirmation that is waited for.
     pub(super) heard: Vec<Heard>,
@@ -175,6 +194,11 @@ impl Measures {
         now: Timestamp,
         causes: impl Fn(NodeId) -> Vec<NodeId>,
     ) {
+        if stage == Stage::Active {
+            self.arrives = None;
+        } else if self.arrives.take_if(|at| *at <= now).is_some() {
+            self.release_stop();
+        }
         for node in std::mem::take(&mut self.dirty) {
             for &index in &self.rules[&node] {
                 let rule = &model.driving.countermeasures[index];
@@ -203,7 +227,18 @@ impl Measures {
                 By::Operator => {}
             }
         }
-        self.held.retain(|held| !held.is_over());
+        self.let_go();
+    }
+
+    /// The drive has ended, as far as is known before `certain`.
+    pub(super) fn arrive(&mut self, certain: Timestamp) {
+        self.arrives = Some(certain).filter(|_| !self.held.is_empty());
+    }
+
+    fn let_go(&mut self) {
+        if self.arrives.is_none() {
+            self.held.retain(|held| !held.is_over());
+        }
     }
 
     /// Holds a stop that the operator asked for. Twice is once.
@@ -226,7 +261,7 @@ impl Measures {
     pub(super) fn acknowledge(&mut self, known: Known<'_>) -> bool {
         let mut found = false;
         self.held.iter_mut().for_each(|held| found |= held.acknowledge(known));
-        self.held.retain(|held| !held.is_over());
+        self.let_go();
         found
     }
 

@@ -9,6 +9,7 @@ mod causes;
 mod confirm;
 pub mod countermeasure;
 pub mod discovery;
+mod drive;
 pub mod event;
 pub mod filter;
 pub mod graph;
@@ -297,32 +298,6 @@ impl Engine {
             route = Some(self.names.discovered(name, module));
         }
         route
-    }
-
-    fn take_signal(&mut self, name: &str, value: bool) {
-        let Some(index) = self.signals.index(name) else {
-            self.counters.unknown_signals += 1;
-            return;
-        };
-        let changed = self.signals.take(index, value, self.now);
-        self.signal_changed(index, changed);
-    }
-
-    fn signal_changed(&mut self, index: usize, changed: bool) {
-        if let Some(due) = self.signals.due(index).filter(|&due| due > self.now) {
-            self.timers.arm(TimerKey::Signal(index as u32), due);
-        }
-        if !changed {
-            return;
-        }
-        let value = self.signals.value(index);
-        self.events.push(self.now, What::Signal { index, value });
-        if Some(index) == self.active_signal {
-            self.take_active(value);
-        }
-        self.led = true;
-        self.net.mark_conditions(self.vehicle.stage);
-        self.views.set_signals(&self.signals);
     }
 
     fn take_trouble(&mut self, trouble: &ReceptionTrouble) {

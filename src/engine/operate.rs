@@ -200,7 +200,8 @@ impl Engine {
         if vehicle.stage != Stage::Standby {
             reasons.push(Refusal::WrongStage(vehicle.stage));
         }
-        if vehicle.localization.given.is_some() && !vehicle.localization.done {
+        let waits = vehicle.localization.given.is_some() || vehicle.localization.owed;
+        if waits && !vehicle.localization.done {
             reasons.push(Refusal::NotLocalized);
         }
         if !self.has_goal() {

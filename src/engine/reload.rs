@@ -8,6 +8,7 @@ use super::event::What;
 use super::measures::{By, Cause, Held};
 use super::model::{Model, ModuleId, NodeId};
 use super::node::ModuleKind;
+use super::resume::DISCOVERY;
 use super::snapshot::Reason;
 use super::time::Timestamp;
 use super::timers::TimerKey;
@@ -31,6 +32,8 @@ impl Engine {
         next.active_by = self.active_by;
         next.timers.arm(TimerKey::Active, next.active_by);
         next.take_signals(self);
+        // Topics that are new to the bridge have to be discovered, as after a start.
+        next.search_until((self.now + DISCOVERY).max(self.watching.searching_until.unwrap_or(self.now)));
         next.take_modules(self);
         if let Some(due) = next.reception.due() {
             next.timers.arm(TimerKey::Reception, due);
@@ -52,7 +55,7 @@ impl Engine {
                 old.model.signals.iter().position(|it| it.name == spec.name && it.source == spec.source);
             let Some(before) = before else { continue };
             self.signals.copy(index, &old.signals, before, self.now);
-            if let Some(due) = self.signals.due(index).filter(|&due| due > self.now) {
+            if let Some(due) = self.signals.due(index, self.now) {
                 self.timers.arm(TimerKey::Signal(index as u32), due);
             }
         }

@@ -14,7 +14,7 @@ use super::time::{Span, Timestamp};
 use super::timers::TimerKey;
 use super::vehicle::Event;
 
-/// After a start, what DDS discovery may take to find those who publish.
+/// After a start or a reload, what DDS discovery may take to find those who publish.
 pub(super) const DISCOVERY: Span = Span::from_secs(3);
 
 /// What outlives the program: everything that an operator decided or has to decide. The states of
@@ -80,9 +80,10 @@ impl Snapshot {
             acknowledged: alarm.acknowledged,
             active: alarm.active,
         };
-        let Localization { number, pose, given, .. } = self.localization;
+        let Localization { number, pose, given, owed, .. } = self.localization;
+        let to_localize = owed && self.stage == Stage::Standby;
         Restored {
-            stage: self.stage,
+            stage: if to_localize { Stage::Localizing } else { self.stage },
             operator: self.operator.as_deref().map(Box::from),
             posed: given.is_some(),
             pose: pose.map(|pose| (number, pose)),
@@ -116,11 +117,15 @@ impl Engine {
 
     /// What nobody was found for yet is silent because of us.
     fn await_publishers(&mut self) {
-        let until = self.now + DISCOVERY;
-        self.watching.searching_until = Some(until);
+        self.search_until(self.now + DISCOVERY);
         let timeout = self.active_signal.and_then(|index| self.model.signals[index].timeout);
         self.active_by = self.now + timeout.unwrap_or(DISCOVERY);
         self.timers.arm(TimerKey::Active, self.active_by);
+    }
+
+    /// Rates of topics of which nobody was found yet are not judged before one window after `until`.
+    pub(super) fn search_until(&mut self, until: Timestamp) {
+        self.watching.searching_until = Some(until);
         self.timers.arm(TimerKey::Searched, until);
     }
 
@@ -159,7 +164,8 @@ impl Engine {
         }
         let (number, pose) = restored.pose.map_or((0, None), |(number, pose)| (number, Some(pose)));
         let given = restored.posed.then_some(self.now).filter(|_| self.vehicle.stage == Stage::Localizing);
-        self.vehicle.localization = Localization { number, pose, given, ok_since: None, done: false };
+        self.vehicle.localization =
+            Localization { number, pose, given, ok_since: None, done: false, owed: false };
         let nodes = self.find_again(restored);
         let find = |name: &str| nodes.get(name).copied();
         for name in &restored.accepted {
@@ -215,6 +221,7 @@ impl Engine {
         }
         self.vehicle.operator = Some("operator".into());
         self.step(Event::Login);
+        self.vehicle.localization.done = true;
         let active = (self.active_signal, stage == Stage::Active);
         let goal = (self.goal_signal, matches!(stage, Stage::Cleared | Stage::Active));
         for (index, value) in [active, goal] {
@@ -224,15 +231,14 @@ impl Engine {
             }
         }
         let path = [(Stage::Standby, Event::Localized), (Stage::Cleared, Event::Clearance)];
-        self.vehicle.localization.done = true;
         for (_, event) in path.into_iter().filter(|(reached, _)| *reached <= stage && stage != Stage::Active)
         {
             self.step(event);
         }
-        self.vehicle.localization.done = false;
         if stage == Stage::Active {
             self.step(Event::ActiveTrue);
         }
+        self.vehicle.localization.done = false;
         self.settle();
     }
 }

@@ -1,9 +1,11 @@
-//! The root causes of a node, where a request is made because of it.
+//! Which nodes stand behind one that fails.
 
-use super::measures::CAUSES_MAX;
 use super::model::NodeId;
 use super::net::Net;
 use super::state::State;
+
+/// Causes that are named for one node.
+pub(super) const CAUSES_MAX: usize = 64;
 
 const ROOTS_MAX: usize = CAUSES_MAX + 1;
 

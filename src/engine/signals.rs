@@ -1,13 +1,21 @@
 //! The vehicle's signals: named booleans that conditions ask for (`ENGINE.md` 3).
 
-use super::model::SignalSpec;
+use super::Engine;
+use super::drive::Drive;
+use super::event::What;
+use super::model::{ACTIVE_SIGNAL, SignalSpec, Stage, StageModel};
 use super::time::Timestamp;
+use super::timers::TimerKey;
 
 /// The present values. A signal that was never received, or is older than its timeout, is unknown.
 #[derive(Debug)]
 pub(super) struct Signals {
     /// The built-in signal: the operator gave a pose.
     pub(super) posed: bool,
+    /// What its own contradictions make of the word that the vehicle drives.
+    pub(super) drive: Drive,
+    /// The signal that says so, where stages follow from it.
+    active: Option<usize>,
     specs: Vec<SignalSpec>,
     values: Vec<Value>,
 }
@@ -26,7 +34,13 @@ impl Signals {
             // An event that has not come is known to be absent.
             seen: spec.present_for.map(|_| false),
         };
-        Signals { posed: false, specs: specs.to_vec(), values: specs.iter().map(value).collect() }
+        Signals {
+            posed: false,
+            drive: Drive::default(),
+            active: specs.iter().position(|spec| &*spec.name == ACTIVE_SIGNAL),
+            specs: specs.to_vec(),
+            values: specs.iter().map(value).collect(),
+        }
     }
 
     pub(super) fn index(&self, name: &str) -> Option<usize> {
@@ -48,6 +62,9 @@ impl Signals {
     /// Takes over the last sample of another set's signal.
     pub(super) fn copy(&mut self, index: usize, other: &Signals, from: usize, now: Timestamp) {
         self.values[index].last = other.values[from].last;
+        if self.active == Some(index) {
+            self.drive = other.drive;
+        }
         self.refresh(index, now);
     }
 
@@ -65,6 +82,14 @@ impl Signals {
         self.values[index].seen.replace(false) != Some(false)
     }
 
+    /// Takes the word that the vehicle drives or not, of which one may contradict the other. `expected`:
+    /// it was cleared to drive. Returns whether what conditions see changed.
+    pub(super) fn take_active(&mut self, value: bool, expected: bool, now: Timestamp) -> bool {
+        let Some(index) = self.active else { return false };
+        self.drive.take(value, self.value(index) == Some(true), expected, now);
+        self.take(index, value, now)
+    }
+
     /// Takes a sample. Returns whether what conditions see changed.
     pub(super) fn take(&mut self, index: usize, value: bool, now: Timestamp) -> bool {
         self.values[index].last = Some((value, now));
@@ -78,15 +103,51 @@ impl Signals {
         let seen = match (spec.present_for, spec.timeout) {
             (Some(span), _) => Some(value && now < at + span),
             (None, Some(timeout)) if now >= at + timeout => None,
-            (None, _) => Some(value),
+            (None, _) => Some(value || (self.active == Some(index) && self.drive.holds(now))),
         };
         std::mem::replace(&mut self.values[index].seen, seen) != seen
     }
 
-    /// When time alone changes a signal next.
-    pub(super) fn due(&self, index: usize) -> Option<Timestamp> {
-        let (_, at) = self.values[index].last?;
+    /// When time alone changes a signal, or what is thought of it, next.
+    pub(super) fn due(&self, index: usize, now: Timestamp) -> Option<Timestamp> {
         let spec = &self.specs[index];
-        spec.present_for.or(spec.timeout).map(|span| at + span)
+        let over = self.values[index].last.and_then(|(_, at)| Some(at + spec.present_for.or(spec.timeout)?));
+        let believed = if self.active == Some(index) { self.drive.due(now) } else { None };
+        [over, believed].into_iter().flatten().filter(|&due| due > now).min()
+    }
+}
+
+impl Engine {
+    pub(super) fn take_signal(&mut self, name: &str, value: bool) {
+        let Some(index) = self.signals.index(name) else {
+            self.counters.unknown_signals += 1;
+            return;
+        };
+        let changed = match self.vehicle.model {
+            StageModel::Shuttle if Some(index) == self.active_signal => {
+                let cleared = self.vehicle.stage == Stage::Cleared;
+                self.signals.take_active(value, cleared, self.now)
+            }
+            _ => self.signals.take(index, value, self.now),
+        };
+        self.signal_changed(index, changed);
+    }
+
+    pub(super) fn signal_changed(&mut self, index: usize, changed: bool) {
+        if let Some(due) = self.signals.due(index, self.now) {
+            self.timers.arm(TimerKey::Signal(index as u32), due);
+        }
+        self.led |= Some(index) == self.active_signal;
+        if !changed {
+            return;
+        }
+        let value = self.signals.value(index);
+        self.events.push(self.now, What::Signal { index, value });
+        if Some(index) == self.active_signal {
+            self.take_active(value);
+        }
+        self.led = true;
+        self.net.mark_conditions(self.vehicle.stage);
+        self.views.set_signals(&self.signals);
     }
 }

@@ -349,6 +349,8 @@ pub struct Localization {
     pub ok_since: Option<Timestamp>,
     /// It was OK for long enough.
     pub done: bool,
+    /// The vehicle was said to drive before that: without it there is no clearance.
+    pub owed: bool,
 }
 
 /// Metres and degrees in the map's frame.

@@ -126,9 +126,12 @@ impl Vehicle {
         let mut rows = TRANSITIONS.iter();
         let taken = rows.find(|row| row.event == event && row.from.contains(&self.stage) && holds(row.guard));
         let Some(row) = taken else { return false };
+        if row.to == Active {
+            self.localization.owed |= self.stage == Localizing && !self.localization.done;
+        }
         if matches!(row.to, Locked | Localizing) {
             self.localization =
-                Localization { given: None, ok_since: None, done: false, ..self.localization };
+                Localization { given: None, ok_since: None, done: false, owed: false, ..self.localization };
         }
         self.stage = row.to;
         true
@@ -137,8 +140,14 @@ impl Vehicle {
     /// Takes a pose that the operator gave. It must be confirmed from now on.
     pub(super) fn localize(&mut self, pose: MapPose, now: Timestamp) {
         let number = self.localization.number + 1;
-        self.localization =
-            Localization { number, pose: Some(pose), given: Some(now), ok_since: None, done: false };
+        self.localization = Localization {
+            number,
+            pose: Some(pose),
+            given: Some(now),
+            ok_since: None,
+            done: false,
+            ..self.localization
+        };
     }
 
     /// The built-in signal: what comes after localizing has its pose.

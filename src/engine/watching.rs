@@ -29,7 +29,7 @@ pub(super) struct Watching {
     pub(super) judge: Vec<u32>,
     /// Modules that became relevant or ceased to be.
     pub(super) turned: Vec<ModuleId>,
-    /// After a start, until then discovery may not have found everybody.
+    /// After a start or a reload, until then discovery may not have found everybody.
     pub(super) searching_until: Option<Timestamp>,
 }
 
@@ -108,8 +108,8 @@ pub(super) struct Told {
 }
 
 impl Watch {
-    fn found(&mut self, now: Timestamp) {
-        if self.monitor.found(now) {
+    fn found(&mut self, slot: usize, now: Timestamp) {
+        if self.monitor.found(slot, now) {
             self.due = None;
         }
     }
@@ -197,7 +197,7 @@ impl Watching {
                 },
             };
             let watch = &mut self.watches[reader.watch as usize];
-            watch.found(now);
+            watch.found(reader.slot as usize, now);
             watch.monitor.take(reader.slot as usize, taken, now);
             watch.pending = true;
             if judge.last() != Some(&reader.watch) {
@@ -214,9 +214,9 @@ impl Watching {
         topic.news = Some(News { publishers: news.publishers, other_type: news.other_type.clone() });
         judge.extend(topic.readers.iter().map(|reader| reader.watch));
         judge.dedup();
-        for &watch in &*judge {
-            let watch = &mut self.watches[watch as usize];
-            watch.found(now);
+        for reader in &topic.readers {
+            let watch = &mut self.watches[reader.watch as usize];
+            watch.found(reader.slot as usize, now);
             watch.pending = true;
         }
         Some(())
@@ -305,9 +305,12 @@ impl Watching {
         let watch = &mut self.watches[index as usize];
         watch.running = relevant;
         watch.monitor.set_relevant(relevant, now);
-        let heard = watch.topics.iter().any(|id| self.topics[id.0 as usize].news.is_some());
-        if let Some(until) = self.searching_until.filter(|_| relevant && !heard) {
+        let heard = |id: &TopicId| self.topics[id.0 as usize].news.is_some();
+        if let Some(until) = self.searching_until.filter(|_| relevant && !watch.topics.iter().all(heard)) {
             watch.monitor.search(until);
+            for (slot, _) in watch.topics.iter().enumerate().filter(|(_, id)| heard(id)) {
+                watch.monitor.found(slot, now);
+            }
         }
         if watch.by_the_clock {
             // What was measured before is of no meaning now.

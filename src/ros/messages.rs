@@ -227,20 +227,34 @@ fn skip_participant_entities(reader: &mut Reader, gid_bytes: usize) -> Result<()
 
 /// The body of a `rmw_dds_common/ParticipantEntitiesInfo` that announces one node, which reads.
 pub fn encode_node(participant: [u8; 16], name: &str, readers: &[[u8; 16]], size: GidSize) -> Vec<u8> {
-    let mut writer = Writer::with_capacity(64 + readers.len() * size.bytes());
+    encode_entities(participant, &[(name, readers)], size)
+}
+
+/// The same of several nodes in one participant, of which it says the names alone.
+pub fn encode_nodes(participant: [u8; 16], names: &[&str], size: GidSize) -> Vec<u8> {
+    let nodes: Vec<(&str, &[[u8; 16]])> = names.iter().map(|name| (*name, &[][..])).collect();
+    encode_entities(participant, &nodes, size)
+}
+
+/// Names of nodes with their readers.
+fn encode_entities(participant: [u8; 16], nodes: &[(&str, &[[u8; 16]])], size: GidSize) -> Vec<u8> {
+    let readers: usize = nodes.iter().map(|(_, readers)| readers.len()).sum();
+    let mut writer = Writer::with_capacity(64 * (1 + nodes.len()) + readers * size.bytes());
     let gid = |writer: &mut Writer, guid: &[u8; 16]| {
         writer.octets(guid);
         writer.octets(&[0; 8][..size.bytes() - guid.len()]);
     };
     gid(&mut writer, &participant);
-    writer.u32(1);
-    writer.string("/");
-    writer.string(name);
-    writer.u32(readers.len() as u32);
-    for reader in readers {
-        gid(&mut writer, reader);
+    writer.u32(nodes.len() as u32);
+    for (name, readers) in nodes {
+        writer.string("/");
+        writer.string(name);
+        writer.u32(readers.len() as u32);
+        for reader in *readers {
+            gid(&mut writer, reader);
+        }
+        writer.u32(0);
     }
-    writer.u32(0);
     writer.finish()
 }
 

@@ -33,6 +33,7 @@ use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
 
 pub use interfaces::{Address, addresses};
+pub use nodes::Nodes;
 pub use options::{BridgeOptions, DOMAIN_MAX, Interface, OptionsError};
 pub use publisher::{PublishError, Publisher, Quality};
 pub use subscription::{DIAGNOSTICS, SubscriptionError};
@@ -44,7 +45,7 @@ use crate::engine::model::Model;
 use fields::Definitions;
 use futures_util::FutureExt as _;
 use graph::Tallies;
-use nodes::Nodes;
+use messages::GidSize;
 use outbox::{End, stopped};
 use probe::Kennel;
 use session::{Ground, Legacy};
@@ -78,6 +79,7 @@ pub struct Bridge {
     discovery: watch::Receiver<Arc<Discovery>>,
     plan: watch::Sender<Arc<Plan>>,
     definitions: Definitions,
+    gid_size: watch::Receiver<Option<GidSize>>,
     task: JoinHandle<()>,
 }
 
@@ -104,11 +106,13 @@ pub async fn start(
     let (nodes, known_nodes) = watch::channel(Nodes::default());
     let kennel = Kennel { inputs: inputs.clone(), nodes: known_nodes, clock };
     let (seen, discovery) = watch::channel(Arc::default());
+    let (learn, gid_size) = watch::channel(options.gid_size);
     let ground = Ground {
         options,
         plan: planned,
         inputs,
         nodes,
+        gid_size: learn,
         clock,
         stop: stopping,
         discovery: Arc::new(seen),
@@ -118,7 +122,7 @@ pub async fn start(
     let probing = probe::run(kennel, ground.plan.clone(), ground.stop.clone());
     let reading = run(participant, ground);
     let task = tokio::spawn(async { tokio::join!(reading, probing) }.map(drop));
-    Ok(Bridge { stop, rebuild, discovery, plan, definitions, task })
+    Ok(Bridge { stop, rebuild, discovery, plan, definitions, gid_size, task })
 }
 
 /// Whether everything that a model needs can be read.
@@ -149,6 +153,11 @@ impl Bridge {
     /// What discovery sees, about once a second.
     pub fn discovery(&self) -> watch::Receiver<Arc<Discovery>> {
         self.discovery.clone()
+    }
+
+    /// How long a gid is in the announcements of nodes, if that is known by now.
+    pub fn gid_size(&self) -> Option<GidSize> {
+        *self.gid_size.borrow()
     }
 
     /// Ends the readers, then the participant, and waits for its threads.

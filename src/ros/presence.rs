@@ -24,7 +24,7 @@ use super::readers::{create_topic, reader_qos};
 use super::writers::{Guid, Via};
 use crate::clock::Clock;
 
-const TOPIC: &str = "ros_discovery_info";
+pub const TOPIC: &str = "ros_discovery_info";
 
 /// Samples of the topic that the library keeps: one for each participant that comes at once.
 const DEPTH: usize = 512;
@@ -34,28 +34,27 @@ const LOOK: Duration = Duration::from_secs(1);
 pub struct Surroundings {
     pub own_readers: watch::Receiver<BTreeSet<Guid>>,
     pub nodes: watch::Sender<Nodes>,
+    /// How long a gid is here, as soon as it is known.
+    pub gid_size: watch::Sender<Option<GidSize>>,
     pub clock: Clock,
     /// Our own name in the graph.
     pub node: &'static str,
 }
 
-/// Announces the node and follows those of others until it is stopped. Returns the size of a gid, if
-/// it is known by then.
+/// Announces the node and follows those of others until it is stopped.
 pub async fn run(
     participant: DomainParticipant,
     subscriber: Subscriber,
-    size: Option<GidSize>,
     around: Surroundings,
     mut stop: watch::Receiver<bool>,
-) -> Option<GidSize> {
-    let (learn, size) = watch::channel(size);
+) {
     around.nodes.send_replace(Nodes::new(around.clock.now()));
     let (nodes, own_readers) = (&around.nodes, around.own_readers);
     let both = async {
         let topic = discovery_topic(&participant)?;
         tokio::try_join!(
-            announce(&participant, &topic, around.node, size.clone(), own_readers),
-            listen(&participant, &subscriber, &topic, &learn, nodes),
+            announce(&participant, &topic, around.node, around.gid_size.subscribe(), own_readers),
+            listen(&participant, &subscriber, &topic, &around.gid_size, nodes),
         )
     };
     tokio::select! {
@@ -67,7 +66,18 @@ pub async fn run(
         }
     }
     around.nodes.send_replace(Nodes::default());
-    *size.borrow()
+}
+
+/// A writer of announcements, which keeps the last one for who comes later.
+///
+/// # Errors
+/// The library's own.
+pub fn announcer(participant: &DomainParticipant) -> CreateResult<DataWriter<Bytes, RawAdapter>> {
+    writer(participant, &discovery_topic(participant)?)
+}
+
+fn writer(participant: &DomainParticipant, topic: &Topic) -> CreateResult<DataWriter<Bytes, RawAdapter>> {
+    participant.create_publisher(&qos())?.create_datawriter_no_key(topic, Some(qos()))
 }
 
 async fn announce(
@@ -79,8 +89,7 @@ async fn announce(
 ) -> CreateResult<()> {
     let known = size.wait_for(Option::is_some).await.ok().and_then(|size| *size);
     let Some(size) = known else { return Ok(()) };
-    let publisher = participant.create_publisher(&qos())?;
-    let writer: DataWriter<Bytes, RawAdapter> = publisher.create_datawriter_no_key(topic, Some(qos()))?;
+    let writer = writer(participant, topic)?;
     loop {
         let readers: Vec<Guid> = own_readers.borrow_and_update().iter().copied().collect();
         let body = messages::encode_node(participant.guid().to_bytes(), node, &readers, size);

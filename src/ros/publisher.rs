@@ -7,13 +7,13 @@ use rustdds::bytes::Bytes;
 use rustdds::dds::{CreateError, CreateResult};
 use rustdds::no_key::DataWriter;
 use rustdds::policy::{Durability, History, Reliability};
-use rustdds::{DomainParticipant, QosPolicies, QosPolicyBuilder, TopicKind};
+use rustdds::{DomainParticipant, QosPolicies, QosPolicyBuilder, RTPSEntity, TopicKind};
 
-use super::messages::{self, BOOL, DIAGNOSTIC_ARRAY};
+use super::messages::{self, BOOL, DIAGNOSTIC_ARRAY, GidSize};
 use super::options::BridgeOptions;
 use super::raw::RawAdapter;
 use super::session::Pulse;
-use super::{BridgeError, DIAGNOSTICS, session};
+use super::{BridgeError, DIAGNOSTICS, presence, session};
 use crate::engine::input::StatusArray;
 
 /// Larger arrays travel as several messages: readers of other vendors were seen to lose large ones.
@@ -45,6 +45,8 @@ pub struct Publisher {
     participant: DomainParticipant,
     /// With the name as ROS has it.
     writers: Vec<(Box<str>, Writer)>,
+    /// Of the nodes that this participant has, once there were any.
+    announcer: Option<Writer>,
     pulse: Mutex<Pulse>,
 }
 
@@ -68,7 +70,7 @@ impl Publisher {
     /// The interface is not there, or DDS gets no sockets.
     pub async fn empty(options: &BridgeOptions) -> Result<Publisher, BridgeError> {
         let participant = session::open(options).await?;
-        Ok(Publisher { participant, writers: Vec::new(), pulse: Mutex::default() })
+        Ok(Publisher { participant, writers: Vec::new(), announcer: None, pulse: Mutex::default() })
     }
 
     /// Offers one more topic of any type, `package/msg/Name`. One that is offered already stays as it is.
@@ -123,6 +125,23 @@ impl Publisher {
         Ok(())
     }
 
+    /// Announces which nodes of ROS 2 run in this participant, as an rmw does; the last announcement
+    /// counts. A wrong `size` makes processes of other distributions throw.
+    ///
+    /// # Errors
+    /// DDS gets no sockets, or a reader holds the writer back for too long.
+    pub async fn announce(&mut self, nodes: &[&str], size: GidSize) -> Result<(), PublishError> {
+        let failed = |reason: String| PublishError::NotWritten { topic: presence::TOPIC.to_owned(), reason };
+        let writer = match self.announcer.take() {
+            Some(writer) => writer,
+            None => presence::announcer(&self.participant).map_err(|error| failed(error.to_string()))?,
+        };
+        let body = messages::encode_nodes(self.participant.guid().to_bytes(), nodes, size);
+        let written = writer.async_write(body.into(), None).await;
+        self.announcer = Some(writer);
+        written.map_err(|error| failed(error.to_string()))
+    }
+
     /// # Errors
     /// The topic is not offered, or a reader holds the writer back for too long.
     pub async fn boolean(&self, topic: &str, value: bool) -> Result<(), PublishError> {
@@ -143,8 +162,8 @@ impl Publisher {
 
     /// Ends the writers, then the participant, and waits for its threads.
     pub async fn shutdown(self) {
-        let Publisher { participant, writers, .. } = self;
-        drop(writers);
+        let Publisher { participant, writers, announcer, .. } = self;
+        drop((writers, announcer));
         // A panic there was in the library, and the participant is gone either way.
         let _ = session::close(participant).await;
     }

@@ -42,6 +42,8 @@ pub struct Ground {
     pub inputs: mpsc::Sender<Stamped>,
     /// For whoever asks whether a node is there.
     pub nodes: watch::Sender<Nodes>,
+    /// How long a gid is here, as soon as it is known.
+    pub gid_size: watch::Sender<Option<GidSize>>,
     pub clock: Clock,
     pub stop: watch::Receiver<bool>,
     /// What discovery sees, and how much of it was received.
@@ -58,7 +60,6 @@ type Key = (String, String);
 #[derive(Default)]
 pub struct Legacy {
     memories: BTreeMap<Key, Memory>,
-    gid_size: Option<GidSize>,
 }
 
 /// Makes a participant. It blocks for some milliseconds, so it runs aside.
@@ -114,10 +115,10 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
     let presence = tokio::spawn(presence::run(
         participant.clone(),
         subscriber,
-        ground.options.gid_size.or(legacy.gid_size),
         presence::Surroundings {
             own_readers,
             nodes: ground.nodes.clone(),
+            gid_size: ground.gid_size.clone(),
             clock: ground.clock,
             node: ground.options.node,
         },
@@ -140,7 +141,7 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
     }
     // A panic was in the library; the participant is dropped all the same.
     let _ = looking.await;
-    legacy.gid_size = presence.await.ok().flatten();
+    let _ = presence.await;
     end
 }
 

@@ -21,6 +21,7 @@ use crate::engine::time::{Span, Timestamp};
 pub use drive::Departure;
 use drive::Drive;
 use route::{Place, Route};
+use statuses::Node;
 use topics::Topics;
 use world::World;
 
@@ -116,16 +117,19 @@ pub enum Fault {
     CanLoss,
     /// The battery is nearly empty: a warning.
     LowBattery,
+    /// The driver of the front camera ends, and its node with it.
+    CameraCrash,
 }
 
 impl Fault {
-    pub const ALL: [Fault; 6] = [
+    pub const ALL: [Fault; 7] = [
         Fault::SensorOutage,
         Fault::LocalizationJump,
         Fault::CostmapDelay,
         Fault::PlannerStall,
         Fault::CanLoss,
         Fault::LowBattery,
+        Fault::CameraCrash,
     ];
 
     /// The word on the command line and in the demo's form.
@@ -137,6 +141,7 @@ impl Fault {
             Fault::PlannerStall => "planner_stall",
             Fault::CanLoss => "can_loss",
             Fault::LowBattery => "low_battery",
+            Fault::CameraCrash => "camera_crash",
         }
     }
 
@@ -153,6 +158,7 @@ impl Fault {
             Fault::PlannerStall => "no trajectories; matters only while driving",
             Fault::CanLoss => "no frames from the vehicle's bus",
             Fault::LowBattery => "a warning",
+            Fault::CameraCrash => "the front camera's node is gone, and with it all that it said",
         }
     }
 }
@@ -194,6 +200,12 @@ impl Shuttle {
             self.due = self.due + STEP;
         }
         sent
+    }
+
+    /// The names of its nodes that run.
+    pub fn nodes(&self) -> Vec<&'static str> {
+        let running = Node::ALL.into_iter().filter(|node| node.runs(&self.world));
+        running.map(Node::name).collect()
     }
 
     pub fn set_fault(&mut self, fault: Fault, on: bool) {

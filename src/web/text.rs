@@ -117,6 +117,8 @@ words! {
     can_loss_text: "The vehicle bus falls silent.", "Der Fahrzeugbus verstummt.";
     low_battery: "Low battery", "Batterie schwach";
     low_battery_text: "A warning that stops nothing.", "Eine Warnung, die nichts anhält.";
+    camera_crash: "Camera crash", "Kamera abgestürzt";
+    camera_crash_text: "The program of the front camera ends.", "Das Programm der Frontkamera endet.";
 }
 
 impl Lang {

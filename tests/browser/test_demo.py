@@ -3,12 +3,13 @@ DDS and the real monitors, read as a program reads it."""
 
 import contextlib
 import json
+import re
 import time
 
 import pytest
 from websockets.sync.client import connect
 
-from vehicle import Client, Server, own_domain
+from vehicle import Client, Server, own_domain, until
 
 OPERATOR = ("operator", "246810")
 DEPARTURE_S = 30
@@ -165,6 +166,7 @@ def test_in_a_sensor_outage_localization_shows_it_first_and_then_waits_for_the_c
         ("costmap_delay", "perception", "error", "perception/costmap_delay", ["prediction"]),
         ("can_loss", "can", "error", "can/bus", ["localization", "perception", "prediction"]),
         ("low_battery", "can", "warning", None, []),
+        ("camera_crash", "sensors", "error", "sensors/camera_driver", ["localization", "perception", "prediction"]),
     ],
 )
 def test_a_fault_shows_at_its_group_and_what_depends_on_it_waits(stream, faults, fault, group_name, shown, cause, waits):
@@ -178,3 +180,20 @@ def test_a_fault_shows_at_its_group_and_what_depends_on_it_waits(stream, faults,
     assert roots(seen[-1]) == ([cause] if cause else [])
     seen = faults.over(fault, stream)
     assert {root for snapshot in seen for root in roots(snapshot)} <= {cause}, brief(seen)
+
+
+def test_developers_see_the_nodes_of_the_shuttle_as_they_come_and_go(demo, stream, faults):
+    developer = Client(demo, "developer", "demo-developer")
+
+    def nodes():
+        with developer.opener.open(demo.url + "/developer/topics", timeout=10) as answer:
+            page = answer.read().decode()
+        return set(re.findall(r"/\w+_driver\b|/simulated_shuttle\b|/telltale\b", page))
+
+    stream.wait(healthy, A_LEG_S, "all is well")
+    everybody = {"/camera_driver", "/imu_driver", "/gnss_driver", "/simulated_shuttle"}
+    until(lambda: everybody <= nodes(), 10, nodes)
+    faults.set("camera_crash", True)
+    until(lambda: everybody - nodes() == {"/camera_driver"}, 10, nodes)
+    faults.over("camera_crash", stream)
+    until(lambda: everybody <= nodes(), 10, nodes)

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""A foreign DDS peer for the tests: Eclipse Cyclone DDS in a process of its own, on the loopback
-interface alone, which speaks the ROS 2 wire format (`wire.py`).
+"""A foreign DDS peer for the tests: Eclipse Cyclone DDS or eProsima Fast DDS in a process of its own,
+on the loopback interface alone, which speaks the ROS 2 wire format (`wire.py`).
 
     peer.py --domain 7 pub                    writes what the JSON lines on standard input say
     peer.py --domain 7 sub --topic rt/x ...   prints what it receives, as JSON lines
     peer.py --domain 7 load --statuses 1000 --rate 800 --seconds 5
 
-It needs PyPI `cyclonedds` 11. Every command prints {"ready": true} first.
+It needs PyPI `cyclonedds` 11; with `--dds fastdds` the library that `tests/run.sh` makes of `fastdds.cpp`, named by
+TELLTALE_PEER_FASTDDS. Every command prints {"ready": true} first.
 
 `pub` reads one command a line:
     {"statuses": [{"level": 2, "name": "a", "message": "b", "hardware_id": "c", "values": {"k": "v"}}]}
@@ -17,13 +18,14 @@ It needs PyPI `cyclonedds` 11. Every command prints {"ready": true} first.
     {"raw": "000100..."}              these very bytes, the encapsulation included
     {"wait_matched": 1, "timeout": 10}    until that many readers match; prints {"matched": n}
 Any of them may have `"cut": n` (only the first n bytes), `"times": n` and `"age_s": n` (stamped so long ago). Each
-write prints {"written": bytes, "at_ns": when, on the monotonic clock}; `sub` prints that of the receipt. The byte order is always that of this machine: Cyclone writes the encapsulation. At the end of input it waits until all was acknowledged and prints {"done": true}.
+write prints {"written": bytes, "at_ns": when, on the monotonic clock}; `sub` prints that of the receipt. With Cyclone
+the byte order is always that of this machine: it writes the encapsulation. At the end of input it waits until all was
+acknowledged and prints {"done": true}.
 """
 
 import argparse
+import importlib
 import json
-import os
-import struct
 import sys
 import time
 
@@ -40,91 +42,21 @@ TYPES = {
     "ParticipantEntitiesInfo": wire.PARTICIPANT_ENTITIES_INFO,
 }
 
-# Without multicast the peers find one another on the well-known ports of 127.0.0.1: it works
-# where the loopback interface has no multicast flag, and nothing can leave the machine.
-CONFIG = """
-<CycloneDDS><Domain Id="any">
-  <General>
-    <Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>
-    <AllowMulticast>false</AllowMulticast>
-    <MaxMessageSize>65500B</MaxMessageSize>
-  </General>
-  <Discovery>
-    <ParticipantIndex>auto</ParticipantIndex>
-    <MaxAutoParticipantIndex>30</MaxAutoParticipantIndex>
-    <Peers><Peer address="127.0.0.1"/></Peers>
-    <SPDPInterval>500ms</SPDPInterval>
-  </Discovery>
-</Domain></CycloneDDS>
-"""
-
-
 def say(**words):
     print(json.dumps(words), flush=True)
 
 
-def dds():
-    """Imports Cyclone late: its configuration is read then."""
-    os.environ["CYCLONEDDS_URI"] = CONFIG
-    try:
-        import cyclonedds._clayer as clayer
-        from cyclonedds import core, domain, idl, pub, qos, sub, topic, util
-    except ImportError as error:
-        sys.exit(f"peer.py: {error}. Install it: pip install cyclonedds==11.0.1")
-    return argparse.Namespace(
-        clayer=clayer, core=core, domain=domain, idl=idl, pub=pub, qos=qos, sub=sub, topic=topic, util=util
-    )
-
-
-def make_topic(lib, participant, name, type_name):
-    """A topic whose samples pass as bytes: only the name of its type matters."""
-    from dataclasses import dataclass
-
-    @dataclass
-    class Opaque(lib.idl.IdlStruct, typename=type_name.replace("::", ".")):
-        octet: lib.idl.types.uint8
-
-    assert Opaque.__idl__.idl_transformed_typename == type_name
-    return lib.topic.Topic(participant, name, Opaque)
-
-
-def make_qos(lib, options):
-    policy = lib.qos.Policy
-    reliability = (
-        policy.Reliability.Reliable(lib.util.duration(seconds=10))
-        if options.reliability == "reliable"
-        else policy.Reliability.BestEffort
-    )
-    durability = (
-        policy.Durability.TransientLocal if options.durability == "transient_local" else policy.Durability.Volatile
-    )
-    # Only XCDR1 is offered, as every ROS 2 does.
-    representation = policy.DataRepresentation(use_cdrv0_representation=True)
-    return lib.qos.Qos(reliability, durability, policy.History.KeepLast(options.depth), representation)
-
-
-def write(lib, writer, data, age_s=0):
-    code = lib.clayer.ddspy_write_ts(writer._ref, data, time.time_ns() - int(age_s * 1e9))
-    if code < 0:
-        raise lib.core.DDSException(code, "while writing")
-
-
-def acknowledged(lib, writer):
-    """False if the readers did not acknowledge all within 10 s."""
-    try:
-        return writer.wait_for_acks(lib.util.duration(seconds=10))
-    except (lib.core.DDSException, AttributeError):
-        # Cyclone's Python stumbles over a name of its own when the time is up.
-        return False
+def write(writer, data, age_s=0):
+    writer.write(data, time.time_ns() - int(age_s * 1e9))
 
 
 def wait_matched(writer, count, timeout):
     end = time.monotonic() + timeout
-    while len(writer.get_matched_subscriptions()) < count:
+    while writer.matched() < count:
         if time.monotonic() > end:
             sys.exit(f"peer.py: no {count} readers within {timeout} s")
         time.sleep(0.01)
-    return len(writer.get_matched_subscriptions())
+    return writer.matched()
 
 
 def made_up(count):
@@ -163,53 +95,40 @@ def encode(command, gid):
     return data[: command["cut"]] if "cut" in command else data
 
 
-def publish(lib, participant, options):
-    topic = make_topic(lib, participant, options.topic[0], TYPES.get(options.type, options.type))
-    writer = lib.pub.DataWriter(participant, topic, qos=make_qos(lib, options))
-    gid = participant.guid.bytes
+def publish(participant, options):
+    writer = participant.writer(options.topic[0], TYPES.get(options.type, options.type))
     say(ready=True)
     for line in sys.stdin:
         command = json.loads(line)
         if "wait_matched" in command:
             say(matched=wait_matched(writer, command["wait_matched"], command.get("timeout", 20)))
             continue
-        data = encode(command, gid)
+        data = encode(command, participant.guid)
         at_ns = time.monotonic_ns()
         for _ in range(command.get("times", 1)):
-            write(lib, writer, data, command.get("age_s", 0))
+            write(writer, data, command.get("age_s", 0))
         say(written=len(data), at_ns=at_ns)
-    say(done=acknowledged(lib, writer))
+    say(done=writer.acknowledged())
 
 
-def subscribe(lib, participant, options):
-    state = lib.core
-    any_state = state.SampleState.Any | state.ViewState.Any | state.InstanceState.Any
-    readers = []
+def subscribe(participant, options):
+    topics = []
     for name in options.topic:
         name, _, type_name = name.partition("=")
-        type_name = TYPES.get(type_name, type_name) or wire.DIAGNOSTIC_ARRAY
-        topic = make_topic(lib, participant, name, type_name)
-        readers.append((name, wire.READ[type_name], lib.sub.DataReader(participant, topic, qos=make_qos(lib, options))))
-    waitset = lib.core.WaitSet(participant)
-    for _, _, reader in readers:
-        waitset.attach(lib.core.ReadCondition(reader, any_state))
+        topics.append((name, TYPES.get(type_name, type_name) or wire.DIAGNOSTIC_ARRAY))
+    received = participant.receive(topics)
+    next(received)
     say(ready=True)
-    while True:
-        waitset.wait(lib.util.duration(seconds=1))
-        at_ns = time.monotonic_ns()
-        for name, read, reader in readers:
-            taken = lib.clayer.ddspy_take(reader._ref, any_state, 100)
-            for data, info in taken if isinstance(taken, list) else []:
-                if info.valid_data:
-                    say(topic=name, bytes=len(data), value=read(data), at_ns=at_ns)
+    for index, data, at_ns in received:
+        name, type_name = topics[index]
+        say(topic=name, bytes=len(data), value=wire.READ[type_name](data), at_ns=at_ns)
 
 
-def load(lib, participant, options):
+def load(participant, options):
     """Sends arrays of `--statuses` at `--rate` a second. Only the first status differs: its values
     `sequence` and `sent_ns` (CLOCK_MONOTONIC) are patched into the ready-made bytes, and with
     `--flip` its level."""
-    topic = make_topic(lib, participant, "rt/diagnostics", wire.DIAGNOSTIC_ARRAY)
-    writer = lib.pub.DataWriter(participant, topic, qos=make_qos(lib, options))
+    writer = participant.writer("rt/diagnostics", wire.DIAGNOSTIC_ARRAY)
     statuses = made_up(options.statuses)
     if options.levels == "ok":
         for status in statuses:
@@ -245,15 +164,17 @@ def load(lib, participant, options):
         if options.flip:
             data[level_at] = level + sent % 2
         data[sent_at : sent_at + 20] = options.mark + b"%019d" % time.clock_gettime_ns(clock)
-        write(lib, writer, bytes(data))
+        write(writer, bytes(data))
         sent += 1
     took = (time.clock_gettime_ns(clock) - start) / 1e9
-    say(done=acknowledged(lib, writer), arrays=sent, statuses=sent * options.statuses, seconds=took, statuses_per_s=sent * options.statuses / took)
+    say(done=writer.acknowledged(), arrays=sent, statuses=sent * options.statuses, seconds=took, statuses_per_s=sent * options.statuses / took)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--domain", type=int, required=True)
+    parser.add_argument("--dds", choices=["cyclone", "fastdds"], default="cyclone")
+    parser.add_argument("--lease-s", type=float, default=10.0, help="a peer that was killed is gone after so long")
     parser.add_argument("--reliability", choices=["reliable", "best_effort"], default="reliable")
     parser.add_argument("--durability", choices=["volatile", "transient_local"], default="volatile")
     parser.add_argument("--depth", type=int, default=1000)
@@ -275,8 +196,9 @@ def main():
     one.add_argument("--flip", action="store_true", help="the first status changes its level every time")
     one.set_defaults(run=load)
     options = parser.parse_args()
-    lib = dds()
-    options.run(lib, lib.domain.DomainParticipant(options.domain), options)
+    participant = importlib.import_module(options.dds).Participant(options)
+    options.run(participant, options)
+    participant.close()
 
 
 if __name__ == "__main__":

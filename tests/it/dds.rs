@@ -1,4 +1,4 @@
-//! The bridge against Eclipse Cyclone DDS, in a process of its own.
+//! The bridge against Eclipse Cyclone DDS and eProsima Fast DDS, in processes of their own.
 
 use serde_json::{Value, json};
 use telltale::clock::Clock;
@@ -12,7 +12,7 @@ use telltale::ros::messages::GidSize;
 use telltale::ros::{self, Bridge, BridgeOptions, Publisher};
 use tokio::sync::mpsc;
 
-use crate::peer::{Domain, PATIENCE, Peer};
+use crate::peer::{Domain, PATIENCE, Peer, Vendor};
 
 struct Reading {
     bridge: Bridge,
@@ -112,11 +112,25 @@ fn one(name: &str) -> Value {
     json!({"statuses": [{"name": name, "level": 1, "message": "m", "hardware_id": "h", "values": {"k": "v"}}]})
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn every_quality_of_service_in_both_orders_of_start() {
+with_each_peer!(
+    every_quality_of_service_in_both_orders_of_start,
+    a_second_publisher_of_another_quality_is_read_too_and_nothing_twice,
+    one_bad_string_does_not_lose_its_array,
+    a_cut_message_is_told_and_the_next_one_is_read,
+    a_flood_of_bad_messages_is_summed_up,
+    what_a_slow_engine_loses_is_counted,
+    another_type_on_the_topic_is_told_and_never_decoded,
+    a_late_joiner_learns_the_last_value_of_a_signal_but_no_old_event,
+    a_new_participant_goes_on_where_the_old_one_ended,
+    large_arrays_arrive_from_both_sides,
+    published_signals_reach_foreign_late_joiners_and_our_own_bridge,
+    the_node_is_announced_in_the_size_that_the_others_use,
+);
+
+async fn every_quality_of_service_in_both_orders_of_start(vendor: Vendor) {
     for quality in ["reliable", "best_effort"] {
         for publisher_first in [true, false] {
-            let domain = Domain::take();
+            let domain = Domain::of(vendor);
             let arguments = format!("--reliability {quality} pub");
             let (mut peer, mut reading);
             if publisher_first {
@@ -139,9 +153,8 @@ async fn every_quality_of_service_in_both_orders_of_start() {
     }
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_second_publisher_of_another_quality_is_read_too_and_nothing_twice() {
-    let domain = Domain::take();
+async fn a_second_publisher_of_another_quality_is_read_too_and_nothing_twice(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let mut reading = Reading::start(&domain).await;
     let mut reliable = Peer::start(&domain, "pub");
     reliable.wait_matched(1);
@@ -160,24 +173,21 @@ async fn a_second_publisher_of_another_quality_is_read_too_and_nothing_twice() {
     reading.bridge.shutdown().await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn one_bad_string_does_not_lose_its_array() {
-    let domain = Domain::take();
+async fn one_bad_string_does_not_lose_its_array(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let mut reading = Reading::start(&domain).await;
     let mut peer = Peer::start(&domain, "pub");
     peer.wait_matched(1);
-    // A lone surrogate is a byte that is no UTF-8; no JSON library of ours would write one.
-    let command = r#"{"statuses": [{"name": "a", "message": "b\udcffc"}, {"name": "b"}]}"#;
-    peer.tell_raw(command);
+    // A lone surrogate is a byte that is no UTF-8.
+    peer.tell_raw(r#"{"statuses": [{"name": "a", "message": "b\udcffc"}, {"name": "b"}]}"#);
     let array = reading.status("b").await;
     assert_eq!((array.len(), array.get(0).message()), (2, "b\u{fffd}c"));
     assert!(reading.troubles().is_empty());
     reading.bridge.shutdown().await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_cut_message_is_told_and_the_next_one_is_read() {
-    let domain = Domain::take();
+async fn a_cut_message_is_told_and_the_next_one_is_read(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let mut reading = Reading::start(&domain).await;
     let mut peer = Peer::start(&domain, "pub");
     peer.wait_matched(1);
@@ -196,9 +206,8 @@ async fn a_cut_message_is_told_and_the_next_one_is_read() {
     reading.bridge.shutdown().await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_flood_of_bad_messages_is_summed_up() {
-    let domain = Domain::take();
+async fn a_flood_of_bad_messages_is_summed_up(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let mut reading = Reading::start(&domain).await;
     let mut peer = Peer::start(&domain, "pub");
     peer.wait_matched(1);
@@ -224,9 +233,8 @@ async fn a_flood_of_bad_messages_is_summed_up() {
     reading.bridge.shutdown().await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_a_slow_engine_loses_is_counted() {
-    let domain = Domain::take();
+async fn what_a_slow_engine_loses_is_counted(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let (sender, mut inputs) = mpsc::channel(1);
     let options = BridgeOptions::loopback(domain.id);
     let bridge = ros::start(options, &model(), sender, Clock::start()).await.expect("the bridge starts");
@@ -251,9 +259,8 @@ async fn what_a_slow_engine_loses_is_counted() {
     bridge.shutdown().await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn another_type_on_the_topic_is_told_and_never_decoded() {
-    let domain = Domain::take();
+async fn another_type_on_the_topic_is_told_and_never_decoded(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let mut reading = Reading::start(&domain).await;
     let mut wrong = Peer::start(&domain, "pub --type String");
     let trouble = reading.trouble(TroubleKind::WrongType).await;
@@ -274,9 +281,8 @@ async fn another_type_on_the_topic_is_told_and_never_decoded() {
     reading.bridge.shutdown().await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_late_joiner_learns_the_last_value_of_a_signal_but_no_old_event() {
-    let domain = Domain::take();
+async fn a_late_joiner_learns_the_last_value_of_a_signal_but_no_old_event(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let mut active = Peer::start(
         &domain,
         "--durability transient_local --depth 1 pub --topic rt/mission/active --type Bool",
@@ -308,9 +314,8 @@ async fn a_late_joiner_learns_the_last_value_of_a_signal_but_no_old_event() {
     reading.bridge.shutdown().await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_new_participant_goes_on_where_the_old_one_ended() {
-    let domain = Domain::take();
+async fn a_new_participant_goes_on_where_the_old_one_ended(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let mut active = Peer::start(
         &domain,
         "--durability transient_local --depth 1 pub --topic rt/mission/active --type Bool",
@@ -343,9 +348,8 @@ async fn a_new_participant_goes_on_where_the_old_one_ended() {
     reading.bridge.shutdown().await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn large_arrays_arrive_from_both_sides() {
-    let domain = Domain::take();
+async fn large_arrays_arrive_from_both_sides(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let mut reading = Reading::start(&domain).await;
     let mut peer = Peer::start(&domain, "pub");
     peer.wait_matched(1);
@@ -357,7 +361,7 @@ async fn large_arrays_arrive_from_both_sides() {
     reading.bridge.shutdown().await;
     drop(peer);
 
-    let domain = Domain::take();
+    let domain = Domain::of(vendor);
     let mut foreign = Peer::start(&domain, "sub --topic rt/diagnostics=DiagnosticArray");
     let publisher =
         Publisher::open(&BridgeOptions::loopback(domain.id), &[]).await.expect("the publisher starts");
@@ -388,9 +392,8 @@ async fn large_arrays_arrive_from_both_sides() {
     publisher.shutdown().await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn published_signals_reach_foreign_late_joiners_and_our_own_bridge() {
-    let domain = Domain::take();
+async fn published_signals_reach_foreign_late_joiners_and_our_own_bridge(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let options = BridgeOptions::loopback(domain.id);
     let publisher = Publisher::open(&options, &["/mission/active"]).await.expect("the publisher starts");
     publisher.boolean("/mission/active", false).await.expect("nobody holds it back");
@@ -406,14 +409,13 @@ async fn published_signals_reach_foreign_late_joiners_and_our_own_bridge() {
     publisher.shutdown().await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn the_node_is_announced_in_the_size_that_the_others_use() {
+async fn the_node_is_announced_in_the_size_that_the_others_use(vendor: Vendor) {
     const LISTEN: &str =
         "--durability transient_local sub --topic ros_discovery_info=ParticipantEntitiesInfo";
     for (told, theirs, expected) in
         [(Some(GidSize::Bytes24), None, 24), (None, Some(24), 24), (None, Some(16), 16), (None, None, 0)]
     {
-        let domain = Domain::take();
+        let domain = Domain::of(vendor);
         let mut listener = Peer::start(&domain, LISTEN);
         let options = BridgeOptions { gid_size: told, ..BridgeOptions::loopback(domain.id) };
         let mut reading = Reading::with(options).await;

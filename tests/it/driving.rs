@@ -1,5 +1,5 @@
-//! The way to the vehicle, against Eclipse Cyclone DDS in a process of its own: what is published
-//! for it, and how the simulated shuttle obeys.
+//! The way to the vehicle, against foreign DDS peers: what is published for it, and how the simulated
+//! shuttle obeys.
 
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
@@ -19,7 +19,7 @@ use telltale::ros::messages::encode::{self, Header, Motion};
 use telltale::ros::outputs::{self, OutputTopic, Outputs, What};
 use tokio::sync::{mpsc, watch};
 
-use crate::peer::{Domain, Peer};
+use crate::peer::{Domain, Peer, Vendor};
 
 /// An engine whose snapshots are published, and what the foreign peer hears.
 struct Published {
@@ -75,9 +75,14 @@ fn hear(peer: &mut Peer, topic: &str, fits: impl Fn(&Value) -> bool) -> Value {
     }
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn stage_clearance_pose_and_countermeasures_reach_a_foreign_peer() {
-    let domain = Domain::take();
+with_each_peer!(
+    stage_clearance_pose_and_countermeasures_reach_a_foreign_peer,
+    the_aggregated_diagnosis_is_as_the_tools_of_ros_expect_it,
+    a_clearance_is_taken_back_at_the_end,
+);
+
+async fn stage_clearance_pose_and_countermeasures_reach_a_foreign_peer(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let mut published = Published::start(&domain).await;
     published.happen(&Input::Operator(OperatorAction::Login { name: "anna".into() }));
     // Who comes late learns the levels.
@@ -107,14 +112,16 @@ async fn stage_clearance_pose_and_countermeasures_reach_a_foreign_peer() {
         .map(|_| hear(&mut peer, "/telltale/deceleration_request", |value| value["linear"][0] == -1.5))
         .map(|request| seconds(&request))
         .collect();
-    let every_s = (stamps[20] - stamps[0]) / 20.0;
+    // The median: a busy machine holds a few of them up.
+    let mut gaps: Vec<f64> = stamps.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    gaps.sort_by(f64::total_cmp);
+    let every_s = gaps[gaps.len() / 2];
     assert!((0.045..0.065).contains(&every_s), "{every_s}");
     published.outputs.shutdown().await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn the_aggregated_diagnosis_is_as_the_tools_of_ros_expect_it() {
-    let domain = Domain::take();
+async fn the_aggregated_diagnosis_is_as_the_tools_of_ros_expect_it(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let mut published = Published::start(&domain).await;
     let topics = "rt/diagnostics_agg=DiagnosticArray rt/diagnostics_toplevel_state=DiagnosticStatus";
     let mut peer = Peer::start(&domain, &format!("sub --topic {topics}"));
@@ -150,9 +157,8 @@ async fn the_aggregated_diagnosis_is_as_the_tools_of_ros_expect_it() {
     published.outputs.shutdown().await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_clearance_is_taken_back_at_the_end() {
-    let domain = Domain::take();
+async fn a_clearance_is_taken_back_at_the_end(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let mut published = Published::start(&domain).await;
     let mut peer =
         Peer::start(&domain, "--durability transient_local sub --topic rt/telltale/clearance=Bool");

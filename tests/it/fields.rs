@@ -1,5 +1,5 @@
-//! What monitors watch, over DDS: topics of any type from Eclipse Cyclone DDS, which encodes them by
-//! its own types, and watchdogs.
+//! What monitors watch, over DDS: topics of any type from foreign peers, encoded by the types of
+//! Eclipse Cyclone DDS, and watchdogs.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use telltale::ros::messages::encode;
 use telltale::ros::{self, Bridge, BridgeOptions, Publisher, Quality};
 use tokio::sync::mpsc;
 
-use crate::peer::{Domain, PATIENCE, Peer};
+use crate::peer::{Domain, PATIENCE, Peer, Vendor};
 
 const ODOMETRY: &str = "pub --topic rt/odometry --type nav_msgs::msg::dds_::Odometry_";
 const CLOUD: &str =
@@ -108,9 +108,15 @@ fn stamped(frame_id: &str) -> Value {
 
 const STAMP_NS: Option<i64> = Some(1_700_000_000_000_000_005);
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn fields_of_foreign_messages_arrive_right() {
-    let domain = Domain::take();
+with_each_peer!(
+    fields_of_foreign_messages_arrive_right,
+    hostile_bodies_are_unreadable_and_counted_and_a_publisher_that_leaves_is_noticed,
+    another_configuration_learns_the_last_value_and_who_publishes,
+    a_node_is_there_until_it_is_announced_no_longer,
+);
+
+async fn fields_of_foreign_messages_arrive_right(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let (scalar, pose) = (FieldKind::Scalar, FieldKind::Pose);
     let odometry = [("twist.twist.linear.x", scalar), ("pose", pose), ("twist.covariance[35]", scalar)];
     let cloud =
@@ -180,9 +186,8 @@ async fn fields_of_foreign_messages_arrive_right() {
     watching.bridge.shutdown().await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn hostile_bodies_are_unreadable_and_counted_and_a_publisher_that_leaves_is_noticed() {
-    let domain = Domain::take();
+async fn hostile_bodies_are_unreadable_and_counted_and_a_publisher_that_leaves_is_noticed(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let fields = [("twist.twist.linear.x", FieldKind::Scalar), ("child_frame_id", FieldKind::Scalar)];
     let model = model(vec![topic("/odometry", "nav_msgs/msg/Odometry", true, &fields)], Vec::new());
     let mut watching = Watching::start(&domain, &model).await;
@@ -217,9 +222,8 @@ async fn hostile_bodies_are_unreadable_and_counted_and_a_publisher_that_leaves_i
     watching.bridge.shutdown().await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn another_configuration_learns_the_last_value_and_who_publishes() {
-    let domain = Domain::take();
+async fn another_configuration_learns_the_last_value_and_who_publishes(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let mut peer = Peer::start(&domain, POSE);
     peer.write(&json!({"message": "PoseStamped", "fields": {"pose": {"position": {"x": 7.0}}}, "age_s": 60}));
     let counted = || topic("/pose", "geometry_msgs/msg/PoseStamped", false, &[]);
@@ -253,9 +257,8 @@ async fn another_configuration_learns_the_last_value_and_who_publishes() {
     watching.bridge.shutdown().await;
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_node_is_there_until_it_is_announced_no_longer() {
-    let domain = Domain::take();
+async fn a_node_is_there_until_it_is_announced_no_longer(vendor: Vendor) {
+    let domain = Domain::of(vendor);
     let node = ProbeTarget::Node { name: "/camera".into() };
     let model = model(Vec::new(), vec![node]);
     let mut watching = Watching::start(&domain, &model).await;

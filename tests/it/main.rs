@@ -1,5 +1,23 @@
 //! The integration tests, in one binary: it links once.
 
+/// A test for each of these functions with each vendor's peer.
+macro_rules! with_each_peer {
+    ($($test:ident),* $(,)?) => {
+        mod cyclone {
+            with_each_peer!(@Cyclone $($test)*);
+        }
+        mod fast_dds {
+            with_each_peer!(@FastDds $($test)*);
+        }
+    };
+    (@$vendor:ident $($test:ident)*) => {$(
+        #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+        async fn $test() {
+            super::$test(crate::peer::Vendor::$vendor).await;
+        }
+    )*};
+}
+
 mod countermeasures;
 mod dds;
 mod driving;
@@ -7,6 +25,7 @@ mod evaluation;
 mod fields;
 mod held;
 mod hostile;
+mod monitoring;
 mod peer;
 mod properties;
 mod start;

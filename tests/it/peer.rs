@@ -1,4 +1,4 @@
-//! The foreign DDS peer, `tests/dds/peer.py`, as a child process.
+//! The foreign DDS peers, `tests/dds/peer.py`, as child processes.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpListener;
@@ -11,26 +11,42 @@ use serde_json::Value;
 /// Nothing here takes longer, even on a busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(30);
 
+/// Whose DDS the foreign peers of a test use.
+#[derive(Clone, Copy, Debug)]
+pub enum Vendor {
+    Cyclone,
+    FastDds,
+}
+
 /// A DDS domain that no other test uses, in this process or another.
 pub struct Domain {
     pub id: u16,
+    pub vendor: Vendor,
     /// Held as a lock between processes.
     _lock: TcpListener,
 }
 
 impl Domain {
     pub fn take() -> Domain {
+        Domain::of(Vendor::Cyclone)
+    }
+
+    pub fn of(vendor: Vendor) -> Domain {
         // Domains up to 101 keep their ports below the ephemeral ones. Starting at the process id
         // spreads processes; the lock settles the rest.
         let start = u16::try_from(std::process::id() % 101).expect("less than 101");
         let domains = (0..101).map(|step| 1 + (start + step) % 101);
         domains
             .filter_map(|id| {
-                TcpListener::bind(("127.0.0.1", 5200 + id)).ok().map(|_lock| Domain { id, _lock })
+                TcpListener::bind(("127.0.0.1", 5200 + id)).ok().map(|_lock| Domain { id, vendor, _lock })
             })
             .next()
             .expect("a free DDS domain for a test")
     }
+}
+
+fn needed(variable: &str, what: &str) -> String {
+    std::env::var(variable).unwrap_or_else(|_| panic!("{variable} is not set: it names {what}"))
 }
 
 pub struct Peer {
@@ -42,17 +58,28 @@ pub struct Peer {
 impl Peer {
     /// Starts `peer.py` and waits until it is ready. `arguments` are split at blanks.
     pub fn start(domain: &Domain, arguments: &str) -> Peer {
-        let python = std::env::var("TELLTALE_PEER_PYTHON").unwrap_or_else(|_| {
-            panic!(
-                "TELLTALE_PEER_PYTHON is not set: it names a Python that has cyclonedds 11.0.1; `tests/run.sh` makes \
-                 one, or: python3 -m venv V && V/bin/pip install cyclonedds==11.0.1 && export \
-                 TELLTALE_PEER_PYTHON=V/bin/python"
-            )
-        });
+        let python = needed(
+            "TELLTALE_PEER_PYTHON",
+            "a Python that has cyclonedds 11.0.1; `tests/run.sh` makes one, or: python3 -m venv V && \
+             V/bin/pip install cyclonedds==11.0.1 && export TELLTALE_PEER_PYTHON=V/bin/python",
+        );
+        let dds = match domain.vendor {
+            Vendor::Cyclone => "cyclone",
+            Vendor::FastDds => {
+                needed(
+                    "TELLTALE_PEER_FASTDDS",
+                    "Fast DDS as a library for the peer; `tests/run.sh` makes it of tests/dds/fastdds.cpp, or: \
+                     apt-get install g++ libfastrtps-dev libfastcdr-dev && g++ -std=c++17 -shared -fPIC \
+                     tests/dds/fastdds.cpp -o fastdds.so -lfastrtps -lfastcdr && export \
+                     TELLTALE_PEER_FASTDDS=$PWD/fastdds.so",
+                );
+                "fastdds"
+            }
+        };
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/dds/peer.py");
         let mut child = Command::new(&python)
             .arg(script)
-            .args(["--domain", &domain.id.to_string()])
+            .args(["--domain", &domain.id.to_string(), "--dds", dds])
             .args(arguments.split_whitespace())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -109,6 +136,11 @@ impl Peer {
         self.expect("done");
         // Its participant says goodbye while it ends.
         let _ = self.child.wait();
+    }
+
+    /// Ends it as a crash does, without a goodbye.
+    pub fn kill(mut self) {
+        self.child.kill().expect("it runs");
     }
 
     /// The next line that has this key.

@@ -62,7 +62,7 @@ type FaultRow = (Fault, &'static str, &'static [&'static str], &'static [&'stati
 #[test]
 fn every_fault_has_its_one_cause_from_its_start_to_after_its_end() {
     let after_localization = &["perception", "prediction", "planning", "execution"][..];
-    let table: [FaultRow; 5] = [
+    let table: [FaultRow; 6] = [
         (
             Fault::SensorOutage,
             "sensors/velodyne_packet_alive",
@@ -79,6 +79,13 @@ fn every_fault_has_its_one_cause_from_its_start_to_after_its_end() {
             &["localization", "perception", "prediction", "planning", "execution"],
             &[],
             500,
+        ),
+        (
+            Fault::CameraCrash,
+            "sensors/camera_driver",
+            &["localization", "perception", "prediction", "planning", "execution"],
+            &[],
+            1_000,
         ),
     ];
     let lasting = table.iter().flat_map(|row| [0, 100, 250, 600, 8_000].map(|more_ms| (row, more_ms)));
@@ -162,6 +169,7 @@ fn a_fault_stops_the_shuttle_until_it_is_over_and_acknowledged() {
         (Fault::CanLoss, "can/bus", Kind::Decelerate, 1.0),
         (Fault::LocalizationJump, "localization/tf_quality", Kind::Decelerate, 1.0),
         (Fault::CostmapDelay, "perception/costmap_delay", Kind::ManeuverStop, 0.8),
+        (Fault::CameraCrash, "sensors/camera_driver", Kind::ManeuverStop, 0.8),
     ];
     for (fault, cause, kind, mps2) in table {
         let mut story = Story::begin();

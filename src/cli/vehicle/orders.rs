@@ -12,8 +12,8 @@ use crate::engine::model::{
 };
 use crate::engine::monitor::spec::{FieldKind, FieldSpec, TopicSpec, Watched};
 use crate::engine::sample::FieldValue;
-use crate::ros::messages::BOOL;
 use crate::ros::messages::encode::{ACCEL_STAMPED, POSE_WITH_COVARIANCE_STAMPED};
+use crate::ros::messages::{BOOL, GidSize};
 use crate::ros::{self, Bridge, BridgeError, BridgeOptions};
 use crate::sim::shuttle::Order;
 
@@ -58,6 +58,11 @@ impl Orders {
                 None => std::future::pending().await,
             }
         }
+    }
+
+    /// How long a gid is where it listens, if anybody told.
+    pub fn gid_size(&self) -> Option<GidSize> {
+        self.bridge.gid_size()
     }
 
     pub async fn shutdown(self) {

@@ -139,17 +139,20 @@ impl Monitor {
         }
     }
 
-    /// Right after a start: what nobody was found for yet is not judged by the clock before `until`.
+    /// Right after a start or a reload: what nobody was found for yet is not judged by the clock before `until`.
     pub(super) fn search(&mut self, until: Timestamp) {
-        if let Monitor::Frequency(monitor) = self {
-            monitor.search(until);
+        match self {
+            Monitor::Frequency(monitor) => monitor.search(until),
+            Monitor::RateRatio(monitor) => monitor.search(until),
+            _ => {}
         }
     }
 
     /// Discovery spoke, or a message came. Returns whether something is to be judged earlier now.
-    pub(super) fn found(&mut self, now: Timestamp) -> bool {
+    pub(super) fn found(&mut self, slot: usize, now: Timestamp) -> bool {
         match self {
             Monitor::Frequency(monitor) => monitor.found(now),
+            Monitor::RateRatio(monitor) => monitor.found(slot, now),
             _ => false,
         }
     }

@@ -11,7 +11,11 @@ pub(in crate::engine) struct RateRatio {
     input: Window,
     output: Window,
     bands: Bands,
+    /// Since when the module is relevant: nothing before is counted. Ahead of us while it is not
+    /// known yet who publishes.
     since: Option<Timestamp>,
+    /// By slot: it is known who publishes it.
+    known: [bool; 2],
 }
 
 impl RateRatio {
@@ -19,13 +23,34 @@ impl RateRatio {
     pub(super) const OUTPUT: usize = 1;
 
     pub(super) fn new(window: Span, bands: Bands) -> RateRatio {
-        RateRatio { input: Window::new(window), output: Window::new(window), bands, since: None }
+        let (input, output) = (Window::new(window), Window::new(window));
+        RateRatio { input, output, bands, since: None, known: [false; 2] }
     }
 
     pub(super) fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
+        self.begin(relevant.then_some(now));
+    }
+
+    /// Lets the first window begin only at `until`, unless both publishers are found before.
+    pub(super) fn search(&mut self, until: Timestamp) {
+        self.since = self.since.map(|since| since.max(until));
+    }
+
+    /// Who publishes this one is known now. Returns whether that ends a search: what came of one of
+    /// them before the other was found has nothing to be compared with.
+    pub(super) fn found(&mut self, slot: usize, now: Timestamp) -> bool {
+        self.known[slot] = true;
+        let found = self.known == [true; 2] && self.since.is_some_and(|since| since > now);
+        if found {
+            self.begin(Some(now));
+        }
+        found
+    }
+
+    fn begin(&mut self, since: Option<Timestamp>) {
         self.input.clear();
         self.output.clear();
-        self.since = relevant.then_some(now);
+        self.since = since;
     }
 
     pub(super) fn take(&mut self, slot: usize, now: Timestamp) {

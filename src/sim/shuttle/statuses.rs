@@ -43,14 +43,36 @@ impl Node {
         Node::Controller,
     ];
 
+    /// What ROS 2 calls it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Node::LidarDrivers => "lidar_drivers",
+            Node::Camera => "camera_driver",
+            Node::Imu => "imu_driver",
+            Node::Gnss => "gnss_driver",
+            Node::Localization => "localization",
+            Node::Perception => "perception",
+            Node::Prediction => "prediction",
+            Node::Mission => "mission",
+            Node::Planner => "planner",
+            Node::Controller => "controller",
+        }
+    }
+
+    /// Whether its process is there.
+    pub fn runs(self, world: &World) -> bool {
+        self != Node::Camera || !world.has(Fault::CameraCrash)
+    }
+
     /// Ten times a second, and none at the same moment as another.
     pub fn is_due(self, now_ms: u64) -> bool {
         now_ms % 100 == self as u64 * 10
     }
 
-    /// Its statuses now; none where it does not run.
+    /// Its statuses now; none where it is gone or has nothing to do.
     pub fn report(self, world: &mut World) -> Option<StatusArray> {
-        if matches!(self, Node::Planner | Node::Controller) && !world.drive.planner_runs() {
+        let rests = matches!(self, Node::Planner | Node::Controller) && !world.drive.planner_runs();
+        if rests || !self.runs(world) {
             return None;
         }
         let mut out = StatusArray::default();

@@ -318,10 +318,20 @@ fn faults_are_faults_of_the_data() {
             Fault::PlannerStall => assert_eq!(missing, [false, true, false]),
             Fault::CanLoss => assert_eq!((missing[0], missing[2]), (false, true)),
             Fault::LowBattery => assert!(missing == [false; 3] && charge == Some(0.17)),
+            Fault::CameraCrash => {
+                let said = |status: &str| {
+                    let from_camera = |message: &Message| matches!(message, Message::Diagnostics(array) if array.iter().any(|it| it.name() == status));
+                    !silent(&watched, from_ms + 100, &from_camera)
+                };
+                assert!(missing == [false; 3] && said("imu: status") && !said("camera_front: image_rate"));
+                let nodes = watched.shuttle.nodes();
+                assert!(nodes.contains(&"imu_driver") && !nodes.contains(&"camera_driver"), "{nodes:?}");
+            }
         }
         watched.shuttle.set_fault(fault, false);
         watched.pass(8_000);
         assert_eq!(watched.complaints(), [], "{fault:?} is over");
+        assert_eq!(watched.shuttle.nodes().len(), 10, "{fault:?}");
         assert!(watched.speed_mps() > 1.0 || watched.active() == Some(false), "{fault:?}");
     }
 }

@@ -165,6 +165,7 @@ pub fn demo_page(faults: &[DemoFault], context: &PageContext) -> String {
             "planner_stall" => (words.planner_stall, words.planner_stall_text),
             "can_loss" => (words.can_loss, words.can_loss_text),
             "low_battery" => (words.low_battery, words.low_battery_text),
+            "camera_crash" => (words.camera_crash, words.camera_crash_text),
             _ => ("", ""),
         };
         let title = if title.is_empty() { clean(&fault.name, NAME) } else { title.to_owned() };

@@ -105,8 +105,12 @@ proptest! {
         let well = resumed.snapshot();
         waits_still(&before, &well)?;
         waits_still(&before, &Engine::resume(model.clone(), &well.to_restore(), end).snapshot())?;
-        let cleared = before.stage == Stage::Cleared;
-        prop_assert_eq!(after.stage, if cleared { Stage::Standby } else { before.stage });
+        let stage = match before.stage {
+            Stage::Standby if before.localization.owed => Stage::Localizing,
+            Stage::Cleared => Stage::Standby,
+            stage => stage,
+        };
+        prop_assert_eq!(after.stage, stage);
         prop_assert_eq!(&after.operator, &before.operator);
         prop_assert!(!after.clearance && after.last_alarm >= before.last_alarm);
         holds(&model, &after);

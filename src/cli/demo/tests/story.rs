@@ -10,15 +10,16 @@ use crate::config::Loaded;
 use crate::engine::Engine;
 use crate::engine::input::{Input, OperatorAction, Place, Response};
 use crate::engine::model::{Limits, Stage};
-use crate::engine::monitor::spec::TopicSpec;
-use crate::engine::sample::{Pose, Sample, TopicNews};
+use crate::engine::monitor::spec::{ProbeTarget, TopicSpec, WatchdogSpec};
+use crate::engine::sample::{Pose, Probe, Sample, TopicNews};
 use crate::engine::snapshot::{Reason, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use crate::ros::DIAGNOSTICS;
+use crate::ros::Nodes;
 use crate::ros::cdr::Endian;
 use crate::ros::fields::{BooleanReader, Definitions, Reader};
-use crate::ros::messages::diagnostic_array;
+use crate::ros::messages::{GidSize, diagnostic_array, encode_nodes};
 use crate::sim::shuttle::{Departure, Fault, Message, Order, Sent, Shuttle};
 
 const REPEAT_MS: u64 = 50;
@@ -156,6 +157,7 @@ impl Story {
             for sent in self.shuttle.advance(now) {
                 self.hear(&sent, now);
             }
+            self.probe(now);
             self.engine.handle(&Input::Tick, now);
             let snapshot = self.engine.snapshot();
             self.speak(&snapshot);
@@ -181,6 +183,20 @@ impl Story {
         }
         for input in self.ears.inputs(topic, &body, wall(now)) {
             self.engine.handle(&input, now);
+        }
+    }
+
+    /// Asks for the nodes that watchdogs watch, as the shuttle announces them.
+    fn probe(&mut self, now: Timestamp) {
+        let body = encode_nodes([1; 16], &self.shuttle.nodes(), GidSize::Bytes16);
+        self.ears.nodes.announce([1; 16], &body, Endian::Little, None);
+        for source in self.ears.watchdogs.clone() {
+            if let ProbeTarget::Node { name } = &source.target
+                && now.as_nanos().is_multiple_of(source.every.as_nanos())
+            {
+                let outcome = self.ears.nodes.ask(name, now);
+                self.engine.handle(&Input::Probe(Probe { source, outcome }), now);
+            }
         }
     }
 
@@ -223,6 +239,8 @@ struct Ears {
     watched: BTreeMap<Box<str>, (Arc<TopicSpec>, Reader)>,
     /// `None`: each message is an event.
     signals: Vec<(Box<str>, Box<str>, Option<BooleanReader>)>,
+    nodes: Nodes,
+    watchdogs: Vec<Arc<WatchdogSpec>>,
 }
 
 impl Ears {
@@ -238,7 +256,12 @@ impl Ears {
             let reader = level.then(|| definitions.boolean(&source.type_name, &source.field).unwrap());
             (source.topic.clone(), signal.name.clone(), reader)
         });
-        Ears { watched: watched.collect(), signals: signals.collect() }
+        Ears {
+            watched: watched.collect(),
+            signals: signals.collect(),
+            nodes: Nodes::new(Timestamp::ZERO),
+            watchdogs: loaded.model.watched.watchdogs.clone(),
+        }
     }
 
     fn inputs(&self, topic: &str, body: &[u8], received: SystemTime) -> Vec<Input> {

@@ -1,5 +1,6 @@
 //! Monitors at the boundary of the engine: what is received, and what the module then shows.
 
+mod beginning;
 mod contextual;
 mod isolated;
 mod whole;

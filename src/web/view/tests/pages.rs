@@ -61,8 +61,15 @@ fn all() -> Vec<(String, String)> {
 
 fn small() -> Vec<(String, String)> {
     let mut pages = Vec::new();
-    let names =
-        ["sensor_outage", "localization_jump", "costmap_delay", "planner_stall", "can_loss", "low_battery"];
+    let names = [
+        "sensor_outage",
+        "localization_jump",
+        "costmap_delay",
+        "planner_stall",
+        "can_loss",
+        "low_battery",
+        "camera_crash",
+    ];
     let faults = names.map(|name| DemoFault { name: name.to_owned(), active: name == "localization_jump" });
     for lang in Lang::ALL {
         for palette in [Palette::Day, Palette::Night] {

@@ -1,0 +1,115 @@
+"""Eclipse Cyclone DDS as `peer.py` uses it: samples pass as bytes, with their encapsulation."""
+
+import argparse
+import os
+import sys
+import time
+
+# Without multicast the peers find one another on the well-known ports of 127.0.0.1: it works
+# where the loopback interface has no multicast flag, and nothing can leave the machine.
+CONFIG = """
+<CycloneDDS><Domain Id="any">
+  <General>
+    <Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>
+    <AllowMulticast>false</AllowMulticast>
+    <MaxMessageSize>65500B</MaxMessageSize>
+  </General>
+  <Discovery>
+    <ParticipantIndex>auto</ParticipantIndex>
+    <MaxAutoParticipantIndex>30</MaxAutoParticipantIndex>
+    <Peers><Peer address="127.0.0.1"/></Peers>
+    <SPDPInterval>500ms</SPDPInterval>
+    <LeaseDuration>{lease_s}s</LeaseDuration>
+  </Discovery>
+</Domain></CycloneDDS>
+"""
+
+
+def load(lease_s):
+    """Imports Cyclone late: its configuration is read then."""
+    os.environ["CYCLONEDDS_URI"] = CONFIG.format(lease_s=lease_s)
+    try:
+        import cyclonedds._clayer as clayer
+        from cyclonedds import core, domain, idl, pub, qos, sub, topic, util
+    except ImportError as error:
+        sys.exit(f"peer.py: {error}. Install it: pip install cyclonedds==11.0.1")
+    return argparse.Namespace(
+        clayer=clayer, core=core, domain=domain, idl=idl, pub=pub, qos=qos, sub=sub, topic=topic, util=util
+    )
+
+
+class Participant:
+    def __init__(self, options):
+        self.lib = load(options.lease_s)
+        self.dds = self.lib.domain.DomainParticipant(options.domain)
+        self.guid = self.dds.guid.bytes
+        self.qos = self.make_qos(options)
+
+    def make_qos(self, options):
+        policy, duration = self.lib.qos.Policy, self.lib.util.duration
+        reliable, transient_local = options.reliability == "reliable", options.durability == "transient_local"
+        return self.lib.qos.Qos(
+            policy.Reliability.Reliable(duration(seconds=10)) if reliable else policy.Reliability.BestEffort,
+            policy.Durability.TransientLocal if transient_local else policy.Durability.Volatile,
+            policy.History.KeepLast(options.depth),
+            # Only XCDR1 is offered, as every ROS 2 does.
+            policy.DataRepresentation(use_cdrv0_representation=True),
+        )
+
+    def topic(self, name, type_name):
+        """A topic whose samples pass as bytes: only the name of its type matters."""
+        from dataclasses import dataclass
+
+        @dataclass
+        class Opaque(self.lib.idl.IdlStruct, typename=type_name.replace("::", ".")):
+            octet: self.lib.idl.types.uint8
+
+        assert Opaque.__idl__.idl_transformed_typename == type_name
+        return self.lib.topic.Topic(self.dds, name, Opaque)
+
+    def writer(self, name, type_name):
+        return Writer(self.lib, self.lib.pub.DataWriter(self.dds, self.topic(name, type_name), qos=self.qos))
+
+    def receive(self, topics):
+        """What comes on topics, pairs of a name and a type, for ever: their index, the bytes and
+        when, on the monotonic clock. The first is None: the readers are there."""
+        lib = self.lib
+        state = lib.core
+        any_state = state.SampleState.Any | state.ViewState.Any | state.InstanceState.Any
+        readers = [lib.sub.DataReader(self.dds, self.topic(*topic), qos=self.qos) for topic in topics]
+        waitset = lib.core.WaitSet(self.dds)
+        for reader in readers:
+            waitset.attach(lib.core.ReadCondition(reader, any_state))
+        yield None
+        while True:
+            waitset.wait(lib.util.duration(seconds=1))
+            at_ns = time.monotonic_ns()
+            for index, reader in enumerate(readers):
+                taken = lib.clayer.ddspy_take(reader._ref, any_state, 100)
+                for data, info in taken if isinstance(taken, list) else []:
+                    if info.valid_data:
+                        yield index, data, at_ns
+
+    def close(self):
+        """Cyclone says goodbye by itself while the process ends."""
+
+
+class Writer:
+    def __init__(self, lib, dds):
+        self.lib, self.dds = lib, dds
+
+    def write(self, data, stamp_ns):
+        code = self.lib.clayer.ddspy_write_ts(self.dds._ref, data, stamp_ns)
+        if code < 0:
+            raise self.lib.core.DDSException(code, "while writing")
+
+    def matched(self):
+        return len(self.dds.get_matched_subscriptions())
+
+    def acknowledged(self):
+        """False if the readers did not acknowledge all within 10 s."""
+        try:
+            return self.dds.wait_for_acks(self.lib.util.duration(seconds=10))
+        except (self.lib.core.DDSException, AttributeError):
+            # Cyclone's Python stumbles over a name of its own when the time is up.
+            return False
