@@ -6,15 +6,16 @@ use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
 use std::time::SystemTime;
 
-use tokio::sync::{mpsc, oneshot, watch};
+use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
 use crate::clock::Clock;
 use crate::engine::Engine;
-use crate::engine::input::{Input, OperatorAction, Response, Stamped};
-use crate::engine::model::Model;
+use crate::engine::foresee::Foreseen;
+use crate::engine::input::{Input, OperatorAction, Refusal, Response, Stamped};
+use crate::engine::model::{Model, Stage};
 use crate::engine::record::Record;
 use crate::engine::resume::Restored;
-use crate::engine::snapshot::Snapshot;
+use crate::engine::snapshot::{Countermeasure, Snapshot};
 use crate::engine::time::{Span, Timestamp};
 use recorder::Recorder;
 
@@ -22,7 +23,7 @@ use recorder::Recorder;
 /// readers then lose the oldest samples by their own depth, and count that.
 pub const INPUT_QUEUE: usize = 1024;
 
-/// Commands that may wait for the engine. A full queue makes the senders wait.
+/// Commands, and rehearsals too, that may wait for the engine. A full queue makes the senders wait.
 pub const COMMAND_QUEUE: usize = 64;
 
 /// New configurations that may wait for the engine. A full queue makes the senders wait.
@@ -30,6 +31,10 @@ pub const RELOAD_QUEUE: usize = 1;
 
 /// Inputs handled before the others get their turn and a changed state is published.
 const BATCH_MAX: usize = 32;
+
+/// Turns of the vehicle that may wait for whoever records them. Past it the oldest are lost, and whoever
+/// waits for them is told how many.
+const TURN_QUEUE: usize = 256;
 
 /// New words and values, without a new state, wait this long for others.
 const WORDS_EVERY: Span = Span::from_millis(100);
@@ -52,6 +57,13 @@ pub struct Command {
     pub reply: oneshot::Sender<Response>,
 }
 
+/// An operator's action that is to be judged and not done.
+#[derive(Debug)]
+pub struct Rehearsal {
+    pub action: OperatorAction,
+    pub reply: oneshot::Sender<Result<Foreseen, Vec<Refusal>>>,
+}
+
 /// Another configuration for the engine, to be taken whole. What was wrong with it was said before.
 #[derive(Debug)]
 pub struct Reload {
@@ -65,6 +77,8 @@ pub struct Reload {
 pub struct Reread {
     /// Whether the engine is to run by it, or only the difference is asked for.
     pub take: bool,
+    /// The [digest](Rereading::digest) of what whoever asks was shown: anything else is not taken.
+    pub shown: Option<String>,
     pub reply: oneshot::Sender<Rereading>,
 }
 
@@ -78,6 +92,19 @@ pub struct Rereading {
     pub problems: Option<String>,
     /// What can happen with it and should not.
     pub warnings: Option<String>,
+    /// Every situation was looked at; until then `warnings` says nothing.
+    pub judged: bool,
+    /// The files that the engine runs by, as they were read.
+    pub running: Arc<[ConfigurationText]>,
+    /// Of the text of the files and of the differences; empty where there are problems.
+    pub digest: String,
+}
+
+/// A file of a configuration.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ConfigurationText {
+    pub name: String,
+    pub text: String,
 }
 
 /// What the rest of the program holds of the engine. Clones feed and watch the same one.
@@ -85,9 +112,13 @@ pub struct Rereading {
 pub struct Link {
     pub inputs: mpsc::Sender<Stamped>,
     pub commands: mpsc::Sender<Command>,
+    pub rehearsals: mpsc::Sender<Rehearsal>,
     pub reloads: mpsc::Sender<Reload>,
     /// Holds at most the latest; whoever is slow skips what lies between.
     pub snapshots: watch::Receiver<Published>,
+    /// Every state in which the stage or what is asked of the vehicle was another one than before,
+    /// also those that were over before anybody saw them.
+    pub turns: broadcast::Sender<Published>,
 }
 
 /// Starts the engine in a task of the current tokio runtime. It ends when all links are dropped.
@@ -114,11 +145,15 @@ pub fn resume(
 fn run(mut engine: Engine, clock: Clock, records: Option<SyncSender<Vec<Record>>>) -> Link {
     let (inputs, inputs_rx) = mpsc::channel(INPUT_QUEUE);
     let (commands, commands_rx) = mpsc::channel(COMMAND_QUEUE);
+    let (rehearsals, rehearsals_rx) = mpsc::channel(COMMAND_QUEUE);
     let (reloads, reloads_rx) = mpsc::channel(RELOAD_QUEUE);
     let recorder = Recorder::start(&mut engine, records, clock.now());
     let first = Published { snapshot: engine.snapshot(), at: clock.wall() };
     let (publish, snapshots) = watch::channel(first);
+    let turns = broadcast::Sender::new(TURN_QUEUE);
     let mut turn = Loop {
+        led: engine.led(),
+        turns: turns.clone(),
         published_seq: engine.seq(),
         published_revision: engine.revision(),
         published_at: clock.now(),
@@ -127,14 +162,16 @@ fn run(mut engine: Engine, clock: Clock, records: Option<SyncSender<Vec<Record>>
         clock,
         publish,
     };
-    let queues = Queues { inputs: inputs_rx, commands: commands_rx, reloads: reloads_rx };
+    let queues =
+        Queues { inputs: inputs_rx, commands: commands_rx, rehearsals: rehearsals_rx, reloads: reloads_rx };
     tokio::spawn(async move { turn.run(queues).await });
-    Link { inputs, commands, reloads, snapshots }
+    Link { inputs, commands, rehearsals, reloads, snapshots, turns }
 }
 
 struct Queues {
     inputs: mpsc::Receiver<Stamped>,
     commands: mpsc::Receiver<Command>,
+    rehearsals: mpsc::Receiver<Rehearsal>,
     reloads: mpsc::Receiver<Reload>,
 }
 
@@ -143,13 +180,16 @@ struct Loop {
     recorder: Recorder,
     clock: Clock,
     publish: watch::Sender<Published>,
+    turns: broadcast::Sender<Published>,
+    led: (Stage, Arc<[Countermeasure]>),
     published_seq: u64,
     published_revision: u64,
     published_at: Timestamp,
 }
 
 impl Loop {
-    async fn run(&mut self, Queues { mut inputs, mut commands, mut reloads }: Queues) {
+    async fn run(&mut self, queues: Queues) {
+        let Queues { mut inputs, mut commands, mut rehearsals, mut reloads } = queues;
         let mut batch = Vec::with_capacity(BATCH_MAX);
         loop {
             let wake = tokio::time::Instant::from_std(self.clock.instant(self.next_turn()));
@@ -159,6 +199,13 @@ impl Loop {
                 biased;
                 command = commands.recv() => match command {
                     Some(command) => self.obey(command),
+                    None => return,
+                },
+                rehearsal = rehearsals.recv() => match rehearsal {
+                    Some(Rehearsal { action, reply }) => {
+                        // Who asked may have gone; nothing has happened.
+                        let _ = reply.send(self.engine.foresee(&action, self.clock.now()));
+                    }
                     None => return,
                 },
                 reload = reloads.recv() => match reload {
@@ -171,12 +218,14 @@ impl Loop {
                     }
                     for Stamped { input, received } in batch.drain(..) {
                         self.engine.handle(&input, received);
+                        self.tell_turn();
                     }
                 }
                 () = tokio::time::sleep_until(wake) => {
                     self.engine.handle(&Input::Tick, self.clock.now());
                 }
             }
+            self.tell_turn();
             self.publish_if_due();
             self.recorder.follow(&mut self.engine, self.clock.now());
         }
@@ -190,7 +239,12 @@ impl Loop {
     }
 
     fn obey(&mut self, command: Command) {
+        // Who gave up was told that nothing happened. A stop is never too late.
+        if command.reply.is_closed() && command.action != OperatorAction::RequestStop {
+            return;
+        }
         let response = self.engine.handle(&Input::Operator(command.action), self.clock.now());
+        self.tell_turn();
         // Published before it is answered: who asked finds the result in the next snapshot.
         self.publish_if_due();
         // Who asked may have gone; the action stands all the same.
@@ -204,6 +258,16 @@ impl Loop {
         self.publish_if_due();
         // Who asked may have gone; the engine runs by it all the same.
         let _ = done.send(());
+    }
+
+    fn tell_turn(&mut self) {
+        let led = self.engine.led();
+        if led.0 == self.led.0 && Arc::ptr_eq(&led.1, &self.led.1) {
+            return;
+        }
+        self.led = led;
+        // Nobody may listen, as in a test.
+        let _ = self.turns.send(Published { snapshot: self.engine.snapshot(), at: self.clock.wall() });
     }
 
     fn publish_if_due(&mut self) {
@@ -225,7 +289,7 @@ impl Loop {
 mod tests {
     use super::*;
     use crate::engine::input::{Input, StatusArray};
-    use crate::engine::model::{Driving, Limits, NodeId, Parts, Policy, Stage, StageModel, Text};
+    use crate::engine::model::{Driving, Limits, NodeId, Parts, Policy, StageModel, Text};
     use crate::engine::monitor::spec::Watched;
     use crate::engine::state::State;
 

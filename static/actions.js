@@ -7,21 +7,29 @@
   const AFTER_ACTION_MS = 800;
   const AFTER_CHANGE_MS = 400;
   const NOTICE_MS = 12000;
+  const MISSED_MS = 3000;
   const REFUSED_MS = 6000;
+  // A browser has few connections to one server, and a stop needs one.
+  const SENT_MAX = 3;
 
   const body = document.body;
   const bar = document.getElementById("actions");
   const confirmation = document.getElementById("confirm");
   const notice = document.getElementById("notice");
 
-  let busy = false;
+  // The addresses that were sent to and did not answer yet.
+  const sent = new Set();
   let quietTimer = 0;
   let quietUntil = 0;
+  let quietWhy = "";
+  // The address that the notice is about.
+  let noticeOf = "";
   let noticeTimer = 0;
   let refusedTimer = 0;
 
-  // The stylesheet lets no tap through meanwhile.
-  const quiet = (ms) => {
+  // The stylesheet lets no tap through meanwhile, but for a stop.
+  const quiet = (ms, why) => {
+    if (why === "second" || performance.now() >= quietUntil) quietWhy = why;
     quietUntil = Math.max(quietUntil, performance.now() + ms);
     bar.dataset.quiet = "";
     clearTimeout(quietTimer);
@@ -35,8 +43,9 @@
     clearTimeout(noticeTimer);
   };
 
-  const show = (kind, reasons = []) => {
+  const show = (kind, of, reasons = []) => {
     notice.dataset.kind = kind;
+    noticeOf = of;
     notice.querySelector("ul").replaceChildren(
       ...reasons.map((reason) => {
         const item = document.createElement("li");
@@ -46,7 +55,19 @@
     );
     notice.hidden = false;
     clearTimeout(noticeTimer);
-    noticeTimer = setTimeout(hideNotice, NOTICE_MS);
+    noticeTimer = setTimeout(hideNotice, kind === "second" || kind === "changed" ? MISSED_MS : NOTICE_MS);
+  };
+
+  // What the stylesheet lets no tap reach says so: nobody waits for what was never sent.
+  const isOver = (button, { clientX: x, clientY: y }) => {
+    const box = button.getBoundingClientRect();
+    return x >= box.left && x <= box.right && y >= box.top && y <= box.bottom;
+  };
+  const sayMissed = (area, buttons, why) => {
+    area.addEventListener("click", (event) => {
+      if (!("quiet" in area.dataset) || event.target.closest("button, .confirm")) return;
+      if ([...area.querySelectorAll(buttons)].some((button) => isOver(button, event))) show(why(), "");
+    });
   };
 
   // The bar lists what stands in the way: it calls, and what has no room there opens.
@@ -93,22 +114,24 @@
   // --- sending
 
   const send = async (form, button) => {
-    const act = form.dataset.act;
+    const { act } = form.dataset;
+    const address = form.action;
     const fields = new URLSearchParams(new FormData(form, button));
     fields.set("beat", globalThis.telltale?.beatAt ?? "");
-    const answer = await fetch(form.action, {
+    const answer = await fetch(address, {
       method: "POST",
       body: fields,
       headers: { Accept: "application/json" },
       redirect: "manual",
       cache: "no-store",
+      priority: act === "stop" ? "high" : "auto",
       signal: AbortSignal.timeout(ANSWER_MS),
     });
     if (answer.status === 401 || answer.type === "opaqueredirect") return location.assign("/login");
     const said = await answer.json();
     if (answer.ok) {
-      hideNotice();
-      quiet(AFTER_ACTION_MS);
+      if (noticeOf === address) hideNotice();
+      if (bar.contains(form)) quiet(AFTER_ACTION_MS, "second");
       if (act === "clearance") askForConfirmation(said, fields.get("version"));
       else closeConfirmation();
       if (act === "localize") document.getElementById("sheet-stops").hidePopover();
@@ -117,7 +140,7 @@
     }
     if (act === "confirm") closeConfirmation();
     if (act === "clearance" && bar.querySelector(".step .checks li:not(.holds)")) showChecks();
-    else show("refused", said.refused ?? [said.error]);
+    else show("refused", address, said.refused ?? [said.error]);
     // What was shown was old: everything is asked for anew.
     if ("seq" in said) document.dispatchEvent(new CustomEvent("telltale:refresh"));
     return undefined;
@@ -127,22 +150,36 @@
     const form = event.target.closest("form[data-act]");
     if (!form) return;
     event.preventDefault();
-    if (busy) return;
-    if (body.dataset.live !== "live") return show("unsent");
-    busy = true;
+    const address = form.action;
+    if (body.dataset.live !== "live") return show("unsent", address);
+    // A stop waits for no answer.
+    const waits = form.dataset.act !== "stop" && (sent.has(address) || sent.size >= SENT_MAX);
+    if (waits) return show("waiting", address);
+    sent.add(address);
     form.dataset.sending = "";
     try {
       await send(form, event.submitter);
     } catch {
-      show("unanswered");
+      show("unanswered", address);
     } finally {
-      busy = false;
+      sent.delete(address);
       delete form.dataset.sending;
     }
   });
 
+  // A tap on this button is none beside what stands open, which would close it.
+  const dismiss = notice.querySelector("[name=dismiss]");
+  const keepOpen = () => {
+    dismiss.popoverTargetElement = document.querySelector(".panel:popover-open");
+    dismiss.popoverTargetAction = "show";
+  };
+  document.addEventListener("toggle", keepOpen, { capture: true });
+
   confirmation.elements.cancel.addEventListener("click", closeConfirmation);
-  notice.querySelector("[name=dismiss]").addEventListener("click", hideNotice);
+  dismiss.addEventListener("click", (event) => {
+    event.preventDefault();
+    hideNotice();
+  });
 
   // --- the bar changes under the finger
 
@@ -163,11 +200,17 @@
     listTimer = setTimeout(() => delete list.dataset.quiet, AFTER_CHANGE_MS);
   };
 
+  // What the first of two taps has done may be seen before it is answered.
+  sayMissed(bar, "#step button", () => (sent.size > 0 ? "second" : quietWhy));
+  sayMissed(list, "form button", () => "changed");
+
   document.addEventListener("htmx:after:swap", () => {
     const now = offered();
-    if (now !== before) quiet(AFTER_CHANGE_MS);
+    if (now !== before) quiet(AFTER_CHANGE_MS, "changed");
     before = now;
     settle();
+    // What stood in the way is gone.
+    if (!bar.querySelector(".step .checks li:not(.holds)")) delete bar.dataset.refused;
     // The server would refuse: what was asked for was another state.
     if (!confirmation.hidden && version() !== askedWith) closeConfirmation();
   });

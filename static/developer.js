@@ -21,10 +21,13 @@
   const stage = document.getElementById("dev-stage");
   const content = () => document.getElementById("dev");
 
+  const lag = new Lag();
   let lastBeat = performance.now();
+  let late_ms = 0;
   let everBeat = false;
   let newest = Number(content().dataset.revision);
-  let locked = content().dataset.locked;
+  // What a locked vehicle shows is another page, but for those that tell nothing of its parts.
+  const locked = body.dataset.stage === "locked";
   let behindSince = null;
   let renewedAt = performance.now();
   let renewing = null;
@@ -93,7 +96,7 @@
 
   const judge = () => {
     const now = performance.now();
-    const age = now - lastBeat;
+    const age = now - lastBeat + late_ms;
     const behind = behindSince === null ? 0 : now - behindSince;
     const live =
       age >= DEAD_MS || behind >= BEHIND_DEAD_MS ? "dead"
@@ -105,6 +108,7 @@
 
   const beat = (message) => {
     lastBeat = performance.now();
+    late_ms = lag.of(message);
     everBeat = true;
     delete body.dataset.waiting;
     mark.dataset.phase = message.beat % 8;
@@ -116,17 +120,21 @@
     newest = message.revision;
     const renews = content().dataset.static === undefined;
     if (renews && Number(content().dataset.revision) < newest && !document.hidden) behindSince ??= lastBeat;
-    if (String(message.stage === "locked") !== locked) location.reload();
+    if (renews && (message.stage === "locked") !== locked) location.reload();
     judge();
   };
 
   const connect = () => {
+    lag.try();
     const socket = new WebSocket(body.dataset.socket);
     let opened = false;
     const hang = setInterval(() => {
-      if (performance.now() - lastBeat > HANG_MS) socket.close();
+      if (performance.now() - lastBeat > HANG_MS || late_ms >= STALE_MS) socket.close();
     }, HANG_MS);
-    socket.addEventListener("open", () => (opened = true));
+    socket.addEventListener("open", () => {
+      lag.open();
+      opened = true;
+    });
     socket.addEventListener("message", ({ data }) => beat(JSON.parse(data)));
     socket.addEventListener("close", async ({ code }) => {
       clearInterval(hang);
@@ -160,7 +168,8 @@
       for (const hidden of form.querySelectorAll("input[type=hidden]")) hidden.remove();
       const named = new Set([...form.elements].map((element) => element.name));
       for (const [name, value] of new URLSearchParams(location.search)) {
-        if (named.has(name) || name === "page") continue;
+        // What another filter leaves is looked at from its beginning.
+        if (named.has(name) || name.startsWith("page")) continue;
         form.prepend(Object.assign(document.createElement("input"), { type: "hidden", name, value }));
       }
     }

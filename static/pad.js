@@ -75,8 +75,26 @@
   name.addEventListener("input", mark);
   mark();
 
+  // What is missing is said in the page's words, in place of what the last try came to, but below
+  // whom one would take over from.
+  form.noValidate = true;
+  const failure = form.querySelector(".failure:not(.missing, .unfit)");
+  const missing = form.querySelector(".missing");
+  const sayMissing = (input) => {
+    failure.hidden = !form.elements.take_over;
+    for (const text of missing.children) text.hidden = text.dataset.missing !== input.name;
+    missing.hidden = false;
+    turnTo(input);
+    input.focus();
+  };
+
   // The operator's page keeps the name once the login has worked.
-  form.addEventListener("submit", () => {
+  form.addEventListener("submit", (event) => {
+    const empty = [name, secret].find((input) => input.value === "");
+    if (empty) {
+      event.preventDefault();
+      return sayMissing(empty);
+    }
     try {
       sessionStorage.setItem("telltale.trying", name.value);
     } catch {

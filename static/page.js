@@ -3,12 +3,18 @@
   "use strict";
   const root = document.documentElement;
 
+  // A live display needs it; the page says so itself.
+  if (!("WebSocket" in globalThis)) document.body.dataset.unfit = "";
+
   const remember = (name, value) => {
     document.cookie = `${name}=${value}; path=/; max-age=31536000; samesite=strict`;
   };
 
   const switchPalette = () => {
+    // Colours that leave late otherwise turn at once.
+    root.dataset.turning = "";
     root.dataset.palette = root.dataset.palette === "day" ? "night" : "day";
+    requestAnimationFrame(() => requestAnimationFrame(() => delete root.dataset.turning));
     remember("palette", root.dataset.palette);
   };
 

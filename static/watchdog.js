@@ -1,18 +1,21 @@
 // Says whether the display is live. It trusts the server's heartbeat and the monotonic clock
-// alone: not htmx, not the socket's state. The looks of "stale" and "dead" are the stylesheet's.
+// alone: not htmx, not the socket's state. A heartbeat that comes late counts from when it was sent. The looks of "stale" and "dead" are the stylesheet's.
 (() => {
   "use strict";
   const STALE_MS = 1000;
   const DEAD_MS = 2000;
   const CHECK_MS = 100;
-  // A connection that hangs without an end is replaced after this.
+  // A connection that hangs without an end, or brings everything late, is replaced after this.
   const HANG_MS = 4000;
 
   const body = document.body;
   const mark = document.querySelector("#live .pulse");
   const clock = document.getElementById("clock");
 
+  const lag = new Lag();
+  // When the last heartbeat came, and how late it was.
   let lastBeat = performance.now();
+  let late_ms = 0;
   let everBeat = false;
   let lastTry = performance.now();
   // The server's wall clock at the last heartbeat.
@@ -38,7 +41,7 @@
 
   const tickTimes = () => {
     if (Number.isNaN(serverAt)) return;
-    const now = serverAt + (performance.now() - lastBeat);
+    const now = serverAt + late_ms + (performance.now() - lastBeat);
     for (const time of document.querySelectorAll("time[datetime]")) {
       setText(time, span(now - Date.parse(time.dateTime)));
     }
@@ -48,16 +51,17 @@
 
   const judge = () => {
     const now = performance.now();
-    const age = Math.max(now - lastBeat, unshownSince === null ? 0 : now - unshownSince);
+    const age = Math.max(now - lastBeat + late_ms, unshownSince === null ? 0 : now - unshownSince);
     const live = age >= DEAD_MS ? "dead" : age >= STALE_MS || !everBeat ? "stale" : "live";
     if (body.dataset.live !== live) body.dataset.live = live;
     if (live === "dead") dispatchEvent(new Event("telltale:dead"));
     if (live === "live") tickTimes();
-    if (live === "dead" && now - lastTry > HANG_MS) connect(document.documentElement.lang);
+    if ((live === "dead" || late_ms >= STALE_MS) && now - lastTry > HANG_MS) connect(document.documentElement.lang);
   };
 
   const beat = (message) => {
     lastBeat = performance.now();
+    late_ms = lag.of(message);
     everBeat = true;
     serverAt = Date.parse(message.at);
     // Taps say by which heartbeat they were made.
@@ -92,16 +96,19 @@
   };
 
   // Says what is on the screen. Where nothing is painted nothing is said, and the server knows.
-  const confirmShown = (socket, seq) => {
+  const confirmShown = (socket, { seq, beat }) => {
     requestAnimationFrame(() => {
       if (unshownSince === null && socket.readyState === WebSocket.OPEN) {
-        socket.send(JSON.stringify({ shown: seq }));
+        socket.send(JSON.stringify({ shown: seq, beat }));
       }
     });
   };
 
+  document.addEventListener("htmx:ws:before:connection", () => lag.try());
+
   document.addEventListener("htmx:ws:after:connection", (event) => {
     const { socket } = event.detail.connection;
+    lag.open();
     opened = true;
     lastTry = performance.now();
     unshownSince = null;
@@ -115,7 +122,7 @@
       }
       if (typeof message.beat === "number") {
         beat(message);
-        confirmShown(socket, message.seq);
+        confirmShown(socket, message);
       }
       if (typeof message.content === "string") {
         received = message.seq;

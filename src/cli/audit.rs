@@ -21,7 +21,8 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Say whether every record is as it was written and none is missing; exit code 1 if not
+    /// Say whether every record is as it was written and none is missing; exit code 1 if not, or if
+    /// nothing proves that none is missing at the end
     ///
     /// It reads the database and `audit.head` beside it and changes neither. Whoever can write both
     /// can write another log: give the heads that were noted elsewhere, such as by `serve` in its log.
@@ -42,10 +43,23 @@ fn head(text: &str) -> Result<Head, String> {
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let Command::Verify { data, heads } = &args.command;
     let folder = data::folder(data.clone())?;
-    let verdict = verify_audit_in(&folder, heads).context("the audit log cannot be verified")?;
+    let (verdict, is_noted) = verify_audit_in(&folder, heads).context("the audit log cannot be verified")?;
     if let Some(breach) = verdict.breach {
         println!("BAD   record {} {}", breach.number, breach.what);
         println!("      the {} records before it are whole", verdict.records);
+        return Ok(ExitCode::from(EXIT_NO));
+    }
+    if !is_noted && verdict.proven < verdict.head.number {
+        println!(
+            "OPEN  {} records are as they were written, and nothing proves that they are all",
+            verdict.records
+        );
+        println!(
+            "      audit.head is missing or no head, and no --head is given for what follows record {}",
+            verdict.proven
+        );
+        println!("      look into the log of `serve` for the last `audit head` and give it with --head");
+        println!("head  {}", verdict.head);
         return Ok(ExitCode::from(EXIT_NO));
     }
     println!("ok    {} records are as they were written", verdict.records);

@@ -2,8 +2,10 @@
 //! or not at all. Modules that stay keep their state.
 
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
 
 use anyhow::Context as _;
+use sha2::{Digest as _, Sha256};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{mpsc, oneshot, watch};
 
@@ -12,7 +14,7 @@ use crate::config::{self, Difference, Loaded};
 use crate::engine::model::{FieldSource, Model};
 use crate::engine::monitor::spec::Watched;
 use crate::ros::fields::Definitions;
-use crate::runtime::{Reload, Reread, Rereading};
+use crate::runtime::{ConfigurationText, Reload, Reread, Rereading};
 use crate::yaml::Problems;
 
 /// Requests that may wait. A full queue makes the senders wait: each reads a file and a person reads
@@ -51,20 +53,49 @@ pub async fn preview(
     definitions: &Definitions,
 ) -> Result<Outcome, ReloadError> {
     let (path, current, definitions) = (path.to_owned(), current.clone(), definitions.clone());
-    // Files, and a judgement of every situation: too long for a thread that others wait for.
-    let read = tokio::task::spawn_blocking(move || {
-        let loaded = config::load(&path)?;
-        // By the folders of the start: what reads the messages knows no others.
-        if let Some(problems) = fields::check(&loaded, &definitions) {
-            return Err(ReloadError::Configuration(problems));
+    let read = move || {
+        let outcome = compare(&path, &current, &definitions)?;
+        let (_, warnings) = outcome.loaded.soundness();
+        Ok(Outcome { warnings, ..outcome })
+    };
+    aside(read).await.unwrap_or(Err(ReloadError::Ended))
+}
+
+/// Reads a configuration and says what would be different, but not what can happen with it.
+///
+/// # Errors
+/// Everything that is wrong with the file.
+async fn glance(path: &Path, current: &Loaded, definitions: &Definitions) -> Result<Outcome, ReloadError> {
+    let (path, current, definitions) = (path.to_owned(), current.clone(), definitions.clone());
+    let read = move || {
+        if current.sources().are_unchanged() {
+            let differences = Vec::new();
+            return Ok(Outcome { loaded: current, differences, warnings: None, topics_changed: false });
         }
-        let differences = config::difference(&current, &loaded);
-        let topics_changed = sources(&current.model) != sources(&loaded.model);
-        let (_, warnings) = loaded.soundness();
-        Ok(Outcome { loaded, differences, warnings, topics_changed })
-    });
-    // It ends early only if the whole program does.
-    read.await.unwrap_or(Err(ReloadError::Ended))
+        compare(&path, &current, &definitions)
+    };
+    aside(read).await.unwrap_or(Err(ReloadError::Ended))
+}
+
+fn compare(path: &Path, current: &Loaded, definitions: &Definitions) -> Result<Outcome, ReloadError> {
+    let loaded = config::load(path)?;
+    // By the folders of the start: what reads the messages knows no others.
+    if let Some(problems) = fields::check(&loaded, definitions) {
+        return Err(ReloadError::Configuration(problems));
+    }
+    let differences = config::difference(current, &loaded);
+    let topics_changed = sources(&current.model) != sources(&loaded.model);
+    Ok(Outcome { loaded, differences, warnings: None, topics_changed })
+}
+
+/// Files, and a judgement of every situation, are too long for a thread that others wait for. The end
+/// of the program waits for none of it. `None` if it failed.
+async fn aside<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+    let (done, result) = oneshot::channel();
+    let thread = std::thread::Builder::new().name("configuration".to_owned());
+    // Who asked may have gone.
+    thread.spawn(move || done.send(work()).is_ok()).ok()?;
+    result.await.ok()
 }
 
 /// Reads a configuration and lets the engine run by it.
@@ -78,13 +109,18 @@ pub async fn reload(
     engine: &mpsc::Sender<Reload>,
 ) -> Result<Outcome, ReloadError> {
     let outcome = preview(path, current, definitions).await?;
+    take(&outcome, engine).await?;
+    Ok(outcome)
+}
+
+async fn take(outcome: &Outcome, engine: &mpsc::Sender<Reload>) -> Result<(), ReloadError> {
     if !outcome.differences.is_empty() {
         let (done, taken) = oneshot::channel();
         let reload = Reload { model: outcome.loaded.model.clone(), done };
         engine.send(reload).await.map_err(|_| ReloadError::Ended)?;
         taken.await.map_err(|_| ReloadError::Ended)?;
     }
-    Ok(outcome)
+    Ok(())
 }
 
 /// The topics from which signals come, and what monitors watch.
@@ -113,9 +149,38 @@ pub fn start(
 ) -> anyhow::Result<Reloads> {
     let hangups = signal(SignalKind::hangup()).context("signals cannot be handled")?;
     let (requests, waiting) = mpsc::channel(REQUESTS);
-    let (publish, running) = watch::channel(loaded);
-    tokio::spawn(Task { path, definitions, engine, publish }.run(waiting, hangups));
-    Ok(Reloads { requests, running })
+    let running = texts(&loaded);
+    let (publish, followed) = watch::channel(loaded);
+    tokio::spawn(Task { path, definitions, engine, publish, running, judging: None }.run(waiting, hangups));
+    Ok(Reloads { requests, running: followed })
+}
+
+fn texts(loaded: &Loaded) -> Arc<[ConfigurationText]> {
+    let text =
+        |(name, text): (&str, &str)| ConfigurationText { name: name.to_owned(), text: text.to_owned() };
+    loaded.sources().texts().map(text).collect()
+}
+
+/// What can happen with one configuration, said as soon as a thread of its own has found it.
+struct Judging {
+    of: Loaded,
+    said: Arc<OnceLock<Option<String>>>,
+}
+
+impl Judging {
+    fn start(of: Loaded) -> Judging {
+        let said = Arc::new(OnceLock::new());
+        let (loaded, saying) = (of.clone(), said.clone());
+        let judge = move || saying.set(loaded.soundness().1.map(|found| found.render(false)));
+        if let Err(error) = std::thread::Builder::new().name("configuration".to_owned()).spawn(judge) {
+            tracing::error!(%error, "the configuration cannot be judged");
+        }
+        Judging { of, said }
+    }
+
+    fn is_of(&self, loaded: &Loaded) -> bool {
+        self.of.sources().texts().eq(loaded.sources().texts())
+    }
 }
 
 struct Task {
@@ -124,10 +189,13 @@ struct Task {
     /// Not the whole link, which would keep the engine alive.
     engine: mpsc::Sender<Reload>,
     publish: watch::Sender<Loaded>,
+    running: Arc<[ConfigurationText]>,
+    /// One at a time: what is asked for meanwhile is asked for again.
+    judging: Option<Judging>,
 }
 
 impl Task {
-    async fn run(self, mut waiting: mpsc::Receiver<Reread>, mut hangups: Signal) {
+    async fn run(mut self, mut waiting: mpsc::Receiver<Reread>, mut hangups: Signal) {
         let mut requests_end = false;
         loop {
             let request = tokio::select! {
@@ -142,25 +210,82 @@ impl Task {
                 () = self.engine.closed() => return,
             };
             let take = request.as_ref().is_none_or(|request| request.take);
-            let read = self.read(take).await;
-            if take {
+            let shown = request.as_ref().and_then(|request| request.shown.as_deref());
+            let (taken, read) = self.read(take, shown).await;
+            if taken || (take && read.is_err()) {
                 self.log(&read);
             }
             if let Some(request) = request {
                 // Who asked may have gone.
-                let _ = request.reply.send(rereading(take, &read));
+                let _ = request.reply.send(self.rereading(take, taken, &read));
             }
         }
     }
 
-    async fn read(&self, take: bool) -> Result<Outcome, ReloadError> {
+    /// Whether the file was taken, and what it is. What differs from what was shown is not taken.
+    async fn read(&mut self, take_it: bool, shown: Option<&str>) -> (bool, Result<Outcome, ReloadError>) {
         let current = self.publish.borrow().clone();
-        if !take {
-            return preview(&self.path, &current, &self.definitions).await;
+        let read = if take_it {
+            preview(&self.path, &current, &self.definitions).await
+        } else {
+            glance(&self.path, &current, &self.definitions).await
+        };
+        let outcome = match read {
+            Ok(outcome) => outcome,
+            Err(error) => return (false, Err(error)),
+        };
+        if !take_it || shown.is_some_and(|shown| shown != digest(&outcome)) {
+            return (false, Ok(outcome));
         }
-        let outcome = reload(&self.path, &current, &self.definitions, &self.engine).await?;
+        if let Err(error) = take(&outcome, &self.engine).await {
+            return (false, Err(error));
+        }
+        self.running = texts(&outcome.loaded);
         self.publish.send_replace(outcome.loaded.clone());
-        Ok(outcome)
+        (true, Ok(outcome))
+    }
+
+    fn rereading(&mut self, take: bool, taken: bool, read: &Result<Outcome, ReloadError>) -> Rereading {
+        let running = self.running.clone();
+        match read {
+            Ok(outcome) => {
+                let said = if take {
+                    Some(outcome.warnings.as_ref().map(|warnings| warnings.render(false)))
+                } else {
+                    self.judge(&outcome.loaded)
+                };
+                Rereading {
+                    taken: taken && !outcome.differences.is_empty(),
+                    differences: outcome.differences.iter().map(ToString::to_string).collect(),
+                    problems: None,
+                    judged: said.is_some(),
+                    warnings: said.flatten(),
+                    running,
+                    digest: digest(outcome),
+                }
+            }
+            Err(error) => Rereading {
+                taken: false,
+                differences: Vec::new(),
+                problems: Some(error.to_string()),
+                warnings: None,
+                judged: true,
+                running,
+                digest: String::new(),
+            },
+        }
+    }
+
+    /// What can happen with a configuration, if that is known by now; else it is being found out.
+    fn judge(&mut self, loaded: &Loaded) -> Option<Option<String>> {
+        if let Some(judging) = &self.judging {
+            if judging.is_of(loaded) {
+                return judging.said.get().cloned();
+            }
+            judging.said.get()?;
+        }
+        self.judging = Some(Judging::start(loaded.clone()));
+        None
     }
 
     fn log(&self, read: &Result<Outcome, ReloadError>) {
@@ -194,21 +319,15 @@ fn bullets(differences: &[Difference]) -> String {
     differences.iter().map(|difference| format!("\n  {difference}")).collect()
 }
 
-fn rereading(take: bool, read: &Result<Outcome, ReloadError>) -> Rereading {
-    match read {
-        Ok(outcome) => Rereading {
-            taken: take && !outcome.differences.is_empty(),
-            differences: outcome.differences.iter().map(ToString::to_string).collect(),
-            problems: None,
-            warnings: outcome.warnings.as_ref().map(|warnings| warnings.render(false)),
-        },
-        Err(error) => Rereading {
-            taken: false,
-            differences: Vec::new(),
-            problems: Some(error.to_string()),
-            warnings: None,
-        },
+/// What was read, and against what: the differences change with what runs.
+fn digest(outcome: &Outcome) -> String {
+    let mut hash = Sha256::new();
+    for text in outcome.loaded.sources().texts().flat_map(|(name, text)| [name, text]) {
+        hash.update((text.len() as u64).to_le_bytes());
+        hash.update(text);
     }
+    hash.update(bullets(&outcome.differences));
+    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[cfg(test)]

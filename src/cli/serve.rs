@@ -1,6 +1,6 @@
 //! `telltale serve`: the display of a vehicle.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -33,6 +33,9 @@ pub struct Args {
     #[arg(long, value_name = "ADDR", default_value = station::LISTEN)]
     listen: SocketAddr,
     /// Another address by which browsers reach it, through a proxy or by name; may be repeated
+    ///
+    /// Behind a proxy on this machine every browser looks like the display in the vehicle: give
+    /// `--display none` or the display's own address, or a PIN will do for all of them.
     #[arg(long = "origin", value_name = "URL")]
     origins: Vec<String>,
     /// The folder of users, sessions and history [default: $XDG_DATA_HOME/telltale or ~/.local/share/telltale]
@@ -78,9 +81,11 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     }
     let clock = Clock::start();
     let tls = tls(args, clock)?;
+    warn_of_proxy(args);
     station::check_plain(args.listen, tls.is_some(), args.insecure_http)?;
     let listener = station::bind(args.listen).await?;
     let folder = data::folder(args.data.clone())?;
+    let _held = data::hold(&folder)?;
     let store = Store::open_or_read(&folder, clock, DemoSecrets::Refused)?;
     say_if_nobody_can_log_in(&store, &folder).await?;
     let origins = args.origins.clone();
@@ -103,6 +108,31 @@ fn tls(args: &Args, clock: Clock) -> anyhow::Result<Option<Tls>> {
         }
     }
     Ok(Some(tls))
+}
+
+/// Behind a proxy on this machine every browser comes from the loopback interface, and so looks like
+/// the display in the vehicle.
+fn warn_of_proxy(args: &Args) {
+    let enrolled = Enrolled::new(args.displays.clone());
+    let is_proxied = |origin: &&String| {
+        let is_secure = Origins::secure_host(origin).is_some();
+        let beyond = Origins::host(origin).is_some_and(|host| !is_local(&host));
+        beyond && (args.listen.ip().is_loopback() || is_secure && args.tls_cert.is_none())
+    };
+    if let Some(origin) =
+        args.origins.iter().find(is_proxied).filter(|_| enrolled.has(Ipv4Addr::LOCALHOST.into()))
+    {
+        tracing::warn!(
+            "{origin} is reached through a proxy: if that runs on this machine, every browser behind it looks \
+             like the display in the vehicle, and a PIN will do there. Give --display none, or the address of \
+             the display"
+        );
+    }
+}
+
+fn is_local(host: &str) -> bool {
+    let ip = host.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>();
+    host.eq_ignore_ascii_case("localhost") || ip.is_ok_and(|ip| ip.is_loopback())
 }
 
 async fn say_if_nobody_can_log_in(store: &Store, data: &Path) -> anyhow::Result<()> {

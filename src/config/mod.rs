@@ -51,6 +51,11 @@ pub struct Loaded {
 }
 
 impl Loaded {
+    /// The files that it was read from, with their texts.
+    pub fn sources(&self) -> &Sources {
+        &self.places.sources
+    }
+
     /// What can happen with this configuration and should not: see [`soundness`].
     pub fn soundness(&self) -> (Soundness, Option<Problems>) {
         let found = soundness::look(&self.model);

@@ -3,7 +3,8 @@
 
 use super::countermeasure::{Confirmation, ConfirmedBy, Kind, Request};
 use super::measures::{By, Held, Measures, output};
-use super::model::Model;
+use super::model::{Model, Text};
+use super::monitor::say;
 use super::names::Names;
 use super::net::Net;
 use super::signals::Signals;
@@ -156,37 +157,57 @@ impl Measures {
     }
 
     /// What is wrong with the requests that are made now.
-    pub(super) fn trouble(&self, model: &Model) -> Option<String> {
+    pub(super) fn trouble(&self, model: &Model) -> Option<Text> {
         let unconfirmed = |asked: &&Asked| asked.state == MeasureState::Unconfirmed;
         let wrong = self.asked.iter().flatten().filter(unconfirmed).map(|asked| {
             let kind = asked.request.kind();
+            let name = kind.said();
             match output(kind).and_then(|output| self.unsent.get(&output)) {
                 Some(news) => {
                     let error = news.error.as_deref().unwrap_or_default();
-                    format!("{} cannot be sent on {}: {error}", kind.as_str(), news.topic)
+                    say!(
+                        "{name} cannot be sent on {topic}: {error}",
+                        "{name} nicht zu senden auf {topic}: {error}",
+                        name = name,
+                        topic = &*news.topic,
+                        error = error
+                    )
                 }
                 None => self.unconfirmed(model, kind),
             }
         });
-        Some(wrong.collect::<Vec<_>>().join("; ")).filter(|text| !text.is_empty())
+        wrong.reduce(|all, next| say!("{all}; {next}", "{all}; {next}", all = all, next = next))
     }
 
     /// Who does not confirm is named where there are several.
-    fn unconfirmed(&self, model: &Model, kind: Kind) -> String {
+    fn unconfirmed(&self, model: &Model, kind: Kind) -> Text {
         let confirmations = self.confirmations(model, kind);
         let heard = |rule| self.heard.iter().find(|heard| heard.rule == rule);
         let mut missing = confirmations.iter().filter(|(rule, _)| heard(*rule).is_none_or(|it| !it.is));
         let late = missing.clone().find(|(rule, _)| heard(*rule).is_some_and(|it| it.late));
         let rule = late.or_else(|| missing.next()).map(|(rule, _)| &model.driving.countermeasures[*rule]);
+        let name = kind.said();
         let Some(Confirmation { by, within }) = rule.and_then(|rule| rule.confirmation.as_ref()) else {
-            return format!("{} is not confirmed", kind.as_str());
+            return say!("{name} is not confirmed", "{name} nicht bestätigt", name = name);
         };
+        let within = within.as_millis().to_string();
         let who = match by {
-            _ if confirmations.len() == 1 => String::new(),
-            ConfirmedBy::Signal(index) => format!(" by the signal {}", model.signals[*index].name),
-            ConfirmedBy::Status(name) => format!(" by the status {name}"),
+            _ if confirmations.len() == 1 => Text::default(),
+            ConfirmedBy::Signal(index) => {
+                let signal = &*model.signals[*index].name;
+                say!(" by the signal {signal}", " vom Signal {signal}", signal = signal)
+            }
+            ConfirmedBy::Status(status) => {
+                say!(" by the status {status}", " vom Status {status}", status = &**status)
+            }
         };
-        format!("{} is not confirmed{who} within {} ms", kind.as_str(), within.as_millis())
+        say!(
+            "{name} is not confirmed{who} within {within} ms",
+            "{name} nach {within} ms{who} nicht bestätigt",
+            name = name,
+            who = who,
+            within = within
+        )
     }
 
     /// Takes over since when requests are made, and what cannot be sent.

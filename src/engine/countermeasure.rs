@@ -1,7 +1,8 @@
 //! Countermeasures: what the vehicle is asked to do when something fails (`ENGINE.md` 10; paper,
 //! Sec. IV-D).
 
-use super::model::{NodeId, Stage};
+use super::model::{NodeId, Stage, Text};
+use super::monitor::say;
 use super::state::State;
 use super::time::Span;
 
@@ -40,6 +41,15 @@ pub enum Kind {
 }
 
 impl Kind {
+    /// What the diagnosis of itself calls it.
+    pub(super) fn said(self) -> Text {
+        match self {
+            Kind::Decelerate => say!("decelerate", "Abbremsen"),
+            Kind::ManeuverStop => say!("maneuver_stop", "sicheres Anhalten"),
+            Kind::Notify => say!("notify", "Meldung"),
+        }
+    }
+
     pub const ALL: [Kind; 3] = [Kind::Notify, Kind::ManeuverStop, Kind::Decelerate];
 
     pub const fn as_str(self) -> &'static str {

@@ -6,7 +6,8 @@ use super::Engine;
 use super::drive::ARRIVAL;
 use super::event::What;
 use super::input::{Output, OutputNews, Refusal};
-use super::model::{NodeId, Stage, StageModel};
+use super::model::{NodeId, Stage, StageModel, Text};
+use super::monitor::say;
 use super::snapshot::{Countermeasure, Localization};
 use super::state::State;
 use super::system::SystemCheck;
@@ -19,8 +20,8 @@ pub(super) struct Told {
     /// `None` while somebody says whether the vehicle drives, or need not.
     active_unknown: Option<State>,
     contradicts_itself: bool,
-    measures: Option<String>,
-    outputs: Option<String>,
+    measures: Option<Text>,
+    outputs: Option<Text>,
 }
 
 /// Where the vehicle is led and what is asked of it, as the snapshot has it.
@@ -149,25 +150,32 @@ impl Engine {
                 .then_some(if self.now < self.active_by { State::Unknown } else { State::Error }),
             contradicts_itself: self.signals.drive.is_doubted(self.now),
             measures: self.measures.trouble(&self.model),
-            outputs: unsent(&self.measures.unsent()),
+            outputs: unsent(&self.measures.unsent()).map(Text::from),
         };
         if told == self.told {
             return;
         }
         let (state, words) = match told.active_unknown {
-            _ if told.contradicts_itself => {
-                (State::Error, "says in turn that the vehicle drives and that it does not")
-            }
-            Some(state) => (state, "nothing says whether the vehicle drives"),
-            None => (State::Ok, ""),
+            _ if told.contradicts_itself => (
+                State::Error,
+                say!(
+                    "says in turn that the vehicle drives and that it does not",
+                    "meldet abwechselnd, dass das Fahrzeug fährt und nicht fährt"
+                ),
+            ),
+            Some(state) => (
+                state,
+                say!("nothing says whether the vehicle drives", "niemand meldet, ob das Fahrzeug fährt"),
+            ),
+            None => (State::Ok, Text::default()),
         };
         self.report_on_self(SystemCheck::Active, state, words);
-        let worse = |words: &Option<String>, state| if words.is_some() { state } else { State::Ok };
-        let words = |words: &Option<String>| words.clone().unwrap_or_default();
+        let worse = |words: &Option<Text>, state| if words.is_some() { state } else { State::Ok };
+        let words = |words: &Option<Text>| words.clone().unwrap_or_default();
         let measures = (worse(&told.measures, State::Error), words(&told.measures));
-        self.report_on_self(SystemCheck::Countermeasure, measures.0, &measures.1);
+        self.report_on_self(SystemCheck::Countermeasure, measures.0, measures.1);
         let outputs = (worse(&told.outputs, State::Warning), words(&told.outputs));
-        self.report_on_self(SystemCheck::Outputs, outputs.0, &outputs.1);
+        self.report_on_self(SystemCheck::Outputs, outputs.0, outputs.1);
         self.told = told;
     }
 

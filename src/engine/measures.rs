@@ -83,13 +83,19 @@ impl Held {
             }
             named
         };
+        let is_there = |node| {
+            let facts = &net.node(node).facts;
+            !facts.masked && fails(facts, State::Warning)
+        };
         let now = |node| Cause { node, acknowledged: known(node), present: true };
         self.causes = named(about).into_iter().map(now).collect();
         let mut past: Vec<NodeId> = Vec::new();
-        for Cause { node, present, .. } in before.iter().filter(|cause| !cause.acknowledged) {
-            match net.node(*node).facts.masked && *present {
-                true => past.extend(named(*node).into_iter().filter(|&node| !known(node))),
-                false => past.push(*node),
+        for &Cause { node, present, acknowledged } in &before {
+            match (acknowledged, net.node(node).facts.masked && present) {
+                (false, true) => past.extend(named(node).into_iter().filter(|&node| !known(node))),
+                (false, false) => past.push(node),
+                (true, _) if is_there(node) => past.push(node),
+                (true, _) => {}
             }
         }
         let mut seen: HashSet<NodeId> = self.causes.iter().map(|cause| cause.node).collect();
@@ -100,9 +106,7 @@ impl Held {
             past.insert(0, about);
         }
         for node in past {
-            let facts = &net.node(node).facts;
-            let present = !facts.masked && fails(facts, State::Warning);
-            self.add(Cause { node, acknowledged: false, present });
+            self.add(Cause { node, acknowledged: known(node), present: is_there(node) });
         }
     }
 
@@ -128,18 +132,22 @@ impl Held {
         self.add(Cause { node: others, acknowledged, present });
     }
 
+    fn is_about(&self, node: NodeId) -> bool {
+        matches!(self.by, By::Rule(_, it) if it == node)
+    }
+
     /// Takes note of what the operator knows. By the name of the node that it is about that is all of
     /// it; by an alarm, what that alarm was raised for while this was held.
-    fn acknowledge(&mut self, known: Known<'_>) -> bool {
+    fn acknowledge(&mut self, known: Known<'_>) {
         let Known { node, alarm } = known;
-        let about = alarm.is_none() && matches!(self.by, By::Rule(_, it) if it == node);
+        let about = alarm.is_none() && self.is_about(node);
         let counts = alarm.is_none_or(|it| it.active || it.ended.is_some_and(|ended| ended >= self.since));
-        let mut found = false;
         for cause in self.causes.iter_mut().filter(|cause| about || (counts && cause.node == node)) {
             cause.acknowledged = true;
-            found = true;
         }
-        found
+        if self.present {
+            self.causes.retain(|cause| cause.present || !cause.acknowledged);
+        }
     }
 }
 
@@ -257,12 +265,17 @@ impl Measures {
         self.held.retain(|held| held.by != By::Operator);
     }
 
-    /// Takes note that the operator knows of a node's part. Returns whether it has one.
-    pub(super) fn acknowledge(&mut self, known: Known<'_>) -> bool {
-        let mut found = false;
-        self.held.iter_mut().for_each(|held| found |= held.acknowledge(known));
+    /// Whether a node has a part in what is held that the operator can know of.
+    pub(super) fn is_held_for(&self, node: NodeId) -> bool {
+        let has_part =
+            |held: &Held| held.causes.iter().any(|cause| held.is_about(node) || cause.node == node);
+        self.held.iter().any(has_part)
+    }
+
+    /// Takes note that the operator knows of a node's part.
+    pub(super) fn acknowledge(&mut self, known: Known<'_>) {
+        self.held.iter_mut().for_each(|held| held.acknowledge(known));
         self.let_go();
-        found
     }
 
     pub(super) fn take_news(&mut self, news: &OutputNews) {

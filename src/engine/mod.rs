@@ -12,6 +12,7 @@ pub mod discovery;
 mod drive;
 pub mod event;
 pub mod filter;
+pub mod foresee;
 pub mod graph;
 pub mod input;
 mod layout;
@@ -56,7 +57,7 @@ use event::{Event, Events, What};
 use input::{Input, ReceptionTrouble, Response, Status, StatusArray};
 use lead::Told;
 use measures::Measures;
-use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, LOCALIZATION_GROUP, Model, ModuleId, NodeId};
+use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, LOCALIZATION_GROUP, Model, ModuleId, NodeId, Text};
 use names::Names;
 use net::{Change, Net};
 use node::ModuleKind;
@@ -289,7 +290,7 @@ impl Engine {
             let message = self.overflow.count(group, module, self.model.limits.discovered_modules);
             self.net.overflow(group);
             self.net.report(module, State::Warning, self.now);
-            self.views.set_message(module, &message);
+            self.views.set_message(module, message);
         }
         let mut route = None;
         for group in claim.groups {
@@ -312,7 +313,7 @@ impl Engine {
             self.timers.arm(TimerKey::Reception, due);
         }
         let message = std::mem::take(&mut self.reception.message);
-        self.report_on_self(SystemCheck::Reception, state, &message);
+        self.report_on_self(SystemCheck::Reception, state, &*message);
         self.reception.message = message;
     }
 
@@ -324,18 +325,18 @@ impl Engine {
 
     fn take_display(&mut self, late: Option<Box<str>>) {
         let state = if late.is_some() { State::Warning } else { State::Ok };
-        let words = late.as_ref().map(|whose| format!("the display of {whose} does not say what it shows"));
-        self.report_on_self(SystemCheck::Display, state, &words.unwrap_or_default());
+        let words = late.as_deref().map(system::display_late);
+        self.report_on_self(SystemCheck::Display, state, words.unwrap_or_default());
         self.display_late = late;
     }
 
     /// Sets what the diagnosis says of itself.
-    fn report_on_self(&mut self, check: SystemCheck, state: State, message: &str) {
+    fn report_on_self(&mut self, check: SystemCheck, state: State, message: impl Into<Text>) {
         let id = self.net.system_module(check);
         if self.net.report(id, state, self.now) {
             self.net.mark_module(id);
         }
-        self.views.set_message(id, message);
+        self.views.set_message(id, message.into());
     }
 
     /// Brings everything to what follows from what was marked, at the present instant.
@@ -345,7 +346,7 @@ impl Engine {
             self.follow_changes();
         }
         if let Some(breach) = self.breach() {
-            self.report_on_self(SystemCheck::Invariants, State::Error, &breach);
+            self.report_on_self(SystemCheck::Invariants, State::Error, &*breach);
             self.follow_changes();
         }
         if self.hear_awaited() {

@@ -34,6 +34,24 @@ pub struct Text {
     pub de: Arc<str>,
 }
 
+impl Default for Text {
+    fn default() -> Text {
+        Text::plain("")
+    }
+}
+
+impl From<&str> for Text {
+    fn from(text: &str) -> Text {
+        Text::plain(text)
+    }
+}
+
+impl From<String> for Text {
+    fn from(text: String) -> Text {
+        Text::plain(&text)
+    }
+}
+
 impl Text {
     /// The same words in every language.
     pub fn plain(text: &str) -> Text {

@@ -118,13 +118,14 @@ impl OwnState {
         self.settle(policy, now);
     }
 
-    /// Forgets a latched ERROR. Refused, with no change, while the module is still in ERROR.
-    pub(super) fn reset(&mut self) -> bool {
-        let possible = self.debounce.state != Some(State::Error);
-        if possible {
-            self.latched = false;
-        }
-        possible
+    /// Whether what it reports is ERROR, latched or not.
+    pub(super) fn is_in_error(&self) -> bool {
+        self.debounce.state == Some(State::Error)
+    }
+
+    /// Forgets a latched ERROR; nothing changes while the module is still in ERROR.
+    pub(super) fn reset(&mut self) {
+        self.latched &= self.is_in_error();
     }
 
     /// The own state at `now`, after [`OwnState::advance`] to `now`.
@@ -344,11 +345,13 @@ mod tests {
         module.advance(&policy, at(99));
         assert!(!module.latched());
         module.advance(&policy, at(100));
-        assert!(module.latched() && !module.reset());
+        module.reset();
+        assert!(module.latched() && module.is_in_error());
         module.report(Ok, &policy, at(150));
         module.advance(&policy, at(150));
         assert_eq!(module.state(&policy, at(150)), Error);
-        assert!(module.reset());
+        module.reset();
+        assert!(!module.latched());
         assert_eq!(module.state(&policy, at(150)), Ok);
     }
 

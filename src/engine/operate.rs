@@ -31,39 +31,62 @@ impl Engine {
 
     /// Does it, or changes nothing and names every reason.
     fn try_to(&mut self, action: &OperatorAction) -> Result<(), Vec<Refusal>> {
+        self.check(action)?;
         match action {
             OperatorAction::Login { name } => {
                 self.vehicle.operator = Some(Arc::from(&**name));
                 self.step(Event::Login);
-                Ok(())
             }
-            OperatorAction::Logout => self.leave(Event::Logout, Refusal::LogoutWhileActive),
+            OperatorAction::Logout => self.leave(Event::Logout),
+            OperatorAction::Shutdown => self.leave(Event::Shutdown),
+            OperatorAction::Localize { place } => {
+                let pose = self.pose(place).map_err(|reason| vec![reason])?;
+                self.vehicle.localize(pose, self.now);
+                self.set_posed();
+            }
+            OperatorAction::AskClearance { .. } => {}
+            OperatorAction::Clear { .. } => {
+                self.step(Event::Clearance);
+            }
+            OperatorAction::RequestStop => self.measures.request_stop(self.now),
+            OperatorAction::Acknowledge { alarm } => self.acknowledge(alarm),
+            OperatorAction::Reset { module } => {
+                let id = self.resettable(module).map_err(|reason| vec![reason])?;
+                self.net.modules[id.0 as usize].own.reset();
+                self.net.mark_module(id);
+            }
+        }
+        Ok(())
+    }
+
+    /// Names every reason for which an action is refused now.
+    pub(super) fn check(&self, action: &OperatorAction) -> Result<(), Vec<Refusal>> {
+        match action {
+            OperatorAction::Login { .. } => Ok(()),
+            OperatorAction::Logout => self.may_leave(Refusal::LogoutWhileActive),
             OperatorAction::Shutdown => {
                 self.need_operator()?;
-                self.leave(Event::Shutdown, Refusal::ShutdownWhileActive)
+                self.may_leave(Refusal::ShutdownWhileActive)
             }
-            OperatorAction::Localize { place } => self.localize(place),
-            OperatorAction::AskClearance { display_live, storage_ok } => {
+            OperatorAction::Localize { place } => self.may_localize(place),
+            OperatorAction::AskClearance { display_live, storage_ok }
+            | OperatorAction::Clear { display_live, storage_ok } => {
                 self.check_clearance(*display_live, *storage_ok)
-            }
-            OperatorAction::Clear { display_live, storage_ok } => {
-                self.check_clearance(*display_live, *storage_ok)?;
-                self.step(Event::Clearance);
-                Ok(())
             }
             OperatorAction::RequestStop => {
                 self.need_operator()?;
                 if self.vehicle.stage != Stage::Active {
                     return Err(vec![Refusal::NotDriving]);
                 }
-                self.measures.request_stop(self.now);
                 Ok(())
             }
             OperatorAction::Acknowledge { alarm } => {
                 self.need_operator()?;
-                self.acknowledge(alarm).map_err(|reason| vec![reason])
+                self.acknowledgeable(alarm).map_err(|reason| vec![reason])
             }
-            OperatorAction::Reset { module } => self.reset(module).map_err(|reason| vec![reason]),
+            OperatorAction::Reset { module } => {
+                self.resettable(module).map(drop).map_err(|reason| vec![reason])
+            }
         }
     }
 
@@ -75,16 +98,19 @@ impl Engine {
         }
     }
 
-    fn leave(&mut self, event: Event, refusal: Refusal) -> Result<(), Vec<Refusal>> {
+    fn may_leave(&self, refusal: Refusal) -> Result<(), Vec<Refusal>> {
         if self.vehicle.stage == Stage::Active && self.vehicle.model == StageModel::Shuttle {
             return Err(vec![refusal]);
         }
-        self.vehicle.operator = None;
-        self.step(event);
         Ok(())
     }
 
-    fn localize(&mut self, place: &Place) -> Result<(), Vec<Refusal>> {
+    fn leave(&mut self, event: Event) {
+        self.vehicle.operator = None;
+        self.step(event);
+    }
+
+    fn may_localize(&self, place: &Place) -> Result<(), Vec<Refusal>> {
         if self.vehicle.model == StageModel::None {
             return Err(vec![Refusal::NoStages]);
         }
@@ -93,14 +119,11 @@ impl Engine {
         if !matches!(self.vehicle.stage, Stage::Localizing | Stage::Standby) {
             reasons.push(Refusal::WrongStage(self.vehicle.stage));
         }
-        let pose = self.pose(place).map_err(|reason| reasons.push(reason)).ok();
-        let Some(pose) = pose.filter(|_| reasons.is_empty()) else { return Err(reasons) };
-        self.vehicle.localize(pose, self.now);
-        self.set_posed();
-        Ok(())
+        reasons.extend(self.pose(place).err());
+        if reasons.is_empty() { Ok(()) } else { Err(reasons) }
     }
 
-    fn pose(&self, place: &Place) -> Result<MapPose, Refusal> {
+    pub(super) fn pose(&self, place: &Place) -> Result<MapPose, Refusal> {
         let stops = &self.model.driving.stops;
         let pose = match place {
             Place::Stop(id) => {
@@ -124,42 +147,57 @@ impl Engine {
         }
     }
 
-    fn acknowledge(&mut self, alarm: &AlarmRef) -> Result<(), Refusal> {
-        let node = match alarm {
-            AlarmRef::OperatorStop => {
-                if !self.measures.is_requested() {
-                    return Err(Refusal::NoStopRequested);
-                }
-                self.measures.release_stop();
-                return Ok(());
-            }
+    fn acknowledgeable(&self, alarm: &AlarmRef) -> Result<(), Refusal> {
+        match alarm {
+            AlarmRef::OperatorStop if self.measures.is_requested() => Ok(()),
+            AlarmRef::OperatorStop => Err(Refusal::NoStopRequested),
             AlarmRef::Number(number) => {
-                let node = self.alarms.node(*number).ok_or(Refusal::NoSuchAlarm(*number))?;
+                self.alarms.node(*number).map(drop).ok_or(Refusal::NoSuchAlarm(*number))
+            }
+            AlarmRef::Node(name) => {
+                let node = self.node_named(name).ok_or_else(|| Refusal::NoSuchNode(name.clone()))?;
+                let alarmed = self.alarms.list().iter().any(|alarm| alarm.node == node);
+                let accepted = matches!(node, NodeId::Module(id) if self.warnings.is_accepted(id));
+                let warns = || !self.warned_in(node).is_empty();
+                if alarmed || accepted || self.measures.is_held_for(node) || warns() {
+                    return Ok(());
+                }
+                Err(Refusal::NothingToAcknowledge(self.views.name(node).into()))
+            }
+        }
+    }
+
+    fn acknowledge(&mut self, alarm: &AlarmRef) {
+        match alarm {
+            AlarmRef::OperatorStop => self.measures.release_stop(),
+            AlarmRef::Number(number) => {
+                let Some(node) = self.alarms.node(*number) else { return };
                 // What is asked for today is not released by what was yesterday.
                 let latest = self.alarms.latest(*number);
                 self.alarms.acknowledge(|alarm| alarm.id == *number, self.now, &mut self.events);
                 if let Some(alarm) = &latest {
                     self.measures.acknowledge(Known { node, alarm: Some(alarm) });
                 }
-                self.views.set_alarms(self.alarms.list());
-                return Ok(());
             }
             AlarmRef::Node(name) => {
-                let found = self.views.nodes().find(|(_, known)| *known == &**name);
-                found.map(|(node, _)| node).ok_or_else(|| Refusal::NoSuchNode(name.clone()))?
+                let Some(node) = self.node_named(name) else { return };
+                self.alarms.acknowledge(|alarm| alarm.node == node, self.now, &mut self.events);
+                self.measures.acknowledge(Known { node, alarm: None });
+                for id in self.warned_in(node) {
+                    self.warnings.accept(id);
+                }
             }
-        };
-        let alarmed = self.alarms.acknowledge(|alarm| alarm.node == node, self.now, &mut self.events);
-        let held = self.measures.acknowledge(Known { node, alarm: None });
-        let warned: Vec<ModuleId> =
-            self.warnings.open().filter(|&id| self.around(NodeId::Module(id)).any(|it| it == node)).collect();
-        let known = matches!(node, NodeId::Module(id) if self.warnings.is_accepted(id));
-        warned.iter().for_each(|&id| self.warnings.accept(id));
-        if !(alarmed || held || known || !warned.is_empty()) {
-            return Err(Refusal::NothingToAcknowledge(self.views.name(node).into()));
         }
         self.views.set_alarms(self.alarms.list());
-        Ok(())
+    }
+
+    pub(super) fn node_named(&self, name: &str) -> Option<NodeId> {
+        self.views.nodes().find(|(_, known)| **known == *name).map(|(node, _)| node)
+    }
+
+    /// Modules in a node with a WARNING that is not accepted.
+    pub(super) fn warned_in(&self, node: NodeId) -> Vec<ModuleId> {
+        self.warnings.open().filter(|&id| self.around(NodeId::Module(id)).any(|it| it == node)).collect()
     }
 
     /// A node and the groups around it.
@@ -167,17 +205,16 @@ impl Engine {
         std::iter::successors(Some(node), |&node| self.net.node(node).parent.map(NodeId::Group))
     }
 
-    fn reset(&mut self, name: &str) -> Result<(), Refusal> {
+    fn resettable(&self, name: &str) -> Result<ModuleId, Refusal> {
         let id = self.views.module(name).ok_or_else(|| Refusal::NoSuchModule(name.into()))?;
-        let own = &mut self.net.modules[id.0 as usize].own;
+        let own = &self.net.modules[id.0 as usize].own;
         if !own.latched() {
             return Err(Refusal::NotLatched(name.into()));
         }
-        if !own.reset() {
+        if own.is_in_error() {
             return Err(Refusal::StillInError(name.into()));
         }
-        self.net.mark_module(id);
-        Ok(())
+        Ok(id)
     }
 
     fn check_clearance(&self, display_live: bool, storage_ok: bool) -> Result<(), Vec<Refusal>> {

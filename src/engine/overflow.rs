@@ -2,7 +2,8 @@
 
 use std::collections::HashMap;
 
-use super::model::{GroupId, ModuleId};
+use super::model::{GroupId, ModuleId, Text};
+use super::monitor::say;
 
 /// The name of the module that says so.
 pub(super) const MODULE: &str = "(names past the limit)";
@@ -20,9 +21,14 @@ impl Overflow {
     }
 
     /// Counts one more; returns what the module says now.
-    pub(super) fn count(&mut self, group: GroupId, module: ModuleId, limit: usize) -> String {
+    pub(super) fn count(&mut self, group: GroupId, module: ModuleId, limit: usize) -> Text {
         let (_, count) = self.groups.entry(group).or_insert((module, 0));
         *count += 1;
-        format!("{count} statuses with new names dropped: limits.discovered_modules is {limit}")
+        say!(
+            "{count} statuses with new names dropped: limits.discovered_modules is {limit}",
+            "{count} Status mit neuen Namen verworfen: limits.discovered_modules ist {limit}",
+            count = count.to_string(),
+            limit = limit.to_string()
+        )
     }
 }

@@ -246,6 +246,8 @@ pub struct ModuleView {
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Report {
     pub message: Box<str>,
+    /// The message in German, where the engine says it: a monitor, or the diagnosis of itself.
+    pub german: Option<Box<str>>,
     pub hardware_id: Box<str>,
     pub values: Vec<(Box<str>, Box<str>)>,
 }

@@ -2,6 +2,7 @@
 
 use super::input::ReceptionTrouble;
 use super::model::{Policy, Text};
+use super::monitor::say;
 use super::state::State;
 use super::time::{Span, Timestamp};
 
@@ -96,6 +97,15 @@ impl SystemCheck {
         };
         Text { en: en.into(), de: de.into() }
     }
+}
+
+/// What is said of a display that does not answer.
+pub(super) fn display_late(whose: &str) -> Text {
+    say!(
+        "the display of {whose} does not say what it shows",
+        "die Anzeige von {whose} meldet nicht, was sie zeigt",
+        whose = whose
+    )
 }
 
 /// System modules are told what they are; they never fall silent.

@@ -8,7 +8,7 @@ use super::causes::Explained;
 use super::input::{ReceptionTrouble, Status};
 use super::layout::{SELF_STATE, layout};
 use super::lead::Led;
-use super::model::{GroupId, Limits, Model, ModuleId, NodeId, Stage};
+use super::model::{GroupId, Limits, Model, ModuleId, NodeId, Stage, Text};
 use super::monitor::Words;
 use super::net::{Change, Net};
 use super::persistent::PersistentVec;
@@ -121,10 +121,10 @@ impl Views {
     }
 
     /// Sets the words of a module that the engine itself speaks for.
-    pub(super) fn set_message(&mut self, id: ModuleId, message: &str) {
+    pub(super) fn set_message(&mut self, id: ModuleId, message: Text) {
         let index = id.0 as usize;
-        if *self.reports[index].message != *message {
-            self.set_report(id, Arc::new(Report { message: message.into(), ..Report::default() }));
+        if *self.reports[index].message != *message.en {
+            self.set_report(id, Arc::new(Report::of_engine(message, Vec::new())));
         }
         self.note_heard(id);
     }
@@ -132,8 +132,7 @@ impl Views {
     /// Sets what a monitor says of its module. Returns whether it said something else before.
     pub(super) fn set_words(&mut self, id: ModuleId, words: Words) -> bool {
         let values = words.values.into_iter().map(|(key, value)| (key.into(), value.into()));
-        let report =
-            Report { message: words.message.into(), hardware_id: "".into(), values: values.collect() };
+        let report = Report::of_engine(words.message, values.collect());
         let changed = *self.reports[id.0 as usize] != report;
         if changed {
             self.set_report(id, Arc::new(report));
@@ -321,6 +320,10 @@ impl Views {
     pub(super) fn set_alarms(&mut self, alarms: &[Alarm]) {
         self.alarms = alarms.into();
         self.seq_changed = true;
+    }
+
+    pub(super) fn led(&self) -> &Led {
+        &self.led
     }
 
     pub(super) fn set_led(&mut self, led: Led) {

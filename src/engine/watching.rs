@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::input::StatusArray;
 use super::model::{Limits, Model, ModuleId, Policy};
 use super::monitor::spec::{MonitorSpec, TopicId, TopicSpec, ValueSource, WatchdogSpec};
-use super::monitor::{Feed, Monitor, Taken, WORDS_EVERY, Words, feeds, parse};
+use super::monitor::{Feed, Monitor, NO_SUCH_KEY, Taken, WORDS_EVERY, Words, feeds, parse, say};
 use super::sample::{FieldValue, Probe, Sample, TopicNews};
 use super::state::State;
 use super::time::Timestamp;
@@ -274,7 +274,7 @@ impl Watching {
                     }
                     Some(text) if reader.as_text => FieldValue::Text(text.into()),
                     Some(text) => parse(text),
-                    None => FieldValue::Unreadable("the status has no such key".into()),
+                    None => FieldValue::Unreadable(NO_SUCH_KEY.into()),
                 };
                 taken.push((reader.watch, reader.slot, value));
             }
@@ -380,16 +380,28 @@ impl Watching {
     fn say(&self, blind: Option<Blind>, beside: bool, words: Words) -> Words {
         let Some(blind) = blind else { return words };
         let message = match blind {
-            Blind::NoPublisher(id) => format!("nobody publishes {}", self.topics[id.0 as usize].spec.topic),
+            Blind::NoPublisher(id) => say!(
+                "nobody publishes {topic}",
+                "niemand veröffentlicht {topic}",
+                topic = &*self.topics[id.0 as usize].spec.topic
+            ),
             Blind::WrongType(id) => {
                 let topic = &self.topics[id.0 as usize];
                 let other = topic.news.as_ref().and_then(|news| news.other_type.as_deref()).unwrap_or("?");
                 let TopicSpec { topic, type_name, .. } = &*topic.spec;
-                format!("{topic} has type {other}, configuration says {type_name}")
+                say!(
+                    "{topic} has type {other}, configuration says {wanted}",
+                    "{topic} hat den Typ {other}, laut Konfiguration {wanted}",
+                    topic = &**topic,
+                    other = other,
+                    wanted = &**type_name
+                )
             }
         };
         if beside {
-            Words { message: format!("{}; {message}", words.message), ..words }
+            let message =
+                say!("{said}; {message}", "{said}; {message}", said = words.message, message = message);
+            Words { message, values: words.values }
         } else {
             Words { message, values: Vec::new() }
         }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::cdr::Endian;
-use super::fields::{BooleanReader, Definitions, FieldError, FieldsError, Miss, Reader};
+use super::fields::{BooleanReader, Definitions, EventReader, FieldError, FieldsError, Miss, Reader};
 use super::messages::{self, DIAGNOSTIC_ARRAY};
 use super::raw::RawBody;
 use crate::engine::input::Input;
@@ -52,8 +52,15 @@ pub struct Subscription {
 #[derive(Debug, Clone)]
 struct Signal {
     name: Box<str>,
-    /// `None` for an event: every message means true, whatever is in it.
-    level: Option<BooleanReader>,
+    meaning: Meaning,
+}
+
+/// What a message says of a signal.
+#[derive(Debug, Clone)]
+enum Meaning {
+    Level(BooleanReader),
+    /// Every message means true that is what its type says. Of an unknown type, every message.
+    Event(Option<EventReader>),
 }
 
 /// What monitors watch.
@@ -82,11 +89,11 @@ impl Plan {
         let mut all = Vec::new();
         subscribe(&mut all, DIAGNOSTICS, DIAGNOSTIC_ARRAY, &model.limits)?.diagnostics = true;
         for spec in &model.signals {
-            let level = level(spec, definitions)?;
+            let meaning = meaning(spec, definitions)?;
             let source = &spec.source;
             subscribe(&mut all, &source.topic, &source.type_name, &model.limits)?
                 .signals
-                .push(Signal { name: spec.name.clone(), level });
+                .push(Signal { name: spec.name.clone(), meaning });
         }
         for spec in &model.watched.topics {
             let subscription = subscribe(&mut all, &spec.topic, &spec.type_name, &model.limits)?;
@@ -139,11 +146,11 @@ fn subscribe<'a>(
 }
 
 /// A field that is true or false is a level; where there is none, a message can be an event.
-fn level(spec: &SignalSpec, definitions: &Definitions) -> Result<Option<BooleanReader>, SubscriptionError> {
+fn meaning(spec: &SignalSpec, definitions: &Definitions) -> Result<Meaning, SubscriptionError> {
     let source = &spec.source;
     match definitions.boolean(&source.type_name, &source.field) {
-        Ok(reader) => Ok(Some(reader)),
-        Err(_) if spec.present_for.is_some() => Ok(None),
+        Ok(reader) => Ok(Meaning::Level(reader)),
+        Err(_) if spec.present_for.is_some() => Ok(Meaning::Event(definitions.event(&source.type_name))),
         Err(why) => Err(SubscriptionError::NoBool {
             signal: spec.name.clone(),
             type_name: source.type_name.clone(),
@@ -158,7 +165,7 @@ impl Subscription {
     /// value do; an event does not, and neither does what is only counted. Where the age of messages
     /// is watched, an old one would be judged as late.
     pub fn wants_last_value(&self) -> bool {
-        self.signals.iter().any(|signal| signal.level.is_some())
+        self.signals.iter().any(|signal| matches!(signal.meaning, Meaning::Level(_)))
             || self.watch.as_ref().is_some_and(Watch::wants_last_value)
     }
 
@@ -200,10 +207,11 @@ impl Subscription {
             *wrong = fault.map(Miss::Fault);
         }
         for signal in &self.signals {
-            let value = match &signal.level {
-                Some(reader) => reader.read(body, endian),
-                None if history => continue,
-                None => Ok(true),
+            let value = match &signal.meaning {
+                Meaning::Level(reader) => reader.read(body, endian),
+                Meaning::Event(_) if history => continue,
+                Meaning::Event(Some(reader)) => reader.check(body, endian).map(|()| true),
+                Meaning::Event(None) => Ok(true),
             };
             match value {
                 Ok(value) => inputs.push(Input::Signal { name: signal.name.clone(), value }),
@@ -258,6 +266,7 @@ mod tests {
     use crate::engine::input::StatusArray;
     use crate::engine::model::{Driving, FieldSource, Parts, Policy, StageModel, Text};
     use crate::engine::monitor::spec::{FieldKind, FieldSpec, Watched};
+    use crate::engine::sample::Pose;
     use crate::engine::time::Span;
     use crate::ros::cdr::{Fault, FaultKind};
     use crate::ros::messages::{BOOL, encode};
@@ -324,7 +333,11 @@ mod tests {
         };
         assert_eq!(decode(1, &[1, 0, 0, 0]), (vec![signal("active", true), signal("moving", true)], None));
         assert_eq!(decode(1, &[0]), (vec![signal("active", false), signal("moving", false)], None));
-        assert_eq!(decode(2, &[]), (vec![signal("goal", true)], None));
+        let header = encode::Header { stamp: std::time::UNIX_EPOCH, frame_id: "map" };
+        let pose = encode::pose_stamped(header, Pose { qw: 1.0, ..Pose::default() });
+        assert_eq!(decode(2, &pose), (vec![signal("goal", true)], None));
+        let (inputs, fault) = decode(2, &[]);
+        assert!(inputs.is_empty() && fault.is_some());
         let (inputs, fault) = decode(1, &[]);
         assert!(inputs.is_empty() && fault.is_some());
         let (inputs, fault) = decode(0, &[1, 2]);

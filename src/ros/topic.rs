@@ -9,6 +9,7 @@ use rustdds::dds::CreateError;
 use rustdds::{DomainParticipant, Subscriber};
 use tokio::sync::{mpsc, watch};
 
+use super::fields::Miss;
 use super::graph::Tallies;
 use super::messages;
 use super::outbox::{End, Outbox, stopped};
@@ -237,8 +238,10 @@ impl Topic {
         let (inputs, wrong) = self.subscription.decode(Received { body, wall_ns, history });
         let bytes = body.as_ref().map_or(0, |(body, _)| body.len());
         if let Some(wrong) = wrong {
-            let text =
-                || if body.is_ok() { format!("{wrong}, of {bytes} in all") } else { wrong.to_string() };
+            let text = || match (&wrong, body) {
+                (Miss::Fault(fault), Ok(_)) => format!("{fault}, of {bytes} in all"),
+                _ => wrong.to_string(),
+            };
             self.memory.troubles.add(TroubleKind::Malformed, 1, text);
         }
         for input in inputs {

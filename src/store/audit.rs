@@ -82,6 +82,7 @@ actions! {
     TokenRevoked: "token revoked", "A token of a program was taken back.";
     Omitted: "omitted", "Records that were left out, because there were too many of their kind.";
     Pruned: "pruned", "The oldest records were taken away.";
+    HeadMissing: "head missing", "The note of where the chain ended was gone: it may have been cut before this.";
     ChainBroken: "chain broken", "The chain did not end where it had been noted to.";
 }
 
@@ -216,11 +217,11 @@ impl Store {
 }
 
 /// Verifies the chain in a data folder and changes nothing there. Beside the head that lies there
-/// the chain must hold the `heads` that were noted elsewhere.
+/// the chain must hold the `heads` that were noted elsewhere. Also tells whether there is one there.
 ///
 /// # Errors
 /// If there is no database, or it cannot be read.
-pub fn verify_audit_in(folder: &Path, heads: &[Head]) -> Result<Verdict, StoreError> {
+pub fn verify_audit_in(folder: &Path, heads: &[Head]) -> Result<(Verdict, bool), StoreError> {
     let path = folder.join(FILE_NAME);
     let open_error = |reason| StoreError::Open { path: path.clone(), reason };
     if !path.exists() {
@@ -231,10 +232,11 @@ pub fn verify_audit_in(folder: &Path, heads: &[Head]) -> Result<Verdict, StoreEr
     connection.busy_timeout(super::schema::LOCK_WAIT).map_err(open_error)?;
     let mut known = heads.to_vec();
     // The head is never ahead of the database, so it is read first.
-    known.extend(read_head(&folder.join(HEAD_FILE_NAME)));
+    let noted = read_head(&folder.join(HEAD_FILE_NAME));
+    known.extend(noted);
     let mut verifier = Verifier::new(known);
     while verifier.read(&connection, VERIFY_AT_ONCE)? {}
-    Ok(verifier.verdict())
+    Ok((verifier.verdict(), noted.is_some()))
 }
 
 /// The head of the chain, as it is noted outside of the database.
@@ -266,6 +268,10 @@ impl Log {
             let record =
                 Record::of(Action::ChainBroken, TELLTALE).on(format!("{HEAD_FILE_NAME} said {noted}"));
             append(&transaction, &record, wall)?;
+        } else if noted.number == 0 && head_file.is_some() && Head::of(&transaction)?.number > 0 {
+            tracing::warn!("{HEAD_FILE_NAME} is missing: whether the audit log is whole cannot be proven");
+            let record = Record::of(Action::HeadMissing, TELLTALE);
+            append(&transaction, &record.on(format!("{HEAD_FILE_NAME} was gone")), wall)?;
         }
         transaction.commit()?;
         let head = Head::of(connection)?;

@@ -97,6 +97,8 @@ pub struct Verdict {
     pub records: u64,
     pub head: Head,
     pub breach: Option<Breach>,
+    /// The last record that was noted elsewhere: that there were others after it, nobody would know.
+    pub proven: u64,
 }
 
 /// Goes through a chain from its first record to its last and stops at the first bad one.
@@ -173,7 +175,8 @@ impl Verifier {
                 format!("is missing: the log was cut here; it was noted to reach record {}", known.number);
             self.breach = Some(Breach { number: head.number + 1, what });
         }
-        Verdict { records: self.records, head, breach: self.breach }
+        let proven = self.known.iter().map(|known| known.number).filter(|&number| number <= head.number);
+        Verdict { records: self.records, head, breach: self.breach, proven: proven.max().unwrap_or(0) }
     }
 }
 

@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use rusqlite::Connection;
 
-pub use read::{Happened, HistoryQuery, NodePast, Past, Stretch};
+pub use read::{Happened, Held, HistoryQuery, NodePast, Past, Stretch};
 
 use super::StoreError;
 use super::schema::make_private_file;

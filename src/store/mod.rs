@@ -28,8 +28,8 @@ use tokio::sync::{oneshot, watch};
 
 pub use chain::{Breach, Hash, Head, Verdict};
 pub use health::Fault;
-pub use history::{HISTORY_FILE, Happened, History, HistoryQuery, NodePast, Past, Stretch};
-pub use leave::Leaving;
+pub use history::{HISTORY_FILE, Happened, Held, History, HistoryQuery, NodePast, Past, Stretch};
+pub use leave::{Entering, Written};
 pub use role::Role;
 pub use schema::{FILE_NAME, make_folder};
 pub use secret::{DEMO_USERS, DemoSecrets, Lane, SecretError, is_pin};
@@ -90,6 +90,8 @@ pub enum StoreError {
         "{0} has too many tokens; `telltale user tokens` shows them, `telltale user revoke NUMBER` takes one back"
     )]
     ManyTokens(String),
+    #[error("the session was ended while it was opened; log in again")]
+    SessionEnded,
     #[error("there is no token {0}; `telltale user tokens` shows all")]
     NoSuchToken(i64),
 }
@@ -120,6 +122,7 @@ pub struct Store {
     sessions: Arc<Sessions>,
     hashing: Hashing,
     fault: watch::Receiver<Fault>,
+    folder: Option<Arc<Path>>,
     clock: Clock,
 }
 
@@ -166,7 +169,7 @@ impl Store {
         let log = Log::read(&connection, folder)?;
         let mut health = Health::new(Some(folder));
         health.cannot_write(why);
-        Store::run(connection, log, health, clock, demo)
+        Store::run(connection, log, health, Some(folder), clock, demo)
     }
 
     /// Opens `telltale.db` in `folder`, if there is one.
@@ -193,13 +196,14 @@ impl Store {
         demo: DemoSecrets,
     ) -> Result<Store, StoreError> {
         let log = Log::open(&mut connection, folder, clock.wall())?;
-        Store::run(connection, log, Health::new(folder), clock, demo)
+        Store::run(connection, log, Health::new(folder), folder, clock, demo)
     }
 
     fn run(
         connection: Connection,
         log: Log,
         health: Health,
+        folder: Option<&Path>,
         clock: Clock,
         demo: DemoSecrets,
     ) -> Result<Store, StoreError> {
@@ -220,7 +224,19 @@ impl Store {
             .name("store".to_owned())
             .spawn(move || database.run(&queue))
             .map_err(|reason| StoreError::Folder { path: PathBuf::from("(a new thread)"), reason })?;
-        Ok(Store { jobs, sessions, hashing: Hashing::new(demo)?, fault, clock })
+        Ok(Store {
+            jobs,
+            sessions,
+            hashing: Hashing::new(demo)?,
+            fault,
+            folder: folder.map(Arc::from),
+            clock,
+        })
+    }
+
+    /// Where the database lies; `None` for one that ends with the process.
+    pub fn folder(&self) -> Option<&Path> {
+        self.folder.as_deref()
     }
 
     /// Whether the database answers.

@@ -4,12 +4,13 @@ use std::collections::HashMap;
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError, RwLock};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
-use rusqlite::{OptionalExtension, params};
+use rusqlite::{Connection, OptionalExtension, params};
 use sha2::{Digest, Sha256};
 use tokio::sync::watch;
 
+use super::audit::Record;
 use super::users::{from_unix_ms, role, to_unix_ms};
 use super::{Database, Role, Store, StoreError, Verified};
 use crate::engine::time::{Span, Timestamp};
@@ -108,6 +109,15 @@ impl Session {
         now.since(Timestamp::from_nanos(self.used.load(Ordering::Relaxed)))
     }
 
+    pub(super) fn key(&self) -> Key {
+        self.key
+    }
+
+    /// Whether this is the session of a token.
+    pub fn is_of(&self, token: &Token) -> bool {
+        self.key == token.key()
+    }
+
     /// Whether both are the same login.
     pub fn is(&self, other: &Session) -> bool {
         self.key == other.key
@@ -124,27 +134,14 @@ impl Store {
         let token = Token::random()?;
         let key = token.key();
         let created = self.clock.wall();
-        let (id, hash, name) = (user.id, user.secret_hash.clone(), user.name.clone());
+        let user = user.clone();
         let session = self
             .call(move |database| {
                 let transaction = database.connection.transaction()?;
-                let opened = transaction.execute(
-                    "INSERT INTO sessions (token_hash, user, created_ms, expires_ms)
-                     SELECT ?1, id, ?4, ?5 FROM users WHERE id = ?2 AND secret_hash = ?3",
-                    params![key, id, hash, to_unix_ms(created), to_unix_ms(created + SESSION_LIFE)],
-                )?;
-                transaction.execute(
-                    "DELETE FROM sessions WHERE user = ?1 AND token_hash NOT IN (
-                         SELECT token_hash FROM sessions WHERE user = ?1
-                         ORDER BY token_hash = ?2 DESC, created_ms DESC LIMIT ?3)",
-                    params![id, key, SESSIONS_PER_USER as i64],
-                )?;
+                insert_session(&transaction, &user, key, created)?;
                 transaction.commit()?;
                 database.reload_sessions()?;
-                if opened == 0 {
-                    return Err(StoreError::NoSuchUser(name));
-                }
-                database.sessions.find(&key).ok_or(StoreError::NoSuchUser(name))
+                database.sessions.find(&key).ok_or(StoreError::SessionEnded)
             })
             .await?;
         Ok((token, session))
@@ -161,38 +158,25 @@ impl Store {
         sessions.values().map(|open| open.session.clone()).collect()
     }
 
+    /// Ends a session and records why, both or neither.
+    ///
     /// # Errors
     /// If the database fails; the session is open then.
-    pub async fn end_session(&self, session: &Session) -> Result<(), StoreError> {
+    pub async fn end_session(&self, session: &Session, record: Record) -> Result<(), StoreError> {
         let key = session.key;
         self.call(move |database| {
-            database.connection.execute("DELETE FROM sessions WHERE token_hash = ?1", [key])?;
+            database.change(&[record], |transaction| {
+                transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [key])?;
+                Ok(())
+            })?;
             database.reload_sessions()
         })
         .await
     }
 
-    /// Ends all sessions of a user.
-    ///
-    /// # Errors
-    /// If the database fails; the sessions are open then.
-    pub async fn end_sessions_of(&self, user: &str) -> Result<(), StoreError> {
-        let user = user.to_owned();
-        self.call(move |database| {
-            database.connection.execute(
-                "DELETE FROM sessions WHERE user = (SELECT id FROM users WHERE name = ?1)",
-                [user],
-            )?;
-            database.reload_sessions()
-        })
-        .await
-    }
-
-    /// Remembers who sits in the operator's seat, over a restart too.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn take_seat(&self, operator: &str) -> Result<(), StoreError> {
+    /// Puts an operator into the seat without a login.
+    #[cfg(test)]
+    pub(super) async fn take_seat(&self, operator: &str) -> Result<(), StoreError> {
         let operator = operator.to_owned();
         self.call(move |database| {
             database.connection.execute(
@@ -200,16 +184,6 @@ impl Store {
                  ON CONFLICT (one) DO UPDATE SET user = excluded.user",
                 [operator],
             )?;
-            Ok(())
-        })
-        .await
-    }
-
-    /// # Errors
-    /// If the database fails.
-    pub async fn leave_seat(&self) -> Result<(), StoreError> {
-        self.call(|database| {
-            database.connection.execute("DELETE FROM seat", [])?;
             Ok(())
         })
         .await
@@ -233,6 +207,30 @@ impl Store {
         })
         .await
     }
+}
+
+/// Writes a new session of somebody who just proved to be this user; the oldest ends that is too many.
+pub(super) fn insert_session(
+    connection: &Connection,
+    user: &Verified,
+    key: Key,
+    created: SystemTime,
+) -> Result<(), StoreError> {
+    let opened = connection.execute(
+        "INSERT INTO sessions (token_hash, user, created_ms, expires_ms)
+         SELECT ?1, id, ?4, ?5 FROM users WHERE id = ?2 AND secret_hash = ?3",
+        params![key, user.id, user.secret_hash, to_unix_ms(created), to_unix_ms(created + SESSION_LIFE)],
+    )?;
+    if opened == 0 {
+        return Err(StoreError::NoSuchUser(user.name.clone()));
+    }
+    connection.execute(
+        "DELETE FROM sessions WHERE user = ?1 AND token_hash NOT IN (
+             SELECT token_hash FROM sessions WHERE user = ?1
+             ORDER BY token_hash = ?2 DESC, created_ms DESC LIMIT ?3)",
+        params![user.id, key, SESSIONS_PER_USER as i64],
+    )?;
+    Ok(())
 }
 
 impl Sessions {
@@ -286,6 +284,7 @@ mod tests {
     use super::*;
     use crate::clock::Clock;
     use crate::store::DemoSecrets;
+    use crate::store::audit::{Action, TELLTALE};
 
     #[tokio::test]
     async fn a_session_ends_with_its_user_and_its_secret() {
@@ -324,7 +323,8 @@ mod tests {
         assert_eq!(store.seated_operator().await.unwrap(), None);
         let (_, session) = store.open_session(&user).await.unwrap();
         assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("anna"));
-        store.end_session(&session).await.unwrap();
+        let record = Record::of(Action::SessionEnded, TELLTALE);
+        store.end_session(&session, record).await.unwrap();
         assert_eq!(store.seated_operator().await.unwrap(), None);
     }
 

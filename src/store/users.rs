@@ -17,7 +17,7 @@ pub struct User {
 }
 
 /// Proof that somebody gave the secret of this user just now.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Verified {
     pub(super) id: i64,
     pub(super) name: String,

@@ -67,7 +67,7 @@ impl Store {
     }
 }
 
-fn write(connection: &Connection, memory: &VehicleMemory) -> Result<(), StoreError> {
+pub(super) fn write(connection: &Connection, memory: &VehicleMemory) -> Result<(), StoreError> {
     let vehicle = &memory.vehicle;
     let (number, pose) = vehicle.pose.unzip();
     connection

@@ -2,13 +2,11 @@
 
 use std::sync::LazyLock;
 
-use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE, ETAG, IF_NONE_MATCH};
-use axum::http::{HeaderMap, StatusCode};
+use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 use rust_embed::RustEmbed;
 use sha2::{Digest, Sha256};
 
-use super::answer::header;
 use super::view::LOGIN_ASSETS;
 
 #[derive(RustEmbed)]
@@ -39,31 +37,25 @@ pub fn url(name: &str) -> String {
 
 /// Whether the file at this address is served without a session.
 pub fn is_open(address: &str) -> bool {
-    let (name, _) = split(address);
+    let name = name(address);
     LOGIN_ASSETS.iter().any(|open| match open.strip_suffix('/') {
         Some(_) => name.starts_with(open),
         None => name == *open,
     })
 }
 
-/// The file at this address, if there is one.
-pub fn answer(address: &str, headers: &HeaderMap) -> Option<Response> {
-    let (name, is_versioned) = split(address);
+/// The file at this address, if there is one. Browsers keep none, as they keep no page.
+pub fn answer(address: &str) -> Option<Response> {
+    let name = name(address);
     let file = Assets::get(name)?;
-    let tag = format!("\"{}\"", *VERSION);
-    let keep = if is_versioned { "public, max-age=31536000, immutable" } else { "no-cache" };
-    let about = [(CACHE_CONTROL, keep), (CONTENT_TYPE, content_type(name)), (ETAG, tag.as_str())];
-    if header(headers, IF_NONE_MATCH.as_str()) == Some(tag.as_str()) {
-        return Some((StatusCode::NOT_MODIFIED, about).into_response());
-    }
-    Some((about, file.data).into_response())
+    Some(([(CONTENT_TYPE, content_type(name))], file.data).into_response())
 }
 
-/// The name of a file from its address, and whether the address holds for this version alone.
-fn split(address: &str) -> (&str, bool) {
+/// The name of a file from its address, with or without the version.
+fn name(address: &str) -> &str {
     let path = address.strip_prefix(ROOT).unwrap_or_default();
     let versioned = path.strip_prefix(VERSION.as_str()).and_then(|rest| rest.strip_prefix('/'));
-    (versioned.unwrap_or(path), versioned.is_some())
+    versioned.unwrap_or(path)
 }
 
 fn content_type(name: &str) -> &'static str {

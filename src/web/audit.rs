@@ -28,7 +28,7 @@ pub struct Limit(HashMap<Kind, Bucket>);
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 struct Kind {
     action: Action,
-    is_local: bool,
+    is_near: bool,
 }
 
 #[derive(Debug)]
@@ -76,7 +76,7 @@ impl Limit {
 
 impl Kind {
     fn omitted(self, count: u64) -> Record {
-        let whence = if self.is_local { "this machine" } else { "the network" };
+        let whence = if self.is_near { "the vehicle's displays" } else { "elsewhere" };
         let target = format!("{count} more refusals: {}, from {whence}", self.action.as_str());
         Record::of(Action::Omitted, TELLTALE).on(target)
     }
@@ -94,13 +94,20 @@ impl AppState {
 
     /// Records a refusal that anybody can cause, unless there were too many of its kind.
     pub async fn audit_refusal(&self, source: IpAddr, record: Record) {
-        let kind = Kind { action: record.action, is_local: source.to_canonical().is_loopback() };
+        if self.may_record_refusal(source, record.action).await {
+            self.audit_or_log(record).await;
+        }
+    }
+
+    /// Whether one more refusal of this kind is to be recorded; what was left out before it is told.
+    pub async fn may_record_refusal(&self, source: IpAddr, action: Action) -> bool {
+        let kind = Kind { action, is_near: self.settings.enrolled.is_near(source) };
         let admitted = self.audit_limit().admit(self.clock.now(), kind);
-        let Some(omitted) = admitted else { return };
+        let Some(omitted) = admitted else { return false };
         if omitted > 0 {
             self.audit_or_log(kind.omitted(omitted)).await;
         }
-        self.audit_or_log(record).await;
+        true
     }
 
     /// Records how many refusals were not recorded one by one.
@@ -136,8 +143,8 @@ mod tests {
     #[test]
     fn a_flood_is_counted_and_does_not_hide_the_vehicles_own_displays() {
         let mut limit = Limit::default();
-        let stranger = Kind { action: Action::Login, is_local: false };
-        let local = Kind { is_local: true, ..stranger };
+        let stranger = Kind { action: Action::Login, is_near: false };
+        let local = Kind { is_near: true, ..stranger };
         let (mut admitted, mut told, mut records) = (0, 0, 0);
         for second in 0..24 * 3600_u64 {
             let now = Timestamp::ZERO + Span::from_secs(second);

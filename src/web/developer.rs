@@ -1,17 +1,19 @@
 //! The developer's pages: what was received, why a node shows what it shows, what is hidden, in
 //! which ways it is diagnosed, the configuration, and the audit log.
 
-use axum::extract::{Extension, FromRequestParts, Query, State};
-use axum::http::StatusCode;
+use axum::extract::rejection::FormRejection;
+use axum::extract::{Extension, Form, FromRequestParts, Query, State};
 use axum::http::request::Parts;
+use axum::http::{HeaderMap, StatusCode};
 use axum::response::{Html, IntoResponse, Response};
+use serde::Deserialize;
 use serde_json::json;
 use tokio::sync::oneshot;
 
 use super::answer::{Reader, Speaks, json_answer, refusal};
 use super::audit::record_of;
 use super::frame::permitted;
-use super::guard::SignedIn;
+use super::guard::{SignedIn, bearer};
 use super::login::{Peer, source_of};
 use super::pages::page_context;
 use super::state::AppState;
@@ -82,31 +84,34 @@ pub async fn timeline(State(app): State<AppState>, visit: Visit) -> Html<String>
     Html(view::timeline_page(&published, &context, &asked, &window, past.as_ref()))
 }
 
-/// `GET /developer/masking?q=TEXT`
+/// `GET /developer/masking?q=TEXT&page=N&page-idle=N`
 pub async fn masking(visit: Visit) -> Html<String> {
     Html(view::masking_page(&visit.published, &visit.context, &visit.asked))
 }
 
-/// `GET /developer/coverage?cell=COLUMN PATH`
+/// `GET /developer/coverage?cell=COLUMN PATH&page=N`
 pub async fn coverage(visit: Visit) -> Html<String> {
     Html(view::coverage_page(&visit.published, &visit.context, &visit.asked))
 }
 
-/// `GET /developer/topics?q=TEXT`
+/// `GET /developer/topics?q=TEXT&page=N`
 pub async fn topics(State(app): State<AppState>, visit: Visit) -> Html<String> {
     let seen = app.settings.discovery.as_ref().map(|seen| seen.borrow().clone()).unwrap_or_default();
     Html(view::topics_page(&visit.published, &visit.context, &visit.asked, &seen))
 }
 
-/// `GET /developer/configuration`: what the file would change, if it were taken now.
+/// `GET /developer/configuration?q=TEXT&file=NUMBER&page=N`: what the file would change, if it were
+/// taken now, and what runs.
 pub async fn configuration(State(app): State<AppState>, visit: Visit) -> Response {
-    match reread(&app, false).await {
+    match reread(&app, false, None).await {
         Ok(read) => {
+            let may_take = visit.session.role == Role::Developer;
             let page = view::configuration_page(
                 &visit.published,
                 &read,
-                visit.session.role == Role::Developer,
+                may_take.then_some(false),
                 &visit.context,
+                &visit.asked,
             );
             Html(page).into_response()
         }
@@ -114,16 +119,35 @@ pub async fn configuration(State(app): State<AppState>, visit: Visit) -> Respons
     }
 }
 
-/// `POST /developer/configuration/reload`: the file is taken whole, or not at all.
-pub async fn reload(State(app): State<AppState>, peer: Option<Extension<Peer>>, visit: Visit) -> Response {
-    let read = match reread(&app, true).await {
+/// What the page with the button showed.
+#[derive(Debug, Deserialize)]
+pub struct ReloadForm {
+    shown: Option<String>,
+}
+
+/// `POST /developer/configuration/reload`: the file is taken whole, or not at all. A page says by
+/// `shown` what it showed, and nothing else is taken; a program may leave that out and takes what
+/// there is.
+pub async fn reload(
+    State(app): State<AppState>,
+    peer: Option<Extension<Peer>>,
+    headers: HeaderMap,
+    visit: Visit,
+    form: Result<Form<ReloadForm>, FormRejection>,
+) -> Response {
+    let shown = form.ok().and_then(|Form(form)| form.shown);
+    // Whoever looks at a page and does not say at what was shown nothing.
+    let shown = if bearer(&headers).is_some() { shown } else { Some(shown.unwrap_or_default()) };
+    let read = match reread(&app, true, shown.clone()).await {
         Ok(read) => read,
         Err(trouble) => return refusal(&visit.reader, trouble),
     };
     let record =
         record_of(&visit.session, Action::Configuration, source_of(peer.map(|Extension(peer)| peer)));
+    let is_other = read.problems.is_none() && shown.is_some_and(|shown| shown != read.digest);
     let record = match (&read.problems, read.differences.as_slice()) {
         (Some(_), _) => record.refused("the file is wrong"),
+        (None, _) if is_other => record.refused("the file is not what was shown"),
         (None, []) => record.on("no difference"),
         (None, differences) => {
             record.on(format!("{} differences: {}", differences.len(), differences.join("; ")))
@@ -133,17 +157,23 @@ pub async fn reload(State(app): State<AppState>, peer: Option<Extension<Peer>>, 
         tracing::error!(%error, "a reload cannot be recorded");
         return refusal(&visit.reader, Trouble::Unavailable);
     }
-    let status = if read.problems.is_some() { StatusCode::UNPROCESSABLE_ENTITY } else { StatusCode::OK };
+    let status = match &read.problems {
+        Some(_) => StatusCode::UNPROCESSABLE_ENTITY,
+        None if is_other => StatusCode::CONFLICT,
+        None => StatusCode::OK,
+    };
     match visit.reader.speaks {
         Speaks::Json => {
-            let Rereading { taken, differences, problems, warnings } = read;
+            let Rereading { taken, differences, problems, warnings, digest, .. } = read;
             let answer = json!({
                 "taken": taken, "differences": differences, "problems": problems, "warnings": warnings,
+                "shown": digest,
             });
             json_answer(status, &answer)
         }
         Speaks::Html => {
-            let page = view::configuration_page(&visit.published, &read, true, &visit.context);
+            let (visit, offer) = (&visit, Some(is_other));
+            let page = view::configuration_page(&visit.published, &read, offer, &visit.context, &visit.asked);
             (status, Html(page)).into_response()
         }
     }
@@ -178,9 +208,9 @@ pub async fn audit(State(app): State<AppState>, visit: Visit) -> Response {
     Html(view::audit_page(&visit.published, &page, &visit.context)).into_response()
 }
 
-async fn reread(app: &AppState, take: bool) -> Result<Rereading, Trouble> {
+async fn reread(app: &AppState, take: bool, shown: Option<String>) -> Result<Rereading, Trouble> {
     let rereads = app.settings.rereads.as_ref().ok_or(Trouble::NotFound)?;
     let (reply, answer) = oneshot::channel();
-    rereads.send(Reread { take, reply }).await.map_err(|_| Trouble::Unavailable)?;
+    rereads.send(Reread { take, shown, reply }).await.map_err(|_| Trouble::Unavailable)?;
     answer.await.map_err(|_| Trouble::Unavailable)
 }

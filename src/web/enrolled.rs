@@ -46,6 +46,12 @@ impl Enrolled {
         if displays.is_empty() { Enrolled::default() } else { Enrolled(displays) }
     }
 
+    /// Whether it is one of the vehicle's own displays, or another program on this machine: nobody
+    /// out there counts together with them. That a PIN will do from there is not said by this.
+    pub fn is_near(&self, source: IpAddr) -> bool {
+        source.to_canonical().is_loopback() || self.has(source)
+    }
+
     /// Whether a PIN will do from there.
     pub fn has(&self, source: IpAddr) -> bool {
         let source = source.to_canonical();

@@ -138,13 +138,19 @@ struct Caller {
 
 impl Caller {
     fn of(app: &AppState, headers: &HeaderMap) -> Caller {
-        let bearer = header(headers, AUTHORIZATION.as_str()).and_then(|value| value.strip_prefix("Bearer "));
-        if let Some(token) = bearer {
+        if let Some(token) = bearer(headers) {
             let session = Token::parse(token).and_then(|token| app.session(&token));
             return Caller { is_bearer: session.is_some(), is_false: session.is_none(), session };
         }
         Caller { session: cookie_session(app, headers), is_bearer: false, is_false: false }
     }
+}
+
+/// The token of a program. The name of a scheme may be written in any case (RFC 9110, 11.1).
+pub fn bearer(headers: &HeaderMap) -> Option<&str> {
+    let value = header(headers, AUTHORIZATION.as_str())?;
+    let (scheme, token) = value.split_once(' ').unwrap_or((value, ""));
+    scheme.eq_ignore_ascii_case("bearer").then(|| token.trim_start())
 }
 
 /// The session of the cookie, if there is one.

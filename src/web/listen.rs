@@ -1,31 +1,33 @@
 //! The listener: connections in, within bounds, until the server is told to end.
 
-use std::collections::HashMap;
 use std::io;
-use std::net::{IpAddr, SocketAddr};
+use std::net::SocketAddr;
 use std::pin::pin;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use axum::{Extension, Router};
+use axum::Router;
+use hyper::Request;
+use hyper::body::Incoming;
 use hyper::server::conn::http1;
+use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
-use hyper_util::service::TowerToHyperService;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
+use tower::ServiceExt as _;
 
+use super::bare::Dressed;
+use super::lines::{Lines, Place};
 use super::login::Peer;
 use super::router::router;
 use super::state::{AppState, turned};
 use super::tls::Tls;
 use super::{displays, keep, seat, trends};
 
-const CONNECTIONS_MAX: usize = 512;
-/// One source must not take all places. The vehicle's own display is not counted.
-const CONNECTIONS_PER_SOURCE_MAX: usize = 64;
 /// For the head of a request, and for a connection that asks nothing.
 const HEADER_TIMEOUT: Duration = Duration::from_secs(10);
 /// What the kernel may hold of an answer that nobody reads; it doubles the figure that it is given.
@@ -50,8 +52,8 @@ pub async fn serve(
     if address.ip().is_unspecified() {
         tracing::warn!(%address, "listening on all addresses, known by the loopback names and configured origins only");
     }
-    let service = router(app.clone());
-    let sources = Sources::default();
+    let router = router(app.clone());
+    let lines = Lines::default();
     let mut connections = JoinSet::new();
     let watches = [
         tokio::spawn(seat::watch(app.clone())),
@@ -61,16 +63,21 @@ pub async fn serve(
     ];
     let mut shutdown = pin!(shutdown);
     loop {
-        let has_room = connections.len() < CONNECTIONS_MAX;
         tokio::select! {
             () = &mut shutdown => break,
-            accepted = listener.accept(), if has_room => match accepted {
+            accepted = listener.accept() => match accepted {
                 Ok((stream, peer)) => {
-                    if let Some(place) = sources.enter(peer.ip()) {
-                        let service = service.clone().layer(Extension(Peer(peer)));
-                        let line = Line { peer, service, closing: app.closing.subscribe(), _place: place };
-                        connections.spawn(line.open(stream, tls.clone()));
-                    }
+                    let is_near = app.settings.enrolled.is_near(peer.ip());
+                    let Some((place, gone)) = lines.enter(peer.ip(), is_near) else { continue };
+                    let line = Line { peer, router: router.clone(), closing: app.closing.subscribe(), place };
+                    let open = line.open(stream, tls.clone());
+                    connections.spawn(async move {
+                        tokio::select! {
+                            biased;
+                            _ = gone => tracing::debug!(%peer, "a silent connection gave its place to another"),
+                            () = open => {}
+                        }
+                    });
                 }
                 Err(error) => {
                     tracing::warn!(%error, "cannot accept a connection");
@@ -96,9 +103,9 @@ pub async fn serve(
 /// One connection.
 struct Line {
     peer: SocketAddr,
-    service: Router,
+    router: Router,
     closing: watch::Receiver<bool>,
-    _place: SourcePlace,
+    place: Place,
 }
 
 impl Line {
@@ -120,7 +127,18 @@ impl Line {
     async fn converse(mut self, stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static) {
         let mut http = http1::Builder::new();
         http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(64 * 1024);
-        let service = TowerToHyperService::new(self.service);
+        let is_asked = Arc::new(AtomicBool::new(false));
+        let stream = Dressed::new(stream, is_asked.clone());
+        let service = service_fn(|mut request: Request<Incoming>| {
+            is_asked.store(true, Ordering::Relaxed);
+            request.extensions_mut().insert(Peer(self.peer));
+            let (work, router) = (self.place.work(), self.router.clone());
+            async move {
+                // Whoever gave the place away ends before this does.
+                let Some(_work) = work else { return std::future::pending().await };
+                router.oneshot(request).await
+            }
+        });
         let mut connection = pin!(http.serve_connection(TokioIo::new(stream), service).with_upgrades());
         let ended = tokio::select! {
             ended = &mut connection => ended,
@@ -132,61 +150,5 @@ impl Line {
         if let Err(error) = ended {
             tracing::debug!(%error, peer = %self.peer, "connection ended");
         }
-    }
-}
-
-/// How many connections each source has. Bounded by [`CONNECTIONS_MAX`].
-#[derive(Debug, Default, Clone)]
-struct Sources(Arc<Mutex<HashMap<IpAddr, usize>>>);
-
-struct SourcePlace {
-    sources: Sources,
-    source: IpAddr,
-}
-
-impl Sources {
-    fn enter(&self, source: IpAddr) -> Option<SourcePlace> {
-        let source = source.to_canonical();
-        let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let count = counts.entry(source).or_default();
-        if *count >= CONNECTIONS_PER_SOURCE_MAX && !source.is_loopback() {
-            return None;
-        }
-        *count += 1;
-        Some(SourcePlace { sources: self.clone(), source })
-    }
-}
-
-impl Drop for SourcePlace {
-    fn drop(&mut self) {
-        let mut counts = self.sources.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(count) = counts.get_mut(&self.source) {
-            *count -= 1;
-            if *count == 0 {
-                counts.remove(&self.source);
-            }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn one_source_does_not_take_all_places_and_the_vehicles_own_display_is_not_counted() {
-        let sources = Sources::default();
-        let stranger: IpAddr = "10.0.0.66".parse().unwrap();
-        let mut places: Vec<_> = (0..CONNECTIONS_PER_SOURCE_MAX).map(|_| sources.enter(stranger)).collect();
-        assert!(places.iter().all(Option::is_some));
-        assert!(sources.enter(stranger).is_none());
-        assert!(sources.enter("::ffff:10.0.0.66".parse().unwrap()).is_none(), "the same one");
-        assert!(sources.enter("10.0.0.67".parse().unwrap()).is_some());
-        let local: Vec<_> = (0..CONNECTIONS_MAX).map(|_| sources.enter([127, 0, 0, 1].into())).collect();
-        assert!(local.iter().all(Option::is_some));
-        places.pop();
-        assert!(sources.enter(stranger).is_some(), "a place is free again");
-        drop((places, local));
-        assert!(sources.0.lock().unwrap().is_empty(), "nothing is kept of who has gone");
     }
 }

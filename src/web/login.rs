@@ -1,5 +1,6 @@
 //! Login and logout.
 
+use std::hash::BuildHasher as _;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::PoisonError;
 
@@ -13,15 +14,19 @@ use serde_json::json;
 
 use super::answer::{Reader, Speaks, json_answer, refusal, refused};
 use super::audit::record_of;
+use super::farewell::{self, Farewell};
 use super::guard::{SignedIn, cookie_name, cookie_session};
-use super::state::{AppState, is_seated};
+use super::state::{AppState, NoAnswer, is_seated};
+use super::throttle::Source;
 use super::view::{self, LoginContext, LoginFailure};
 use super::wording::Trouble;
 use crate::engine::input::{OperatorAction, Refusal, Response as Answer};
 use crate::engine::model::Stage;
 use crate::engine::time::Span;
 use crate::store::audit::{Action, Record};
-use crate::store::{Lane, Role, SESSION_LIFE, Session, SessionKind, StoreError, Token, Verified, is_pin};
+use crate::store::{
+    Entering, Lane, Role, SESSION_LIFE, Session, SessionKind, StoreError, Token, Verified, is_pin,
+};
 
 /// The other end of a connection.
 #[derive(Debug, Clone, Copy)]
@@ -48,7 +53,19 @@ pub async fn page(State(app): State<AppState>, headers: HeaderMap, reader: Reade
         return Redirect::to("/").into_response();
     }
     let nobody = matches!(app.store.users().await, Ok(users) if users.is_empty());
-    login_page(&app, &reader, StatusCode::OK, "", nobody.then_some(LoginFailure::NoUsers))
+    let farewell = farewell::of(&app, &headers).await;
+    login_page(&app, &reader, StatusCode::OK, "", nobody.then(|| no_users(&app)), farewell)
+}
+
+/// A folder with a blank in its name is quoted, as a shell has to be told it.
+fn no_users(app: &AppState) -> LoginFailure {
+    let data = app.store.folder().map(|folder| folder.display().to_string());
+    let is_plain = |it: char| it.is_alphanumeric() || "/._-+:@%,".contains(it);
+    let quoted = |data: String| match data.chars().all(is_plain) {
+        true => data,
+        false => format!("'{}'", data.replace('\'', r"'\''")),
+    };
+    LoginFailure::NoUsers { data: data.map(quoted) }
 }
 
 /// `POST /login`
@@ -70,8 +87,11 @@ pub async fn login(
     let user = match prove(&app, &form, source).await {
         Ok(user) => user,
         Err(failure) => {
-            let record = Record::of(Action::Login, source.to_string()).on(&*form.name);
-            app.audit_refusal(source, record.refused(failure.as_str())).await;
+            if app.may_record_refusal(source, Action::Login).await {
+                let record = Record::of(Action::Login, source.to_string());
+                let record = record.on(recorded_name(&app, &form.name).await);
+                app.audit_or_log(record.refused(failure.as_str())).await;
+            }
             return failed(&app, &reader, &form.name, failure);
         }
     };
@@ -139,20 +159,30 @@ async fn leave(
     answer
 }
 
+/// What the audit log says of a name with which a login failed. What is no user's may be a secret
+/// that was typed into the wrong field: of that only repeats can be told, until the next restart.
+async fn recorded_name(app: &AppState, name: &str) -> String {
+    match app.store.users().await {
+        Ok(users) if users.iter().any(|user| user.name == name) => name.to_owned(),
+        _ => format!("(unknown name, {:08x})", app.unknown_names.hash_one(name) >> 32),
+    }
+}
+
 async fn prove(app: &AppState, form: &LoginForm, source: IpAddr) -> Result<Verified, LoginFailure> {
     // Whoever types it sees that it is a PIN: this says nothing of anybody's secret.
     if is_pin(&form.secret) && !app.settings.enrolled.has(source) {
         return Err(LoginFailure::PinElsewhere);
     }
+    let is_near = app.settings.enrolled.is_near(source);
+    let from = Source { ip: source, is_near };
     let throttle = || app.throttle.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Err(wait) = throttle().attempt(app.clock.now(), &form.name, source) {
+    if let Err(wait) = throttle().attempt(app.clock.now(), &form.name, from) {
         return Err(LoginFailure::Wait { seconds: whole_seconds(wait) });
     }
-    let is_near = source.is_loopback() || app.settings.enrolled.has(source);
     let lane = if is_near { Lane::Vehicle } else { Lane::Elsewhere };
     match app.store.authenticate_from(lane, &form.name, &form.secret).await {
         Ok(Some(user)) => {
-            throttle().succeeded(&form.name, source);
+            throttle().succeeded(&form.name, from);
             Ok(user)
         }
         Ok(None) => {
@@ -180,6 +210,13 @@ impl From<StoreError> for NotOpened {
     fn from(error: StoreError) -> NotOpened {
         tracing::error!(%error, "sessions cannot be changed");
         if error.is_of_storage() { NotOpened::Storage } else { NotOpened::Unavailable }
+    }
+}
+
+impl From<NoAnswer> for NotOpened {
+    fn from(error: NoAnswer) -> NotOpened {
+        tracing::error!(%error, "nobody can log in or out");
+        NotOpened::Unavailable
     }
 }
 
@@ -214,55 +251,81 @@ impl Entrance {
             app.audit(self.record(Action::Login).refused(why)).await?;
             return Err(NotOpened::SeatTaken(other.to_owned()));
         }
-        if let Some(before) = &self.before {
-            app.store.end_session(before).await?;
+        if let Some(reason) = self.is_refused_logout(&app) {
+            app.audit(self.record(Action::Login).refused(format!("{:?}", [&reason]))).await?;
+            return Err(NotOpened::Refused(vec![reason]));
         }
-        let (token, session) = app.store.open_session(&self.user).await?;
-        match self.enter(&app, other.as_deref()).await {
-            Ok(()) => {
-                tracing::info!(user = name, role = role.as_str(), source = %self.source, "logged in");
-                Ok((token, session))
-            }
-            Err(not_opened) => {
-                app.store.end_session(&session).await?;
-                Err(not_opened)
-            }
-        }
-    }
-
-    /// What is recorded here is on the disk before the login is acknowledged.
-    async fn enter(&self, app: &AppState, other: Option<&str>) -> Result<(), NotOpened> {
-        if self.user.role() != Role::Operator {
-            return Ok(app.audit(self.record(Action::Login)).await?);
-        }
-        // Written first: while nothing can be written, whoever has the vehicle keeps it.
-        app.store.take_seat(self.user.name()).await?;
-        let action = OperatorAction::Login { name: self.user.name().into() };
-        let not_opened = match app.command(action).await {
-            Ok(Answer::Done) => None,
-            Ok(Answer::Refused(reasons)) => Some(NotOpened::Refused(reasons)),
-            Err(error) => {
-                tracing::error!(%error, "nobody can log in");
-                Some(NotOpened::Unavailable)
+        let is_before = |session: &Session| self.before.as_ref().is_some_and(|before| before.is(session));
+        let others = || {
+            let sessions = app.store.sessions();
+            sessions.iter().filter(|session| *session.user == *name && !is_before(session)).count()
+        };
+        let had = others();
+        let (token, session) = match role {
+            Role::Operator => self.take_seat(&app, other.as_deref()).await?,
+            _ => {
+                let entering =
+                    Entering { user: &self.user, before: self.before.as_ref(), seat: None, from: None };
+                let records = self.ends().chain([self.record(Action::Login)]).collect();
+                let (token, _) = app.store.enter(entering, records).await?;
+                let session = app.store.entered(&token).await?;
+                (token, session)
             }
         };
-        if let Some(not_opened) = not_opened {
-            match other {
-                Some(other) => app.store.take_seat(other).await?,
-                None => app.store.leave_seat().await?,
+        if let ended @ 1.. = (had + 1).saturating_sub(others()) {
+            let record = self.record(Action::SessionEnded);
+            app.audit_or_log(record.on(format!("{ended} of too many, the oldest"))).await;
+        }
+        app.farewells.meet(&session);
+        tracing::info!(user = name, role = role.as_str(), source = %self.source, "logged in");
+        Ok((token, session))
+    }
+
+    /// Whether the session of a driving vehicle's operator would end. It does for the operator, and
+    /// for whoever takes the seat over: for others this is a logout.
+    fn is_refused_logout(&self, app: &AppState) -> Option<Refusal> {
+        let snapshot = app.published().snapshot;
+        let leaves = self.before.as_ref().is_some_and(|before| is_seated(before, &snapshot));
+        let is_refused = leaves && self.user.role() != Role::Operator && snapshot.stage == Stage::Active;
+        is_refused.then_some(Refusal::LogoutWhileActive)
+    }
+
+    /// That the session ends which the browser had.
+    fn ends(&self) -> impl Iterator<Item = Record> {
+        let record = |before| record_of(before, Action::SessionEnded, self.source);
+        let target = format!("login of {}", self.user.name());
+        self.before.as_ref().map(record).map(|record| record.on(target)).into_iter()
+    }
+
+    /// Written first: while nothing can be written, whoever has the vehicle keeps it.
+    async fn take_seat(&self, app: &AppState, other: Option<&str>) -> Result<(Token, Session), NotOpened> {
+        let _owed = app.acting.lock().await;
+        let action = OperatorAction::Login { name: self.user.name().into() };
+        let foreseen = match app.rehearse(action.clone()).await? {
+            Ok(foreseen) => foreseen,
+            Err(reasons) => {
+                app.audit(self.record(Action::Login).refused(format!("{reasons:?}"))).await?;
+                return Err(NotOpened::Refused(reasons));
             }
-            let why = match &not_opened {
-                NotOpened::Refused(reasons) => format!("{reasons:?}"),
-                _ => "the engine does not answer".to_owned(),
-            };
-            app.audit(self.record(Action::Login).refused(why)).await?;
-            return Err(not_opened);
-        }
-        if let Some(other) = other {
-            app.audit(self.record(Action::HandOver).on(format!("from {other}"))).await?;
-            app.store.end_sessions_of(other).await?;
-        }
-        Ok(app.keep(self.record(Action::Login)).await?)
+        };
+        let hand_over = other.map(|other| self.record(Action::HandOver).on(format!("from {other}")));
+        let records = self.ends().chain(hand_over).chain([self.record(Action::Login)]).collect();
+        let seat = Some(app.remembering(foreseen));
+        let entering = Entering { user: &self.user, before: self.before.as_ref(), seat, from: other };
+        let (token, written) = app.store.enter(entering, records).await?;
+        let (why, not_opened) = match app.command(action).await {
+            Ok(Answer::Done) => {
+                if let Some(other) = other {
+                    app.farewells.end_all_of(other, Farewell::TakenOver);
+                }
+                let session = app.store.entered(&token).await?;
+                return Ok((token, session));
+            }
+            Ok(Answer::Refused(reasons)) => (format!("{reasons:?}"), NotOpened::Refused(reasons)),
+            Err(error) => (error.to_string(), error.into()),
+        };
+        app.store.take_back(written, app.memory(), self.record(Action::Login).refused(why)).await?;
+        Err(not_opened)
     }
 
     fn record(&self, action: Action) -> Record {
@@ -282,16 +345,16 @@ async fn close(
     let _seat = app.seat.lock().await;
     let record = record_of(&session, Action::Logout, source);
     if !is_seated(&session, &app.published().snapshot) {
-        app.store.end_session(&session).await?;
-        return Ok(app.audit(record).await?);
+        return Ok(app.store.end_session(&session, record).await?);
     }
-    // What is foreseen to be refused is not written as done before.
-    if let Some(reason) = foreseen(&action, app.published().snapshot.stage) {
-        app.audit(record.refused(format!("{:?}", [&reason]))).await?;
-        return Err(NotOpened::Refused(vec![reason]));
+    let _owed = app.acting.lock().await;
+    if let Err(reasons) = app.rehearse(action.clone()).await? {
+        app.audit(record.refused(format!("{reasons:?}"))).await?;
+        return Err(NotOpened::Refused(reasons));
     }
     // Written first: while nothing can be written, the operator keeps the vehicle and the session.
     let leaving = app.store.leave(&session.user, record.clone()).await?;
+    app.farewells.log_out(&session);
     let (why, not_closed) = match app.command(action).await {
         Ok(Answer::Done) => {
             app.store.left().await?;
@@ -302,21 +365,11 @@ async fn close(
             return Ok(());
         }
         Ok(Answer::Refused(reasons)) => (format!("{reasons:?}"), NotOpened::Refused(reasons)),
-        Err(error) => {
-            tracing::error!(%error, "nobody can log out");
-            (error.to_string(), NotOpened::Unavailable)
-        }
+        Err(error) => (error.to_string(), error.into()),
     };
-    app.store.take_back(leaving, record.refused(why)).await?;
+    app.farewells.stay(&session.user);
+    app.store.take_back(leaving, app.memory(), record.refused(why)).await?;
     Err(not_closed)
-}
-
-fn foreseen(action: &OperatorAction, stage: Stage) -> Option<Refusal> {
-    match action {
-        OperatorAction::Logout if stage == Stage::Active => Some(Refusal::LogoutWhileActive),
-        OperatorAction::Shutdown if stage == Stage::Active => Some(Refusal::ShutdownWhileActive),
-        _ => None,
-    }
 }
 
 fn welcome(app: &AppState, reader: &Reader, token: &Token, session: &Session) -> Response {
@@ -349,7 +402,7 @@ fn failed(app: &AppState, reader: &Reader, name: &str, failure: LoginFailure) ->
         LoginFailure::PinElsewhere => StatusCode::FORBIDDEN,
         LoginFailure::SeatTaken { .. } => StatusCode::CONFLICT,
         LoginFailure::Wait { .. } => StatusCode::TOO_MANY_REQUESTS,
-        LoginFailure::Storage | LoginFailure::Unavailable | LoginFailure::NoUsers => {
+        LoginFailure::Storage | LoginFailure::Unavailable | LoginFailure::NoUsers { .. } => {
             StatusCode::SERVICE_UNAVAILABLE
         }
     };
@@ -363,7 +416,7 @@ fn failed(app: &AppState, reader: &Reader, name: &str, failure: LoginFailure) ->
             json_answer(status, &json!({ "error": failure.as_str(), "seconds": seconds }))
         }
         (Speaks::Json, _) => json_answer(status, &json!({ "error": failure.as_str() })),
-        (Speaks::Html, _) => login_page(app, reader, status, name, Some(failure)),
+        (Speaks::Html, _) => login_page(app, reader, status, name, Some(failure), None),
     };
     if let Some(seconds) = wait {
         answer.headers_mut().insert(RETRY_AFTER, HeaderValue::from(seconds));
@@ -377,12 +430,14 @@ fn login_page(
     status: StatusCode,
     name: &str,
     failure: Option<LoginFailure>,
+    farewell: Option<Farewell>,
 ) -> Response {
     let context = LoginContext {
         lang: reader.lang,
         palette: reader.palette,
         name: name.chars().take(NAME_SHOWN_CHARS_MAX).collect(),
         failure,
+        farewell,
         demo: app.settings.demo.is_some(),
     };
     (status, Html(view::login_page(&context))).into_response()

@@ -60,6 +60,12 @@ impl Origins {
         (uri.scheme_str() == Some("https")).then(|| uri.host().unwrap_or_default().to_owned())
     }
 
+    /// The host of an origin, a name or an address.
+    pub fn host(origin: &str) -> Option<String> {
+        let uri: axum::http::Uri = origin.parse().ok()?;
+        uri.scheme().and(uri.host()).map(str::to_owned)
+    }
+
     /// Whether an `Origin` header names a page of this server.
     pub fn has(&self, origin: &str) -> bool {
         self.origins.iter().any(|known| known == origin)

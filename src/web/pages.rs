@@ -1,8 +1,8 @@
 //! Pages and the snapshot, for who is logged in; and the probes, which tell nothing.
 
 use axum::extract::State;
+use axum::http::StatusCode;
 use axum::http::header::CONTENT_TYPE;
-use axum::http::{HeaderMap, StatusCode};
 use axum::response::{Html, IntoResponse, Response};
 
 use super::answer::{Reader, refusal};
@@ -56,8 +56,8 @@ pub async fn wrong_method(reader: Reader) -> Response {
 }
 
 /// `GET /static/...`
-pub async fn asset(uri: axum::http::Uri, headers: HeaderMap, reader: Reader) -> Response {
-    super::assets::answer(uri.path(), &headers).unwrap_or_else(|| refusal(&reader, Trouble::NotFound))
+pub async fn asset(uri: axum::http::Uri, reader: Reader) -> Response {
+    super::assets::answer(uri.path()).unwrap_or_else(|| refusal(&reader, Trouble::NotFound))
 }
 
 pub fn page_context(app: &AppState, session: &Session, reader: &Reader) -> PageContext {

@@ -17,7 +17,7 @@ use tower_http::timeout::TimeoutLayer;
 use super::guard::Access::{Asset, Open, Roles, Session};
 use super::guard::{Access, AccessTable, guard};
 use super::state::AppState;
-use super::{demo, developer, headers, login, pages, socket, vehicle};
+use super::{demo, developer, headers, login, pages, plain, socket, vehicle};
 use crate::store::Role::{Authority, Developer, Operator};
 
 /// The largest body of a request.
@@ -89,6 +89,7 @@ pub fn router(app: AppState) -> Router {
         .layer(from_fn_with_state((app.clone(), Arc::new(table)), guard))
         .layer(RequestBodyLimitLayer::new(BODY_BYTES_MAX))
         .layer(TimeoutLayer::with_status_code(StatusCode::REQUEST_TIMEOUT, REQUEST_TIMEOUT))
+        .layer(from_fn(plain::in_words))
         .layer(from_fn(headers::secure))
         .layer(CompressionLayer::new())
         .with_state(app)

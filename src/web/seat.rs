@@ -46,9 +46,9 @@ async fn check(app: &AppState) -> Result<(), StoreError> {
     for session in app.store.sessions() {
         if session.kind == SessionKind::Person && app.has_expired(&session) {
             let why = if has_idled_out(&session, app.clock.now()) { "idle" } else { "expired" };
-            app.store.end_session(&session).await?;
+            app.farewells.end(&session, app.overdue(&session));
             let record = Record::of(Action::SessionEnded, TELLTALE).on(why);
-            app.audit_or_log(record.by(&*session.user, session.role)).await;
+            app.store.end_session(&session, record.by(&*session.user, session.role)).await?;
         }
     }
     let _seat = app.seat.lock().await;
@@ -58,12 +58,21 @@ async fn check(app: &AppState) -> Result<(), StoreError> {
         return Ok(());
     };
     if !app.store.sessions().iter().any(|session| is_seated(session, &snapshot)) {
-        tracing::info!("the operator has no session any more: the vehicle is locked");
         // An engine that does not answer, or refuses, is asked again at the next check.
-        if app.command(OperatorAction::Logout).await == Ok(Response::Done) {
-            app.store.leave_seat().await?;
-            let record = Record::of(Action::Logout, TELLTALE).by(operator, Role::Operator);
-            app.audit_or_log(record.on("no session any more")).await;
+        if !matches!(app.rehearse(OperatorAction::Logout).await, Ok(Ok(_))) {
+            return Ok(());
+        }
+        tracing::info!("the operator has no session any more: the vehicle is locked");
+        let record = Record::of(Action::Logout, TELLTALE).by(operator, Role::Operator);
+        let record = record.on("no session any more");
+        let _owed = app.acting.lock().await;
+        let written = app.store.leave(operator, record.clone()).await?;
+        match app.command(OperatorAction::Logout).await {
+            Ok(Response::Done) => app.store.left().await?,
+            other => {
+                let why = format!("the engine answered {other:?}");
+                app.store.take_back(written, app.memory(), record.refused(why)).await?;
+            }
         }
     }
     Ok(())

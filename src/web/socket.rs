@@ -92,11 +92,16 @@ fn open(
         Ok(upgrade) => upgrade,
         Err(rejection) => return rejection.into_response(),
     };
-    let Some(place) = app.displays.enter(&session) else { return refusal(reader, Trouble::TooManySockets) };
+    let place = match feed {
+        Feed::Snapshots => app.displays.enter_stream(&session),
+        Feed::Page { .. } | Feed::Pulse { .. } => app.displays.enter(&session),
+    };
+    let Some(place) = place else { return refusal(reader, Trouble::TooManySockets) };
+    app.farewells.meet(&session);
     let upgrade = upgrade.max_message_size(INBOUND_BYTES_MAX).max_frame_size(INBOUND_BYTES_MAX);
     upgrade.on_upgrade(move |socket| async move {
         let line = Line { socket, session, pings_unanswered: 0 };
-        Connection { app, line, feed, place, seq: 0 }.run().await;
+        Connection { app, line, feed, place, seq: 0, beat: 0 }.run().await;
     })
 }
 
@@ -126,6 +131,8 @@ struct Connection {
     place: Place,
     /// Of the state that was sent last.
     seq: u64,
+    /// The number of the beat that was sent last.
+    beat: u64,
 }
 
 /// Why a connection ends.
@@ -166,7 +173,6 @@ impl Connection {
         beats.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut details = interval(DETAILS_EVERY);
         details.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let mut beat = 0;
         let mut pause = std::pin::pin!(sleep(Duration::ZERO));
         self.show(&latest(&mut snapshots)).await?;
         loop {
@@ -182,8 +188,8 @@ impl Connection {
                 received = self.line.socket.recv() => self.hear(received)?,
                 _ = details.tick() => self.show_details(&self.app.published()).await?,
                 _ = beats.tick() => {
-                    beat += 1;
-                    self.beat(beat).await?;
+                    self.beat += 1;
+                    self.beat(self.beat).await?;
                 }
             }
         }
@@ -234,13 +240,14 @@ impl Connection {
     /// Says that this server and its engine live. A page that hears nothing is covered by its own
     /// script, so nothing is said while the engine is silent.
     async fn beat(&mut self, number: u64) -> Result<(), Ending> {
+        let now = self.app.clock.now();
         let beat = match self.feed {
             _ if !self.app.is_engine_alive() => None,
             Feed::Page { .. } => {
-                self.place.sent(self.seq, self.app.clock.now());
-                Some(frame::beat(number, self.seq, self.app.clock.wall()))
+                self.place.beat(number, self.seq, now);
+                Some(frame::beat(number, self.seq, now, self.app.clock.wall()))
             }
-            Feed::Pulse { lang } => Some(frame::pulse(number, &self.app.published(), lang)),
+            Feed::Pulse { lang } => Some(frame::pulse(number, &self.app.published(), now, lang)),
             Feed::Snapshots => None,
         };
         if let Some(beat) = beat {
@@ -256,11 +263,16 @@ impl Connection {
             (Message::Ping(_) | Message::Pong(_), _) => Ok(()),
             (Message::Close(_), _) => Err(Ending::Gone),
             (Message::Text(text), Feed::Page { .. }) => {
-                let Shown { shown } = serde_json::from_str(&text).map_err(|_| Ending::Nonsense)?;
-                if shown > self.seq {
+                let said: Shown = serde_json::from_str(&text).map_err(|_| Ending::Nonsense)?;
+                if said.shown.is_some_and(|seq| seq > self.seq) {
                     return Err(Ending::Nonsense);
                 }
-                self.place.confirm(shown);
+                match said {
+                    Shown { beat: Some(beat), .. } if beat > self.beat => return Err(Ending::Nonsense),
+                    Shown { beat: Some(beat), shown } => self.place.confirm_beat(beat, shown),
+                    Shown { beat: None, shown: Some(seq) } => self.place.confirm(seq),
+                    Shown { beat: None, shown: None } => return Err(Ending::Nonsense),
+                }
                 Ok(())
             }
             (Message::Text(_) | Message::Binary(_), _) => Err(Ending::Nonsense),
@@ -268,10 +280,11 @@ impl Connection {
     }
 }
 
-/// What a page answers once it shows a message.
+/// What a page answers once it shows a message: its `seq`, and of a beat its number too.
 #[derive(Debug, Deserialize)]
 struct Shown {
-    shown: u64,
+    shown: Option<u64>,
+    beat: Option<u64>,
 }
 
 fn latest(snapshots: &mut watch::Receiver<Published>) -> Published {

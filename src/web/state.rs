@@ -1,5 +1,6 @@
 //! What all requests share.
 
+use std::hash::RandomState;
 use std::ops::Deref;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -11,7 +12,9 @@ use super::audit::Limit;
 use super::demo::DemoFaults;
 use super::displays::Displays;
 use super::enrolled::Enrolled;
+use super::farewell::{Farewell, Farewells};
 use super::frame::Frames;
+use super::keep::Owed;
 use super::origins::Origins;
 use super::pending::PendingClearance;
 use super::seat::has_idled_out;
@@ -19,11 +22,12 @@ use super::throttle::Throttle;
 use super::view::Trends;
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
-use crate::engine::input::{OperatorAction, Response};
+use crate::engine::foresee::Foreseen;
+use crate::engine::input::{OperatorAction, Refusal, Response};
 use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Span;
-use crate::runtime::{self, Command, Link, Published, Reread};
+use crate::runtime::{self, Command, Link, Published, Rehearsal, Reread};
 use crate::store::{History, Role, Session, Store, Token};
 
 /// The engine answers in well under a millisecond; one that takes this long hangs.
@@ -62,14 +66,20 @@ pub struct Shared {
     pub settings: Settings,
     pub frames: Frames,
     pub displays: Displays,
+    pub farewells: Farewells,
     pub trends: Trends,
     pub pending: PendingClearance,
     pub throttle: Mutex<Throttle>,
+    /// Makes numbers of names that are no user's, by a key of this run.
+    pub(super) unknown_names: RandomState,
     pub(super) audit_limit: Mutex<Limit>,
     /// Held while the audit log is read.
     pub(super) audit_readers: tokio::sync::Mutex<()>,
     /// Held while somebody takes the operator's seat or leaves it.
     pub(super) seat: tokio::sync::Mutex<()>,
+    /// Held from the judgement of an action until it is done, and while the vehicle is remembered:
+    /// what is on the disk never falls behind an action that was written there. After `seat`.
+    pub(super) acting: tokio::sync::Mutex<Owed>,
     /// Turns true when the server ends.
     pub closing: watch::Sender<bool>,
 }
@@ -88,12 +98,15 @@ impl AppState {
             settings,
             frames: Frames::default(),
             displays: Displays::default(),
+            farewells: Farewells::default(),
             trends: Trends::default(),
             pending: PendingClearance::default(),
             throttle: Mutex::default(),
+            unknown_names: RandomState::new(),
             audit_limit: Mutex::default(),
             audit_readers: tokio::sync::Mutex::default(),
             seat: tokio::sync::Mutex::default(),
+            acting: tokio::sync::Mutex::default(),
             closing: watch::channel(false).0,
         }))
     }
@@ -135,10 +148,28 @@ impl Shared {
         session.expires <= self.clock.now() && !drives
     }
 
+    /// Has an operator's action judged, and not done.
+    ///
+    /// # Errors
+    /// If the engine does not answer.
+    pub async fn rehearse(&self, action: OperatorAction) -> Result<Result<Foreseen, Vec<Refusal>>, NoAnswer> {
+        let (reply, answer) = oneshot::channel();
+        let exchange = async {
+            self.link.rehearsals.send(Rehearsal { action, reply }).await.map_err(|_| NoAnswer)?;
+            answer.await.map_err(|_| NoAnswer)
+        };
+        timeout(COMMAND_TIMEOUT, exchange).await.map_err(|_| NoAnswer)?
+    }
+
+    /// Why a session that is over by itself is.
+    pub fn overdue(&self, session: &Session) -> Farewell {
+        if has_idled_out(session, self.clock.now()) { Farewell::Idle } else { Farewell::Expired }
+    }
+
     /// Hands an operator's action to the engine.
     ///
     /// # Errors
-    /// If it does not answer; the action may have happened then or not.
+    /// If it does not answer. Nothing has happened then and nothing will; a stop may.
     pub async fn command(&self, action: OperatorAction) -> Result<Response, NoAnswer> {
         let (reply, answer) = oneshot::channel();
         let exchange = async {

@@ -33,6 +33,9 @@ words! {
     refused: "Not done", "Nicht ausgeführt";
     not_sent: "Not sent: this display is not live.", "Nicht gesendet: Diese Anzeige ist nicht live.";
     no_answer: "The server did not answer. Look at what is shown.", "Der Server hat nicht geantwortet. Anzeige beachten.";
+    waiting: "Not sent: the server has not answered the last tap yet.", "Nicht gesendet: Der letzte Tipp ist noch unbeantwortet.";
+    second_tap: "Only the first tap counted.", "Nur der erste Tipp hat gezählt.";
+    just_changed: "Not sent: the button has just changed.", "Nicht gesendet: Die Taste hat gerade gewechselt.";
     dismiss: "Close", "Schließen";
     all_checks: "All open checks", "Alle offenen Prüfungen";
     all_causes: "All that is wrong", "Alle Störungen";
@@ -63,7 +66,7 @@ words! {
     no_sight: "Something is unknown", "Etwas ist unbekannt";
     take_over_ready: "Be ready to take over.", "Bereit sein zu übernehmen.";
 
-    because_of: "because of", "Ursache:";
+    because_of: "Cause:", "Ursache:";
     asked_by_operator: "asked for by the operator", "von der Fahrbegleitung angefordert";
     asked: "Sent to the vehicle", "An das Fahrzeug gesendet";
     engaged: "Confirmed by the vehicle", "Vom Fahrzeug bestätigt";
@@ -148,9 +151,9 @@ impl Lang {
     /// `, 3 report errors themselves`: what hides behind a root cause.
     pub fn with_errors(self, count: usize) -> String {
         match (self, count) {
-            (Lang::En, 1) => ", 1 error behind it".to_owned(),
-            (Lang::En, _) => format!(", {count} errors behind it"),
-            (Lang::De, _) => format!(", {count} Fehler dahinter"),
+            (Lang::En, 1) => ", 1\u{a0}error behind it".to_owned(),
+            (Lang::En, _) => format!(", {count}\u{a0}errors behind it"),
+            (Lang::De, _) => format!(", {count}\u{a0}Fehler dahinter"),
         }
     }
 

@@ -3,6 +3,7 @@
 use crate::engine::model::{ACTIVE_SIGNAL, POSED_SIGNAL, Stage, Text};
 use crate::engine::snapshot::NotRelevant;
 use crate::engine::state::State;
+use crate::web::farewell::Farewell;
 use crate::web::view::Lang;
 use crate::web::view::clean::{NAME, clean};
 
@@ -67,7 +68,7 @@ words! {
     no_news: "no news", "keine Meldung";
     no_member: "nothing to watch", "nichts zu überwachen";
     no_report: "has not reported yet", "hat sich noch nicht gemeldet";
-    masked_by: "Because of", "Wegen";
+    masked_by: "Cause", "Ursache";
     itself: "itself", "selbst";
     close: "Close", "Schließen";
     why: "Why", "Warum";
@@ -80,12 +81,16 @@ words! {
     stale_banner: "Display is late", "Anzeige verzögert";
     dead_banner: "Display not live - take over", "Anzeige nicht live - übernehmen";
 
+    unfit: "This browser is too old for a live display. Use another one, such as a new Chromium or Firefox.", "Dieser Browser ist zu alt für eine Live-Anzeige. Anderen verwenden, etwa ein neues Chromium oder Firefox.";
+
     log_in: "Log in", "Anmelden";
     log_out: "Log out", "Abmelden";
     name: "Name", "Name";
     secret: "PIN or password", "PIN oder Passwort";
     login_title: "Log in", "Anmelden";
     login_text: "The vehicle is shown after that.", "Danach ist das Fahrzeug zu sehen.";
+    name_missing: "The name is missing.", "Der Name fehlt.";
+    secret_missing: "The PIN or password is missing.", "PIN oder Passwort fehlt.";
     login_wrong: "Name or PIN is wrong.", "Name oder PIN ist falsch.";
     login_unavailable: "Logins cannot be checked now. Try again.", "Anmeldung zurzeit nicht prüfbar. Noch einmal versuchen.";
     login_storage: "The disk is full or broken, so nothing was changed. Call the control room.", "Speicher voll oder defekt, daher nichts geändert. Leitstelle rufen.";
@@ -297,11 +302,72 @@ impl Lang {
         }
     }
 
+    /// Why the login page is shown again.
+    pub fn farewell(self, why: Farewell) -> &'static str {
+        let (en, de) = match why {
+            Farewell::Expired => (
+                "Your login is over after 12 hours. Log in again.",
+                "Ihre Anmeldung ist nach 12 Stunden abgelaufen. Neu anmelden.",
+            ),
+            Farewell::Idle => {
+                ("Logged out: nothing was done for 15 minutes.", "Abgemeldet: 15 Minuten lang nichts getan.")
+            }
+            Farewell::TakenOver => (
+                "Another operator has taken the vehicle over.",
+                "Eine andere Fahrbegleitung hat das Fahrzeug übernommen.",
+            ),
+            Farewell::LoggedOut => {
+                ("You logged out at another display.", "Sie haben sich an einer anderen Anzeige abgemeldet.")
+            }
+            Farewell::Removed => (
+                "This user was removed. Call the control room.",
+                "Dieser Benutzer wurde entfernt. Leitstelle rufen.",
+            ),
+            Farewell::LoggedOutHere => ("Logged out.", "Abgemeldet."),
+            Farewell::Ended => {
+                ("Your login has ended. Log in again.", "Ihre Anmeldung wurde beendet. Neu anmelden.")
+            }
+        };
+        match self {
+            Lang::En => en,
+            Lang::De => de,
+        }
+    }
+
     pub fn login_wait(self, seconds: u64) -> String {
         match self {
             Lang::En => format!("Too many tries. Wait {seconds} s."),
             Lang::De => format!("Zu viele Versuche. {seconds} s warten."),
         }
+    }
+
+    /// What a monitor's measured value is called.
+    pub fn measured(self, key: &str) -> &str {
+        let (en, de) = match key {
+            "rate_hz" => ("Hz", "Hz"),
+            "input_hz" => ("inputs, Hz", "Eingaben, Hz"),
+            "output_hz" => ("outputs, Hz", "Ausgaben, Hz"),
+            "ratio" => ("ratio", "Verhältnis"),
+            "latency_s" => ("late, s", "Verspätung, s"),
+            "value" => ("value", "Wert"),
+            "difference" => ("difference", "Abweichung"),
+            "earlier" => ("earlier", "früher"),
+            "later" => ("later", "später"),
+            "translation_m" => ("shift, m", "Verschiebung, m"),
+            "rotation_deg" => ("rotation, deg", "Drehung, Grad"),
+            "answer_ms" => ("answer, ms", "Antwort, ms"),
+            "misses" => ("misses", "ohne Antwort"),
+            other => (other, other),
+        };
+        match self {
+            Lang::En => en,
+            Lang::De => de,
+        }
+    }
+
+    /// A number in the language's writing; anything else stays.
+    pub fn numeral(self, number: String) -> String {
+        if self == Lang::De && number.parse::<f64>().is_ok() { number.replace('.', ",") } else { number }
     }
 
     /// A count at the start of a sentence, as a word where it is short.

@@ -1,7 +1,7 @@
 //! How long a login must wait after failures, per account and per source.
 //!
-//! No account is ever locked: the delay of an account holds for what comes from outside of the
-//! machine, so a stranger cannot keep the operator at the vehicle's own display out.
+//! No account is ever locked: what fails elsewhere delays what comes from elsewhere alone, so a
+//! stranger cannot keep the operator at one of the vehicle's own displays out.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv6Addr};
@@ -24,10 +24,10 @@ pub struct Throttle(HashMap<Key, Failures>);
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 enum Key {
     Source(IpAddr),
-    /// An account as tried from this machine, or from anywhere else.
+    /// An account as tried at the vehicle's own displays, or from anywhere else.
     Account {
         name: Box<str>,
-        is_local: bool,
+        is_near: bool,
     },
 }
 
@@ -39,13 +39,21 @@ struct Failures {
     before: Timestamp,
 }
 
+/// Whence a login comes.
+#[derive(Debug, Clone, Copy)]
+pub struct Source {
+    pub ip: IpAddr,
+    /// One of the vehicle's own displays.
+    pub is_near: bool,
+}
+
 impl Throttle {
     /// Asks whether a login may be tried now, and counts it as failed until
     /// [`Throttle::succeeded`] says else: logins that are tried at once count too.
     ///
     /// # Errors
     /// How long to wait. A refused try makes the wait no longer.
-    pub fn attempt(&mut self, now: Timestamp, name: &str, source: IpAddr) -> Result<(), Span> {
+    pub fn attempt(&mut self, now: Timestamp, name: &str, source: Source) -> Result<(), Span> {
         let keys = keys(name, source);
         let wait = keys.iter().map(|key| self.wait(now, key)).max().unwrap_or_default();
         if !wait.is_zero() {
@@ -58,7 +66,7 @@ impl Throttle {
     }
 
     /// The login that was tried last for this account and source was right.
-    pub fn succeeded(&mut self, name: &str, source: IpAddr) {
+    pub fn succeeded(&mut self, name: &str, source: Source) {
         let [source, account] = keys(name, source);
         self.0.remove(&account);
         // The others that failed from there stay: whoever has an account must not clear them.
@@ -95,14 +103,13 @@ impl Throttle {
     }
 }
 
-fn keys(name: &str, source: IpAddr) -> [Key; 2] {
-    let source = source.to_canonical();
-    let account = Key::Account { name: name.chars().take(64).collect(), is_local: source.is_loopback() };
-    [Key::Source(network(source)), account]
+fn keys(name: &str, source: Source) -> [Key; 2] {
+    let account = Key::Account { name: name.chars().take(64).collect(), is_near: source.is_near };
+    [Key::Source(network(source.ip.to_canonical())), account]
 }
 
-/// Whoever has an IPv6 address has 2^64 of them.
-fn network(ip: IpAddr) -> IpAddr {
+/// Where an address counts: whoever has an IPv6 address has 2^64 of them.
+pub fn network(ip: IpAddr) -> IpAddr {
     match ip {
         IpAddr::V4(_) => ip,
         IpAddr::V6(ip) => IpAddr::V6(Ipv6Addr::from_bits(ip.to_bits() & !u128::from(u64::MAX))),
@@ -116,7 +123,7 @@ mod tests {
     #[test]
     fn a_right_login_makes_nobody_else_wait() {
         let mut throttle = Throttle::default();
-        let source = IpAddr::from([127, 0, 0, 1]);
+        let source = Source { ip: IpAddr::from([127, 0, 0, 1]), is_near: true };
         let at = |seconds: u64| Timestamp::ZERO + Span::from_secs(seconds);
         for _ in 0..3 {
             throttle.attempt(at(100), "dora", source).unwrap();
@@ -127,10 +134,15 @@ mod tests {
     }
 
     const LOCAL: &str = "127.0.0.1";
+    const ENROLLED: &str = "10.0.0.7";
     const STRANGER: &str = "10.0.0.66";
 
-    fn failed(throttle: &mut Throttle, at_s: u64, name: &str, source: &str) -> Result<(), Span> {
-        throttle.attempt(Timestamp::from_millis(at_s * 1000), name, source.parse().unwrap())
+    fn source(text: &str) -> Source {
+        Source { ip: text.parse().unwrap(), is_near: [LOCAL, ENROLLED].contains(&text) }
+    }
+
+    fn failed(throttle: &mut Throttle, at_s: u64, name: &str, from: &str) -> Result<(), Span> {
+        throttle.attempt(Timestamp::from_millis(at_s * 1000), name, source(from))
     }
 
     #[test]
@@ -153,16 +165,18 @@ mod tests {
     }
 
     #[test]
-    fn a_stranger_delays_strangers_but_not_the_vehicles_own_display() {
-        let mut throttle = Throttle::default();
-        for source in 0..10 {
-            let _ = failed(&mut throttle, 100, "anna", &format!("10.0.0.{source}"));
-        }
-        assert!(failed(&mut throttle, 100, "anna", STRANGER).is_err(), "one account, many sources");
-        assert_eq!(failed(&mut throttle, 100, "anna", LOCAL), Ok(()));
-        throttle.succeeded("anna", LOCAL.parse().unwrap());
-        for _ in 0..3 {
-            assert_eq!(failed(&mut throttle, 100, "anna", LOCAL), Ok(()), "a success forgets");
+    fn a_stranger_delays_strangers_but_not_the_vehicles_own_displays() {
+        for display in [LOCAL, ENROLLED] {
+            let mut throttle = Throttle::default();
+            for stranger in 70..80 {
+                let _ = failed(&mut throttle, 100, "anna", &format!("10.0.0.{stranger}"));
+            }
+            assert!(failed(&mut throttle, 100, "anna", STRANGER).is_err(), "one account, many sources");
+            assert_eq!(failed(&mut throttle, 100, "anna", display), Ok(()));
+            throttle.succeeded("anna", source(display));
+            for _ in 0..3 {
+                assert_eq!(failed(&mut throttle, 100, "anna", display), Ok(()), "a success forgets");
+            }
         }
     }
 
@@ -170,8 +184,8 @@ mod tests {
     fn what_is_remembered_is_bounded() {
         let mut throttle = Throttle::default();
         for source in 0..20_000_u32 {
-            let ip = IpAddr::from(source.to_be_bytes());
-            let _ = throttle.attempt(Timestamp::from_millis(u64::from(source)), "anna", ip);
+            let stranger = Source { ip: IpAddr::from(source.to_be_bytes()), is_near: false };
+            let _ = throttle.attempt(Timestamp::from_millis(u64::from(source)), "anna", stranger);
         }
         assert!(throttle.0.len() <= ENTRIES_MAX);
     }

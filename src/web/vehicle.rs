@@ -14,13 +14,14 @@ use serde_json::{Value, json};
 use super::answer::{Reader, Speaks, bad_field, bad_form, json_answer, refusal, refused_in_words};
 use super::audit::record_of;
 use super::guard::SignedIn;
+use super::keep::NotActed;
 use super::login::{Peer, source_of};
 use super::pending::{CONFIRM_WITHIN, NotPending};
 use super::state::{AppState, is_seated};
 use super::versions::Matter;
-use super::view::{self, Lang};
+use super::view;
 use super::wording::Trouble;
-use crate::engine::input::{AlarmRef, OperatorAction, Place, Response as Answer};
+use crate::engine::input::{AlarmRef, OperatorAction, Place};
 use crate::engine::model::NodeId;
 use crate::engine::snapshot::Snapshot;
 use crate::store::Session;
@@ -200,21 +201,21 @@ impl FromRequestParts<AppState> for Tap {
     }
 }
 
-/// Why a tap changed nothing.
+/// Why a tap is not acknowledged. It changed nothing; a stop that cannot be kept is requested.
 enum NotDone {
     /// `seq` is the present one where the tap was made for an older state.
     Refused {
         reasons: Vec<String>,
         seq: Option<u64>,
     },
-    Unavailable,
+    Trouble(Trouble),
 }
 
 impl NotDone {
     fn answer(self, reader: &Reader) -> Response {
         match self {
             NotDone::Refused { reasons, seq } => refused_in_words(reader, &reasons, seq),
-            NotDone::Unavailable => refusal(reader, Trouble::Unavailable),
+            NotDone::Trouble(trouble) => refusal(reader, trouble),
         }
     }
 }
@@ -233,8 +234,8 @@ impl Tap {
         }
     }
 
-    /// Hands the action to the engine, if it was shown as things are and by whom it concerns. What
-    /// was done or refused is on the disk when this returns.
+    /// Has the action done, if it was shown as things are and by whom it concerns. What was done or
+    /// refused is on the disk when this returns.
     async fn command(
         &self,
         shown: &Versioned,
@@ -251,7 +252,7 @@ impl Tap {
         // Runs to its end whoever still listens: what was done has to be kept.
         let tap = self.clone();
         let done = tokio::spawn(async move { tap.hand_on(action, record).await });
-        done.await.unwrap_or(Err(NotDone::Unavailable))
+        done.await.unwrap_or(Err(NotDone::Trouble(Trouble::Unavailable)))
     }
 
     fn is_current(&self, shown: &Versioned, matter: Matter) -> Result<(), NotDone> {
@@ -269,23 +270,26 @@ impl Tap {
     }
 
     async fn hand_on(&self, action: OperatorAction, record: Record) -> Result<(), NotDone> {
-        match self.app.command(action).await {
-            Ok(Answer::Done) => self.app.keep(record).await.map_err(|error| {
-                tracing::error!(%error, "an action cannot be kept");
-                NotDone::Unavailable
-            }),
-            Ok(Answer::Refused(reasons)) => {
-                let published = self.app.published();
-                let english = view::refusals(&published, Lang::En, &reasons).join(" ");
-                self.app.audit_or_log(record.refused(english)).await;
-                let reasons = view::refusals(&published, self.reader.lang, &reasons);
-                Err(NotDone::Refused { reasons, seq: None })
+        let acted = if action == OperatorAction::RequestStop {
+            match self.app.act_at_once(action, record).await {
+                Ok(Ok(())) => Ok(()),
+                Ok(Err(error)) => {
+                    tracing::error!(%error, "a stop was requested and cannot be kept");
+                    return Err(NotDone::Trouble(Trouble::StopNotKept));
+                }
+                Err(not_acted) => Err(not_acted),
             }
-            Err(error) => {
-                tracing::error!(%error, "an action cannot be handed on");
-                Err(NotDone::Unavailable)
+        } else {
+            self.app.act(action, record).await
+        };
+        acted.map_err(|not_acted| match not_acted {
+            NotActed::Refused(reasons) => {
+                let reasons = view::refusals(&self.app.published(), self.reader.lang, &reasons);
+                NotDone::Refused { reasons, seq: None }
             }
-        }
+            NotActed::Storage => NotDone::Trouble(Trouble::Storage),
+            NotActed::Unavailable => NotDone::Trouble(Trouble::Unavailable),
+        })
     }
 
     /// What the engine cannot know: whether the operator sees what is, and whether it can be written down.

@@ -15,9 +15,16 @@ pub enum Trouble {
     ForeignOrigin,
     ForeignHost,
     BadForm,
+    BadRequest,
+    TooSlow,
+    TooLarge,
+    TooMany,
+    LongHeader,
     TooManySockets,
     /// It cannot be written down.
     Storage,
+    /// A stop was requested, and that cannot be written down.
+    StopNotKept,
     Unavailable,
 }
 
@@ -30,7 +37,12 @@ impl Trouble {
             Trouble::Forbidden | Trouble::ForeignOrigin => StatusCode::FORBIDDEN,
             Trouble::ForeignHost => StatusCode::MISDIRECTED_REQUEST,
             Trouble::BadForm => StatusCode::UNPROCESSABLE_ENTITY,
-            Trouble::TooManySockets | Trouble::Storage | Trouble::Unavailable => {
+            Trouble::BadRequest => StatusCode::BAD_REQUEST,
+            Trouble::TooSlow => StatusCode::REQUEST_TIMEOUT,
+            Trouble::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
+            Trouble::TooMany => StatusCode::TOO_MANY_REQUESTS,
+            Trouble::LongHeader => StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE,
+            Trouble::TooManySockets | Trouble::Storage | Trouble::StopNotKept | Trouble::Unavailable => {
                 StatusCode::SERVICE_UNAVAILABLE
             }
         }
@@ -66,6 +78,37 @@ impl Trouble {
             ),
             (Trouble::BadForm, Lang::En) => ("Not understood", "The form is not as it should be."),
             (Trouble::BadForm, Lang::De) => ("Nicht verstanden", "Das Formular ist nicht, wie es sein soll."),
+            (Trouble::BadRequest, Lang::En) => (
+                "Not understood",
+                "The address or the request is not as it should be. Go back to the page and try again.",
+            ),
+            (Trouble::BadRequest, Lang::De) => (
+                "Nicht verstanden",
+                "Die Adresse oder die Anfrage ist nicht, wie sie sein soll. Zurück zur Seite und noch einmal versuchen.",
+            ),
+            (Trouble::TooSlow, Lang::En) => (
+                "Took too long",
+                "The answer did not come in time. Look at the display before you try again.",
+            ),
+            (Trouble::TooSlow, Lang::De) => (
+                "Zu langsam",
+                "Die Antwort kam nicht rechtzeitig. Vor einem neuen Versuch auf die Anzeige sehen.",
+            ),
+            (Trouble::TooLarge, Lang::En) => {
+                ("Too large", "Nothing was changed. Send at most 16 KiB; shorten what was typed.")
+            }
+            (Trouble::TooLarge, Lang::De) => {
+                ("Zu groß", "Nichts wurde geändert. Höchstens 16 KiB senden; die Eingabe kürzen.")
+            }
+            (Trouble::TooMany, Lang::En) => ("Too many requests", "Wait a moment and try again."),
+            (Trouble::TooMany, Lang::De) => ("Zu viele Anfragen", "Kurz warten und noch einmal versuchen."),
+            (Trouble::LongHeader, Lang::En) => {
+                ("Headers too long", "Remove the cookies of this address in the browser and try again.")
+            }
+            (Trouble::LongHeader, Lang::De) => (
+                "Kopfzeilen zu lang",
+                "Im Browser die Cookies dieser Adresse entfernen und noch einmal versuchen.",
+            ),
             (Trouble::TooManySockets, Lang::En) => {
                 ("Too many displays", "Close one of the open displays first.")
             }
@@ -78,6 +121,15 @@ impl Trouble {
             (Trouble::Storage, Lang::De) => (
                 "Nicht ausgeführt",
                 "Der Speicher ist voll oder defekt, daher wurde nichts geändert. Leitstelle rufen.",
+            ),
+            (Trouble::StopNotKept, Lang::En) => (
+                "Stop requested, not recorded",
+                "The vehicle is asked to stop. The disk is full or broken, so that is not recorded. Call the control room.",
+            ),
+            (Trouble::StopNotKept, Lang::De) => (
+                "Anhalten verlangt, nicht aufgezeichnet",
+                "Das Fahrzeug soll anhalten. Der Speicher ist voll oder defekt, daher ist das nicht aufgezeichnet. \
+                 Leitstelle rufen.",
             ),
             (Trouble::Unavailable, Lang::En) => {
                 ("Not available", "The server cannot do this now. Try again.")

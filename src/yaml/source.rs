@@ -78,6 +78,19 @@ impl Sources {
         &self.0[usize::from(file)].text
     }
 
+    /// Names and texts, in the order in which they were read.
+    pub fn texts(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.0.iter().map(|source| (&*source.name, &*source.text))
+    }
+
+    /// Whether every file still holds what was read of it.
+    pub fn are_unchanged(&self) -> bool {
+        self.0.iter().all(|source| {
+            let mut again = Sources::default();
+            again.read(Path::new(&source.name)).is_ok_and(|file| again.text(file) == source.text)
+        })
+    }
+
     /// Line and column of the start of a span, counted from 1, columns in characters.
     pub fn line_column(&self, span: Span) -> (usize, usize) {
         let text = self.text(span.file);

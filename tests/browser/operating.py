@@ -2,7 +2,6 @@
 
 from playwright.sync_api import TimeoutError, expect
 
-from vehicle import CHROMIUM, until
 
 DEMO_OPERATOR = ("operator", "246810")
 DISPLAY = {"width": 1280, "height": 800}
@@ -64,16 +63,18 @@ def clear(page):
 
 
 def acknowledge_all(page):
-    """One tap for each alarm. The button goes with the last of them, perhaps before the next tap."""
+    """One tap for each alarm, and each does what it says: the button goes, or means another one."""
     button = page.locator("#causes button[name=acknowledge]")
-
-    def tap():
-        if button.count() == 0:
-            return True
+    meant = lambda: button.get_attribute("value") if button.count() else None
+    tapped = 0
+    while (alarm := meant()) is not None:
+        assert tapped < 20, f"{alarm} is acknowledged again and again"
+        tapped += 1
+        one = page.locator(f"#causes button[name=acknowledge][value='{alarm}']")
         try:
-            button.tap(timeout=1000)
+            one.tap(timeout=3000)
         except TimeoutError:
-            pass
-        return False
-
-    until(tap, 20, "all acknowledged")
+            # What is over may go by itself, before the tap.
+            assert meant() != alarm, f"{alarm} cannot be tapped"
+            continue
+        expect(one).to_have_count(0)

@@ -5,6 +5,7 @@ English and by day in German, at 5/8 of its size.
 """
 
 import os
+import re
 import signal
 import sys
 import tempfile
@@ -12,7 +13,7 @@ from pathlib import Path
 
 from playwright.sync_api import expect, sync_playwright
 
-from operating import DEMO_OPERATOR, DISPLAY, clear, localize, stage, step, type_by_touch
+from operating import DEMO_OPERATOR, DISPLAY, acknowledge_all, clear, localize, stage, step, type_by_touch
 from vehicle import CHROMIUM, ROOT, Client, Server, own_domain
 
 SCALE = 0.625
@@ -22,8 +23,8 @@ class Camera:
     def __init__(self, page, folder, suffix):
         self.page, self.folder, self.suffix = page, folder, suffix
 
-    def take(self, name):
-        self.page.wait_for_timeout(300)
+    def take(self, name, settled_ms=600):
+        self.page.wait_for_timeout(settled_ms)
         self.page.screenshot(path=self.folder / f"{name}-{self.suffix}.png")
         print(f"{name}-{self.suffix}", flush=True)
 
@@ -54,6 +55,7 @@ def main():
 
 def story(page, server, camera):
     page.goto(server.url + "/login")
+    camera.take("locked")
     type_by_touch(page, *DEMO_OPERATOR)
     camera.take("login")
     page.locator(".digits [data-key=enter]").tap()
@@ -64,6 +66,10 @@ def story(page, server, camera):
     localize(page)
     expect(page.locator("#tile-can")).to_have_attribute("data-state", "warning")
     camera.take("standby")
+    # What is not enabled takes a tap all the same, and says why nothing comes of it.
+    step(page, "clearance").tap(force=True)
+    expect(page.locator("#actions[data-refused]")).to_be_visible()
+    camera.take("refused")
     client.post("/demo/fault", name="low_battery", active="false")
     expect(page.locator("#tile-can")).to_have_attribute("data-state", "ok")
     ready = page.locator("#actions button[name=clearance]:not([aria-disabled])")
@@ -71,14 +77,29 @@ def story(page, server, camera):
     camera.take("ready")
     ready.tap()
     camera.take("confirm")
-    step(page, "confirm").tap()
+    # What changed meanwhile takes the question back.
+    if not step(page, "confirm").is_visible():
+        clear(page)
+    else:
+        step(page, "confirm").tap()
     stage(page, "active", 20)
     expect(page.locator("#causes .calm")).to_be_visible()
     camera.take("active")
     client.post("/demo/fault", name="low_battery", active="true")
     expect(page.locator("#tile-can")).to_have_attribute("data-state", "warning")
     camera.take("warning")
+    client.post("/demo/fault", name="sensor_outage", active="true")
+    expect(page.locator("#causes [data-node]").first).to_have_attribute("data-node", "sensors/velodyne_packet_alive")
+    expect(page.locator("#tile-execution")).to_have_attribute("data-reason", "masked")
+    expect(page.locator("#countermeasure")).to_have_attribute("data-state", "engaged")
+    page.wait_for_timeout(3000)
+    camera.take("two")
+    client.post("/demo/fault", name="sensor_outage", active="false")
     client.post("/demo/fault", name="low_battery", active="false")
+    expect(page.locator("#countermeasure .confirmed")).to_have_text(re.compile("Quittieren|Acknowledge"))
+    expect(page.locator("#causes [data-node]")).to_have_count(0)
+    camera.take("held")
+    acknowledge_all(page)
     client.post("/demo/fault", name="localization_jump", active="true")
     expect(page.locator("#tile-execution")).to_have_attribute("data-reason", "masked")
     expect(page.locator("#countermeasure")).to_have_attribute("data-state", "engaged")
@@ -88,7 +109,7 @@ def story(page, server, camera):
     page.keyboard.press("Escape")
     server.send(signal.SIGSTOP)
     expect(page.locator("body")).to_have_attribute("data-live", "stale")
-    camera.take("stale")
+    camera.take("stale", settled_ms=50)
     expect(page.locator("body")).to_have_attribute("data-live", "dead")
     camera.take("dead")
 

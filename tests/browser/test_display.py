@@ -2,13 +2,14 @@
 session, in any size, and with sheets open."""
 
 import signal
+import subprocess
 
 import pytest
 from playwright.sync_api import expect
 
 from operating import DEMO_OPERATOR, localize, log_in_by_touch, stage, step, touch_context, watch
 from test_looks import check_sizes, violations
-from vehicle import OPERATOR, Client, Server, Writer, own_domain
+from vehicle import OPERATOR, TELLTALE, Client, Server, Writer, own_domain
 
 LATCHED = """vehicle: { stages: none }
 groups:
@@ -42,6 +43,8 @@ def clean_in_both_palettes(page, name):
     """Nothing for axe-core to find, whatever can be touched."""
     for palette in ("day", "night"):
         page.evaluate("palette => void (document.documentElement.dataset.palette = palette)", palette)
+        # The ink of what was a fault stays for a moment.
+        page.wait_for_timeout(400)
         found = violations(page)
         assert not found, f"{name}, {palette}:\n{found}"
 
@@ -121,7 +124,68 @@ def test_a_lost_session_leads_to_the_login(demo, display, chromium, trouble):
     page.context.clear_cookies()
     step(page, "localize").first.tap()
     page.wait_for_url(demo.url + "/login*", timeout=5_000)
+    expect(page.locator(".farewell")).to_have_count(0)
     trouble.expect("401", "403", "Failed to load resource")
+
+
+@pytest.fixture
+def others(tmp_path):
+    """A server with two operators, whose users can be removed while it runs."""
+    server = Server(tmp_path, own_domain() + 45)
+    for name in ("anna", "bert"):
+        server.add_user(name, OPERATOR[1])
+    server.start()
+    yield server
+    assert server.stop() == 0
+
+
+def enters(page, server, name, again=False):
+    page.goto(server.url + "/login")
+    for _ in range(2 if again else 1):
+        page.locator("[name=name]").fill(name)
+        page.locator("[name=secret]").fill(OPERATOR[1])
+        page.locator("form .primary").tap()
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+
+
+def remove(server, name):
+    words = [TELLTALE, "user", "remove", name, "--data", str(server.folder)]
+    subprocess.run(words, check=True, capture_output=True, timeout=30)
+
+
+@pytest.mark.parametrize(
+    "lang, end, says",
+    [
+        ("en", "taken", "Another operator has taken the vehicle over."),
+        ("de", "taken", "Eine andere Fahrbegleitung hat das Fahrzeug übernommen."),
+        ("en", "left", "You logged out at another display."),
+        ("en", "removed", "This user was removed. Call the control room."),
+    ],
+)
+def test_the_login_says_why_a_session_is_over(others, chromium, trouble, lang, end, says):
+    first, second = touch_context(chromium, lang), touch_context(chromium, lang)
+    page, other = first.new_page(), second.new_page()
+    watch(page, trouble)
+    enters(page, others, "anna")
+    if end == "taken":
+        enters(other, others, "bert", again=True)
+    elif end == "left":
+        enters(other, others, "anna")
+        step(other, "logout").tap()
+        expect(other).to_have_url(others.url + "/login", timeout=10_000)
+        expect(other.locator(".farewell")).to_have_count(0)
+    else:
+        remove(others, "anna")
+    expect(page).to_have_url(others.url + "/login", timeout=10_000)
+    expect(page.locator(".farewell")).to_have_text(says)
+    assert not violations(page), violations(page)
+    # Nothing that an address says is shown.
+    page.goto(others.url + "/login?why=forged&farewell=forged")
+    expect(page.locator(".farewell")).to_have_text(says)
+    assert "forged" not in page.content()
+    trouble.expect("401", "403", "Failed to load resource", "WebSocket")
+    first.close()
+    second.close()
 
 
 def test_after_an_update_of_the_server_the_page_loads_itself_anew(demo, display):
@@ -138,7 +202,45 @@ def test_a_browser_without_sockets_says_that_it_shows_nothing_live(demo, display
     page.reload()
     expect(page.locator("body")).to_have_attribute("data-live", "dead", timeout=5_000)
     expect(page.locator(".banner .when-dead").filter(visible=True)).to_contain_text("take over")
-    trouble[:] = []
+    unfit = page.locator(".unfit span").filter(visible=True)
+    expect(unfit).to_contain_text("Use another one")
+    check_sizes(page, "no sockets")
+    clean_in_both_palettes(page, "no sockets")
+    page.locator("[data-tool=language]").evaluate("button => button.click()")
+    expect(unfit).to_contain_text("Anderen verwenden")
+    trouble.expect("WebSocket")
+    # Whoever is not logged in yet need not do it for nothing.
+    page.context.clear_cookies()
+    page.goto(demo.url + "/login")
+    expect(page.locator(".unfit")).to_contain_text("Use another one")
+
+
+def test_closing_the_notice_leaves_the_detail_open(demo, display, trouble):
+    page = display
+    stage(page, "localizing")
+    page.locator("#tile-can").tap()
+    panel, notice = page.locator("#panel-can"), page.locator("#notice")
+    expect(panel).to_be_visible()
+    for _ in range(2):
+        # Refused: there is no alarm with this number.
+        page.evaluate(
+            """() => {
+              const form = document.createElement('form');
+              form.action = '/alarms/999999/acknowledge';
+              form.dataset.act = 'acknowledge';
+              form.innerHTML = '<input type=hidden name=version value=1>';
+              document.body.append(form);
+              form.requestSubmit();
+              form.remove();
+            }"""
+        )
+        expect(notice).to_be_visible()
+        notice.locator("[name=dismiss]").tap()
+        expect(notice).to_be_hidden()
+        expect(panel).to_be_visible()
+    panel.locator(".close").tap()
+    expect(panel).to_be_hidden()
+    trouble.expect("409", "404")
 
 
 def test_an_error_that_is_held_is_reset_at_its_component(tmp_path, chromium, trouble):
@@ -169,8 +271,6 @@ def test_an_error_that_is_held_is_reset_at_its_component(tmp_path, chromium, tro
         held.locator("button").tap(force=True)
         expect(page.locator("#notice li").first).to_be_visible()
         page.locator("#notice [name=dismiss]").tap()
-        # A touch beside the detail closes it.
-        tile.tap()
         report(0)
         expect(held.locator("button:not([aria-disabled])")).to_be_visible()
         expect(tile).to_have_attribute("data-state", "error")

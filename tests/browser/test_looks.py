@@ -1,14 +1,12 @@
 """Sizes, contrasts and names, as the browser computes them, of every page that an operator sees."""
 
-from pathlib import Path
-
 import pytest
 from playwright.sync_api import expect
 
+from accessible import violations
 from operating import DEMO_OPERATOR, clear, localize, log_in_by_touch, stage, touch_context, watch
 from vehicle import Client, Server, own_domain
 
-AXE = (Path(__file__).parent / "axe/axe.min.js").read_text()
 # 15 mm and 20 mm, and the capitals' heights of 2.8 mm and 3.7 mm, at 149 dpi.
 TOUCH_PX, TOUCH_FIRST_PX = 88, 117
 TYPE_PX, TYPE_LARGE_PX = 22.5, 30
@@ -31,6 +29,11 @@ CONTRAST = """selector => {
   const light = ([r, g, b]) => 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
   const ground = it => {
     for (; it; it = it.parentElement) {
+      // The colour of a fault that has just left lies over the ground.
+      for (const part of ['::after', '::before']) {
+        const glow = getComputedStyle(it, part);
+        if (it.matches('.tile, .summary') && glow.opacity === '1') return [rgb(glow.backgroundColor)];
+      }
       const style = getComputedStyle(it), color = rgb(style.backgroundColor);
       const stripes = style.backgroundImage.match(/rgba?\\([^)]*\\)/g);
       if (stripes) return stripes.map(rgb);
@@ -51,16 +54,6 @@ def demo(tmp_path):
     server = Server(tmp_path, own_domain() + 41, "demo").start()
     yield server
     assert server.stop() == 0
-
-
-def violations(page):
-    """What axe-core finds on what is to be seen now."""
-    page.evaluate(AXE)
-    found = page.evaluate(
-        "async () => (await axe.run(document, { resultTypes: ['violations'] })).violations"
-        ".map(it => `${it.id}: ${it.help}: ${it.nodes.map(node => node.html.slice(0, 160)).join(' | ')}`)"
-    )
-    return "\n".join(found)
 
 
 def check_sizes(page, name):

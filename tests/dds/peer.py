@@ -126,8 +126,8 @@ def subscribe(participant, options):
 
 def load(participant, options):
     """Sends arrays of `--statuses` at `--rate` a second. Only the first status differs: its values
-    `sequence` and `sent_ns` (CLOCK_MONOTONIC) are patched into the ready-made bytes, and with
-    `--flip` its level."""
+    `sequence` and `sent_ns` (CLOCK_MONOTONIC) are patched into the ready-made bytes, with `--say` its
+    message too, and with `--flip` its level."""
     writer = participant.writer("rt/diagnostics", wire.DIAGNOSTIC_ARRAY)
     statuses = made_up(options.statuses)
     if options.levels == "ok":
@@ -135,12 +135,14 @@ def load(participant, options):
             status["level"] = 0
     statuses[0]["name"] = (options.name or statuses[0]["name"]).replace("~", " ")
     statuses[0]["values"] = {"sequence": "S" * 12, "sent_ns": "N" * 20}
+    if options.say:
+        statuses[0]["message"] = "N" * 20
     data = bytearray(wire.diagnostic_array(statuses))
     # The level that differs shows where it stands in the bytes.
     other = wire.diagnostic_array([{**statuses[0], "level": statuses[0].get("level", 0) + 1}] + statuses[1:])
     level_at = next(at for at, (a, b) in enumerate(zip(data, other)) if a != b)
     level = data[level_at]
-    sequence_at, sent_at = data.index(b"S" * 12), data.index(b"N" * 20)
+    sequence_at, sent_at, said_at = data.index(b"S" * 12), data.rindex(b"N" * 20), data.index(b"N" * 20)
     say(ready=True)
     wait_matched(writer, 1, 30)
     say(matched=1, bytes=len(data))
@@ -163,7 +165,8 @@ def load(participant, options):
         data[sequence_at : sequence_at + 12] = b"%012d" % sent
         if options.flip:
             data[level_at] = level + sent % 2
-        data[sent_at : sent_at + 20] = options.mark + b"%019d" % time.clock_gettime_ns(clock)
+        sent_ns = options.mark + b"%019d" % time.clock_gettime_ns(clock)
+        data[sent_at : sent_at + 20] = data[said_at : said_at + 20] = sent_ns
         write(writer, bytes(data))
         sent += 1
     took = (time.clock_gettime_ns(clock) - start) / 1e9
@@ -193,6 +196,7 @@ def main():
     one.add_argument("--levels", choices=["mixed", "ok"], default="mixed")
     one.add_argument("--name", help="of the first status; ~ stands for a blank")
     one.add_argument("--mark", type=str.encode, default=b"0", help="first digit of sent_ns: tells loads apart")
+    one.add_argument("--say", action="store_true", help="the first status says sent_ns in its message too")
     one.add_argument("--flip", action="store_true", help="the first status changes its level every time")
     one.set_defaults(run=load)
     options = parser.parse_args()

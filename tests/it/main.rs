@@ -23,6 +23,7 @@ mod dds;
 mod driving;
 mod evaluation;
 mod fields;
+mod goals;
 mod held;
 mod hostile;
 mod monitoring;

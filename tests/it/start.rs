@@ -91,6 +91,40 @@ fn a_data_folder_that_cannot_be_written_is_told() {
 }
 
 #[test]
+fn a_data_folder_has_one_display_and_others_may_look_after_it() {
+    let folder = folder("held");
+    let data = folder.to_str().expect("the path is text");
+    assert!(user(&["add", "anna", "--role", "operator", "--data", data], "975310").status.code().is_some());
+    let held = std::fs::File::open(&folder).expect("it is there");
+    held.try_lock().expect("nobody else has it");
+    let serve = ["serve", "--config", SHUTTLE, "--listen", "127.0.0.1:0", "--interface", "loopback"];
+    refuses(&[&serve[..], &["--data", data]].concat(), &["another `telltale serve`", data, "--data"]);
+    for words in [["user", "list"], ["audit", "verify"]] {
+        assert!(telltale(&[&words[..], &["--data", data]].concat()).status.success(), "{words:?}");
+    }
+    // Who comes after it gets on to what else is wrong.
+    drop(held);
+    refuses(&[&serve[..], &["--data", data, "--origin", "here"]].concat(), &["\"here\" is no origin"]);
+}
+
+#[test]
+fn an_origin_behind_a_proxy_on_this_machine_is_warned_of() {
+    let data = folder("proxy");
+    let data = data.to_str().expect("the path is text");
+    // It ends at the origin that is none, after what it has to say.
+    let serve = ["serve", "--config", SHUTTLE, "--listen", "127.0.0.1:0", "--data", data, "--origin", "here"];
+    let warns = |more: &[&str]| {
+        let output = telltale(&[&serve[..], &["--interface", "loopback"], more].concat());
+        [output.stdout, output.stderr].concat().windows(14).any(|it| it == b"--display none")
+    };
+    assert!(warns(&["--origin", "https://shuttle-1.example"]));
+    assert!(warns(&["--origin", "http://10.0.0.5", "--display", "loopback"]));
+    assert!(!warns(&["--origin", "http://10.0.0.5", "--display", "none"]));
+    assert!(!warns(&["--origin", "http://10.0.0.5", "--display", "10.0.0.7"]));
+    assert!(!warns(&["--origin", "http://localhost:9000"]) && !warns(&["--origin", "http://[::1]:9000"]));
+}
+
+#[test]
 fn an_origin_that_is_none_is_told() {
     let data = folder("origin");
     let data = data.to_str().expect("the path is text");
@@ -178,6 +212,18 @@ fn users_and_tokens_are_made_on_the_command_line_and_recorded() {
     let said = String::from_utf8_lossy(&other.stdout).into_owned();
     assert!(other.status.code() == Some(1) && said.contains("record 3"), "{said}");
     refuses(&["audit", "verify", "--data", data, "--head", "3"], &["a head is a number, a colon"]);
+
+    let noted = std::fs::read_to_string(folder.join("audit.head")).expect("it is noted");
+    std::fs::remove_file(folder.join("audit.head")).expect("it is there");
+    let open = telltale(&["audit", "verify", "--data", data]);
+    let said = String::from_utf8_lossy(&open.stdout).into_owned();
+    assert!(open.status.code() == Some(1) && said.starts_with("OPEN") && said.contains("--head"), "{said}");
+    let proven = telltale(&["audit", "verify", "--data", data, "--head", noted.trim()]);
+    assert!(proven.status.success(), "{proven:?}");
+    assert!(telltale(&["user", "list", "--data", data]).status.success());
+    let recorded = telltale(&["audit", "verify", "--data", data, "--head", noted.trim()]);
+    let said = String::from_utf8_lossy(&recorded.stdout).into_owned();
+    assert!(recorded.status.success() && said.contains("5 records"), "the loss is a record: {said}");
 }
 
 #[test]

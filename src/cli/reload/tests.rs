@@ -125,17 +125,33 @@ async fn a_request_previews_first_and_takes_when_told() {
     let mut reloads =
         start(bench.path.clone(), bench.loaded.clone(), Definitions::default(), bench.link.reloads.clone())
             .unwrap();
-    let ask = async |take: bool| {
+    let ask_shown = async |take: bool, shown: Option<String>| {
         let (reply, answer) = oneshot::channel();
-        reloads.requests.send(Reread { take, reply }).await.unwrap();
+        reloads.requests.send(Reread { take, shown, reply }).await.unwrap();
         answer.await.unwrap()
     };
+    let ask = async |take: bool| ask_shown(take, None).await;
     bench.write(NEW);
     let preview = ask(false).await;
     assert_eq!((preview.taken, preview.differences.len(), preview.problems), (false, 5, None));
+    assert_eq!(preview.running[0].text, OLD, "what runs, not what is in the file by now");
+    // What can happen is found out meanwhile.
+    while !ask(false).await.judged {
+        tokio::task::yield_now().await;
+    }
     assert_eq!(bench.shown("b/new"), None);
-    let taken = ask(true).await;
-    assert_eq!((taken.taken, taken.differences.len()), (true, 5));
+    // What was shown is not what would be taken.
+    bench.write(&NEW.replace("id: new", "id: newer"));
+    let other = ask_shown(true, Some(preview.digest.clone())).await;
+    assert!(!other.taken && other.digest != preview.digest && other.differences.len() == 5);
+    assert_eq!((bench.shown("b/newer"), &*other.running[0].text), (None, OLD));
+    bench.write(NEW);
+    let taken = ask_shown(true, Some(preview.digest.clone())).await;
+    assert_eq!((taken.taken, taken.differences.len(), taken.judged), (true, 5, true));
+    assert_eq!(taken.running[0].text, NEW);
+    let again = ask(false).await;
+    assert_eq!((again.differences.len(), again.judged), (0, true), "the same text is judged once");
+    assert_ne!(again.digest, preview.digest, "the same file, but nothing to take");
     assert_eq!(bench.shown("b/new"), Some(State::Unknown));
     assert_eq!(reloads.running.borrow_and_update().model.groups.len(), 2);
     // From what runs now, not from what ran at first.

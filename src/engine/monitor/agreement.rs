@@ -4,7 +4,7 @@ use super::inputs::{Doubt, Inputs};
 use super::motion::{History, Motion, TooShort};
 use super::sequence::slack;
 use super::spec::{AgreementRule, Bands};
-use super::words::{Words, number, span};
+use super::words::{Words, number, say, span};
 use crate::engine::sample::FieldValue;
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
@@ -71,7 +71,8 @@ impl Agreement {
         }
         match (self.difference(now), &self.rule) {
             (Ok(Difference::Number(difference, _)), AgreementRule::Number(bands)) => {
-                let message = format!("they differ by {}", bands.say(difference, ""));
+                let message =
+                    say!("they differ by {by}", "Abweichung {by}", by = bands.say(difference, "".into()));
                 let mut values = bands.values("difference", difference);
                 for (name, slot) in [("a", 0), ("b", 1)] {
                     if let Some(FieldValue::Number(value)) = self.inputs.last(slot) {
@@ -85,11 +86,21 @@ impl Agreement {
             }
             (Err(Why::Doubt(doubt)), _) => Words::plain(self.inputs.say(doubt)),
             (Err(Why::TooShort(slot, why)), _) => {
-                let over = self.motion.as_ref().map_or(String::new(), |(over, _)| span(*over));
+                let over = self.motion.as_ref().map_or("".into(), |(over, _)| span(*over));
                 let label = self.inputs.label(slot);
                 Words::plain(match why {
-                    TooShort::Young => format!("{label} has not been followed for {over} yet"),
-                    TooShort::Gap => format!("of {label} too little came {over} ago"),
+                    TooShort::Young => say!(
+                        "{label} has not been followed for {over} yet",
+                        "{label} noch keine {over} verfolgt",
+                        label = label,
+                        over = over
+                    ),
+                    TooShort::Gap => say!(
+                        "of {label} too little came {over} ago",
+                        "von {label} kam vor {over} zu wenig",
+                        label = label,
+                        over = over
+                    ),
                 })
             }
             _ => Words::default(),
@@ -98,13 +109,22 @@ impl Agreement {
 
     fn say_pose(&self, metres: f64, degrees: f64, translation: &Bands, rotation_deg: &Bands) -> Words {
         let what = match &self.motion {
-            Some((over, _)) => format!("over {} their motions differ by", span(*over)),
-            None => "they differ by".into(),
+            Some((over, _)) => say!(
+                "over {over} their motions differ by",
+                "Abweichung der Bewegungen über {over}:",
+                over = span(*over)
+            ),
+            None => say!("they differ by", "Abweichung"),
         };
         // Millimetres and hundredths of a degree are noise, and would change the words each time.
         let (metres, degrees) = ((metres * 1e3).round() / 1e3, (degrees * 1e2).round() / 1e2);
-        let message =
-            format!("{what} {}; {}", translation.say(metres, "m"), rotation_deg.say(degrees, "deg"));
+        let message = say!(
+            "{what} {shift}; {turn}",
+            "{what} {shift}; {turn}",
+            what = what,
+            shift = translation.say(metres, "m".into()),
+            turn = rotation_deg.say(degrees, say!("deg", "Grad"))
+        );
         Words { message, values: vec![("translation_m", number(metres)), ("rotation_deg", number(degrees))] }
     }
 

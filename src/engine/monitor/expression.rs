@@ -2,7 +2,8 @@
 
 use super::inputs::{Doubt, Inputs};
 use super::spec::Condition;
-use super::words::{Words, cut, number};
+use super::words::{Words, cut, number, numeral, say};
+use crate::engine::model::Text;
 use crate::engine::sample::FieldValue;
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
@@ -69,21 +70,34 @@ impl Expression {
         }
         let values = (0..self.inputs.len()).filter_map(|slot| {
             let text = match self.inputs.last(slot)? {
-                FieldValue::Number(value) => number(*value),
-                FieldValue::Bool(is) => is.to_string(),
-                FieldValue::Text(text) => format!("\"{}\"", cut(text)),
+                FieldValue::Number(value) => numeral(number(*value)),
+                FieldValue::Bool(true) => say!("true", "wahr"),
+                FieldValue::Bool(false) => say!("false", "falsch"),
+                FieldValue::Text(text) => format!("\"{}\"", cut(text)).into(),
                 _ => return None,
             };
-            Some(format!("{} = {text}", self.names[slot]))
+            Some(say!("{name} = {text}", "{name} = {text}", name = &*self.names[slot], text = text))
         });
-        let values = values.collect::<Vec<_>>().join(", ");
-        let met = |condition: &Option<Condition>| {
-            condition.as_ref().map_or(String::new(), |condition| cut(&condition.text).to_owned())
+        let joined = |all: Text, next: Text| say!("{all}, {next}", "{all}; {next}", all = all, next = next);
+        let values = values.reduce(joined).unwrap_or_else(|| "".into());
+        let holds = |condition: &Option<Condition>, values: Text| {
+            let condition = condition.as_ref().map_or("", |condition| cut(&condition.text));
+            say!(
+                "{condition} holds: {values}",
+                "{condition} trifft zu: {values}",
+                condition = condition,
+                values = values
+            )
         };
         let message = match &self.answer {
-            Some(Answer::State(State::Error)) => format!("{} holds: {values}", met(&self.error)),
-            Some(Answer::State(State::Warning)) => format!("{} holds: {values}", met(&self.warning)),
-            Some(Answer::Failed(why)) => format!("no answer for {values}: {}", cut(why)),
+            Some(Answer::State(State::Error)) => holds(&self.error, values),
+            Some(Answer::State(State::Warning)) => holds(&self.warning, values),
+            Some(Answer::Failed(why)) => say!(
+                "no answer for {values}: {why}",
+                "keine Antwort für {values}: {why}",
+                values = values,
+                why = cut(why)
+            ),
             _ => values,
         };
         Words::plain(message)

@@ -2,7 +2,7 @@
 
 use super::spec::Bands;
 use super::window::Window;
-use super::words::{Words, span};
+use super::words::{Words, say, span};
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 
@@ -78,13 +78,20 @@ impl Frequency {
 
     pub(super) fn words(&self, now: Timestamp) -> Words {
         let Some(full_at) = self.full_at() else {
-            return Words::plain("not measured while it does not matter".into());
+            return Words::plain(say!(
+                "not measured while it does not matter",
+                "zählt zurzeit nicht, nicht gemessen"
+            ));
         };
         let rate = self.window.rate(self.window.count());
         if now < full_at && self.too_many() == State::Ok {
-            return Words::plain(format!("measuring for {}", span(self.window.span())));
+            return Words::plain(say!(
+                "measuring for {time}",
+                "wird gemessen seit {time}",
+                time = span(self.window.span())
+            ));
         }
-        Words { message: self.bands.say(rate, "Hz"), values: self.bands.values("rate_hz", rate) }
+        Words { message: self.bands.say(rate, "Hz".into()), values: self.bands.values("rate_hz", rate) }
     }
 
     fn at(&self, count: u64) -> State {

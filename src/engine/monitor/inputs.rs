@@ -1,14 +1,18 @@
 //! The latest value of everything that a monitor looks at, and why one cannot be used.
 
 use super::spec::{ValueSource, Watched};
-use super::words::{cut, span};
+use super::words::{cut, say, span};
+use crate::engine::model::Text;
 use crate::engine::sample::{FieldValue, Pose};
 use crate::engine::time::{Span, Timestamp};
+
+/// Why a KeyValue cannot be read that a status leaves out.
+pub(in crate::engine) const NO_SUCH_KEY: &str = "the status has no such key";
 
 /// By slot: the position of a source in its monitor.
 #[derive(Debug, Clone)]
 pub(super) struct Inputs {
-    labels: Box<[Box<str>]>,
+    labels: Box<[Text]>,
     latest: Box<[Option<(Timestamp, FieldValue)>]>,
     /// An older value is not used.
     max_age: Option<Span>,
@@ -28,19 +32,18 @@ enum What {
     Unreadable,
     NotANumber,
     Infinite,
-    /// It is no number, or no pose.
-    WrongKind(&'static str),
+    WrongKind { wanted: Kind, is: Kind },
     NoRotation,
 }
 
 impl Inputs {
     /// Each source with the role that it has, which may be empty.
     pub(super) fn new<'a>(
-        sources: impl Iterator<Item = (&'a str, &'a ValueSource)>,
+        sources: impl Iterator<Item = (Text, &'a ValueSource)>,
         watched: &Watched,
         max_age: Option<Span>,
     ) -> Inputs {
-        let label = |(role, source): (&str, &ValueSource)| -> Box<str> {
+        let label = |(role, source): (Text, &ValueSource)| -> Text {
             let place = match source {
                 ValueSource::Field { topic, field } => {
                     let topic = &watched.topics[topic.0 as usize];
@@ -48,9 +51,13 @@ impl Inputs {
                 }
                 ValueSource::Key { status, key } => format!("{status}: {key}"),
             };
-            if role.is_empty() { place.into() } else { format!("{role} ({place})").into() }
+            if role.en.is_empty() {
+                place.into()
+            } else {
+                say!("{role} ({place})", "{role} ({place})", role = role, place = place)
+            }
         };
-        let labels: Box<[Box<str>]> = sources.map(label).collect();
+        let labels: Box<[Text]> = sources.map(label).collect();
         Inputs { latest: labels.iter().map(|_| None).collect(), labels, max_age }
     }
 
@@ -72,8 +79,8 @@ impl Inputs {
         self.latest.len()
     }
 
-    pub(super) fn label(&self, slot: usize) -> &str {
-        &self.labels[slot]
+    pub(super) fn label(&self, slot: usize) -> Text {
+        self.labels[slot].clone()
     }
 
     pub(super) fn any(&self) -> bool {
@@ -111,14 +118,14 @@ impl Inputs {
     pub(super) fn number(&self, slot: usize, now: Timestamp) -> Result<f64, Doubt> {
         match self.value(slot, now)? {
             FieldValue::Number(number) => Ok(*number),
-            other => Err(Doubt { slot, what: What::WrongKind(if_not("a number", other)) }),
+            other => Err(wrong_kind(slot, Kind::Number, other)),
         }
     }
 
     pub(super) fn pose(&self, slot: usize, now: Timestamp) -> Result<Pose, Doubt> {
         match self.value(slot, now)? {
             FieldValue::Pose(pose) => Ok(*pose),
-            other => Err(Doubt { slot, what: What::WrongKind(if_not("a pose", other)) }),
+            other => Err(wrong_kind(slot, Kind::Pose, other)),
         }
     }
 
@@ -129,35 +136,83 @@ impl Inputs {
         self.latest.iter().flatten().map(old).filter(|&at| at > now).min()
     }
 
-    pub(super) fn say(&self, doubt: Doubt) -> String {
-        let label = &self.labels[doubt.slot];
+    pub(super) fn say(&self, doubt: Doubt) -> Text {
+        let label = self.label(doubt.slot);
         match doubt.what {
-            What::Missing => format!("nothing came yet of {label}"),
+            What::Missing => nothing_yet(label),
             What::Old => {
-                let max_age = self.max_age.map_or(String::new(), span);
-                format!("{label} is older than {max_age}")
+                let max_age = self.max_age.map_or("".into(), span);
+                say!(
+                    "{label} is older than {max_age}",
+                    "{label} älter als {max_age}",
+                    label = label,
+                    max_age = max_age
+                )
             }
             What::Unreadable => match &self.latest[doubt.slot] {
-                Some((_, FieldValue::Unreadable(why))) => format!("{label} cannot be read: {}", cut(why)),
-                _ => format!("{label} cannot be read"),
+                Some((_, FieldValue::Unreadable(why))) if **why == *NO_SUCH_KEY => say!(
+                    "{label} cannot be read: the status has no such key",
+                    "{label} nicht lesbar: der Status hat diesen Schlüssel nicht",
+                    label = label
+                ),
+                Some((_, FieldValue::Unreadable(why))) => say!(
+                    "{label} cannot be read: {why}",
+                    "{label} nicht lesbar: {why}",
+                    label = label,
+                    why = cut(why)
+                ),
+                _ => say!("{label} cannot be read", "{label} nicht lesbar", label = label),
             },
-            What::NotANumber => format!("{label} is not a number"),
-            What::Infinite => format!("{label} is infinite"),
-            What::WrongKind(wanted) => format!("{label} is {wanted}"),
-            What::NoRotation => format!("{label} has a rotation of length zero"),
+            What::NotANumber => say!("{label} is not a number", "{label} ist keine Zahl", label = label),
+            What::Infinite => say!("{label} is infinite", "{label} ist unendlich", label = label),
+            What::WrongKind { wanted, is } => say!(
+                "{label} is {is} where {wanted} is wanted",
+                "{label} ist {is}, erwartet {wanted}",
+                label = label,
+                is = is.say(),
+                wanted = wanted.say()
+            ),
+            What::NoRotation => say!(
+                "{label} has a rotation of length zero",
+                "{label} hat eine Drehung der Länge null",
+                label = label
+            ),
         }
     }
 }
 
-fn if_not(wanted: &'static str, value: &FieldValue) -> &'static str {
-    match (wanted, value) {
-        ("a pose", FieldValue::Number(_)) => "a number where a pose is wanted",
-        (_, FieldValue::Pose(_)) => "a pose where a number is wanted",
-        ("a pose", FieldValue::Bool(_)) => "a boolean where a pose is wanted",
-        (_, FieldValue::Bool(_)) => "a boolean where a number is wanted",
-        ("a pose", _) => "text where a pose is wanted",
-        _ => "text where a number is wanted",
+pub(super) fn nothing_yet(label: Text) -> Text {
+    say!("nothing came yet of {label}", "noch nichts gekommen von {label}", label = label)
+}
+
+/// What a value is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Number,
+    Pose,
+    Bool,
+    Words,
+}
+
+impl Kind {
+    fn say(self) -> Text {
+        match self {
+            Kind::Number => say!("a number", "eine Zahl"),
+            Kind::Pose => say!("a pose", "eine Pose"),
+            Kind::Bool => say!("a boolean", "ein Wahrheitswert"),
+            Kind::Words => say!("text", "Text"),
+        }
     }
+}
+
+fn wrong_kind(slot: usize, wanted: Kind, value: &FieldValue) -> Doubt {
+    let is = match value {
+        FieldValue::Number(_) => Kind::Number,
+        FieldValue::Pose(_) => Kind::Pose,
+        FieldValue::Bool(_) => Kind::Bool,
+        FieldValue::Text(_) | FieldValue::Absent | FieldValue::Unreadable(_) => Kind::Words,
+    };
+    Doubt { slot, what: What::WrongKind { wanted, is } }
 }
 
 fn fault(pose: &Pose) -> Option<What> {

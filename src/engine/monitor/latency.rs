@@ -2,7 +2,8 @@
 
 use super::spec::Bands;
 use super::window::Window;
-use super::words::{Words, span};
+use super::words::{Words, say, span};
+use crate::engine::model::Text;
 use crate::engine::sample::Sample;
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
@@ -73,12 +74,14 @@ impl Latency {
             .extremes()
             .map(|(min, max)| if self.bands.judge(min) > self.bands.judge(max) { min } else { max });
         let values = worst.map_or(Vec::new(), |worst| self.bands.values("latency_s", worst));
-        let late = worst.map(|worst| self.bands.say(worst, "s late"));
+        let late = worst.map(|worst| self.bands.say(worst, say!("s late", "s Verspätung")));
         let message = match (self.doubt, worst.map(|worst| self.bands.judge(worst)), late) {
             (Some((_, doubt)), None | Some(State::Ok | State::Warning | State::Unknown), _) => doubt.say(),
             (_, _, Some(late)) => late,
-            (_, _, None) if self.last.is_some() => format!("no message for {}", span(self.window.span())),
-            _ => String::new(),
+            (_, _, None) if self.last.is_some() => {
+                say!("no message for {time}", "keine Nachricht seit {time}", time = span(self.window.span()))
+            }
+            _ => "".into(),
         };
         Words { message, values }
     }
@@ -102,12 +105,22 @@ fn age(sample: &Sample) -> Result<f64, Doubt> {
 }
 
 impl Doubt {
-    fn say(self) -> String {
+    fn say(self) -> Text {
         match self {
-            Doubt::Absent => "the message has no readable stamp".into(),
-            Doubt::Zero => "the stamp was not set".into(),
-            Doubt::Future(by) => format!("the stamp lies {} in the future: set the clocks", span(by)),
-            Doubt::OtherClock(by) => format!("the stamp is from another clock, {} away", span(by)),
+            Doubt::Absent => {
+                say!("the message has no readable stamp", "Nachricht ohne lesbaren Zeitstempel")
+            }
+            Doubt::Zero => say!("the stamp was not set", "Zeitstempel nicht gesetzt"),
+            Doubt::Future(by) => say!(
+                "the stamp lies {by} in the future: set the clocks",
+                "Zeitstempel liegt {by} in der Zukunft: Uhren stellen",
+                by = span(by)
+            ),
+            Doubt::OtherClock(by) => say!(
+                "the stamp is from another clock, {by} away",
+                "Zeitstempel von anderer Uhr, {by} entfernt",
+                by = span(by)
+            ),
         }
     }
 }

@@ -23,14 +23,16 @@ use agreement::Agreement;
 use expression::Expression;
 use frequency::Frequency;
 use inputs::Inputs;
+pub(super) use inputs::NO_SUCH_KEY;
 use latency::Latency;
 use rate_ratio::RateRatio;
 use sequence::Sequence;
 use spec::{MonitorSpec, TopicId, ValueSource, Watched};
 use value::Value;
 use watchdog::Watchdog;
-pub(super) use words::Words;
+pub(super) use words::{Words, say};
 
+use super::model::Text;
 use super::sample::{FieldValue, ProbeOutcome, Sample};
 use super::state::State;
 use super::time::{Span, Timestamp};
@@ -90,7 +92,7 @@ pub(super) enum Monitor {
 impl Monitor {
     /// `None` for those that judge the level of a status.
     pub(super) fn new(spec: &MonitorSpec, watched: &Watched) -> Option<Monitor> {
-        let one = |source, max_age| Inputs::new([("", source)].into_iter(), watched, max_age);
+        let one = |source, max_age| Inputs::new([("".into(), source)].into_iter(), watched, max_age);
         Some(match spec {
             MonitorSpec::SelfState { .. } | MonitorSpec::External { .. } => return None,
             MonitorSpec::Frequency { window, bands, .. } => {
@@ -107,15 +109,17 @@ impl Monitor {
                 Monitor::RateRatio(RateRatio::new(*window, *bands))
             }
             MonitorSpec::Sequence { earlier, later, max_gap, bands } => {
-                let inputs = Inputs::new([("earlier", earlier), ("later", later)].into_iter(), watched, None);
+                let roles = [(say!("earlier", "früher"), earlier), (say!("later", "später"), later)];
+                let inputs = Inputs::new(roles.into_iter(), watched, None);
                 Monitor::Sequence(Sequence::new(inputs, *max_gap, *bands))
             }
             MonitorSpec::Agreement { a, b, max_age, motion_over, rule } => {
-                let inputs = Inputs::new([("a", a), ("b", b)].into_iter(), watched, Some(*max_age));
+                let inputs =
+                    Inputs::new([("a".into(), a), ("b".into(), b)].into_iter(), watched, Some(*max_age));
                 Monitor::Agreement(Box::new(Agreement::new(inputs, *max_age, *motion_over, rule.clone())))
             }
             MonitorSpec::Expression { inputs: sources, max_age, warning, error, .. } => {
-                let roles = sources.iter().map(|(name, source)| (&**name, source));
+                let roles = sources.iter().map(|(name, source)| (Text::plain(name), source));
                 let inputs = Inputs::new(roles, watched, Some(*max_age));
                 let names = sources.iter().map(|(name, _)| name.clone());
                 let expression = Expression::new(inputs, names, warning.clone(), error.clone());

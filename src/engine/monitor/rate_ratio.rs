@@ -2,7 +2,7 @@
 
 use super::spec::Bands;
 use super::window::Window;
-use super::words::{Words, number, span};
+use super::words::{Words, number, say, span};
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 
@@ -91,23 +91,31 @@ impl RateRatio {
 
     pub(super) fn words(&self, now: Timestamp) -> Words {
         let Some(full_at) = self.full_at() else {
-            return Words::plain("not measured while it does not matter".into());
+            return Words::plain(say!(
+                "not measured while it does not matter",
+                "zählt zurzeit nicht, nicht gemessen"
+            ));
         };
         if now < full_at {
-            return Words::plain(format!("measuring for {}", span(self.input.span())));
+            return Words::plain(say!(
+                "measuring for {time}",
+                "wird gemessen seit {time}",
+                time = span(self.input.span())
+            ));
         }
         let rates = [
             ("input_hz", number(self.input.rate(self.input.count()))),
             ("output_hz", number(self.output.rate(self.output.count()))),
         ];
         if self.input.is_empty() {
-            let message = format!("no input for {}", span(self.input.span()));
+            let message =
+                say!("no input for {time}", "keine Eingabe seit {time}", time = span(self.input.span()));
             return Words { message, values: rates.into() };
         }
         let ratio = self.output.count() as f64 / self.input.count() as f64;
         let mut values = self.bands.values("ratio", ratio);
         values.extend(rates);
-        Words { message: self.bands.say(ratio, "outputs per input"), values }
+        Words { message: self.bands.say(ratio, say!("outputs per input", "Ausgaben je Eingabe")), values }
     }
 
     fn at(&self, input: u64, output: u64) -> State {

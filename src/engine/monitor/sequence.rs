@@ -1,8 +1,9 @@
 //! A value at a later stage against the same at an earlier one.
 
-use super::inputs::{Doubt, Inputs};
+use super::inputs::{Doubt, Inputs, nothing_yet};
 use super::spec::Bands;
-use super::words::{Words, number, span};
+use super::words::{Words, number, say, span};
+use crate::engine::model::Text;
 use crate::engine::sample::FieldValue;
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
@@ -57,7 +58,12 @@ impl Sequence {
                         values.push((name, number(*value)));
                     }
                 }
-                Words { message: format!("later minus earlier: {}", self.bands.say(difference, "")), values }
+                let message = say!(
+                    "later minus earlier: {what}",
+                    "später minus früher: {what}",
+                    what = self.bands.say(difference, "".into())
+                );
+                Words { message, values }
             }
         }
     }
@@ -90,13 +96,16 @@ enum Why {
 }
 
 impl Why {
-    fn say(self, inputs: &Inputs, max_gap: Span) -> String {
+    fn say(self, inputs: &Inputs, max_gap: Span) -> Text {
         match self {
             Why::Doubt(doubt) => inputs.say(doubt),
-            Why::Missing(slot) => format!("nothing came yet of {}", inputs.label(slot)),
-            Why::Gap(slot) => {
-                format!("{} is more than {} behind the other", inputs.label(slot), span(max_gap))
-            }
+            Why::Missing(slot) => nothing_yet(inputs.label(slot)),
+            Why::Gap(slot) => say!(
+                "{label} is more than {time} behind the other",
+                "{label} kommt mehr als {time} nach dem anderen",
+                label = inputs.label(slot),
+                time = span(max_gap)
+            ),
         }
     }
 }

@@ -2,7 +2,8 @@
 
 use super::inputs::{Doubt, Inputs};
 use super::spec::ValueRule;
-use super::words::{Words, number, quoted};
+use super::words::{Words, number, numeral, quoted, say};
+use crate::engine::model::Text;
 use crate::engine::sample::FieldValue;
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
@@ -37,15 +38,20 @@ impl Value {
             (Ok((value, _)), ValueRule::Bands(bands)) => match value {
                 FieldValue::Number(value) => {
                     let value = *value;
-                    Words { message: bands.say(value, ""), values: bands.values("value", value) }
+                    Words { message: bands.say(value, "".into()), values: bands.values("value", value) }
                 }
                 _ => Words::default(),
             },
             (Ok((value, state)), ValueRule::Unless { error, warning }) => {
                 let missed = if state == State::Error { error } else { warning };
                 let message = match missed.as_ref().filter(|_| state != State::Ok) {
-                    Some(wanted) => format!("{}, {} wanted", say(value), say(wanted)),
-                    None => say(value),
+                    Some(wanted) => say!(
+                        "{value}, {wanted} wanted",
+                        "{value}, erwartet {wanted}",
+                        value = words_of(value),
+                        wanted = words_of(wanted)
+                    ),
+                    None => words_of(value),
                 };
                 Words { message, values: vec![("value", bare(value))] }
             }
@@ -64,10 +70,14 @@ impl Value {
     }
 }
 
-fn say(value: &FieldValue) -> String {
+fn words_of(value: &FieldValue) -> Text {
     match value {
-        FieldValue::Text(text) => quoted(text),
-        other => bare(other),
+        FieldValue::Text(text) => quoted(text).into(),
+        FieldValue::Number(value) => numeral(number(*value)),
+        FieldValue::Bool(true) => say!("true", "wahr"),
+        FieldValue::Bool(false) => say!("false", "falsch"),
+        FieldValue::Pose(_) => say!("a pose", "eine Pose"),
+        FieldValue::Absent | FieldValue::Unreadable(_) => say!("unreadable", "nicht lesbar"),
     }
 }
 

@@ -1,7 +1,7 @@
 //! Whether something answers when it is asked.
 
 use super::spec::WatchdogSpec;
-use super::words::{Words, cut, number, span};
+use super::words::{Words, cut, number, say, span};
 use crate::engine::sample::ProbeOutcome;
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
@@ -68,28 +68,36 @@ impl Watchdog {
 
     pub(super) fn words(&self, now: Timestamp) -> Words {
         let Some(late_at) = self.late_at() else {
-            return Words::plain("not asked while it does not matter".into());
+            return Words::plain(say!(
+                "not asked while it does not matter",
+                "zählt zurzeit nicht, nicht gefragt"
+            ));
         };
         if now >= late_at {
-            return Words::plain(format!("nobody asked it for {}", span(self.patience)));
+            return Words::plain(say!(
+                "nobody asked it for {time}",
+                "nicht gefragt seit {time}",
+                time = span(self.patience)
+            ));
         }
         match &self.last {
-            None => Words::plain("not asked yet".into()),
+            None => Words::plain(say!("not asked yet", "noch nicht gefragt")),
             Some((_, ProbeOutcome::Answered { after })) => {
                 let millis = number(after.as_nanos() as f64 / 1e6);
-                Words { message: "answers".into(), values: vec![("answer_ms", millis)] }
+                Words { message: say!("answers", "antwortet"), values: vec![("answer_ms", millis)] }
             }
             Some((_, ProbeOutcome::Missed(why))) => Words {
-                message: format!(
-                    "no answer, {} of {} in a row: {}",
-                    self.misses.min(self.misses_max),
-                    self.misses_max,
-                    cut(why)
+                message: say!(
+                    "no answer, {misses} of {all} in a row: {why}",
+                    "keine Antwort, {misses} von {all} in Folge: {why}",
+                    misses = self.misses.min(self.misses_max).to_string(),
+                    all = self.misses_max.to_string(),
+                    why = cut(why)
                 ),
                 values: vec![("misses", self.misses.to_string())],
             },
             Some((_, ProbeOutcome::Impossible(why))) => {
-                Words::plain(format!("it cannot be asked: {}", cut(why)))
+                Words::plain(say!("it cannot be asked: {why}", "nicht zu fragen: {why}", why = cut(why)))
             }
         }
     }

@@ -1,6 +1,7 @@
 //! What monitors say: numbers as people read them, and limits.
 
 use super::spec::Bands;
+use crate::engine::model::Text;
 use crate::engine::state::State;
 use crate::engine::time::Span;
 
@@ -10,16 +11,29 @@ const QUOTED_MAX: usize = 80;
 /// What a monitor says beside its state.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(in crate::engine) struct Words {
-    pub(in crate::engine) message: String,
+    pub(in crate::engine) message: Text,
     /// Measured values, for programs and small diagrams.
     pub(in crate::engine) values: Vec<(&'static str, String)>,
 }
 
 impl Words {
-    pub(super) fn plain(message: String) -> Words {
+    pub(super) fn plain(message: Text) -> Words {
         Words { message, values: Vec::new() }
     }
 }
+
+/// One sentence in both languages. Each argument is put in by its name, in the language's words
+/// where it has some: `say!("no message for {time}", "keine Nachricht seit {time}", time = span(age))`.
+macro_rules! say {
+    ($en:literal, $de:literal $(, $name:ident = $value:expr)*) => {{
+        $(let $name = $crate::engine::model::Text::from($value);)*
+        let en = { $(let $name = &*$name.en;)* std::fmt::format(format_args!($en)) };
+        let de = { $(let $name = &*$name.de;)* std::fmt::format(format_args!($de)) };
+        $crate::engine::model::Text { en: en.into(), de: de.into() }
+    }};
+}
+
+pub(in crate::engine) use say;
 
 impl Bands {
     /// Below or above a limit counts, equal does not; ERROR before WARNING. What is not finite is
@@ -45,19 +59,39 @@ impl Bands {
     }
 
     /// `4.2 Hz, at least 9 wanted`.
-    pub(super) fn say(&self, value: f64, unit: &str) -> String {
+    pub(super) fn say(&self, value: f64, unit: Text) -> Text {
         let lower = self.warning_below.or(self.error_below);
         let upper = self.warning_above.or(self.error_above);
-        let measured =
-            measured(value, &[self.warning_below, self.error_below, self.warning_above, self.error_above]);
-        let space = if unit.is_empty() { "" } else { " " };
+        let limits = [self.warning_below, self.error_below, self.warning_above, self.error_above];
+        let value = numeral(measured(value, &limits));
+        let value = if unit.en.is_empty() {
+            value
+        } else {
+            say!("{value} {unit}", "{value} {unit}", value = value, unit = unit)
+        };
+        let lower = lower.map(|limit| numeral(number(limit)));
+        let upper = upper.map(|limit| numeral(number(limit)));
         match (lower, upper) {
-            (Some(lower), Some(upper)) => {
-                format!("{measured}{space}{unit}, {} to {} wanted", number(lower), number(upper))
-            }
-            (Some(lower), None) => format!("{measured}{space}{unit}, at least {} wanted", number(lower)),
-            (None, Some(upper)) => format!("{measured}{space}{unit}, at most {} wanted", number(upper)),
-            (None, None) => format!("{measured}{space}{unit}"),
+            (Some(lower), Some(upper)) => say!(
+                "{value}, {lower} to {upper} wanted",
+                "{value}, erwartet {lower} bis {upper}",
+                value = value,
+                lower = lower,
+                upper = upper
+            ),
+            (Some(lower), None) => say!(
+                "{value}, at least {lower} wanted",
+                "{value}, erwartet mindestens {lower}",
+                value = value,
+                lower = lower
+            ),
+            (None, Some(upper)) => say!(
+                "{value}, at most {upper} wanted",
+                "{value}, erwartet höchstens {upper}",
+                value = value,
+                upper = upper
+            ),
+            (None, None) => value,
         }
     }
 
@@ -91,6 +125,15 @@ pub(super) fn number(value: f64) -> String {
     if value.fract() == 0.0 && value.abs() < 1e6 { format!("{}", value + 0.0) } else { rounded(value, 3) }
 }
 
+/// A number as it is said, with the decimal comma in German.
+pub(super) fn numeral(number: String) -> Text {
+    match &*number {
+        "not a number" => say!("not a number", "keine Zahl"),
+        "infinite" => say!("infinite", "unendlich"),
+        _ => Text { de: number.replace('.', ",").into(), en: number.into() },
+    }
+}
+
 fn rounded(value: f64, digits: i32) -> String {
     if value == 0.0 {
         return "0".into();
@@ -107,16 +150,17 @@ fn rounded(value: f64, digits: i32) -> String {
 }
 
 /// `350 ms`, `2 s`, `1.5 h`.
-pub(super) fn span(span: Span) -> String {
+pub(super) fn span(span: Span) -> Text {
     let seconds = span.as_nanos() as f64 / 1e9;
-    match seconds {
-        ..1e-3 => format!("{} us", number(seconds * 1e6)),
-        ..1.0 => format!("{} ms", number(seconds * 1e3)),
-        ..300.0 => format!("{} s", number(seconds)),
-        ..7200.0 => format!("{} min", number(seconds / 60.0)),
-        ..172_800.0 => format!("{} h", number(seconds / 3600.0)),
-        _ => format!("{} days", number(seconds / 86_400.0)),
-    }
+    let (count, unit) = match seconds {
+        ..1e-3 => (seconds * 1e6, Text::plain("us")),
+        ..1.0 => (seconds * 1e3, Text::plain("ms")),
+        ..300.0 => (seconds, Text::plain("s")),
+        ..7200.0 => (seconds / 60.0, Text::plain("min")),
+        ..172_800.0 => (seconds / 3600.0, Text::plain("h")),
+        _ => (seconds / 86_400.0, say!("days", "Tage")),
+    };
+    say!("{count} {unit}", "{count} {unit}", count = numeral(number(count)), unit = unit)
 }
 
 /// Text from outside between quotes, cut where it is too long.
@@ -172,7 +216,7 @@ mod tests {
             (both, 1e-9, "1.00e-9 Hz, -0.1 to 0.2 wanted"),
             (both, 1e300, "1.00e300 Hz, -0.1 to 0.2 wanted"),
         ] {
-            assert_eq!(bands.say(value, "Hz"), text);
+            assert_eq!(&*bands.say(value, "Hz".into()).en, text);
         }
     }
 
@@ -180,7 +224,7 @@ mod tests {
     fn spans_and_quotes_are_readable() {
         for (nanos, text) in [(350_000_000, "350 ms"), (2_000_000_000, "2 s"), (5_400_000_000_000, "90 min")]
         {
-            assert_eq!(span(Span::from_nanos(nanos)), text);
+            assert_eq!(&*span(Span::from_nanos(nanos)).en, text);
         }
         assert_eq!(quoted("idle"), "\"idle\"");
         assert!(quoted(&"ä".repeat(500)).len() < 100);

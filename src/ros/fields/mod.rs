@@ -7,6 +7,7 @@
 //! `.length` is the number of elements. A Time or Duration is a number of seconds.
 
 mod definition;
+mod event;
 mod library;
 mod path;
 mod program;
@@ -19,6 +20,7 @@ use std::sync::Arc;
 use super::cdr::{self, Endian, Fault};
 use crate::engine::monitor::spec::{FieldKind, FieldSpec, ScalarKind, TopicSpec};
 use crate::engine::sample::FieldValue;
+pub use event::EventReader;
 use library::Library;
 use path::Step;
 pub use program::Miss;
@@ -111,6 +113,11 @@ impl Definitions {
         }
         let text = format!("`{path}` of {type_name} is neither true nor false");
         Err(FieldError { path: Some(path.into()), text, help: "name a field of type bool".to_owned() })
+    }
+
+    /// Judges whether messages are what their type says; `None` where nothing says what that is.
+    pub fn event(&self, type_name: &str) -> Option<EventReader> {
+        Library::new(&self.folders).shape(type_name).ok().and_then(EventReader::of)
     }
 }
 

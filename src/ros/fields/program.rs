@@ -189,7 +189,9 @@ fn find(array: &Array, key: &Program, wanted: &Wanted, reader: &mut Reader<'_>) 
     Err(Miss::Absent)
 }
 
-fn number(primitive: Primitive, reader: &mut Reader<'_>) -> Result<f64, Fault> {
+/// # Errors
+/// The body ends before.
+pub(super) fn number(primitive: Primitive, reader: &mut Reader<'_>) -> Result<f64, Fault> {
     Ok(match primitive {
         Primitive::Bool => f64::from(u8::from(reader.u8()? != 0)),
         Primitive::U8 => f64::from(reader.u8()?),

@@ -353,3 +353,48 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn an_event_counts_only_if_it_is_what_its_type_says() {
+    const POSES: &str = "geometry_msgs/msg/PoseArray";
+    let check = |type_name: &str, body: &[u8]| {
+        let reader = Definitions::default().event(type_name).expect("the type is built in");
+        reader.check(body, Endian::Little).map_err(|miss| miss.to_string())
+    };
+    let cases = [
+        (at(1.0, 2.0), ""),
+        (Pose { qz: -0.6, qw: 0.8, ..at(1.0, 2.0) }, ""),
+        (at(f64::NAN, 2.0), "position.x is NaN"),
+        (at(1.0, f64::NEG_INFINITY), "position.y is -inf"),
+        (Pose { qx: f64::INFINITY, ..at(1.0, 2.0) }, "orientation.x is inf"),
+        (
+            Pose { qw: 0.0, ..at(1.0, 2.0) },
+            "refused: orientation is no rotation, its quaternion has the length 0.000 and not 1",
+        ),
+        (Pose { qw: f64::MAX, qx: f64::MAX, ..at(1.0, 2.0) }, "orientation is no rotation"),
+    ];
+    for (pose, expected) in cases {
+        let bodies = [
+            ("geometry_msgs/msg/PoseStamped", encode::pose_stamped(header("map"), pose)),
+            (
+                "geometry_msgs/msg/PoseWithCovarianceStamped",
+                encode::pose_with_covariance_stamped(header("map"), pose, &[f64::NAN; 36]),
+            ),
+            (POSES, encode::pose_array(header("map"), &[at(0.0, 0.0), pose])),
+            ("nav_msgs/msg/Path", encode::path(header("map"), &[at(0.0, 0.0), pose])),
+        ];
+        for (type_name, body) in bodies {
+            let came_to = check(type_name, &body);
+            assert_eq!(came_to.is_ok(), expected.is_empty(), "{type_name} {pose:?}: {came_to:?}");
+            came_to.is_err().then(|| assert!(check(type_name, &body).unwrap_err().contains(expected)));
+            for length in 0..body.len() {
+                assert!(check(type_name, &body[..length]).is_err(), "{type_name} cut at {length}");
+            }
+        }
+    }
+    assert!(check(POSES, &[0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 255, 255, 255, 255]).is_err());
+    assert_eq!(check("std_msgs/msg/Empty", &[0]), Ok(()));
+    assert_eq!(check("std_msgs/msg/String", &[2, 0, 0, 0, b'a', 0]), Ok(()));
+    assert!(check("std_msgs/msg/String", &[9, 0, 0, 0, b'a', 0]).is_err());
+    assert!(Definitions::default().event("my_msgs/msg/Goal").is_none(), "its messages alone count");
+}

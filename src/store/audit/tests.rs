@@ -45,7 +45,7 @@ impl Folder {
     }
 
     fn breach(&self) -> Option<Breach> {
-        verify_audit_in(&self.0, &[]).unwrap().breach
+        verify_audit_in(&self.0, &[]).unwrap().0.breach
     }
 }
 
@@ -120,11 +120,11 @@ async fn a_log_that_was_cut_stays_found_out_when_it_goes_on() {
 #[tokio::test]
 async fn a_head_that_was_noted_elsewhere_finds_a_chain_that_was_written_anew() {
     let folder = Folder::with_records("elsewhere", 5).await;
-    let head = verify_audit_in(&folder.0, &[]).unwrap().head;
-    let verdict = verify_audit_in(&folder.0, &[Head::parse(&head.to_string()).unwrap()]).unwrap();
+    let head = verify_audit_in(&folder.0, &[]).unwrap().0.head;
+    let (verdict, _) = verify_audit_in(&folder.0, &[Head::parse(&head.to_string()).unwrap()]).unwrap();
     assert_eq!((verdict.records, verdict.breach), (5, None));
     let other = Folder::with_records("anew", 5).await;
-    let breach = verify_audit_in(&other.0, &[head]).unwrap().breach.unwrap();
+    let breach = verify_audit_in(&other.0, &[head]).unwrap().0.breach.unwrap();
     assert_eq!(breach.number, 5);
     for text in ["", "5", "5:", "x:00", &format!("5:{}", "0".repeat(63)), &format!("-1:{}", "0".repeat(64))] {
         assert_eq!(Head::parse(text), None, "{text}");
@@ -157,7 +157,7 @@ async fn the_oldest_records_are_taken_away_and_the_chain_still_holds() {
         prune(&transaction, last, KEPT, SystemTime::UNIX_EPOCH).unwrap();
     }
     transaction.commit().unwrap();
-    let verdict = verify_audit_in(&folder.0, &[]).unwrap();
+    let (verdict, _) = verify_audit_in(&folder.0, &[]).unwrap();
     assert_eq!(verdict.breach, None);
     assert!(verdict.records < KEPT + PRUNE_AT_ONCE + 2 && verdict.head.number > 3000, "{verdict:?}");
     let first = verdict.head.number - verdict.records + 1;

@@ -16,6 +16,7 @@ const HAPPENED_MAX: usize = 500;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct HistoryQuery {
     pub nodes: Vec<String>,
+    pub signals: Vec<String>,
     pub from_ms: i64,
     pub to_ms: i64,
 }
@@ -24,6 +25,9 @@ pub struct HistoryQuery {
 pub struct Past {
     /// As asked for, in that order.
     pub nodes: Vec<NodePast>,
+    pub stage: Vec<Held<Stage>>,
+    /// As asked for, in that order.
+    pub signals: Vec<(String, Vec<Held<Option<bool>>>)>,
     /// All that is no transition of a node, oldest first.
     pub happened: Vec<(i64, Happened)>,
     /// There is more than was read.
@@ -48,6 +52,14 @@ pub struct Stretch {
     pub cause: Option<Arc<str>>,
 }
 
+/// The vehicle's stage, or a signal, was this for this long.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Held<T> {
+    pub from_ms: i64,
+    pub to_ms: i64,
+    pub value: T,
+}
+
 #[derive(Debug, Clone, PartialEq)]
 pub enum Happened {
     Started { anew: bool },
@@ -66,7 +78,16 @@ pub fn past(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<P
     for name in &query.nodes {
         let rows = shown(connection, name, query)?;
         past.cut |= rows.len() >= STRETCHES_MAX;
-        past.nodes.push(NodePast { name: name.clone(), stretches: stretches(&rows, &starts, query) });
+        past.nodes.push(NodePast { name: name.clone(), stretches: stretches(rows, &starts, query) });
+    }
+    let rows = levels(connection, STAGE, None, query)?;
+    past.cut |= rows.len() >= STRETCHES_MAX;
+    past.stage = held(rows, &starts, query, |value| value.and_then(stage));
+    for name in &query.signals {
+        let rows = levels(connection, SIGNAL, Some(name), query)?;
+        past.cut |= rows.len() >= STRETCHES_MAX;
+        let held = held(rows, &starts, query, |value| Some(value.map(|value| value == 1)));
+        past.signals.push((name.clone(), held));
     }
     past.happened = happened(connection, query)?;
     past.cut |= past.happened.len() >= HAPPENED_MAX;
@@ -80,9 +101,14 @@ struct Start {
     ended_ms: i64,
 }
 
-struct Shown {
+/// What holds from a moment on.
+struct Dated<T> {
     id: i64,
     at_ms: i64,
+    what: T,
+}
+
+struct Shown {
     state: State,
     own: State,
     cause: Option<Arc<str>>,
@@ -116,23 +142,22 @@ fn starts(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<Vec
 }
 
 /// What a node showed when the span began, and its transitions in it.
-fn shown(connection: &Connection, name: &str, query: &HistoryQuery) -> rusqlite::Result<Vec<Shown>> {
+fn shown(connection: &Connection, name: &str, query: &HistoryQuery) -> rusqlite::Result<Vec<Dated<Shown>>> {
     const COLUMNS: &str = "SELECT records.id, at_ms, state, own, cause.name FROM records
         LEFT JOIN nodes AS cause ON cause.id = other
         WHERE kind = 1 AND node = (SELECT id FROM nodes WHERE name = ?)";
     let shown = |row: &Row<'_>| {
-        Ok(Shown {
-            id: row.get(0)?,
-            at_ms: row.get(1)?,
+        let what = Shown {
             state: state(row.get(2)?),
             own: state(row.get(3)?),
             cause: row.get::<_, Option<String>>(4)?.map(Arc::from),
-        })
+        };
+        Ok(Dated { id: row.get(0)?, at_ms: row.get(1)?, what })
     };
     let before = format!("{COLUMNS} AND at_ms <= ? ORDER BY at_ms DESC, records.id DESC LIMIT 1");
     let before =
         connection.prepare_cached(&before)?.query_row(params![name, query.from_ms], shown).optional()?;
-    let mut rows: Vec<Shown> = before.into_iter().collect();
+    let mut rows: Vec<Dated<Shown>> = before.into_iter().collect();
     let within = format!("{COLUMNS} AND at_ms > ? AND at_ms <= ? ORDER BY at_ms, records.id LIMIT ?");
     let mut within = connection.prepare_cached(&within)?;
     let limit = STRETCHES_MAX as i64;
@@ -142,18 +167,58 @@ fn shown(connection: &Connection, name: &str, query: &HistoryQuery) -> rusqlite:
     Ok(rows)
 }
 
-fn stretches(rows: &[Shown], starts: &[Start], query: &HistoryQuery) -> Vec<Stretch> {
-    let mut stretches = Vec::with_capacity(rows.len());
-    for (index, row) in rows.iter().enumerate() {
-        let next_ms = rows.get(index + 1).map_or(query.to_ms, |next| next.at_ms);
-        let cut_ms = starts.iter().find(|start| start.id > row.id).map_or(i64::MAX, |start| start.ended_ms);
-        let (from_ms, to_ms) = (row.at_ms.max(query.from_ms), next_ms.min(cut_ms).min(query.to_ms));
-        if from_ms < to_ms {
-            let Shown { state, own, ref cause, .. } = *row;
-            stretches.push(Stretch { from_ms, to_ms, state, own, cause: cause.clone() });
-        }
+/// The stage or a signal when the span began, and how it changed in it.
+fn levels(
+    connection: &Connection,
+    kind: i64,
+    name: Option<&str>,
+    query: &HistoryQuery,
+) -> rusqlite::Result<Vec<Dated<Option<i64>>>> {
+    // A stage has no name, and its row no node.
+    const COLUMNS: &str = "SELECT id, at_ms, state FROM records
+        WHERE kind <> 1 AND kind = ? AND node IS (SELECT id FROM nodes WHERE name = ?)";
+    let level = |row: &Row<'_>| {
+        Ok(Dated { id: row.get(0)?, at_ms: row.get(1)?, what: row.get::<_, Option<i64>>(2)? })
+    };
+    let before = format!("{COLUMNS} AND at_ms <= ? ORDER BY at_ms DESC, id DESC LIMIT 1");
+    let before = connection
+        .prepare_cached(&before)?
+        .query_row(params![kind, name, query.from_ms], level)
+        .optional()?;
+    let mut rows: Vec<Dated<Option<i64>>> = before.into_iter().collect();
+    let within = format!("{COLUMNS} AND at_ms > ? AND at_ms <= ? ORDER BY at_ms, id LIMIT ?");
+    let mut within = connection.prepare_cached(&within)?;
+    let limit = STRETCHES_MAX as i64;
+    for found in within.query_map(params![kind, name, query.from_ms, query.to_ms, limit], level)? {
+        rows.push(found?);
     }
-    stretches
+    Ok(rows)
+}
+
+/// From when until when each row holds: to the next, to the end of its run, to the end of the span.
+fn lasting<T>(rows: Vec<Dated<T>>, starts: &[Start], query: &HistoryQuery) -> Vec<(i64, i64, T)> {
+    let nexts: Vec<i64> = rows.iter().skip(1).map(|row| row.at_ms).chain([query.to_ms]).collect();
+    let lasts = rows.into_iter().zip(nexts).map(|(row, next_ms)| {
+        let cut_ms = starts.iter().find(|start| start.id > row.id).map_or(i64::MAX, |start| start.ended_ms);
+        (row.at_ms.max(query.from_ms), next_ms.min(cut_ms).min(query.to_ms), row.what)
+    });
+    lasts.filter(|(from_ms, to_ms, _)| from_ms < to_ms).collect()
+}
+
+fn stretches(rows: Vec<Dated<Shown>>, starts: &[Start], query: &HistoryQuery) -> Vec<Stretch> {
+    let stretch =
+        |(from_ms, to_ms, Shown { state, own, cause })| Stretch { from_ms, to_ms, state, own, cause };
+    lasting(rows, starts, query).into_iter().map(stretch).collect()
+}
+
+fn held<T>(
+    rows: Vec<Dated<Option<i64>>>,
+    starts: &[Start],
+    query: &HistoryQuery,
+    value: impl Fn(Option<i64>) -> Option<T>,
+) -> Vec<Held<T>> {
+    let held = |(from_ms, to_ms, level)| Some(Held { from_ms, to_ms, value: value(level)? });
+    lasting(rows, starts, query).into_iter().filter_map(held).collect()
 }
 
 fn happened(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<Vec<(i64, Happened)>> {

@@ -37,7 +37,12 @@ impl Disk {
 
     fn past(&self, nodes: &[&str], from_ms: i64, to_ms: i64) -> Past {
         let nodes = nodes.iter().map(|&name| name.to_owned()).collect();
-        let query = HistoryQuery { nodes, from_ms: START_MS + from_ms, to_ms: START_MS + to_ms };
+        let query = HistoryQuery {
+            nodes,
+            signals: vec!["active".to_owned()],
+            from_ms: START_MS + from_ms,
+            to_ms: START_MS + to_ms,
+        };
         read::past(&self.connection, &query).unwrap()
     }
 
@@ -167,4 +172,28 @@ async fn a_database_that_fails_is_survived_and_what_was_lost_is_told() {
     let error = History::open(&folder, Clock::start()).unwrap_err().to_string();
     std::fs::remove_dir_all(&folder).unwrap();
     assert!(error.contains(HISTORY_FILE), "{error}");
+}
+
+#[test]
+fn the_stage_and_the_signals_are_known_for_any_span() {
+    let signal = |value| Recorded::Signal { name: "active".into(), value };
+    let mut disk = Disk::new(ROWS_MAX);
+    disk.write(0, &[Recorded::Started { anew: false }, Recorded::Stage(Stage::Locked), signal(None)]);
+    disk.write(1000, &[Recorded::Stage(Stage::Standby), shown("active", State::Error, None)]);
+    disk.write(2000, &[signal(Some(true))]);
+    disk.write(2500, &[signal(Some(false))]);
+    // It was alive still.
+    disk.write(2700, &[]);
+    disk.restart();
+    disk.write(9000, &[Recorded::Started { anew: false }, Recorded::Stage(Stage::Locked)]);
+    let stage = |from, to| {
+        let held = disk.past(&[], from, to).stage;
+        held.iter().map(|it| (it.from_ms - START_MS, it.to_ms - START_MS, it.value)).collect::<Vec<_>>()
+    };
+    assert_eq!(stage(500, 1500), [(500, 1000, Stage::Locked), (1000, 1500, Stage::Standby)]);
+    assert_eq!(stage(8000, 9500), [(9000, 9500, Stage::Locked)], "it ended before");
+    let past = disk.past(&[], 1500, 2600);
+    let (name, held) = &past.signals[0];
+    let held: Vec<_> = held.iter().map(|it| (it.from_ms - START_MS, it.value)).collect();
+    assert_eq!((&**name, held), ("active", vec![(1500, None), (2000, Some(true)), (2500, Some(false))]));
 }

@@ -19,6 +19,7 @@ use crate::engine::model::Stage;
 use crate::engine::persistent::PersistentVec;
 use crate::engine::snapshot::{Layout, Localization, Snapshot};
 use crate::engine::state::State;
+use crate::engine::time::Timestamp;
 use crate::runtime::Published;
 
 /// The latest frames, one per form.
@@ -72,16 +73,19 @@ impl Frames {
 }
 
 /// A sign of life for a page that shows everything up to `seq`; `number` grows by one each time.
-pub fn beat(number: u64, seq: u64, at: SystemTime) -> Utf8Bytes {
-    Utf8Bytes::from(format!("{{\"beat\":{number},\"seq\":{seq},\"at\":\"{}\"}}", json::rfc3339(at)))
+/// `now` on the monotonic clock is what the page finds delays by: the wall clock may be stepped.
+pub fn beat(number: u64, seq: u64, now: Timestamp, at: SystemTime) -> Utf8Bytes {
+    let (ms, at) = (now.as_nanos() / 1_000_000, json::rfc3339(at));
+    Utf8Bytes::from(format!("{{\"beat\":{number},\"seq\":{seq},\"ms\":{ms},\"at\":\"{at}\"}}"))
 }
 
 /// A sign of life for a page that asks for what it shows: what there is to ask for, and the stage.
-pub fn pulse(number: u64, published: &Published, lang: Lang) -> Utf8Bytes {
+pub fn pulse(number: u64, published: &Published, now: Timestamp, lang: Lang) -> Utf8Bytes {
     let Published { snapshot, at } = permitted(published);
     let (stage, overall) = (snapshot.stage, snapshot.overall);
     let pulse = serde_json::json!({
-        "beat": number, "seq": snapshot.seq, "revision": snapshot.revision, "at": json::rfc3339(at),
+        "beat": number, "seq": snapshot.seq, "revision": snapshot.revision,
+        "ms": now.as_nanos() / 1_000_000, "at": json::rfc3339(at),
         "stage": stage.as_str(), "overall": overall.as_str(), "word": lang.stage(stage, overall),
     });
     Utf8Bytes::from(pulse.to_string())

@@ -14,8 +14,8 @@ use super::{Fragment, View, html, measure};
 use crate::web::steps::StepWords;
 use crate::web::text::Words;
 
-/// Height of the list on the reference display in pixels, below its heading.
-const ROOM: usize = 472;
+/// Height of the list on the reference display in pixels. The heading gives way to entries.
+const ROOM: usize = 512;
 /// What the buttons below the list, and a countermeasure's banner, take of it.
 const BUTTONS: usize = 88 + GAP;
 const BANNER: usize = 92;
@@ -69,9 +69,12 @@ struct EntryHtml {
 
 pub fn causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
     let acknowledge = acknowledge(view, entries);
-    let calm = entries.iter().all(|entry| entry.over).then(|| calm(view));
+    let all_over = entries.iter().all(|entry| entry.over);
+    // What holds the vehicle back is said by the banner: it takes no room from what is over.
+    let held = !entries.is_empty() && measure::waits_for_note(view);
+    let calm = (all_over && !held).then(|| calm(view));
     let banner = if measure::has_banner(view) { BANNER } else { 0 };
-    let said = calm.as_ref().map_or(0, |(_, text)| GAP + LARGE * lines(text, LARGE_EM, 4));
+    let said = calm.as_ref().map_or(0, |(_, text)| GAP + (LARGE + 1) * lines(text, LARGE_EM, 4));
     let room = ROOM - banner - said;
     let mut entries = entries.to_vec();
     let mut fits = fitting(&entries, room, acknowledge.is_some());
@@ -84,7 +87,8 @@ pub fn causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
     let more = entries.len() - fits.shown;
     let entry = |(index, entry)| {
         let html = of_entry(view, entry);
-        let waits = if index < fits.waits { html.waits } else { String::new() };
+        let behind = if index < fits.behinds { &*entry.behind } else { "" };
+        let waits = html.waits + behind;
         let message = if index < fits.messages { html.message } else { String::new() };
         let help = if index < fits.helps { html.help } else { String::new() };
         EntryHtml { waits, message, help, ..html }
@@ -115,10 +119,14 @@ struct AllCausesHtml {
 /// The whole list, for the sheet.
 pub fn all_causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
     let more = entries.len().saturating_sub(SHEET_MAX);
+    let whole = |entry: &Entry| {
+        let html = of_entry(view, entry);
+        EntryHtml { waits: html.waits + &entry.behind, ..html }
+    };
     let html = html(&AllCausesHtml {
         words: view.words,
         swap: view.swap,
-        entries: entries.iter().take(SHEET_MAX).map(|entry| of_entry(view, entry)).collect(),
+        entries: entries.iter().take(SHEET_MAX).map(whole).collect(),
         more: (more > 0).then(|| view.lang.and_more(more)),
     });
     Fragment { id: "all-causes".to_owned(), html }
@@ -137,19 +145,19 @@ fn acknowledge(view: &View<'_>, entries: &[Entry]) -> Option<AcknowledgeHtml> {
     })
 }
 
-/// How many entries are shown, and how many of them with what to do, with what waits, and with
-/// their message.
+/// How many entries are shown, and how many of them with what to do, with what hides behind them,
+/// and with their message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Fitting {
     shown: usize,
     helps: usize,
-    waits: usize,
+    behinds: usize,
     messages: usize,
 }
 
 /// What has room, by an estimate of its lines. The first entry always has, with what to do about
-/// it; where others would be hidden for that alone they are shown without. Then what waits counts
-/// for more than the message.
+/// it; where others would be hidden for that alone they are shown without. Then what hides behind
+/// it counts for more than the message.
 fn fitting(entries: &[Entry], room: usize, button: bool) -> Fitting {
     let (whole, rest) = if button {
         (room.saturating_sub(BUTTONS), room.saturating_sub(BUTTONS))
@@ -168,22 +176,25 @@ fn fitting(entries: &[Entry], room: usize, button: bool) -> Fitting {
     let helps = all.clone().find(|&count| height(count, count) <= room(count)).unwrap_or(least);
     let shown = all.clone().find(|&count| height(count, helps.min(count)) <= room(count)).unwrap_or(least);
     let mut free = room(shown).saturating_sub(height(shown, helps));
-    let mut grown = |words: fn(&Entry) -> &str| {
+    let mut grown = |more: fn(&Entry) -> usize| {
         let grows = |entry: &&Entry| {
-            let more = SMALL * lines(words(entry), SMALL_EM, 2);
+            let more = SMALL * more(entry);
             let fits = more <= free;
             free = free.saturating_sub(more);
             fits
         };
         entries[..shown].iter().take_while(grows).count()
     };
-    let waits = grown(|entry| &entry.waits);
-    Fitting { shown, helps, waits, messages: grown(|entry| &entry.message) }
+    let behinds = grown(|entry| {
+        let both = format!("{}{}", entry.waits, entry.behind);
+        lines(&both, SMALL_EM, 3) - lines(&entry.waits, SMALL_EM, 2)
+    });
+    Fitting { shown, helps, behinds, messages: grown(|entry| lines(&entry.message, SMALL_EM, 2)) }
 }
 
 fn height_brief(entry: &Entry) -> usize {
     let help = lines(&entry.help, LARGE_EM, 8);
-    (height_of_words(entry) + if help > 0 { 6 + LARGE * help } else { 0 }).max(88)
+    (height_of_words(entry) + if help > 0 { 8 + LARGE * help } else { 0 }).max(88)
 }
 
 fn height_bare(entry: &Entry) -> usize {
@@ -193,7 +204,8 @@ fn height_bare(entry: &Entry) -> usize {
 fn height_of_words(entry: &Entry) -> usize {
     // An icon and how long it lasts share the line.
     let place = lines(&format!("iiii {}, seit 00 i", entry.place), SMALL_EM, 3);
-    14 + LARGE * lines(&entry.title, LARGE_EM, 2) + SMALL * place
+    let waits = lines(&entry.waits, SMALL_EM, 2);
+    14 + LARGE * lines(&entry.title, LARGE_EM, 2) + SMALL * (place + waits)
 }
 
 fn of_entry(view: &View<'_>, entry: &Entry) -> EntryHtml {
@@ -252,6 +264,7 @@ mod tests {
             place: "Localization".to_owned(),
             since: Timestamp::ZERO,
             waits: "Four others wait".to_owned(),
+            behind: String::new(),
             masks: 4,
             help: help.to_owned(),
             calls: false,
@@ -267,7 +280,7 @@ mod tests {
         assert_eq!(shown(&[], ROOM, false), 0);
         assert_eq!(shown(&[entry(&long, &long)], ROOM, true), 1);
         let two = fitting(&[entry("short", "do"), entry("short", "do")], ROOM, false);
-        assert_eq!(two, Fitting { shown: 2, helps: 2, waits: 2, messages: 2 });
+        assert_eq!(two, Fitting { shown: 2, helps: 2, behinds: 2, messages: 2 });
         let many: Vec<Entry> = (0..50).map(|_| entry("short", "")).collect();
         for (room, button) in [(ROOM, false), (ROOM, true), (ROOM - BANNER, true)] {
             assert!((2..=4).contains(&shown(&many, room, button)), "{:?}", fitting(&many, room, button));

@@ -7,11 +7,10 @@ use crate::engine::snapshot::{ModuleView, Reason};
 use crate::engine::state::State;
 
 use super::board::Tile;
-use super::clean::{ID, MESSAGE, VALUE, address, clean};
+use super::clean::{ID, VALUE, address, clean};
 use super::node::{icon, own_matters, reason_word};
 use super::trend::{POINTS_SMALL, Trend};
 use super::{DETAIL, Fragment, View, html};
-use crate::web::said::said;
 use crate::web::steps::StepWords;
 use crate::web::text::Words;
 use crate::web::versions::Matter;
@@ -23,6 +22,9 @@ const VALUES: usize = 8;
 /// Modules of one component whose values are drawn, and values of one of them that are.
 const ROWS_DRAWN: usize = 12;
 const VALUES_DRAWN: usize = 3;
+
+/// Values of a monitor that never change.
+const LIMITS: &[&str] = &["warning_below", "error_below", "warning_above", "error_above"];
 
 struct Row {
     id: String,
@@ -159,7 +161,7 @@ fn row(view: &View<'_>, tile: Tile, id: ModuleId, index: usize) -> Row {
         message: if module.received.is_none() {
             view.words.no_report.to_owned()
         } else {
-            said(view.lang, clean(&module.report.message, MESSAGE))
+            view.said(&module.report)
         },
         values: values(view, id, index < ROWS_DRAWN),
         held: module.steps.latched,
@@ -190,13 +192,17 @@ fn values(view: &View<'_>, id: ModuleId, drawn: bool) -> Vec<Value> {
     // Limits stand among the values too: what never moved needs no line.
     past.retain(|trend| trend.least < trend.most);
     past.truncate(VALUES_DRAWN);
-    let values = module.report.values.iter().take(VALUES);
-    let value = values.map(|(key, value)| {
+    let measured = module.report.german.is_some();
+    // What a monitor says names its limits already.
+    let values = module.report.values.iter().filter(|(key, _)| !measured || !LIMITS.contains(&&**key));
+    let value = values.take(VALUES).map(|(key, value)| {
         let index = past.iter().position(|trend| *trend.key == **key);
-        Value {
-            key: clean(key, VALUE),
-            value: clean(value, VALUE),
-            past: index.map(|index| past.swap_remove(index)),
+        let past = index.map(|index| past.swap_remove(index));
+        let (key, value) = (clean(key, VALUE), clean(value, VALUE));
+        if measured {
+            Value { value: view.lang.numeral(value), key: view.lang.measured(&key).to_owned(), past }
+        } else {
+            Value { key, value, past }
         }
     });
     value.collect()

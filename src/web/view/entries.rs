@@ -8,8 +8,6 @@ use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 
 use super::View;
-use super::clean::{MESSAGE, clean};
-use crate::web::said::said;
 use crate::web::versions::Matter;
 
 /// WARNINGs of one component that are entries of their own; more of them are one.
@@ -25,6 +23,8 @@ pub struct Entry {
     pub place: String,
     pub since: Timestamp,
     pub waits: String,
+    /// How many errors hide behind it, as words that go on after `waits`.
+    pub behind: String,
     pub masks: u32,
     pub help: String,
     /// It is an alarm of which nobody has taken note.
@@ -63,27 +63,27 @@ fn of_root(view: &View<'_>, root: &RootCause, behind: &HashMap<NodeId, usize>) -
     Entry {
         since: root.since,
         masks: root.masks,
-        waits: waits(view, root, behind.get(&root.node).copied().unwrap_or_default()),
+        waits: waits(view, root),
+        behind: behind.get(&root.node).map(|&count| view.lang.with_errors(count)).unwrap_or_default(),
         calls: target.is_some(),
         acknowledge: target.map(|alarm| by_number(alarm.id)),
         ..entry
     }
 }
 
-/// What a root cause puts aside: `Four others wait, 2 errors behind it`.
-fn waits(view: &View<'_>, root: &RootCause, behind: usize) -> String {
+/// What a root cause puts aside: `Four others wait`.
+fn waits(view: &View<'_>, root: &RootCause) -> String {
     let own = view.board.tile_of(root.node);
     let masked =
         |reason: &Option<Reason>| matches!(reason, Some(Reason::Masked { by }) if by.contains(&root.node));
     let tiles = view.board.tiles.iter().enumerate();
     let waiting =
         tiles.filter(|&(tile, &id)| Some(tile) != own && masked(&view.snapshot.group(id).1.reason)).count();
-    let who = match (waiting, root.masks) {
-        (0, 0) => return String::new(),
+    match (waiting, root.masks) {
+        (0, 0) => String::new(),
         (0, masks) => view.lang.modules_wait(masks as usize),
         (tiles, _) => view.lang.others_wait(tiles),
-    };
-    if behind > 0 { who + &view.lang.with_errors(behind) } else { who }
+    }
 }
 
 /// How many masked modules report an ERROR themselves, by the root cause that hides them.
@@ -105,7 +105,7 @@ fn behind(view: &View<'_>) -> HashMap<NodeId, usize> {
 fn of_module(view: &View<'_>, id: ModuleId, state: State) -> Entry {
     let (info, module) = view.snapshot.module(id);
     let title = view.fault(id, state);
-    let message = said(view.lang, clean(&module.report.message, MESSAGE));
+    let message = view.said(&module.report);
     let node = NodeId::Module(id);
     // Without a name of its own a fault is called by its component, and then its place is its label.
     let unnamed = state == State::Unknown || info.name.is_none();
@@ -118,6 +118,7 @@ fn of_module(view: &View<'_>, id: ModuleId, state: State) -> Entry {
         place: if unnamed { view.label(info) } else { view.tile_name(node) },
         since: module.since,
         waits: String::new(),
+        behind: String::new(),
         masks: 0,
         help: help(view, node, state),
         calls: false,
@@ -156,6 +157,7 @@ fn of_group(view: &View<'_>, id: GroupId, state: State, place: String) -> Entry 
         place,
         since: view.snapshot.group(id).1.since,
         waits: String::new(),
+        behind: String::new(),
         masks: 0,
         help: help(view, node, state),
         calls: false,

@@ -33,6 +33,7 @@ use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Timestamp;
 use crate::runtime::Published;
 use crate::store::Role;
+use crate::web::farewell::Farewell;
 use crate::web::text::Words;
 use crate::web::versions::Seen;
 use board::Board;
@@ -134,6 +135,8 @@ pub struct LoginContext {
     /// The name that was typed last.
     pub name: String,
     pub failure: Option<LoginFailure>,
+    /// Why the session that the browser had is over.
+    pub farewell: Option<Farewell>,
     pub demo: bool,
 }
 
@@ -157,7 +160,10 @@ pub enum LoginFailure {
     Storage,
     Unavailable,
     /// No user exists yet; `telltale user add` makes one.
-    NoUsers,
+    /// `data` is the folder that `telltale user` has to be given.
+    NoUsers {
+        data: Option<String>,
+    },
 }
 
 impl LoginFailure {
@@ -171,7 +177,9 @@ impl LoginFailure {
             LoginFailure::Storage => {
                 "nothing can be written: the disk is full or the database broken; nothing was changed"
             }
-            LoginFailure::Unavailable | LoginFailure::NoUsers => "logins cannot be checked now; try again",
+            LoginFailure::Unavailable | LoginFailure::NoUsers { .. } => {
+                "logins cannot be checked now; try again"
+            }
         }
     }
 }

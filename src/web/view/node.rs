@@ -1,11 +1,12 @@
 //! How parts of the vehicle are called and marked, wherever they appear.
 
 use crate::engine::model::{GroupId, ModuleId, NodeId};
-use crate::engine::snapshot::{ModuleInfo, ModuleView, Reason};
+use crate::engine::snapshot::{ModuleInfo, ModuleView, Reason, Report};
 use crate::engine::state::State;
 
+use super::Lang;
 use super::View;
-use super::clean::{NAME, clean};
+use super::clean::{MESSAGE, NAME, clean};
 
 /// The icon for a state: the two reasons of IGNORE never look alike.
 pub fn icon(state: State, reason: Option<&Reason>) -> &'static str {
@@ -71,6 +72,12 @@ impl View<'_> {
                 None => format!("{}: {}", self.tile_name(NodeId::Module(id)), self.lang.state(state)),
             },
         }
+    }
+
+    /// What was reported. Publishers have one language; the engine has that of the page.
+    pub(super) fn said(&self, report: &Report) -> String {
+        let german = report.german.as_ref().filter(|_| self.lang == Lang::De);
+        clean(german.unwrap_or(&report.message), MESSAGE)
     }
 
     pub(super) fn help(&self, node: NodeId) -> String {

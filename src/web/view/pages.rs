@@ -45,6 +45,9 @@ impl Frame {
     }
 }
 
+/// A word by language.
+type InBoth = [(&'static str, &'static str); 2];
+
 #[derive(Template)]
 #[template(path = "operator.html")]
 struct OperatorHtml {
@@ -61,8 +64,8 @@ struct OperatorHtml {
     measure: String,
     causes: String,
     step: String,
-    /// Name, title and content of what a button opens over the board.
-    sheets: [(&'static str, &'static str, String); 3],
+    /// Name, title in both languages, and content of what a button opens over the board.
+    sheets: [(&'static str, InBoth, String); 3],
     user: String,
     steps: [(&'static str, &'static StepWords); 2],
     role: &'static str,
@@ -75,12 +78,11 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
     if published.snapshot.stage == Stage::Locked {
         let name = String::new();
         let PageContext { lang, palette, demo, .. } = *context;
-        return login_page(&LoginContext { lang, palette, name, failure: None, demo });
+        return login_page(&LoginContext { lang, palette, name, failure: None, farewell: None, demo });
     }
     let view = View { seen: seen.clone(), trends: Some(trends), ..View::new(published, context.lang, false) };
     let parts = Parts::of(&view);
     let paths = view.board.tiles.iter().map(|&id| view.snapshot.group(id).0.path.to_string());
-    let steps = context.lang.steps();
     let text = |fragment: super::Fragment| fragment.html;
     html(&OperatorHtml {
         frame: Frame::new(context.lang, context.palette),
@@ -97,9 +99,9 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
         causes: parts.causes.html,
         step: parts.step.html,
         sheets: [
-            ("stops", steps.where_is_it, parts.stops.html),
-            ("checks", steps.all_checks, parts.checks.html),
-            ("causes", steps.all_causes, parts.all_causes.html),
+            ("stops", titles(|steps| steps.where_is_it), parts.stops.html),
+            ("checks", titles(|steps| steps.all_checks), parts.checks.html),
+            ("causes", titles(|steps| steps.all_causes), parts.all_causes.html),
         ],
         user: clean(&context.user, NAME),
         steps: Lang::ALL.map(|lang| (lang.as_str(), lang.steps())),
@@ -108,12 +110,18 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
     })
 }
 
+/// A word of a part that is not swapped, in both languages.
+fn titles(word: fn(&StepWords) -> &'static str) -> InBoth {
+    Lang::ALL.map(|lang| (lang.as_str(), word(lang.steps())))
+}
+
 #[derive(Template)]
 #[template(path = "login.html")]
 struct LoginHtml {
     frame: Frame,
     name: String,
     failure: Option<String>,
+    farewell: Option<&'static str>,
     /// Words of the button, if the login takes the seat over from somebody.
     take_over: Option<&'static str>,
     demo: bool,
@@ -129,16 +137,23 @@ pub fn login_page(context: &LoginContext) -> String {
         LoginFailure::SeatTaken { by } => context.lang.login_seat_taken(&clean(by, NAME)),
         LoginFailure::Storage => words.login_storage.to_owned(),
         LoginFailure::Unavailable => words.login_unavailable.to_owned(),
-        LoginFailure::NoUsers => words.login_no_users.to_owned(),
+        LoginFailure::NoUsers { data } => {
+            let data = data.as_deref().map(|data| format!(" --data {}", clean(data, NAME_OF_FILE)));
+            words.login_no_users.to_owned() + &data.unwrap_or_default()
+        }
     });
     html(&LoginHtml {
         frame: Frame::new(context.lang, context.palette),
         name: clean(&context.name, NAME),
         failure,
+        farewell: context.farewell.map(|why| context.lang.farewell(why)),
         take_over: is_taken.then_some(words.login_take_over),
         demo: context.demo,
     })
 }
+
+/// Characters of a path: the longest that Linux takes.
+const NAME_OF_FILE: usize = 4096;
 
 struct FaultHtml {
     name: String,

@@ -7,10 +7,11 @@ use proptest::prelude::*;
 use telltale::engine::Engine;
 use telltale::engine::countermeasure::{Request, Rule};
 use telltale::engine::event::What;
-use telltale::engine::input::{AlarmRef, Input, OperatorAction, Place, Response, StatusArray};
+use telltale::engine::input::{AlarmRef, Input, OperatorAction, Place, Refusal, Response, StatusArray};
 use telltale::engine::model::{
     GroupId, Model, ModuleSpec, MonitorSpec, NodeId, Policy, SignalSpec, Stage, StageModel, When,
 };
+use telltale::engine::resume::Restored;
 use telltale::engine::snapshot::{Countermeasure, Snapshot};
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
@@ -39,9 +40,11 @@ proptest! {
             engine.handle(&Input::Tick, at);
             follow_table(&mut engine, None);
             let before = engine.snapshot();
+            let foreseen = foresee(&mut engine, &input, at);
             let response = engine.handle(&input, at);
             follow_table(&mut engine, Some(&input));
             let after = engine.snapshot();
+            foreseen_rightly(foreseen, &input, &response, &after);
             if let Response::Refused(reasons) = &response {
                 prop_assert!(!reasons.is_empty());
                 prop_assert_eq!(format!("{before:#?}"), format!("{after:#?}"), "refused: {:?}", reasons);
@@ -239,6 +242,47 @@ fn follow_table(engine: &mut Engine, input: Option<&Input>) {
             assert!(matches!(input, Some(Input::Operator(OperatorAction::Clear { .. }))), "{input:?}");
         }
     }
+}
+
+/// What would be remembered of an action, which nothing shows.
+fn foresee(engine: &mut Engine, input: &Input, at: Timestamp) -> Option<Result<Restored, Vec<Refusal>>> {
+    let Input::Operator(action) = input else { return None };
+    let before = (engine.seq(), engine.revision());
+    let foreseen = engine.foresee(action, at);
+    engine.handle(&Input::Tick, at);
+    assert_eq!(before, (engine.seq(), engine.revision()), "{action:?} was only to be judged");
+    Some(foreseen.map(|foreseen| foreseen.vehicle))
+}
+
+/// What is written down before an action is what is there after it.
+fn foreseen_rightly(
+    foreseen: Option<Result<Restored, Vec<Refusal>>>,
+    input: &Input,
+    response: &Response,
+    after: &Snapshot,
+) {
+    let (Some(foreseen), Input::Operator(action)) = (foreseen, input) else { return };
+    let mut foreseen = match (foreseen, response) {
+        (Ok(foreseen), Response::Done) => foreseen,
+        (Err(reasons), Response::Refused(refused)) => return assert_eq!(reasons, *refused),
+        (foreseen, response) => panic!("{foreseen:?} was foreseen, and then {response:?}"),
+    };
+    let after = after.to_restore();
+    match action {
+        // A stop is not written before. A pose may be confirmed at once, and an alarm whose node
+        // matters no more with the new stage is over.
+        OperatorAction::RequestStop => return,
+        OperatorAction::Acknowledge { .. } => {}
+        _ => {
+            (foreseen.alarms, foreseen.last_alarm) = (after.alarms.clone(), after.last_alarm);
+            foreseen.accepted.clone_from(&after.accepted);
+            foreseen.countermeasures.clone_from(&after.countermeasures);
+        }
+    }
+    if matches!(action, OperatorAction::Localize { .. }) && after.stage == Stage::Standby {
+        (foreseen.stage, foreseen.posed) = (after.stage, after.posed);
+    }
+    assert_eq!(foreseen, after, "{action:?}");
 }
 
 /// What must be true of every snapshot.

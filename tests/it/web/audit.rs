@@ -6,13 +6,14 @@ use std::sync::Arc;
 use axum::http::header::{AUTHORIZATION, ORIGIN};
 use axum::http::{Method, StatusCode};
 use telltale::engine::Engine;
-use telltale::engine::input::{Input, OperatorAction};
+use telltale::engine::input::{Input, OperatorAction, Stamped};
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
-use telltale::store::audit::Entry;
+use telltale::store::audit::{Action, Entry, Record};
 use telltale::web::Peer;
 
 use super::fixture::{Fixture, as_program, form_request, model, request};
+use super::sockets::Server;
 
 /// The records so far, oldest first, as `action who target outcome`.
 async fn records(fixture: &Fixture) -> Vec<String> {
@@ -38,11 +39,14 @@ async fn what_is_done_and_what_is_refused_is_recorded() {
     fixture.post("/logout", Some(&cookie), "").await;
     fixture.drive(false).await;
     fixture.post("/logout", Some(&cookie), "").await;
+    let mut records = records(&fixture).await;
+    let unknown = records.remove(1);
+    assert!(unknown.starts_with("login  (unknown name, "), "{unknown}");
+    assert!(unknown.ends_with(") refused: the name or the secret is wrong"), "{unknown}");
     assert_eq!(
-        records(&fixture).await,
+        records,
         [
             "login  operator refused: the name or the secret is wrong",
-            "login  nobody<b> refused: the name or the secret is wrong",
             "login operator operator done",
             "request operator GET /developer refused: Your role does not permit this.",
             "request operator POST /logout refused: This request does not come from a page of this server.",
@@ -55,11 +59,24 @@ async fn what_is_done_and_what_is_refused_is_recorded() {
 }
 
 #[tokio::test]
+async fn a_pin_in_the_field_of_the_name_is_not_for_the_readers_of_the_log() {
+    let fixture = Fixture::new().await;
+    for name in ["246810", "246810", "operatr"] {
+        fixture.log_in(name, "246810").await;
+    }
+    let records = records(&fixture).await;
+    let [first, again, other] = &records[..] else { panic!("{records:?}") };
+    assert!(first == again && first != other, "repeats can be told apart: {records:?}");
+    assert!(records.iter().all(|it| it.contains("(unknown name, ")), "{records:?}");
+    assert!(!records.concat().contains("246810") && !records.concat().contains("operatr"));
+}
+
+#[tokio::test]
 async fn those_who_may_read_the_log_see_it_in_pages_with_whether_it_is_whole() {
     let fixture = Fixture::new().await;
     let authority = fixture.cookie_of("authority").await;
     let operator = fixture.cookie_of("operator").await;
-    fixture.log_in("<img src=x>", "1357913579135791").await;
+    fixture.store.audit(Record::of(Action::Login, "10.0.0.66").on("<img src=x>")).await.unwrap();
     let page = fixture.get("/developer/audit", Some(&authority)).await;
     assert_eq!(page.status, StatusCode::OK);
     assert!(
@@ -123,4 +140,29 @@ fn storage_that_fails_is_a_warning_until_it_works_again_and_a_reload_does_not_fo
         engine.reload(model.clone(), now);
         assert_eq!(shown(&mut engine), expected, "after a reload");
     }
+}
+
+#[tokio::test]
+async fn every_change_of_the_stage_is_recorded_however_short() {
+    let server = Server::new().await;
+    let fixture = &server.fixture;
+    fixture.cookie_of("operator").await;
+    // All at once: nobody is shown the states between.
+    let signal = |value| Input::Signal { name: "active".into(), value };
+    for value in [true, false, true, false, true] {
+        let stamped = Stamped { input: signal(value), received: fixture.clock.now() };
+        fixture.link.inputs.send(stamped).await.unwrap();
+    }
+    let recorded = async {
+        loop {
+            let mut records = fixture.store.audit_entries(None, 50).await.unwrap();
+            records.retain(|record| record.action == "stage");
+            let stages: Vec<_> = records.iter().rev().map(|record| record.target.clone()).collect();
+            if stages.ends_with(&["active", "standby", "active", "standby", "active"].map(String::from)) {
+                return;
+            }
+            tokio::task::yield_now().await;
+        }
+    };
+    tokio::time::timeout(std::time::Duration::from_secs(20), recorded).await.expect("each is there");
 }

@@ -11,6 +11,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 
+use super::access::HEADERS;
 use super::fixture::{Fixture, as_program, form_request};
 use super::sockets::{Server, next_json};
 
@@ -66,6 +67,10 @@ async fn who_speaks_too_slowly_or_too_much_is_cut_off_and_others_are_served() {
         let _ = stream.write_all(head.as_bytes()).await;
         let said = rest(stream).await;
         assert!(said.is_empty() || said.starts_with("HTTP/1.1 4"), "{said}");
+        // What the HTTP library says by itself too.
+        for (name, value) in HEADERS.into_iter().filter(|_| !said.is_empty()) {
+            assert!(said.contains(&format!("\r\n{name}: {value}\r\n")), "{name}: {said}");
+        }
     }
     next_json(&mut page, |value| value.get("beat").is_some()).await;
 }
@@ -178,4 +183,54 @@ async fn a_flood_of_connections_leaves_the_page_alive() {
     drop(idle);
     let fixture: &Fixture = &server.fixture;
     assert_eq!(fixture.get("/healthz", None).await.status, StatusCode::OK);
+}
+
+#[tokio::test]
+async fn silent_connections_make_no_request_wait() {
+    const SILENT: usize = 300;
+    let server = Server::new().await;
+    let mut silent = Vec::new();
+    let post = format!(
+        "POST /login HTTP/1.1\r\nhost: {0}\r\norigin: http://{0}\r\naccept: application/json\r\n\
+         content-type: application/x-www-form-urlencoded\r\nconnection: close\r\ncontent-length: 2\r\n\r\na=",
+        server.address
+    );
+    for round in 0..3 {
+        for _ in 0..SILENT / 3 {
+            silent.push(TcpStream::connect(server.address).await.unwrap());
+        }
+        let sent = server.fixture.clock.now();
+        let mut own = TcpStream::connect(server.address).await.unwrap();
+        own.write_all(post.as_bytes()).await.unwrap();
+        let said = rest(own).await;
+        assert!(said.starts_with("HTTP/1.1 422"), "{said}");
+        let took = server.fixture.clock.now().since(sent);
+        assert!(took < Span::from_secs(3), "round {round}: {} ms", took.as_millis());
+    }
+    // Those that were silent longest gave their places away.
+    assert_eq!(rest(silent.remove(0)).await, "");
+}
+
+#[tokio::test]
+async fn what_is_too_large_or_malformed_is_told_in_words() {
+    let fixture = Fixture::new().await;
+    let long = format!("name=operator&secret={}", "1".repeat(20 * 1024));
+    let page = fixture.send(form_request("/login", None, &long)).await;
+    assert_eq!(
+        (page.status, page.header("content-type")),
+        (StatusCode::PAYLOAD_TOO_LARGE, Some("text/html; charset=utf-8"))
+    );
+    assert!(page.body.contains("at most 16 KiB") && page.header("content-security-policy").is_some());
+    let json = fixture.send(as_program(form_request("/login", None, &long))).await;
+    assert_eq!(
+        (json.status, json.header("content-type")),
+        (StatusCode::PAYLOAD_TOO_LARGE, Some("application/json"))
+    );
+    assert!(json.body.contains(r#"{"error":"Nothing was changed."#), "{}", json.body);
+    let cookie = fixture.cookie_of("operator").await;
+    let upgrade = fixture.get("/api/v1/stream", Some(&cookie)).await;
+    assert_eq!(
+        (upgrade.status, upgrade.header("content-type")),
+        (StatusCode::BAD_REQUEST, Some("application/json"))
+    );
 }

@@ -3,7 +3,7 @@
 use axum::http::StatusCode;
 use telltale::engine::snapshot::Reason;
 use telltale::engine::time::Span;
-use telltale::runtime::Rereading;
+use telltale::runtime::{ConfigurationText, Rereading};
 
 use super::fixture::{Fixture, as_program, form_request};
 
@@ -87,9 +87,19 @@ async fn a_configuration_is_shown_as_a_difference_before_it_is_taken() {
         while let Some(reread) = rereads.recv().await {
             asked.push(reread.take);
             let differences = vec!["group <new> was added".to_owned()];
-            let read = Rereading { taken: reread.take, differences, problems: None, warnings: None };
+            let digest = "0123".to_owned();
+            let text = "# a\ngroups: [] # <b>\u{202e}".to_owned();
+            let read = Rereading {
+                taken: reread.take && reread.shown.is_none_or(|shown| shown == digest),
+                differences,
+                problems: None,
+                warnings: None,
+                judged: false,
+                running: [ConfigurationText { name: "v.yaml".to_owned(), text }].into(),
+                digest,
+            };
             reread.reply.send(read).unwrap();
-            if asked.len() == 3 {
+            if asked.len() == 6 {
                 break;
             }
         }
@@ -98,13 +108,33 @@ async fn a_configuration_is_shown_as_a_difference_before_it_is_taken() {
     let shown = fixture.get("/developer/configuration", Some(&developer)).await;
     assert!(shown.body.contains("group &#60;new&#62; was added"), "{}", shown.body);
     assert!(shown.body.contains(r#"name="reload""#));
+    assert!(shown.body.contains("groups: [] # &#60;b&#62;</code>"), "what runs: {}", shown.body);
+    assert!(shown.body.contains("Every situation is being looked at"));
     let read_only = fixture.get("/developer/configuration", Some(&authority)).await;
     assert!(!read_only.body.contains(r#"name="reload""#), "{}", read_only.body);
     let reload = "/developer/configuration/reload";
     assert_eq!(fixture.post(reload, Some(&authority), "").await.status, StatusCode::FORBIDDEN);
-    let taken = fixture.send(as_program(form_request(reload, Some(&developer), ""))).await;
-    let taken: serde_json::Value = serde_json::from_str(&taken.body).unwrap();
-    assert_eq!((&taken["taken"], &taken["problems"]), (&true.into(), &serde_json::Value::Null));
-    assert_eq!(answering.await.unwrap(), [false, false, true]);
+    assert!(shown.body.contains(r#"name="shown" value="0123""#), "{}", shown.body);
+    // What was shown is taken; a page that showed something else, or nothing, gets the difference.
+    let form = |form: &str| as_program(form_request(reload, Some(&developer), form));
+    let mut program = form("");
+    program.headers_mut().remove("cookie");
+    let token = developer.split_once('=').unwrap().1;
+    program.headers_mut().insert("authorization", format!("Bearer {token}").parse().unwrap());
+    for (request, status) in [
+        (form("shown=4567"), StatusCode::CONFLICT),
+        (form(""), StatusCode::CONFLICT),
+        (form("shown=0123"), StatusCode::OK),
+        (program, StatusCode::OK),
+    ] {
+        let answer = fixture.send(request).await;
+        let body: serde_json::Value = serde_json::from_str(&answer.body).unwrap();
+        assert_eq!((answer.status, &body["taken"]), (status, &(status == StatusCode::OK).into()), "{body}");
+        assert_eq!((&body["shown"], &body["problems"]), (&"0123".into(), &serde_json::Value::Null));
+    }
+    assert_eq!(answering.await.unwrap(), [false, false, true, true, true, true]);
+    let refused = fixture.store.audit_entries(None, 4).await.unwrap();
+    let refused = refused.iter().filter(|it| it.outcome.contains("the file is not what was shown"));
+    assert_eq!(refused.count(), 2);
     drop(router);
 }

@@ -3,6 +3,7 @@
 use axum::http::header::SET_COOKIE;
 use axum::http::{Method, StatusCode};
 use telltale::engine::model::Stage;
+use telltale::store::audit::Entry;
 use telltale::store::{DEMO_USERS, DemoSecrets, Role};
 
 use super::fixture::{ADDRESS, COMPONENTS, Fixture, as_program, form_request, request};
@@ -215,4 +216,53 @@ async fn a_logout_that_cannot_be_written_changes_nothing_and_names_the_disk() {
     assert_eq!(fixture.store.verify_audit().await.unwrap().breach, None);
     // The store's thread may still be closing its files.
     let _ = std::fs::remove_dir_all(&folder);
+}
+
+#[tokio::test]
+async fn a_login_over_the_operators_session_is_a_logout_and_is_refused_like_one() {
+    let fixture = Fixture::new().await;
+    fixture.store.add_user("bert", Role::Operator, "975310").await.unwrap();
+    let first = fixture.cookie_of("operator").await;
+    fixture.drive(true).await;
+    let over = async |cookie: &str, form: &str| fixture.post("/login", Some(cookie), form).await;
+    let refused = over(&first, "name=developer&secret=demo-developer").await;
+    assert_eq!((refused.status, refused.cookie()), (StatusCode::CONFLICT, None));
+    assert!(refused.body.contains("Log out after it has arrived"), "{}", refused.body);
+    assert_eq!(fixture.get("/", Some(&first)).await.status, StatusCode::OK, "nothing was changed");
+    // The operator may log in again, and hand the vehicle over.
+    let second = over(&first, "name=operator&secret=246810").await.cookie().unwrap();
+    assert_eq!(fixture.get("/", Some(&first)).await.leads_to(), Some("/login"));
+    let third = over(&second, "name=bert&secret=975310&take_over=1").await.cookie().unwrap();
+    assert_eq!(fixture.stage(), Stage::Active);
+    fixture.drive(false).await;
+    assert!(over(&third, "name=developer&secret=demo-developer").await.cookie().is_some());
+    assert_eq!(fixture.get("/", Some(&third)).await.leads_to(), Some("/login"));
+    let entries = fixture.store.audit_entries(None, 9).await.unwrap();
+    let line = |it: &Entry| format!("{} {} {} {}", it.action, it.who, it.target, it.outcome);
+    let lines: Vec<String> = entries.iter().rev().map(line).collect();
+    assert_eq!(
+        lines[1..],
+        [
+            "login developer developer refused: [LogoutWhileActive] of operator",
+            "session ended operator login of operator done",
+            "login operator operator done",
+            "session ended operator login of bert done",
+            "hand-over bert from operator done",
+            "login bert bert done",
+            "session ended bert login of developer done",
+            "login developer developer done",
+        ]
+    );
+}
+
+#[tokio::test]
+async fn the_end_of_the_oldest_of_too_many_sessions_is_recorded() {
+    let fixture = Fixture::new().await;
+    for _ in 0..17 {
+        fixture.cookie_of("developer").await;
+    }
+    let entries = fixture.store.audit_entries(None, 3).await.unwrap();
+    let ended: Vec<_> = entries.iter().filter(|it| &*it.action == "session ended").collect();
+    assert_eq!(ended.len(), 1);
+    assert_eq!((&*ended[0].who, &*ended[0].target), ("developer", "1 of too many, the oldest"));
 }

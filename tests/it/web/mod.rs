@@ -4,6 +4,7 @@ mod access;
 mod audit;
 mod bounds;
 mod developer;
+mod durable;
 mod fixture;
 mod login;
 mod seat;

@@ -6,9 +6,9 @@ use axum::http::header::{AUTHORIZATION, COOKIE, ORIGIN};
 use axum::http::{Method, StatusCode};
 use telltale::engine::time::Span;
 use telltale::store::Role;
-use telltale::web::{DEVELOPER_IDLE_MAX, Peer};
+use telltale::web::{AppState, DEVELOPER_IDLE_MAX, Display, Enrolled, Origins, Peer, Settings, router};
 
-use super::fixture::{Answer, Fixture, as_program, form_request, request};
+use super::fixture::{ADDRESS, Answer, Fixture, as_program, form_request, request};
 
 async fn log_in_from(fixture: &Fixture, source: &str, form: &str) -> Answer {
     let mut login = form_request("/login", None, form);
@@ -40,6 +40,31 @@ async fn a_pin_will_do_at_an_enrolled_display_and_a_password_everywhere() {
         }
     }
     assert!(refused.iter().all(|body| *body == refused[0] && body.contains("password")), "{refused:?}");
+}
+
+#[tokio::test]
+async fn strangers_do_not_delay_the_right_pin_at_an_enrolled_display() {
+    let mut fixture = Fixture::new().await;
+    fixture.store.add_user("anna", Role::Operator, "975310").await.unwrap();
+    let settings = Settings {
+        origins: Origins::of_listener(ADDRESS.parse().unwrap(), false),
+        secure: false,
+        enrolled: Enrolled::new(vec![Display::At("10.0.0.7".parse().unwrap())]),
+        demo: None,
+        rereads: None,
+        history: None,
+        discovery: None,
+    };
+    let (link, store) = (fixture.link.clone(), fixture.store.clone());
+    fixture.router = router(AppState::new(link, store, fixture.clock, settings));
+    for stranger in 66..72 {
+        let form = "name=anna&secret=wrong-password-1";
+        log_in_from(&fixture, &format!("10.0.0.{stranger}"), form).await;
+    }
+    let stranger = log_in_from(&fixture, "10.0.0.80", "name=anna&secret=wrong-password-1").await;
+    assert_eq!(stranger.status, StatusCode::TOO_MANY_REQUESTS);
+    let display = log_in_from(&fixture, "10.0.0.7", "name=anna&secret=975310").await;
+    assert_eq!(display.status, StatusCode::OK, "{}", display.body);
 }
 
 #[tokio::test]

@@ -310,9 +310,27 @@ async fn a_page_may_say_what_it_shows_and_nothing_else() {
     next_json(&mut socket, |value| value["beat"].as_u64() > Some(1)).await;
     assert!(server.app.displays.is_live(&session, server.fixture.clock.now()));
 
+    // By its beats it says when, where `seq` stands still.
+    let mut beating = server.connect("/ws", &cookie).await;
+    next_json(&mut beating, |value| value["beat"].as_u64() > Some(1)).await;
+    for said in [format!("{{\"shown\":{seq},\"beat\":1}}"), "{\"beat\":2}".to_owned()] {
+        beating.send(Message::text(said)).await.unwrap();
+    }
+    next_json(&mut beating, |value| value["beat"].as_u64() > Some(3)).await;
+
     let future = format!("{{\"shown\":{}}}", seq + 1000);
     let long = format!("{{\"shown\":1,\"x\":\"{}\"}}", "x".repeat(17 * 1024));
-    for nonsense in ["", "hello", "{}", "{\"shown\":-1}", "{\"shown\":\"1\"}", "[]", &future] {
+    for nonsense in [
+        "",
+        "hello",
+        "{}",
+        "{\"shown\":0,\"beat\":99}",
+        "{\"beat\":-1}",
+        "{\"shown\":-1}",
+        "{\"shown\":\"1\"}",
+        "[]",
+        &future,
+    ] {
         let mut socket = server.connect("/ws", &cookie).await;
         next_content(&mut socket).await;
         socket.send(Message::text(nonsense)).await.unwrap();
@@ -344,4 +362,31 @@ async fn sockets_are_bounded_and_the_end_of_the_server_is_told() {
         assert_eq!(closed(socket).await, CloseCode::Restart);
     }
     timeout(PATIENCE, server.served).await.expect("it ends in time").unwrap().unwrap();
+}
+
+#[tokio::test]
+async fn streams_of_programs_take_no_place_of_a_page() {
+    let server = Server::new().await;
+    let operator = server.fixture.cookie_of("operator").await;
+    let mut streams = Vec::new();
+    for login in 0..3 {
+        let cookie = server.fixture.cookie_of("authority").await;
+        let origin = server.origin();
+        let headers = [("cookie", cookie.as_str()), ("origin", origin.as_str())];
+        for number in 0..16 {
+            match server.try_connect("/api/v1/stream", &headers).await {
+                Ok(stream) => streams.push(stream),
+                Err(status) => {
+                    assert_eq!((status, login), (StatusCode::SERVICE_UNAVAILABLE, 2), "{number}");
+                }
+            }
+        }
+        let mut page = server.connect("/ws", &cookie).await;
+        next_content(&mut page).await;
+    }
+    assert_eq!(streams.len(), 32, "of one user");
+    let mut page = server.connect("/ws", &operator).await;
+    next_content(&mut page).await;
+    let mut stream = server.connect("/api/v1/stream", &operator).await;
+    next_json(&mut stream, |value| value.get("groups").is_some()).await;
 }

@@ -18,7 +18,7 @@ use crate::engine::model::{
     Text,
 };
 use crate::engine::sample::{FieldValue, Pose, Probe, ProbeOutcome, Sample, TopicNews};
-use crate::engine::snapshot::Snapshot;
+use crate::engine::snapshot::{ModuleView, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 
@@ -152,8 +152,96 @@ pub(super) fn input(watched: &Watched, at_ms: u64, what: &Do) -> Input {
     }
 }
 
+/// Words that no German sentence has. What is quoted from outside is as it is.
+const ENGLISH: &[&str] = &[
+    "a",
+    "ago",
+    "and",
+    "another",
+    "answer",
+    "answers",
+    "asked",
+    "at",
+    "away",
+    "behind",
+    "by",
+    "came",
+    "cannot",
+    "clock",
+    "configuration",
+    "days",
+    "deg",
+    "differ",
+    "earlier",
+    "false",
+    "for",
+    "from",
+    "future",
+    "has",
+    "holds",
+    "infinite",
+    "is",
+    "it",
+    "late",
+    "later",
+    "least",
+    "length",
+    "measured",
+    "measuring",
+    "message",
+    "more",
+    "most",
+    "motions",
+    "nobody",
+    "not",
+    "number",
+    "of",
+    "older",
+    "other",
+    "over",
+    "publishes",
+    "row",
+    "says",
+    "stamp",
+    "than",
+    "the",
+    "their",
+    "they",
+    "to",
+    "too",
+    "true",
+    "type",
+    "wanted",
+    "was",
+    "where",
+    "with",
+    "yet",
+    "zero",
+];
+
+/// Whatever a test makes a monitor say, it says in German too.
+#[track_caller]
+fn expect_german(view: &ModuleView) {
+    let report = &view.report;
+    let Some(german) = report.german.as_deref() else {
+        assert!(report.message.is_empty(), "no German: {}", report.message);
+        return;
+    };
+    let ours = german.replace("the message ends early", "");
+    // Names of topics and types stay what they are.
+    let names = |word: &&str| !word.contains('/');
+    let mut words = ours
+        .split_whitespace()
+        .filter(names)
+        .map(|word| word.trim_matches(|letter: char| !letter.is_alphabetic()));
+    // Sources are called `/a x`, inputs of conditions as the tests like.
+    let english = words.find(|word| ENGLISH.contains(word) && *word != "a");
+    assert!(english.is_none(), "{english:?} in: {german}");
+}
+
 pub(super) fn own(snapshot: &Snapshot, module: u32) -> (State, &str) {
     let view = snapshot.module(ModuleId(module)).1;
+    expect_german(view);
     (view.own, &view.report.message)
 }
 

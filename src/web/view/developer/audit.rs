@@ -1,5 +1,7 @@
 //! The audit log, a page at a time, with whether its chain is whole.
 
+use std::borrow::Cow;
+
 use askama::Template;
 
 use crate::store::Verdict;
@@ -60,11 +62,11 @@ pub fn page(view: &View<'_>, page: &AuditPage, context: &PageContext) -> String 
         number: entry.number,
         at: humantime::format_rfc3339_millis(entry.at()).to_string(),
         who: clean(&entry.who, NAME),
-        role: clean(&entry.role, NAME),
-        source: clean(&entry.source, NAME),
-        action: clean(&entry.action, NAME),
+        role: clean(word(&entry.role, context.lang), NAME),
+        source: clean(word(&entry.source, context.lang), NAME),
+        action: clean(word(&entry.action, context.lang), NAME),
         target: clean(&entry.target, MESSAGE),
-        outcome: clean(&entry.outcome, MESSAGE),
+        outcome: clean(&outcome(&entry.outcome, context.lang), MESSAGE),
         refused: entry.was_refused(),
     });
     html(&AuditHtml {
@@ -80,6 +82,55 @@ pub fn page(view: &View<'_>, page: &AuditPage, context: &PageContext) -> String 
     })
 }
 
+/// A word of the log in the reader's language; what it has no word for stays as it was written.
+fn word(written: &str, lang: Lang) -> &str {
+    if lang == Lang::En {
+        return written;
+    }
+    match written {
+        "operator" => "Fahrbegleitung",
+        "developer" => "Entwicklung",
+        "authority" => "Aufsicht",
+        "command line" => "Kommandozeile",
+        "done" => "ausgeführt",
+        "start" => "Start",
+        "end" => "Ende",
+        "login" => "Anmeldung",
+        "logout" => "Abmeldung",
+        "session ended" => "Sitzung beendet",
+        "hand-over" => "Übernahme",
+        "request" => "Anfrage",
+        "localize" => "Positionsangabe",
+        "clearance asked" => "Freigabe angefragt",
+        "clearance" => "Freigabe",
+        "stop" => "Anhalten",
+        "acknowledge" => "Quittierung",
+        "reset" => "Zurücksetzen",
+        "stage" => "Phase",
+        "countermeasure" => "Gegenmaßnahme",
+        "configuration" => "Konfiguration",
+        "demo fault" => "Demo-Fehler",
+        "user added" => "Benutzer angelegt",
+        "user secret" => "Zugangsgeheimnis geändert",
+        "user role" => "Rolle geändert",
+        "user removed" => "Benutzer entfernt",
+        "token added" => "Token angelegt",
+        "token revoked" => "Token entzogen",
+        "omitted" => "ausgelassen",
+        "pruned" => "Älteste entfernt",
+        "chain broken" => "Kette beschädigt",
+        other => other,
+    }
+}
+
+/// Why something was refused stays as it was written.
+fn outcome(written: &str, lang: Lang) -> Cow<'_, str> {
+    match (lang, written.strip_prefix("refused: ")) {
+        (Lang::De, Some(why)) => format!("abgelehnt: {why}").into(),
+        _ => word(written, lang).into(),
+    }
+}
+
 fn verdict(verdict: &Verdict, lang: Lang) -> String {
     match (&verdict.breach, lang) {
         (None, Lang::En) => format!("All {} records are as they were written.", verdict.records),
@@ -88,5 +139,23 @@ fn verdict(verdict: &Verdict, lang: Lang) -> String {
         (Some(breach), Lang::De) => {
             format!("Die Kette ist beschädigt. Eintrag {}: {}.", breach.number, clean(&breach.what, MESSAGE))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::Role;
+    use crate::store::audit::{Action, COMMAND_LINE};
+
+    #[test]
+    fn what_a_record_says_by_itself_has_german_words() {
+        let actions = Action::ALL.iter().map(|action| action.as_str());
+        let roles = Role::ALL.iter().map(|role| role.as_str());
+        for written in actions.chain(roles).chain([COMMAND_LINE, "done"]) {
+            assert_eq!(word(written, Lang::En), written);
+            assert!(word(written, Lang::De) != written, "{written}");
+        }
+        assert_eq!(outcome("refused: why", Lang::De), "abgelehnt: why");
     }
 }

@@ -8,6 +8,7 @@ use crate::web::view::clean::{NAME, clean};
 use crate::web::view::pages::Frame;
 use crate::web::view::{PageContext, View, html};
 
+use super::pager::Pager;
 use super::words::DevWords;
 use super::{Asked, DevFrame, NodeLink, Page};
 
@@ -20,6 +21,8 @@ const CELLS: [(&str, &str, Option<&str>); 6] = [
     ("contextual", "meta", Some("sequential")),
     ("contextual", "meta", Some("parallel")),
 ];
+/// Groups of one page.
+const ROWS: usize = 120;
 /// Modules listed of one cell.
 const LISTED: usize = 200;
 const RENEW_MS: u32 = 0;
@@ -51,6 +54,7 @@ struct CoverageHtml {
     dev: DevFrame,
     /// A module stands in none of the six cells: there is a seventh.
     unstated: bool,
+    pager: Pager,
     rows: Vec<Row>,
     total: Vec<usize>,
     listed: Option<Listed>,
@@ -61,12 +65,16 @@ pub fn page(view: &View<'_>, context: &PageContext, asked: &Asked) -> String {
     let layout = &view.snapshot.layout;
     let unstated = layout.modules.iter().any(|module| cell(module.class) == CELLS.len());
     let columns = CELLS.len() + usize::from(unstated);
-    let rows: Vec<Row> = ordered(view).into_iter().map(|id| row(view, id, columns, asked)).collect();
+    let mut rows: Vec<Row> = ordered(view).into_iter().map(|id| row(view, id, columns, asked)).collect();
     let total = (0..columns).map(|column| rows.iter().map(|row| row.cells[column].count).sum()).collect();
+    let (pager, shown) = Pager::of(asked, "matching", "page", rows.len(), ROWS);
+    rows.truncate(shown.end);
+    rows.drain(..shown.start);
     html(&CoverageHtml {
         frame: super::frame(context),
         dev: DevFrame::new(view, context, Page::Coverage, RENEW_MS),
         unstated,
+        pager,
         rows,
         total,
         listed: listed(view, words, asked),

@@ -22,8 +22,11 @@ use links::Link;
 const RENEW_MS: u32 = 0;
 /// With no more modules than this, all groups are open unless the address says otherwise.
 const OPEN_MODULES: usize = 60;
-/// Modules drawn in one group that is open.
+/// Modules drawn in one group that is open: fewer where many are, so that all of them are no more
+/// than a browser draws at once.
 const MODULES: usize = 60;
+const MODULES_MIN: usize = 4;
+const MODULES_IN_ALL: usize = 300;
 /// Boxes at the top; what is beyond is named below the picture.
 const BOXES: usize = 150;
 /// Lines drawn: the hot ones first.
@@ -130,6 +133,8 @@ impl<'a> Open<'a> {
 struct Drawing<'a> {
     view: &'a View<'a>,
     open: Open<'a>,
+    /// Modules drawn in each group that is open.
+    each: usize,
     /// What stands for each group and module in the picture.
     groups: Vec<Option<NodeId>>,
     modules: Vec<Option<NodeId>>,
@@ -156,9 +161,12 @@ impl<'a> Drawing<'a> {
             let path = &layout.groups[id.0 as usize].path;
             (clean(path, 2 * NAME), why_address(path))
         };
+        let open = Open::of(view, asked);
+        let opened = layout.groups.iter().filter(|group| open.is(&group.path)).count().max(1);
         let mut drawing = Drawing {
             view,
-            open: Open::of(view, asked),
+            open,
+            each: (MODULES_IN_ALL / opened).clamp(MODULES_MIN, MODULES),
             groups: vec![None; layout.groups.len()],
             modules: vec![None; layout.modules.len()],
             anchors: BTreeMap::new(),
@@ -182,7 +190,7 @@ impl<'a> Drawing<'a> {
         let group = &self.view.snapshot.layout.groups[id.0 as usize];
         let closed = closed.or((!self.open.is(&group.path)).then_some(NodeId::Group(id)));
         for (index, &module) in group.modules.iter().enumerate() {
-            let own = if index < MODULES { NodeId::Module(module) } else { NodeId::Group(id) };
+            let own = if index < self.each { NodeId::Module(module) } else { NodeId::Group(id) };
             self.modules[module.0 as usize] = Some(closed.unwrap_or(own));
         }
         for &inner in &group.groups {
@@ -245,7 +253,7 @@ impl<'a> Drawing<'a> {
         if !self.open.is(&group.path) {
             return HEAD;
         }
-        let rows = group.modules.len().min(MODULES) + usize::from(group.modules.len() > MODULES);
+        let rows = group.modules.len().min(self.each) + usize::from(group.modules.len() > self.each);
         let inner: f64 = group.groups.iter().map(|&id| self.box_height(id) + 6.0).sum();
         HEAD + rows as f64 * ROW_STEP + inner + 4.0
     }
@@ -282,12 +290,12 @@ impl<'a> Drawing<'a> {
             return;
         }
         let mut top = y + HEAD;
-        for &module in info.modules.iter().take(MODULES) {
+        for &module in info.modules.iter().take(self.each) {
             self.module(module, x + PAD, top, width - PAD * 2.0);
             top += ROW_STEP;
         }
-        if info.modules.len() > MODULES {
-            let more = info.modules.len() - MODULES;
+        if info.modules.len() > self.each {
+            let more = info.modules.len() - self.each;
             self.rows.push(RowHtml {
                 x: x + PAD,
                 y: top,

@@ -10,11 +10,12 @@ use crate::web::view::clean::{MESSAGE, clean};
 use crate::web::view::pages::Frame;
 use crate::web::view::{PageContext, View, html};
 
+use super::pager::Pager;
 use super::words::DevWords;
 use super::{Asked, DevFrame, NodeLink, Page};
 
-/// Rows of one table.
-const ROWS: usize = 200;
+/// Rows of one page of a table.
+const ROWS: usize = 40;
 /// Root causes named beside one node.
 const NAMED: usize = 6;
 const RENEW_MS: u32 = 0;
@@ -31,6 +32,16 @@ struct Row {
     message: String,
 }
 
+/// What a table is called, its counter, and its field in the address.
+struct Kind {
+    id: &'static str,
+    counter: &'static str,
+    field: &'static str,
+}
+
+const MASKED: Kind = Kind { id: "masked", counter: "masked-count", field: "page" };
+const NOT_RELEVANT: Kind = Kind { id: "not-relevant", counter: "not-relevant-count", field: "page-idle" };
+
 /// The hidden nodes of one kind, the worst and then the oldest first.
 struct Table {
     id: &'static str,
@@ -38,7 +49,7 @@ struct Table {
     nothing: &'static str,
     masked: bool,
     rows: Vec<Row>,
-    count: usize,
+    pager: Pager,
     /// Nodes that report an ERROR behind what they show.
     behind: usize,
 }
@@ -61,8 +72,8 @@ pub fn page(view: &View<'_>, context: &PageContext, asked: &Asked) -> String {
         dev: DevFrame::new(view, context, Page::Masking, RENEW_MS),
         filter: clean(asked.get("q"), MESSAGE),
         tables: [
-            table(view, "masked", words.masked, words.nothing_masked, masked),
-            table(view, "not-relevant", words.not_relevant, words.nothing_irrelevant, irrelevant),
+            table(view, asked, &MASKED, (words.masked, words.nothing_masked), masked),
+            table(view, asked, &NOT_RELEVANT, (words.not_relevant, words.nothing_irrelevant), irrelevant),
         ],
     })
 }
@@ -95,19 +106,20 @@ fn hidden(view: &View<'_>, filter: &str) -> Vec<Hidden> {
 
 fn table(
     view: &View<'_>,
-    id: &'static str,
-    title: &'static str,
-    nothing: &'static str,
+    asked: &Asked,
+    kind: &Kind,
+    (title, nothing): (&'static str, &'static str),
     hidden: Vec<Hidden>,
 ) -> Table {
+    let (pager, shown) = Pager::of(asked, kind.counter, kind.field, hidden.len(), ROWS);
     Table {
-        id,
+        id: kind.id,
         title,
         nothing,
-        masked: id == "masked",
-        count: hidden.len(),
+        masked: kind.id == MASKED.id,
         behind: hidden.iter().filter(|hidden| hidden.own == State::Error).count(),
-        rows: hidden.iter().take(ROWS).map(|hidden| row(view, hidden)).collect(),
+        rows: hidden[shown].iter().map(|hidden| row(view, hidden)).collect(),
+        pager,
     }
 }
 

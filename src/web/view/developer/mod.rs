@@ -7,6 +7,7 @@ mod configuration;
 mod coverage;
 mod graph;
 mod masking;
+mod pager;
 mod statuses;
 mod timeline;
 mod topics;
@@ -211,10 +212,11 @@ pub fn topics_page(published: &Published, context: &PageContext, asked: &Asked, 
 pub fn configuration_page(
     published: &Published,
     read: &Rereading,
-    may_take: bool,
+    offer: Option<bool>,
     context: &PageContext,
+    asked: &Asked,
 ) -> String {
-    configuration::page(&View::new(published, context.lang, false), read, may_take, context)
+    configuration::page(&View::new(published, context.lang, false), read, offer, context, asked)
 }
 
 /// Who did what, and whether the chain of it is whole.

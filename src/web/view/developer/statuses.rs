@@ -15,11 +15,12 @@ use crate::web::view::pages::Frame;
 use crate::web::view::trend::{POINTS_SMALL, Trend};
 use crate::web::view::{PageContext, Trends, View, html};
 
+use super::pager::Pager;
 use super::words::DevWords;
 use super::{Asked, DevFrame, Page, why_address};
 
 /// Rows of one page of the table.
-const ROWS: usize = 60;
+const ROWS: usize = 40;
 /// Rows that may be pinned above it.
 const PINS: usize = 20;
 const VALUES: usize = 5;
@@ -96,11 +97,7 @@ struct StatusesHtml {
     columns: Vec<Column>,
     pinned: Vec<Row>,
     rows: Vec<Row>,
-    matching: usize,
-    first: usize,
-    last: usize,
-    previous: Option<String>,
-    next: Option<String>,
+    pager: Pager,
 }
 
 pub fn page(view: &View<'_>, context: &PageContext, asked: &Asked, trends: &Trends) -> String {
@@ -109,13 +106,10 @@ pub fn page(view: &View<'_>, context: &PageContext, asked: &Asked, trends: &Tren
     let snapshot = view.snapshot;
     let mut modules: Vec<ModuleId> = Wanted::of(view, asked).modules();
     sort(view, asked, &mut modules);
-    let pages = modules.len().div_ceil(ROWS).max(1);
-    let page = (asked.number("page").unwrap_or(1) as usize).clamp(1, pages);
-    let shown = modules.iter().skip((page - 1) * ROWS).take(ROWS);
+    let (pager, shown) = Pager::of(asked, "matching", "page", modules.len(), ROWS);
     let pins: Vec<&str> = asked.all("pin").take(PINS).collect();
     let row = |id: ModuleId| row(view, id, asked, &pins, trends);
-    let rows: Vec<Row> = shown.map(|&id| row(id)).collect();
-    let to = |page: usize| asked.with("page", &page.to_string());
+    let rows: Vec<Row> = modules[shown].iter().map(|&id| row(id)).collect();
     html(&StatusesHtml {
         filter: clean(asked.get("q"), MESSAGE),
         levels: levels(view, words, asked),
@@ -136,11 +130,7 @@ pub fn page(view: &View<'_>, context: &PageContext, asked: &Asked, trends: &Tren
         signals: snapshot.signals.iter().map(|(name, value)| (clean(name, NAME), signal(*value))).collect(),
         columns: columns(words, asked),
         pinned: pins.iter().filter_map(|name| module_of(view, name)).map(row).collect(),
-        matching: modules.len(),
-        first: if rows.is_empty() { 0 } else { (page - 1) * ROWS + 1 },
-        last: (page - 1) * ROWS + rows.len(),
-        previous: (page > 1).then(|| to(page - 1)),
-        next: (page < pages).then(|| to(page + 1)),
+        pager,
         rows,
         frame: super::frame(context),
         dev,

@@ -1,57 +1,38 @@
 //! The strips of Fig. 6 of the paper for any nodes and any span of time, from the history.
 
+mod strips;
+
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use askama::Template;
 
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
-use crate::picture::strips::{Look, Segment, class, first_tick, merged, owe, tick_step};
+use crate::picture::strips::{first_tick, tick_step};
 use crate::runtime::Published;
-use crate::store::{Happened, HistoryQuery, NodePast, Past};
+use crate::store::{Happened, HistoryQuery, Past};
 use crate::web::view::clean::{NAME, clean};
 use crate::web::view::pages::Frame;
-use crate::web::view::{Lang, PageContext, View, html};
+use crate::web::view::{PageContext, View, html};
 
-use super::asked::{address, is_clean};
+use super::asked::is_clean;
 use super::words::DevWords;
-use super::{Asked, DevFrame, NodeLink, Page, why_address};
+use super::{Asked, DevFrame, Page};
+use strips::{Of, Painter, Strip};
 
-/// Strips of one page.
+/// Strips of nodes on one page, and below them of signals.
 const STRIPS: usize = 60;
+/// Strips of a page that asks for none.
+const STRIPS_UNASKED: usize = 30;
+const SIGNALS: usize = 12;
 const SPAN_S: u64 = 120;
 const SPANS_S: [u64; 7] = [30, 120, 600, 3600, 6 * 3600, 24 * 3600, 7 * 24 * 3600];
 const EVENTS: usize = 100;
 const RENEW_MS: u32 = 1000;
 /// Names offered to choose from.
-const OFFERED: usize = 2000;
+const OFFERED: usize = 300;
 /// Where the slider stands, in thousandths of the span.
 const AT_END: u64 = 1000;
-/// What a letter takes, in hundredths of a strip that is drawn as narrow as it may be.
-const LETTER: f64 = 1.2;
-
-struct Bar {
-    x: String,
-    width: String,
-    middle: String,
-    class: &'static str,
-    /// The paint of what is not one colour.
-    paint: Option<&'static str>,
-    own: Option<&'static str>,
-    word: Option<&'static str>,
-    title: String,
-}
-
-struct Strip {
-    node: NodeLink,
-    remove: String,
-    bars: Vec<Bar>,
-    /// What it showed at the moment that is asked for.
-    state: &'static str,
-    word: &'static str,
-    because: String,
-}
-
 struct Event {
     at: String,
     what: &'static str,
@@ -113,18 +94,26 @@ impl Window {
         let to_ms = until.unwrap_or(now_ms).min(now_ms);
         let from_ms = to_ms.saturating_sub(span_s as i64 * 1000).max(0);
         let mut nodes: Vec<String> = Vec::new();
-        for name in asked.all("node").take(STRIPS) {
+        // What was added last is seen, whatever there is already.
+        let named: Vec<&str> = asked.all("node").collect();
+        for &name in &named[named.len().saturating_sub(STRIPS)..] {
             if !nodes.iter().any(|known| known == name) {
                 nodes.push(name.to_owned());
             }
         }
         if nodes.is_empty() {
             let snapshot = &published.snapshot;
-            nodes = snapshot.tiles().map(|id| snapshot.group(id).0.path.to_string()).take(STRIPS).collect();
+            nodes = snapshot
+                .tiles()
+                .map(|id| snapshot.group(id).0.path.to_string())
+                .take(STRIPS_UNASKED)
+                .collect();
             nodes.extend(snapshot.roots.iter().take(5).map(|root| snapshot.node_name(root.node).to_string()));
         }
+        let signals = published.snapshot.signals.iter().map(|(name, _)| name.to_string()).take(SIGNALS);
+        let signals = signals.collect();
         let at = asked.number("at").unwrap_or(AT_END).min(AT_END);
-        Window { query: HistoryQuery { nodes, from_ms, to_ms }, span_s, live: until.is_none(), at }
+        Window { query: HistoryQuery { nodes, signals, from_ms, to_ms }, span_s, live: until.is_none(), at }
     }
 
     fn moment_ms(&self) -> i64 {
@@ -148,12 +137,12 @@ pub fn page(
     past: Option<&Past>,
 ) -> String {
     let words = DevWords::of(context.lang);
-    let HistoryQuery { ref nodes, from_ms, to_ms } = window.query;
+    let HistoryQuery { ref nodes, from_ms, to_ms, .. } = window.query;
     let mut dev = DevFrame::new(view, context, Page::Timeline, RENEW_MS);
     dev.fixed = !window.live;
     let half = window.span_s as i64 * 500;
     let shift = |to: i64| asked.with("until", &to.to_string());
-    let strip = |past: &NodePast| strip(view, words, window, past, asked);
+    let painter = Painter { lang: context.lang, words, window, asked };
     let trouble = match past {
         None => Some(words.no_history),
         Some(past) if past.cut => Some(words.cut),
@@ -173,7 +162,7 @@ pub fn page(
         earlier: shift((to_ms - half).max(0)),
         later: (!window.live).then(|| shift(to_ms + half)),
         present: asked.without(&["until", "at"]),
-        strips: past.map(|past| past.nodes.iter().map(strip).collect()).unwrap_or_default(),
+        strips: past.map(|past| painter.strips(past)).unwrap_or_default(),
         ticks: ticks(window),
         events: past.map(|past| events(view, words, past)).unwrap_or_default(),
         trouble,
@@ -203,110 +192,6 @@ fn offered(view: &View<'_>, shown: &[String]) -> Vec<String> {
     let names = groups.chain(layout.modules.iter().map(|module| &*module.id));
     let names = names.filter(|name| is_clean(name) && !shown.iter().any(|known| known == name));
     names.take(OFFERED).map(str::to_owned).collect()
-}
-
-fn strip(
-    view: &View<'_>,
-    words: &'static DevWords,
-    window: &Window,
-    past: &NodePast,
-    asked: &Asked,
-) -> Strip {
-    let segments = segments(past);
-    let moment = Timestamp::from_millis(window.moment_ms().max(0) as u64);
-    let there = segments.iter().rev().find(|it| it.from <= moment && moment <= it.to);
-    let (state, word, because) = match there {
-        Some(segment) => {
-            let because = segment.cause.as_deref().map(|cause| clean(cause, 2 * NAME)).unwrap_or_default();
-            (state_of(segment.look), look_word(view.lang, segment.look), because)
-        }
-        None => ("none", words.no_record, String::new()),
-    };
-    let others = window.query.nodes.iter().filter(|name| **name != past.name);
-    let other_fields = ["span", "until", "at"].into_iter().map(|name| (name, asked.get(name)));
-    Strip {
-        node: NodeLink { name: clean(&past.name, 2 * NAME), address: why_address(&past.name) },
-        remove: address(other_fields.chain(others.map(|name| ("node", &**name)))),
-        bars: segments.iter().map(|segment| bar(view.lang, words, window, segment)).collect(),
-        state,
-        word,
-        because,
-    }
-}
-
-fn segments(past: &NodePast) -> Vec<Segment> {
-    let stamp = |ms: i64| Timestamp::from_millis(u64::try_from(ms).unwrap_or(0));
-    let segments = past.stretches.iter().map(|stretch| Segment {
-        from: stamp(stretch.from_ms),
-        to: stamp(stretch.to_ms),
-        look: match (stretch.state, &stretch.cause) {
-            (State::Ignore, Some(_)) => Look::Masked,
-            (State::Ignore, None) => Look::NotRelevant,
-            (State::Ok, _) => Look::Ok,
-            (State::Warning, _) => Look::Warning,
-            (State::Error, _) => Look::Error,
-            (State::Unknown, _) => Look::Unknown,
-        },
-        own: (stretch.state == State::Ignore).then_some(stretch.own),
-        cause: stretch.cause.clone(),
-    });
-    let mut segments: Vec<Segment> = segments.collect();
-    owe(&mut segments);
-    merged(segments)
-}
-
-fn bar(lang: Lang, words: &'static DevWords, window: &Window, segment: &Segment) -> Bar {
-    let (left, right) = (window.share(segment.from), window.share(segment.to));
-    let word = look_word(lang, segment.look);
-    let fits = |word: &&'static str| word.chars().count() as f64 * LETTER + 0.6 <= right - left;
-    let own = segment.own.filter(|own| *own > State::Ok);
-    let mut title = format!("{word}, {} \u{2013} {}", clock(segment.from), clock(segment.to));
-    if segment.look == Look::Owed {
-        title += &format!(", {}", words.owed);
-    }
-    if let Some(cause) = &segment.cause {
-        title += &format!(", {}: {}", words.cause, clean(cause, 2 * NAME));
-    }
-    if let Some(own) = own {
-        title += &format!(", {}: {}", words.says, lang.state(own));
-    }
-    Bar {
-        x: percent(left),
-        // A transition too short to be drawn is drawn all the same.
-        width: percent((right - left).max(0.15)),
-        middle: percent(left.midpoint(right)),
-        class: class(segment.look),
-        paint: match segment.look {
-            Look::Warning => Some("warning"),
-            Look::Masked => Some("masked"),
-            Look::NotRelevant => Some("not-relevant"),
-            Look::Unknown => Some("unknown"),
-            _ => None,
-        },
-        own: own.map(State::as_str),
-        word: Some(word).filter(fits),
-        title,
-    }
-}
-
-fn look_word(lang: Lang, look: Look) -> &'static str {
-    lang.state(match look {
-        Look::Ok | Look::True | Look::False => State::Ok,
-        Look::Warning => State::Warning,
-        Look::Error | Look::Owed => State::Error,
-        Look::Masked | Look::NotRelevant => State::Ignore,
-        Look::Unknown | Look::NotKnown => State::Unknown,
-    })
-}
-
-fn state_of(look: Look) -> &'static str {
-    match look {
-        Look::Warning => "warning",
-        Look::Error | Look::Owed => "error",
-        Look::Masked | Look::NotRelevant => "ignore",
-        Look::Unknown | Look::NotKnown => "unknown",
-        Look::Ok | Look::True | Look::False => "ok",
-    }
 }
 
 fn ticks(window: &Window) -> Vec<Tick> {

@@ -7,10 +7,12 @@ use crate::web::view::clean::{MESSAGE, NAME, clean};
 use crate::web::view::pages::Frame;
 use crate::web::view::{PageContext, View, html};
 
+use super::pager::Pager;
 use super::words::DevWords;
 use super::{Asked, DevFrame, Page};
 
-const ROWS: usize = 200;
+/// Rows of one page.
+const ROWS: usize = 40;
 /// Endpoints listed of one topic.
 const LISTED: usize = 24;
 const NODES: usize = 500;
@@ -39,9 +41,10 @@ struct TopicsHtml {
     filter: String,
     looked: bool,
     rows: Vec<Row>,
-    matching: usize,
+    pager: Pager,
     participants: usize,
     nodes: Vec<String>,
+    node_count: usize,
     more: usize,
 }
 
@@ -55,15 +58,17 @@ pub fn page(view: &View<'_>, context: &PageContext, asked: &Asked, seen: &Discov
     let mut topics: Vec<&TopicSeen> = seen.topics.iter().filter(wanted).collect();
     // What does not come together stands first.
     topics.sort_by_key(|topic| topic.mismatches().is_empty());
+    let (pager, shown) = Pager::of(asked, "matching", "page", topics.len(), ROWS);
     html(&TopicsHtml {
         frame: super::frame(context),
         dev: DevFrame::new(view, context, Page::Topics, RENEW_MS),
         filter: clean(asked.get("q"), MESSAGE),
         looked: seen.at.is_some(),
-        matching: topics.len(),
-        rows: topics.into_iter().take(ROWS).map(|topic| row(words, topic)).collect(),
+        pager,
+        rows: topics[shown].iter().map(|topic| row(words, topic)).collect(),
         participants: seen.participants,
         nodes: seen.nodes.iter().take(NODES).map(|name| clean(name, 2 * NAME)).collect(),
+        node_count: seen.nodes.len(),
         more: seen.more,
     })
 }

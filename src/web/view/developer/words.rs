@@ -69,6 +69,7 @@ words! {
     reception_none: "None since the start.", "Keine seit dem Start.";
     counters: "Counters", "Zähler";
     signals: "Signals", "Signale";
+    signal: "Signal", "Signal";
     topic: "Topic", "Topic";
     kind: "Kind", "Art";
     count: "Count", "Anzahl";
@@ -136,6 +137,7 @@ words! {
     remove: "Remove", "Entfernen";
     time: "Time", "Zeit";
     event: "Event", "Ereignis";
+    event_of: "Of what", "Wovon";
     events: "What happened", "Was geschah";
     no_events: "Nothing happened in this span.", "In dieser Spanne geschah nichts.";
     no_record: "no record", "nicht aufgezeichnet";
@@ -168,9 +170,13 @@ words! {
     config_same: "The file means the same as what runs.", "Die Datei bedeutet dasselbe wie das, was läuft.";
     config_differs: "The file differs from what runs", "Die Datei weicht von dem ab, was läuft";
     config_taken: "The file was taken. This has changed", "Die Datei wurde übernommen. Das hat sich geändert";
+    config_other: "Not taken: the files are no longer what was shown before. This is what they are now.", "Nicht übernommen: Die Dateien sind nicht mehr, was zuvor gezeigt wurde. Das sind sie jetzt.";
     config_refused: "The file cannot be used; what runs stays", "Die Datei ist unbrauchbar; was läuft, bleibt";
     config_warnings: "What can happen with it and should not", "Was damit geschehen kann und nicht sollte";
     config_take: "Take it", "Übernehmen";
+    config_judging: "Every situation is being looked at ...", "Jede Situation wird betrachtet ...";
+    config_sound: "Every situation was looked at: nothing can happen that should not.", "Jede Situation wurde betrachtet: Nichts kann geschehen, das nicht sollte.";
+    config_running: "What runs, as it was read", "Was läuft, wie es gelesen wurde";
 }
 
 impl DevWords {

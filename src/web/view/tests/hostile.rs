@@ -25,6 +25,7 @@ fn text_from_outside_is_text_and_nothing_else() {
         palette: Palette::Day,
         name: evil.to_owned(),
         failure: Some(LoginFailure::Wrong),
+        farewell: None,
         demo: false,
     }));
     for html in &pages {

@@ -74,7 +74,14 @@ fn small() -> Vec<(String, String)> {
     for lang in Lang::ALL {
         for palette in [Palette::Day, Palette::Night] {
             let file = |name: &str| format!("{name}-{}-{}", lang.as_str(), palette.as_str());
-            let login = LoginContext { lang, palette, name: String::new(), failure: None, demo: true };
+            let login = LoginContext {
+                lang,
+                palette,
+                name: String::new(),
+                failure: None,
+                farewell: None,
+                demo: true,
+            };
             pages.push((file("login"), login_page(&login)));
             let failed =
                 LoginContext { name: "operator".to_owned(), failure: Some(LoginFailure::Wrong), ..login };
@@ -172,11 +179,21 @@ fn the_demo_switches_each_fault_to_the_other_side() {
 fn a_login_that_failed_says_why_and_keeps_the_name() {
     let login = |failure| {
         let name = "anna".to_owned();
-        login_page(&LoginContext { lang: Lang::De, palette: Palette::Day, name, failure, demo: false })
+        login_page(&LoginContext {
+            lang: Lang::De,
+            palette: Palette::Day,
+            name,
+            failure,
+            farewell: None,
+            demo: false,
+        })
     };
     assert!(login(Some(LoginFailure::Wrong)).contains("Name oder PIN ist falsch."));
     assert!(login(Some(LoginFailure::Wait { seconds: 30 })).contains("30 s warten"));
-    assert!(login(Some(LoginFailure::NoUsers)).contains("telltale user add"));
+    for (data, expected) in [(None, "operator<"), (Some("/var/lib/tell"), "operator --data /var/lib/tell<")] {
+        let page = login(Some(LoginFailure::NoUsers { data: data.map(str::to_owned) }));
+        assert!(page.contains(&format!("telltale user add NAME --role {expected}")), "{page}");
+    }
     assert!(login(None).contains(r#"value="anna""#) && !login(None).contains("246810"));
 }
 

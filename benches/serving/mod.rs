@@ -1,0 +1,196 @@
+//! The real server as a child process, with a user of each kind that benchmarks need, and the clock
+//! that it shares with the peers and the clients.
+
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use serde_json::Value;
+use tokio::net::TcpStream as Stream;
+use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
+use tokio_tungstenite::tungstenite::http::HeaderValue;
+use tokio_tungstenite::{MaybeTlsStream, WebSocketStream};
+
+use crate::peer::Domain;
+
+/// Name, role and secret: who leads, and who looks on.
+pub const USERS: [(&str, &str, &str); 3] = [
+    ("bench", "operator", "975310"),
+    ("watcher", "authority", "lantern-48-harbour"),
+    ("guest", "authority", "lantern-49-harbour"),
+];
+
+/// The program to measure: the one that `TELLTALE` names, else the one that was built with this.
+pub fn program() -> PathBuf {
+    std::env::var_os("TELLTALE").map_or_else(|| env!("CARGO_BIN_EXE_telltale").into(), PathBuf::from)
+}
+
+/// Opens a socket of a page or a program.
+pub async fn connect(address: &str, cookie: &str, path: &str) -> WebSocketStream<MaybeTlsStream<Stream>> {
+    let mut request = format!("ws://{address}{path}").into_client_request().expect("a good address");
+    let header = |text: &str| HeaderValue::from_str(text).expect("plain text");
+    request.headers_mut().insert("Cookie", header(cookie));
+    request.headers_mut().insert("Origin", header(&format!("http://{address}")));
+    tokio_tungstenite::connect_async(request).await.expect("the server upgrades").0
+}
+
+pub fn monotonic_ns() -> u64 {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+    u64::try_from(now.tv_sec).unwrap_or(0) * 1_000_000_000 + u64::try_from(now.tv_nsec).unwrap_or(0)
+}
+
+pub struct Server {
+    child: Child,
+    pub address: String,
+    pub cookie: String,
+    _data: Folder,
+}
+
+struct Folder(PathBuf);
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // What cannot be removed stays in the temporary folder.
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+impl Server {
+    pub fn start(domain: &Domain) -> Server {
+        let folder = std::env::temp_dir().join(format!("telltale-bench-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a temporary folder");
+        let data = Folder(folder);
+        let config = write_config(&data.0);
+        let program = program();
+        for (name, role, secret) in USERS {
+            let mut user = Command::new(&program)
+                .args(["user", "add", name, "--role", role, "--data"])
+                .arg(&data.0)
+                .stdin(Stdio::piped())
+                .stdout(Stdio::null())
+                .spawn()
+                .expect("the program starts");
+            let typed = format!("{secret}\n{secret}\n");
+            user.stdin.take().expect("piped").write_all(typed.as_bytes()).expect("it reads two lines");
+            assert!(user.wait().expect("it ends").success());
+        }
+        let port =
+            TcpListener::bind("127.0.0.1:0").and_then(|it| it.local_addr()).expect("a free port").port();
+        let address = format!("127.0.0.1:{port}");
+        let child = Command::new(&program)
+            .args([
+                "serve",
+                "--interface",
+                "127.0.0.1",
+                "--listen",
+                &address,
+                "--domain",
+                &domain.id.to_string(),
+            ])
+            .arg("--config")
+            .arg(config)
+            .arg("--data")
+            .arg(&data.0)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("the program starts");
+        let mut server = Server { child, address, cookie: String::new(), _data: data };
+        while TcpStream::connect(&server.address).is_err() {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        server.cookie = server.log_in(USERS[0]);
+        server
+    }
+
+    /// The cookie of a new session.
+    pub fn log_in(&self, (name, _, secret): (&str, &str, &str)) -> String {
+        let body = format!("name={name}&secret={secret}");
+        let head = format!(
+            "POST /login HTTP/1.1\r\nHost: {0}\r\nOrigin: http://{0}\r\nContent-Type: application/x-www-form-urlencoded\r\nContent-Length: {1}\r\n",
+            self.address,
+            body.len()
+        );
+        let answer = self.exchange(&format!("{head}Connection: close\r\n\r\n{body}"));
+        let cookie = answer.split("set-cookie: ").nth(1).and_then(|rest| rest.split(';').next());
+        cookie.unwrap_or_else(|| panic!("no session: {answer}")).to_owned()
+    }
+
+    fn exchange(&self, request: &str) -> String {
+        let mut stream = TcpStream::connect(&self.address).expect("the server listens");
+        stream.write_all(request.as_bytes()).expect("the server reads");
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).expect("the server answers");
+        answer
+    }
+
+    pub fn counters(&self) -> Value {
+        self.snapshot()["counters"].clone()
+    }
+
+    pub fn acknowledge(&self, node: &str) {
+        let body = format!("version={}", self.snapshot()["seq"]);
+        let head = format!(
+            "POST /alarms/{node}/acknowledge HTTP/1.1\r\nHost: {0}\r\nOrigin: http://{0}\r\nCookie: {1}\r\nContent-Type: application/x-www-form-urlencoded\r\nContent-Length: {2}\r\n",
+            self.address,
+            self.cookie,
+            body.len()
+        );
+        self.exchange(&format!("{head}Connection: close\r\n\r\n{body}"));
+    }
+
+    pub fn snapshot(&self) -> Value {
+        let answer = self.exchange(&format!(
+            "GET /api/v1/snapshot HTTP/1.1\r\nHost: {}\r\nCookie: {}\r\nConnection: close\r\n\r\n",
+            self.address, self.cookie
+        ));
+        let body = answer.split("\r\n\r\n").nth(1).expect("a body");
+        let start = body.find('{').expect("an object");
+        let end = body.rfind('}').expect("an object");
+        serde_json::from_str(&body[start..=end]).expect("JSON")
+    }
+
+    /// Seconds of processor time used so far, and resident MB.
+    pub fn used(&self) -> (f64, f64) {
+        let pid = self.child.id();
+        let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).expect("it runs");
+        let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
+        let ticks = |at: usize| fields[at].parse::<f64>().expect("a number");
+        let status = std::fs::read_to_string(format!("/proc/{pid}/status")).expect("it runs");
+        let rss = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).expect("it has memory");
+        let kib: f64 = rss.trim().trim_end_matches(" kB").parse().expect("a number");
+        ((ticks(11) + ticks(12)) / 100.0, kib / 1024.0)
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        // It may have ended by itself; the benchmark has failed then anyway.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The shuttle, one more group that takes what the load peer publishes, and a countermeasure.
+fn write_config(folder: &Path) -> PathBuf {
+    let shuttle = concat!(env!("CARGO_MANIFEST_DIR"), "/config/self-diagnosing-shuttle.yaml");
+    let text = std::fs::read_to_string(shuttle).expect("the shuttle's configuration");
+    let group = "\n  - id: load\n    name: Load\n    match: [{ namespace: /load }]\n\
+                 countermeasures: [{ request: decelerate, when: { modules: [can/wheel_speed] } }]\n";
+    let path = folder.join("bench.yaml");
+    std::fs::write(&path, text.trim_end().to_owned() + group).expect("the folder can be written");
+    path
+}
+
+/// The probe's time in a frame: the number of twenty digits that begins with its mark.
+pub fn sent_ns(frame: &[u8]) -> Option<u64> {
+    let runs = frame.split(|byte| !byte.is_ascii_digit());
+    let marked = runs.filter(|run| run.len() == 20 && run[0] == b'7');
+    marked.filter_map(|run| std::str::from_utf8(&run[1..]).ok()?.parse().ok()).max()
+}
+
+pub fn percentile(sorted: &[f64], share: f64) -> f64 {
+    sorted[((sorted.len() - 1) as f64 * share) as usize]
+}

@@ -1,0 +1,102 @@
+//! What an operator's action would leave to remember. Whoever has to have that on the disk before it
+//! happens asks here first.
+
+use std::sync::Arc;
+
+use super::Engine;
+use super::input::{AlarmRef, OperatorAction, Refusal};
+use super::measures::{Known, Measures};
+use super::model::{NodeId, Stage};
+use super::resume::Restored;
+use super::snapshot::{Countermeasure, Snapshot};
+use super::time::Timestamp;
+use super::vehicle::Event;
+
+/// What is to be remembered of an action that would be granted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Foreseen {
+    /// Of the state that it was judged in.
+    pub seq: u64,
+    pub vehicle: Restored,
+}
+
+impl Engine {
+    /// Judges an action as [`Engine::handle`] would at `now`, and does not do it. What it leads to by
+    /// itself, such as an alarm that ends with its acknowledgement, follows from what is remembered.
+    ///
+    /// # Errors
+    /// Every reason for which it is refused.
+    pub fn foresee(&mut self, action: &OperatorAction, now: Timestamp) -> Result<Foreseen, Vec<Refusal>> {
+        self.advance(now);
+        self.check(action)?;
+        let mut after = Snapshot::clone(&self.snapshot());
+        let mut vehicle = self.vehicle.clone();
+        match action {
+            OperatorAction::Login { name } => {
+                vehicle.operator = Some(Arc::from(&**name));
+                vehicle.raise(Event::Login);
+            }
+            OperatorAction::Logout | OperatorAction::Shutdown => {
+                vehicle.operator = None;
+                vehicle.raise(Event::Logout);
+            }
+            OperatorAction::Localize { place } => {
+                let pose = self.pose(place).map_err(|reason| vec![reason])?;
+                vehicle.localize(pose, self.now);
+            }
+            OperatorAction::Clear { .. } => {
+                vehicle.raise(Event::Clearance);
+            }
+            OperatorAction::Acknowledge { alarm } => self.foresee_acknowledged(alarm, &mut after),
+            // Nothing of it is remembered; and a stop waits for no disk, so nobody asks of it.
+            OperatorAction::AskClearance { .. }
+            | OperatorAction::Reset { .. }
+            | OperatorAction::RequestStop => {}
+        }
+        (after.operator, after.stage, after.localization) =
+            (vehicle.operator, vehicle.stage, vehicle.localization);
+        Ok(Foreseen { seq: after.seq, vehicle: after.to_restore() })
+    }
+
+    /// The stage and what is asked of the vehicle. The list is another one whenever it changed.
+    pub fn led(&self) -> (Stage, Arc<[Countermeasure]>) {
+        (self.vehicle.stage, self.views.led().countermeasures.clone())
+    }
+
+    /// What would be asked for if this were done to what is held.
+    fn list_after(&mut self, done: impl FnOnce(&mut Measures)) -> Arc<[Countermeasure]> {
+        let held = self.measures.held.clone();
+        done(&mut self.measures);
+        let list = self.measures.list(self.net.nobody());
+        let is_held = |kind| self.measures.held.iter().any(|held| held.request.kind() == kind);
+        let after = list.iter().filter(|it| is_held(it.request.kind())).cloned().collect();
+        self.measures.held = held;
+        after
+    }
+
+    fn foresee_acknowledged(&mut self, alarm: &AlarmRef, after: &mut Snapshot) {
+        let (number, node) = match alarm {
+            AlarmRef::OperatorStop => {
+                after.countermeasures = self.list_after(|measures| measures.release_stop());
+                return;
+            }
+            AlarmRef::Number(number) => (Some(*number), self.alarms.node(*number)),
+            AlarmRef::Node(name) => (None, self.node_named(name)),
+        };
+        let Some(node) = node else { return };
+        let is_meant = |id, about| number.map_or(about == node, |number| id == number);
+        let mut alarms = after.alarms.to_vec();
+        alarms.iter_mut().filter(|it| is_meant(it.id, it.node)).for_each(|it| it.acknowledged = true);
+        alarms.retain(|it| it.active || !it.acknowledged);
+        after.alarms = alarms.into();
+        let alarm = number.and_then(|number| self.alarms.latest(number));
+        if number.is_none() || alarm.is_some() {
+            let known = Known { node, alarm: alarm.as_ref() };
+            after.countermeasures = self.list_after(|measures| measures.acknowledge(known));
+        }
+        if number.is_none() {
+            let accepted = after.accepted.iter().copied();
+            after.accepted = accepted.chain(self.warned_in(node).into_iter().map(NodeId::Module)).collect();
+        }
+    }
+}

@@ -1,0 +1,72 @@
+//! One part of a long table, and the ways to the others.
+
+use std::ops::Range;
+
+use super::Asked;
+
+pub struct Pager {
+    /// By which a program finds how many there are.
+    pub id: &'static str,
+    /// Counted from 1; 0 where there is nothing.
+    pub first: usize,
+    pub last: usize,
+    pub count: usize,
+    pub previous: Option<String>,
+    pub next: Option<String>,
+}
+
+impl Pager {
+    /// The part that the address asks for in `field`, and which rows it has. A page that is not there
+    /// is the nearest that is.
+    pub fn of(
+        asked: &Asked,
+        id: &'static str,
+        field: &str,
+        count: usize,
+        rows: usize,
+    ) -> (Pager, Range<usize>) {
+        let pages = count.div_ceil(rows).max(1);
+        let asked_for = usize::try_from(asked.number(field).unwrap_or(1)).unwrap_or(pages);
+        let page = asked_for.clamp(1, pages);
+        let shown = (page - 1) * rows..(page * rows).min(count);
+        let to = |page: usize| asked.with(field, &page.to_string());
+        let pager = Pager {
+            id,
+            first: if count == 0 { 0 } else { shown.start + 1 },
+            last: shown.end,
+            count,
+            previous: (page > 1).then(|| to(page - 1)),
+            next: (page < pages).then(|| to(page + 1)),
+        };
+        (pager, shown)
+    }
+
+    /// Whether there is more than one part.
+    pub fn is_needed(&self) -> bool {
+        self.previous.is_some() || self.next.is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_row_is_on_one_page_and_no_page_is_beyond() {
+        for (page, count, shown, first, ways) in [
+            ("", 0, 0..0, 0, (false, false)),
+            ("1", 10, 0..10, 1, (false, false)),
+            ("1", 11, 0..10, 1, (false, true)),
+            ("2", 21, 10..20, 11, (true, true)),
+            ("3", 21, 20..21, 21, (true, false)),
+            ("99999999999999999999", 21, 0..10, 1, (false, true)),
+            ("18446744073709551615", 21, 20..21, 21, (true, false)),
+            ("0", 21, 0..10, 1, (false, true)),
+        ] {
+            let asked = Asked::of(vec![("page".to_owned(), page.to_owned())]);
+            let (pager, range) = Pager::of(&asked, "", "page", count, 10);
+            let has = (pager.previous.is_some(), pager.next.is_some());
+            assert_eq!((range, pager.first, has), (shown, first, ways), "{page} of {count}");
+        }
+    }
+}

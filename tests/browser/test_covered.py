@@ -1,0 +1,45 @@
+"""Where the page's own scripts do not run, time alone covers all that is said of the vehicle."""
+
+import pytest
+from playwright.sync_api import expect
+
+from vehicle import OPERATOR, Client, until
+
+# What may still be seen in the places of the vehicle.
+BRIGHT = """() => [...document.querySelectorAll(".measure *, .measure, .tile > .icon, .cause, .actions *, .panel *")]
+  .filter(it => it.checkVisibility({ checkVisibilityCSS: true })).map(it => it.outerHTML.slice(0, 80))"""
+# Colours that are not quite transparent, of what surrounds a tile.
+BORDERS = """() => [...document.querySelectorAll(".tile")].map(it => getComputedStyle(it))
+  .flatMap(style => [style.borderTopColor, style.boxShadow])
+  .filter(it => it !== "none" && !/^\\w+\\([^)]*[,/] 0\\)/.test(it))"""
+
+
+@pytest.fixture
+def session(server, vehicle):
+    """Of an operator whose vehicle drives, brakes for a stop and has a fault."""
+    client = Client(server, *OPERATOR)
+    vehicle.drive(True)
+    until(lambda: client.snapshot()["stage"] == "active", 20, client.snapshot)
+    vehicle.set("velodyne_packet_alive", 2, "Only 2.0 scans per second")
+    client.post("/vehicle/stop", version=client.snapshot()["seq"])
+    sensors = lambda: next(group for group in client.snapshot()["groups"] if group["id"] == "sensors")
+    until(lambda: sensors()["state"] == "error", 10, sensors)
+    return [dict(zip(("name", "value"), pair.split("=", 1)), url=server.url) for pair in client.cookie().split("; ")]
+
+
+@pytest.mark.parametrize("without", ["any script", "watchdog.js", "lag.js", "htmx.min.js"])
+def test_a_page_whose_scripts_do_not_run_is_covered(server, session, chromium, without):
+    context = chromium.new_context(viewport={"width": 1280, "height": 800}, java_script_enabled=without != "any script")
+    context.add_cookies(session)
+    page = context.new_page()
+    page.route(f"**/{without}", lambda route: route.abort())
+    page.goto(server.url + "/")
+    expect(page.locator("#tile-sensors")).to_have_attribute("data-state", "error")
+    expect(page.locator(".banner .when-dead").filter(visible=True)).to_have_text("Display not live - take over", timeout=5_000)
+    page.locator("#tile-sensors").click(force=True)
+    page.wait_for_timeout(500)
+    assert page.evaluate(BRIGHT) == []
+    assert page.evaluate(BORDERS) == []
+    for cover in page.locator(".tile .cover").all():
+        expect(cover).to_be_visible()
+    context.close()

@@ -1,0 +1,86 @@
+"""A display that cannot lie, on a way that is slow: what comes late is not live."""
+
+import time
+
+import pytest
+from playwright.sync_api import expect
+
+from delay import Delay
+from test_operator import expect_standing, log_in
+from test_developer import DEVELOPER
+from vehicle import OPERATOR, Client, Server, own_domain
+
+PAGES = ["/", "/developer"]
+
+
+@pytest.fixture
+def way():
+    way = Delay()
+    yield way
+    way.close()
+
+
+@pytest.fixture
+def server(tmp_path, way):
+    server = Server(tmp_path, own_domain(), flags=["--origin", way.url])
+    way.to = server.port
+    server.add_user(*OPERATOR)
+    server.start()
+    yield server
+    assert server.stop() == 0
+
+
+def live(page):
+    return page.locator("body").get_attribute("data-live")
+
+
+def expect_live(page, seconds=15):
+    expect(page.locator("body")).to_have_attribute("data-live", "live", timeout=seconds * 1000)
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_a_delay_that_grows_slowly_is_seen(server, vehicle, way, page, trouble, path):
+    # What the page may know of the time of day is wrong and goes backwards.
+    page.add_init_script("const start = Date.now(); Date.now = () => start - 4 * performance.now();")
+    if path == "/":
+        log_in(page, way)
+        expect_standing(page)
+    else:
+        server.add_user(*DEVELOPER, role="developer")
+        Client(way, *OPERATOR)
+        log_in(page, way, *DEVELOPER)
+        page.wait_for_url(way.url + "/")
+    page.goto(way.url + path)
+    expect_live(page)
+    seen, began = [], time.monotonic()
+    while (late_s := 0.5 * (time.monotonic() - began)) < 3.5:
+        way.seconds = late_s
+        page.wait_for_timeout(50)
+        seen.append((late_s, live(page)))
+    assert "live" not in [state for late_s, state in seen if late_s > 1.4], seen
+    assert {state for late_s, state in seen if late_s > 2.5} == {"dead"}, seen
+    # It stays so while the delay does, however often the page connects anew.
+    ends = time.monotonic() + 9
+    while time.monotonic() < ends:
+        page.wait_for_timeout(100)
+        assert live(page) == "dead"
+    way.seconds = 0
+    expect_live(page)
+    trouble.expect("WebSocket", "htmx:ws")
+
+
+def test_a_page_that_was_opened_on_a_slow_way_is_not_live(server, vehicle, way, page, trouble):
+    log_in(page, way)
+    expect_standing(page)
+    way.seconds = 3.3
+    page.goto(way.url + "/", timeout=60_000)
+    page.evaluate("""() => {
+      window.said = new Set();
+      new MutationObserver(() => window.said.add(document.body.dataset.live))
+        .observe(document.body, { attributes: true, attributeFilter: ["data-live"] });
+    }""")
+    page.wait_for_timeout(12_000)
+    assert "live" not in page.evaluate("() => [...window.said]") and live(page) == "dead"
+    way.seconds = 0
+    expect_live(page)
+    trouble.expect("WebSocket", "htmx:ws")

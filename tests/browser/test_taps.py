@@ -1,0 +1,70 @@
+"""Taps that come together: a stop waits for nothing, and what is not sent says so."""
+
+import pytest
+from playwright.sync_api import expect
+
+from operating import step
+from test_operator import expect_standing, expect_tile, log_in
+
+
+@pytest.fixture
+def driving(server, vehicle, page, trouble):
+    """A vehicle that drives and has just come to an alarm."""
+    log_in(page, server)
+    expect_standing(page)
+    vehicle.drive(True)
+    expect(page.locator("body")).to_have_attribute("data-stage", "active")
+    vehicle.set("velodyne_packet_alive", 2, "Only 2.0 scans per second")
+    expect_tile(page, "sensors", "error")
+    return page
+
+
+def hold(page, address):
+    """Requests to this address get no answer before `let_go`."""
+    held = []
+    page.route(address, lambda route: held.append(route))
+    return held
+
+
+def let_go(held):
+    while held:
+        held.pop().continue_()
+
+
+def test_a_stop_goes_out_while_another_tap_is_not_answered(driving, trouble):
+    page, notice = driving, driving.locator("#notice")
+    acknowledge = page.locator("#causes button[name=acknowledge]")
+    expect(acknowledge).to_be_visible()
+    held = hold(page, "**/acknowledge")
+    acknowledge.click()
+    acknowledge.click()
+    expect(notice).to_contain_text("Not sent: the server has not answered the last tap yet.")
+    assert len(held) == 1
+    with page.expect_response("**/vehicle/stop") as stopped:
+        step(page, "stop").click()
+    assert stopped.value.status == 200 and len(held) == 1
+    expect(page.locator("#countermeasure[data-request=maneuver_stop]")).to_be_visible()
+    # It comes too late by then, or for what has changed.
+    let_go(held)
+    trouble.expect("409", "WebSocket", "ERR_")
+
+
+def test_a_stop_is_sent_right_after_what_it_stood_beside_was_done(driving, trouble):
+    page, stops = driving, []
+    page.on("request", lambda request: request.url.endswith("/vehicle/stop") and stops.append(request))
+    page.locator("#actions").evaluate("bar => void (bar.dataset.quiet = '')")
+    box = step(page, "stop").bounding_box()
+    page.mouse.click(box["x"] + 20, box["y"] + 20)
+    expect(step(page, "release")).to_be_visible()
+    assert len(stops) == 1
+
+
+def test_two_quick_taps_are_one_and_the_second_says_so(driving, trouble):
+    page, notice = driving, driving.locator("#notice")
+    box = step(page, "stop").bounding_box()
+    page.mouse.click(box["x"] + 20, box["y"] + 20)
+    expect(step(page, "release")).to_be_visible()
+    page.mouse.click(box["x"] + 20, box["y"] + 20)
+    expect(notice).to_contain_text("Only the first tap counted.")
+    expect(notice).to_be_hidden(timeout=5_000)
+    expect(step(page, "release")).to_be_visible()

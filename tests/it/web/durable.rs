@@ -1,0 +1,175 @@
+//! What an operator does is on the disk before it happens: a disk that takes nothing changes nothing.
+
+use std::path::PathBuf;
+
+use axum::http::StatusCode;
+use rusqlite::Connection;
+use telltale::engine::model::Stage;
+use telltale::engine::state::State;
+use telltale::store::{Role, Session, Token};
+
+use super::fixture::{Answer, Fixture, as_program, form_request};
+
+/// A vehicle whose database can be told to take nothing more.
+struct Vehicle {
+    fixture: Fixture,
+    folder: PathBuf,
+    disk: Connection,
+    cookie: String,
+}
+
+impl Vehicle {
+    /// In standby, with an error that nobody acknowledged.
+    async fn standing(name: &str) -> Vehicle {
+        let folder = std::env::temp_dir().join(format!("telltale-durable-{name}-{}", std::process::id()));
+        let fixture = Fixture::in_folder(&folder).await;
+        let cookie = fixture.cookie_of("operator").await;
+        let disk = Connection::open(folder.join("telltale.db")).unwrap();
+        let vehicle = Vehicle { fixture, folder, disk, cookie };
+        for status in ["lidar", "imu", "tf", "planner"] {
+            vehicle.fixture.status(status, 0, "fine").await;
+        }
+        vehicle.fixture.until(|snapshot| snapshot.overall == State::Ok).await;
+        assert_eq!(vehicle.post("/vehicle/localize", "stop=depot").await.status, StatusCode::OK);
+        vehicle.fixture.until(|snapshot| snapshot.stage == Stage::Standby).await;
+        vehicle
+    }
+
+    async fn post(&self, path: &str, fields: &str) -> Answer {
+        let seq = self.fixture.get_json("/api/v1/snapshot", &self.cookie).await["seq"].as_u64().unwrap();
+        let form = format!("version={seq}&{fields}");
+        self.fixture.send(as_program(form_request(path, Some(&self.cookie), &form))).await
+    }
+
+    fn session(&self) -> Session {
+        let token = Token::parse(self.cookie.split_once('=').unwrap().1).unwrap();
+        self.fixture.app.session(&token).unwrap()
+    }
+
+    /// The display shows what is, and goes on to.
+    fn look(&self) {
+        let (displays, now) = (&self.fixture.app.displays, self.fixture.clock.now());
+        let place = displays.enter(&self.session()).unwrap();
+        let seq = self.fixture.link.snapshots.borrow().snapshot.seq;
+        place.sent(seq, now);
+        place.confirm(seq);
+        std::mem::forget(place);
+    }
+
+    /// Nothing more can be written into a table, in the middle of a transaction.
+    fn fill(&self, table: &str) {
+        for what in ["INSERT", "UPDATE", "DELETE"] {
+            let trigger = format!(
+                "CREATE TRIGGER full_{what} BEFORE {what} ON {table} BEGIN SELECT RAISE(ABORT, 'no room'); END"
+            );
+            self.disk.execute_batch(&trigger).unwrap();
+        }
+    }
+
+    fn mend(&self) {
+        self.disk
+            .execute_batch("DROP TRIGGER full_INSERT; DROP TRIGGER full_UPDATE; DROP TRIGGER full_DELETE;")
+            .unwrap();
+    }
+
+    /// A tap is refused and nothing is different.
+    async fn cannot(&self, table: &str, path: &str, fields: &str) {
+        let before = self.everything().await;
+        self.fill(table);
+        let answer = self.post(path, fields).await;
+        self.mend();
+        assert_eq!(
+            (answer.status, answer.cookie()),
+            (StatusCode::SERVICE_UNAVAILABLE, None),
+            "{path} without {table}"
+        );
+        assert!(answer.body.contains("The disk is full or broken"), "{path}: {}", answer.body);
+        assert_eq!(self.everything().await, before, "{path} without {table}");
+    }
+
+    /// All that an action could have changed.
+    async fn everything(&self) -> String {
+        let snapshot = self.fixture.until(|_| true).await;
+        let seat = self.fixture.store.seated_operator().await.unwrap();
+        let written = self.fixture.store.recall().await.unwrap().map(|it| (it.stage, it.pose, it.accepted));
+        let records = self.fixture.store.audit_entries(None, 1).await.unwrap();
+        let latched = snapshot.modules.iter().map(|module| module.steps.latched).collect::<Vec<_>>();
+        format!(
+            "{:?} {:?} {:?} {:?} {:?} {latched:?} {seat:?} {written:?} {records:?}",
+            snapshot.stage,
+            snapshot.localization,
+            snapshot.alarms,
+            snapshot.countermeasures,
+            snapshot.operator
+        )
+    }
+
+    async fn end(self) {
+        assert_eq!(self.fixture.store.verify_audit().await.unwrap().breach, None);
+        // The store's thread may still be closing its files.
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+#[tokio::test]
+async fn an_action_that_cannot_be_written_is_not_done() {
+    let vehicle = Vehicle::standing("actions").await;
+    vehicle.look();
+    for table in ["audit", "vehicle"] {
+        let token = vehicle.post("/vehicle/clearance", "").await;
+        let token: serde_json::Value = serde_json::from_str(&token.body).unwrap();
+        let confirm = format!("token={}", token["token"].as_str().unwrap());
+        vehicle.cannot(table, "/vehicle/clearance/confirm", &confirm).await;
+        vehicle.cannot(table, "/vehicle/clearance", "").await;
+        vehicle.cannot(table, "/vehicle/localize", "stop=depot").await;
+    }
+    vehicle.fixture.status("lidar", 2, "broken").await;
+    vehicle.fixture.until(|snapshot| !snapshot.alarms.is_empty()).await;
+    for table in ["audit", "vehicle", "alarms"] {
+        vehicle.cannot(table, "/alarms/1/acknowledge", "").await;
+        vehicle.cannot(table, "/alarms/sensors/lidar/acknowledge", "").await;
+    }
+    let answer = vehicle.post("/alarms/1/acknowledge", "").await;
+    assert_eq!(answer.status, StatusCode::OK, "{}", answer.body);
+    let remembered = vehicle.fixture.store.recall().await.unwrap().unwrap();
+    assert!(remembered.alarms[0].acknowledged, "it is on the disk when it is answered");
+    vehicle.end().await;
+}
+
+#[tokio::test]
+async fn a_stop_waits_for_no_disk_and_says_what_is_not_recorded() {
+    let vehicle = Vehicle::standing("stop").await;
+    vehicle.fixture.drive(true).await;
+    vehicle.fill("audit");
+    let answer = vehicle.post("/vehicle/stop", "").await;
+    assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE);
+    assert!(answer.body.contains("The vehicle is asked to stop"), "{}", answer.body);
+    vehicle.fixture.until(|snapshot| snapshot.stop_requested()).await;
+    vehicle.mend();
+    vehicle.end().await;
+}
+
+#[tokio::test]
+async fn a_hand_over_that_cannot_be_written_leaves_the_seat_as_it_was() {
+    let vehicle = Vehicle::standing("seat").await;
+    let fixture = &vehicle.fixture;
+    fixture.store.add_user("bert", Role::Operator, "135791").await.unwrap();
+    let take_over =
+        || fixture.send(as_program(form_request("/login", None, "name=bert&secret=135791&take_over=1")));
+    for table in ["audit", "sessions", "seat", "vehicle"] {
+        let before = vehicle.everything().await;
+        vehicle.fill(table);
+        let answer = take_over().await;
+        vehicle.mend();
+        assert_eq!((answer.status, answer.cookie()), (StatusCode::SERVICE_UNAVAILABLE, None), "{table}");
+        assert_eq!(vehicle.everything().await, before, "{table}");
+        assert!(vehicle.session().is_open(), "{table}");
+    }
+    let ended = vehicle.session();
+    assert_eq!(take_over().await.status, StatusCode::OK);
+    assert!(!ended.is_open());
+    assert_eq!(fixture.store.seated_operator().await.unwrap().as_deref(), Some("bert"));
+    let records = fixture.store.audit_entries(None, 2).await.unwrap();
+    assert_eq!(records.iter().map(|it| &*it.action).collect::<Vec<_>>(), ["login", "hand-over"]);
+    vehicle.end().await;
+}
