@@ -23,6 +23,9 @@ fn model(text: &str) -> Arc<Model> {
     config::parse("c.yaml", text).unwrap_or_else(|problems| panic!("{problems}")).model
 }
 
+/// The causes of what is asked, with whether each is there and acknowledged; and whether it waits.
+type Asked = (Vec<(String, bool, bool)>, bool);
+
 struct Vehicle {
     engine: Engine,
     now: Timestamp,
@@ -70,8 +73,7 @@ impl Vehicle {
         self.engine.snapshot()
     }
 
-    /// The causes of what is asked, with whether each is there and acknowledged; and whether it waits.
-    fn asked(&mut self) -> Option<(Vec<(String, bool, bool)>, bool)> {
+    fn asked(&mut self) -> Option<Asked> {
         let snapshot = self.look();
         let measure = snapshot.countermeasure()?;
         let causes = measure.causes.iter();
@@ -88,7 +90,7 @@ impl Vehicle {
 }
 
 /// One cause alone.
-fn cause(node: &str, present: bool) -> Option<(Vec<(String, bool, bool)>, bool)> {
+fn cause(node: &str, present: bool) -> Option<Asked> {
     Some((vec![(node.into(), present, false)], !present))
 }
 
