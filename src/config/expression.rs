@@ -146,6 +146,27 @@ fn unanswered(condition: &Condition, kinds: &[ScalarKind]) -> Option<Box<str>> {
     why
 }
 
+/// The inputs that a condition names.
+pub(super) fn named(condition: &Condition) -> Vec<String> {
+    let mut names = Vec::new();
+    if let Ok(program) = ENVIRONMENT.compile(&condition.text) {
+        collect(program.expression(), &mut names);
+    }
+    names
+}
+
+fn collect(part: &IdedExpr, names: &mut Vec<String>) {
+    match &part.expr {
+        Expr::Ident(name) if !RESERVED.contains(&&**name) => names.push(name.clone()),
+        Expr::Call(call) => {
+            let target = call.target.as_deref().into_iter();
+            target.chain(&call.args).for_each(|part| collect(part, names));
+        }
+        Expr::List(list) => list.elements.iter().for_each(|part| collect(part, names)),
+        _ => {}
+    }
+}
+
 /// The parser's words without the list of all that could have stood there.
 fn syntax(message: &str) -> String {
     let message = message.trim_start_matches("Syntax error: ");

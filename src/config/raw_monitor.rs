@@ -199,8 +199,8 @@ impl FromNode for Literal {
         let text = String::from_node(node, log)?;
         let plain = matches!(node.kind, Kind::Scalar { plain: true, .. });
         Some(Literal(match text.as_str() {
-            "true" if plain => FieldValue::Bool(true),
-            "false" if plain => FieldValue::Bool(false),
+            "true" | "True" | "TRUE" if plain => FieldValue::Bool(true),
+            "false" | "False" | "FALSE" if plain => FieldValue::Bool(false),
             _ if plain && text.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c)) => {
                 FieldValue::Number(f64::from_node(node, log)?)
             }

@@ -77,6 +77,8 @@ pub enum Refusal {
     NobodyLoggedIn,
     /// The action has no meaning in this stage, which is the present one.
     WrongStage(Stage),
+    /// There is nothing to stop.
+    NotDriving,
     /// The machine has no stages: it is neither localized nor cleared.
     NoStages,
     /// Logging out while the vehicle drives would leave it without a display.

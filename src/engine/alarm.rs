@@ -9,9 +9,12 @@ use super::model::NodeId;
 use super::snapshot::Alarm;
 use super::time::Timestamp;
 
-/// Alarms that are kept once they are over and not acknowledged. A module that comes and goes
-/// makes a new one each time: past this the oldest that is over is dropped.
+/// Alarms that are kept once they are over and not acknowledged.
 const KEPT_MAX: usize = 256;
+
+/// Of them, those of one node. A module that comes and goes makes a new one each time, and none of
+/// another node gives way to it: past this they are counted by the next one.
+const OF_NODE_MAX: usize = 8;
 
 /// All alarms that are active or not acknowledged.
 #[derive(Debug, Default)]
@@ -20,6 +23,8 @@ pub(super) struct Alarms {
     /// How many of them are active.
     active: usize,
     last_id: u64,
+    merged: u64,
+    dropped: u64,
     /// Modules with an alarm from before a restart of which nothing is known since: it is not over.
     awaited: HashSet<NodeId>,
 }
@@ -65,6 +70,14 @@ impl Alarms {
     /// The node that an alarm stands for.
     pub(super) fn node(&self, id: u64) -> Option<NodeId> {
         self.list.iter().find(|alarm| alarm.id == id).map(|alarm| alarm.node)
+    }
+
+    /// The alarm of this number, if it is the latest of its node.
+    pub(super) fn latest(&self, id: u64) -> Option<Alarm> {
+        let alarm = self.list.iter().find(|alarm| alarm.id == id)?;
+        let of_node = self.list.iter().filter(|it| it.node == alarm.node);
+        let latest = of_node.max_by_key(|it| (it.active, it.ended, it.id))?;
+        (latest.id == id).then(|| alarm.clone())
     }
 
     /// Takes note of what an operator knows; an alarm that is over is then gone. Returns whether
@@ -134,6 +147,7 @@ impl Alarms {
                 None => {
                     events.push(now, What::AlarmCleared { id: alarm.id, node: alarm.node });
                     alarm.active = false;
+                    alarm.ended = Some(now);
                     alarm.acknowledged |= explained;
                 }
             }
@@ -148,27 +162,65 @@ impl Alarms {
                     id: self.last_id,
                     node,
                     raised: now,
+                    ended: None,
                     acknowledged: false,
                     active: true,
+                    repeats: 0,
                 });
             }
         }
         self.active = active.len();
         if changed {
             self.list.retain(|alarm| alarm.active || !alarm.acknowledged);
+            self.merge_repeated();
             self.drop_oldest();
         }
         changed
     }
 
+    /// Counts the oldest of what one node repeats with the next one of it.
+    fn merge_repeated(&mut self) {
+        let over = |alarm: &&Alarm| !alarm.active;
+        let mut count: HashMap<NodeId, usize> = HashMap::new();
+        self.list.iter().filter(over).for_each(|alarm| *count.entry(alarm.node).or_default() += 1);
+        count.retain(|_, count| *count > OF_NODE_MAX);
+        let mut surplus: usize = self.list.iter().filter(over).count().saturating_sub(KEPT_MAX);
+        if count.is_empty() && surplus == 0 {
+            return;
+        }
+        let mut index = 0;
+        while index < self.list.len() {
+            let Alarm { node, active, repeats, .. } = self.list[index];
+            let of_node = count.get_mut(&node).filter(|count| **count > OF_NODE_MAX);
+            let is_meant = !active && (of_node.is_some() || surplus > 0);
+            let mut later = self.list[index + 1..].iter_mut().filter(|_| is_meant);
+            match later.find(|alarm| alarm.node == node) {
+                Some(later) => {
+                    later.repeats = later.repeats.saturating_add(repeats).saturating_add(1);
+                    of_node.into_iter().for_each(|count| *count -= 1);
+                    surplus = surplus.saturating_sub(1);
+                    self.merged += 1;
+                    self.list.remove(index);
+                }
+                _ => index += 1,
+            }
+        }
+    }
+
     fn drop_oldest(&mut self) {
         let over = self.list.iter().filter(|alarm| !alarm.active).count();
         let mut surplus = over.saturating_sub(KEPT_MAX);
+        self.dropped += surplus as u64;
         self.list.retain(|alarm| {
             let drop = !alarm.active && surplus > 0;
             surplus -= usize::from(drop);
             !drop
         });
+    }
+
+    /// How many were merged and how many dropped since the last call.
+    fn take_lost(&mut self) -> (u64, u64) {
+        (std::mem::take(&mut self.merged), std::mem::take(&mut self.dropped))
     }
 }
 
@@ -178,6 +230,9 @@ impl Engine {
         let (views, roots) = (&self.views, self.views.roots());
         if self.alarms.follow(&roots, |node| views.masked_by(node), self.now, &mut self.events) {
             self.views.set_alarms(self.alarms.list());
+            let (merged, dropped) = self.alarms.take_lost();
+            self.counters.merged_alarms += merged;
+            self.counters.dropped_alarms += dropped;
         }
     }
 }
@@ -222,7 +277,8 @@ mod tests {
     fn an_alarm_from_before_a_restart_is_over_once_its_module_is_known_and_no_root() {
         for (acknowledged, left) in [(true, vec![]), (false, vec![(7, A, false)])] {
             let mut alarms = Alarms::default();
-            let alarm = Alarm { id: 7, node: A, raised: Timestamp::ZERO, acknowledged, active: true };
+            let (raised, ended) = (Timestamp::ZERO, None);
+            let alarm = Alarm { id: 7, node: A, raised, ended, acknowledged, active: true, repeats: 0 };
             alarms.restore(vec![alarm], 7);
             let follow = |alarms: &mut Alarms, roots: &[NodeId]| {
                 alarms.follow(roots, |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
@@ -240,13 +296,35 @@ mod tests {
     }
 
     #[test]
-    fn flapping_does_not_grow_without_bound() {
+    fn flapping_is_counted_and_takes_no_room_from_others() {
         let mut alarms = Alarms::default();
-        for _ in 0..1000 {
-            alarms.follow(&[A], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
-            alarms.follow(&[], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
-        }
-        assert_eq!(alarms.list().len(), KEPT_MAX);
-        assert_eq!(alarms.list().last().map(|alarm| alarm.id), Some(1000));
+        let mut follow = |roots: &[NodeId]| {
+            alarms.follow(roots, |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        };
+        follow(&[B]);
+        (0..1000).for_each(|_| [&[][..], &[A]].into_iter().for_each(&mut follow));
+        follow(&[]);
+        assert_eq!(alarms.list().len(), OF_NODE_MAX + 1);
+        assert_eq!(numbers(&alarms)[0], (1, B, false));
+        assert_eq!(alarms.list().last().map(|alarm| alarm.id), Some(1001));
+        let told: u32 = alarms.list()[1..].iter().map(|alarm| 1 + alarm.repeats).sum();
+        assert_eq!((told, alarms.take_lost()), (1000, (1000 - OF_NODE_MAX as u64, 0)));
+    }
+
+    #[test]
+    fn what_repeats_gives_way_to_what_was_there_once() {
+        let mut alarms = Alarms::default();
+        let mut follow = |roots: &[NodeId]| {
+            alarms.follow(roots, |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        };
+        follow(&[A]);
+        follow(&[]);
+        follow(&[A]);
+        let others: Vec<NodeId> = (10..).take(KEPT_MAX).map(|id| NodeId::Module(ModuleId(id))).collect();
+        follow(&others);
+        follow(&[]);
+        // The node's first is counted by its second, and one that was there once is dropped and counted.
+        assert_eq!((alarms.list().len(), alarms.take_lost()), (KEPT_MAX, (1, 1)));
+        assert_eq!(numbers(&alarms)[0], (3, others[0], false));
     }
 }

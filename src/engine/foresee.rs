@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::Engine;
 use super::input::{AlarmRef, OperatorAction, Refusal};
-use super::measures::Measures;
+use super::measures::{Known, Measures};
 use super::model::{NodeId, Stage};
 use super::resume::Restored;
 use super::snapshot::{Countermeasure, Snapshot};
@@ -63,10 +63,21 @@ impl Engine {
         (self.vehicle.stage, self.views.led().countermeasures.clone())
     }
 
+    /// What would be asked for if this were done to what is held.
+    fn list_after(&mut self, done: impl FnOnce(&mut Measures)) -> Arc<[Countermeasure]> {
+        let held = self.measures.held.clone();
+        done(&mut self.measures);
+        let list = self.measures.list(self.net.nobody());
+        let is_held = |kind| self.measures.held.iter().any(|held| held.request.kind() == kind);
+        let after = list.iter().filter(|it| is_held(it.request.kind())).cloned().collect();
+        self.measures.held = held;
+        after
+    }
+
     fn foresee_acknowledged(&mut self, alarm: &AlarmRef, after: &mut Snapshot) {
         let (number, node) = match alarm {
             AlarmRef::OperatorStop => {
-                after.countermeasures = self.measures.list_after(|measures| measures.release_stop());
+                after.countermeasures = self.list_after(|measures| measures.release_stop());
                 return;
             }
             AlarmRef::Number(number) => (Some(*number), self.alarms.node(*number)),
@@ -78,23 +89,14 @@ impl Engine {
         alarms.iter_mut().filter(|it| is_meant(it.id, it.node)).for_each(|it| it.acknowledged = true);
         alarms.retain(|it| it.active || !it.acknowledged);
         after.alarms = alarms.into();
-        after.countermeasures = self.measures.list_after(|measures| measures.acknowledge(node));
+        let alarm = number.and_then(|number| self.alarms.latest(number));
+        if number.is_none() || alarm.is_some() {
+            let known = Known { node, alarm: alarm.as_ref() };
+            after.countermeasures = self.list_after(|measures| measures.acknowledge(known));
+        }
         if number.is_none() {
             let accepted = after.accepted.iter().copied();
             after.accepted = accepted.chain(self.warned_in(node).into_iter().map(NodeId::Module)).collect();
         }
-    }
-}
-
-impl Measures {
-    /// What would be asked for if this were done to what is held.
-    fn list_after(&mut self, done: impl FnOnce(&mut Measures)) -> Arc<[Countermeasure]> {
-        let held = self.held.clone();
-        done(self);
-        let list = self.list();
-        let is_held = |kind| self.held.iter().any(|held| held.request.kind() == kind);
-        let after = list.iter().filter(|it| is_held(it.request.kind())).cloned().collect();
-        self.held = held;
-        after
     }
 }

@@ -187,7 +187,7 @@ impl Engine {
         self.views.set_led(Led {
             last_alarm: self.alarms.last_id(),
             accepted: self.warnings.accepted().map(NodeId::Module).collect(),
-            countermeasures: self.measures.list(),
+            countermeasures: self.measures.list(self.net.nobody()),
             localization: self.vehicle.localization,
             clearance: self.vehicle.stage == Stage::Cleared,
             clearance_refusals: self.clearance_refusals().into(),

@@ -3,19 +3,17 @@
 //! What a rule asked for is held by itself: until its own cause is gone and acknowledged. The
 //! strongest of all that are held wins, so nothing falls back while its cause is there.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::Arc;
 
-use super::countermeasure::{ConfirmedBy, Kind, Request, Rule};
+use super::confirm::{Asked, Heard};
+use super::countermeasure::{Kind, Request, Rule};
 use super::input::{Output, OutputNews};
-use super::model::{Model, NodeId, Stage, Text};
-use super::monitor::say;
-use super::names::Names;
+use super::model::{Model, NodeId, Stage};
 use super::net::{Change, Net};
 use super::node::Facts;
 use super::roots::CAUSES_MAX;
-use super::signals::Signals;
-use super::snapshot::{Countermeasure, MeasureCause, MeasureState};
+use super::snapshot::{Alarm, Countermeasure, MeasureCause};
 use super::state::State;
 use super::time::Timestamp;
 
@@ -26,6 +24,7 @@ pub(super) struct Held {
     pub(super) by: By,
     pub(super) since: Timestamp,
     pub(super) present: bool,
+    /// Never empty, but for a stop of the operator: what nobody can be named for is nobody's to take back.
     pub(super) causes: Vec<Cause>,
 }
 
@@ -42,40 +41,114 @@ pub(super) enum By {
 pub(super) struct Cause {
     pub(super) node: NodeId,
     pub(super) acknowledged: bool,
+    pub(super) present: bool,
+}
+
+/// A node that the operator knows of.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Known<'a> {
+    pub(super) node: NodeId,
+    /// By this alarm of it alone, which is the node's latest.
+    pub(super) alarm: Option<&'a Alarm>,
 }
 
 impl Held {
     fn is_over(&self) -> bool {
-        let released = self.request.kind() == Kind::Notify || self.causes.iter().all(|it| it.acknowledged);
-        !self.present && released
+        let is_known = || !self.causes.is_empty() && self.causes.iter().all(|it| it.acknowledged);
+        !self.present && (self.request.kind() == Kind::Notify || is_known())
+    }
+
+    /// Looks whether the causes that were named for it are still there. What a node that is well again
+    /// bears in itself, such as one of a set of which one is enough, is no cause any more.
+    fn look_at_causes(&mut self, net: &Net, state: State, by_itself: Option<NodeId>) {
+        let lies_in = |node| by_itself.is_some_and(|around| is_part_of(net, node, around));
+        for cause in &mut self.causes {
+            let stands_in = cause.node == net.nobody();
+            cause.present = !stands_in && !lies_in(cause.node) && fails(&net.node(cause.node).facts, state);
+        }
+        self.present = self.causes.iter().any(|cause| cause.present);
+    }
+
+    /// Takes the causes as they are now; what is acknowledged of them stays so. One that is over stays
+    /// until somebody knows of it, and one that is masked by now goes over to what masks it, as its
+    /// alarm does. Where there are too many, `about` stands for those that are not named.
+    fn explain(&mut self, about: NodeId, net: &Net, causes: &impl Fn(NodeId) -> Vec<NodeId>) {
+        let before = std::mem::take(&mut self.causes);
+        let known = |node| before.iter().any(|it| it.node == node && it.acknowledged);
+        let named = |node| {
+            let mut named = causes(node);
+            if named.len() > CAUSES_MAX {
+                named.truncate(CAUSES_MAX - 1);
+                named.push(about);
+            }
+            named
+        };
+        let is_there = |node| {
+            let facts = &net.node(node).facts;
+            !facts.masked && fails(facts, State::Warning)
+        };
+        let now = |node| Cause { node, acknowledged: known(node), present: true };
+        self.causes = named(about).into_iter().map(now).collect();
+        let mut past: Vec<NodeId> = Vec::new();
+        for &Cause { node, present, acknowledged } in &before {
+            match (acknowledged, net.node(node).facts.masked && present) {
+                (false, true) => past.extend(named(node).into_iter().filter(|&node| !known(node))),
+                (false, false) => past.push(node),
+                (true, _) if is_there(node) => past.push(node),
+                (true, _) => {}
+            }
+        }
+        let mut seen: HashSet<NodeId> = self.causes.iter().map(|cause| cause.node).collect();
+        past.retain(|&node| seen.insert(node));
+        if past.len() > CAUSES_MAX {
+            past.retain(|&node| node != about);
+            past.truncate(CAUSES_MAX - 1);
+            past.insert(0, about);
+        }
+        for node in past {
+            self.add(Cause { node, acknowledged: known(node), present: is_there(node) });
+        }
+    }
+
+    fn add(&mut self, cause: Cause) {
+        match self.causes.iter_mut().find(|known| known.node == cause.node) {
+            Some(known) => {
+                known.acknowledged &= cause.acknowledged;
+                known.present |= cause.present;
+            }
+            None => self.causes.push(cause),
+        }
+    }
+
+    /// Leaves as many causes as are named; one node stands for the others.
+    fn cut(&mut self, others: NodeId) {
+        if self.causes.len() <= CAUSES_MAX {
+            return;
+        }
+        self.causes.sort_by_key(|cause| cause.acknowledged);
+        let rest = self.causes.split_off(CAUSES_MAX - 1);
+        let acknowledged = rest.iter().all(|cause| cause.acknowledged);
+        let present = rest.iter().any(|cause| cause.present);
+        self.add(Cause { node: others, acknowledged, present });
     }
 
     fn is_about(&self, node: NodeId) -> bool {
         matches!(self.by, By::Rule(_, it) if it == node)
     }
 
-    /// Whether a cause that was named for it is still there. What a node that is well again bears
-    /// in itself, such as one of a set of which one is enough, is no cause any more.
-    fn is_caused(&self, net: &Net, state: State, by_itself: Option<NodeId>) -> bool {
-        let lies_in = |node| by_itself.is_some_and(|around| is_part_of(net, node, around));
-        self.causes.iter().any(|it| !lies_in(it.node) && fails(&net.node(it.node).facts, state))
+    /// Takes note of what the operator knows. By the name of the node that it is about that is all of
+    /// it; by an alarm, what that alarm was raised for while this was held.
+    fn acknowledge(&mut self, known: Known<'_>) {
+        let Known { node, alarm } = known;
+        let about = alarm.is_none() && self.is_about(node);
+        let counts = alarm.is_none_or(|it| it.active || it.ended.is_some_and(|ended| ended >= self.since));
+        for cause in self.causes.iter_mut().filter(|cause| about || (counts && cause.node == node)) {
+            cause.acknowledged = true;
+        }
+        if self.present {
+            self.causes.retain(|cause| cause.present || !cause.acknowledged);
+        }
     }
-
-    /// Takes the causes as they are now; what is acknowledged of them stays so.
-    fn explain(&mut self, roots: &[NodeId]) {
-        let known = |node| self.causes.iter().any(|it| it.node == node && it.acknowledged);
-        self.causes = roots.iter().map(|&node| Cause { node, acknowledged: known(node) }).collect();
-    }
-}
-
-/// One kind of request, while it is made.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Asked {
-    request: Request,
-    since: Timestamp,
-    /// Since when the vehicle could have confirmed it and has not.
-    unconfirmed_since: Timestamp,
-    state: MeasureState,
 }
 
 #[derive(Debug, Default)]
@@ -86,10 +159,12 @@ pub(super) struct Measures {
     dirty: BTreeSet<NodeId>,
     pub(super) held: Vec<Held>,
     /// The drive has ended, if it has not begun again by then: until then nothing is let go.
-    arrives: Option<Timestamp>,
-    asked: [Option<Asked>; 3],
+    pub(super) arrives: Option<Timestamp>,
+    pub(super) asked: [Option<Asked>; 3],
+    /// What the vehicle said last, by each confirmation that is waited for.
+    pub(super) heard: Vec<Heard>,
     /// Why requests of a kind cannot be sent, with the topic.
-    unsent: HashMap<Output, OutputNews>,
+    pub(super) unsent: HashMap<Output, OutputNews>,
 }
 
 impl Measures {
@@ -150,13 +225,13 @@ impl Measures {
                     let state = model.driving.countermeasures[index].state;
                     held.present = fails(&net.node(node).facts, state);
                     if held.present {
-                        held.explain(&causes(node));
+                        held.explain(node, net, &causes);
                     } else {
                         // What waited for its cause may be well before the cause is.
-                        held.present = held.is_caused(net, state, Some(node));
+                        held.look_at_causes(net, state, Some(node));
                     }
                 }
-                By::Past => held.present = held.is_caused(net, State::Warning, None),
+                By::Past => held.look_at_causes(net, State::Warning, None),
                 By::Operator => {}
             }
         }
@@ -198,13 +273,8 @@ impl Measures {
     }
 
     /// Takes note that the operator knows of a node's part.
-    pub(super) fn acknowledge(&mut self, node: NodeId) {
-        for held in &mut self.held {
-            let about = held.is_about(node);
-            for cause in held.causes.iter_mut().filter(|cause| about || cause.node == node) {
-                cause.acknowledged = true;
-            }
-        }
+    pub(super) fn acknowledge(&mut self, known: Known<'_>) {
+        self.held.iter_mut().for_each(|held| held.acknowledge(known));
         self.let_go();
     }
 
@@ -213,14 +283,6 @@ impl Measures {
             Some(_) => self.unsent.insert(news.output, news.clone()),
             None => self.unsent.remove(&news.output),
         };
-    }
-
-    /// Whether the vehicle has time left to confirm what is asked of it.
-    pub(super) fn waits(&self, model: &Model) -> bool {
-        let waits = |asked: &Asked| {
-            asked.state == MeasureState::Requested && self.confirmation(model, asked.request.kind()).is_some()
-        };
-        self.asked.iter().flatten().any(waits)
     }
 
     /// What cannot be sent, in order.
@@ -235,7 +297,7 @@ impl Measures {
         Kind::ALL.into_iter().rev().filter(|kind| kind.moves() && self.strongest(*kind).is_some())
     }
 
-    fn strongest(&self, kind: Kind) -> Option<Request> {
+    pub(super) fn strongest(&self, kind: Kind) -> Option<Request> {
         let all = self.held.iter().map(|held| held.request).filter(|request| request.kind() == kind);
         all.reduce(|a, b| match (a, b) {
             (Request::Decelerate { mps2: x }, Request::Decelerate { mps2: y }) if y > x => b,
@@ -243,128 +305,22 @@ impl Measures {
         })
     }
 
-    /// Compares what is asked with what the vehicle confirms. Returns when time alone changes that.
-    pub(super) fn confirm(
-        &mut self,
-        model: &Model,
-        net: &Net,
-        names: &Names,
-        signals: &Signals,
-        now: Timestamp,
-    ) -> Option<Timestamp> {
-        let mut next: Option<Timestamp> = self.arrives;
-        for kind in Kind::ALL {
-            let slot = kind as usize;
-            let Some(request) = self.strongest(kind) else {
-                self.asked[slot] = None;
-                continue;
-            };
-            let before = self.asked[slot].filter(|asked| asked.request == request);
-            let since = self.asked[slot].map_or(now, |asked| asked.since);
-            let mut asked = before.unwrap_or(Asked {
-                request,
-                since,
-                unconfirmed_since: now,
-                state: MeasureState::Requested,
-            });
-            if output(kind).is_some_and(|output| self.unsent.contains_key(&output)) {
-                (asked.state, asked.unconfirmed_since) = (MeasureState::Unconfirmed, now);
-            } else if let Some(confirmation) = self.confirmation(model, kind) {
-                let confirmed = match &confirmation.by {
-                    ConfirmedBy::Signal(index) => signals.value(*index) == Some(true),
-                    ConfirmedBy::Status(name) => is_ok(net, names, name),
-                };
-                let due = |asked: &Asked| asked.unconfirmed_since + confirmation.within;
-                asked.state = match asked.state {
-                    _ if confirmed => MeasureState::Engaged,
-                    MeasureState::Engaged => {
-                        asked.unconfirmed_since = now;
-                        MeasureState::Requested
-                    }
-                    state => state,
-                };
-                if asked.state == MeasureState::Requested && due(&asked) <= now {
-                    asked.state = MeasureState::Unconfirmed;
-                }
-                let waits = asked.state == MeasureState::Requested;
-                next = next.into_iter().chain(waits.then(|| due(&asked))).min();
-            } else {
-                asked.state = MeasureState::Requested;
-            }
-            self.asked[slot] = Some(asked);
-        }
-        next
-    }
-
-    /// How the vehicle confirms a kind: as the rules that ask for it say, or the first rule of the kind.
-    fn confirmation<'m>(
-        &self,
-        model: &'m Model,
-        kind: Kind,
-    ) -> Option<&'m super::countermeasure::Confirmation> {
-        let rules = &model.driving.countermeasures;
-        let held = self.held.iter().filter_map(|held| match held.by {
-            By::Rule(index, _) if held.request.kind() == kind => Some(index),
-            _ => None,
-        });
-        let any = (0..rules.len()).filter(|&index| rules[index].request.kind() == kind);
-        held.chain(any).find_map(|index| rules[index].confirmation.as_ref())
-    }
-
-    /// What is wrong with the requests that are made now.
-    pub(super) fn trouble(&self, model: &Model) -> Option<Text> {
-        let unconfirmed = |asked: &&Asked| asked.state == MeasureState::Unconfirmed;
-        let wrong = self.asked.iter().flatten().filter(unconfirmed).map(|asked| {
-            let kind = asked.request.kind();
-            let name = kind.said();
-            match output(kind).and_then(|output| self.unsent.get(&output)) {
-                Some(news) => {
-                    let error = news.error.as_deref().unwrap_or_default();
-                    say!(
-                        "{name} cannot be sent on {topic}: {error}",
-                        "{name} nicht zu senden auf {topic}: {error}",
-                        name = name,
-                        topic = &*news.topic,
-                        error = error
-                    )
-                }
-                None => {
-                    let within = self.confirmation(model, kind).map_or(0, |it| it.within.as_millis());
-                    say!(
-                        "{name} is not confirmed within {within} ms",
-                        "{name} nach {within} ms nicht bestätigt",
-                        name = name,
-                        within = within.to_string()
-                    )
-                }
-            }
-        });
-        wrong.reduce(|all, next| say!("{all}; {next}", "{all}; {next}", all = all, next = next))
-    }
-
     /// For the snapshot: strongest first.
-    pub(super) fn list(&self) -> Arc<[Countermeasure]> {
+    pub(super) fn list(&self, others: NodeId) -> Arc<[Countermeasure]> {
         let measure = |asked: &Asked| {
             let of_kind = || self.held.iter().filter(|held| held.request.kind() == asked.request.kind());
-            let mut causes: Vec<MeasureCause> = Vec::new();
-            for held in of_kind() {
-                for cause in &held.causes {
-                    let Cause { node, acknowledged } = *cause;
-                    match causes.iter_mut().find(|known| known.node == node) {
-                        Some(known) => {
-                            known.present |= held.present;
-                            known.acknowledged &= acknowledged;
-                        }
-                        None => causes.push(MeasureCause { node, acknowledged, present: held.present }),
-                    }
-                }
-            }
-            causes.truncate(CAUSES_MAX);
+            let since = asked.since;
+            let mut all =
+                Held { request: asked.request, by: By::Past, since, present: false, causes: Vec::new() };
+            of_kind().flat_map(|held| &held.causes).for_each(|cause| all.add(*cause));
+            all.cut(others);
+            let cause =
+                |&Cause { node, acknowledged, present }: &Cause| MeasureCause { node, acknowledged, present };
             Countermeasure {
                 request: asked.request,
                 by_operator: of_kind().any(|held| held.by == By::Operator),
-                causes: causes.into(),
-                since: asked.since,
+                causes: all.causes.iter().map(cause).collect(),
+                since,
                 state: asked.state,
                 latched: of_kind().all(|held| !held.present),
             }
@@ -377,9 +333,18 @@ impl Measures {
     }
 
     /// Takes over what was held before a restart or under another configuration.
-    pub(super) fn hold(&mut self, held: Held) {
-        if !held.is_over() && !self.held.iter().any(|it| it.by == held.by && held.by != By::Past) {
-            self.held.push(held);
+    pub(super) fn hold(&mut self, held: Held, others: NodeId) {
+        if held.is_over() {
+            return;
+        }
+        let same = |it: &&mut Held| it.by == held.by && (held.by != By::Past || it.request == held.request);
+        match self.held.iter_mut().find(same) {
+            Some(known) => {
+                held.causes.iter().for_each(|cause| known.add(*cause));
+                known.present |= held.present;
+                known.cut(others);
+            }
+            None => self.held.push(held),
         }
     }
 
@@ -392,15 +357,9 @@ impl Measures {
         let index = alike().find(|&&index| rules[index].stages == before.stages).or_else(|| alike().next());
         index.map(|&index| By::Rule(index, node))
     }
-
-    /// Takes over since when requests are made, and what cannot be sent.
-    pub(super) fn keep(&mut self, old: &Measures) {
-        (self.asked, self.arrives) = (old.asked, old.arrives);
-        self.unsent.clone_from(&old.unsent);
-    }
 }
 
-fn fails(facts: &Facts, state: State) -> bool {
+pub(super) fn fails(facts: &Facts, state: State) -> bool {
     facts.relevant && facts.worst() >= state
 }
 
@@ -413,18 +372,10 @@ fn is_part_of(net: &Net, mut node: NodeId, whole: NodeId) -> bool {
     true
 }
 
-fn output(kind: Kind) -> Option<Output> {
+pub(super) fn output(kind: Kind) -> Option<Output> {
     match kind {
         Kind::Notify => None,
         Kind::ManeuverStop => Some(Output::ManeuverStop),
         Kind::Decelerate => Some(Output::Deceleration),
     }
-}
-
-fn is_ok(net: &Net, names: &Names, status: &str) -> bool {
-    let module = names.find(status).and_then(|route| names.routes[route as usize].module(0));
-    module.is_some_and(|id| {
-        let own = &net.modules[id.0 as usize].own;
-        own.received().is_some() && !own.silent() && net.modules[id.0 as usize].node.facts.own == State::Ok
-    })
 }

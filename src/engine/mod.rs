@@ -6,6 +6,7 @@
 pub mod action;
 mod alarm;
 mod causes;
+mod confirm;
 pub mod countermeasure;
 pub mod discovery;
 mod drive;
@@ -16,6 +17,7 @@ pub mod graph;
 pub mod input;
 mod layout;
 mod lead;
+mod lost;
 mod measure;
 mod measures;
 pub mod model;

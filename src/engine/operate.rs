@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::Engine;
 use super::input::{AlarmRef, OperatorAction, Place, Refusal, Response};
+use super::measures::Known;
 use super::model::{ModuleId, NodeId, Stage, StageModel};
 use super::node::Facts;
 use super::roots;
@@ -75,7 +76,7 @@ impl Engine {
             OperatorAction::RequestStop => {
                 self.need_operator()?;
                 if self.vehicle.stage != Stage::Active {
-                    return Err(vec![Refusal::WrongStage(self.vehicle.stage)]);
+                    return Err(vec![Refusal::NotDriving]);
                 }
                 Ok(())
             }
@@ -171,13 +172,17 @@ impl Engine {
             AlarmRef::OperatorStop => self.measures.release_stop(),
             AlarmRef::Number(number) => {
                 let Some(node) = self.alarms.node(*number) else { return };
+                // What is asked for today is not released by what was yesterday.
+                let latest = self.alarms.latest(*number);
                 self.alarms.acknowledge(|alarm| alarm.id == *number, self.now, &mut self.events);
-                self.measures.acknowledge(node);
+                if let Some(alarm) = &latest {
+                    self.measures.acknowledge(Known { node, alarm: Some(alarm) });
+                }
             }
             AlarmRef::Node(name) => {
                 let Some(node) = self.node_named(name) else { return };
                 self.alarms.acknowledge(|alarm| alarm.node == node, self.now, &mut self.events);
-                self.measures.acknowledge(node);
+                self.measures.acknowledge(Known { node, alarm: None });
                 for id in self.warned_in(node) {
                     self.warnings.accept(id);
                 }

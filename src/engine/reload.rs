@@ -112,9 +112,18 @@ impl Engine {
                 }
                 by => by,
             };
-            let causes = held.causes.iter().filter_map(|it| Some(Cause { node: renamed(it.node)?, ..*it }));
-            let held = Held { by, causes: causes.collect(), ..held.clone() };
-            self.measures.hold(held);
+            let watched = if let By::Rule(_, node) = by { Some(node) } else { None };
+            let still = |it: &&Cause| renamed(it.node).is_some() || it.present || !it.acknowledged;
+            // Whoever knew of a cause that is gone does not know of what it left.
+            let cause = |it: &Cause| match renamed(it.node) {
+                Some(node) => Cause { node, ..*it },
+                None => {
+                    let node = self.stand_in(old.views.name(it.node), watched);
+                    Cause { node, acknowledged: false, present: it.present }
+                }
+            };
+            let causes = held.causes.iter().filter(still).map(cause).collect();
+            self.measures.hold(Held { by, causes, ..held.clone() }, self.net.nobody());
         }
         self.measures.keep(&old.measures);
     }

@@ -1,5 +1,6 @@
 //! Going on after a restart, and beginning in the middle (`SAFETY.md` R6).
 
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use super::Engine;
@@ -165,8 +166,7 @@ impl Engine {
         let given = restored.posed.then_some(self.now).filter(|_| self.vehicle.stage == Stage::Localizing);
         self.vehicle.localization =
             Localization { number, pose, given, ok_since: None, done: false, owed: false };
-        let nodes: std::collections::HashMap<Box<str>, NodeId> =
-            self.views.nodes().map(|(node, name)| (name.into(), node)).collect();
+        let nodes = self.find_again(restored);
         let find = |name: &str| nodes.get(name).copied();
         for name in &restored.accepted {
             if let Some(NodeId::Module(id)) = find(name) {
@@ -176,22 +176,41 @@ impl Engine {
         let alarm = |it: &RestoredAlarm| {
             let raised = Timestamp::from_nanos(self.now.as_nanos().saturating_sub(it.age.as_nanos()));
             let RestoredAlarm { id, acknowledged, active, .. } = *it;
-            Some(Alarm { id, node: find(&it.node)?, raised, acknowledged, active })
+            let ended = Some(self.now).filter(|_| !active);
+            Some(Alarm { id, node: find(&it.node)?, raised, ended, acknowledged, active, repeats: 0 })
         };
         self.alarms.restore(restored.alarms.iter().filter_map(alarm).collect(), restored.last_alarm);
         for measure in &restored.countermeasures {
-            let cause = |(name, acknowledged): &(Box<str>, bool)| {
-                Some(Cause { node: find(name)?, acknowledged: *acknowledged })
-            };
-            let (request, since) = (measure.request, self.now);
             if measure.by_operator && self.vehicle.stage == Stage::Active {
                 self.measures.request_stop(self.now);
             }
-            let causes: Vec<Cause> = measure.causes.iter().filter_map(cause).collect();
-            let present = !causes.is_empty();
-            self.measures.hold(Held { request, by: By::Past, since, present, causes });
+            // What is not there any more nobody can find to be over: it is asked for again.
+            let cause = |(name, acknowledged): &(Box<str>, bool)| match find(name) {
+                Some(node) => Cause { node, acknowledged: *acknowledged, present: true },
+                None => Cause { node: self.stand_in(name, None), acknowledged: false, present: true },
+            };
+            let (request, since) = (measure.request, self.now);
+            let mut causes: Vec<Cause> = measure.causes.iter().map(cause).collect();
+            let others = self.net.nobody();
+            if causes.is_empty() && !measure.by_operator {
+                causes.push(Cause { node: others, acknowledged: false, present: true });
+            }
+            if !causes.is_empty() {
+                self.measures.hold(Held { request, by: By::Past, since, present: true, causes }, others);
+            }
         }
         self.stage_changed();
+    }
+
+    /// All nodes by name, with the discovered ones that something was decided of.
+    fn find_again(&mut self, restored: &Restored) -> HashMap<Box<str>, NodeId> {
+        let known: HashSet<Box<str>> = self.views.nodes().map(|(_, name)| name.into()).collect();
+        let causes = restored.countermeasures.iter().flat_map(|it| &it.causes).map(|(name, _)| name);
+        let alarms = restored.alarms.iter().map(|alarm| &alarm.node);
+        for name in causes.chain(alarms).chain(&restored.accepted).filter(|&name| !known.contains(name)) {
+            self.rediscover(name);
+        }
+        self.views.nodes().map(|(node, name)| (name.into(), node)).collect()
     }
 
     /// Enters a stage at once with what it implies: an operator, a pose, a goal and what the Mission

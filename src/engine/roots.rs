@@ -7,7 +7,10 @@ use super::state::State;
 /// Causes that are named for one node.
 pub(super) const CAUSES_MAX: usize = 64;
 
-/// The root causes of a node that fails, at most [`CAUSES_MAX`]; the node itself where it is one.
+const ROOTS_MAX: usize = CAUSES_MAX + 1;
+
+/// The root causes of a node that fails, one more than
+/// [`CAUSES_MAX`] where there are more; the node itself where it is one.
 pub(super) fn roots(net: &Net, masked_by: &impl Fn(NodeId) -> Vec<NodeId>, node: NodeId) -> Vec<NodeId> {
     let mut found = Vec::new();
     collect(net, masked_by, node, &mut found);
@@ -18,17 +21,20 @@ pub(super) fn roots(net: &Net, masked_by: &impl Fn(NodeId) -> Vec<NodeId>, node:
 }
 
 fn collect(net: &Net, masked_by: &impl Fn(NodeId) -> Vec<NodeId>, node: NodeId, found: &mut Vec<NodeId>) {
-    if found.len() >= CAUSES_MAX {
+    if found.len() >= ROOTS_MAX {
         return;
     }
     let mut add = |node| {
-        if !found.contains(&node) && found.len() < CAUSES_MAX {
+        if !found.contains(&node) && found.len() < ROOTS_MAX {
             found.push(node);
         }
     };
     let facts = net.node(node).facts;
     if facts.masked {
-        masked_by(node).into_iter().for_each(add);
+        let causes = masked_by(node);
+        // Of more than are named there, the node itself stands for the others.
+        let others = (causes.len() >= CAUSES_MAX).then_some(node);
+        causes.into_iter().chain(others).for_each(add);
         return;
     }
     match node {
@@ -38,7 +44,7 @@ fn collect(net: &Net, masked_by: &impl Fn(NodeId) -> Vec<NodeId>, node: NodeId, 
             let bar = facts.worst().min(State::Error);
             // There may be thousands of them, and only so many are named.
             for &member in &group.failing {
-                if found.len() >= CAUSES_MAX {
+                if found.len() >= ROOTS_MAX {
                     break;
                 }
                 if net.node(member).facts.worst() >= bar {

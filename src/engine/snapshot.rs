@@ -286,8 +286,12 @@ pub struct Alarm {
     pub id: u64,
     pub node: NodeId,
     pub raised: Timestamp,
+    /// When it was over.
+    pub ended: Option<Timestamp>,
     pub acknowledged: bool,
     pub active: bool,
+    /// Earlier ones of the node that are counted here and not kept.
+    pub repeats: u32,
 }
 
 /// Something that is asked of the vehicle because something failed (`ENGINE.md` 10).
@@ -376,6 +380,10 @@ pub struct Counters {
     pub statuses: u64,
     /// Statuses of new names past the limit of discovered modules.
     pub dropped_names: u64,
+    /// Alarms that are over and not acknowledged of which a later one of the same node keeps the count.
+    pub merged_alarms: u64,
+    /// Those that are gone without one, past what is kept.
+    pub dropped_alarms: u64,
     /// Signals that the model does not name.
     pub unknown_signals: u64,
     /// Messages of topics that monitors watch.

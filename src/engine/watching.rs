@@ -268,6 +268,10 @@ impl Watching {
                 let text = status.values().find(|(key, _)| **key == *reader.key).map(|(_, text)| text);
                 let text = text.map(|text| &text[..text.floor_char_boundary(limits.string_bytes)]);
                 let value = match text {
+                    // Whoever repeats what was known once says so.
+                    _ if status.state() == State::Unknown => {
+                        FieldValue::Unreadable("the status is STALE".into())
+                    }
                     Some(text) if reader.as_text => FieldValue::Text(text.into()),
                     Some(text) => parse(text),
                     None => FieldValue::Unreadable(NO_SUCH_KEY.into()),

@@ -3,6 +3,7 @@
 use std::convert::Infallible;
 
 use axum::extract::FromRequestParts;
+use axum::extract::rejection::FormRejection;
 use axum::http::header::{ACCEPT, ACCEPT_LANGUAGE, CONTENT_TYPE, COOKIE};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, StatusCode, Uri};
@@ -80,6 +81,37 @@ pub fn refusal(reader: &Reader, trouble: Trouble) -> Response {
         }
     }
 }
+
+/// Says which field of a form is not as it should be.
+pub fn bad_form(reader: &Reader, rejection: &FormRejection) -> Response {
+    let text = rejection.body_text();
+    let why = text.split_once("form body: ").map_or("", |(_, why)| why);
+    let missing = why.strip_prefix("missing field `").and_then(|rest| rest.split_once('`'));
+    let field = missing.or_else(|| why.split_once(": ")).map_or("", |(field, _)| field);
+    bad_field(reader, field)
+}
+
+/// The same where the form can be read and says something else than it should.
+pub fn bad_field(reader: &Reader, field: &str) -> Response {
+    let is_name = |c: char| c.is_ascii_alphanumeric() || "_, ".contains(c);
+    let (title, general) = Trouble::BadForm.say(reader.lang);
+    let text = match reader.lang {
+        _ if field.is_empty() || field.len() > FIELD_MAX || !field.chars().all(is_name) => general.to_owned(),
+        Lang::En => format!("{general} Missing or wrong: {field}."),
+        Lang::De => format!("{general} Es fehlt oder ist falsch: {field}."),
+    };
+    let status = Trouble::BadForm.status();
+    match reader.speaks {
+        Speaks::Json => json_answer(status, &json!({ "error": text })),
+        Speaks::Html => {
+            (status, Html(view::message_page(status.as_u16(), title, &text, reader.lang, reader.palette)))
+                .into_response()
+        }
+    }
+}
+
+/// Longer names of fields are nobody's.
+const FIELD_MAX: usize = 40;
 
 /// Says what the engine did not grant: 409 with a page, or `{"refused": [...]}`.
 pub fn refused(reader: &Reader, reasons: &[Refusal]) -> Response {

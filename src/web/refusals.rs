@@ -75,6 +75,7 @@ impl Lang {
                 ("Nobody is logged in. Log in first.", "Niemand ist angemeldet. Zuerst anmelden.")
             }
             Refusal::WrongStage(stage) => wrong_stage(*stage),
+            Refusal::NotDriving => wrong_stage(Stage::Standby),
             Refusal::NoStages => (
                 "This machine is neither localized nor cleared.",
                 "Diese Maschine wird weder lokalisiert noch freigegeben.",

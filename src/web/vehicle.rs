@@ -11,7 +11,7 @@ use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::answer::{Reader, Speaks, json_answer, refusal, refused_in_words};
+use super::answer::{Reader, Speaks, bad_field, bad_form, json_answer, refusal, refused_in_words};
 use super::audit::record_of;
 use super::guard::SignedIn;
 use super::keep::NotActed;
@@ -60,13 +60,16 @@ pub struct ConfirmForm {
 
 /// `POST /vehicle/localize`
 pub async fn localize(tap: Tap, form: FormOf<LocalizeForm>) -> Response {
-    let Ok(Form(form)) = form else { return refusal(&tap.reader, Trouble::BadForm) };
+    let form = match form {
+        Ok(Form(form)) => form,
+        Err(rejection) => return bad_form(&tap.reader, &rejection),
+    };
     let place = match form {
         LocalizeForm { stop: Some(stop), x: None, y: None, yaw_deg: None, .. } => Place::Stop(stop),
         LocalizeForm { stop: None, x: Some(x_m), y: Some(y_m), yaw_deg: Some(yaw_deg), .. } => {
             Place::Pose { x_m, y_m, yaw_deg }
         }
-        _ => return refusal(&tap.reader, Trouble::BadForm),
+        _ => return bad_field(&tap.reader, "stop, x, y, yaw_deg"),
     };
     let shown = Versioned { version: form.version, beat: form.beat };
     let target = match &place {
@@ -79,13 +82,19 @@ pub async fn localize(tap: Tap, form: FormOf<LocalizeForm>) -> Response {
 
 /// `POST /vehicle/stop`
 pub async fn stop(tap: Tap, form: FormOf<Versioned>) -> Response {
-    let Ok(Form(shown)) = form else { return refusal(&tap.reader, Trouble::BadForm) };
+    let shown = match form {
+        Ok(Form(shown)) => shown,
+        Err(rejection) => return bad_form(&tap.reader, &rejection),
+    };
     tap.act(&shown, Matter::Stage, OperatorAction::RequestStop, tap.record(Action::Stop)).await
 }
 
 /// `POST /vehicle/clearance`: the first step; the answer holds the token for the second.
 pub async fn clearance(tap: Tap, form: FormOf<Versioned>) -> Response {
-    let Ok(Form(shown)) = form else { return refusal(&tap.reader, Trouble::BadForm) };
+    let shown = match form {
+        Ok(Form(shown)) => shown,
+        Err(rejection) => return bad_form(&tap.reader, &rejection),
+    };
     let (display_live, storage_ok) = tap.conditions();
     let ask = OperatorAction::AskClearance { display_live, storage_ok };
     let record = tap.record(Action::ClearanceAsked);
@@ -103,7 +112,10 @@ pub async fn clearance(tap: Tap, form: FormOf<Versioned>) -> Response {
 
 /// `POST /vehicle/clearance/confirm`: the second step.
 pub async fn confirm(tap: Tap, form: FormOf<ConfirmForm>) -> Response {
-    let Ok(Form(form)) = form else { return refusal(&tap.reader, Trouble::BadForm) };
+    let form = match form {
+        Ok(Form(form)) => form,
+        Err(rejection) => return bad_form(&tap.reader, &rejection),
+    };
     let asked = match tap.app.pending.redeem(&form.token, &tap.session, tap.app.clock.now()) {
         Ok(asked) => asked,
         Err(why) => {
@@ -123,7 +135,10 @@ pub async fn confirm(tap: Tap, form: FormOf<ConfirmForm>) -> Response {
 /// with a WARNING, or `stop` for the stop that the operator asked for.
 pub async fn acknowledge(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Response {
     let Some(id) = inner(&path, "/acknowledge") else { return refusal(&tap.reader, Trouble::NotFound) };
-    let Ok(Form(shown)) = form else { return refusal(&tap.reader, Trouble::BadForm) };
+    let shown = match form {
+        Ok(Form(shown)) => shown,
+        Err(rejection) => return bad_form(&tap.reader, &rejection),
+    };
     let snapshot = tap.app.published().snapshot;
     let (alarm, matter) = match id.parse() {
         Ok(number) => (AlarmRef::Number(number), Matter::Alarm(number)),
@@ -137,7 +152,10 @@ pub async fn acknowledge(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Res
 /// `POST /modules/{id}/reset`, where the id is `group/module`.
 pub async fn reset(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Response {
     let Some(module) = inner(&path, "/reset") else { return refusal(&tap.reader, Trouble::NotFound) };
-    let Ok(Form(shown)) = form else { return refusal(&tap.reader, Trouble::BadForm) };
+    let shown = match form {
+        Ok(Form(shown)) => shown,
+        Err(rejection) => return bad_form(&tap.reader, &rejection),
+    };
     let matter = of_node(&tap.app.published().snapshot, module);
     let action = OperatorAction::Reset { module: module.into() };
     tap.act(&shown, matter, action, tap.record(Action::Reset).on(module)).await

@@ -73,6 +73,8 @@ def check_sizes(page, name):
 
 
 def check_contrasts(page, name):
+    # A colour that is on its way out still has its ground, which no computed style tells.
+    page.wait_for_function("() => !document.getAnimations().some(it => it instanceof CSSTransition)")
     for what, ratio in page.evaluate(CONTRAST, "p, .tile span:not(.hush, .cover, .cover *), .cause span:not(.hush), button, label, .checks span"):
         assert ratio >= 4.5, f"{name}: {what}: {ratio:.2f}"
     alarms = ".tile:is([data-state=error], [data-state=warning]) > span:not(.cover), .cause .title, .cause .help, .measure strong"

@@ -24,6 +24,7 @@ mod driving;
 mod evaluation;
 mod fields;
 mod goals;
+mod held;
 mod hostile;
 mod monitoring;
 mod peer;

@@ -6,6 +6,8 @@
 //! `ENGINE.md` 4 to 6 no node can be masked without a cause in sight; this holds it for the model in
 //! hand. The rest are conditions, dependencies and groups that cannot do what they are there for.
 
+mod conditions;
+mod finding;
 pub mod judge;
 pub mod situation;
 mod words;
@@ -18,6 +20,7 @@ use situation::Situation;
 use crate::engine::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId};
 use crate::engine::state::State;
 
+pub use finding::{Dead, Example, Finding, Soundness, What};
 pub(super) use words::problem;
 
 /// More situations than this are not looked at; a vehicle has a handful of signals that matter.
@@ -28,66 +31,6 @@ const FACTS_MAX: usize = 10_000_000;
 const CUTS_MAX: usize = 256;
 /// Judgements of one node, in all: a few seconds. What is past it is not tried, and said.
 const WORK_MAX: usize = 100_000_000;
-
-/// What was looked at, and what came of it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Soundness {
-    pub situations: usize,
-    /// Combinations of a situation and failing modules that were judged.
-    pub pictures: usize,
-    /// Nothing was left out: what is not among the findings is not there.
-    pub complete: bool,
-    /// By kind, then in the order of the configuration.
-    pub findings: Vec<Finding>,
-}
-
-#[derive(Debug, Clone, PartialEq)]
-pub struct Finding {
-    /// Whose condition, dependency or state it is.
-    pub node: NodeId,
-    pub what: What,
-    /// Where it happens; none where it is about every situation.
-    pub example: Option<Example>,
-}
-
-/// A situation with failing modules in which it can be seen.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Example {
-    pub situation: Situation,
-    pub failing: Vec<ModuleId>,
-    /// What they report; all others are OK.
-    pub state: State,
-}
-
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum What {
-    /// The node is masked and nothing that fails in sight is behind it: a fault of this program.
-    Unexplained,
-    /// Entry `dependency` can mask `masked` while no tile gets worse.
-    HiddenCause { dependency: usize, masked: NodeId },
-    /// Entry `dependency` blocks with every module OK: `on` has no members and is UNKNOWN.
-    AlwaysMasked { dependency: usize },
-    /// Entry `dependency` can never block.
-    DeadDependency { dependency: usize, why: Dead },
-    /// The condition never holds while its signals are known.
-    NeverHolds,
-    /// The condition changes nothing: what is around it says as much.
-    AlwaysHolds,
-    /// The group can never show OK.
-    NeverOk { why: Dead },
-    /// Countermeasure `rule` watches the node in stages in which it is never relevant.
-    DeadRule { rule: usize },
-}
-
-/// Why nothing comes of a group or of what a dependency names.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Dead {
-    NoMembers(NodeId),
-    /// It is never relevant when it would matter.
-    NotRelevant(NodeId),
-    /// It, or a member that counts, waits for what never can be OK.
-    Waits(NodeId),
-}
 
 /// Looks at everything that a model can do.
 pub fn look(model: &Model) -> Soundness {
@@ -100,6 +43,7 @@ pub fn look(model: &Model) -> Soundness {
     look.possibilities(&situations);
     look.conditions();
     look.rules();
+    look.findings.extend(conditions::look(model));
     let Look { pictures, complete, mut findings, .. } = look;
     // What is wrong for one reason is said once.
     findings.dedup();
@@ -425,6 +369,7 @@ impl Look<'_> {
             }
         }
     }
+
     /// Countermeasures that wait for nodes which never count in their stages.
     fn rules(&mut self) {
         let model = self.judge.model;

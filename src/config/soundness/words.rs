@@ -53,6 +53,20 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
                 "remove it there, or name the stages in which it counts",
             )
         }
+        What::UnusedInput { input } => (
+            place.id,
+            format!("no condition of `{name}` looks at its input `{input}`"),
+            "use it in `error` or `warning`, or remove it",
+        ),
+        What::Constant { text, holds } => {
+            let always = if *holds { "always" } else { "never" };
+            let help = "compare an input: `... > 0`";
+            (
+                place.id,
+                format!("the condition `{text}` of `{name}` looks at no input: it {always} holds"),
+                help,
+            )
+        }
         What::NeverOk { why } => {
             let help = match why {
                 Dead::NoMembers(_) => "give it `modules`, `match` or `groups`, or remove it",

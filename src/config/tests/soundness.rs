@@ -50,6 +50,32 @@ fn the_shuttle_is_sound() {
 }
 
 #[test]
+fn expressions_that_look_at_nothing() {
+    let module = |id: &str, inputs: &str, conditions: &str| {
+        let expression = format!("{{ inputs: {{ {inputs} }}, max_age: 1s, {conditions} }}");
+        format!("      - id: {id}\n        monitor:\n          expression: {expression}\n")
+    };
+    let x = "x: { topic: /x, type: std_msgs/msg/Float64, field: data }";
+    let both = format!("{x}, y: {{ status: s, key: k }}");
+    let modules = [
+        module("m0", x, "error: 'x > 1 && math.abs(x) < 9'"),
+        module("m1", &both, "error: x > 1"),
+        module("m2", &both, "error: x > 1, warning: 'y in [1, 2]'"),
+        module("m3", x, "error: 1 > 2, warning: x > 1"),
+        module("m4", x, "error: 'true'"),
+    ];
+    check(
+        &format!("groups:\n  - id: a\n    modules:\n{}", modules.concat()),
+        &[
+            "7:13: no condition of `a/m1` looks at its input `y` (use it in `error` or `warning`, or remove it)",
+            "13:13: the condition `1 > 2` of `a/m3` looks at no input: it never holds (compare an input: `... > 0`)",
+            "16:13: the condition `true` of `a/m4` looks at no input: it always holds (compare an input: `... > 0`)",
+            "16:13: no condition of `a/m4` looks at its input `x` (use it in `error` or `warning`, or remove it)",
+        ],
+    );
+}
+
+#[test]
 fn conditions_that_never_hold_or_change_nothing() {
     check(
         "groups:

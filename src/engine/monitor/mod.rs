@@ -231,12 +231,13 @@ impl Monitor {
     }
 }
 
-/// What a KeyValue means: `12.5` is a number, `true` and `false` are booleans, the rest is text.
+/// What a KeyValue means: `12.5` is a number, `true` and `false` are booleans, also as `diagnostic_updater`
+/// and Python write them, the rest is text.
 pub(super) fn parse(text: &str) -> FieldValue {
     let trimmed = text.trim();
     match trimmed {
-        "true" => FieldValue::Bool(true),
-        "false" => FieldValue::Bool(false),
+        "true" | "True" | "TRUE" => FieldValue::Bool(true),
+        "false" | "False" | "FALSE" => FieldValue::Bool(false),
         _ => trimmed.parse().map_or_else(|_| FieldValue::Text(text.into()), FieldValue::Number),
     }
 }

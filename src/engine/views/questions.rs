@@ -23,6 +23,10 @@ impl Views {
         modules.map(|(index, module)| (&*module.id, ModuleId(index as u32)))
     }
 
+    pub(in crate::engine) fn paths(&self) -> impl Iterator<Item = (GroupId, &str)> {
+        self.layout.groups.iter().zip(0..).map(|(group, index)| (GroupId(index), &*group.path))
+    }
+
     pub(in crate::engine) fn nodes(&self) -> impl Iterator<Item = (NodeId, &str)> {
         let groups = (0..self.layout.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
         let modules = (0..self.layout.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));

@@ -120,10 +120,12 @@ impl Serialize for Counts<'_> {
         let trouble = |kind: TroubleKind| -> u64 {
             snapshot.reception.iter().filter(|it| it.kind == kind).map(|it| it.count).sum()
         };
-        let mut counts = serializer.serialize_struct("counters", 6)?;
+        let mut counts = serializer.serialize_struct("counters", 8)?;
         counts.serialize_field("arrays", &snapshot.counters.arrays)?;
         counts.serialize_field("statuses", &snapshot.counters.statuses)?;
         counts.serialize_field("dropped_names", &snapshot.counters.dropped_names)?;
+        counts.serialize_field("merged_alarms", &snapshot.counters.merged_alarms)?;
+        counts.serialize_field("dropped_alarms", &snapshot.counters.dropped_alarms)?;
         counts.serialize_field("malformed", &trouble(TroubleKind::Malformed))?;
         counts.serialize_field("wrong_type", &trouble(TroubleKind::WrongType))?;
         counts.serialize_field("lost", &trouble(TroubleKind::Lost))?;
@@ -259,12 +261,13 @@ struct AlarmEntry<'a>(&'a Context<'a>, &'a Alarm);
 impl Serialize for AlarmEntry<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let AlarmEntry(context, alarm) = *self;
-        let mut entry = serializer.serialize_struct("alarm", 5)?;
+        let mut entry = serializer.serialize_struct("alarm", 6)?;
         entry.serialize_field("id", &alarm.id)?;
         entry.serialize_field("node", context.name(alarm.node))?;
         entry.serialize_field("raised", &context.wall(alarm.raised))?;
         entry.serialize_field("acknowledged", &alarm.acknowledged)?;
         entry.serialize_field("active", &alarm.active)?;
+        entry.serialize_field("repeats", &alarm.repeats)?;
         entry.end()
     }
 }

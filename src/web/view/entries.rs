@@ -48,6 +48,7 @@ pub fn entries(view: &View<'_>) -> Vec<Entry> {
     let mut entries: Vec<Entry> = roots.map(|root| of_root(view, root, &behind)).collect();
     lesser(view, &mut entries);
     past(view, &mut entries);
+    held(view, &mut entries);
     entries
 }
 
@@ -225,7 +226,7 @@ fn past(view: &View<'_>, entries: &mut Vec<Entry>) {
     let mut of_node: BTreeMap<NodeId, (usize, u64, Timestamp)> = BTreeMap::new();
     for alarm in view.snapshot.alarms.iter().filter(|alarm| !alarm.active && !alarm.acknowledged) {
         let (count, id, raised) = of_node.entry(alarm.node).or_insert((0, alarm.id, alarm.raised));
-        *count += 1;
+        *count += 1 + alarm.repeats as usize;
         (*id, *raised) = (alarm.id, alarm.raised);
     }
     let mut found: Vec<(u64, Entry)> = Vec::new();
@@ -246,6 +247,25 @@ fn past(view: &View<'_>, entries: &mut Vec<Entry>) {
     }
     found.sort_by_key(|(id, _)| *id);
     entries.extend(found.into_iter().map(|(_, entry)| entry));
+}
+
+/// Adds what a countermeasure waits for where nothing else lets the operator take note of it, such as
+/// a cause that was acknowledged before, was a WARNING, or left its place to its group.
+fn held(view: &View<'_>, entries: &mut Vec<Entry>) {
+    let moving = view.snapshot.countermeasures.iter().filter(|it| it.request.kind().moves());
+    for cause in moving.flat_map(|it| it.causes.iter()).filter(|cause| !cause.acknowledged) {
+        let target = Some(by_name(view, cause.node));
+        if let Some(entry) = entries.iter_mut().find(|entry| entry.node == cause.node) {
+            entry.acknowledge = entry.acknowledge.take().or(target);
+            continue;
+        }
+        let entry = match cause.node {
+            NodeId::Module(module) => of_module(view, module, State::Error),
+            NodeId::Group(group) => of_group(view, group, State::Error, String::new()),
+        };
+        let (message, help) = (String::new(), String::new());
+        entries.push(Entry { message, help, over: !cause.present, acknowledge: target, ..entry });
+    }
 }
 
 fn by_number(id: u64) -> Target {

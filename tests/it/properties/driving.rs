@@ -1,5 +1,6 @@
 //! The stage machine and the countermeasures, over random vehicles and random histories.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use proptest::prelude::*;
@@ -11,7 +12,7 @@ use telltale::engine::model::{
     GroupId, Model, ModuleSpec, MonitorSpec, NodeId, Policy, SignalSpec, Stage, StageModel, When,
 };
 use telltale::engine::resume::Restored;
-use telltale::engine::snapshot::Snapshot;
+use telltale::engine::snapshot::{Countermeasure, Snapshot};
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
 use telltale::engine::vehicle::TRANSITIONS;
@@ -97,7 +98,16 @@ proptest! {
             end = at;
         }
         let before = engine.snapshot();
-        let after = Engine::resume(model.clone(), &before.to_restore(), end).snapshot();
+        let mut resumed = Engine::resume(model.clone(), &before.to_restore(), end);
+        let after = resumed.snapshot();
+        waits_still(&before, &after)?;
+        let (open, kept) = (open_alarms(&before), open_alarms(&after));
+        prop_assert!(open.is_subset(&kept), "{open:?} became {kept:?}");
+        // The statuses go on, and the program ends once more: nothing of that is an acknowledgement.
+        resumed.handle(&all_well(&model, &before), end);
+        let well = resumed.snapshot();
+        waits_still(&before, &well)?;
+        waits_still(&before, &Engine::resume(model.clone(), &well.to_restore(), end).snapshot())?;
         let stage = match before.stage {
             Stage::Standby if before.localization.owed => Stage::Localizing,
             Stage::Cleared => Stage::Standby,
@@ -108,6 +118,43 @@ proptest! {
         prop_assert!(!after.clearance && after.last_alarm >= before.last_alarm);
         holds(&model, &after);
     }
+}
+
+/// What is asked for and not acknowledged is so still, and as strongly.
+fn waits_still(before: &Snapshot, after: &Snapshot) -> Result<(), TestCaseError> {
+    let waits = |it: &Countermeasure| it.causes.iter().any(|cause| !cause.acknowledged);
+    for measure in before.countermeasures.iter().filter(|it| it.request.kind().moves() && waits(it)) {
+        let same_kind = |it: &&Countermeasure| it.request.kind() == measure.request.kind();
+        let kept = after.countermeasures.iter().find(same_kind);
+        prop_assert!(kept.is_some_and(waits), "{measure:?} became {kept:?}");
+        if let (Request::Decelerate { mps2 }, Some(Request::Decelerate { mps2: kept })) =
+            (measure.request, kept.map(|it| it.request))
+        {
+            prop_assert!(kept >= mps2);
+        }
+    }
+    Ok(())
+}
+
+/// Numbers and names of alarms that nobody acknowledged.
+fn open_alarms(snapshot: &Snapshot) -> BTreeSet<(u64, String)> {
+    let open = snapshot.alarms.iter().filter(|alarm| !alarm.acknowledged);
+    open.map(|alarm| (alarm.id, snapshot.node_name(alarm.node).to_string())).collect()
+}
+
+/// Every module that has a status reports OK.
+fn all_well(model: &Model, seen: &Snapshot) -> Input {
+    let mut array = StatusArray::default();
+    for module in &model.modules {
+        if let Some(status) = module.monitor.status() {
+            array.push_status(0, status, "", "");
+        }
+    }
+    for module in seen.layout.modules.iter().filter(|module| module.discovered) {
+        let path = &seen.layout.groups[module.group.0 as usize].path;
+        array.push_status(0, &module.id[path.len() + 1..], "", "");
+    }
+    Input::Diagnostics(array)
 }
 
 const CLEAR: OperatorAction = OperatorAction::Clear { display_live: true, storage_ok: true };

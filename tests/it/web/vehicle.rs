@@ -221,15 +221,29 @@ async fn a_tap_that_waited_on_its_way_does_nothing() {
 #[tokio::test]
 async fn what_is_no_form_or_no_place_is_told_apart() {
     let operator = Operator::localizing().await;
-    for fields in ["", "x=1", "x=1&y=2", "stop=depot&x=1&y=2&yaw_deg=3", "x=1&y=2&yaw_deg=left"] {
+    let places = "stop, x, y, yaw_deg";
+    for (fields, named) in [
+        ("", places),
+        ("x=1", places),
+        ("x=1&y=2", places),
+        ("stop=depot&x=1&y=2&yaw_deg=3", places),
+        ("x=1&y=2&yaw_deg=left", ": yaw_deg."),
+    ] {
         let answer = operator.post("/vehicle/localize", fields).await;
         assert_eq!(answer.status, StatusCode::UNPROCESSABLE_ENTITY, "{fields}");
+        assert!(answer.body.contains(named), "{fields}: {}", answer.body);
     }
+    let not_driving = "The vehicle does not drive.";
+    assert_eq!(refused(&operator.post("/vehicle/stop", "").await), [not_driving]);
     for fields in ["stop=nowhere", "x=NaN&y=0&yaw_deg=0", "x=0&y=inf&yaw_deg=0", "x=99999&y=0&yaw_deg=0"] {
         refused(&operator.post("/vehicle/localize", fields).await);
     }
-    let request = form_request("/vehicle/stop", Some(&operator.cookie), "");
-    assert_eq!(operator.fixture.send(request).await.status, StatusCode::UNPROCESSABLE_ENTITY);
+    let german = format!("{}; lang=de", operator.cookie);
+    for (cookie, words) in [(&operator.cookie, "Missing or wrong: version."), (&german, "falsch: version.")] {
+        let answer = operator.fixture.send(form_request("/vehicle/stop", Some(cookie), "")).await;
+        assert_eq!(answer.status, StatusCode::UNPROCESSABLE_ENTITY);
+        assert!(answer.body.contains(words), "{}", answer.body);
+    }
     for path in ["/alarms/1", "/alarms/acknowledge", "/modules/x", "/modules/x/acknowledge"] {
         assert_eq!(operator.post(path, "").await.status, StatusCode::NOT_FOUND, "{path}");
     }

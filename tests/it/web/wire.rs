@@ -52,7 +52,8 @@ fn a_snapshot_reads_as_documented() {
         ("roots", json!([{ "node": "sensors/lidar", "masks": 2, "since": then }])),
         (
             "alarms",
-            json!([{ "id": 1, "node": "sensors/lidar", "raised": then, "acknowledged": false, "active": true }]),
+            json!([{ "id": 1, "node": "sensors/lidar", "raised": then, "acknowledged": false, "active": true,
+                     "repeats": 0 }]),
         ),
         ("countermeasures", json!([])),
     ] {

@@ -81,6 +81,8 @@ words! {
     arrays: "arrays", "Arrays";
     received: "statuses", "Status";
     dropped: "dropped names", "verworfene Namen";
+    merged_alarms: "repeated alarms", "wiederholte Alarme";
+    dropped_alarms: "dropped alarms", "verworfene Alarme";
     unknown_signals: "unknown signals", "unbekannte Signale";
     samples: "watched messages", "beobachtete Nachrichten";
     dropped_samples: "of another configuration", "einer anderen Konfiguration";

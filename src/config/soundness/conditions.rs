@@ -1,0 +1,29 @@
+//! Conditions of `expression` monitors that say nothing of what the module receives.
+
+use super::{Finding, What};
+use crate::config::expression;
+use crate::engine::model::{Model, ModuleId, MonitorSpec, NodeId};
+
+pub(super) fn look(model: &Model) -> Vec<Finding> {
+    let mut found = Vec::new();
+    for (module, id) in model.modules.iter().zip((0..).map(ModuleId)) {
+        let MonitorSpec::Expression { inputs, warning, error, .. } = &module.monitor else { continue };
+        let node = NodeId::Module(id);
+        let mut find = |what| found.push(Finding { node, what, example: None });
+        let mut used = Vec::new();
+        for condition in [error, warning].into_iter().flatten() {
+            let named = expression::named(condition);
+            // One without an answer is refused before.
+            if named.is_empty()
+                && let Ok(holds) = condition.holds(&[])
+            {
+                find(What::Constant { text: (&*condition.text).into(), holds });
+            }
+            used.extend(named);
+        }
+        let unused =
+            inputs.iter().map(|(name, _)| name).filter(|name| !used.iter().any(|it| **it == ***name));
+        unused.for_each(|name| find(What::UnusedInput { input: (&**name).into() }));
+    }
+    found
+}

@@ -1,0 +1,44 @@
+//! Nodes that were named before a restart or under another configuration, and are not there.
+
+use super::Engine;
+use super::model::{GroupId, NodeId};
+use super::net::Net;
+use super::overflow;
+use super::system::SystemCheck;
+
+impl Engine {
+    /// Makes a discovered module again, where the filters would make it and there is room for it. A
+    /// status that feeds several groups makes those of the others too.
+    pub(super) fn rediscover(&mut self, name: &str) {
+        let inside = |path: &str| name.strip_prefix(path)?.strip_prefix('/').map(str::to_owned);
+        let paths = self.views.paths().filter_map(|(group, path)| Some((group, inside(path)?)));
+        let mut candidates: Vec<(GroupId, String)> = paths.collect();
+        candidates.sort_by_key(|(_, status)| status.len());
+        let other = self.net.other_group();
+        let found = candidates.into_iter().find(|(group, status)| {
+            status != overflow::MODULE
+                && self.names.find(status).is_none()
+                && self.names.claim(&self.model, status, other).groups.contains(group)
+        });
+        if let Some((_, status)) = found {
+            self.discover(&status);
+        }
+    }
+
+    /// Who stands for a node that is gone: the closest group around it that is there, or else the node
+    /// that was watched, or nobody. An operator can acknowledge it there.
+    pub(super) fn stand_in(&self, name: &str, watched: Option<NodeId>) -> NodeId {
+        let declared = self.views.paths().take(self.model.groups.len());
+        let around =
+            declared.filter(|(_, path)| name.strip_prefix(*path).is_some_and(|rest| rest.starts_with('/')));
+        let closest = around.max_by_key(|(_, path)| path.len()).map(|(group, _)| NodeId::Group(group));
+        closest.or(watched).unwrap_or(self.net.nobody())
+    }
+}
+
+impl Net {
+    /// Stands for causes that belong to no node, and is none itself.
+    pub(super) fn nobody(&self) -> NodeId {
+        NodeId::Module(self.system_module(SystemCheck::Countermeasure))
+    }
+}

@@ -1,0 +1,79 @@
+"""What must have room: a phone in German, and the words of the audit log."""
+
+import pytest
+from playwright.sync_api import expect
+
+from operating import touch_context, watch
+from vehicle import OPERATOR, Client, until
+
+CUT = """() => [...document.querySelectorAll("#countermeasure p *, #countermeasure p, .cause .title, .cause .help, .top .vehicle")]
+  .filter(it => it.scrollWidth > it.clientWidth + 1 && getComputedStyle(it).display !== "inline").map(it => it.textContent)"""
+# What a screen reader may come to say, in closed sheets too.
+SAID = """() => {
+  const shown = it => { for (; it; it = it.parentElement) {
+    if (it.hidden || (getComputedStyle(it).display === "none" && !it.popover)) return false; } return true; };
+  const texts = [];
+  const walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walk.nextNode()) if (walk.currentNode.data.trim() && shown(walk.currentNode.parentElement)) texts.push(walk.currentNode.data.trim());
+  for (const it of document.querySelectorAll("[aria-label]")) texts.push(it.getAttribute("aria-label"));
+  return texts;
+}"""
+# Cells of the log in which one word takes more than one line.
+BROKEN = """() => [...document.querySelectorAll(".log td")].filter(it => !/[ /-]/.test(it.innerText.trim())
+  && it.getClientRects()[0].height > 2.2 * parseFloat(getComputedStyle(it).lineHeight)).map(it => it.innerText)"""
+
+
+@pytest.fixture
+def german(chromium, trouble, server):
+    """An operator's page in German, and the operator as a program."""
+    client = Client(server, *OPERATOR)
+    context = touch_context(chromium, "de")
+    context.add_cookies([dict(zip(("name", "value"), pair.split("=", 1)), url=server.url) for pair in client.cookie().split("; ")])
+    page = context.new_page()
+    watch(page, trouble)
+    yield page, client
+    context.close()
+
+
+def test_on_a_phone_nothing_is_cut_and_what_to_do_is_in_sight(server, vehicle, german, trouble):
+    page, client = german
+    vehicle.drive(True)
+    until(lambda: client.snapshot()["stage"] == "active", 20, client.snapshot)
+    client.post("/vehicle/stop", version=client.snapshot()["seq"])
+    vehicle.set("velodyne_packet_alive", 2, "Only 2.0 scans per second")
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.goto(server.url + "/")
+    expect(page.locator("#causes .help").first).to_be_visible()
+    expect(page.locator("#countermeasure .confirmed")).to_be_visible()
+    assert page.evaluate(CUT) == []
+    assert page.evaluate("() => document.documentElement.scrollWidth") <= 390
+    box = lambda selector: page.locator(selector).first.bounding_box()
+    help, bar, title = box("#causes .help"), box("#actions"), box("#countermeasure strong")
+    assert help["y"] + help["height"] <= bar["y"], (help, bar)
+    assert title["width"] > 200 and box("#countermeasure")["height"] < 200
+
+
+def test_after_a_switch_of_the_language_nothing_keeps_the_old_one(server, vehicle, german, trouble):
+    page, _ = german
+    page.goto(server.url + "/")
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+    page.locator("[data-tool=language]").tap()
+    expect(page.locator("#top .stage")).to_have_text("Localizing")
+    said = page.evaluate(SAID)
+    words = ("Schließen", "Störung", "Anzeige", "Prüfung", "Wo steht", "Fahrbegleitung", "Sensoren", "Okay von", "seit")
+    kept = [text for text in said if any(word in text for word in words)]
+    assert len(said) > 50 and not kept, kept
+
+
+def test_the_audit_log_breaks_no_word_and_speaks_german(server, german, trouble):
+    page, _ = german
+    server.add_user("aron", "lantern-48-harbour", role="authority")
+    reader = Client(server, "aron", "lantern-48-harbour")
+    page.context.add_cookies([dict(zip(("name", "value"), pair.split("=", 1)), url=server.url) for pair in reader.cookie().split("; ")])
+    for width in (1280, 800):
+        page.set_viewport_size({"width": width, "height": 800})
+        page.goto(server.url + "/developer/audit")
+        expect(page.locator(".log tbody tr").first).to_contain_text("Anmeldung")
+        assert page.evaluate(BROKEN) == []
+    text = page.locator(".log tbody").inner_text()
+    assert "ausgeführt" in text and "Aufsicht" in text and "done" not in text and "login" not in text, text

@@ -1,0 +1,282 @@
+//! What is held for the operator's word stays held: over restarts, reloads, other causes and old alarms.
+
+use std::sync::Arc;
+
+use telltale::config;
+use telltale::engine::Engine;
+use telltale::engine::input::{AlarmRef, Input, OperatorAction, Response, StatusArray};
+use telltale::engine::model::{Model, Stage};
+use telltale::engine::snapshot::Snapshot;
+use telltale::engine::state::State;
+use telltale::engine::time::{Span, Timestamp};
+
+const CONFIG: &str = "
+signals:
+  active: { topic: /mission/active, type: std_msgs/msg/Bool }
+groups:
+  - { id: sensors, match: [{ namespace: /sensors }], modules: [{ id: own, status: own }] }
+countermeasures:
+  - { request: decelerate, mps2: 1.5, when: { groups: [sensors], state: error } }
+";
+
+fn model(text: &str) -> Arc<Model> {
+    config::parse("c.yaml", text).unwrap_or_else(|problems| panic!("{problems}")).model
+}
+
+/// The causes of what is asked, with whether each is there and acknowledged; and whether it waits.
+type Asked = (Vec<(String, bool, bool)>, bool);
+
+struct Vehicle {
+    engine: Engine,
+    now: Timestamp,
+}
+
+impl Vehicle {
+    fn driving() -> Vehicle {
+        let mut engine = Engine::new(model(CONFIG), Timestamp::ZERO);
+        engine.start_in(Stage::Active);
+        Vehicle { engine, now: Timestamp::ZERO }
+    }
+
+    fn input(&mut self, input: &Input) -> Response {
+        self.now = self.now + Span::from_millis(1);
+        self.engine.handle(input, self.now)
+    }
+
+    /// Levels of `own` and of `/sensors/x`, which nobody declared.
+    fn report(&mut self, own: u8, x: u8) {
+        let mut array = StatusArray::default();
+        array.push_status(own, "own", "", "");
+        array.push_status(x, "/sensors/x", "", "");
+        self.input(&Input::Diagnostics(array));
+    }
+
+    fn knows(&mut self, alarm: AlarmRef) {
+        let answer = self.input(&Input::Operator(OperatorAction::Acknowledge { alarm }));
+        assert_eq!(answer, Response::Done);
+    }
+
+    fn knows_node(&mut self, node: &str) {
+        self.knows(AlarmRef::Node(node.into()));
+    }
+
+    fn restart(&mut self, text: &str) {
+        let stored = self.look().to_restore();
+        self.engine = Engine::resume(model(text), &stored, self.now);
+    }
+
+    fn reload(&mut self, text: &str) {
+        self.engine.reload(model(text), self.now);
+    }
+
+    fn look(&mut self) -> Arc<Snapshot> {
+        self.engine.snapshot()
+    }
+
+    fn asked(&mut self) -> Option<Asked> {
+        let snapshot = self.look();
+        let measure = snapshot.countermeasure()?;
+        let causes = measure.causes.iter();
+        let cause = causes.map(|it| (snapshot.node_name(it.node).to_string(), it.present, it.acknowledged));
+        Some((cause.collect(), measure.latched))
+    }
+
+    /// Numbers, nodes, whether they are active, and how many are counted there.
+    fn alarms(&mut self) -> Vec<(u64, String, bool, u32)> {
+        let snapshot = self.look();
+        let name = |node| snapshot.node_name(node).to_string();
+        snapshot.alarms.iter().map(|it| (it.id, name(it.node), it.active, 1 + it.repeats)).collect()
+    }
+}
+
+/// One cause alone.
+fn cause(node: &str, present: bool) -> Option<Asked> {
+    Some((vec![(node.into(), present, false)], !present))
+}
+
+const X: &str = "sensors//sensors/x";
+
+#[test]
+fn a_restart_keeps_what_a_discovered_module_caused() {
+    for over in [false, true] {
+        let mut vehicle = Vehicle::driving();
+        vehicle.report(0, 2);
+        if over {
+            vehicle.report(0, 0);
+        }
+        assert_eq!(vehicle.asked(), cause(X, !over));
+        vehicle.restart(CONFIG);
+        // Nothing says yet that it is over.
+        assert_eq!(vehicle.asked(), cause(X, true));
+        assert_eq!(vehicle.alarms(), [(1, X.to_owned(), !over, 1)]);
+        vehicle.report(0, 0);
+        assert_eq!(vehicle.asked(), cause(X, false));
+        vehicle.restart(CONFIG);
+        vehicle.report(0, 0);
+        assert_eq!(vehicle.asked(), cause(X, false));
+        vehicle.knows(AlarmRef::Number(1));
+        assert_eq!(vehicle.asked(), None);
+        assert_eq!(vehicle.alarms(), []);
+    }
+}
+
+#[test]
+fn a_discovered_module_that_finds_no_place_any_more_leaves_its_request_to_its_group() {
+    let no_room = format!("{CONFIG}limits: {{ discovered_modules: 0 }}\n");
+    let no_filter = CONFIG.replace("namespace: /sensors", "namespace: /other");
+    for text in [&no_room, &no_filter] {
+        let mut vehicle = Vehicle::driving();
+        vehicle.report(0, 2);
+        vehicle.knows_node(X);
+        vehicle.restart(text);
+        vehicle.report(0, 0);
+        assert_eq!(vehicle.asked().map(|(causes, _)| causes[0].0.clone()), Some("sensors".to_owned()));
+        vehicle.report(0, 0);
+        vehicle.knows_node("sensors");
+        let asks = vehicle.asked().is_some();
+        // Statuses that are dropped make the group a WARNING, and that may be the cause itself.
+        assert_eq!(asks, text == &no_room);
+    }
+}
+
+#[test]
+fn a_reload_that_renames_or_removes_the_cause_releases_nothing() {
+    let renamed = CONFIG.replace("id: own", "id: renamed");
+    let removed = CONFIG.replace("{ id: own, status: own }", "{ id: another, status: another }");
+    let no_group = removed.replace("id: sensors", "id: others").replace("[sensors]", "[others]");
+    let no_rule = renamed.split("countermeasures").next().unwrap().to_owned();
+    for (text, place) in [
+        (&renamed, "sensors"),
+        (&removed, "sensors"),
+        (&no_group, "telltale/countermeasure"),
+        (&no_rule, "sensors"),
+    ] {
+        for (over, known) in [(false, false), (true, false), (false, true)] {
+            let mut vehicle = Vehicle::driving();
+            vehicle.report(2, 0);
+            if known {
+                vehicle.knows_node("sensors/own");
+            }
+            if over {
+                vehicle.report(0, 0);
+            }
+            vehicle.reload(text);
+            let asked = vehicle.asked().expect("it is held");
+            assert_eq!((&*asked.0[0].0, asked.0[0].2), (place, false), "{text}");
+            let mut array = StatusArray::default();
+            ["own", "another", "/sensors/x"].iter().for_each(|name| array.push_status(0, name, "", ""));
+            vehicle.input(&Input::Diagnostics(array));
+            assert!(vehicle.asked().is_some(), "{text}");
+            vehicle.knows_node(place);
+            assert_eq!(vehicle.asked(), None, "{text}");
+        }
+    }
+}
+
+#[test]
+fn a_fault_that_lasts_over_its_modules_new_name_is_asked_for_throughout() {
+    let mut vehicle = Vehicle::driving();
+    vehicle.report(2, 0);
+    vehicle.knows_node("sensors/own");
+    vehicle.reload(&CONFIG.replace("id: own", "id: renamed"));
+    assert_eq!(vehicle.look().deceleration(), Some(1.5));
+    vehicle.report(2, 0);
+    vehicle.report(0, 0);
+    assert_eq!(vehicle.look().deceleration(), Some(1.5));
+    vehicle.knows_node("sensors/renamed");
+    assert_eq!(vehicle.look().deceleration(), Some(1.5), "nobody knows what became of the one before");
+    vehicle.knows_node("sensors");
+    assert_eq!(vehicle.asked(), None);
+}
+
+#[test]
+fn of_two_causes_one_after_the_other_both_have_to_be_known() {
+    let mut vehicle = Vehicle::driving();
+    vehicle.report(0, 2);
+    vehicle.report(0, 0);
+    vehicle.report(2, 0);
+    vehicle.knows_node("sensors/own");
+    vehicle.report(0, 0);
+    let causes = |x| vec![("sensors/own".to_owned(), false, true), (X.to_owned(), false, x)];
+    assert_eq!(vehicle.asked(), Some((causes(false), true)));
+    vehicle.restart(CONFIG);
+    vehicle.report(0, 0);
+    assert_eq!(vehicle.asked(), Some((causes(false), true)));
+    vehicle.knows_node(X);
+    assert_eq!(vehicle.asked(), None);
+}
+
+#[test]
+fn more_causes_than_are_named_are_not_forgotten() {
+    let report = |vehicle: &mut Vehicle, level| {
+        let mut array = StatusArray::default();
+        (0..80).for_each(|index| array.push_status(level, &format!("/sensors/{index}"), "", ""));
+        array.push_status(0, "own", "", "");
+        vehicle.input(&Input::Diagnostics(array));
+    };
+    for restart in [false, true] {
+        let mut vehicle = Vehicle::driving();
+        report(&mut vehicle, 2);
+        report(&mut vehicle, 0);
+        if restart {
+            vehicle.restart(CONFIG);
+            report(&mut vehicle, 0);
+        }
+        let (causes, _) = vehicle.asked().expect("it is held");
+        assert_eq!((causes.len(), &*causes[63].0), (64, "sensors"));
+        for (name, ..) in &causes[..63] {
+            vehicle.knows_node(name);
+        }
+        assert!(vehicle.asked().is_some(), "nobody knows of the others");
+        vehicle.knows_node("sensors");
+        assert_eq!(vehicle.asked(), None);
+    }
+}
+
+#[test]
+fn an_old_alarm_releases_nothing_of_today() {
+    let mut vehicle = Vehicle::driving();
+    vehicle.report(0, 2);
+    vehicle.report(0, 0);
+    vehicle.report(0, 2);
+    let alarms = vec![(1, X.to_owned(), false, 1), (2, X.to_owned(), true, 1)];
+    assert_eq!(vehicle.alarms(), alarms);
+    vehicle.knows(AlarmRef::Number(1));
+    vehicle.report(0, 0);
+    assert_eq!(vehicle.asked(), cause(X, false));
+    vehicle.knows(AlarmRef::Number(2));
+    assert_eq!(vehicle.asked(), None);
+}
+
+#[test]
+fn an_alarm_from_before_the_request_does_not_release_it() {
+    let text = CONFIG.replace("groups: [sensors], state: error", "modules: [sensors/own], state: warning");
+    let mut engine = Engine::new(model(&text), Timestamp::ZERO);
+    engine.start_in(Stage::Standby);
+    let mut vehicle = Vehicle { engine, now: Timestamp::ZERO };
+    vehicle.report(2, 0);
+    vehicle.report(0, 0);
+    vehicle.input(&Input::Signal { name: "active".into(), value: true });
+    assert_eq!(vehicle.asked(), None);
+    vehicle.report(1, 0);
+    vehicle.knows(AlarmRef::Number(1));
+    vehicle.report(0, 0);
+    assert_eq!(vehicle.asked(), cause("sensors/own", false));
+    vehicle.knows_node("sensors/own");
+    assert_eq!(vehicle.asked(), None);
+}
+
+#[test]
+fn a_module_that_flaps_pushes_no_other_alarm_away() {
+    let mut vehicle = Vehicle::driving();
+    vehicle.report(0, 2);
+    (0..600_u32).for_each(|round| vehicle.report(2 * (round % 2) as u8, 0));
+    vehicle.report(0, 0);
+    let alarms = vehicle.alarms();
+    assert_eq!(alarms[0], (1, X.to_owned(), false, 1));
+    assert_eq!(alarms.iter().skip(1).map(|(.., count)| count).sum::<u32>(), 300);
+    assert_eq!(alarms.len(), 9);
+    let counters = vehicle.look().counters;
+    assert_eq!((counters.merged_alarms, counters.dropped_alarms), (292, 0));
+    assert_eq!(vehicle.look().overall, State::Ok);
+}
