@@ -91,8 +91,7 @@ impl Engine {
     }
 
     /// Goes on with the monitors of before a reload, once their modules are known.
-    pub(super) fn resume_monitors(&mut self, old: &Engine) {
-        self.watching.keep_news(&old.watching);
+    pub(super) fn resume_monitors(&mut self) {
         for index in 0..self.watching.watches.len() as u32 {
             self.judge_monitor(index, false);
         }

@@ -34,6 +34,7 @@ impl Engine {
         next.take_signals(self);
         // Topics that are new to the bridge have to be discovered, as after a start.
         next.search_until((self.now + DISCOVERY).max(self.watching.searching_until.unwrap_or(self.now)));
+        next.watching.keep_topics(&self.watching);
         next.take_modules(self);
         if let Some(due) = next.reception.due() {
             next.timers.arm(TimerKey::Reception, due);
@@ -90,7 +91,7 @@ impl Engine {
             self.net.modules[id.0 as usize].own = old.net.modules[before.0 as usize].own.clone();
             self.views.copy_report(id, &old.views, before);
         }
-        self.resume_monitors(old);
+        self.resume_monitors();
     }
 
     fn take_history(&mut self, old: &Engine) {

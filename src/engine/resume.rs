@@ -125,7 +125,7 @@ impl Engine {
 
     /// Rates of topics of which nobody was found yet are not judged before one window after `until`.
     pub(super) fn search_until(&mut self, until: Timestamp) {
-        self.watching.searching_until = Some(until);
+        self.watching.search_until(until);
         self.timers.arm(TimerKey::Searched, until);
     }
 

@@ -57,6 +57,8 @@ struct Topic {
     readers: Vec<Reader>,
     /// What discovery said; nothing is concluded while it said nothing.
     news: Option<News>,
+    /// While nothing was said: until then discovery may not have found everybody.
+    searched_until: Option<Timestamp>,
 }
 
 #[derive(Debug, Clone)]
@@ -117,7 +119,12 @@ impl Watch {
 
 impl Watching {
     pub(super) fn new(model: &Model) -> Watching {
-        let topic = |spec: &Arc<TopicSpec>| Topic { spec: spec.clone(), readers: Vec::new(), news: None };
+        let topic = |spec: &Arc<TopicSpec>| Topic {
+            spec: spec.clone(),
+            readers: Vec::new(),
+            news: None,
+            searched_until: None,
+        };
         let names = model.watched.topics.iter().zip(0..).map(|(spec, index)| (spec.topic.clone(), index));
         let mut watching = Watching {
             topics: model.watched.topics.iter().map(topic).collect(),
@@ -306,7 +313,9 @@ impl Watching {
         watch.running = relevant;
         watch.monitor.set_relevant(relevant, now);
         let heard = |id: &TopicId| self.topics[id.0 as usize].news.is_some();
-        if let Some(until) = self.searching_until.filter(|_| relevant && !watch.topics.iter().all(heard)) {
+        let search = |id: &TopicId| self.topics[id.0 as usize].searched_until.filter(|&until| until > now);
+        let until = watch.topics.iter().filter(|id| !heard(id)).filter_map(search).max();
+        if let Some(until) = until.filter(|_| relevant) {
             watch.monitor.search(until);
             for (slot, _) in watch.topics.iter().enumerate().filter(|(_, id)| heard(id)) {
                 watch.monitor.found(slot, now);
@@ -419,12 +428,19 @@ impl Watching {
         (watch.pending, watch.running) = (before.pending, before.running);
     }
 
-    /// What discovery said of topics that stay.
-    pub(super) fn keep_news(&mut self, old: &Watching) {
+    /// What discovery said of topics that stay, and how long it looks for who publishes them.
+    pub(super) fn keep_topics(&mut self, old: &Watching) {
         for topic in &mut self.topics {
             let before = old.topic_names.get(&topic.spec.topic).map(|&index| &old.topics[index as usize]);
-            let same = before.filter(|before| before.spec.type_name == topic.spec.type_name);
-            topic.news = same.and_then(|before| before.news.clone());
+            if let Some(same) = before.filter(|before| before.spec.type_name == topic.spec.type_name) {
+                (topic.news, topic.searched_until) = (same.news.clone(), same.searched_until);
+            }
         }
+    }
+
+    /// Discovery looks for everybody until then.
+    pub(super) fn search_until(&mut self, until: Timestamp) {
+        self.searching_until = Some(until);
+        self.topics.iter_mut().for_each(|topic| topic.searched_until = Some(until));
     }
 }

@@ -277,7 +277,11 @@ impl History<'_> {
                 let Input::Diagnostics(array) = input else { return None };
                 let mut named: Vec<_> = array.iter().filter(|it| it.name() == &**status).collect();
                 named.sort_by_key(|it| std::cmp::Reverse(it.state()));
-                let mut values = named.first()?.values();
+                let said = named.first()?;
+                if said.state() == State::Unknown {
+                    return Some((*at, None));
+                }
+                let mut values = said.values();
                 let text = values.find(|(known, _)| *known == &**key).map(|(_, text)| text);
                 Some((*at, text.map(|text| text.parse().expect("only numbers are said"))))
             }),
