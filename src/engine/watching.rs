@@ -326,8 +326,11 @@ impl Watching {
             Some(Blind::NoPublisher(_)) => Some(policy.no_publisher),
         };
         let state = match (&watch.monitor, blind) {
-            // Nobody there is 0 Hz, which the bands judge.
-            (Monitor::Frequency(_), Some(Blind::NoPublisher(_))) => judged,
+            // Nobody there is 0 Hz, which the bands judge; where they ask for no least rate, it is not OK.
+            (Monitor::Frequency(_), Some(Blind::NoPublisher(_))) => judged.map(|state| match state {
+                State::Ok => policy.no_publisher,
+                judged => judged,
+            }),
             _ if watch.by_the_clock => judged.map(|state| state.max(of_blind.unwrap_or(State::Ok))),
             _ => of_blind.or(judged),
         };
