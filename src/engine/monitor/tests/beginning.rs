@@ -119,8 +119,10 @@ fn beginnings() -> impl Iterator<Item = Healthy> {
 fn after_a_start_no_kind_is_worse_than_unknown_on_a_healthy_vehicle() {
     for healthy in beginnings() {
         let model = model(parts(each_kind()));
-        let engine = Engine::resume(model.clone(), &Restored::default(), Timestamp::ZERO);
-        healthy.check(engine, &model, 0, SEARCH_MS + 2 * WINDOW_MS);
+        let again = Engine::resume(model.clone(), &Restored::default(), Timestamp::ZERO);
+        for engine in [Engine::begin(model.clone(), Timestamp::ZERO), again] {
+            healthy.check(engine, &model, 0, SEARCH_MS + 2 * WINDOW_MS);
+        }
     }
 }
 
