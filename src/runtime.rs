@@ -123,13 +123,13 @@ pub struct Link {
 
 /// Starts the engine in a task of the current tokio runtime. It ends when all links are dropped.
 pub fn start(model: Arc<Model>, clock: Clock) -> Link {
-    run(Engine::new(model, clock.now()), clock, None)
+    run(Engine::begin(model, clock.now()), clock, None)
 }
 
 /// [`start`], and hands on what happens. A full queue loses records, which are counted: the engine
 /// never waits for a disk.
 pub fn start_recorded(model: Arc<Model>, clock: Clock, records: Option<SyncSender<Vec<Record>>>) -> Link {
-    run(Engine::new(model, clock.now()), clock, records)
+    run(Engine::begin(model, clock.now()), clock, records)
 }
 
 /// [`start_recorded`] where an earlier run of the program ended.

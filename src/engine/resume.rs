@@ -104,6 +104,14 @@ impl Snapshot {
 }
 
 impl Engine {
+    /// Begins where there was no run before: as after one, nobody was found yet.
+    pub fn begin(model: Arc<Model>, now: Timestamp) -> Engine {
+        let mut engine = Engine::build(model, now);
+        engine.await_publishers();
+        engine.settle();
+        engine
+    }
+
     /// Goes on where an earlier run of the program ended. Alarms and countermeasures stay until what
     /// they stand for is heard again; what the configuration does not name any more is left out.
     pub fn resume(model: Arc<Model>, restored: &Restored, now: Timestamp) -> Engine {

@@ -110,10 +110,24 @@ pub(super) struct Told {
 }
 
 impl Watch {
-    fn found(&mut self, slot: usize, now: Timestamp) {
-        if self.monitor.found(slot, now) {
+    /// Returns whether that ends a search.
+    fn found(&mut self, slot: usize, now: Timestamp) -> bool {
+        let found = self.monitor.found(slot, now);
+        if found {
             self.due = None;
         }
+        found
+    }
+
+    /// A message that is not counted shows that somebody publishes. Returns whether anything is
+    /// judged at another time now.
+    fn late(&mut self, slot: usize, now: Timestamp) -> bool {
+        let found = self.found(slot, now);
+        let begins = self.monitor.late(now);
+        if begins {
+            self.due = None;
+        }
+        found || begins
     }
 }
 
@@ -197,6 +211,12 @@ impl Watching {
         }
         for reader in &topic.readers {
             let taken = match reader.field {
+                None if sample.late => {
+                    if self.watches[reader.watch as usize].late(reader.slot as usize, now) {
+                        judge.push(reader.watch);
+                    }
+                    continue;
+                }
                 None => Taken::Message(sample),
                 Some(field) => match &sample.values[field as usize] {
                     FieldValue::Absent => continue,
@@ -339,8 +359,11 @@ impl Watching {
             Some(Blind::NoPublisher(_)) => Some(policy.no_publisher),
         };
         let state = match (&watch.monitor, blind) {
-            // Nobody there is 0 Hz, which the bands judge.
-            (Monitor::Frequency(_), Some(Blind::NoPublisher(_))) => judged,
+            // Nobody there is 0 Hz, which the bands judge; where they ask for no least rate, it is not OK.
+            (Monitor::Frequency(_), Some(Blind::NoPublisher(_))) => judged.map(|state| match state {
+                State::Ok => policy.no_publisher,
+                judged => judged,
+            }),
             _ if watch.by_the_clock => judged.map(|state| state.max(of_blind.unwrap_or(State::Ok))),
             _ => of_blind.or(judged),
         };

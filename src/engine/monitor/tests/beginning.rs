@@ -119,8 +119,10 @@ fn beginnings() -> impl Iterator<Item = Healthy> {
 fn after_a_start_no_kind_is_worse_than_unknown_on_a_healthy_vehicle() {
     for healthy in beginnings() {
         let model = model(parts(each_kind()));
-        let engine = Engine::resume(model.clone(), &Restored::default(), Timestamp::ZERO);
-        healthy.check(engine, &model, 0, SEARCH_MS + 2 * WINDOW_MS);
+        let again = Engine::resume(model.clone(), &Restored::default(), Timestamp::ZERO);
+        for engine in [Engine::begin(model.clone(), Timestamp::ZERO), again] {
+            healthy.check(engine, &model, 0, SEARCH_MS + 2 * WINDOW_MS);
+        }
     }
 }
 
@@ -167,6 +169,31 @@ fn where_the_stage_makes_it_matter_data_that_flows_or_begins_with_it_is_no_fault
         engine.handle(&login, Timestamp::from_millis(login_ms));
         healthy.check(engine, &model, login_ms, login_ms + 2 * WINDOW_MS);
     }
+}
+
+#[test]
+fn what_is_from_before_our_time_is_neither_counted_nor_timed_and_the_first_window_begins_after_it() {
+    use Do::{Age, Late, Nothing, Publishers};
+    let window = millis(WINDOW_MS);
+    let burst = [(0, Publishers(0, 1), Unknown, ""), (300, Late(9000), Unknown, "")];
+    let burst = burst.into_iter().chain((400..=490).step_by(10).map(|at| (at, Late(100), Unknown, "")));
+    let rate = [
+        (1000, Nothing, Unknown, "measuring"),
+        (1489, Nothing, Unknown, "measuring"),
+        (1490, Nothing, Error, "0 Hz"),
+        (1500, Late(100), Error, "0 Hz"),
+    ];
+    let bands = Bands { error_above: Some(8.0), ..at_least(2.0, 1.0) };
+    check(MonitorSpec::Frequency { topic: A, window, bands }, &burst.clone().chain(rate).collect::<Vec<_>>());
+    let age = [(500, Age(10), Ok, "0.01 s late"), (510, Late(9000), Ok, "0.01 s late")];
+    check(
+        MonitorSpec::Latency { topic: A, window, bands: at_most(0.05, 0.1) },
+        &burst.clone().chain(age).collect::<Vec<_>>(),
+    );
+    check(
+        MonitorSpec::Value { source: field(A, 0), rule: ValueRule::Bands(at_most(1.5, 2.0)) },
+        &[(300, Late(9000), Ok, "1, at most 1.5")],
+    );
 }
 
 #[test]

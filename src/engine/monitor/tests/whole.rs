@@ -45,6 +45,31 @@ fn a_topic_without_publisher_or_of_another_type_is_said_in_words() {
 }
 
 #[test]
+fn a_rate_that_may_be_as_low_as_it_likes_is_not_ok_when_nobody_publishes() {
+    let most = || MonitorSpec::Frequency { topic: A, window: millis(1000), bands: at_most(9.0, 20.0) };
+    let both = Bands { error_below: Some(5.0), ..at_most(9.0, 20.0) };
+    let both = || MonitorSpec::Frequency { topic: A, window: millis(1000), bands: both };
+    let cases = [(most(), Unknown, Unknown), (most(), Error, Error), (both(), Unknown, Error)];
+    for (monitor, no_publisher, expected) in cases {
+        let policy = Policy { no_publisher, ..Policy::default() };
+        check_with(
+            monitor,
+            policy,
+            &[(0, Do::Publishers(0, 0), Unknown, ""), (1000, Do::Nothing, expected, "nobody publishes /a")],
+        );
+    }
+    check(
+        most(),
+        &[
+            (0, Do::Publishers(0, 1), Unknown, ""),
+            (1000, Do::Nothing, Ok, "0 Hz"),
+            (1010, Do::Publishers(0, 0), Unknown, "0 Hz"),
+            (1020, Do::Publishers(0, 1), Ok, "0 Hz"),
+        ],
+    );
+}
+
+#[test]
 fn without_news_and_messages_the_timeout_decides() {
     let stale = Policy { stale: Error, ..Policy::default() };
     check_with(
