@@ -128,7 +128,7 @@ def test_what_refuses_and_who_is_not_logged_in(broken, chromium, trouble, lang, 
     page.locator("[name=name]").fill(OPERATOR[0])
     page.locator("[name=secret]").fill("864209")
     page.locator("[name=secret]").press("Enter")
-    expect(page.locator(".failure")).not_to_be_empty()
+    expect(page.locator(".failure:visible")).not_to_be_empty()
     check(page, "a wrong secret")
     log_in(page, server, *OPERATOR)
     for path, status in (("/developer", 403), ("/nowhere", 404), ("/vehicle/localize", 405)):
