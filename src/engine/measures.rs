@@ -334,7 +334,7 @@ impl Measures {
 
     /// Takes over what was held before a restart or under another configuration.
     pub(super) fn hold(&mut self, held: Held, others: NodeId) {
-        if held.is_over() {
+        if held.is_over() && self.arrives.is_none() {
             return;
         }
         let same = |it: &&mut Held| it.by == held.by && (held.by != By::Past || it.request == held.request);

@@ -105,6 +105,7 @@ impl Engine {
                 self.warnings.expect(id);
             }
         }
+        self.measures.keep(&old.measures);
         for held in old.measures.held() {
             let by = match held.by {
                 By::Rule(index, node) => {
@@ -126,7 +127,6 @@ impl Engine {
             let causes = held.causes.iter().filter(still).map(cause).collect();
             self.measures.hold(Held { by, causes, ..held.clone() }, self.net.nobody());
         }
-        self.measures.keep(&old.measures);
     }
 
     /// A clearance is for the vehicle as it was judged: another configuration withdraws it.
