@@ -72,6 +72,7 @@ pub fn message(topics: &[Arc<TopicSpec>], number: u64) -> (Input, Timestamp) {
         source: topics[number as usize % topics.len()].clone(),
         stamp_ns: Some(1 + now.as_nanos() as i64),
         received_wall_ns: 20_000_001 + now.as_nanos() as i64,
+        late: false,
         values: [FieldValue::Number(seconds.sin() * 0.4), FieldValue::Pose(pose)].into(),
     };
     (Input::Sample(sample), now)

@@ -16,6 +16,9 @@ pub struct Sample {
     /// When it was received by this machine's wall clock, in nanoseconds since 1970. For comparison
     /// with stamps alone; ages are judged by the monotonic clock.
     pub received_wall_ns: i64,
+    /// It was published when nobody listened yet, and came when it could: what it says holds, but it
+    /// is neither counted nor timed.
+    pub late: bool,
     /// By position in [`TopicSpec::fields`].
     pub values: Box<[FieldValue]>,
 }

@@ -108,10 +108,24 @@ pub(super) struct Told {
 }
 
 impl Watch {
-    fn found(&mut self, slot: usize, now: Timestamp) {
-        if self.monitor.found(slot, now) {
+    /// Returns whether that ends a search.
+    fn found(&mut self, slot: usize, now: Timestamp) -> bool {
+        let found = self.monitor.found(slot, now);
+        if found {
             self.due = None;
         }
+        found
+    }
+
+    /// A message that is not counted shows that somebody publishes. Returns whether anything is
+    /// judged at another time now.
+    fn late(&mut self, slot: usize, now: Timestamp) -> bool {
+        let found = self.found(slot, now);
+        let begins = self.monitor.late(now);
+        if begins {
+            self.due = None;
+        }
+        found || begins
     }
 }
 
@@ -190,6 +204,12 @@ impl Watching {
         }
         for reader in &topic.readers {
             let taken = match reader.field {
+                None if sample.late => {
+                    if self.watches[reader.watch as usize].late(reader.slot as usize, now) {
+                        judge.push(reader.watch);
+                    }
+                    continue;
+                }
                 None => Taken::Message(sample),
                 Some(field) => match &sample.values[field as usize] {
                     FieldValue::Absent => continue,

@@ -63,14 +63,25 @@ struct Watch {
     reader: Reader,
 }
 
+/// When a message was published, and what that makes of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum When {
+    Now,
+    /// When we listened and did not know its publisher: it is taken, and neither counted nor timed.
+    Late,
+    /// Before our time, by a publisher that keeps it for whoever comes later.
+    Kept,
+    /// Before our time, for others: it says that somebody publishes, and nothing of now.
+    Past,
+}
+
 /// A received message.
 #[derive(Debug, Clone, Copy)]
 pub struct Received<'a> {
     pub body: &'a RawBody,
     /// By this machine's wall clock, since 1970.
     pub wall_ns: i64,
-    /// It was published before we listened.
-    pub history: bool,
+    pub when: When,
 }
 
 impl Plan {
@@ -170,15 +181,22 @@ impl Subscription {
     /// What a message of this topic means, and what was wrong with it.
     pub fn decode(&self, received: Received<'_>) -> (Vec<Input>, Option<Miss>) {
         let mut inputs = Vec::with_capacity(1);
+        if received.when == When::Past {
+            inputs.extend(self.watch.as_ref().map(|watch| Input::Sample(watch.past(received.wall_ns))));
+            return (inputs, None);
+        }
         let mut wrong = received.body.as_ref().err().cloned().map(Miss::Fault);
         let readable = received.body.as_ref().ok().map(|(body, endian)| (&**body, *endian));
         if let Some((body, endian)) = readable {
-            self.decode_readable(body, endian, received.history, &mut inputs, &mut wrong);
+            let history = received.when == When::Kept;
+            self.decode_readable(body, endian, history, &mut inputs, &mut wrong);
         }
-        if let Some(watch) = &self.watch
-            && (!received.history || watch.wants_last_value())
-        {
-            inputs.push(Input::Sample(watch.sample(received, &mut wrong)));
+        if let Some(watch) = &self.watch {
+            let sample = match received.when {
+                When::Kept if !watch.wants_last_value() => watch.past(received.wall_ns),
+                _ => watch.sample(received, &mut wrong),
+            };
+            inputs.push(Input::Sample(sample));
         }
         (inputs, wrong)
     }
@@ -231,8 +249,15 @@ impl Watch {
             source: self.spec.clone(),
             stamp_ns: reading.stamp_ns,
             received_wall_ns: received.wall_ns,
+            late: received.when != When::Now,
             values: reading.values,
         }
+    }
+
+    /// Nothing but that a message came.
+    fn past(&self, received_wall_ns: i64) -> Sample {
+        let values = vec![FieldValue::Absent; self.spec.fields.len()].into();
+        Sample { source: self.spec.clone(), stamp_ns: None, received_wall_ns, late: true, values }
     }
 }
 
@@ -320,7 +345,7 @@ mod tests {
         let signal = |name: &str, value| Input::Signal { name: name.into(), value };
         let decode = |index: usize, body: &[u8]| {
             let body = Ok((body.to_vec(), Endian::Little));
-            all[index].decode(Received { body: &body, wall_ns: 0, history: false })
+            all[index].decode(Received { body: &body, wall_ns: 0, when: When::Now })
         };
         assert_eq!(decode(1, &[1, 0, 0, 0]), (vec![signal("active", true), signal("moving", true)], None));
         assert_eq!(decode(1, &[0]), (vec![signal("active", false), signal("moving", false)], None));
@@ -371,23 +396,25 @@ mod tests {
 
         let header = encode::Header { stamp: std::time::UNIX_EPOCH, frame_id: "" };
         let body = Ok((encode::point_cloud(header, 3), Endian::Little));
-        let decode = |history| all[1].decode(Received { body: &body, wall_ns: 7, history });
+        let decode = |when| all[1].decode(Received { body: &body, wall_ns: 7, when });
         let signal = Input::Signal { name: "dense".into(), value: true };
-        let sample = Input::Sample(Sample {
-            source: all[1].watched().unwrap().clone(),
-            stamp_ns: Some(0),
-            received_wall_ns: 7,
-            values: [FieldValue::Number(3.0)].into(),
-        });
-        assert_eq!(decode(false), (vec![signal.clone(), sample], None));
-        assert_eq!(decode(true), (vec![signal], None), "an old message would be judged as late");
+        let sample = |stamp_ns, late, value| {
+            let source = all[1].watched().unwrap().clone();
+            Input::Sample(Sample { source, stamp_ns, received_wall_ns: 7, late, values: [value].into() })
+        };
+        let of_now = |late| sample(Some(0), late, FieldValue::Number(3.0));
+        assert_eq!(decode(When::Now), (vec![signal.clone(), of_now(false)], None));
+        assert_eq!(decode(When::Late), (vec![signal.clone(), of_now(true)], None));
+        let past = sample(None, true, FieldValue::Absent);
+        assert_eq!(decode(When::Kept), (vec![signal, past.clone()], None), "ages are judged there");
+        assert_eq!(decode(When::Past), (vec![past], None));
 
         let unreadable: RawBody = Err(Fault { at: 0, what: FaultKind::Encoding([0, 7]) });
-        let (inputs, wrong) = all[2].decode(Received { body: &unreadable, wall_ns: 7, history: false });
+        let (inputs, wrong) = all[2].decode(Received { body: &unreadable, wall_ns: 7, when: When::Now });
         let Input::Sample(sample) = &inputs[0] else { panic!("{inputs:?}") };
         assert!(matches!(&sample.values[..], [FieldValue::Unreadable(_)]) && wrong.is_some());
         let (inputs, wrong) =
-            all[3].decode(Received { body: &Ok((vec![], Endian::Big)), wall_ns: 7, history: false });
+            all[3].decode(Received { body: &Ok((vec![], Endian::Big)), wall_ns: 7, when: When::Now });
         assert!(
             matches!(&inputs[..], [Input::Sample(sample)] if sample.values.is_empty()) && wrong.is_none()
         );

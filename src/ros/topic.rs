@@ -14,9 +14,9 @@ use super::messages;
 use super::outbox::{End, Outbox, stopped};
 use super::raw::RawBody;
 use super::readers::{Advice, ReadFault, Readers, Retention, Sample};
-use super::subscription::{Received, Subscription, waiting_bytes};
+use super::subscription::{Received, Subscription, When, waiting_bytes};
 use super::trouble::Troubles;
-use super::writers::{Guid, Offer, Verdict, Via, Writers};
+use super::writers::{Guid, Offer, Published, Verdict, Via, Writers};
 use crate::clock::Clock;
 use crate::engine::input::{Input, Stamped, TroubleKind};
 use crate::engine::sample::TopicNews;
@@ -96,8 +96,9 @@ impl Topic {
     pub fn new(
         subscription: Arc<Subscription>,
         around: Surroundings,
-        memory: Memory,
+        mut memory: Memory,
     ) -> Result<Topic, CreateError> {
+        memory.writers.listen(around.clock.wall());
         let depth = memory.retention.depth();
         let readers =
             Readers::new(around.participant.clone(), around.subscriber.clone(), &subscription, depth)?;
@@ -172,7 +173,7 @@ impl Topic {
         }
         let Some((writer, body)) = self.memory.last_value.take() else { return Ok(()) };
         if self.memory.writers.keeps_last_value(&writer, &self.subscription.dds_type) {
-            self.hand_over(&body, true, self.around.clock.now()).await?;
+            self.hand_over(&body, When::Kept, self.around.clock.now()).await?;
             self.memory.last_value = Some((writer, body));
         }
         Ok(())
@@ -206,7 +207,7 @@ impl Topic {
             }
         }
         let dds_type = &self.subscription.dds_type;
-        let history = self.memory.writers.is_history(&sample.writer, sample.source, received);
+        let published = self.memory.writers.published(&sample.writer, sample.source, received);
         let troubles = &mut self.memory.troubles;
         match self.memory.writers.judge(&sample.writer, sample.sequence, sample.via, dds_type) {
             Verdict::Skip => return Ok(()),
@@ -220,21 +221,25 @@ impl Topic {
                 format!("{lost} missing before number {} of a publisher", sample.sequence)
             }),
         }
-        if self.memory.writers.keeps_last_value(&sample.writer, dds_type) {
+        let keeps = self.memory.writers.keeps_last_value(&sample.writer, dds_type);
+        if keeps {
             let small = sample.body.as_ref().is_ok_and(|(body, _)| body.len() <= KEPT_BYTES_MAX);
             self.memory.last_value = small.then(|| (sample.writer, sample.body.clone()));
         }
-        if history && !self.subscription.wants_last_value() {
-            return Ok(());
-        }
-        self.hand_over(&sample.body, history, received).await
+        let when = match published {
+            Published::Now => When::Now,
+            Published::Unfound => When::Late,
+            Published::Before if keeps => When::Kept,
+            Published::Before => When::Past,
+        };
+        self.hand_over(&sample.body, when, received).await
     }
 
     /// Sends what a message means.
-    async fn hand_over(&mut self, body: &RawBody, history: bool, received: Timestamp) -> Result<(), End> {
+    async fn hand_over(&mut self, body: &RawBody, when: When, received: Timestamp) -> Result<(), End> {
         let since_epoch = self.around.clock.wall().duration_since(UNIX_EPOCH).unwrap_or_default();
         let wall_ns = i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX);
-        let (inputs, wrong) = self.subscription.decode(Received { body, wall_ns, history });
+        let (inputs, wrong) = self.subscription.decode(Received { body, wall_ns, when });
         let bytes = body.as_ref().map_or(0, |(body, _)| body.len());
         if let Some(wrong) = wrong {
             let text =

@@ -15,12 +15,22 @@ const REMEMBERED_MAX: usize = 1024;
 
 /// What comes from a writer this long after it was discovered may be from before our time.
 const HISTORY: Span = Span::from_secs(3);
-/// A message this much older than the discovery of its writer is. Less is the time that discovery
-/// takes, or clocks that differ.
-const HISTORY_AGE: Duration = Duration::from_secs(1);
-/// A publisher that does not say when it published hands its history over at once: what comes later
-/// than this after its first message is of now.
+/// Clocks of machines that are kept in step differ by less, and a message takes less on its way.
+const CLOCKS_DIFFER: Duration = Duration::from_millis(50);
+/// History is handed over at once. What comes later than this after the first message of a publisher
+/// is of now if that does not say when it published, or if its messages come no faster than they
+/// were published: then its clock is behind ours.
 const HISTORY_BURST: Span = Span::from_millis(300);
+
+/// When a message was published, as far as that changes what it means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Published {
+    /// Before we listened: nobody published it to us.
+    Before,
+    /// When we listened, and did not know its writer yet: it may well be meant for us, but comes late.
+    Unfound,
+    Now,
+}
 
 /// What discovery says of a writer.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -53,6 +63,8 @@ pub enum Verdict {
 
 #[derive(Debug, Default)]
 pub struct Writers {
+    /// Since when there is a reader, by our wall clock.
+    listening: Option<SystemTime>,
     known: BTreeMap<Guid, Known>,
     /// The last sequence number of each writer: what is not after it was seen already.
     last: BTreeMap<Guid, i64>,
@@ -63,11 +75,18 @@ struct Known {
     offer: Offer,
     since: Timestamp,
     since_wall: SystemTime,
-    /// When its first message was received.
-    first: Option<Timestamp>,
+    /// It was heard before, through an earlier reader.
+    heard: bool,
+    /// When its first message was received, and when it says that it was published.
+    first: Option<(Timestamp, Option<SystemTime>)>,
 }
 
 impl Writers {
+    /// A new reader is there.
+    pub fn listen(&mut self, wall: SystemTime) {
+        self.listening = Some(wall);
+    }
+
     /// Takes what discovery says `now`. Returns the wrong types of writers that were not known before.
     pub fn update(
         &mut self,
@@ -82,7 +101,8 @@ impl Writers {
                 if offer.type_name != dds_type {
                     wrong.push(offer.type_name.clone());
                 }
-                Known { offer: offer.clone(), since: now, since_wall: wall, first: None }
+                let heard = self.last.contains_key(&guid);
+                Known { offer: offer.clone(), since: now, since_wall: wall, heard, first: None }
             });
             self.known.insert(guid, Known { offer, ..known });
         }
@@ -114,17 +134,27 @@ impl Writers {
         self.known.get(writer).is_some_and(ours)
     }
 
-    /// Whether a message is from before our time. The library asks every transient-local writer for
-    /// its history, even for a reader that wants none.
-    pub fn is_history(&mut self, writer: &Guid, source: Option<SystemTime>, now: Timestamp) -> bool {
-        self.known.get_mut(writer).is_some_and(|known| {
-            let first = *known.first.get_or_insert(now);
-            let old = match source {
-                Some(source) => source + HISTORY_AGE < known.since_wall,
-                None => now.since(first) < HISTORY_BURST,
-            };
-            known.offer.transient_local && now.since(known.since) < HISTORY && old
-        })
+    /// When a message was published. The library asks every writer for what it still has, even for a
+    /// reader that wants none: a transient-local writer has its last messages, a volatile one what
+    /// a reader that died has not acknowledged. By the writer's clock, as long as that can be true.
+    pub fn published(&mut self, writer: &Guid, source: Option<SystemTime>, now: Timestamp) -> Published {
+        let listening = self.listening;
+        let Some(known) = self.known.get_mut(writer) else { return Published::Now };
+        let (first, first_source) = *known.first.get_or_insert((now, source));
+        let burst = now.since(first) < HISTORY_BURST;
+        if now.since(known.since) >= HISTORY {
+            return Published::Now;
+        }
+        let Some(source) = source else {
+            let kept = known.offer.transient_local && burst;
+            return if kept { Published::Before } else { Published::Now };
+        };
+        let of_now = source + CLOCKS_DIFFER >= known.since_wall;
+        if of_now || !burst && !is_faster(first_source, source, now.since(first)) {
+            return Published::Now;
+        }
+        let before = listening.is_some_and(|since| source + CLOCKS_DIFFER < since);
+        if before && !known.heard { Published::Before } else { Published::Unfound }
     }
 
     /// Whether a writer of our type offers what only such a reader takes.
@@ -160,6 +190,12 @@ impl Writers {
             }
         }
     }
+}
+
+/// Whether messages came much faster than they were published, in the time since the first.
+fn is_faster(first: Option<SystemTime>, source: SystemTime, took: Span) -> bool {
+    let published = first.and_then(|first| source.duration_since(first).ok()).unwrap_or_default();
+    published.as_nanos() > 2 * u128::from(took.as_nanos())
 }
 
 #[cfg(test)]
@@ -235,28 +271,67 @@ mod tests {
         }
     }
 
-    #[test]
-    fn only_old_messages_of_a_new_transient_local_writer_are_history() {
-        let wall = SystemTime::UNIX_EPOCH + Duration::from_secs(100);
+    /// Listens from 98 s on the wall, knows the writers from 100 s there and 5 s here.
+    fn found(offers: &[(Guid, Offer)], heard: &[Guid]) -> Writers {
+        let wall = |seconds| SystemTime::UNIX_EPOCH + Duration::from_secs(seconds);
         let mut writers = Writers::default();
-        let offers = [(A, offer(OURS, true, true)), (B, offer(OURS, true, false))];
-        writers.update(offers.clone().into(), OURS, (Timestamp::from_millis(5000), wall));
-        // Discovery has news of others: these two are as old as they were.
-        writers.update(offers.into(), OURS, (Timestamp::from_millis(60_000), wall));
-        let source = |millis| Some(SystemTime::UNIX_EPOCH + Duration::from_millis(millis));
-        let cases = [
-            (A, source(98_000), 5100, true),
-            (A, None, 5100, true),
-            (A, None, 5399, true),
-            (A, None, 5400, false),
-            (A, source(99_500), 5100, false),
-            (A, source(98_000), 8100, false),
-            (B, source(98_000), 5100, false),
-            ([3; 16], source(98_000), 5100, false),
-        ];
-        for (writer, source, now, expected) in cases {
-            assert_eq!(writers.is_history(&writer, source, Timestamp::from_millis(now)), expected, "{now}");
+        writers.listen(wall(98));
+        for guid in heard {
+            writers.judge(guid, 1, Via::Reliable, OURS);
         }
+        writers.update(offers.iter().cloned().collect(), OURS, (Timestamp::from_millis(5000), wall(100)));
+        // Discovery has news of others: these are as old as they were.
+        writers.update(offers.iter().cloned().collect(), OURS, (Timestamp::from_millis(60_000), wall(100)));
+        writers
+    }
+
+    fn check(writers: &mut Writers, cases: &[(Guid, Option<u64>, u64, Published)]) {
+        for &(writer, source, now, expected) in cases {
+            let wall = source.map(|millis| SystemTime::UNIX_EPOCH + Duration::from_millis(millis));
+            let published = writers.published(&writer, wall, Timestamp::from_millis(now));
+            assert_eq!(published, expected, "{source:?} at {now}");
+        }
+    }
+
+    #[test]
+    fn what_a_new_writer_published_before_we_listened_is_history_whatever_it_offers() {
+        use Published::{Before, Now, Unfound};
+        for transient_local in [false, true] {
+            let mut writers = found(&[(A, offer(OURS, true, transient_local))], &[]);
+            let cases = [
+                (A, Some(90_000), 5100, Before),
+                (A, Some(97_940), 5100, Before),
+                (A, Some(97_960), 5110, Unfound),
+                (A, Some(99_940), 5110, Unfound),
+                (A, Some(99_960), 5120, Now),
+                // It comes late, and no faster than a burst can: a repair.
+                (A, Some(97_000), 6000, Before),
+                (A, Some(97_000), 8000, Now),
+                ([3; 16], Some(97_000), 5100, Now),
+            ];
+            check(&mut writers, &cases);
+        }
+        // What was heard before a participant was replaced is no stranger.
+        check(&mut found(&[(A, offer(OURS, true, false))], &[A]), &[(A, Some(97_000), 5100, Unfound)]);
+    }
+
+    #[test]
+    fn a_writer_without_a_clock_hands_over_at_once_what_it_keeps() {
+        use Published::{Before, Now};
+        let mut writers = found(&[(A, offer(OURS, true, true)), (B, offer(OURS, true, false))], &[]);
+        let cases =
+            [(A, None, 5100, Before), (A, None, 5399, Before), (A, None, 5400, Now), (B, None, 5100, Now)];
+        check(&mut writers, &cases);
+    }
+
+    #[test]
+    fn what_comes_as_it_was_published_is_of_now_though_its_clock_is_behind() {
+        use Published::{Before, Now};
+        let mut writers = found(&[(A, offer(OURS, true, false))], &[]);
+        let cases: Vec<_> = (0..20)
+            .map(|step| (A, Some(10_000 + step * 50), 5100 + step * 50, if step < 6 { Before } else { Now }))
+            .collect();
+        check(&mut writers, &cases);
     }
 
     #[test]

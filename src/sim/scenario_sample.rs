@@ -202,7 +202,8 @@ pub(super) fn sample(raw: &RawSample, model: &Model, log: &mut Log) -> Option<In
         let problem = Problem::at(stamp.span, format!("no monitor reads the stamp of {}", source.topic));
         log.push(problem.help("remove it, or add a latency monitor"));
     }
-    Some(Input::Sample(Sample { source: source.clone(), stamp_ns: None, received_wall_ns: 0, values }))
+    let source = source.clone();
+    Some(Input::Sample(Sample { source, stamp_ns: None, received_wall_ns: 0, late: false, values }))
 }
 
 pub(super) fn publishers(raw: &RawPublishers, model: &Model, log: &mut Log) -> Option<Input> {

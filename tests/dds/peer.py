@@ -113,7 +113,7 @@ def publish(participant, options):
 
 def subscribe(participant, options):
     topics = []
-    for name in options.topic:
+    for name in options.topic or ["rt/diagnostics=DiagnosticArray"]:
         name, _, type_name = name.partition("=")
         topics.append((name, TYPES.get(type_name, type_name) or wire.DIAGNOSTIC_ARRAY))
     received = participant.receive(topics)
@@ -184,7 +184,7 @@ def main():
     one.add_argument("--type", default="DiagnosticArray", help=", ".join(TYPES) + " or a whole DDS type name")
     one.set_defaults(run=publish)
     one = commands.add_parser("sub")
-    one.add_argument("--topic", nargs="+", default=["rt/diagnostics=DiagnosticArray"], metavar="NAME=TYPE")
+    one.add_argument("--topic", nargs="+", action="extend", metavar="NAME=TYPE", help="default: rt/diagnostics=DiagnosticArray")
     one.set_defaults(run=subscribe)
     one = commands.add_parser("load")
     one.add_argument("--statuses", type=int, default=1000)

@@ -39,6 +39,15 @@ impl Frequency {
         searching
     }
 
+    /// What is not counted came. Returns whether the first window begins anew.
+    pub(super) fn late(&mut self, now: Timestamp) -> bool {
+        let first = self.since.is_some_and(|since| since <= now && now < since + self.window.span());
+        if first {
+            self.since = Some(now);
+        }
+        first
+    }
+
     pub(super) fn take(&mut self, now: Timestamp) {
         if self.since.is_some() {
             self.window.push(0.0, now);

@@ -157,6 +157,16 @@ impl Monitor {
         }
     }
 
+    /// A message came that is from before our time. Those of now may follow late too, so the first
+    /// window begins after it. Returns whether something is to be judged later now.
+    pub(super) fn late(&mut self, now: Timestamp) -> bool {
+        match self {
+            Monitor::Frequency(monitor) => monitor.late(now),
+            Monitor::RateRatio(monitor) => monitor.late(now),
+            _ => false,
+        }
+    }
+
     pub(super) fn take(&mut self, slot: usize, taken: Taken<'_>, now: Timestamp) {
         match (self, taken) {
             (Monitor::Frequency(monitor), Taken::Message(_)) => monitor.take(now),

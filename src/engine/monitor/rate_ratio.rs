@@ -47,6 +47,15 @@ impl RateRatio {
         found
     }
 
+    /// What is not counted came. Returns whether the first window begins anew.
+    pub(super) fn late(&mut self, now: Timestamp) -> bool {
+        let first = self.since.is_some_and(|since| since <= now && now < since + self.input.span());
+        if first {
+            self.begin(Some(now));
+        }
+        first
+    }
+
     fn begin(&mut self, since: Option<Timestamp>) {
         self.input.clear();
         self.output.clear();

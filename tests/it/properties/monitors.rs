@@ -126,14 +126,21 @@ pub fn input(choices: &mut Choices<'_>) -> Input {
                 _ => ProbeOutcome::Impossible("no permission".into()),
             },
         }),
-        2 => Input::Sample(Sample { source, stamp_ns: None, received_wall_ns: 0, values: [].into() }),
+        2 => Input::Sample(Sample {
+            source,
+            stamp_ns: None,
+            received_wall_ns: 0,
+            late: false,
+            values: [].into(),
+        }),
         _ => {
             let wall = 1_000_000_000_000_000_000;
             let age_ms = [0, 50, 100, 150, 200, 300, -60, 4_000_000][choices.below(8)];
             let number = FieldValue::Number([0.0, 0.5, 1.0, 2.0, 4.0, f64::NAN][choices.below(6)]);
             let values = [number, pose(choices)];
             let stamp_ns = (!choices.one_in(8)).then_some(wall - age_ms * 1_000_000);
-            Input::Sample(Sample { source, stamp_ns, received_wall_ns: wall, values: values.into() })
+            let values = values.into();
+            Input::Sample(Sample { source, stamp_ns, received_wall_ns: wall, late: false, values })
         }
     }
 }

@@ -285,6 +285,7 @@ impl Ears {
                 source: source.clone(),
                 stamp_ns: reading.stamp_ns,
                 received_wall_ns,
+                late: false,
                 values: reading.values,
             };
             inputs.push(Input::Sample(sample));

@@ -172,6 +172,31 @@ fn where_the_stage_makes_it_matter_data_that_flows_or_begins_with_it_is_no_fault
 }
 
 #[test]
+fn what_is_from_before_our_time_is_neither_counted_nor_timed_and_the_first_window_begins_after_it() {
+    use Do::{Age, Late, Nothing, Publishers};
+    let window = millis(WINDOW_MS);
+    let burst = [(0, Publishers(0, 1), Unknown, ""), (300, Late(9000), Unknown, "")];
+    let burst = burst.into_iter().chain((400..=490).step_by(10).map(|at| (at, Late(100), Unknown, "")));
+    let rate = [
+        (1000, Nothing, Unknown, "measuring"),
+        (1489, Nothing, Unknown, "measuring"),
+        (1490, Nothing, Error, "0 Hz"),
+        (1500, Late(100), Error, "0 Hz"),
+    ];
+    let bands = Bands { error_above: Some(8.0), ..at_least(2.0, 1.0) };
+    check(MonitorSpec::Frequency { topic: A, window, bands }, &burst.clone().chain(rate).collect::<Vec<_>>());
+    let age = [(500, Age(10), Ok, "0.01 s late"), (510, Late(9000), Ok, "0.01 s late")];
+    check(
+        MonitorSpec::Latency { topic: A, window, bands: at_most(0.05, 0.1) },
+        &burst.clone().chain(age).collect::<Vec<_>>(),
+    );
+    check(
+        MonitorSpec::Value { source: field(A, 0), rule: ValueRule::Bands(at_most(1.5, 2.0)) },
+        &[(300, Late(9000), Ok, "1, at most 1.5")],
+    );
+}
+
+#[test]
 fn a_ratio_is_judged_one_window_after_the_later_of_its_publishers_was_found() {
     use Do::{Number, Publishers};
     let ratio = || {

@@ -34,6 +34,8 @@ pub(super) enum Do {
     Pose(usize, Pose),
     /// A message on topic A with a stamp this many milliseconds before its receipt.
     Age(i64),
+    /// The same, from before our time.
+    Late(i64),
     /// A message on topic A with this stamp.
     Stamp(Option<i64>),
     Publishers(usize, u32),
@@ -125,7 +127,7 @@ pub(super) fn input(watched: &Watched, at_ms: u64, what: &Do) -> Input {
     let none = || FieldValue::Unreadable("the message ends early".into());
     let sample = |topic: usize, stamp_ns, values: [FieldValue; 2]| {
         let source = watched.topics[topic].clone();
-        Input::Sample(Sample { source, stamp_ns, received_wall_ns, values: values.into() })
+        Input::Sample(Sample { source, stamp_ns, received_wall_ns, late: false, values: values.into() })
     };
     let news = |topic: usize, publishers, other_type: Option<&str>| {
         let source = watched.topics[topic].clone();
@@ -137,6 +139,11 @@ pub(super) fn input(watched: &Watched, at_ms: u64, what: &Do) -> Input {
         Do::Value(topic, value) => sample(topic, None, [value, none()]),
         Do::Pose(topic, pose) => sample(topic, None, [none(), FieldValue::Pose(pose)]),
         Do::Age(age_ms) => sample(0, Some(received_wall_ns - age_ms * 1_000_000), [none(), none()]),
+        Do::Late(age_ms) => {
+            let Input::Sample(old) = input(watched, at_ms, &Do::Age(age_ms)) else { unreachable!() };
+            let values = [FieldValue::Number(1.0), none()].into();
+            Input::Sample(Sample { late: true, values, ..old })
+        }
         Do::Stamp(stamp) => sample(0, stamp, [none(), none()]),
         Do::Publishers(topic, publishers) => news(topic, publishers, None),
         Do::OtherType(topic) => news(topic, 0, Some("other/msg/Type")),
