@@ -75,7 +75,7 @@ impl Definitions {
         if spec.fields.is_empty() && !spec.stamp {
             return match Library::new(&self.folders).misnamed(&spec.type_name) {
                 Some(error) => Err(FieldsError(vec![of_type(error.text, error.help)])),
-                None => Ok(Reader { fields: Vec::new(), stamp: None }),
+                None => Ok(Reader { fields: Vec::new(), stamp: None, whole: None }),
             };
         }
         let shape = Library::new(&self.folders).shape(&spec.type_name);
@@ -95,7 +95,8 @@ impl Definitions {
                 Err(error) => errors.push(error),
             }
         }
-        if errors.is_empty() { Ok(Reader { fields, stamp }) } else { Err(FieldsError(errors)) }
+        let whole = (!shape.wide).then_some(shape);
+        if errors.is_empty() { Ok(Reader { fields, stamp, whole }) } else { Err(FieldsError(errors)) }
     }
 
     /// A reader for a field that is true or false.
@@ -147,6 +148,8 @@ fn stamp_of(shape: &Arc<Shape>) -> Option<Program> {
 pub struct Reader {
     fields: Vec<Program>,
     stamp: Option<Program>,
+    /// The type, to see that a message is not cut behind its fields; `None` where that cannot be said.
+    whole: Option<Arc<Shape>>,
 }
 
 /// What was read of one message.
@@ -176,7 +179,9 @@ impl Reader {
             }
         });
         let values = values.collect();
-        let stamp_ns = self.stamp.as_ref().and_then(|stamp| stamp.read_stamp(reader));
+        let stamp_ns = self.stamp.as_ref().and_then(|stamp| stamp.read_stamp(reader.clone()));
+        let mut rest = reader;
+        let fault = fault.or_else(|| self.whole.as_ref()?.skip(&mut rest).err());
         Reading { values, stamp_ns, fault }
     }
 
