@@ -181,9 +181,12 @@ impl History<'_> {
         };
         let state = match &spec.monitor {
             MonitorSpec::Frequency { topic, window, bands } => {
-                let wrong_type = blind(&[*topic]).filter(|_| self.wrong_type(*topic));
-                self.frequency(*topic, *window, bands, since)
-                    .map(|state| state.max(wrong_type.unwrap_or(State::Ok)))
+                let blind = blind(&[*topic]).unwrap_or(State::Ok);
+                let wrong_type = self.wrong_type(*topic);
+                // The bands judge 0 Hz where nobody is.
+                let beside =
+                    |state: State| if wrong_type || state == State::Ok { state.max(blind) } else { state };
+                self.frequency(*topic, *window, bands, since).map(beside)
             }
             MonitorSpec::RateRatio { input, output, window, bands } => {
                 let blind = blind(&[*input, *output]).unwrap_or(State::Ok);
