@@ -271,12 +271,17 @@ fn foreseen_rightly(
         (Err(reasons), Response::Refused(refused)) => return assert_eq!(reasons, *refused),
         (foreseen, response) => panic!("{foreseen:?} was foreseen, and then {response:?}"),
     };
-    let after = after.to_restore();
+    let mut after = after.to_restore();
     match action {
         // A stop is not written before. A pose may be confirmed at once, and an alarm whose node
         // matters no more with the new stage is over.
         OperatorAction::RequestStop => return,
-        OperatorAction::Acknowledge { .. } => {}
+        // That a request is not confirmed is over with the request.
+        OperatorAction::Acknowledge { .. } => {
+            for vehicle in [&mut foreseen, &mut after] {
+                vehicle.alarms.retain(|alarm| &*alarm.node != "telltale/countermeasure");
+            }
+        }
         _ => {
             (foreseen.alarms, foreseen.last_alarm) = (after.alarms.clone(), after.last_alarm);
             foreseen.accepted.clone_from(&after.accepted);
