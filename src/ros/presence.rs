@@ -87,9 +87,10 @@ async fn announce(
     mut size: watch::Receiver<Option<GidSize>>,
     mut own_readers: watch::Receiver<BTreeSet<Guid>>,
 ) -> CreateResult<()> {
+    // While the threads of the library surely run: without them it would be waited for without end.
+    let writer = writer(participant, topic)?;
     let known = size.wait_for(Option::is_some).await.ok().and_then(|size| *size);
     let Some(size) = known else { return Ok(()) };
-    let writer = writer(participant, topic)?;
     loop {
         let readers: Vec<Guid> = own_readers.borrow_and_update().iter().copied().collect();
         let body = messages::encode_node(participant.guid().to_bytes(), node, &readers, size);

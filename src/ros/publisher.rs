@@ -19,6 +19,9 @@ use crate::engine::input::StatusArray;
 /// Larger arrays travel as several messages: readers of other vendors were seen to lose large ones.
 const MESSAGE_BYTES_MAX: usize = 128 << 10;
 
+/// Writing waits for slow readers a tenth of that.
+const WRITING_MAX: std::time::Duration = std::time::Duration::from_secs(1);
+
 type Writer = DataWriter<Bytes, RawAdapter>;
 
 #[derive(Debug, thiserror::Error)]
@@ -96,9 +99,9 @@ impl Publisher {
         let (topic, writer) = self.writer(topic)?;
         // Cyclone DDS drops fragmented messages that are not padded.
         body.resize(body.len().next_multiple_of(4), 0);
-        let written = writer.async_write(body.into(), None).await;
-        written
-            .map_err(|error| PublishError::NotWritten { topic: topic.to_owned(), reason: error.to_string() })
+        write(writer, body)
+            .await
+            .map_err(|reason| PublishError::NotWritten { topic: topic.to_owned(), reason })
     }
 
     /// Publishes the statuses on `/diagnostics`, in as many messages as it takes.
@@ -125,21 +128,27 @@ impl Publisher {
         Ok(())
     }
 
+    /// Makes announcements possible. Where the threads of the library have ended, a new writer would be
+    /// waited for without end: it is made with the participant.
+    ///
+    /// # Errors
+    /// DDS gets no sockets.
+    pub fn offer_announcements(&mut self) -> Result<(), BridgeError> {
+        let failed = |error| BridgeError::Participant(format!("{}: {error}", presence::TOPIC));
+        self.announcer = Some(presence::announcer(&self.participant).map_err(failed)?);
+        Ok(())
+    }
+
     /// Announces which nodes of ROS 2 run in this participant, as an rmw does; the last announcement
     /// counts. A wrong `size` makes processes of other distributions throw.
     ///
     /// # Errors
-    /// DDS gets no sockets, or a reader holds the writer back for too long.
-    pub async fn announce(&mut self, nodes: &[&str], size: GidSize) -> Result<(), PublishError> {
-        let failed = |reason: String| PublishError::NotWritten { topic: presence::TOPIC.to_owned(), reason };
-        let writer = match self.announcer.take() {
-            Some(writer) => writer,
-            None => presence::announcer(&self.participant).map_err(|error| failed(error.to_string()))?,
-        };
+    /// It was not offered, or a reader holds the writer back for too long.
+    pub async fn announce(&self, nodes: &[&str], size: GidSize) -> Result<(), PublishError> {
+        let topic = || presence::TOPIC.to_owned();
+        let writer = self.announcer.as_ref().ok_or_else(|| PublishError::NoSuchTopic(topic()))?;
         let body = messages::encode_nodes(self.participant.guid().to_bytes(), nodes, size);
-        let written = writer.async_write(body.into(), None).await;
-        self.announcer = Some(writer);
-        written.map_err(|error| failed(error.to_string()))
+        write(writer, body).await.map_err(|reason| PublishError::NotWritten { topic: topic(), reason })
     }
 
     /// # Errors
@@ -166,6 +175,14 @@ impl Publisher {
         drop((writers, announcer));
         // A panic there was in the library, and the participant is gone either way.
         let _ = session::close(participant).await;
+    }
+}
+
+/// Writes, unless the library has ended its threads and would never say so.
+async fn write(writer: &Writer, body: Vec<u8>) -> Result<(), String> {
+    match tokio::time::timeout(WRITING_MAX, writer.async_write(body.into(), None)).await {
+        Ok(written) => written.map_err(|error| error.to_string()),
+        Err(_) => Err(format!("the DDS library does not answer within {WRITING_MAX:?}")),
     }
 }
 
