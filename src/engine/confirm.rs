@@ -23,7 +23,7 @@ pub(super) struct Asked {
 }
 
 /// What one confirmation said last.
-#[derive(Debug)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Heard {
     /// The rule that it is of.
     rule: usize,
@@ -31,6 +31,25 @@ pub(super) struct Heard {
     lost: Option<Timestamp>,
     /// Its time is over.
     late: bool,
+}
+
+impl Heard {
+    /// The same under another configuration that confirms in the same way.
+    fn kept(&self, before: &Model, model: &Model) -> Option<Heard> {
+        let means = |model: &Model, index: usize| {
+            let rule = model.driving.countermeasures.get(index)?;
+            let by = match &rule.confirmation.as_ref()?.by {
+                ConfirmedBy::Signal(index) => model.signals[*index].name.to_string(),
+                ConfirmedBy::Status(name) => format!("status {name}"),
+            };
+            Some((rule.request.kind(), by))
+        };
+        let meant = means(before, self.rule)?;
+        let same = |index: &usize| means(model, *index).as_ref() == Some(&meant);
+        let rule =
+            Some(self.rule).filter(same).or_else(|| (0..model.driving.countermeasures.len()).find(same))?;
+        Some(Heard { rule, ..*self })
+    }
 }
 
 impl Measures {
@@ -211,8 +230,9 @@ impl Measures {
     }
 
     /// Takes over since when requests are made, and what cannot be sent.
-    pub(super) fn keep(&mut self, old: &Measures) {
+    pub(super) fn keep(&mut self, old: &Measures, before: &Model, model: &Model) {
         (self.asked, self.arrives) = (old.asked, old.arrives);
+        self.heard = old.heard.iter().filter_map(|heard| heard.kept(before, model)).collect();
         self.unsent.clone_from(&old.unsent);
     }
 }

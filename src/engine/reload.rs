@@ -105,7 +105,7 @@ impl Engine {
                 self.warnings.expect(id);
             }
         }
-        self.measures.keep(&old.measures);
+        self.measures.keep(&old.measures, &old.model, &self.model);
         for held in old.measures.held() {
             let by = match held.by {
                 By::Rule(index, node) => {
