@@ -58,6 +58,8 @@ struct Topic {
     readers: Vec<Reader>,
     /// What discovery said; nothing is concluded while it said nothing.
     news: Option<News>,
+    /// A message came, so somebody publishes it whatever discovery says.
+    heard: bool,
     /// While nothing was said: until then discovery may not have found everybody.
     searched_until: Option<Timestamp>,
 }
@@ -138,6 +140,7 @@ impl Watching {
             spec: spec.clone(),
             readers: Vec::new(),
             news: None,
+            heard: false,
             searched_until: None,
         };
         let names = model.watched.topics.iter().zip(0..).map(|(spec, index)| (spec.topic.clone(), index));
@@ -206,10 +209,11 @@ impl Watching {
         judge: &mut Vec<u32>,
     ) -> Option<()> {
         let id = self.topic(&sample.source)?;
-        let topic = &self.topics[id.0 as usize];
+        let topic = &mut self.topics[id.0 as usize];
         if sample.values.len() != topic.spec.fields.len() {
             return None;
         }
+        topic.heard = true;
         for reader in &topic.readers {
             let taken = match reader.field {
                 None if sample.late => {
@@ -343,9 +347,16 @@ impl Watching {
 
     /// A wrong type says more than that nobody is there.
     fn blind(&self, index: u32) -> Option<Blind> {
-        let topics = &self.watches[index as usize].topics;
+        let Watch { topics, by_the_clock, .. } = &self.watches[index as usize];
         let of = |&id: &TopicId| {
-            let news = self.topics[id.0 as usize].news.as_ref().filter(|news| news.publishers == 0)?;
+            let topic = &self.topics[id.0 as usize];
+            let Some(news) = &topic.news else {
+                // What the clock judges does not wait for discovery: nobody is there until somebody is.
+                return (*by_the_clock && !topic.heard).then_some(Blind::NoPublisher(id));
+            };
+            if news.publishers > 0 {
+                return None;
+            }
             Some(if news.other_type.is_some() { Blind::WrongType(id) } else { Blind::NoPublisher(id) })
         };
         let wrong_type = |id| of(id).filter(|blind| matches!(blind, Blind::WrongType(_)));
@@ -400,7 +411,8 @@ impl Watching {
         for topic in &mut self.topics {
             let before = old.topic_names.get(&topic.spec.topic).map(|&index| &old.topics[index as usize]);
             if let Some(same) = before.filter(|before| before.spec.type_name == topic.spec.type_name) {
-                (topic.news, topic.searched_until) = (same.news.clone(), same.searched_until);
+                (topic.news, topic.heard) = (same.news.clone(), same.heard);
+                topic.searched_until = same.searched_until;
             }
         }
     }

@@ -179,9 +179,15 @@ impl History<'_> {
             let all: Vec<bool> = all.map(|news| news.other_type.is_some()).collect();
             if all.contains(&true) { Some(State::Unknown) } else { all.first().map(|_| no_publisher) }
         };
+        // By the clock, nobody is there until somebody is.
+        let by_the_clock = |topics: &[TopicId]| {
+            let unheard =
+                |&topic: &TopicId| self.news(topic).is_none() && self.samples(topic).next().is_none();
+            blind(topics).or_else(|| topics.iter().any(unheard).then_some(no_publisher)).unwrap_or(State::Ok)
+        };
         let state = match &spec.monitor {
             MonitorSpec::Frequency { topic, window, bands } => {
-                let blind = blind(&[*topic]).unwrap_or(State::Ok);
+                let blind = by_the_clock(&[*topic]);
                 let wrong_type = self.wrong_type(*topic);
                 // The bands judge 0 Hz where nobody is.
                 let beside =
@@ -189,7 +195,7 @@ impl History<'_> {
                 self.frequency(*topic, *window, bands, since).map(beside)
             }
             MonitorSpec::RateRatio { input, output, window, bands } => {
-                let blind = blind(&[*input, *output]).unwrap_or(State::Ok);
+                let blind = by_the_clock(&[*input, *output]);
                 self.rate_ratio(*input, *output, *window, bands, since).map(|state| state.max(blind))
             }
             MonitorSpec::Latency { topic, window, bands } => {

@@ -197,6 +197,29 @@ fn what_is_from_before_our_time_is_neither_counted_nor_timed_and_the_first_windo
 }
 
 #[test]
+fn what_is_late_at_either_end_of_a_ratio_begins_its_first_window_anew() {
+    use Do::{Late, Nothing, Number};
+    let window = millis(WINDOW_MS);
+    for (input, output) in [(A, B), (B, A)] {
+        // Late is what comes on A: of what came before it, nothing is compared.
+        let before = [(100, Number(output.0 as usize, 1.0)), (490, Number(output.0 as usize, 1.0))];
+        let both = [(600, Number(0, 1.0)), (600, Number(1, 1.0))];
+        let judged = [
+            (1499, Nothing, Unknown, "measuring"),
+            (1500, Nothing, Ok, "1 outputs per input"),
+            (1510, Late(900), Ok, "1 outputs per input"),
+        ];
+        let late = (500, Late(9000));
+        let steps = before.into_iter().chain([late]).chain(both).map(|(at, what)| (at, what, Unknown, ""));
+        let bands = Bands { error_above: Some(1.5), ..at_least(0.8, 0.5) };
+        check(
+            MonitorSpec::RateRatio { input, output, window, bands },
+            &steps.chain(judged).collect::<Vec<_>>(),
+        );
+    }
+}
+
+#[test]
 fn a_ratio_is_judged_one_window_after_the_later_of_its_publishers_was_found() {
     use Do::{Number, Publishers};
     let ratio = || {

@@ -23,6 +23,19 @@ fn frequency_is_judged_from_one_window_on_whether_the_topic_exists_or_not() {
 }
 
 #[test]
+fn silence_is_ok_only_where_somebody_could_speak_and_no_least_rate_is_asked_for() {
+    let unheard = (2000, Do::Nothing, Unknown, "0 Hz, at most 10 wanted; nobody publishes /a");
+    for (step, after) in [
+        (Do::Nothing, unheard.clone()),
+        (Do::Publishers(0, 0), unheard),
+        (Do::Publishers(0, 1), (2000, Do::Nothing, Ok, "0 Hz, at most 10 wanted")),
+        (Do::Number(0, 1.0), (2000, Do::Nothing, Ok, "0 Hz, at most 10 wanted")),
+    ] {
+        check(frequency(at_most(10.0, 20.0)), &[(0, step, Unknown, "measuring for 2 s"), after]);
+    }
+}
+
+#[test]
 fn frequency_reports_by_the_clock() {
     let tenth = |_| vec![Do::Number(0, 1.0)];
     // At 10 Hz the 18th message of a window of 2 s is the first that must not be missing.
