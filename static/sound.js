@@ -1,5 +1,5 @@
 // One sound for each alarm that calls: none for what a root cause masks, none when an alarm moves
-// to its cause, none for more of a component that calls already, none twice. Made here, so that it needs no file.
+// to its cause, none for more that a component raises at once, none twice. Made here, so that it needs no file.
 (() => {
   "use strict";
   const HEARD = "telltale.heard";

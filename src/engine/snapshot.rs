@@ -10,8 +10,11 @@ use super::input::{Refusal, TroubleKind};
 use super::model::{DependsOn, GroupId, ModuleId, NodeId, Stage, Stop, Text};
 use super::persistent::PersistentVec;
 use super::state::State;
-use super::time::Timestamp;
+use super::time::{Span, Timestamp};
 use super::why::Steps;
+
+/// What a component raises within this time is one call.
+const ONE_CALL: Span = Span::from_secs(5);
 
 /// The state of the whole vehicle at one instant.
 #[derive(Debug, Clone)]
@@ -87,15 +90,21 @@ impl Snapshot {
         (&self.layout.modules[id.0 as usize], &self.modules[id.0 as usize])
     }
 
-    /// The numbers of the alarms that call by a sound: of each component the oldest of those that are
-    /// there and not acknowledged. One fault often shows in several modules of a component.
+    /// The numbers of the alarms that call by a sound, of those that are there and not acknowledged:
+    /// of each component the oldest, and each that comes when the call before it is long over. One
+    /// fault often shows in several modules of a component at nearly the same time.
     pub fn audible(&self) -> Vec<u64> {
-        let mut oldest: BTreeMap<NodeId, u64> = BTreeMap::new();
-        for alarm in self.alarms.iter().filter(|alarm| alarm.active && !alarm.acknowledged) {
-            let of = oldest.entry(self.component(alarm.node)).or_insert(alarm.id);
-            *of = alarm.id.min(*of);
-        }
-        oldest.into_values().collect()
+        let mut called: BTreeMap<NodeId, Timestamp> = BTreeMap::new();
+        let waiting = self.alarms.iter().filter(|alarm| alarm.active && !alarm.acknowledged);
+        let calls = waiting.filter(|alarm| {
+            let component = self.component(alarm.node);
+            let calls = called.get(&component).is_none_or(|&before| alarm.raised >= before + ONE_CALL);
+            if calls {
+                called.insert(component, alarm.raised);
+            }
+            calls
+        });
+        calls.map(|alarm| alarm.id).collect()
     }
 
     /// The tile that a node belongs to; what belongs to none stands for itself.

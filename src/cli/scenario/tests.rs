@@ -65,6 +65,26 @@ fn a_display_sounds_once_for_each_fault_of_the_paper() {
 }
 
 #[test]
+fn of_a_component_what_comes_at_once_is_one_call_and_a_later_fault_another() {
+    for (second_s, sounds) in [("2.3", 1), ("5.9", 1), ("6", 2)] {
+        let text = format!(
+            "name: n
+config: {{ vehicle: {{ stages: none }}, groups: [{{ id: a, modules: [{{ id: m, status: s }}, {{ id: n, status: t }}] }}] }}
+steps:
+  - {{ at: 0, every: 0.1, until: 0.9, status: {{ name: s, level: ok }} }}
+  - {{ at: 1, every: 0.1, status: {{ name: s, level: error }} }}
+  - {{ at: 0, every: 0.1, until: {second_s}, status: {{ name: t, level: ok }} }}
+  - {{ at: {second_s}, every: 0.1, status: {{ name: t, level: error }} }}
+expect: [{{ at: 9, alarms: 2 }}]
+"
+        );
+        let file = scenario_file::parse("s", &text).unwrap_or_else(|problems| panic!("{problems}"));
+        let outcome = run_file(&file).unwrap_or_else(|problems| panic!("{problems}")).outcome;
+        assert_eq!((outcome.sounds, outcome.failures.len()), (sounds, 0), "{second_s} s");
+    }
+}
+
+#[test]
 fn a_failure_says_expected_got_and_why() {
     check_run(
         "steps: [{ at: 1, status: { name: s, level: error, message: broken } }]
