@@ -264,3 +264,50 @@ fn memory_of(published: &Published) -> VehicleMemory {
     let snapshot = &published.snapshot;
     VehicleMemory { seq: snapshot.seq, at: published.at, vehicle: snapshot.to_restore() }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::SystemTime;
+
+    use super::super::view::sample::Sample;
+    use super::*;
+    use crate::engine::action::AlarmRef;
+
+    fn published(vehicle: &mut Sample) -> Published {
+        Published { snapshot: vehicle.snapshot(), at: SystemTime::UNIX_EPOCH }
+    }
+
+    #[test]
+    fn each_turn_of_a_countermeasure_is_a_record_with_its_causes() {
+        let (mut kept, mut vehicle) = (Kept::default(), Sample::shuttle(true));
+        kept.look(&published(&mut vehicle));
+        vehicle = vehicle.act(OperatorAction::RequestStop);
+        kept.look(&published(&mut vehicle));
+        kept.look(&published(&mut vehicle));
+        vehicle = vehicle.act(OperatorAction::Acknowledge { alarm: AlarmRef::OperatorStop });
+        kept.look(&published(&mut vehicle));
+        let records: Vec<_> = kept.waiting.iter().map(|record| (record.action, &*record.target)).collect();
+        let expected = [
+            (Action::Stage, "active"),
+            (Action::Countermeasure, "maneuver_stop: requested, because of the operator"),
+            (Action::Countermeasure, "maneuver_stop: ended"),
+        ];
+        assert_eq!(records, expected);
+    }
+
+    #[test]
+    fn what_waits_for_a_disk_that_takes_nothing_has_a_bound_and_the_rest_is_counted() {
+        let (mut kept, mut vehicle) = (Kept::default(), Sample::shuttle(true));
+        let mut all = 0;
+        for _ in 0..WAITING_MAX {
+            vehicle = vehicle.act(OperatorAction::RequestStop);
+            all += kept.records(&published(&mut vehicle)).len();
+            kept.look(&published(&mut vehicle));
+            vehicle = vehicle.act(OperatorAction::Acknowledge { alarm: AlarmRef::OperatorStop });
+            all += kept.records(&published(&mut vehicle)).len();
+            kept.look(&published(&mut vehicle));
+        }
+        assert!(all > 2 * WAITING_MAX - 2, "each turn is a record: {all}");
+        assert_eq!((kept.waiting.len(), kept.lost), (WAITING_MAX, (all - WAITING_MAX) as u64));
+    }
+}

@@ -16,7 +16,7 @@ mod measure;
 mod node;
 mod pages;
 #[cfg(test)]
-mod sample;
+pub(super) mod sample;
 mod step;
 #[cfg(test)]
 mod tests;

@@ -137,6 +137,23 @@ async fn an_action_that_cannot_be_written_is_not_done() {
 }
 
 #[tokio::test]
+async fn what_was_written_as_done_and_is_not_done_is_taken_back() {
+    let mut vehicle = Vehicle::standing("deaf").await;
+    vehicle.look();
+    vehicle.fixture = vehicle.fixture.deafened();
+    let pose = vehicle.fixture.store.recall().await.unwrap().unwrap().pose;
+    let answer = vehicle.post("/vehicle/localize", "stop=depot").await;
+    assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE, "{}", answer.body);
+    let records = vehicle.fixture.store.audit_entries(None, 2).await.unwrap();
+    let outcomes: Vec<_> = records.iter().map(|it| (&*it.action, &*it.outcome)).collect();
+    assert_eq!(outcomes[1], ("localize", "done"), "newest first");
+    assert!(outcomes[0].0 == "localize" && outcomes[0].1.starts_with("refused: "), "{outcomes:?}");
+    let remembered = vehicle.fixture.store.recall().await.unwrap().unwrap();
+    assert_eq!((remembered.stage, remembered.pose), (Stage::Standby, pose), "as the vehicle is");
+    vehicle.end().await;
+}
+
+#[tokio::test]
 async fn a_stop_waits_for_no_disk_and_says_what_is_not_recorded() {
     let vehicle = Vehicle::standing("stop").await;
     vehicle.fixture.drive(true).await;

@@ -95,16 +95,23 @@ impl Fixture {
         let faulty = DemoFaults::new(vec!["sensor_outage", "can_loss"], switch);
         let (asks, rereads) = mpsc::channel(4);
         let settings = Settings {
-            origins,
-            secure,
-            enrolled: Enrolled::default(),
             demo: (demo == DemoSecrets::Accepted).then_some(faulty),
             rereads: Some(asks),
             history: Some(history),
-            discovery: None,
+            ..settings(origins, secure)
         };
         let app = AppState::new(link.clone(), store.clone(), clock, settings);
         Fixture { router: router(app.clone()), app, store, clock, link, faults, rereads }
+    }
+
+    /// The same with an engine that judges what is asked for and then does not hear it.
+    pub fn deafened(mut self) -> Fixture {
+        let (commands, _) = mpsc::channel(1);
+        let link = Link { commands, ..self.link.clone() };
+        let origins = Origins::of_listener(ADDRESS.parse().unwrap(), false);
+        self.app = AppState::new(link, self.store.clone(), self.clock, settings(origins, false));
+        self.router = router(self.app.clone());
+        self
     }
 
     pub async fn send(&self, request: Request<Body>) -> Answer {
@@ -178,6 +185,18 @@ impl Fixture {
 
     pub fn stage(&self) -> Stage {
         self.link.snapshots.borrow().snapshot.stage
+    }
+}
+
+fn settings(origins: Origins, secure: bool) -> Settings {
+    Settings {
+        origins,
+        secure,
+        enrolled: Enrolled::default(),
+        demo: None,
+        rereads: None,
+        history: None,
+        discovery: None,
     }
 }
 
