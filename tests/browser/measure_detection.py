@@ -5,6 +5,11 @@ at a random phase. Not a test, but it fails when a median is not as stated, or w
 shows a WARNING or an ERROR after a start or a reload.
 
     TELLTALE=target/release/telltale python measure_detection.py [--times 20] [--starts 5] [--domain N]
+
+A host that stops to answer is measured only in a network namespace of its own, where that can be brought
+about and concerns nobody else:
+
+    unshare -n sh -c 'ip link set lo up multicast on; ip route add 224.0.0.0/4 dev lo; TELLTALE=... python ...'
 """
 
 import argparse
@@ -186,6 +191,28 @@ class Deaf:
         return time.monotonic()
 
 
+class Host:
+    """This machine as a host that answers ICMP echos, until it does not."""
+
+    HERE = Path("/proc/sys/net/ipv4")
+
+    @staticmethod
+    def is_our_own():
+        return os.readlink("/proc/self/ns/net") != os.readlink("/proc/1/ns/net")
+
+    def __init__(self):
+        (self.HERE / "ping_group_range").write_text("0 2147483647")
+        self.recover()
+
+    def recover(self):
+        (self.HERE / "icmp_echo_ignore_all").write_text("0")
+
+    async def end(self):
+        await asyncio.sleep(random.random())
+        (self.HERE / "icmp_echo_ignore_all").write_text("1")
+        return time.monotonic()
+
+
 class Nodes:
     """Which nodes the participant has, as an rmw announces them."""
 
@@ -315,6 +342,10 @@ def cases(publisher):
     deaf = Deaf()
     yield Case("watchdog", "a TCP port is silent; 2 misses every 0.2 s", f"watchdog: {{ tcp: '127.0.0.1:{deaf.number}', every: 200ms, misses: 2 }}",
                [], deaf.close, (0.4, 0.6), recover=deaf.recover)
+    if Host.is_our_own():
+        host = Host()
+        yield Case("watchdog", "a host answers no ICMP echo; 2 misses every 0.2 s", "watchdog: { icmp: 127.0.0.1, every: 200ms, misses: 2 }",
+                   [], host.end, (0.4, 0.6), recover=host.recover)
     nodes = Nodes(publisher)
     yield Case("watchdog", "a node ends; 2 misses every 0.2 s", "watchdog: { node: /measured, every: 200ms, misses: 2 }",
                [], nodes.end, (0.2, 0.4), recover=nodes.recover)
