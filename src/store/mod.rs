@@ -10,6 +10,7 @@ mod chain;
 mod health;
 mod history;
 mod leave;
+mod open;
 mod role;
 mod schema;
 mod secret;
@@ -41,8 +42,8 @@ pub use vehicle::VehicleMemory;
 use crate::clock::Clock;
 use audit::Log;
 use health::Health;
+use open::Sessions;
 use secret::Hashing;
-use sessions::Sessions;
 
 /// Jobs that may wait for the database. A full queue refuses the next one: see [`StoreError::Busy`].
 const JOB_QUEUE: usize = 256;
@@ -247,8 +248,11 @@ impl Store {
         self.call(|database| Ok(database.connection.query_row("SELECT 1", [], |_| Ok(()))?)).await
     }
 
-    /// Waits until everything is written that was asked for, the head of the audit log too.
+    /// Waits until everything is written that was asked for or is owed, the head of the audit log too.
     pub async fn close(self) {
+        if let Err(error) = self.write_owed().await {
+            tracing::error!(%error, "the end of some sessions is not recorded");
+        }
         // A store that has ended has written what it could.
         let _ = self
             .call(|database| {

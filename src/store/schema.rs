@@ -90,6 +90,7 @@ const MIGRATIONS: &[&str] = &[
     CREATE TABLE beat (one INTEGER PRIMARY KEY CHECK (one = 1), count INTEGER NOT NULL) STRICT;
     INSERT INTO beat VALUES (1, 0);
 ",
+    "ALTER TABLE sessions ADD COLUMN used_ms INTEGER NOT NULL DEFAULT 0;",
 ];
 
 pub(super) fn open(folder: &Path) -> Result<Connection, StoreError> {
