@@ -13,6 +13,7 @@ use super::audit::Record;
 use super::open::Row;
 use super::users::{from_unix_ms, role, to_unix_ms};
 use super::{Database, Role, Store, StoreError, Verified};
+use crate::engine::model::Stage;
 use crate::engine::time::{Span, Timestamp};
 
 /// A session ends this long after its login.
@@ -234,7 +235,8 @@ impl Store {
         .await
     }
 
-    /// Who sat in the operator's seat last and has an open session still.
+    /// Who sat in the operator's seat last and has an open session still. Whoever drives keeps it past
+    /// its time.
     ///
     /// # Errors
     /// If the database fails.
@@ -244,8 +246,9 @@ impl Store {
             let name = database.connection.query_row(
                 "SELECT name FROM users JOIN seat ON seat.user = users.id
                  WHERE role = 'operator' AND EXISTS (
-                     SELECT 1 FROM sessions WHERE sessions.user = users.id AND expires_ms > ?1)",
-                [now_ms],
+                     SELECT 1 FROM sessions WHERE sessions.user = users.id
+                     AND (expires_ms > ?1 OR EXISTS (SELECT 1 FROM vehicle WHERE stage = ?2)))",
+                params![now_ms, Stage::Active.as_str()],
                 |row| row.get(0),
             );
             Ok(name.optional()?)

@@ -2,6 +2,7 @@
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::PoisonError;
+use std::time::Duration;
 
 use axum::extract::rejection::FormRejection;
 use axum::extract::{Extension, Form, State};
@@ -26,6 +27,10 @@ use crate::store::audit::{Action, Record};
 use crate::store::{
     Entering, Lane, Role, SESSION_LIFE, Session, SessionKind, StoreError, Token, Verified, is_pin,
 };
+
+/// The server judges when a session is over, and whoever drives keeps it: a browser must not forget it
+/// before.
+const COOKIE_LIFE: Duration = SESSION_LIFE.saturating_mul(2);
 
 /// The other end of a connection.
 #[derive(Debug, Clone, Copy)]
@@ -373,7 +378,7 @@ fn welcome(app: &AppState, reader: &Reader, token: &Token, session: &Session) ->
         }
         Speaks::Html => Redirect::to("/").into_response(),
     };
-    set_cookie(&mut answer, app, token.as_str(), SESSION_LIFE.as_secs());
+    set_cookie(&mut answer, app, token.as_str(), COOKIE_LIFE.as_secs());
     answer
 }
 

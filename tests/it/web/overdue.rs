@@ -148,6 +148,41 @@ async fn what_is_over_ends_while_the_disk_takes_nothing_and_is_written_when_it_d
 }
 
 #[tokio::test]
+async fn whoever_drives_keeps_the_seat_and_the_session_over_a_restart() {
+    for drives in [true, false] {
+        let (disk, fixture, _) = Disk::with_fixture(if drives { "drive" } else { "stand" }).await;
+        let operator = fixture.cookie_of("operator").await;
+        let authority = fixture.cookie_of("authority").await;
+        fixture.drive(drives).await;
+        fixture.store.remember(fixture.app.memory(), Vec::new()).await.unwrap();
+        disk.run("UPDATE sessions SET created_ms = 1, expires_ms = 2");
+
+        let resumed = Fixture::in_folder_by(&disk.folder, Clock::start()).await;
+        let status = async |fixture: &Fixture, cookie: &str| {
+            fixture.get("/api/v1/snapshot", Some(cookie)).await.status
+        };
+        assert_eq!(status(&resumed, &authority).await, StatusCode::UNAUTHORIZED);
+        if !drives {
+            assert_eq!(resumed.store.seated_operator().await.unwrap(), None);
+            assert_eq!(status(&resumed, &operator).await, StatusCode::UNAUTHORIZED);
+            continue;
+        }
+        assert_eq!(resumed.stage(), Stage::Active);
+        assert_eq!(resumed.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
+        assert_eq!(status(&resumed, &operator).await, StatusCode::OK);
+        // It ends with the drive.
+        let store = resumed.store.clone();
+        let server = Server::with(resumed, store).await;
+        let mut page = server.connect("/ws", &operator).await;
+        lives(&mut page).await;
+        server.fixture.drive(false).await;
+        ends(&mut page, "operator").await;
+        server.fixture.until(|snapshot| snapshot.stage == Stage::Locked).await;
+        assert_eq!(status(&server.fixture, &operator).await, StatusCode::UNAUTHORIZED);
+    }
+}
+
+#[tokio::test]
 async fn a_restart_gives_a_developer_no_more_time() {
     let (disk, fixture, hand) = Disk::with_fixture("idle").await;
     let cookie = fixture.cookie_of("developer").await;
