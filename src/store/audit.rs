@@ -13,7 +13,7 @@ use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, Transaction, Trans
 
 use super::chain::{self, Hash, Verifier};
 use super::users::{from_unix_ms, to_unix_ms};
-use super::{Database, FILE_NAME, Head, Role, Store, StoreError, Verdict};
+use super::{Database, FILE_NAME, Head, Lane, Role, Store, StoreError, Verdict};
 
 /// The head of the chain, beside the database.
 pub const HEAD_FILE_NAME: &str = "audit.head";
@@ -177,6 +177,14 @@ impl Store {
     /// If the database fails: what is to be recorded must not be acknowledged then.
     pub async fn audit(&self, record: Record) -> Result<(), StoreError> {
         self.call(move |database| database.change(&[record], |_| Ok(()))).await
+    }
+
+    /// [`Store::audit`] of what somebody caused who comes from there.
+    ///
+    /// # Errors
+    /// As there.
+    pub async fn audit_from(&self, lane: Lane, record: Record) -> Result<(), StoreError> {
+        self.call_from(lane, move |database| database.change(&[record], |_| Ok(()))).await
     }
 
     /// Records before number `before`, the newest first, at most `count`.

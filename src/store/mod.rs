@@ -11,6 +11,7 @@ mod health;
 mod history;
 mod leave;
 mod open;
+mod queue;
 mod role;
 mod schema;
 mod secret;
@@ -21,11 +22,11 @@ mod vehicle;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::time::Duration;
 
 use rusqlite::Connection;
-use tokio::sync::{oneshot, watch};
+use tokio::sync::watch;
 
 pub use chain::{Breach, Hash, Head, Verdict};
 pub use health::Fault;
@@ -43,10 +44,8 @@ use crate::clock::Clock;
 use audit::Log;
 use health::Health;
 use open::Sessions;
+use queue::{Job, Queue};
 use secret::Hashing;
-
-/// Jobs that may wait for the database. A full queue refuses the next one: see [`StoreError::Busy`].
-const JOB_QUEUE: usize = 256;
 
 /// How long a change by another process (`telltale user remove`) may stay unnoticed.
 const FOREIGN_CHANGE_POLL: Duration = Duration::from_millis(500);
@@ -119,15 +118,13 @@ impl StoreError {
 /// The handle of the database. Clones use the same one; it closes when the last is dropped.
 #[derive(Debug, Clone)]
 pub struct Store {
-    jobs: SyncSender<Job>,
+    queue: Queue,
     sessions: Arc<Sessions>,
     hashing: Hashing,
     fault: watch::Receiver<Fault>,
     folder: Option<Arc<Path>>,
     clock: Clock,
 }
-
-type Job = Box<dyn FnOnce(&mut Database) + Send>;
 
 /// What the thread owns.
 #[derive(Debug)]
@@ -220,13 +217,13 @@ impl Store {
             data_version: 0,
         };
         database.notice_foreign_changes()?;
-        let (jobs, queue) = sync_channel(JOB_QUEUE);
+        let (queue, jobs) = Queue::new();
         std::thread::Builder::new()
             .name("store".to_owned())
-            .spawn(move || database.run(&queue))
+            .spawn(move || database.run(&jobs))
             .map_err(|reason| StoreError::Folder { path: PathBuf::from("(a new thread)"), reason })?;
         Ok(Store {
-            jobs,
+            queue,
             sessions,
             hashing: Hashing::new(demo)?,
             fault,
@@ -240,12 +237,11 @@ impl Store {
         self.folder.as_deref()
     }
 
-    /// Whether the database answers.
-    ///
-    /// # Errors
-    /// What the database says.
-    pub async fn check(&self) -> Result<(), StoreError> {
-        self.call(|database| Ok(database.connection.query_row("SELECT 1", [], |_| Ok(()))?)).await
+    /// Whether the database answers. Anybody may ask.
+    pub async fn is_ready(&self) -> bool {
+        let asked =
+            |database: &mut Database| Ok(database.connection.query_row("SELECT 1", [], |_| Ok(()))?);
+        self.call_from(Lane::Elsewhere, asked).await.is_ok()
     }
 
     /// Waits until everything is written that was asked for or is owed, the head of the audit log too.
@@ -261,38 +257,17 @@ impl Store {
             })
             .await;
     }
-
-    /// Runs `job` on the store's thread and waits for its answer.
-    async fn call<T: Send + 'static>(
-        &self,
-        job: impl FnOnce(&mut Database) -> Result<T, StoreError> + Send + 'static,
-    ) -> Result<T, StoreError> {
-        let (reply, answer) = oneshot::channel();
-        let job: Job = Box::new(move |database| {
-            let came_to = job(database);
-            if let Err(error) = &came_to {
-                database.health.judge(error);
-            }
-            // A caller that went away no longer cares for the answer.
-            let _ = reply.send(came_to);
-        });
-        self.jobs.try_send(job).map_err(|error| match error {
-            TrySendError::Full(_) => StoreError::Busy,
-            TrySendError::Disconnected(_) => StoreError::Ended,
-        })?;
-        answer.await.map_err(|_| StoreError::Ended)?
-    }
 }
 
 impl Database {
-    fn run(mut self, queue: &Receiver<Job>) {
+    fn run(mut self, jobs: &Receiver<Job>) {
         loop {
-            let job = match queue.try_recv() {
+            let job = match jobs.try_recv() {
                 Ok(job) => Ok(job),
                 Err(TryRecvError::Disconnected) => Err(RecvTimeoutError::Disconnected),
                 Err(TryRecvError::Empty) => {
                     self.log.note();
-                    queue.recv_timeout(FOREIGN_CHANGE_POLL)
+                    jobs.recv_timeout(FOREIGN_CHANGE_POLL)
                 }
             };
             match job {

@@ -170,7 +170,7 @@ impl Store {
         if !self.sessions.owes() {
             return Ok(());
         }
-        self.call(|database| {
+        self.call_surely(|database| {
             let (keys, records) = database.sessions.owed();
             database.change(&records, |transaction| {
                 for key in keys {

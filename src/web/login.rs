@@ -56,7 +56,7 @@ pub async fn page(State(app): State<AppState>, headers: HeaderMap, reader: Reade
     if !locked && cookie_session(&app, &headers).is_some() {
         return Redirect::to("/").into_response();
     }
-    let nobody = matches!(app.store.users().await, Ok(users) if users.is_empty());
+    let nobody = matches!(app.store.has_users().await, Ok(false));
     let farewell = farewell::of(&app, &headers).await;
     login_page(&app, &reader, StatusCode::OK, "", nobody.then(|| no_users(&app)), farewell)
 }
@@ -94,7 +94,7 @@ pub async fn login(
             if app.may_record_refusal(source, Action::Login).await {
                 let record = Record::of(Action::Login, source.to_string());
                 let record = record.on(app.recorded_name(&form.name).await);
-                app.audit_or_log(record.refused(failure.as_str())).await;
+                app.audit_or_log_from(app.lane(source), record.refused(failure.as_str())).await;
             }
             return failed(&app, &reader, &form.name, failure);
         }
@@ -168,13 +168,12 @@ async fn prove(app: &AppState, form: &LoginForm, source: IpAddr) -> Result<Verif
     if is_pin(&form.secret) && !app.settings.enrolled.has(source) {
         return Err(LoginFailure::PinElsewhere);
     }
-    let is_near = app.settings.enrolled.is_near(source);
-    let from = Source { ip: source, is_near };
+    let lane = app.lane(source);
+    let from = Source { ip: source, is_near: lane == Lane::Vehicle };
     let throttle = || app.throttle.lock().unwrap_or_else(PoisonError::into_inner);
     if let Err(wait) = throttle().attempt(app.clock.now(), &form.name, from) {
         return Err(LoginFailure::Wait { seconds: whole_seconds(wait) });
     }
-    let lane = if is_near { Lane::Vehicle } else { Lane::Elsewhere };
     match app.store.authenticate_from(lane, &form.name, &form.secret).await {
         Ok(Some(user)) => {
             throttle().succeeded(&form.name, from);
