@@ -8,8 +8,8 @@ use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use tokio::sync::watch;
 
 use super::audit::Record;
-use super::sessions::Key;
-use super::{Role, Session, SessionKind};
+use super::sessions::{Key, nanos, span};
+use super::{Role, SESSION_LIFE, Session, SessionKind, Verified};
 use crate::engine::time::Timestamp;
 
 #[derive(Debug, Default)]
@@ -22,6 +22,8 @@ struct Table {
     over: HashSet<Key>,
     /// What happened here and is not written down. There are no more than there were sessions.
     owed: Vec<(Option<Key>, Record)>,
+    /// How often it was brought in line with the database.
+    alignment: u64,
 }
 
 #[derive(Debug)]
@@ -42,6 +44,15 @@ pub(super) struct Row {
     pub used: i64,
     /// Its time is over by the wall clock.
     pub is_late: bool,
+}
+
+impl Row {
+    /// Of somebody who logs in now.
+    pub(super) fn of_login(key: Key, user: &Verified, now: Timestamp) -> Row {
+        let (expires, used) = (now + span(SESSION_LIFE), nanos(now));
+        let kind = SessionKind::Person;
+        Row { key, user: user.name.clone(), role: user.role, kind, expires, used, is_late: false }
+    }
 }
 
 impl Sessions {
@@ -83,10 +94,24 @@ impl Sessions {
         self.write().owed.drain(..count);
     }
 
+    pub(super) fn alignment(&self) -> u64 {
+        self.read().alignment
+    }
+
+    /// Makes a change that lies in the database since that alignment; a later one has made it.
+    pub(super) fn change(&self, alignment: u64, goes: &[Key], comes: Option<Row>) {
+        let mut table = self.write();
+        if table.alignment == alignment {
+            table.open.retain(|key, _| !goes.contains(key));
+            table.open.extend(comes.map(|row| (row.key, Open::new(row))));
+        }
+    }
+
     /// Brings the table in line with the database. Sessions that stay keep their deadline; those that
     /// left end at once, and those that ended here stay so.
     pub(super) fn align(&self, rows: Vec<Row>) {
         let mut table = self.write();
+        table.alignment += 1;
         let keys: HashSet<Key> = rows.iter().map(|row| row.key).collect();
         table.over.retain(|key| keys.contains(key));
         let mut before = std::mem::take(&mut table.open);

@@ -308,7 +308,7 @@ impl Database {
                 user: row.get(1)?,
                 role: role(row, 2)?,
                 kind,
-                expires: now + Span::from_nanos(u64::try_from(left.as_nanos()).unwrap_or(u64::MAX / 2)),
+                expires: now + span(left),
                 used: nanos(now).saturating_sub(idle),
                 is_late: expires <= wall,
             })
@@ -318,7 +318,11 @@ impl Database {
     }
 }
 
-fn nanos(at: Timestamp) -> i64 {
+pub(super) fn span(time: Duration) -> Span {
+    Span::from_nanos(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX / 2))
+}
+
+pub(super) fn nanos(at: Timestamp) -> i64 {
     i64::try_from(at.as_nanos()).unwrap_or(i64::MAX)
 }
 

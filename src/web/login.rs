@@ -25,7 +25,7 @@ use crate::engine::model::Stage;
 use crate::engine::time::Span;
 use crate::store::audit::{Action, Record};
 use crate::store::{
-    Entering, Lane, Role, SESSION_LIFE, Session, SessionKind, StoreError, Token, Verified, is_pin,
+    Entering, Lane, Role, SESSION_LIFE, Session, SessionKind, StoreError, Token, Verified, Written, is_pin,
 };
 
 /// The server judges when a session is over, and whoever drives keeps it: a browser must not forget it
@@ -255,17 +255,17 @@ impl Entrance {
             sessions.iter().filter(|session| *session.user == *name && !is_before(session)).count()
         };
         let had = others();
-        let (token, session) = match role {
+        let (token, written) = match role {
             Role::Operator => self.take_seat(&app, other.as_deref()).await?,
             _ => {
                 let entering =
                     Entering { user: &self.user, before: self.before.as_ref(), seat: None, from: None };
                 let records = self.ends().chain([self.record(Action::Login)]).collect();
-                let (token, _) = app.store.enter(entering, records).await?;
-                let session = app.store.entered(&token).await?;
-                (token, session)
+                app.store.enter(entering, records).await?
             }
         };
+        // It has happened: from here on nothing can fail.
+        let session = app.store.entered(written)?;
         if let ended @ 1.. = (had + 1).saturating_sub(others()) {
             let record = self.record(Action::SessionEnded);
             app.audit_or_log(record.on(format!("{ended} of too many, the oldest"))).await;
@@ -292,7 +292,7 @@ impl Entrance {
     }
 
     /// Written first: while nothing can be written, whoever has the vehicle keeps it.
-    async fn take_seat(&self, app: &AppState, other: Option<&str>) -> Result<(Token, Session), NotOpened> {
+    async fn take_seat(&self, app: &AppState, other: Option<&str>) -> Result<(Token, Written), NotOpened> {
         let _owed = app.acting.lock().await;
         let action = OperatorAction::Login { name: self.user.name().into() };
         let foreseen = match app.rehearse(action.clone()).await? {
@@ -312,8 +312,7 @@ impl Entrance {
                 if let Some(other) = other {
                     app.farewells.end_all_of(other, Farewell::TakenOver);
                 }
-                let session = app.store.entered(&token).await?;
-                return Ok((token, session));
+                return Ok((token, written));
             }
             Ok(Answer::Refused(reasons)) => (format!("{reasons:?}"), NotOpened::Refused(reasons)),
             Err(error) => (error.to_string(), error.into()),
@@ -351,7 +350,7 @@ async fn close(
     app.farewells.log_out(&session);
     let (why, not_closed) = match app.command(action).await {
         Ok(Answer::Done) => {
-            app.store.left().await?;
+            app.store.left(leaving);
             // That the vehicle is locked follows from the empty seat, after a restart too.
             if let Err(error) = app.store.remember(app.memory(), Vec::new()).await {
                 tracing::error!(%error, "the vehicle cannot be remembered");
