@@ -7,6 +7,7 @@
 
 pub mod audit;
 mod chain;
+mod head;
 mod health;
 mod history;
 mod leave;
@@ -62,6 +63,12 @@ pub enum StoreError {
         path.display()
     )]
     Newer { path: PathBuf, found: u32, known: u32 },
+    #[error(
+        "the end of the audit log is noted in {}, which cannot be read: {reason}{whose}. Give it to the user \
+         whose database lies beside it, who has to read and write it",
+        path.display()
+    )]
+    Head { path: PathBuf, whose: String, reason: std::io::Error },
     #[error("there is no database {}: name the data folder of the vehicle with --data", path.display())]
     NoDatabase { path: PathBuf },
     #[error("the database failed: {0}")]
@@ -102,14 +109,14 @@ impl StoreError {
         matches!(self, StoreError::Database(_))
     }
 
-    /// Whether it is that the disk takes nothing.
+    /// Whether it is that the disk takes nothing, or what lies beside the database cannot be read.
     fn is_of_disk(&self) -> bool {
         use rusqlite::ErrorCode::{CannotOpen, DiskFull, ReadOnly, SystemIoFailure};
         match self {
             StoreError::Open { reason, .. } | StoreError::Database(reason) => {
                 matches!(reason.sqlite_error_code(), Some(CannotOpen | DiskFull | ReadOnly | SystemIoFailure))
             }
-            StoreError::Folder { .. } => true,
+            StoreError::Folder { .. } | StoreError::Head { .. } => true,
             _ => false,
         }
     }
@@ -175,8 +182,8 @@ impl Store {
     /// # Errors
     /// As [`Store::open`], and if there is none.
     pub fn open_existing(folder: &Path, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        let path = folder.join(FILE_NAME);
-        if path.exists() { Store::open(folder, clock, demo) } else { Err(StoreError::NoDatabase { path }) }
+        schema::existing(folder)?;
+        Store::open(folder, clock, demo)
     }
 
     /// A store that ends with the process, for tests and demonstrations.
