@@ -165,7 +165,7 @@ async fn leave(
 
 async fn prove(app: &AppState, form: &LoginForm, source: IpAddr) -> Result<Verified, LoginFailure> {
     // Whoever types it sees that it is a PIN: this says nothing of anybody's secret.
-    if is_pin(&form.secret) && !app.settings.enrolled.has(source) {
+    if is_pin(&form.secret) && !app.settings.enrolled.is_near(source) {
         return Err(LoginFailure::PinElsewhere);
     }
     let lane = app.lane(source);
