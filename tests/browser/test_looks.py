@@ -52,7 +52,7 @@ CONTRAST = """selector => {
 # How often that changes in four seconds by which an alarm calls.
 CALLS = """async () => {
   const looks = {
-    tile: () => getComputedStyle(document.querySelector('#tile-localization')).boxShadow,
+    tile: () => getComputedStyle(document.querySelector('#tile-can')).boxShadow,
     cause: () => getComputedStyle(document.querySelector('#causes .cause[data-waiting]')).borderLeftColor,
   };
   const last = Object.fromEntries(Object.keys(looks).map(part => [part, looks[part]()]));
@@ -164,8 +164,8 @@ def test_the_operators_page_is_small_and_flashes_slowly(demo, chromium, trouble)
     expect(page.locator("body")).to_have_attribute("data-live", "live")
     assert len(sizes) > 6 and sum(sizes) <= TRANSFER_BYTES_MAX, f"{sum(sizes)} bytes: {sizes}"
     client = Client(demo, *DEMO_OPERATOR)
-    client.post("/demo/fault", name="localization_jump", active="true")
-    expect(page.locator("#tile-localization[data-alarm][data-state=error]")).to_be_visible(timeout=10_000)
+    client.post("/demo/fault", name="can_loss", active="true")
+    expect(page.locator("#tile-can[data-alarm][data-state=error]")).to_be_visible(timeout=10_000)
     expect(page.locator("#causes .cause[data-waiting]").first).to_be_visible()
     for motion, turns in (("no-preference", range(7, 10)), ("reduce", range(1))):
         page.emulate_media(reduced_motion=motion)
