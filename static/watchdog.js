@@ -5,6 +5,8 @@
   const STALE_MS = 1000;
   const DEAD_MS = 2000;
   const CHECK_MS = 100;
+  // An alarm calls once in this time.
+  const CALL_MS = 1000;
   // A connection that hangs without an end, or brings everything late, is replaced after this.
   const HANG_MS = 4000;
 
@@ -13,6 +15,7 @@
   const clock = document.getElementById("clock");
 
   const lag = new Lag();
+  const behind = new Behind();
   // When the last heartbeat came, and how late it was.
   let lastBeat = performance.now();
   let late_ms = 0;
@@ -39,11 +42,16 @@
     return `${Math.floor(s / 86400)} d`;
   };
 
+  // Where there are times to be seen: in the list of what is wrong, and in what is open.
+  const open = new Set([document.querySelector("aside")]);
+
   const tickTimes = () => {
     if (Number.isNaN(serverAt)) return;
     const now = serverAt + late_ms + (performance.now() - lastBeat);
-    for (const time of document.querySelectorAll("time[datetime]")) {
-      setText(time, span(now - Date.parse(time.dateTime)));
+    for (const part of open) {
+      for (const time of part.querySelectorAll("time[datetime]")) {
+        setText(time, span(now - Date.parse(time.dateTime)));
+      }
     }
   };
 
@@ -56,6 +64,8 @@
     if (body.dataset.live !== live) body.dataset.live = live;
     if (live === "dead") dispatchEvent(new Event("telltale:dead"));
     if (live === "live") tickTimes();
+    body.toggleAttribute("data-ebb", now % CALL_MS >= CALL_MS / 2);
+    behind.follow();
     if ((live === "dead" || late_ms >= STALE_MS) && now - lastTry > HANG_MS) connect(document.documentElement.lang);
   };
 
@@ -137,9 +147,17 @@
     opened = false;
   });
 
+  // Large messages are read once: htmx takes from here what it swaps in.
+  document.addEventListener("htmx:ws:before:message:incoming", ({ detail: { message } }) => {
+    if (typeof message.data !== "string") return;
+    const read = JSON.parse(message.data);
+    message.json = async () => read;
+    behind.hear(read);
+  });
+
   document.addEventListener("htmx:ws:after:message:incoming", async (event) => {
     const { connection, message } = event.detail;
-    const { seq, content } = JSON.parse(await message.text());
+    const { seq, content } = await message.json();
     if (typeof content !== "string") return;
     requestAnimationFrame(() => {
       if (seq >= received) unshownSince = null;
@@ -158,6 +176,17 @@
     else if (layout !== body.dataset.layout) location.reload();
     tickTimes();
   });
+
+  document.addEventListener(
+    "beforetoggle",
+    ({ target, newState }) => {
+      if (newState !== "open") return open.delete(target);
+      behind.open(target);
+      open.add(target);
+      return tickTimes();
+    },
+    { capture: true },
+  );
 
   document.addEventListener("telltale:refresh", () => connect(document.documentElement.lang));
 

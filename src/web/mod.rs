@@ -17,6 +17,7 @@ mod lines;
 mod listen;
 mod login;
 mod origins;
+mod pace;
 mod pages;
 mod pending;
 mod plain;

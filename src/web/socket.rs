@@ -18,6 +18,7 @@ use super::answer::{Reader, refusal};
 use super::displays::Place;
 use super::frame;
 use super::guard::SignedIn;
+use super::pace::Pace;
 use super::state::{AppState, turned};
 use super::view::Lang;
 use super::wording::Trouble;
@@ -34,9 +35,7 @@ const BEATS_PER_PING: u64 = 4;
 const PINGS_UNANSWERED_MAX: u32 = 5;
 /// A message that the socket does not take for this long finds nobody who reads.
 const SEND_TIMEOUT: Duration = Duration::from_secs(5);
-/// A page shows no more states in a second than eyes see: what comes sooner after the last message
-/// waits this long, and is then the newest. What stands behind the tiles has more time.
-const SHOW_EVERY: Duration = Duration::from_millis(60);
+/// What stands behind the tiles has more time.
 const DETAILS_EVERY: Duration = Duration::from_millis(500);
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 
@@ -119,8 +118,8 @@ enum Feed {
 
 impl Feed {
     /// Programs get every snapshot that they keep up with.
-    fn pause(&self) -> Duration {
-        if let Feed::Page { .. } = self { SHOW_EVERY } else { Duration::ZERO }
+    fn is_paced(&self) -> bool {
+        matches!(self, Feed::Page { .. })
     }
 }
 
@@ -174,29 +173,52 @@ impl Connection {
         let mut details = interval(DETAILS_EVERY);
         details.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut pause = std::pin::pin!(sleep(Duration::ZERO));
+        let mut pace = Pace::default();
+        let mut details_due = false;
         self.show(&latest(&mut snapshots)).await?;
         loop {
-            tokio::select! {
+            let is_paused = !pause.is_elapsed();
+            // In a pause the details wait too, and then go with the next state.
+            let shows = tokio::select! {
                 () = self.line.session.ended() => return Err(Ending::Revoked),
                 () = turned(&mut closing) => return Err(Ending::Closing),
-                () = &mut pause, if !pause.is_elapsed() => {}
-                changed = snapshots.changed(), if pause.is_elapsed() => {
+                () = &mut pause, if is_paused => details_due,
+                changed = snapshots.changed(), if !is_paused => {
                     changed.map_err(|_| Ending::NoEngine)?;
-                    self.show(&latest(&mut snapshots)).await?;
-                    pause.set(sleep(self.feed.pause()));
+                    true
                 }
-                received = self.line.socket.recv() => self.hear(received)?,
-                _ = details.tick() => self.show_details(&self.app.published()).await?,
+                received = self.line.socket.recv() => {
+                    self.hear(received)?;
+                    false
+                }
+                _ = details.tick(), if self.feed.is_paced() => {
+                    details_due = is_paused;
+                    if !is_paused {
+                        self.show_details(&self.app.published()).await?;
+                    }
+                    false
+                }
                 _ = beats.tick() => {
                     self.beat += 1;
                     self.beat(self.beat).await?;
+                    false
+                }
+            };
+            if shows {
+                let published = latest(&mut snapshots);
+                let sent = match std::mem::take(&mut details_due) {
+                    true => self.show_details(&published).await?,
+                    false => self.show(&published).await?,
+                };
+                if self.feed.is_paced() {
+                    pause.set(sleep(pace.pause(self.app.clock.now(), sent)));
                 }
             }
         }
     }
 
-    /// Sends what this client does not have yet.
-    async fn show(&mut self, published: &Published) -> Result<(), Ending> {
+    /// Sends what this client does not have yet, if there is any.
+    async fn show(&mut self, published: &Published) -> Result<bool, Ending> {
         match &mut self.feed {
             Feed::Page { lang, shown, details } => {
                 let frame = self.app.frames.html(published, *lang, &self.app.trends);
@@ -210,31 +232,25 @@ impl Connection {
                 *shown = Some(frame.revision());
                 self.seq = frame.seq();
                 self.place.sent(self.seq, self.app.clock.now());
-                match message {
-                    Some(message) => self.line.send(Message::Text(message)).await,
-                    None => Ok(()),
-                }
+                self.line.send_some(message).await
             }
-            Feed::Pulse { .. } => Ok(()),
+            Feed::Pulse { .. } => Ok(false),
             Feed::Snapshots => {
                 let json = self.app.frames.json(published);
-                self.line.send(Message::Text(json)).await
+                self.line.send_some(Some(json)).await
             }
         }
     }
 
     /// What stands behind the tiles, and with it all else that is new.
-    async fn show_details(&mut self, published: &Published) -> Result<(), Ending> {
-        let Feed::Page { lang, shown: Some(shown), details } = &mut self.feed else { return Ok(()) };
+    async fn show_details(&mut self, published: &Published) -> Result<bool, Ending> {
+        let Feed::Page { lang, shown: Some(shown), details } = &mut self.feed else { return Ok(false) };
         let frame = self.app.frames.html(published, *lang, &self.app.trends);
         let message = frame.since_with_details(*shown, *details);
         (*shown, *details) = (frame.revision(), frame.revision());
         self.seq = frame.seq();
         self.place.sent(self.seq, self.app.clock.now());
-        match message {
-            Some(message) => self.line.send(Message::Text(message)).await,
-            None => Ok(()),
-        }
+        self.line.send_some(message).await
     }
 
     /// Says that this server and its engine live. A page that hears nothing is covered by its own
@@ -299,6 +315,12 @@ struct Line {
 }
 
 impl Line {
+    /// Sends what there is, and says whether there was anything.
+    async fn send_some(&mut self, text: Option<Utf8Bytes>) -> Result<bool, Ending> {
+        let Some(text) = text else { return Ok(false) };
+        self.send(Message::Text(text)).await.map(|()| true)
+    }
+
     /// Sends one message, unless the session ends first.
     async fn send(&mut self, message: Message) -> Result<(), Ending> {
         if !self.session.is_open() {

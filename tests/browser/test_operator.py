@@ -140,6 +140,31 @@ def test_a_status_that_stops_coming_is_unknown_never_okay(server, vehicle, page,
     expect_tile(page, "mission", "unknown")
 
 
+def test_what_stands_behind_a_tile_is_of_now_when_it_opens(server, vehicle, page, trouble):
+    log_in(page, server)
+    expect_standing(page)
+    row = page.locator(f"#detail-sensors [data-module='{CAUSE}']")
+    # What nobody has opened is not taken in of itself.
+    page.evaluate("() => void (Behind.prototype.follow = () => {})")
+    vehicle.set("velodyne_packet_alive", 2, "Only 2.0 scans per second")
+    expect_tile(page, "sensors", "error")
+    page.wait_for_timeout(1_500)
+    expect(row).to_have_attribute("data-state", "ok")
+    page.evaluate(
+        "() => document.addEventListener('beforetoggle', ({ target }) =>"
+        " void (window.opened = target.textContent), { once: true, capture: true })"
+    )
+    tile(page, "sensors").click()
+    assert "Only 2.0 scans per second" in page.evaluate("() => window.opened")
+    expect(row).to_be_visible()
+    # And while it is open it follows.
+    vehicle.set("velodyne_packet_alive", 1, "Only 8.0 scans per second")
+    expect(row).to_contain_text("Only 8.0 scans per second")
+    expect(row.locator("time")).to_have_text(re.compile(r"^\d+ s$"))
+    vehicle.set("velodyne_packet_alive", 0)
+    expect(row).to_have_attribute("data-state", "ok")
+
+
 def test_hostile_words_from_the_vehicle_are_shown_as_words(server, vehicle, page, trouble):
     log_in(page, server)
     expect_standing(page)

@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use axum::extract::ws::Utf8Bytes;
 
-use crate::web::view::{DETAIL, Fragment};
+use crate::web::view::{DETAIL, Fragment, SHEET};
 
 /// All fragments at one snapshot, each with the revision of its last change. Words change
 /// without a new `seq`, so `seq` is what pages are told and the revision is what decides.
@@ -31,9 +31,14 @@ struct Part {
 }
 
 impl Part {
-    /// What stands behind a tile, and is seen only where somebody opened it.
+    /// What stands behind a tile.
     fn is_detail(&self) -> bool {
         self.id.starts_with(DETAIL)
+    }
+
+    /// What is seen only where somebody opened it.
+    fn is_behind(&self) -> bool {
+        self.is_detail() || self.id.starts_with(SHEET)
     }
 }
 
@@ -94,12 +99,27 @@ impl Frame {
         Some(self.message(changed()))
     }
 
+    /// What is always in sight in one piece, and what stands behind it by its ids: the page takes that
+    /// in when somebody opens it.
     fn message<'a>(&self, parts: impl Iterator<Item = &'a Part>) -> Utf8Bytes {
-        let mut message = format!("{{\"seq\":{},\"content\":\"", self.seq);
+        let (mut content, mut behind) = (String::new(), String::new());
         for part in parts {
-            message.push_str(&part.escaped);
+            if part.is_behind() {
+                let comma = if behind.is_empty() { "" } else { "," };
+                // Writing to a string cannot fail.
+                let _ = write!(behind, "{comma}\"{}\":\"{}\"", escape(&part.id), part.escaped);
+            } else {
+                content.push_str(&part.escaped);
+            }
         }
-        message.push_str("\"}");
+        let mut message = format!("{{\"seq\":{}", self.seq);
+        if !content.is_empty() {
+            let _ = write!(message, ",\"content\":\"{content}\"");
+        }
+        if !behind.is_empty() {
+            let _ = write!(message, ",\"behind\":{{{behind}}}");
+        }
+        message.push('}');
         Utf8Bytes::from(message)
     }
 
@@ -160,14 +180,20 @@ mod tests {
 
     #[test]
     fn what_stands_behind_the_tiles_is_sent_apart() {
-        let first = frame(1, &[("a", "<a1>"), ("detail-a", "<d1>")], None);
-        let second = frame(2, &[("a", "<a1>"), ("detail-a", "<d2>")], Some(&first));
-        let third = frame(3, &[("a", "<a2>"), ("detail-a", "<d2>")], Some(&second));
-        let content = |message: Option<Utf8Bytes>| message.map(|it| it.as_str()[21..].to_owned());
+        let first =
+            frame(1, &[("a", "<a1>"), ("all-x", "<x1>"), ("detail-a", "<d1>"), ("detail-b", "<b>")], None);
+        let second = frame(2, &[("a", "<a1>"), ("all-x", "<x1>"), ("detail-a", "<d2>")], Some(&first));
+        let third = frame(3, &[("a", "<a2>"), ("all-x", "<x2>"), ("detail-a", "<d2>")], Some(&second));
+        let said = |message: Option<Utf8Bytes>| message.map(|it| it.as_str()[9..].to_owned());
+        let whole = r#","content":"<a1>","behind":{"all-x":"<x1>","detail-a":"<d1>","detail-b":"<b>"}}"#;
+        assert_eq!(said(Some(first.full())).as_deref(), Some(whole));
         assert_eq!(second.since(1), None);
-        assert_eq!(content(third.since(2)).as_deref(), Some("<a2>\"}"));
-        assert_eq!(content(third.since_with_details(2, 1)).as_deref(), Some("<a2><d2>\"}"));
-        assert_eq!(content(third.since_with_details(3, 1)).as_deref(), Some("<d2>\"}"));
+        let front = r#","content":"<a2>","behind":{"all-x":"<x2>"}}"#;
+        assert_eq!(said(third.since(2)).as_deref(), Some(front));
+        let both = r#","content":"<a2>","behind":{"all-x":"<x2>","detail-a":"<d2>"}}"#;
+        assert_eq!(said(third.since_with_details(2, 1)).as_deref(), Some(both));
+        let behind = r#","behind":{"detail-a":"<d2>"}}"#;
+        assert_eq!(said(third.since_with_details(3, 1)).as_deref(), Some(behind));
         assert_eq!(third.since_with_details(3, 3), None);
     }
 

@@ -102,8 +102,9 @@ impl Palette {
     }
 }
 
-/// How the ids of those elements begin that stand behind the tiles.
+/// How the ids of those elements begin that stand behind the tiles, and on sheets.
 pub const DETAIL: &str = "detail-";
+pub const SHEET: &str = "all-";
 
 /// One element of the operator's page that changes by itself.
 #[derive(Debug, Clone, PartialEq, Eq)]

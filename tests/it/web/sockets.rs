@@ -125,6 +125,14 @@ fn shown(server: &Server, lang: Lang) -> Vec<Fragment> {
     fragments(&published, &server.app.frames.observe(&published), lang, &server.app.trends)
 }
 
+/// What is always in sight in one piece, and what stands behind it by its ids.
+fn apart(fragments: &[Fragment]) -> (String, serde_json::Map<String, Value>) {
+    let is_behind = |it: &&Fragment| it.id.starts_with("detail-") || it.id.starts_with("all-");
+    let (behind, front): (Vec<&Fragment>, Vec<&Fragment>) = fragments.iter().partition(is_behind);
+    let by_id = behind.into_iter().map(|it| (it.id.clone(), Value::from(it.html.as_str())));
+    (front.into_iter().map(|it| it.html.as_str()).collect(), by_id.collect())
+}
+
 #[tokio::test]
 async fn an_upgrade_needs_a_session_and_an_origin_of_ours() {
     let server = Server::new().await;
@@ -164,25 +172,24 @@ async fn a_page_gets_everything_once_and_then_what_changed() {
         let before = shown(&server, lang);
         let mut socket = server.connect(path, &cookie).await;
         let full = next_content(&mut socket).await;
-        let all: String = before.iter().map(|fragment| fragment.html.as_str()).collect();
-        assert_eq!(full["content"].as_str(), Some(all.as_str()));
+        let (front, behind) = apart(&before);
+        assert_eq!(full["content"].as_str(), Some(front.as_str()));
+        assert_eq!(full["behind"].as_object(), Some(&behind));
         assert_eq!(full["seq"].as_u64(), Some(server.app.published().snapshot.seq));
 
         server.fixture.drive(true).await;
         let after = shown(&server, lang);
-        let changed: String = after
-            .iter()
-            .filter(|fragment| !before.contains(fragment))
-            .map(|fragment| fragment.html.as_str())
-            .collect();
+        let changed: Vec<Fragment> = after.into_iter().filter(|it| !before.contains(it)).collect();
+        let changed = apart(&changed);
         // What stands behind the tiles may come a little later.
-        let mut content = String::new();
-        while content.len() < changed.len() {
-            let step = next_content(&mut socket).await;
-            content += step["content"].as_str().unwrap();
+        let mut got = (String::new(), serde_json::Map::new());
+        while got.0.len() < changed.0.len() || got.1.len() < changed.1.len() {
+            let step = next_json(&mut socket, |value| value.get("beat").is_none()).await;
+            got.0 += step["content"].as_str().unwrap_or_default();
+            got.1.extend(step["behind"].as_object().cloned().unwrap_or_default());
             assert!(step["seq"].as_u64() > full["seq"].as_u64());
         }
-        assert_eq!(content, changed);
+        assert_eq!(got, changed);
         server.fixture.drive(false).await;
     }
 }

@@ -1,0 +1,48 @@
+// What stands behind the tiles and on sheets, by the ids of its elements. What is open is taken in
+// as it comes, what somebody opens before it is seen. All else is hidden and follows bit by bit.
+(() => {
+  "use strict";
+  const APART_MS = 150;
+  // While states come without a pause there is no time for what nobody sees.
+  const BUSY_MS = 400;
+  const APART_BUSY_MS = 2000;
+
+  const panelOf = (id) => document.getElementById(id)?.closest("[popover]");
+
+  globalThis.Behind = class {
+    // The newest of each element that is not taken in yet.
+    #waiting = new Map();
+    #takenAt = 0;
+    #busyUntil = 0;
+
+    // A message of the server: what is in sight is content.
+    hear({ content, behind }) {
+      if (typeof content === "string") this.#busyUntil = performance.now() + BUSY_MS;
+      // What comes anew keeps its place in the row.
+      for (const [id, element] of Object.entries(behind ?? {})) this.#waiting.set(id, element);
+      this.#take((id) => panelOf(id)?.matches(":popover-open"));
+    }
+
+    open(panel) {
+      this.#take((id) => panelOf(id) === panel);
+    }
+
+    // Takes in what has waited longest, if it is time.
+    follow() {
+      const now = performance.now();
+      const apart = now < this.#busyUntil ? APART_BUSY_MS : APART_MS;
+      if (now - this.#takenAt < apart || this.#waiting.size === 0) return;
+      this.#takenAt = now;
+      const [next] = this.#waiting.keys();
+      this.#take((id) => id === next);
+    }
+
+    #take(isMeant) {
+      const ids = [...this.#waiting.keys()].filter(isMeant);
+      if (ids.length === 0) return;
+      const text = ids.map((id) => this.#waiting.get(id)).join("");
+      for (const id of ids) this.#waiting.delete(id);
+      htmx.swap({ sourceElement: document.body, target: document.body, swap: "none", text });
+    }
+  };
+})();
