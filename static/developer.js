@@ -61,6 +61,7 @@
   // What a form has answered stands under the address of its page: nothing is sent twice.
   if (!known.has(location.pathname)) history.replaceState(null, "", main().dataset.page);
   let standing = pageOf(location);
+  const { frame } = main().dataset;
 
   // One question at a time; a newer wish ends an older one, which then has no answer.
   // The server is told by a header when nobody did anything: an open page keeps no session alive.
@@ -79,7 +80,9 @@
       const template = document.createElement("template");
       template.innerHTML = text;
       const element = template.content.querySelector(part === "main" ? "main" : "#dev");
-      if (!element) throw new Error("another page");
+      if (!element) throw new Error("no page of this server");
+      // Another program, configuration, user or language: what stands around it is old.
+      if (element.dataset.frame !== undefined && element.dataset.frame !== frame) throw new Error("another frame");
       // Made ready before it is compared: what was so already stays untouched.
       localTimes(element);
       dispatchEvent(new CustomEvent("telltale:ready", { detail: element }));
