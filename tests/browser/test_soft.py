@@ -65,6 +65,7 @@ def test_a_link_brings_the_other_page_and_the_history_leads_back_and_forward(ser
     expect(page.locator("select[name=level]")).to_have_value("ok")
     page.go_forward()
     at(page, "/developer/graph", "Graph")
+    assert scrolled(page) == 0
     page.reload()
     expect(page.locator("#graph")).to_be_visible()
     assert not page.evaluate(IS_KEPT)
@@ -72,6 +73,19 @@ def test_a_link_brings_the_other_page_and_the_history_leads_back_and_forward(ser
     page.go_back()
     expect(page.locator("main h2")).to_have_text("Statuses")
     expect(page.locator("select[name=level]")).to_have_value("ok")
+    until(lambda: scrolled(page) == 300, 5, lambda: scrolled(page))
+
+
+def test_what_stands_around_a_page_is_loaded_anew_where_it_is_another(server, vehicle, developer, trouble):
+    page = developer
+    visit(page, server, "/developer")
+    page.evaluate(MARK)
+    # As another tab does.
+    page.context.add_cookies([{"name": "lang", "value": "de", "url": server.url}])
+    page.get_by_role("link", name="Coverage", exact=True).click()
+    page.wait_for_url(server.url + "/developer/coverage")
+    expect(page.locator("nav [aria-current]")).to_have_text("Abdeckung")
+    assert not page.evaluate(IS_KEPT)
 
 
 def test_steps_within_a_page_and_between_pages_are_steps_of_one_history(server, vehicle, developer, trouble):
