@@ -68,5 +68,6 @@ pub fn page_context(app: &AppState, session: &Session, reader: &Reader) -> PageC
         role: session.role,
         demo: app.settings.demo.is_some(),
         configuration: app.settings.rereads.is_some(),
+        part: reader.part,
     }
 }
