@@ -60,9 +60,11 @@ impl Health {
         self.fault.subscribe()
     }
 
-    /// Judges what a job came to: an error of the disk is told at once, not at the next probe.
+    /// Judges what a job came to: an error of the disk is told at once, not at the next probe. Of a
+    /// database that is open for reading alone it is known why.
     pub(super) fn judge(&self, error: &StoreError) {
         if let StoreError::Database(rusqlite::Error::SqliteFailure(failure, _)) = error
+            && !self.is_reading
             && matches!(
                 failure.code,
                 ErrorCode::DiskFull

@@ -188,6 +188,7 @@ async fn a_head_that_cannot_be_read_is_not_called_missing() {
     for _ in 0..2 {
         assert!(store.audit(Record::of(Action::Start, TELLTALE)).await.is_err());
     }
+    names(store.fault().borrow().as_deref().unwrap().to_owned());
     std::fs::remove_dir(&head).unwrap();
     std::fs::write(&head, &noted).unwrap();
     hand.advance(Span::from_secs(5));
