@@ -63,7 +63,10 @@
     const graph = document.getElementById("graph");
     const { width, height } = graph.viewBox.baseVal;
     const frame = graph.parentElement;
-    zoom = Math.min(1.3, (frame.clientWidth - 30) / width, Math.max(300, innerHeight - frame.offsetTop - 40) / height);
+    // Where it stands below the bar, without what is said between them while the page is old.
+    const { top: begin } = document.querySelector("main").getBoundingClientRect();
+    const top = document.querySelector(".dev-bar").offsetHeight + frame.getBoundingClientRect().top - begin;
+    zoom = Math.min(1.3, (frame.clientWidth - 30) / width, Math.max(300, innerHeight - top - 40) / height);
     size(graph);
   };
   const zoomBy = (factor, x, y) => {
