@@ -1,5 +1,6 @@
 // The developer's pages: their address is their whole state, the server renders it, and this asks
-// anew when the server's pulse says that there is news. Says by itself when what stands here is old.
+// anew when the server's pulse says that there is news. Links to other pages of the developer's bring
+// these into the frame that stands already. Says by itself when what stands here is old.
 (() => {
   "use strict";
   const STALE_MS = 1000;
@@ -13,12 +14,15 @@
   const BEHIND_DEAD_MS = 5000;
   const RECONNECT_MS = 500;
   const HANG_MS = 4000;
+  const SCROLLED_MS = 150;
+  const RENEWAL = { "Telltale-Renewal": "1" };
 
   const root = document.documentElement;
   const body = document.body;
   const mark = document.querySelector("#live .pulse");
   const clock = document.getElementById("clock");
   const stage = document.getElementById("dev-stage");
+  const main = () => document.querySelector("main");
   const content = () => document.getElementById("dev");
 
   const lag = new Lag();
@@ -30,63 +34,113 @@
   const locked = body.dataset.stage === "locked";
   let behindSince = null;
   let renewedAt = performance.now();
-  let renewing = null;
+  let asking = null;
 
   const setText = (element, text) => {
     if (element.textContent !== text) element.textContent = text;
   };
 
-  const localTimes = () => {
-    for (const time of document.querySelectorAll("time.clock")) {
+  const localTimes = (part) => {
+    for (const time of part.querySelectorAll("time.clock")) {
       const at = new Date(time.dateTime);
       if (Number.isNaN(at.getTime())) continue;
       const clock = at.toTimeString().slice(0, 8);
       setText(time, time.classList.contains("whole") ? `${at.toLocaleDateString(root.lang)} ${clock}` : clock);
     }
-    for (const text of document.querySelectorAll("[data-clock]")) {
+    for (const text of part.querySelectorAll("[data-clock]")) {
       setText(text, new Date(text.dataset.clock).toTimeString().slice(0, 8));
     }
   };
 
   // --- what stands here
 
-  const show = async (text) => {
-    await htmx.swap({ sourceElement: body, target: "#dev", select: "#dev", swap: "outerMorph", text });
-    localTimes();
-    afterShow();
-  };
+  // Which page an address is of, whatever it asks of it.
+  const WHY = "/developer/why";
+  const pageOf = ({ pathname, search }) => (pathname === WHY ? pathname + search : pathname);
+  const known = new Set([WHY, ...[...document.querySelectorAll("nav a")].map((link) => link.pathname)]);
+  // What a form has answered stands under the address of its page: nothing is sent twice.
+  if (!known.has(location.pathname)) history.replaceState(null, "", main().dataset.page);
+  let standing = pageOf(location);
+  const { frame } = main().dataset;
 
-  // One at a time; a newer wish ends an older one.
-  // The server is told by the header that nobody did anything: an open page keeps no session alive.
-  const RENEWAL = { "Telltale-Renewal": "1" };
-  const renew = async (byItself) => {
-    renewing?.abort();
+  // One question at a time; a newer wish ends an older one, which then has no answer.
+  // The server is told by a header when nobody did anything: an open page keeps no session alive.
+  const ask = async (address, part, byItself) => {
+    asking?.abort();
     const abort = new AbortController();
-    renewing = abort;
+    asking = abort;
     const limit = setTimeout(() => abort.abort(), ANSWER_MS);
+    const headers = { "Telltale-Part": part, ...(byItself && RENEWAL) };
     try {
-      const answer = await fetch(location.href, { headers: byItself ? RENEWAL : {}, cache: "no-store", signal: abort.signal });
-      if (answer.redirected) return location.assign(answer.url);
+      const answer = await fetch(address, { headers, cache: "no-store", signal: abort.signal });
+      if (answer.redirected) return void location.assign(answer.url);
       if (!answer.ok) throw new Error(`status ${answer.status}`);
       const text = await answer.text();
-      if (renewing !== abort) return;
-      await show(text);
-      if (Number(content().dataset.revision) >= newest) behindSince = null;
-    } catch {
-      // What failed shows as the page's age.
+      if (asking !== abort) return undefined;
+      const template = document.createElement("template");
+      template.innerHTML = text;
+      const element = template.content.querySelector(part === "main" ? "main" : "#dev");
+      if (!element) throw new Error("no page of this server");
+      // Another program, configuration, user or language: what stands around it is old.
+      if (element.dataset.frame !== undefined && element.dataset.frame !== frame) throw new Error("another frame");
+      // Made ready before it is compared: what was so already stays untouched.
+      localTimes(element);
+      dispatchEvent(new CustomEvent("telltale:ready", { detail: element }));
+      return element;
+    } catch (error) {
+      if (asking !== abort) return undefined;
+      throw error;
     } finally {
       clearTimeout(limit);
-      if (renewing === abort) {
-        renewing = null;
+      if (asking === abort) {
+        asking = null;
         renewedAt = performance.now();
       }
+    }
+  };
+
+  const shown = () => {
+    const { revision, static: fixed } = content().dataset;
+    if (fixed !== undefined || Number(revision) >= newest) behindSince = null;
+    dispatchEvent(new Event("telltale:shown"));
+  };
+
+  // Another page takes the place of this one, as if it had been loaded.
+  const stand = (fresh, url) => {
+    main().replaceWith(fresh);
+    standing = pageOf(url);
+    const title = fresh.querySelector("h2");
+    document.title = `${title.textContent} - Telltale`;
+    for (const link of document.querySelectorAll("nav a")) {
+      if (link.pathname === fresh.dataset.page) link.setAttribute("aria-current", "page");
+      else link.removeAttribute("aria-current");
+    }
+    dressForms();
+    dispatchEvent(new Event("telltale:page"));
+    shown();
+    // Who cannot see it hears what page it is, and goes on from its beginning.
+    title.focus({ preventScroll: true });
+  };
+
+  const renew = async (byItself) => {
+    // Where an answer did not come before the next wish, another page than the address's stands here.
+    const isOther = pageOf(location) !== standing;
+    try {
+      const fresh = await ask(location.href, isOther ? "main" : "content", byItself);
+      if (!fresh) return;
+      if (isOther) return stand(fresh, location);
+      morph(content(), fresh);
+      shown();
+    } catch {
+      // What failed shows as the page's age; nothing stands under the address of something else.
+      if (isOther) location.reload();
     }
   };
 
   const renewIfDue = () => {
     const every = Number(content().dataset.renew);
     const wait = performance.now() - renewedAt;
-    if (renewing || wait < RENEW_MIN_MS || document.hidden || !everBeat) return;
+    if (asking || wait < RENEW_MIN_MS || document.hidden || !everBeat) return;
     if (content().dataset.static !== undefined) return;
     const news = Number(content().dataset.revision) < newest;
     if (news || (every > 0 && wait >= every)) renew(true);
@@ -153,14 +207,43 @@
     }
   };
 
-  // --- another address of the same page
+  // --- another address
 
+  // The page that stands here, otherwise.
   const go = (address, replace) => {
-    if (replace) history.replaceState(null, "", address);
-    else history.pushState(null, "", address);
+    const { state } = history;
+    if (replace) history.replaceState(state, "", address);
+    else history.pushState(state, "", address);
     keepForm();
     return renew();
   };
+
+  // Another page. What cannot be brought here is left to the browser.
+  const visit = async (url) => {
+    let fresh;
+    try {
+      fresh = await ask(url, "main");
+    } catch {
+      return location.assign(url);
+    }
+    if (!fresh) return undefined;
+    keepPlace();
+    if (url.href === location.href) history.replaceState(null, "", url);
+    else history.pushState(null, "", url);
+    stand(fresh, url);
+    scrollTo(0, 0);
+    return undefined;
+  };
+
+  // Where each entry of the history was left.
+  const keepPlace = () => history.replaceState({ y: scrollY }, "");
+  const takePlace = () => scrollTo(0, history.state?.y ?? 0);
+  let scrolled = 0;
+  history.scrollRestoration = "manual";
+  addEventListener("scroll", () => {
+    clearTimeout(scrolled);
+    scrolled = setTimeout(keepPlace, SCROLLED_MS);
+  }, { passive: true });
 
   // The form keeps what links have changed: pins, the order.
   const keepForm = () => {
@@ -192,10 +275,13 @@
   };
 
   document.addEventListener("click", (event) => {
-    const link = event.target.closest?.("a[data-soft]");
-    if (!link || event.ctrlKey || event.metaKey || event.shiftKey || event.button !== 0) return;
+    const link = event.target.closest?.("a[href]");
+    if (!link || event.ctrlKey || event.metaKey || event.shiftKey || event.altKey || event.button !== 0) return;
+    const url = new URL(link.getAttribute("href"), location.href);
+    if (url.origin !== location.origin || !known.has(url.pathname)) return;
     event.preventDefault();
-    go(link.getAttribute("href"));
+    if (link.dataset.soft !== undefined) go(url);
+    else visit(url);
   });
   for (const type of ["input", "submit"]) {
     document.addEventListener(type, (event) => {
@@ -205,168 +291,22 @@
       go(addressOf(form), true);
     });
   }
-  addEventListener("popstate", () => {
-    fill();
-    renew();
+  addEventListener("popstate", async () => {
+    clearTimeout(scrolled);
+    if (pageOf(location) === standing) fill();
+    await renew();
+    takePlace();
   });
 
-  // --- the timeline: its slider, its end, one node more
-
-  const timeline = document.querySelector("[data-timeline]");
-  const moment = timeline?.querySelector("[data-moment]");
-  const until = timeline?.querySelector("[data-until]");
-
-  const local = (ms) => {
-    const at = new Date(ms);
-    return new Date(ms - at.getTimezoneOffset() * 60000).toISOString().slice(0, 19);
+  const dressForms = () => {
+    for (const form of document.querySelectorAll("form[data-soft]")) form.dataset.scripted = "";
+    keepForm();
   };
 
-  // A moment and an end stand still: the present does not.
-  const fix = (changes) => {
-    const asked = new URLSearchParams(location.search);
-    if (!asked.get("until")) asked.set("until", document.getElementById("timeline").dataset.to);
-    for (const [name, value] of Object.entries(changes)) asked.set(name, value);
-    go(`?${asked}`, true);
-  };
-
-  moment?.addEventListener("input", () => fix({ at: moment.value }));
-  until?.addEventListener("change", () => {
-    const ms = new Date(until.value).getTime();
-    if (!Number.isNaN(ms)) fix({ until: ms });
-  });
-  timeline?.querySelector("[data-add]").addEventListener("submit", (event) => {
-    event.preventDefault();
-    const field = event.target.elements.namedItem("node");
-    const input = field instanceof RadioNodeList ? field[field.length - 1] : field;
-    const asked = new URLSearchParams(location.search);
-    if (!asked.has("node")) {
-      for (const lane of document.querySelectorAll(".lane[data-node]")) asked.append("node", lane.dataset.node);
-    }
-    if (input.value) asked.append("node", input.value);
-    input.value = "";
-    go(`?${asked}`);
-  });
-
-  const afterShow = () => {
-    applyZoom();
-    if (timeline) {
-      const asked = new URLSearchParams(location.search);
-      if (!asked.get("at") && document.activeElement !== moment) moment.value = 1000;
-      const to = Number(document.getElementById("timeline").dataset.to);
-      if (document.activeElement !== until) until.value = asked.get("until") ? local(to) : "";
-    }
-  };
-
-  // --- the graph: larger and smaller, around the pointer
-
-  let zoom = 1;
-  const applyZoom = (x, y, before) => {
-    const graph = document.getElementById("graph");
-    if (!graph) return;
-    const { width, height } = graph.viewBox.baseVal;
-    graph.style.width = `${width * zoom}px`;
-    graph.style.height = `${height * zoom}px`;
-    if (before === undefined) return;
-    const frame = graph.parentElement;
-    frame.scrollLeft = (frame.scrollLeft + x) * (zoom / before) - x;
-    frame.scrollTop = (frame.scrollTop + y) * (zoom / before) - y;
-  };
-  const whole = () => {
-    const graph = document.getElementById("graph");
-    const { width, height } = graph.viewBox.baseVal;
-    const frame = graph.parentElement;
-    zoom = Math.min(1.3, (frame.clientWidth - 30) / width, Math.max(300, innerHeight - frame.offsetTop - 40) / height);
-    applyZoom();
-  };
-  const zoomBy = (factor, x, y) => {
-    const before = zoom;
-    zoom = Math.min(4, Math.max(0.1, zoom * factor));
-    applyZoom(x, y, before);
-  };
-  document.addEventListener("click", (event) => {
-    const how = event.target.closest?.("[data-zoom]")?.dataset.zoom;
-    const frame = document.getElementById("picture");
-    if (!how || !frame) return;
-    if (how === "whole") return whole();
-    zoomBy(how === "in" ? 1.25 : 0.8, frame.clientWidth / 2, frame.clientHeight / 2);
-  });
-  document.addEventListener(
-    "wheel",
-    (event) => {
-      const frame = event.target.closest?.("#picture");
-      if (!frame || event.shiftKey) return;
-      event.preventDefault();
-      const box = frame.getBoundingClientRect();
-      zoomBy(event.deltaY < 0 ? 1.15 : 1 / 1.15, event.clientX - box.left, event.clientY - box.top);
-    },
-    { passive: false },
-  );
-
-  // Dragged like a map.
-  let drag = null;
-  document.addEventListener("pointerdown", (event) => {
-    const frame = event.target.closest?.("#picture");
-    if (frame && event.button === 0 && !event.target.closest("a")) {
-      drag = { frame, x: event.clientX + frame.scrollLeft, y: event.clientY + frame.scrollTop };
-    }
-  });
-  document.addEventListener("pointermove", (event) => {
-    if (!drag) return;
-    drag.frame.scrollLeft = drag.x - event.clientX;
-    drag.frame.scrollTop = drag.y - event.clientY;
-  });
-  for (const type of ["pointerup", "pointercancel"]) document.addEventListener(type, () => (drag = null));
-
-  // --- keys
-
-  const help = document.getElementById("help");
-  document.addEventListener("click", (event) => {
-    if (event.target.closest?.("[data-help]")) help.showModal();
-  });
-
-  const rows = () => [...document.querySelectorAll("[data-row]")];
-  const target = (row) => (row.matches("a") ? row : row.querySelector("[data-open], a"));
-  const move = (step) => {
-    const all = rows();
-    const at = all.findIndex((row) => row.contains(document.activeElement));
-    const next = all[at < 0 ? (step > 0 ? 0 : all.length - 1) : Math.min(all.length - 1, Math.max(0, at + step))];
-    if (next) target(next)?.focus();
-  };
-
-  const press = {
-    "/": () => document.getElementById("filter")?.focus(),
-    "?": () => help.showModal(),
-    j: () => move(1),
-    k: () => move(-1),
-    ArrowDown: () => move(1),
-    ArrowUp: () => move(-1),
-    p: () => document.activeElement?.closest("[data-row]")?.querySelector("[data-pin]")?.click(),
-    n: () => document.querySelector("[data-go=next]")?.click(),
-    b: () => document.querySelector("[data-go=previous]")?.click(),
-    "+": () => document.querySelector("[data-zoom=in]")?.click(),
-    "-": () => document.querySelector("[data-zoom=out]")?.click(),
-    0: () => document.querySelector("[data-zoom=whole]")?.click(),
-  };
-
-  document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || help.open) return;
-    const field = event.target.closest?.("input, select, textarea");
-    if (field) {
-      if (event.key === "Escape") field.blur();
-      return;
-    }
-    const page = /^[1-9]$/.test(event.key) && document.querySelector(`nav a[data-key="${event.key}"]`);
-    const action = page ? () => page.click() : press[event.key];
-    if (!action) return;
-    event.preventDefault();
-    action();
-  });
-
-  for (const form of document.querySelectorAll("form[data-soft]")) form.dataset.scripted = "";
-  localTimes();
-  if (document.getElementById("graph")) whole();
-  afterShow();
-  keepForm();
+  globalThis.telltale = { go };
+  localTimes(document);
+  dressForms();
+  addEventListener("DOMContentLoaded", takePlace);
   connect();
   setInterval(judge, CHECK_MS);
 })();

@@ -34,8 +34,8 @@ pub struct Args {
     listen: SocketAddr,
     /// Another address by which browsers reach it, through a proxy or by name; may be repeated
     ///
-    /// Behind a proxy on this machine every browser looks like the display in the vehicle: give
-    /// `--display none` or the display's own address, or a PIN will do for all of them.
+    /// Behind a proxy on this machine every browser looks like a display on it: give `--display none`
+    /// or the display's own address, or all of them count as the vehicle's own, with a PIN.
     #[arg(long = "origin", value_name = "URL")]
     origins: Vec<String>,
     /// The folder of users, sessions and history [default: $XDG_DATA_HOME/telltale or ~/.local/share/telltale]
@@ -50,7 +50,10 @@ pub struct Args {
     /// Plain HTTP may leave this machine: everybody on the way can read and change it
     #[arg(long, conflicts_with = "tls_cert")]
     insecure_http: bool,
-    /// A display at which a PIN will do: an address, `loopback` or `none`; may be repeated [default: loopback]
+    /// One of the vehicle's own displays: an address, `loopback` or `none`; may be repeated [default: loopback]
+    ///
+    /// A PIN will do there, and no flood of requests from elsewhere delays it. What is not named counts as
+    /// elsewhere, also this machine.
     #[arg(long = "display", value_name = "IP")]
     displays: Vec<Display>,
     #[command(flatten)]
@@ -120,7 +123,7 @@ fn warn_of_proxy(args: &Args) {
         beyond && (args.listen.ip().is_loopback() || is_secure && args.tls_cert.is_none())
     };
     if let Some(origin) =
-        args.origins.iter().find(is_proxied).filter(|_| enrolled.has(Ipv4Addr::LOCALHOST.into()))
+        args.origins.iter().find(is_proxied).filter(|_| enrolled.is_near(Ipv4Addr::LOCALHOST.into()))
     {
         tracing::warn!(
             "{origin} is reached through a proxy: if that runs on this machine, every browser behind it looks \

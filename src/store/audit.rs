@@ -5,18 +5,16 @@
 //! the database in [`HEAD_FILE_NAME`] and in the log of the program: whoever can write the
 //! database alone cannot write a chain that fits.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, Transaction, TransactionBehavior, params};
 
 use super::chain::{self, Hash, Verifier};
+pub use super::head::HEAD_FILE_NAME;
+use super::head::{read_head, write_head};
 use super::users::{from_unix_ms, to_unix_ms};
-use super::{Database, FILE_NAME, Head, Role, Store, StoreError, Verdict};
-
-/// The head of the chain, beside the database.
-pub const HEAD_FILE_NAME: &str = "audit.head";
+use super::{Database, Head, Lane, Role, Store, StoreError, Verdict};
 
 /// Records that are kept. Past this the oldest are taken away, which is a record itself.
 const RECORDS_MAX: u64 = 1_000_000;
@@ -179,6 +177,14 @@ impl Store {
         self.call(move |database| database.change(&[record], |_| Ok(()))).await
     }
 
+    /// [`Store::audit`] of what somebody caused who comes from there.
+    ///
+    /// # Errors
+    /// As there.
+    pub async fn audit_from(&self, lane: Lane, record: Record) -> Result<(), StoreError> {
+        self.call_from(lane, move |database| database.change(&[record], |_| Ok(()))).await
+    }
+
     /// Records before number `before`, the newest first, at most `count`.
     ///
     /// # Errors
@@ -222,17 +228,14 @@ impl Store {
 /// # Errors
 /// If there is no database, or it cannot be read.
 pub fn verify_audit_in(folder: &Path, heads: &[Head]) -> Result<(Verdict, bool), StoreError> {
-    let path = folder.join(FILE_NAME);
+    let path = super::schema::existing(folder)?;
     let open_error = |reason| StoreError::Open { path: path.clone(), reason };
-    if !path.exists() {
-        return Err(StoreError::NoDatabase { path });
-    }
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let connection = Connection::open_with_flags(&path, flags).map_err(open_error)?;
     connection.busy_timeout(super::schema::LOCK_WAIT).map_err(open_error)?;
     let mut known = heads.to_vec();
     // The head is never ahead of the database, so it is read first.
-    let noted = read_head(&folder.join(HEAD_FILE_NAME));
+    let noted = read_head(&folder.join(HEAD_FILE_NAME))?;
     known.extend(noted);
     let mut verifier = Verifier::new(known);
     while verifier.read(&connection, VERIFY_AT_ONCE)? {}
@@ -261,7 +264,7 @@ impl Log {
         wall: SystemTime,
     ) -> Result<Log, StoreError> {
         let head_file = folder.map(|folder| folder.join(HEAD_FILE_NAME));
-        let noted = head_file.as_deref().and_then(read_head).unwrap_or(Head::NONE);
+        let noted = head_file.as_deref().map_or(Ok(None), read_head)?.unwrap_or(Head::NONE);
         let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
         if noted.number > 0 && hash_of(&transaction, noted.number)? != Some(noted.hash) {
             tracing::error!(%noted, "the audit log is not the one that was noted; `telltale audit verify` says more");
@@ -269,9 +272,11 @@ impl Log {
                 Record::of(Action::ChainBroken, TELLTALE).on(format!("{HEAD_FILE_NAME} said {noted}"));
             append(&transaction, &record, wall)?;
         } else if noted.number == 0 && head_file.is_some() && Head::of(&transaction)?.number > 0 {
-            tracing::warn!("{HEAD_FILE_NAME} is missing: whether the audit log is whole cannot be proven");
+            tracing::warn!(
+                "{HEAD_FILE_NAME} is missing or no head: whether the audit log is whole cannot be proven"
+            );
             let record = Record::of(Action::HeadMissing, TELLTALE);
-            append(&transaction, &record.on(format!("{HEAD_FILE_NAME} was gone")), wall)?;
+            append(&transaction, &record.on(format!("{HEAD_FILE_NAME} was gone or no head")), wall)?;
         }
         transaction.commit()?;
         let head = Head::of(connection)?;
@@ -284,7 +289,8 @@ impl Log {
     /// Reads where the chain ends, of a database that cannot be written.
     pub(super) fn read(connection: &Connection, folder: &Path) -> Result<Log, StoreError> {
         let head_file = folder.join(HEAD_FILE_NAME);
-        let noted = read_head(&head_file).unwrap_or(Head::NONE);
+        // Where it cannot be read, that is why the database is not written.
+        let noted = read_head(&head_file).ok().flatten().unwrap_or(Head::NONE);
         let head = Head::of(connection)?;
         Ok(Log { head_file: Some(head_file), head, noted, logged: head.number, fault: None })
     }
@@ -398,23 +404,6 @@ fn hash_of(connection: &Connection, number: u64) -> Result<Option<Hash>, StoreEr
 
 fn cut(text: &str) -> &str {
     text.char_indices().nth(FIELD_CHARS_MAX).map_or(text, |(end, _)| &text[..end])
-}
-
-fn read_head(file: &Path) -> Option<Head> {
-    Head::parse(&std::fs::read_to_string(file).ok()?)
-}
-
-/// Whole or not at all, whenever the power goes.
-fn write_head(file: &Path, head: Head) -> std::io::Result<()> {
-    let new = file.with_extension(format!("head.{}", std::process::id()));
-    let mut options = std::fs::OpenOptions::new();
-    options.write(true).create(true).truncate(true);
-    #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-    let mut writer = options.open(&new)?;
-    writer.write_all(format!("{head}\n").as_bytes())?;
-    writer.sync_data()?;
-    std::fs::rename(&new, file)
 }
 
 #[cfg(test)]

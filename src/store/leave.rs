@@ -4,19 +4,38 @@
 use rusqlite::{Connection, OptionalExtension, Transaction, params};
 
 use super::audit::Record;
+use super::open::Row;
 use super::sessions::{Key, insert_session};
 use super::vehicle::write as write_vehicle;
-use super::{Database, Session, Store, StoreError, Token, VehicleMemory, Verified};
+use super::{Session, Store, StoreError, Token, VehicleMemory, Verified};
 
 /// A change that is written and has not happened yet: the sessions go on as they were until it does.
 #[derive(Debug)]
 pub struct Written {
-    /// The session that was opened.
-    opened: Option<Key>,
-    /// Who sat in the seat.
+    /// The session that comes in, and those that go.
+    comes: Option<Row>,
+    goes: Vec<Key>,
+    /// Of the table of open sessions when this was written.
+    alignment: u64,
+    /// Who sat in the seat, and the sessions of those whom it is about.
+    before: Before,
+}
+
+#[derive(Debug)]
+struct Before {
     seat: Option<i64>,
-    /// Token, user, start and end of each session of those whom it is about.
-    sessions: Vec<(Key, i64, i64, i64)>,
+    sessions: Vec<Stored>,
+}
+
+/// A session as it was stored, with the secret that its user had.
+#[derive(Debug)]
+struct Stored {
+    key: Key,
+    user: i64,
+    secret_hash: String,
+    created_ms: i64,
+    expires_ms: i64,
+    used_ms: i64,
 }
 
 /// Somebody who proved to be a user and comes in.
@@ -51,9 +70,8 @@ impl Store {
         let ends = before.map(Session::key);
         let written = self.call(move |database| {
             let remembered = seat.as_ref().map(|memory| memory.seq);
-            let written = database.change(&records, |transaction| {
-                let names = [Some(user.name()), from.as_deref()];
-                let written = Written { opened: Some(key), ..before_change(transaction, names, ends)? };
+            let (before, goes) = database.change(&records, |transaction| {
+                let before = Before::of(transaction, [Some(user.name()), from.as_deref()], ends)?;
                 if let Some(ends) = ends {
                     transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [ends])?;
                 }
@@ -65,21 +83,24 @@ impl Store {
                     take_seat(transaction, user.id)?;
                     write_vehicle(transaction, memory)?;
                 }
-                Ok(written)
+                let goes = before.ended(transaction)?;
+                Ok((before, goes))
             })?;
             database.remembered_seq = database.remembered_seq.max(remembered.unwrap_or(0));
-            Ok(written)
+            let comes = Some(Row::of_login(key, &user, database.clock.now()));
+            Ok(Written { comes, goes, alignment: database.sessions.alignment(), before })
         });
         Ok((token, written.await?))
     }
 
-    /// Opens the session of who has come in, and ends those that it ends.
+    /// Opens the session of who has come in, and ends those that it ends. It waits for no disk.
     ///
     /// # Errors
-    /// If the database cannot be read, or the session was ended meanwhile.
-    pub async fn entered(&self, token: &Token) -> Result<Session, StoreError> {
-        self.left().await?;
-        self.session(token).ok_or(StoreError::SessionEnded)
+    /// [`StoreError::SessionEnded`] if the user was removed or got another secret meanwhile.
+    pub fn entered(&self, written: Written) -> Result<Session, StoreError> {
+        let key = written.comes.as_ref().map(|row| row.key);
+        self.left(written);
+        key.and_then(|key| self.sessions.find(&key)).ok_or(StoreError::SessionEnded)
     }
 
     /// Writes down that an operator leaves the seat and all displays, with the record of it. When
@@ -91,23 +112,22 @@ impl Store {
     pub async fn leave(&self, user: &str, record: Record) -> Result<Written, StoreError> {
         let user = user.to_owned();
         self.call(move |database| {
-            database.change(&[record], |transaction| {
-                let written = before_change(transaction, [Some(user.as_str()), None], None)?;
+            let (before, goes) = database.change(&[record], |transaction| {
+                let before = Before::of(transaction, [Some(user.as_str()), None], None)?;
                 end_all(transaction, &user)?;
                 let sql = "DELETE FROM seat WHERE user = (SELECT id FROM users WHERE name = ?1)";
                 transaction.execute(sql, [&user])?;
-                Ok(written)
-            })
+                let goes = before.ended(transaction)?;
+                Ok((before, goes))
+            })?;
+            Ok(Written { comes: None, goes, alignment: database.sessions.alignment(), before })
         })
         .await
     }
 
-    /// Ends the sessions of those who have left.
-    ///
-    /// # Errors
-    /// If the database cannot be read.
-    pub async fn left(&self) -> Result<(), StoreError> {
-        self.call(Database::reload_sessions).await
+    /// Ends the sessions of those who have left. It waits for no disk.
+    pub fn left(&self, written: Written) {
+        self.sessions.change(written.alignment, &written.goes, written.comes);
     }
 
     /// Gives the seat and the sessions back, with the vehicle as it is and the record of why.
@@ -120,20 +140,16 @@ impl Store {
         memory: VehicleMemory,
         record: Record,
     ) -> Result<(), StoreError> {
-        self.call(move |database| {
+        self.call_surely(move |database| {
             database.change(&[record], |transaction| {
-                if let Some(opened) = written.opened {
-                    transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [opened])?;
+                if let Some(Row { key, .. }) = written.comes {
+                    transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [key])?;
                 }
-                for (key, user, created_ms, expires_ms) in written.sessions {
-                    transaction.execute(
-                        "INSERT OR IGNORE INTO sessions (token_hash, user, created_ms, expires_ms)
-                         SELECT ?1, id, ?3, ?4 FROM users WHERE id = ?2",
-                        params![key, user, created_ms, expires_ms],
-                    )?;
+                for session in written.before.sessions {
+                    session.restore(transaction)?;
                 }
                 transaction.execute("DELETE FROM seat", [])?;
-                if let Some(user) = written.seat {
+                if let Some(user) = written.before.seat {
                     take_seat(transaction, user)?;
                 }
                 write_vehicle(transaction, &memory)
@@ -144,20 +160,56 @@ impl Store {
     }
 }
 
-fn before_change(
-    transaction: &Transaction<'_>,
-    names: [Option<&str>; 2],
-    ends: Option<Key>,
-) -> Result<Written, StoreError> {
-    let mut query = transaction.prepare_cached(
-        "SELECT token_hash, sessions.user, sessions.created_ms, expires_ms
-         FROM sessions JOIN users ON users.id = sessions.user
-         WHERE name = ?1 OR name = ?2 OR token_hash = ?3",
-    )?;
-    let row = |row: &rusqlite::Row<'_>| Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?));
-    let sessions = query.query_map(params![names[0], names[1], ends], row)?.collect::<Result<_, _>>()?;
-    let seat = transaction.query_row("SELECT user FROM seat", [], |row| row.get(0)).optional()?;
-    Ok(Written { opened: None, seat, sessions })
+impl Before {
+    /// What there is of these users and of this session.
+    fn of(
+        transaction: &Transaction<'_>,
+        names: [Option<&str>; 2],
+        ends: Option<Key>,
+    ) -> Result<Before, StoreError> {
+        let mut query = transaction.prepare_cached(
+            "SELECT token_hash, users.id, secret_hash, sessions.created_ms, expires_ms, used_ms
+             FROM sessions JOIN users ON users.id = sessions.user
+             WHERE name = ?1 OR name = ?2 OR token_hash = ?3",
+        )?;
+        let sessions = query.query_map(params![names[0], names[1], ends], |row| {
+            Ok(Stored {
+                key: row.get(0)?,
+                user: row.get(1)?,
+                secret_hash: row.get(2)?,
+                created_ms: row.get(3)?,
+                expires_ms: row.get(4)?,
+                used_ms: row.get(5)?,
+            })
+        })?;
+        let sessions = sessions.collect::<Result<_, _>>()?;
+        let seat = transaction.query_row("SELECT user FROM seat", [], |row| row.get(0)).optional()?;
+        Ok(Before { seat, sessions })
+    }
+
+    /// Those that are no more.
+    fn ended(&self, transaction: &Transaction<'_>) -> Result<Vec<Key>, StoreError> {
+        let mut query = transaction.prepare_cached("SELECT 1 FROM sessions WHERE token_hash = ?1")?;
+        let mut ended = Vec::new();
+        for session in &self.sessions {
+            if !query.exists([session.key])? {
+                ended.push(session.key);
+            }
+        }
+        Ok(ended)
+    }
+}
+
+impl Stored {
+    /// Unless its user was removed or got another secret meanwhile.
+    fn restore(self, transaction: &Transaction<'_>) -> Result<(), StoreError> {
+        transaction.execute(
+            "INSERT OR IGNORE INTO sessions (token_hash, user, created_ms, expires_ms, used_ms)
+             SELECT ?1, id, ?4, ?5, ?6 FROM users WHERE id = ?2 AND secret_hash = ?3",
+            params![self.key, self.user, self.secret_hash, self.created_ms, self.expires_ms, self.used_ms],
+        )?;
+        Ok(())
+    }
 }
 
 fn end_all(connection: &Connection, user: &str) -> Result<(), StoreError> {
@@ -182,7 +234,7 @@ mod tests {
     use crate::clock::Clock;
     use crate::engine::resume::Restored;
     use crate::store::audit::{Action, TELLTALE};
-    use crate::store::{DemoSecrets, Role};
+    use crate::store::{Database, DemoSecrets, Role};
 
     fn memory(store: &Store, seq: u64) -> VehicleMemory {
         VehicleMemory { seq, at: store.clock.wall(), vehicle: Restored::default() }
@@ -216,8 +268,8 @@ mod tests {
         assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("anna"));
         assert!(session.is_open() && store.session(&token).is_some());
 
-        store.leave("anna", record()).await.unwrap();
-        store.left().await.unwrap();
+        let leaving = store.leave("anna", record()).await.unwrap();
+        store.left(leaving);
         assert!(!session.is_open() && store.session(&token).is_none());
     }
 
@@ -240,9 +292,49 @@ mod tests {
         assert!(session.is_open() && store.session(&token).is_some() && store.session(&theirs).is_none());
         assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("anna"));
 
-        let (theirs, _) = enter().await.unwrap();
-        assert_eq!(&*store.entered(&theirs).await.unwrap().user, "bert");
+        let (theirs, written) = enter().await.unwrap();
+        assert!(store.entered(written).unwrap().is_of(&theirs));
         assert!(!session.is_open() && store.session(&token).is_none());
         assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("bert"));
+    }
+
+    #[tokio::test]
+    async fn what_has_happened_waits_for_no_disk_and_brings_nobody_back() {
+        let store = store().await;
+        let (_, session) = store.open_session(&user(&store, "anna", "135791").await).await.unwrap();
+        let bert = user(&store, "bert", "246802").await;
+        for is_removed in [false, true] {
+            let entering = Entering { user: &bert, before: None, seat: None, from: Some("anna") };
+            let (token, written) = store.enter(entering, vec![record()]).await.unwrap();
+            if is_removed {
+                store.remove_user("bert").await.unwrap();
+                assert!(matches!(store.entered(written), Err(StoreError::SessionEnded)));
+                continue;
+            }
+            // The disk hangs.
+            let (go_on, stuck) = std::sync::mpsc::sync_channel::<()>(0);
+            let hanging = tokio::spawn({
+                let store = store.clone();
+                async move { store.call(move |_| Ok(stuck.recv().is_ok())).await }
+            });
+            tokio::task::yield_now().await;
+            assert!(store.entered(written).unwrap().is_of(&token));
+            assert!(!session.is_open());
+            go_on.send(()).unwrap();
+            assert!(hanging.await.unwrap().unwrap());
+            store.call(Database::reload_sessions).await.unwrap();
+            assert_eq!(store.sessions().len(), 1, "the database says the same");
+        }
+        assert!(store.sessions().is_empty());
+    }
+
+    #[tokio::test]
+    async fn what_is_taken_back_is_no_session_of_an_old_secret() {
+        let store = store().await;
+        let (token, _) = store.open_session(&user(&store, "anna", "135791").await).await.unwrap();
+        let leaving = store.leave("anna", record()).await.unwrap();
+        store.change_secret("anna", "864209").await.unwrap();
+        store.take_back(leaving, memory(&store, 1), record().refused("no")).await.unwrap();
+        assert!(store.session(&token).is_none());
     }
 }

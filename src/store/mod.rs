@@ -7,9 +7,12 @@
 
 pub mod audit;
 mod chain;
+mod head;
 mod health;
 mod history;
 mod leave;
+mod open;
+mod queue;
 mod role;
 mod schema;
 mod secret;
@@ -20,11 +23,11 @@ mod vehicle;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::time::Duration;
 
 use rusqlite::Connection;
-use tokio::sync::{oneshot, watch};
+use tokio::sync::watch;
 
 pub use chain::{Breach, Hash, Head, Verdict};
 pub use health::Fault;
@@ -41,11 +44,9 @@ pub use vehicle::VehicleMemory;
 use crate::clock::Clock;
 use audit::Log;
 use health::Health;
+use open::Sessions;
+use queue::{Job, Queue};
 use secret::Hashing;
-use sessions::Sessions;
-
-/// Jobs that may wait for the database. A full queue refuses the next one: see [`StoreError::Busy`].
-const JOB_QUEUE: usize = 256;
 
 /// How long a change by another process (`telltale user remove`) may stay unnoticed.
 const FOREIGN_CHANGE_POLL: Duration = Duration::from_millis(500);
@@ -62,6 +63,12 @@ pub enum StoreError {
         path.display()
     )]
     Newer { path: PathBuf, found: u32, known: u32 },
+    #[error(
+        "the end of the audit log is noted in {}, which cannot be read: {reason}{whose}. Give it to the user \
+         whose database lies beside it, who has to read and write it",
+        path.display()
+    )]
+    Head { path: PathBuf, whose: String, reason: std::io::Error },
     #[error("there is no database {}: name the data folder of the vehicle with --data", path.display())]
     NoDatabase { path: PathBuf },
     #[error("the database failed: {0}")]
@@ -102,14 +109,14 @@ impl StoreError {
         matches!(self, StoreError::Database(_))
     }
 
-    /// Whether it is that the disk takes nothing.
+    /// Whether it is that the disk takes nothing, or what lies beside the database cannot be read.
     fn is_of_disk(&self) -> bool {
         use rusqlite::ErrorCode::{CannotOpen, DiskFull, ReadOnly, SystemIoFailure};
         match self {
             StoreError::Open { reason, .. } | StoreError::Database(reason) => {
                 matches!(reason.sqlite_error_code(), Some(CannotOpen | DiskFull | ReadOnly | SystemIoFailure))
             }
-            StoreError::Folder { .. } => true,
+            StoreError::Folder { .. } | StoreError::Head { .. } => true,
             _ => false,
         }
     }
@@ -118,15 +125,13 @@ impl StoreError {
 /// The handle of the database. Clones use the same one; it closes when the last is dropped.
 #[derive(Debug, Clone)]
 pub struct Store {
-    jobs: SyncSender<Job>,
+    queue: Queue,
     sessions: Arc<Sessions>,
     hashing: Hashing,
     fault: watch::Receiver<Fault>,
     folder: Option<Arc<Path>>,
     clock: Clock,
 }
-
-type Job = Box<dyn FnOnce(&mut Database) + Send>;
 
 /// What the thread owns.
 #[derive(Debug)]
@@ -177,8 +182,8 @@ impl Store {
     /// # Errors
     /// As [`Store::open`], and if there is none.
     pub fn open_existing(folder: &Path, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        let path = folder.join(FILE_NAME);
-        if path.exists() { Store::open(folder, clock, demo) } else { Err(StoreError::NoDatabase { path }) }
+        schema::existing(folder)?;
+        Store::open(folder, clock, demo)
     }
 
     /// A store that ends with the process, for tests and demonstrations.
@@ -219,13 +224,13 @@ impl Store {
             data_version: 0,
         };
         database.notice_foreign_changes()?;
-        let (jobs, queue) = sync_channel(JOB_QUEUE);
+        let (queue, jobs) = Queue::new();
         std::thread::Builder::new()
             .name("store".to_owned())
-            .spawn(move || database.run(&queue))
+            .spawn(move || database.run(&jobs))
             .map_err(|reason| StoreError::Folder { path: PathBuf::from("(a new thread)"), reason })?;
         Ok(Store {
-            jobs,
+            queue,
             sessions,
             hashing: Hashing::new(demo)?,
             fault,
@@ -239,16 +244,18 @@ impl Store {
         self.folder.as_deref()
     }
 
-    /// Whether the database answers.
-    ///
-    /// # Errors
-    /// What the database says.
-    pub async fn check(&self) -> Result<(), StoreError> {
-        self.call(|database| Ok(database.connection.query_row("SELECT 1", [], |_| Ok(()))?)).await
+    /// Whether the database answers. Anybody may ask.
+    pub async fn is_ready(&self) -> bool {
+        let asked =
+            |database: &mut Database| Ok(database.connection.query_row("SELECT 1", [], |_| Ok(()))?);
+        self.call_from(Lane::Elsewhere, asked).await.is_ok()
     }
 
-    /// Waits until everything is written that was asked for, the head of the audit log too.
+    /// Waits until everything is written that was asked for or is owed, the head of the audit log too.
     pub async fn close(self) {
+        if let Err(error) = self.write_owed().await {
+            tracing::error!(%error, "the end of some sessions is not recorded");
+        }
         // A store that has ended has written what it could.
         let _ = self
             .call(|database| {
@@ -257,38 +264,17 @@ impl Store {
             })
             .await;
     }
-
-    /// Runs `job` on the store's thread and waits for its answer.
-    async fn call<T: Send + 'static>(
-        &self,
-        job: impl FnOnce(&mut Database) -> Result<T, StoreError> + Send + 'static,
-    ) -> Result<T, StoreError> {
-        let (reply, answer) = oneshot::channel();
-        let job: Job = Box::new(move |database| {
-            let came_to = job(database);
-            if let Err(error) = &came_to {
-                database.health.judge(error);
-            }
-            // A caller that went away no longer cares for the answer.
-            let _ = reply.send(came_to);
-        });
-        self.jobs.try_send(job).map_err(|error| match error {
-            TrySendError::Full(_) => StoreError::Busy,
-            TrySendError::Disconnected(_) => StoreError::Ended,
-        })?;
-        answer.await.map_err(|_| StoreError::Ended)?
-    }
 }
 
 impl Database {
-    fn run(mut self, queue: &Receiver<Job>) {
+    fn run(mut self, jobs: &Receiver<Job>) {
         loop {
-            let job = match queue.try_recv() {
+            let job = match jobs.try_recv() {
                 Ok(job) => Ok(job),
                 Err(TryRecvError::Disconnected) => Err(RecvTimeoutError::Disconnected),
                 Err(TryRecvError::Empty) => {
                     self.log.note();
-                    queue.recv_timeout(FOREIGN_CHANGE_POLL)
+                    jobs.recv_timeout(FOREIGN_CHANGE_POLL)
                 }
             };
             match job {

@@ -1,6 +1,6 @@
 //! The file, its settings and its schema.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use rusqlite::{Connection, OpenFlags, TransactionBehavior};
@@ -90,6 +90,7 @@ const MIGRATIONS: &[&str] = &[
     CREATE TABLE beat (one INTEGER PRIMARY KEY CHECK (one = 1), count INTEGER NOT NULL) STRICT;
     INSERT INTO beat VALUES (1, 0);
 ",
+    "ALTER TABLE sessions ADD COLUMN used_ms INTEGER NOT NULL DEFAULT 0;",
 ];
 
 pub(super) fn open(folder: &Path) -> Result<Connection, StoreError> {
@@ -104,14 +105,21 @@ pub(super) fn open(folder: &Path) -> Result<Connection, StoreError> {
     Ok(connection)
 }
 
+/// The database of a folder, which is there.
+pub(super) fn existing(folder: &Path) -> Result<PathBuf, StoreError> {
+    let path = folder.join(FILE_NAME);
+    match path.try_exists() {
+        Ok(true) => Ok(path),
+        Ok(false) => Err(StoreError::NoDatabase { path }),
+        Err(reason) => Err(StoreError::Folder { path: folder.to_owned(), reason }),
+    }
+}
+
 /// Opens a database of today's schema that may be read and not written: on a disk that is full or
 /// read-only.
 pub(super) fn open_reading(folder: &Path) -> Result<Connection, StoreError> {
-    let path = folder.join(FILE_NAME);
+    let path = existing(folder)?;
     let open_error = |reason| StoreError::Open { path: path.clone(), reason };
-    if !path.exists() {
-        return Err(StoreError::NoDatabase { path });
-    }
     let open = |parameter: &str| {
         let flags =
             OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;

@@ -102,7 +102,7 @@ pub(super) struct Hashing {
     demo: DemoSecrets,
 }
 
-/// Whence somebody logs in: a flood from elsewhere does not make the vehicle's own displays wait.
+/// Whence somebody comes: a flood from elsewhere does not make the vehicle's own displays wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lane {
     Vehicle,

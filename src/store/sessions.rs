@@ -1,9 +1,8 @@
 //! Sessions: who holds which token, until when, and who sits in the operator's seat.
 
-use std::collections::HashMap;
 use std::fmt;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, PoisonError, RwLock};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::{Duration, SystemTime};
 
 use rusqlite::{Connection, OptionalExtension, params};
@@ -11,8 +10,10 @@ use sha2::{Digest, Sha256};
 use tokio::sync::watch;
 
 use super::audit::Record;
+use super::open::Row;
 use super::users::{from_unix_ms, role, to_unix_ms};
 use super::{Database, Role, Store, StoreError, Verified};
+use crate::engine::model::Stage;
 use crate::engine::time::{Span, Timestamp};
 
 /// A session ends this long after its login.
@@ -39,25 +40,17 @@ pub enum SessionKind {
 /// An open session.
 #[derive(Debug, Clone)]
 pub struct Session {
-    key: Key,
+    pub(super) key: Key,
     pub user: Arc<str>,
     pub role: Role,
     pub kind: SessionKind,
     /// On the monotonic clock: a stepped wall clock ends no session.
     pub expires: Timestamp,
-    /// When its holder did something last, in nanoseconds of the monotonic clock.
-    used: Arc<AtomicU64>,
+    /// When its holder did something last, in nanoseconds of the monotonic clock; before this process
+    /// began it is negative.
+    pub(super) used: Arc<AtomicI64>,
     /// Its sender lies in the table of open sessions; it closes when the session leaves that.
-    ended: watch::Receiver<()>,
-}
-
-#[derive(Debug, Default)]
-pub(super) struct Sessions(RwLock<HashMap<Key, Open>>);
-
-#[derive(Debug)]
-struct Open {
-    session: Session,
-    _ends: watch::Sender<()>,
+    pub(super) ended: watch::Receiver<()>,
 }
 
 impl Token {
@@ -101,12 +94,13 @@ impl Session {
 
     /// Its holder did something.
     pub fn touch(&self, now: Timestamp) {
-        self.used.fetch_max(now.as_nanos(), Ordering::Relaxed);
+        self.used.fetch_max(nanos(now), Ordering::Relaxed);
     }
 
-    /// How long its holder has done nothing.
+    /// How long its holder has done nothing, over restarts too.
     pub fn idle(&self, now: Timestamp) -> Span {
-        now.since(Timestamp::from_nanos(self.used.load(Ordering::Relaxed)))
+        let idle = nanos(now).saturating_sub(self.used.load(Ordering::Relaxed));
+        Span::from_nanos(u64::try_from(idle).unwrap_or(0))
     }
 
     pub(super) fn key(&self) -> Key {
@@ -154,8 +148,60 @@ impl Store {
 
     /// All open sessions, in no order.
     pub fn sessions(&self) -> Vec<Session> {
-        let sessions = self.sessions.0.read().unwrap_or_else(PoisonError::into_inner);
-        sessions.values().map(|open| open.session.clone()).collect()
+        self.sessions.all()
+    }
+
+    /// Ends a session that is over, at once and whatever the disk does. [`Store::write_owed`] takes it
+    /// out of the database and writes the record.
+    pub fn end_at_once(&self, session: &Session, record: Record) {
+        self.sessions.end(session.key, record);
+    }
+
+    /// Notes what happened already. [`Store::write_owed`] records it.
+    pub fn owe(&self, record: Record) {
+        self.sessions.owe(record);
+    }
+
+    /// Writes down what was done at once, as far as that was not possible yet.
+    ///
+    /// # Errors
+    /// If the database fails; all of it is owed then.
+    pub async fn write_owed(&self) -> Result<(), StoreError> {
+        if !self.sessions.owes() {
+            return Ok(());
+        }
+        self.call_surely(|database| {
+            let (keys, records) = database.sessions.owed();
+            database.change(&records, |transaction| {
+                for key in keys {
+                    transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [key])?;
+                }
+                Ok(())
+            })?;
+            database.sessions.paid(records.len());
+            database.reload_sessions()
+        })
+        .await
+    }
+
+    /// Writes down when the holders of these sessions did something last: a restart is none.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn note_used(&self, sessions: Vec<Session>) -> Result<(), StoreError> {
+        let (wall, now) = (self.clock.wall(), self.clock.now());
+        self.call(move |database| {
+            database.change(&[], |transaction| {
+                let mut update = transaction
+                    .prepare_cached("UPDATE sessions SET used_ms = max(used_ms, ?2) WHERE token_hash = ?1")?;
+                for session in sessions {
+                    let used = wall.checked_sub(Duration::from_nanos(session.idle(now).as_nanos()));
+                    update.execute(params![session.key, used.map_or(0, to_unix_ms)])?;
+                }
+                Ok(())
+            })
+        })
+        .await
     }
 
     /// Ends a session and records why, both or neither.
@@ -189,7 +235,8 @@ impl Store {
         .await
     }
 
-    /// Who sat in the operator's seat last and has an open session still.
+    /// Who sat in the operator's seat last and has an open session still. Whoever drives keeps it past
+    /// its time.
     ///
     /// # Errors
     /// If the database fails.
@@ -199,8 +246,9 @@ impl Store {
             let name = database.connection.query_row(
                 "SELECT name FROM users JOIN seat ON seat.user = users.id
                  WHERE role = 'operator' AND EXISTS (
-                     SELECT 1 FROM sessions WHERE sessions.user = users.id AND expires_ms > ?1)",
-                [now_ms],
+                     SELECT 1 FROM sessions WHERE sessions.user = users.id
+                     AND (expires_ms > ?1 OR EXISTS (SELECT 1 FROM vehicle WHERE stage = ?2)))",
+                params![now_ms, Stage::Active.as_str()],
                 |row| row.get(0),
             );
             Ok(name.optional()?)
@@ -233,50 +281,49 @@ pub(super) fn insert_session(
     Ok(())
 }
 
-impl Sessions {
-    fn find(&self, key: &Key) -> Option<Session> {
-        let sessions = self.0.read().unwrap_or_else(PoisonError::into_inner);
-        sessions.get(key).map(|open| open.session.clone())
-    }
-}
-
 impl Database {
-    /// Brings the table of open sessions in line with the database. Sessions that stay keep
-    /// their deadline; those that left end at once.
+    /// Brings the table of open sessions in line with the database.
     pub(super) fn reload_sessions(&mut self) -> Result<(), StoreError> {
         let wall = self.clock.wall();
         let now = self.clock.now();
         let mut query = self.connection.prepare_cached(
-            "SELECT token_hash, name, role, expires_ms, 0 FROM sessions JOIN users ON users.id = sessions.user
+            "SELECT token_hash, name, role, 0, expires_ms, max(sessions.created_ms, used_ms)
+             FROM sessions JOIN users ON users.id = sessions.user
              UNION ALL
-             SELECT token_hash, name, role, expires_ms, 1 FROM tokens JOIN users ON users.id = tokens.user
+             SELECT token_hash, name, role, 1, expires_ms, 0
+             FROM tokens JOIN users ON users.id = tokens.user
              WHERE role <> 'operator'",
         )?;
         let rows = query.query_map([], |row| {
-            let left = from_unix_ms(row.get(3)?).duration_since(wall).unwrap_or_default();
-            let (kind, left) = match row.get(4)? {
+            let expires = from_unix_ms(row.get(4)?);
+            let left = expires.duration_since(wall).unwrap_or_default();
+            let (kind, left) = match row.get(3)? {
                 0 => (SessionKind::Person, left.min(SESSION_LIFE)),
                 _ => (SessionKind::Program, left),
             };
-            let expires = now + Span::from_nanos(u64::try_from(left.as_nanos()).unwrap_or(u64::MAX / 2));
-            Ok((row.get::<_, Key>(0)?, row.get::<_, String>(1)?, role(row, 2)?, expires, kind))
+            let idle = wall.duration_since(from_unix_ms(row.get(5)?)).unwrap_or_default();
+            let idle = i64::try_from(idle.as_nanos()).unwrap_or(i64::MAX);
+            Ok(Row {
+                key: row.get(0)?,
+                user: row.get(1)?,
+                role: role(row, 2)?,
+                kind,
+                expires: now + span(left),
+                used: nanos(now).saturating_sub(idle),
+                is_late: expires <= wall,
+            })
         })?;
-        let rows: Vec<_> = rows.collect::<Result<_, _>>()?;
-
-        let mut sessions = self.sessions.0.write().unwrap_or_else(PoisonError::into_inner);
-        let mut before = std::mem::take(&mut *sessions);
-        for (key, user, role, expires, kind) in rows {
-            let same = |open: &Open| *open.session.user == *user && open.session.role == role;
-            let open = before.remove(&key).filter(same).unwrap_or_else(|| {
-                let (ends, ended) = watch::channel(());
-                let used = Arc::new(AtomicU64::new(now.as_nanos()));
-                let session = Session { key, user: Arc::from(user), role, kind, expires, used, ended };
-                Open { session, _ends: ends }
-            });
-            sessions.insert(key, open);
-        }
+        self.sessions.align(rows.collect::<Result<_, _>>()?);
         Ok(())
     }
+}
+
+pub(super) fn span(time: Duration) -> Span {
+    Span::from_nanos(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX / 2))
+}
+
+pub(super) fn nanos(at: Timestamp) -> i64 {
+    i64::try_from(at.as_nanos()).unwrap_or(i64::MAX)
 }
 
 #[cfg(test)]

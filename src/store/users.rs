@@ -103,12 +103,35 @@ impl Store {
         .await
     }
 
+    /// Whether there is any user. Anybody may ask.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn has_users(&self) -> Result<bool, StoreError> {
+        let sql = "SELECT EXISTS (SELECT 1 FROM users)";
+        self.call_from(Lane::Elsewhere, |database| {
+            Ok(database.connection.query_row(sql, [], |row| row.get(0))?)
+        })
+        .await
+    }
+
+    /// Whether this is a user's name. Anybody may cause the question.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn knows_user(&self, name: &str) -> Result<bool, StoreError> {
+        Ok(self.find_user(Lane::Elsewhere, name).await?.is_some())
+    }
+
     /// Gives a user another secret and ends all of its sessions and tokens.
     ///
     /// # Errors
     /// If there is no such user, the secret is not acceptable, or the database fails.
     pub async fn change_secret(&self, name: &str, secret: &str) -> Result<(), StoreError> {
-        let user = self.find_user(name).await?.ok_or_else(|| StoreError::NoSuchUser(name.to_owned()))?;
+        let user = self
+            .find_user(Lane::Vehicle, name)
+            .await?
+            .ok_or_else(|| StoreError::NoSuchUser(name.to_owned()))?;
         let record = Record::of(Action::UserSecret, COMMAND_LINE).on(name);
         self.change_user(user.id, user.role, secret, record).await
     }
@@ -118,7 +141,10 @@ impl Store {
     /// # Errors
     /// If there is no such user, the secret is not acceptable, or the database fails.
     pub async fn change_role(&self, name: &str, role: Role, secret: &str) -> Result<(), StoreError> {
-        let user = self.find_user(name).await?.ok_or_else(|| StoreError::NoSuchUser(name.to_owned()))?;
+        let user = self
+            .find_user(Lane::Vehicle, name)
+            .await?
+            .ok_or_else(|| StoreError::NoSuchUser(name.to_owned()))?;
         let was = user.role.as_str();
         let record =
             Record::of(Action::UserRole, COMMAND_LINE).on(format!("{name}: {was} -> {}", role.as_str()));
@@ -178,15 +204,15 @@ impl Store {
         name: &str,
         secret: &str,
     ) -> Result<Option<Verified>, StoreError> {
-        let user = if check_name(name).is_ok() { self.find_user(name).await? } else { None };
+        let user = if check_name(name).is_ok() { self.find_user(lane, name).await? } else { None };
         let hash = user.as_ref().map(|user| user.secret_hash.clone());
         let proven = self.hashing.verify(lane, secret.to_owned(), hash).await?;
         Ok(user.filter(|_| proven))
     }
 
-    async fn find_user(&self, name: &str) -> Result<Option<Verified>, StoreError> {
+    pub(super) async fn find_user(&self, lane: Lane, name: &str) -> Result<Option<Verified>, StoreError> {
         let name = name.to_owned();
-        self.call(move |database| {
+        self.call_from(lane, move |database| {
             let user = database.connection.query_row(
                 "SELECT id, name, role, secret_hash FROM users WHERE name = ?1",
                 [name],

@@ -10,7 +10,7 @@ use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::{Html, IntoResponse, Response};
 use serde_json::{Value, json};
 
-use super::view::{self, Lang, Palette};
+use super::view::{self, Lang, Palette, Part};
 use super::wording::Trouble;
 use crate::engine::input::Refusal;
 
@@ -29,7 +29,11 @@ pub struct Reader {
     pub speaks: Speaks,
     pub lang: Lang,
     pub palette: Palette,
+    pub part: Part,
 }
+
+/// By which a page's script says what it takes of an answer.
+const PART: &str = "telltale-part";
 
 impl Reader {
     pub fn of(uri: &Uri, headers: &HeaderMap) -> Reader {
@@ -39,7 +43,12 @@ impl Reader {
             if accepts_json || uri.path().starts_with("/api/") { Speaks::Json } else { Speaks::Html };
         let lang = cookie(headers, "lang").and_then(Lang::from_word).or_else(|| preferred(headers));
         let palette = cookie(headers, "palette").and_then(Palette::from_word);
-        Reader { speaks, lang: lang.unwrap_or_default(), palette: palette.unwrap_or_default() }
+        Reader {
+            speaks,
+            lang: lang.unwrap_or_default(),
+            palette: palette.unwrap_or_default(),
+            part: header(headers, PART).and_then(Part::from_word).unwrap_or_default(),
+        }
     }
 }
 

@@ -11,7 +11,7 @@ use std::sync::PoisonError;
 use super::state::AppState;
 use crate::engine::time::{Span, Timestamp};
 use crate::store::audit::{Action, Record, TELLTALE};
-use crate::store::{Session, StoreError};
+use crate::store::{Lane, Session, StoreError};
 
 /// Records of one kind that may come at once.
 const BURST: u32 = 60;
@@ -22,7 +22,11 @@ const TELL_AFTER: Span = Span::from_secs(60);
 
 /// How much of what was recorded lately.
 #[derive(Debug, Default)]
-pub struct Limit(HashMap<Kind, Bucket>);
+pub struct Limit {
+    buckets: HashMap<Kind, Bucket>,
+    /// Records that could not be written, of any kind.
+    lost: u64,
+}
 
 /// What anybody can cause. The vehicle's own displays are counted apart, so that nobody out there
 /// keeps them out of the log. There are few kinds.
@@ -43,7 +47,7 @@ struct Bucket {
 impl Limit {
     /// Whether a record may be written, and how many of its kind were left out before it.
     fn admit(&mut self, now: Timestamp, kind: Kind) -> Option<u64> {
-        let bucket = self.0.entry(kind).or_insert(Bucket {
+        let bucket = self.buckets.entry(kind).or_insert(Bucket {
             tokens: BURST,
             filled: now,
             omitted: 0,
@@ -65,10 +69,18 @@ impl Limit {
         Some(std::mem::take(&mut bucket.omitted))
     }
 
+    /// What was left out could not be told.
+    fn owe(&mut self, now: Timestamp, kind: Kind, count: u64) {
+        if let Some(bucket) = self.buckets.get_mut(&kind) {
+            bucket.omitted_since = if bucket.omitted == 0 { now } else { bucket.omitted_since };
+            bucket.omitted += count;
+        }
+    }
+
     /// What was left out and is to be told now.
     fn due(&mut self, now: Timestamp) -> Vec<(Kind, u64)> {
         let due = self
-            .0
+            .buckets
             .iter_mut()
             .filter(|(_, bucket)| bucket.omitted > 0 && now.since(bucket.omitted_since) >= TELL_AFTER);
         due.map(|(kind, bucket)| (*kind, std::mem::take(&mut bucket.omitted))).collect()
@@ -96,17 +108,18 @@ impl AppState {
     /// Records a refusal that anybody can cause, unless there were too many of its kind.
     pub async fn audit_refusal(&self, source: IpAddr, record: Record) {
         if self.may_record_refusal(source, record.action).await {
-            self.audit_or_log(record).await;
+            self.audit_or_log_from(self.lane(source), record).await;
         }
     }
 
     /// Whether one more refusal of this kind is to be recorded; what was left out before it is told.
     pub async fn may_record_refusal(&self, source: IpAddr, action: Action) -> bool {
-        let kind = Kind { action, is_near: self.settings.enrolled.is_near(source) };
+        let lane = self.lane(source);
+        let kind = Kind { action, is_near: lane == Lane::Vehicle };
         let admitted = self.audit_limit().admit(self.clock.now(), kind);
         let Some(omitted) = admitted else { return false };
-        if omitted > 0 {
-            self.audit_or_log(kind.omitted(omitted)).await;
+        if omitted > 0 && self.store.audit_from(lane, kind.omitted(omitted)).await.is_err() {
+            self.audit_limit().owe(self.clock.now(), kind, omitted);
         }
         true
     }
@@ -114,26 +127,48 @@ impl AppState {
     /// What is recorded of a name with which a login failed. What is no user's may be a secret that
     /// was typed into the wrong field: of that only repeats can be told, until the next restart.
     pub async fn recorded_name(&self, name: &str) -> String {
-        match self.store.users().await {
-            Ok(users) if users.iter().any(|user| user.name == name) => name.to_owned(),
+        match self.store.knows_user(name).await {
+            Ok(true) => name.to_owned(),
             _ => format!("(unknown name, {:08x})", self.unknown_names.hash_one(name) >> 32),
         }
     }
 
-    /// Records how many refusals were not recorded one by one.
+    /// Records how much was not recorded one by one.
     pub async fn audit_omitted(&self) {
-        let due = self.audit_limit().due(self.clock.now());
+        let now = self.clock.now();
+        let (due, lost) = {
+            let mut limit = self.audit_limit();
+            (limit.due(now), std::mem::take(&mut limit.lost))
+        };
         for (kind, count) in due {
-            self.audit_or_log(kind.omitted(count)).await;
+            if self.store.audit(kind.omitted(count)).await.is_err() {
+                self.audit_limit().owe(now, kind, count);
+            }
+        }
+        let target = format!("{lost} records that could not be written");
+        let record = Record::of(Action::Omitted, TELLTALE).on(target);
+        if lost > 0 && self.store.audit(record).await.is_err() {
+            self.audit_limit().lost += lost;
         }
     }
 
-    /// Records what happened whether it can be recorded or not.
+    /// Records what happened whether it can be recorded or not. What cannot is counted.
     pub async fn audit_or_log(&self, record: Record) {
+        self.audit_or_log_from(Lane::Vehicle, record).await;
+    }
+
+    /// The same for what somebody caused who comes from there.
+    pub async fn audit_or_log_from(&self, lane: Lane, record: Record) {
         let action = record.action.as_str();
-        if let Err(error) = self.store.audit(record).await {
+        if let Err(error) = self.store.audit_from(lane, record).await {
             tracing::error!(%error, action, "the audit log lacks a record");
+            self.audit_limit().lost += 1;
         }
+    }
+
+    /// Among whom somebody counts who comes from there.
+    pub fn lane(&self, source: IpAddr) -> Lane {
+        if self.settings.enrolled.is_near(source) { Lane::Vehicle } else { Lane::Elsewhere }
     }
 
     fn audit_limit(&self) -> std::sync::MutexGuard<'_, Limit> {

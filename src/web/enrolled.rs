@@ -1,4 +1,5 @@
-//! The displays at which a PIN will do: those in the vehicle, where nobody gets who was not let in.
+//! The vehicle's own displays: those where nobody gets who was not let in. A PIN will do there, and
+//! nobody elsewhere takes their share of anything.
 
 use std::net::IpAddr;
 use std::str::FromStr;
@@ -46,14 +47,9 @@ impl Enrolled {
         if displays.is_empty() { Enrolled::default() } else { Enrolled(displays) }
     }
 
-    /// Whether it is one of the vehicle's own displays, or another program on this machine: nobody
-    /// out there counts together with them. That a PIN will do from there is not said by this.
+    /// Whether it is one of the vehicle's own displays. Where others are named this machine is none:
+    /// a proxy may run on it, and whoever comes through that looks alike.
     pub fn is_near(&self, source: IpAddr) -> bool {
-        source.to_canonical().is_loopback() || self.has(source)
-    }
-
-    /// Whether a PIN will do from there.
-    pub fn has(&self, source: IpAddr) -> bool {
         let source = source.to_canonical();
         self.0.iter().any(|display| match display {
             Display::Loopback => source.is_loopback(),
@@ -68,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pin_will_do_where_the_list_says() {
+    fn near_is_what_the_list_says_and_without_one_this_machine() {
         let cases = [
             ("", "127.0.0.1", true),
             ("", "::1", true),
@@ -79,13 +75,15 @@ mod tests {
             ("10.0.0.7", "10.0.0.70", false),
             ("10.0.0.7", "127.0.0.1", false),
             ("10.0.0.7 loopback", "127.0.0.1", true),
+            ("10.0.0.7", "::1", false),
             ("none", "127.0.0.1", false),
+            ("none", "::1", false),
             ("fd00::7", "fd00::7", true),
         ];
         for (list, source, expected) in cases {
             let displays = list.split_whitespace().map(|word| word.parse().unwrap()).collect();
             let enrolled = Enrolled::new(displays);
-            assert_eq!(enrolled.has(source.parse().unwrap()), expected, "{list:?} {source}");
+            assert_eq!(enrolled.is_near(source.parse().unwrap()), expected, "{list:?} {source}");
         }
         assert!("shuttle".parse::<Display>().is_err());
     }

@@ -100,10 +100,7 @@ pub async fn of(app: &AppState, headers: &HeaderMap) -> Option<Farewell> {
         // The page may be quicker than the end of its session.
         return why.or_else(|| app.has_expired(&session).then(|| app.overdue(&session))).filter(is_told);
     }
-    let is_user = match app.store.users().await {
-        Ok(users) => users.iter().any(|user| *user.name == *session.user),
-        Err(_) => true,
-    };
+    let is_user = app.store.knows_user(&session.user).await.unwrap_or(true);
     Some(if is_user { why.unwrap_or(Farewell::Ended) } else { Farewell::Removed }).filter(is_told)
 }
 

@@ -11,7 +11,7 @@ use tokio::sync::oneshot;
 
 use super::throttle::network;
 
-/// From this machine and the enrolled displays. Sockets, once upgraded, are counted elsewhere.
+/// From the vehicle's own displays. Sockets, once upgraded, are counted elsewhere.
 const NEAR_MAX: usize = 128;
 /// From all others: they never take the places of those.
 const FAR_MAX: usize = 256;

@@ -2,6 +2,7 @@
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::PoisonError;
+use std::time::Duration;
 
 use axum::extract::rejection::FormRejection;
 use axum::extract::{Extension, Form, State};
@@ -24,8 +25,12 @@ use crate::engine::model::Stage;
 use crate::engine::time::Span;
 use crate::store::audit::{Action, Record};
 use crate::store::{
-    Entering, Lane, Role, SESSION_LIFE, Session, SessionKind, StoreError, Token, Verified, is_pin,
+    Entering, Lane, Role, SESSION_LIFE, Session, SessionKind, StoreError, Token, Verified, Written, is_pin,
 };
+
+/// The server judges when a session is over, and whoever drives keeps it: a browser must not forget it
+/// before.
+const COOKIE_LIFE: Duration = SESSION_LIFE.saturating_mul(2);
 
 /// The other end of a connection.
 #[derive(Debug, Clone, Copy)]
@@ -51,7 +56,7 @@ pub async fn page(State(app): State<AppState>, headers: HeaderMap, reader: Reade
     if !locked && cookie_session(&app, &headers).is_some() {
         return Redirect::to("/").into_response();
     }
-    let nobody = matches!(app.store.users().await, Ok(users) if users.is_empty());
+    let nobody = matches!(app.store.has_users().await, Ok(false));
     let farewell = farewell::of(&app, &headers).await;
     login_page(&app, &reader, StatusCode::OK, "", nobody.then(|| no_users(&app)), farewell)
 }
@@ -89,7 +94,7 @@ pub async fn login(
             if app.may_record_refusal(source, Action::Login).await {
                 let record = Record::of(Action::Login, source.to_string());
                 let record = record.on(app.recorded_name(&form.name).await);
-                app.audit_or_log(record.refused(failure.as_str())).await;
+                app.audit_or_log_from(app.lane(source), record.refused(failure.as_str())).await;
             }
             return failed(&app, &reader, &form.name, failure);
         }
@@ -160,16 +165,15 @@ async fn leave(
 
 async fn prove(app: &AppState, form: &LoginForm, source: IpAddr) -> Result<Verified, LoginFailure> {
     // Whoever types it sees that it is a PIN: this says nothing of anybody's secret.
-    if is_pin(&form.secret) && !app.settings.enrolled.has(source) {
+    if is_pin(&form.secret) && !app.settings.enrolled.is_near(source) {
         return Err(LoginFailure::PinElsewhere);
     }
-    let is_near = app.settings.enrolled.is_near(source);
-    let from = Source { ip: source, is_near };
+    let lane = app.lane(source);
+    let from = Source { ip: source, is_near: lane == Lane::Vehicle };
     let throttle = || app.throttle.lock().unwrap_or_else(PoisonError::into_inner);
     if let Err(wait) = throttle().attempt(app.clock.now(), &form.name, from) {
         return Err(LoginFailure::Wait { seconds: whole_seconds(wait) });
     }
-    let lane = if is_near { Lane::Vehicle } else { Lane::Elsewhere };
     match app.store.authenticate_from(lane, &form.name, &form.secret).await {
         Ok(Some(user)) => {
             throttle().succeeded(&form.name, from);
@@ -251,17 +255,17 @@ impl Entrance {
             sessions.iter().filter(|session| *session.user == *name && !is_before(session)).count()
         };
         let had = others();
-        let (token, session) = match role {
+        let (token, written) = match role {
             Role::Operator => self.take_seat(&app, other.as_deref()).await?,
             _ => {
                 let entering =
                     Entering { user: &self.user, before: self.before.as_ref(), seat: None, from: None };
                 let records = self.ends().chain([self.record(Action::Login)]).collect();
-                let (token, _) = app.store.enter(entering, records).await?;
-                let session = app.store.entered(&token).await?;
-                (token, session)
+                app.store.enter(entering, records).await?
             }
         };
+        // It has happened: from here on nothing can fail.
+        let session = app.store.entered(written)?;
         if let ended @ 1.. = (had + 1).saturating_sub(others()) {
             let record = self.record(Action::SessionEnded);
             app.audit_or_log(record.on(format!("{ended} of too many, the oldest"))).await;
@@ -288,7 +292,7 @@ impl Entrance {
     }
 
     /// Written first: while nothing can be written, whoever has the vehicle keeps it.
-    async fn take_seat(&self, app: &AppState, other: Option<&str>) -> Result<(Token, Session), NotOpened> {
+    async fn take_seat(&self, app: &AppState, other: Option<&str>) -> Result<(Token, Written), NotOpened> {
         let _owed = app.acting.lock().await;
         let action = OperatorAction::Login { name: self.user.name().into() };
         let foreseen = match app.rehearse(action.clone()).await? {
@@ -308,8 +312,7 @@ impl Entrance {
                 if let Some(other) = other {
                     app.farewells.end_all_of(other, Farewell::TakenOver);
                 }
-                let session = app.store.entered(&token).await?;
-                return Ok((token, session));
+                return Ok((token, written));
             }
             Ok(Answer::Refused(reasons)) => (format!("{reasons:?}"), NotOpened::Refused(reasons)),
             Err(error) => (error.to_string(), error.into()),
@@ -347,7 +350,7 @@ async fn close(
     app.farewells.log_out(&session);
     let (why, not_closed) = match app.command(action).await {
         Ok(Answer::Done) => {
-            app.store.left().await?;
+            app.store.left(leaving);
             // That the vehicle is locked follows from the empty seat, after a restart too.
             if let Err(error) = app.store.remember(app.memory(), Vec::new()).await {
                 tracing::error!(%error, "the vehicle cannot be remembered");
@@ -373,7 +376,7 @@ fn welcome(app: &AppState, reader: &Reader, token: &Token, session: &Session) ->
         }
         Speaks::Html => Redirect::to("/").into_response(),
     };
-    set_cookie(&mut answer, app, token.as_str(), SESSION_LIFE.as_secs());
+    set_cookie(&mut answer, app, token.as_str(), COOKIE_LIFE.as_secs());
     answer
 }
 

@@ -38,7 +38,7 @@ pub async fn healthz() -> &'static str {
 
 /// `GET /readyz`: the engine and the store work.
 pub async fn readyz(State(app): State<AppState>) -> (StatusCode, &'static str) {
-    if app.is_engine_alive() && app.store.check().await.is_ok() {
+    if app.is_engine_alive() && app.store.is_ready().await {
         (StatusCode::OK, "ready\n")
     } else {
         (StatusCode::SERVICE_UNAVAILABLE, "not ready\n")
@@ -68,5 +68,6 @@ pub fn page_context(app: &AppState, session: &Session, reader: &Reader) -> PageC
         role: session.role,
         demo: app.settings.demo.is_some(),
         configuration: app.settings.rereads.is_some(),
+        part: reader.part,
     }
 }

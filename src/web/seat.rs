@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use tokio::time::{MissedTickBehavior, interval};
+use tokio::time::{Interval, MissedTickBehavior, interval};
 
 use super::state::{AppState, is_seated};
 use crate::engine::input::{OperatorAction, Response};
@@ -13,67 +13,102 @@ use crate::store::{Role, Session, SessionKind, StoreError};
 
 const CHECK_EVERY: Duration = Duration::from_millis(500);
 
+/// How much older than it was a developer's last action may look after a restart.
+const NOTE_USE_EVERY: Span = Span::from_secs(60);
+
 /// A developer who does nothing for this long has gone away from an open page. An operator's work
 /// is to watch, so the display in the vehicle never ends for that.
 pub const DEVELOPER_IDLE_MAX: Span = Span::from_secs(15 * 60);
 
 /// Whether a session is over because its holder does nothing.
 pub fn has_idled_out(session: &Session, now: Timestamp) -> bool {
-    session.role == Role::Developer
-        && session.kind == SessionKind::Person
-        && session.idle(now) >= DEVELOPER_IDLE_MAX
+    idles_out(session) && session.idle(now) >= DEVELOPER_IDLE_MAX
 }
 
-/// Runs for as long as the server does.
+fn idles_out(session: &Session) -> bool {
+    session.role == Role::Developer && session.kind == SessionKind::Person
+}
+
+/// Runs for as long as the server does. What is over ends whatever the disk does, so nothing of that
+/// waits for what is written.
 pub async fn watch(app: AppState) {
+    tokio::join!(end_overdue(&app), lock_empty(&app), write(&app));
+}
+
+fn checks() -> Interval {
     let mut checks = interval(CHECK_EVERY);
     checks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let mut failing = false;
+    checks
+}
+
+async fn end_overdue(app: &AppState) {
+    let mut checks = checks();
     loop {
         checks.tick().await;
-        let checked = check(&app).await;
-        if let Err(error) = &checked
-            && !failing
-        {
-            tracing::error!(%error, "sessions that are over cannot be ended");
+        for session in app.store.sessions().iter().filter(|session| app.has_expired(session)) {
+            let why = match session.kind {
+                SessionKind::Program => "token expired",
+                SessionKind::Person if has_idled_out(session, app.clock.now()) => "idle",
+                SessionKind::Person => "expired",
+            };
+            app.farewells.end(session, app.overdue(session));
+            let record = Record::of(Action::SessionEnded, TELLTALE).on(why);
+            app.store.end_at_once(session, record.by(&*session.user, session.role));
         }
-        failing = checked.is_err();
     }
 }
 
-async fn check(app: &AppState) -> Result<(), StoreError> {
-    app.audit_omitted().await;
-    for session in app.store.sessions() {
-        if session.kind == SessionKind::Person && app.has_expired(&session) {
-            let why = if has_idled_out(&session, app.clock.now()) { "idle" } else { "expired" };
-            app.farewells.end(&session, app.overdue(&session));
-            let record = Record::of(Action::SessionEnded, TELLTALE).on(why);
-            app.store.end_session(&session, record.by(&*session.user, session.role)).await?;
-        }
+async fn lock_empty(app: &AppState) {
+    let mut checks = checks();
+    loop {
+        checks.tick().await;
+        lock_if_empty(app).await;
     }
+}
+
+/// Locks a vehicle whose operator has no session any more. An engine that does not answer, or refuses,
+/// is asked again at the next check.
+async fn lock_if_empty(app: &AppState) {
     let _seat = app.seat.lock().await;
     let snapshot = app.published().snapshot;
     // A vehicle that drives keeps its operator; the engine would refuse anyway.
     let Some(operator) = snapshot.operator.as_deref().filter(|_| snapshot.stage != Stage::Active) else {
-        return Ok(());
+        return;
     };
-    if !app.store.sessions().iter().any(|session| is_seated(session, &snapshot)) {
-        // An engine that does not answer, or refuses, is asked again at the next check.
-        if !matches!(app.rehearse(OperatorAction::Logout).await, Ok(Ok(_))) {
-            return Ok(());
-        }
+    let is_empty = !app.store.sessions().iter().any(|session| is_seated(session, &snapshot));
+    if is_empty && matches!(app.command(OperatorAction::Logout).await, Ok(Response::Done)) {
         tracing::info!("the operator has no session any more: the vehicle is locked");
         let record = Record::of(Action::Logout, TELLTALE).by(operator, Role::Operator);
-        let record = record.on("no session any more");
-        let _owed = app.acting.lock().await;
-        let written = app.store.leave(operator, record.clone()).await?;
-        match app.command(OperatorAction::Logout).await {
-            Ok(Response::Done) => app.store.left().await?,
-            other => {
-                let why = format!("the engine answered {other:?}");
-                app.store.take_back(written, app.memory(), record.refused(why)).await?;
-            }
-        }
+        app.store.owe(record.on("no session any more"));
     }
-    Ok(())
+}
+
+/// Writes down what the others did, as soon as that works.
+async fn write(app: &AppState) {
+    let mut checks = checks();
+    let mut failing = false;
+    let mut noted = app.clock.now();
+    loop {
+        checks.tick().await;
+        app.audit_omitted().await;
+        let mut written = app.store.write_owed().await;
+        let now = app.clock.now();
+        if written.is_ok() && now.since(noted) >= NOTE_USE_EVERY {
+            written = note_use(app, now, noted).await;
+            noted = if written.is_ok() { now } else { noted };
+        }
+        if let Err(error) = &written
+            && !failing
+        {
+            tracing::error!(%error, "that sessions ended or were used cannot be written yet");
+        }
+        failing = written.is_err();
+    }
+}
+
+/// A restart gives nobody another quarter of an hour.
+async fn note_use(app: &AppState, now: Timestamp, since: Timestamp) -> Result<(), StoreError> {
+    let mut used = app.store.sessions();
+    used.retain(|session| idles_out(session) && session.idle(now) <= now.since(since));
+    if used.is_empty() { Ok(()) } else { app.store.note_used(used).await }
 }

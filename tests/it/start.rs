@@ -168,6 +168,11 @@ fn only_the_first_user_makes_a_database() {
     ] {
         refuses(&[words, &["--data", data]].concat(), &["there is no database", "nowhere", "--data"]);
         assert!(!folder.exists(), "{words:?} made {data}");
+        // What may not be looked into is not called empty.
+        refuses(
+            &[words, &["--data", "/dev/null/data"]].concat(),
+            &["/dev/null/data cannot be used", "--data"],
+        );
     }
 }
 

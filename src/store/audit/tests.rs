@@ -2,7 +2,8 @@ use std::path::PathBuf;
 
 use super::*;
 use crate::clock::Clock;
-use crate::store::{Breach, DemoSecrets};
+use crate::engine::time::Span;
+use crate::store::{Breach, DemoSecrets, FILE_NAME};
 
 /// A data folder with some records, and without the store that wrote them.
 struct Folder(PathBuf);
@@ -29,7 +30,7 @@ impl Folder {
     fn closed(&self, store: Store) {
         drop(store);
         let expected = self.database(|connection| Head::of(connection).unwrap());
-        while read_head(&self.0.join(HEAD_FILE_NAME)) != Some(expected) {
+        while read_head(&self.0.join(HEAD_FILE_NAME)).unwrap() != Some(expected) {
             std::thread::yield_now();
         }
     }
@@ -163,6 +164,49 @@ async fn the_oldest_records_are_taken_away_and_the_chain_still_holds() {
     let first = verdict.head.number - verdict.records + 1;
     folder.run(&format!("DELETE FROM audit WHERE number = {first}"));
     assert_eq!(folder.breach().map(|breach| breach.number), Some(first), "it was kept");
+}
+
+#[tokio::test]
+async fn a_head_that_cannot_be_read_is_not_called_missing() {
+    let folder = Folder::with_records("unreadable", 3).await;
+    let head = folder.0.join(HEAD_FILE_NAME);
+    let noted = std::fs::read(&head).unwrap();
+    // As for a file of somebody else, whoever runs the tests.
+    std::fs::remove_file(&head).unwrap();
+    std::fs::create_dir(&head).unwrap();
+    let names = |error: String| {
+        assert!(error.contains(head.to_str().unwrap()) && error.contains("which cannot be read"), "{error}");
+        assert!(error.contains("it belongs to the user") && error.contains("Give it to"), "{error}");
+    };
+    names(Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap_err().to_string());
+    names(verify_audit_in(&folder.0, &[]).unwrap_err().to_string());
+    // The display starts, says so, and writes nothing until it can.
+    let (clock, hand) = Clock::with_hand();
+    let store = Store::open_or_read(&folder.0, clock, DemoSecrets::Refused).unwrap();
+    names(store.fault().borrow().as_deref().unwrap().to_owned());
+    // Between the two it looked once more.
+    for _ in 0..2 {
+        assert!(store.audit(Record::of(Action::Start, TELLTALE)).await.is_err());
+    }
+    std::fs::remove_dir(&head).unwrap();
+    std::fs::write(&head, &noted).unwrap();
+    hand.advance(Span::from_secs(5));
+    store.fault().wait_for(Option::is_none).await.unwrap();
+    store.audit(Record::of(Action::Start, TELLTALE)).await.unwrap();
+    folder.closed(store);
+    let (verdict, _) = verify_audit_in(&folder.0, &[]).unwrap();
+    assert_eq!((verdict.records, verdict.breach), (4, None), "nothing was lost, so nothing says so");
+}
+
+#[tokio::test]
+async fn a_file_that_holds_no_head_is_as_good_as_none() {
+    for text in [b"".as_slice(), b"\xff\xfe", b"4:00\n"] {
+        let folder = Folder::with_records("none", 3).await;
+        std::fs::write(folder.0.join(HEAD_FILE_NAME), text).unwrap();
+        folder.closed(folder.store());
+        let (verdict, _) = verify_audit_in(&folder.0, &[]).unwrap();
+        assert_eq!((verdict.records, verdict.breach), (4, None), "its loss is a record");
+    }
 }
 
 #[test]

@@ -102,6 +102,35 @@ impl Palette {
     }
 }
 
+/// What of a developer's page is made: a script that has the rest asks for no more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Part {
+    #[default]
+    Whole,
+    /// All but the frame that every page has: `<main>`.
+    Main,
+    /// What changes while the page stands: `#dev`.
+    Content,
+}
+
+impl Part {
+    pub fn from_word(word: &str) -> Option<Part> {
+        match word {
+            "main" => Some(Part::Main),
+            "content" => Some(Part::Content),
+            _ => None,
+        }
+    }
+
+    fn is_whole(self) -> bool {
+        self == Part::Whole
+    }
+
+    fn is_content(self) -> bool {
+        self == Part::Content
+    }
+}
+
 /// How the ids of those elements begin that stand behind the tiles, and on sheets.
 pub const DETAIL: &str = "detail-";
 pub const SHEET: &str = "all-";
@@ -126,6 +155,8 @@ pub struct PageContext {
     pub demo: bool,
     /// The configuration comes from a file: pages may link to its page.
     pub configuration: bool,
+    /// What is made of it.
+    pub part: Part,
 }
 
 /// What the login page shows.

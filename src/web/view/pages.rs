@@ -12,13 +12,14 @@ use crate::web::versions::Seen;
 
 use super::clean::{MESSAGE, NAME, clean};
 use super::{
-    DemoFault, Lang, LoginContext, LoginFailure, PageContext, Palette, Parts, Trends, View, html, top,
+    DemoFault, Lang, LoginContext, LoginFailure, PageContext, Palette, Part, Parts, Trends, View, html, top,
 };
 
 /// What every page is framed by.
 pub struct Frame {
     pub lang: &'static str,
     pub palette: &'static str,
+    pub part: Part,
     pub words: &'static Words,
     /// Both languages, for words that change their language, or must show, without a server.
     pub both: [(&'static str, &'static Words); 2],
@@ -27,7 +28,8 @@ pub struct Frame {
 impl Frame {
     pub fn new(lang: Lang, palette: Palette) -> Frame {
         let both = Lang::ALL.map(|lang| (lang.as_str(), lang.words()));
-        Frame { lang: lang.as_str(), palette: palette.as_str(), words: lang.words(), both }
+        let (lang, words) = (lang.as_str(), lang.words());
+        Frame { lang, palette: palette.as_str(), part: Part::Whole, words, both }
     }
 
     /// The keys of the pad for a PIN, but the last row, and for a name.

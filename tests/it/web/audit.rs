@@ -122,6 +122,28 @@ async fn a_flood_of_refusals_does_not_fill_the_log_and_hides_no_login() {
     assert_eq!(records.last().map(String::as_str), Some("login operator operator done"));
 }
 
+#[tokio::test]
+async fn records_that_cannot_be_written_are_counted() {
+    let folder = std::env::temp_dir().join(format!("telltale-lost-{}", std::process::id()));
+    let fixture = Fixture::in_folder(&folder).await;
+    let cookie = fixture.cookie_of("operator").await;
+    let disk = rusqlite::Connection::open(folder.join("telltale.db")).unwrap();
+    let full = "CREATE TRIGGER full BEFORE INSERT ON audit BEGIN SELECT RAISE(ABORT, 'no room'); END";
+    disk.execute_batch(full).unwrap();
+    for _ in 0..3 {
+        fixture.get("/developer", Some(&cookie)).await;
+    }
+    fixture.app.audit_omitted().await;
+    disk.execute_batch("DROP TRIGGER full").unwrap();
+    for _ in 0..2 {
+        fixture.app.audit_omitted().await;
+    }
+    let records = records(&fixture).await;
+    assert_eq!(records[1..], ["omitted  3 records that could not be written done"]);
+    // The store's thread may still be closing its files.
+    let _ = std::fs::remove_dir_all(&folder);
+}
+
 #[test]
 fn storage_that_fails_is_a_warning_until_it_works_again_and_a_reload_does_not_forget_it() {
     let model = Arc::new(model());

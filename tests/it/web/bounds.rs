@@ -3,16 +3,17 @@
 use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
 
-use axum::http::StatusCode;
+use axum::http::{Method, StatusCode};
 use telltale::engine::state::State;
 use telltale::engine::time::Span;
+use telltale::store::audit::{Action, Record, TELLTALE};
 use telltale::web::Peer;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 
 use super::access::HEADERS;
-use super::fixture::{Fixture, as_program, form_request};
+use super::fixture::{Fixture, as_program, form_request, request};
 use super::sockets::{Server, next_json};
 
 /// A little more than a connection has for its head.
@@ -233,4 +234,47 @@ async fn what_is_too_large_or_malformed_is_told_in_words() {
         (upgrade.status, upgrade.header("content-type")),
         (StatusCode::BAD_REQUEST, Some("application/json"))
     );
+}
+
+#[tokio::test]
+async fn strangers_do_not_make_the_store_busy_for_the_operator() {
+    let folder = std::env::temp_dir().join(format!("telltale-bounds-{}", std::process::id()));
+    let fixture = Fixture::in_folder(&folder).await;
+    let cookie = fixture.cookie_of("operator").await;
+    // The disk takes its time with whatever is to be written.
+    let disk = rusqlite::Connection::open(folder.join("telltale.db")).unwrap();
+    disk.execute_batch("BEGIN IMMEDIATE").unwrap();
+    let record = Record::of(Action::Request, TELLTALE);
+    let store = fixture.store.clone();
+    let slow = tokio::spawn(async move { store.audit(record).await });
+    let ask = |request: axum::http::Request<axum::body::Body>| {
+        let router = fixture.router.clone();
+        tokio::spawn(async move { tower::ServiceExt::oneshot(router, request).await.unwrap().status() })
+    };
+    let strangers: Vec<_> = (0..400_u32)
+        .map(|number| {
+            let mut asked = match number % 3 {
+                0 => request(Method::GET, "/readyz", None),
+                1 => request(Method::GET, "/login", None),
+                _ => form_request("/login", None, "name=operator&secret=a+wrong+password"),
+            };
+            let source = IpAddr::from((0x0a00_0000 + number).to_be_bytes());
+            asked.extensions_mut().insert(Peer(SocketAddr::from((source, 1))));
+            ask(asked)
+        })
+        .collect();
+    let logout = ask(as_program(form_request("/logout", Some(&cookie), "")));
+    // Each comes to where it waits.
+    for _ in 0..100 {
+        tokio::task::yield_now().await;
+    }
+    disk.execute_batch("COMMIT").unwrap();
+    assert_eq!(logout.await.unwrap(), StatusCode::OK);
+    slow.await.unwrap().unwrap();
+    for (number, stranger) in strangers.into_iter().enumerate() {
+        let status = stranger.await.unwrap();
+        assert!(number % 3 == 2 || status == StatusCode::OK, "{number}: {status}");
+    }
+    // The store's thread may still be closing its files.
+    let _ = std::fs::remove_dir_all(&folder);
 }

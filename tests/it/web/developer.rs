@@ -1,11 +1,11 @@
 //! The developer's pages: why a node shows what it shows, and another configuration.
 
-use axum::http::StatusCode;
+use axum::http::{Method, StatusCode};
 use telltale::engine::snapshot::Reason;
 use telltale::engine::time::Span;
 use telltale::runtime::{ConfigurationText, Rereading};
 
-use super::fixture::{Fixture, as_program, form_request};
+use super::fixture::{Fixture, as_program, form_request, request};
 
 #[tokio::test]
 async fn a_page_says_why_a_node_shows_what_it_shows() {
@@ -28,6 +28,28 @@ async fn a_page_says_why_a_node_shows_what_it_shows() {
     assert!(group.contains("It is put aside because of") && group.contains("sensors/lidar"), "{group}");
     assert_eq!(why("nothing", &developer).await.status, StatusCode::NOT_FOUND);
     assert_eq!(why("sensors", &operator).await.status, StatusCode::FORBIDDEN);
+}
+
+#[tokio::test]
+async fn a_page_is_answered_in_the_part_that_its_script_asks_for() {
+    let fixture = Fixture::new().await;
+    let developer = fixture.cookie_of("developer").await;
+    let ask = async |part: &str, cookie: Option<&str>| {
+        let mut request = request(Method::GET, "/developer/coverage", cookie);
+        request.headers_mut().insert("telltale-part", part.parse().unwrap());
+        fixture.send(request).await
+    };
+    for (part, begins) in [
+        ("main", "<main "),
+        ("content", "<div id=\"dev\""),
+        ("", "<!doctype html>"),
+        ("x", "<!doctype html>"),
+    ] {
+        let answer = ask(part, Some(&developer)).await;
+        assert!(answer.status == StatusCode::OK && answer.body.trim().starts_with(begins), "{}", answer.body);
+        assert_eq!(answer.header("cache-control"), Some("no-store"));
+    }
+    assert_eq!(ask("main", None).await.leads_to(), Some("/login"));
 }
 
 #[tokio::test]

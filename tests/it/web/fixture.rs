@@ -77,7 +77,11 @@ impl Fixture {
 
     /// Whose database lies in a folder.
     pub async fn in_folder(folder: &std::path::Path) -> Fixture {
-        let clock = Clock::start();
+        Fixture::in_folder_by(folder, Clock::start()).await
+    }
+
+    /// The same with this clock. It goes on where the last one on this folder ended.
+    pub async fn in_folder_by(folder: &std::path::Path, clock: Clock) -> Fixture {
         let store = Store::open(folder, clock, DemoSecrets::Accepted).unwrap();
         Fixture::on(store, clock, ADDRESS, false, DemoSecrets::Accepted).await
     }
@@ -88,7 +92,10 @@ impl Fixture {
 
     async fn on(store: Store, clock: Clock, address: &str, secure: bool, demo: DemoSecrets) -> Fixture {
         let (history, records) = History::in_memory(clock).unwrap();
-        let link = runtime::start_recorded(Arc::new(model()), clock, Some(records));
+        let link = match store.recall().await.unwrap() {
+            Some(restored) => runtime::resume(Arc::new(model()), &restored, clock, Some(records)),
+            None => runtime::start_recorded(Arc::new(model()), clock, Some(records)),
+        };
         store.add_demo_users().await.unwrap();
         let (switch, faults) = mpsc::channel(4);
         let origins = Origins::of_listener(address.parse().unwrap(), secure);

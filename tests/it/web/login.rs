@@ -55,7 +55,7 @@ async fn a_cookie_is_for_this_server_alone() {
         let line = answer.header(SET_COOKIE.as_str()).unwrap();
         let token = line.strip_prefix(prefix).unwrap().split(';').next().unwrap();
         assert!(token.len() == 64 && token.bytes().all(|byte| byte.is_ascii_hexdigit()), "{token}");
-        let attributes = format!("; Path=/; Max-Age=43200; HttpOnly; SameSite=Strict{suffix}");
+        let attributes = format!("; Path=/; Max-Age=86400; HttpOnly; SameSite=Strict{suffix}");
         assert_eq!(line, format!("{prefix}{token}{attributes}"));
     }
 }

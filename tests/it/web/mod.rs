@@ -7,6 +7,7 @@ mod developer;
 mod durable;
 mod fixture;
 mod login;
+mod overdue;
 mod seat;
 mod sockets;
 mod tls;

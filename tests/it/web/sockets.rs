@@ -41,7 +41,7 @@ impl Server {
         Server::with(fixture, store).await
     }
 
-    async fn with(fixture: Fixture, store: Store) -> Server {
+    pub async fn with(fixture: Fixture, store: Store) -> Server {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let settings = Settings {
@@ -65,7 +65,11 @@ impl Server {
         format!("http://{}", self.address)
     }
 
-    async fn try_connect(&self, path: &str, headers: &[(&'static str, &str)]) -> Result<Socket, StatusCode> {
+    pub async fn try_connect(
+        &self,
+        path: &str,
+        headers: &[(&'static str, &str)],
+    ) -> Result<Socket, StatusCode> {
         let mut request = format!("ws://{}{path}", self.address).into_client_request().unwrap();
         for (name, value) in headers {
             request.headers_mut().insert(*name, value.parse().unwrap());
@@ -108,7 +112,7 @@ async fn next_content(socket: &mut Socket) -> Value {
 }
 
 /// Reads until the server closes, and returns why.
-async fn closed(socket: &mut Socket) -> CloseCode {
+pub async fn closed(socket: &mut Socket) -> CloseCode {
     loop {
         if let Message::Close(frame) = next(socket).await.expect("a close frame comes first") {
             return frame.expect("it has a reason").code;

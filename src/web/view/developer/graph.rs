@@ -2,13 +2,16 @@
 //! depended on left of what depends on it, and the paths from root causes drawn hot.
 
 mod links;
+mod open;
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 
 use askama::Template;
 
 use crate::engine::model::{GroupId, ModuleId, NodeId};
+use crate::engine::snapshot::GroupInfo;
 use crate::picture::layers::{Item, Layers};
 use crate::web::view::clean::{NAME, clean};
 use crate::web::view::node::reason_word;
@@ -18,15 +21,14 @@ use crate::web::view::{PageContext, View, html};
 use super::asked::address;
 use super::{Asked, DevFrame, Page, why_address};
 use links::Link;
+use open::Open;
 
 const RENEW_MS: u32 = 0;
-/// With no more modules than this, all groups are open unless the address says otherwise.
-const OPEN_MODULES: usize = 60;
 /// Modules drawn in one group that is open: fewer where many are, so that all of them are no more
 /// than a browser draws at once.
 const MODULES: usize = 60;
-const MODULES_MIN: usize = 4;
-const MODULES_IN_ALL: usize = 300;
+const MODULES_MIN: usize = 2;
+const MODULES_IN_ALL: usize = 200;
 /// Boxes at the top; what is beyond is named below the picture.
 const BOXES: usize = 150;
 /// Lines drawn: the hot ones first.
@@ -69,6 +71,7 @@ struct RowHtml {
     state: &'static str,
     reason: &'static str,
     name: String,
+    /// Empty where the name says it all.
     title: String,
     address: String,
 }
@@ -107,27 +110,6 @@ pub fn page(view: &View<'_>, context: &PageContext, asked: &Asked) -> String {
         lines,
         left_out: drawing.left_out,
     })
-}
-
-/// Which groups show what is in them.
-enum Open<'a> {
-    All,
-    Those(Vec<&'a str>),
-}
-
-impl<'a> Open<'a> {
-    fn of(view: &View<'_>, asked: &'a Asked) -> Open<'a> {
-        let those: Vec<&str> = asked.all("open").collect();
-        let few = view.snapshot.layout.modules.len() <= OPEN_MODULES;
-        if those.contains(&"all") || those.is_empty() && few { Open::All } else { Open::Those(those) }
-    }
-
-    fn is(&self, path: &str) -> bool {
-        match self {
-            Open::All => true,
-            Open::Those(those) => those.contains(&path),
-        }
-    }
 }
 
 struct Drawing<'a> {
@@ -189,13 +171,33 @@ impl<'a> Drawing<'a> {
         self.groups[id.0 as usize] = Some(shown);
         let group = &self.view.snapshot.layout.groups[id.0 as usize];
         let closed = closed.or((!self.open.is(&group.path)).then_some(NodeId::Group(id)));
-        for (index, &module) in group.modules.iter().enumerate() {
-            let own = if index < self.each { NodeId::Module(module) } else { NodeId::Group(id) };
-            self.modules[module.0 as usize] = Some(closed.unwrap_or(own));
+        for module in &group.modules {
+            self.modules[module.0 as usize] = Some(closed.unwrap_or(NodeId::Group(id)));
+        }
+        if closed.is_none() {
+            for module in self.drawn(group) {
+                self.modules[module.0 as usize] = Some(NodeId::Module(module));
+            }
         }
         for &inner in &group.groups {
             self.stand_for(inner, closed);
         }
+    }
+
+    /// The modules of a group that have a row of their own, in their order: where not all have one,
+    /// the worst.
+    fn drawn(&self, group: &GroupInfo) -> Vec<ModuleId> {
+        let mut modules = group.modules.clone();
+        if modules.len() > self.each {
+            let state = |id: &ModuleId| {
+                let module = self.view.snapshot.module(*id).1;
+                (module.state, module.own)
+            };
+            modules.sort_by_key(|id| Reverse(state(id)));
+            modules.truncate(self.each);
+            modules.sort_unstable();
+        }
+        modules
     }
 
     fn shown(&self, node: NodeId) -> Option<NodeId> {
@@ -225,7 +227,7 @@ impl<'a> Drawing<'a> {
         self.width = MARGIN * 2.0 + columns * (WIDTH + COLUMN_GAP) - COLUMN_GAP;
         self.height = MARGIN * 2.0 + layers.height;
         let mut all: Vec<_> = links.iter().zip(&ends).collect();
-        all.sort_by_key(|((_, link), _)| std::cmp::Reverse(link.hot));
+        all.sort_by_key(|((_, link), _)| Reverse(link.hot));
         all.truncate(LINES);
         // What is hot is drawn last, over the rest.
         let mut lines = Vec::with_capacity(all.len());
@@ -282,7 +284,7 @@ impl<'a> Drawing<'a> {
             },
             title: format!("{}: {state} {because}", clean(&info.path, 2 * NAME)),
             why: why_address(&info.path),
-            toggle: self.toggle(&info.path),
+            toggle: self.open.toggle(&self.view.snapshot.layout, &info.path),
             open,
         });
         self.anchors.insert(NodeId::Group(id), (x, x + width, y + HEAD / 2.0));
@@ -290,7 +292,7 @@ impl<'a> Drawing<'a> {
             return;
         }
         let mut top = y + HEAD;
-        for &module in info.modules.iter().take(self.each) {
+        for module in self.drawn(info) {
             self.module(module, x + PAD, top, width - PAD * 2.0);
             top += ROW_STEP;
         }
@@ -303,7 +305,7 @@ impl<'a> Drawing<'a> {
                 state: "more",
                 reason: "",
                 name: self.view.lang.and_more(more),
-                title: self.view.lang.and_more(more),
+                title: String::new(),
                 address: format!("/developer{}", address([("group", &*info.path)].into_iter())),
             });
             top += ROW_STEP;
@@ -329,16 +331,6 @@ impl<'a> Drawing<'a> {
             address: why_address(&info.id),
         });
         self.anchors.insert(NodeId::Module(id), (x, x + width, y + ROW / 2.0));
-    }
-
-    /// The address at which a group is open that is closed now, or the other way round.
-    fn toggle(&self, path: &str) -> String {
-        let groups = self.view.snapshot.layout.groups.iter().map(|group| &*group.path);
-        let open: Vec<&str> = groups.filter(|known| self.open.is(known) != (*known == path)).collect();
-        if open.is_empty() {
-            return address([("open", "none")].into_iter());
-        }
-        address(open.into_iter().map(|path| ("open", path)))
     }
 
     fn line(&self, on: NodeId, from: NodeId, link: &Link, lanes: &[(usize, f64)]) -> Option<LineHtml> {

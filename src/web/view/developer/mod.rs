@@ -93,6 +93,8 @@ struct Way {
 struct DevFrame {
     words: &'static DevWords,
     title: String,
+    /// Where it stands in the navigation.
+    path: &'static str,
     ways: Vec<Way>,
     vehicle: String,
     stage: &'static str,
@@ -124,6 +126,7 @@ impl DevFrame {
         DevFrame {
             words,
             title: page.word(words).to_owned(),
+            path: page.path(),
             ways: ways.collect(),
             vehicle: view.lang.pick(&snapshot.layout.vehicle_name, NAME),
             stage: snapshot.stage.as_str(),
@@ -141,7 +144,7 @@ impl DevFrame {
 }
 
 fn frame(context: &PageContext) -> Frame {
-    Frame::new(context.lang, context.palette)
+    Frame { part: context.part, ..Frame::new(context.lang, context.palette) }
 }
 
 /// A link to the page of one node.

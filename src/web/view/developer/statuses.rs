@@ -20,7 +20,7 @@ use super::words::DevWords;
 use super::{Asked, DevFrame, Page, why_address};
 
 /// Rows of one page of the table.
-const ROWS: usize = 40;
+const ROWS: usize = 30;
 /// Rows that may be pinned above it.
 const PINS: usize = 20;
 const VALUES: usize = 5;

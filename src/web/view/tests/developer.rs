@@ -162,7 +162,7 @@ fn many_modules_come_in_pages_and_collapsed() {
     let published = Sample::of(parts).pass(1).published();
     let first = listed(&published, &[]);
     let second = listed(&published, &[("page", "2")]);
-    assert_eq!((first.len(), second.len()), (40, 40));
+    assert_eq!((first.len(), second.len()), (30, 30));
     assert!(first.last() < second.first());
     let graph = graph_page(&published, &english(), &Asked::default());
     assert!(graph.len() < 20_000 && !graph.contains("g/0001"), "{}", graph.len());
@@ -200,6 +200,43 @@ fn the_graph_draws_the_path_of_a_root_cause_and_no_other_hot() {
     let hot = lines(&jump().pass(4).published(), "none");
     holds(&hot.join("\n"), &["localization \u{2192} perception", "perception \u{2192} prediction"]);
     assert!(!hot.iter().any(|line| line.starts_with("sensors") || line.starts_with("mission")), "{hot:?}");
+}
+
+#[test]
+fn of_many_modules_in_a_group_the_worst_are_drawn() {
+    let paths = ["g0", "g1", "g2", "g3"];
+    let modules = (0..400).map(|index| module(paths[index / 100], index as u32 / 100, &format!("{index}")));
+    let parts = ModelParts {
+        groups: paths.iter().map(|path| group(path, Text::plain(path))).collect(),
+        modules: modules.collect(),
+        signals: Vec::new(),
+        stages: StageModel::None,
+        ..parts()
+    };
+    let published = Sample::of(parts).report("g2/299", 2, "broken", &[]).pass(4).published();
+    let graph = |pairs: &[(&str, &str)]| graph_page(&published, &english(), &asked(pairs));
+    let all = graph(&[("open", "all")]);
+    holds(&all, &["g2/200:", "g2/299: Error", "g0/0:"]);
+    assert!(!all.contains("g2/298:") && !all.contains("g0/99:"), "{all}");
+    // An address names what is open or what is not, whichever is less.
+    holds(&all, &["href=\"?open=all&#38;shut=g1\""]);
+    holds(&graph(&[("open", "g1")]), &["href=\"?open=none\"", "href=\"?open=g1&#38;open=g2\""]);
+    let shut = graph(&[("open", "all"), ("shut", "g1")]);
+    assert!(shut.contains("g0/0:") && !shut.contains("g1/100:"), "{shut}");
+    holds(&shut, &["href=\"?open=all\"", "href=\"?open=all&#38;shut=g1&#38;shut=g2\""]);
+}
+
+#[test]
+fn a_part_of_a_page_is_what_the_whole_has_of_it() {
+    let published = jump().pass(4).published();
+    let pages_of = |part| pages(&published, &PageContext { part, ..english() }, "text");
+    let parts = pages_of(Part::Main).into_iter().zip(pages_of(Part::Content));
+    for ((name, whole), ((_, main), (_, content))) in pages_of(Part::Whole).into_iter().zip(parts) {
+        let (main, content) = (main.trim(), content.trim());
+        assert!(main.starts_with("<main ") && main.ends_with("</main>"), "{name}: {main}");
+        assert!(content.starts_with("<div id=\"dev\"") && content.ends_with("</div>"), "{name}: {content}");
+        assert!(whole.contains(main) && main.contains(content), "{name}");
+    }
 }
 
 #[test]

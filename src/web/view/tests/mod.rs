@@ -23,6 +23,7 @@ fn context(lang: Lang, palette: Palette) -> PageContext {
         role: Role::Operator,
         demo: false,
         configuration: false,
+        part: Part::Whole,
     }
 }
 

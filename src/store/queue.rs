@@ -1,0 +1,186 @@
+//! Who may have how many jobs waiting for the database. What strangers cause has a small share of its
+//! own, in which they wait for one another: nobody who works with the vehicle finds the store busy
+//! because of them.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
+
+use super::{Database, Lane, Store, StoreError};
+
+/// Jobs that may wait for the database. A full queue refuses the next one: see [`StoreError::Busy`].
+const JOBS_MAX: usize = 256;
+/// Those of them that come from elsewhere, or from nobody who is known.
+const STRANGERS_MAX: usize = 16;
+
+pub(super) type Job = Box<dyn FnOnce(&mut Database) + Send>;
+
+/// The queue of the store's thread. Clones are the same.
+#[derive(Debug, Clone)]
+pub(super) struct Queue {
+    jobs: Sender<Job>,
+    places: Arc<Semaphore>,
+    of_strangers: Arc<Semaphore>,
+}
+
+/// The place of one job. The job holds it until it is done, also if nobody waits for its answer any
+/// more.
+struct Place {
+    _place: OwnedSemaphorePermit,
+    _of_stranger: Option<OwnedSemaphorePermit>,
+}
+
+impl Queue {
+    pub(super) fn new() -> (Queue, Receiver<Job>) {
+        let (jobs, queue) = channel();
+        let semaphore = |places| Arc::new(Semaphore::new(places));
+        (Queue { jobs, places: semaphore(JOBS_MAX), of_strangers: semaphore(STRANGERS_MAX) }, queue)
+    }
+
+    fn place(&self, of_stranger: Option<OwnedSemaphorePermit>) -> Result<Place, StoreError> {
+        let place = self.places.clone().try_acquire_owned().map_err(|_| StoreError::Busy)?;
+        Ok(Place { _place: place, _of_stranger: of_stranger })
+    }
+}
+
+impl Store {
+    /// Runs `job` on the store's thread and waits for its answer.
+    pub(super) async fn call<T: Send + 'static>(
+        &self,
+        job: impl FnOnce(&mut Database) -> Result<T, StoreError> + Send + 'static,
+    ) -> Result<T, StoreError> {
+        let place = self.queue.place(None)?;
+        self.run_job(place, job).await
+    }
+
+    /// The same for somebody who comes from there. Whoever comes from elsewhere waits for a place.
+    pub(super) async fn call_from<T: Send + 'static>(
+        &self,
+        lane: Lane,
+        job: impl FnOnce(&mut Database) -> Result<T, StoreError> + Send + 'static,
+    ) -> Result<T, StoreError> {
+        if lane == Lane::Vehicle {
+            return self.call(job).await;
+        }
+        let permit = self.queue.of_strangers.clone().acquire_owned().await;
+        let place = self.queue.place(Some(permit.map_err(|_| StoreError::Ended)?))?;
+        self.run_job(place, job).await
+    }
+
+    /// The same for what has to be written because something else was: it waits for a place.
+    pub(super) async fn call_surely<T: Send + 'static>(
+        &self,
+        job: impl FnOnce(&mut Database) -> Result<T, StoreError> + Send + 'static,
+    ) -> Result<T, StoreError> {
+        let permit = self.queue.places.clone().acquire_owned().await;
+        let place = Place { _place: permit.map_err(|_| StoreError::Ended)?, _of_stranger: None };
+        self.run_job(place, job).await
+    }
+
+    async fn run_job<T: Send + 'static>(
+        &self,
+        place: Place,
+        job: impl FnOnce(&mut Database) -> Result<T, StoreError> + Send + 'static,
+    ) -> Result<T, StoreError> {
+        let (reply, answer) = oneshot::channel();
+        let job: Job = Box::new(move |database| {
+            let came_to = job(database);
+            if let Err(error) = &came_to {
+                database.health.judge(error);
+            }
+            drop(place);
+            // A caller that went away no longer cares for the answer.
+            let _ = reply.send(came_to);
+        });
+        self.queue.jobs.send(job).map_err(|_| StoreError::Ended)?;
+        answer.await.map_err(|_| StoreError::Ended)?
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::sync_channel;
+
+    use super::*;
+    use crate::clock::Clock;
+    use crate::store::audit::{Action, Record, TELLTALE};
+    use crate::store::{DemoSecrets, Role};
+
+    /// Lets every other task come to where it waits.
+    async fn turns() {
+        for _ in 0..100 {
+            tokio::task::yield_now().await;
+        }
+    }
+
+    #[tokio::test]
+    async fn strangers_fill_their_own_share_alone_whether_they_wait_or_not() {
+        let store = Store::in_memory(Clock::start(), DemoSecrets::Refused).unwrap();
+        store.add_user("anna", Role::Operator, "135791").await.unwrap();
+        // The disk takes its time.
+        let (go_on, stuck) = sync_channel::<()>(0);
+        let slow = tokio::spawn({
+            let store = store.clone();
+            async move { store.call(move |_| Ok(stuck.recv().is_ok())).await }
+        });
+        turns().await;
+        let mut strangers = Vec::new();
+        for number in 0..1000 {
+            let store = store.clone();
+            strangers.push(tokio::spawn(async move {
+                let record = Record::of(Action::Request, "10.0.0.66").refused("no");
+                match number % 5 {
+                    0 => store.is_ready().await,
+                    1 => store.has_users().await.is_ok(),
+                    2 => store.knows_user("anna").await.is_ok(),
+                    3 => store.audit_from(Lane::Elsewhere, record).await.is_ok(),
+                    _ => store.find_user(Lane::Elsewhere, "anna").await.is_ok(),
+                }
+            }));
+        }
+        turns().await;
+        // Those who go away leave their jobs behind.
+        strangers.drain(..500).for_each(|stranger| stranger.abort());
+        turns().await;
+        assert_eq!(store.queue.places.available_permits(), JOBS_MAX - 1 - STRANGERS_MAX);
+        let operator = tokio::spawn({
+            let store = store.clone();
+            async move { store.audit(Record::of(Action::Stop, TELLTALE)).await }
+        });
+        turns().await;
+        go_on.send(()).unwrap();
+        assert!(slow.await.unwrap().unwrap());
+        operator.await.unwrap().expect("it is not busy because of strangers");
+        for stranger in strangers {
+            assert!(stranger.await.unwrap(), "each gets its turn");
+        }
+        assert_eq!(store.queue.places.available_permits(), JOBS_MAX);
+    }
+
+    #[tokio::test]
+    async fn what_has_to_be_written_waits_where_others_are_refused() {
+        let store = Store::in_memory(Clock::start(), DemoSecrets::Refused).unwrap();
+        let (go_on, stuck) = sync_channel::<()>(0);
+        let mut stuck = Some(stuck);
+        let others: Vec<_> = (0..JOBS_MAX)
+            .map(|_| {
+                let (store, stuck) = (store.clone(), stuck.take());
+                let job = move |_: &mut Database| Ok(stuck.is_none_or(|stuck| stuck.recv().is_ok()));
+                tokio::spawn(async move { store.call(job).await })
+            })
+            .collect();
+        turns().await;
+        assert!(matches!(store.call(|_| Ok(())).await, Err(StoreError::Busy)));
+        let sure = tokio::spawn({
+            let store = store.clone();
+            async move { store.call_surely(|_| Ok(())).await }
+        });
+        turns().await;
+        go_on.send(()).unwrap();
+        sure.await.unwrap().unwrap();
+        for other in others {
+            assert!(other.await.unwrap().unwrap());
+        }
+    }
+}
