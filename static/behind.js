@@ -14,13 +14,21 @@
     #waiting = new Map();
     #takenAt = 0;
     #busyUntil = 0;
+    #isNew = true;
+
+    // On a new connection all comes at once, perhaps in another language.
+    begin() {
+      this.#isNew = true;
+    }
 
     // A message of the server: what is in sight is content.
     hear({ content, behind }) {
       if (typeof content === "string") this.#busyUntil = performance.now() + BUSY_MS;
       // What comes anew keeps its place in the row.
       for (const [id, element] of Object.entries(behind ?? {})) this.#waiting.set(id, element);
-      this.#take((id) => panelOf(id)?.matches(":popover-open"));
+      const all = this.#isNew;
+      if (behind) this.#isNew = false;
+      this.#take((id) => all || panelOf(id)?.matches(":popover-open"));
     }
 
     open(panel) {

@@ -119,6 +119,7 @@
   document.addEventListener("htmx:ws:after:connection", (event) => {
     const { socket } = event.detail.connection;
     lag.open();
+    behind.begin();
     opened = true;
     lastTry = performance.now();
     unshownSince = null;
