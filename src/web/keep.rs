@@ -4,8 +4,9 @@
 use std::time::Duration;
 
 use tokio::sync::broadcast::{self, error::TryRecvError};
-use tokio::sync::watch;
-use tokio::time::sleep;
+use tokio::sync::{oneshot, watch};
+use tokio::task::JoinHandle;
+use tokio::time::{sleep, timeout};
 
 use super::state::AppState;
 use crate::engine::model::Stage;
@@ -24,6 +25,33 @@ const WAITING_MAX: usize = 1024;
 /// What is asked of the vehicle, by name and state.
 type Measures = Vec<(&'static str, &'static str)>;
 
+/// At the end a disk has this long to answer.
+const LAST_WITHIN: Duration = Duration::from_secs(2);
+
+/// Keeps the vehicle for as long as the server runs.
+#[derive(Debug)]
+pub struct Keeper {
+    end: oneshot::Sender<()>,
+    task: JoinHandle<()>,
+}
+
+impl Keeper {
+    pub fn start(app: AppState) -> Keeper {
+        let (end, ends) = oneshot::channel();
+        Keeper { end, task: tokio::spawn(follow(app, ends)) }
+    }
+
+    /// Keeps what changed last, and ends.
+    pub async fn end(mut self) {
+        // It has ended by itself if the engine has.
+        let _ = self.end.send(());
+        if timeout(LAST_WITHIN, &mut self.task).await.is_err() {
+            tracing::error!("the disk does not answer: what changed last is not kept");
+            self.task.abort();
+        }
+    }
+}
+
 impl AppState {
     /// The vehicle as it is now.
     pub fn memory(&self) -> VehicleMemory {
@@ -31,16 +59,26 @@ impl AppState {
     }
 }
 
-/// Follows the vehicle for as long as the server runs.
-pub async fn follow(app: AppState) {
+async fn follow(app: AppState, mut ends: oneshot::Receiver<()>) {
     let mut turns = app.link.turns.subscribe();
     let mut snapshots = app.link.snapshots.clone();
     let mut kept = Kept::default();
     loop {
-        if kept.keep(&app, &mut snapshots, &mut turns).await {
-            sleep(KEEP_EVERY).await;
-        }
-        if turns.is_empty() && snapshots.changed().await.is_err() {
+        let is_new = kept.keep(&app, &mut snapshots, &mut turns).await;
+        let next = async {
+            if is_new {
+                sleep(KEEP_EVERY).await;
+            }
+            !turns.is_empty() || snapshots.changed().await.is_ok()
+        };
+        let goes_on = tokio::select! {
+            goes_on = next => goes_on,
+            _ = &mut ends => {
+                kept.keep(&app, &mut snapshots, &mut turns).await;
+                false
+            }
+        };
+        if !goes_on {
             return;
         }
     }

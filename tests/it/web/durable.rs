@@ -364,3 +364,18 @@ async fn no_clearance_is_given_while_the_disk_hangs() {
     assert_eq!(answer.status, StatusCode::OK, "{}", answer.body);
     vehicle.end().await;
 }
+
+#[tokio::test]
+async fn what_changed_last_is_kept_at_an_orderly_end() {
+    let vehicle = Vehicle::standing("end").await;
+    let (end, served) = vehicle.serve().await;
+    vehicle.log(20, |log| log.iter().any(|it| it.action == "stage" && it.target == "standby")).await;
+    // Within the second after which it would look again.
+    vehicle.fixture.drive(true).await;
+    end.send(()).unwrap();
+    served.await.unwrap().unwrap();
+    assert_eq!(vehicle.fixture.store.recall().await.unwrap().unwrap().stage, Stage::Active);
+    let newest = &vehicle.fixture.store.audit_entries(None, 1).await.unwrap()[0];
+    assert_eq!((&*newest.action, &*newest.target), ("stage", "active"));
+    vehicle.end().await;
+}
