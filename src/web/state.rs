@@ -85,6 +85,8 @@ pub struct Shared {
     pub(super) places: Arc<Semaphore>,
     /// Records that wait for a disk that takes nothing.
     pub(super) owed: Mutex<Owed>,
+    /// Held while somebody has the configuration taken.
+    pub(super) reloading: tokio::sync::Mutex<()>,
     /// Turns true when the server ends.
     pub closing: watch::Sender<bool>,
 }
@@ -114,6 +116,7 @@ impl AppState {
             acting: tokio::sync::Mutex::default(),
             places: Arc::new(Semaphore::new(PLACES)),
             owed: Mutex::default(),
+            reloading: tokio::sync::Mutex::default(),
             closing: watch::channel(false).0,
         }))
     }

@@ -9,6 +9,7 @@ use telltale::clock::{Clock, ClockHand};
 use telltale::engine::model::Stage;
 use telltale::engine::state::State;
 use telltale::engine::time::Span;
+use telltale::runtime::Rereading;
 use telltale::store::audit::{Action, Entry, Record, TELLTALE};
 use telltale::store::{Role, Session, Token};
 use telltale::web::serve;
@@ -377,5 +378,43 @@ async fn what_changed_last_is_kept_at_an_orderly_end() {
     assert_eq!(vehicle.fixture.store.recall().await.unwrap().unwrap().stage, Stage::Active);
     let newest = &vehicle.fixture.store.audit_entries(None, 1).await.unwrap()[0];
     assert_eq!((&*newest.action, &*newest.target), ("stage", "active"));
+    vehicle.end().await;
+}
+
+#[tokio::test]
+async fn a_configuration_is_not_taken_without_a_record_of_it() {
+    let mut vehicle = Vehicle::standing("reload").await;
+    let developer = vehicle.fixture.cookie_of("developer").await;
+    let mut rereads = std::mem::replace(&mut vehicle.fixture.rereads, tokio::sync::mpsc::channel(1).1);
+    let answering = tokio::spawn(async move {
+        let mut taken = 0;
+        while let Some(reread) = rereads.recv().await {
+            taken += u32::from(reread.take);
+            let read = Rereading {
+                taken: reread.take,
+                differences: vec!["group `new` is new".to_owned()],
+                problems: None,
+                warnings: None,
+                judged: true,
+                running: [].into(),
+                digest: "0123".to_owned(),
+            };
+            reread.reply.send(read).unwrap();
+            if taken > 0 {
+                break;
+            }
+        }
+        taken
+    });
+    let reload = form_request("/developer/configuration/reload", Some(&developer), "shown=0123");
+    vehicle.fill("audit");
+    let answer = vehicle.fixture.send(as_program(reload)).await;
+    vehicle.mend();
+    assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE, "{}", answer.body);
+    assert!(answer.body.contains("nothing was changed"), "{}", answer.body);
+    assert!(!answering.is_finished(), "nobody had it taken");
+    let reload = form_request("/developer/configuration/reload", Some(&developer), "shown=0123");
+    assert_eq!(vehicle.fixture.send(as_program(reload)).await.status, StatusCode::OK);
+    assert_eq!(answering.await.unwrap(), 1);
     vehicle.end().await;
 }
