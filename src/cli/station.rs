@@ -79,11 +79,18 @@ impl Station {
         let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
         tracing::info!("the display is on {}; it listens to {listens_to}", url(address, secure));
         let end = store.clone();
+        let engine = link.inputs.clone();
         {
             let serving =
                 web::serve(listener, tls, AppState::new(link, store, clock, settings), ending.asked());
             let running = reloads.map(|reloads| reloads.running);
-            while_serving(serving, &bridge, &outputs, running, &end).await?;
+            tokio::select! {
+                served = while_serving(serving, &bridge, &outputs, running, &end) => served?,
+                () = engine.closed() => bail!(
+                    "the diagnosis has ended by a fault of this program, which is logged above: nothing is \
+                     shown any more. Start it again, and report the fault"
+                ),
+            }
         }
         tracing::info!("ending");
         storage.abort();

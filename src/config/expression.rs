@@ -4,9 +4,11 @@
 //! what they say. What CEL has for lists, maps and times is refused: an input is a number, a truth
 //! value or a text, and what a condition costs is bounded by the length of its text.
 
+mod check;
+
 use std::sync::{Arc, LazyLock};
 
-use cel::common::ast::{CallExpr, Expr, IdedExpr, LiteralValue, SourceInfo, operators};
+use cel::common::ast::{Expr, IdedExpr};
 use cel::common::types::{CelBool, CelDouble, CelString};
 use cel::common::value::CowVal;
 use cel::context::VariableResolver;
@@ -14,46 +16,11 @@ use cel::{Context, Env, Value, extensions};
 
 use crate::engine::monitor::spec::{Condition, ScalarKind};
 use crate::engine::sample::FieldValue;
-use crate::yaml::decode::did_you_mean;
-use crate::yaml::{Log, Problem, Span, Spanned, suggest};
+use crate::yaml::{Log, Problem, Span, Spanned};
+use check::{Check, Kind, offset, point};
 
 const TEXT_BYTES_MAX: usize = 1000;
 
-/// What a condition may use.
-const OPERATORS: [&str; 16] = [
-    operators::CONDITIONAL,
-    operators::LOGICAL_AND,
-    operators::LOGICAL_OR,
-    operators::LOGICAL_NOT,
-    operators::SUBSTRACT,
-    operators::ADD,
-    operators::MULTIPLY,
-    operators::DIVIDE,
-    operators::EQUALS,
-    operators::NOT_EQUALS,
-    operators::GREATER_EQUALS,
-    operators::LESS_EQUALS,
-    operators::GREATER,
-    operators::LESS,
-    operators::NEGATE,
-    operators::IN,
-];
-const FUNCTIONS: [&str; 14] = [
-    "contains",
-    "startsWith",
-    "endsWith",
-    "double",
-    "math.abs",
-    "math.sign",
-    "math.sqrt",
-    "math.floor",
-    "math.ceil",
-    "math.round",
-    "math.trunc",
-    "math.greatest",
-    "math.least",
-    "math.isNaN",
-];
 /// Words of the language that cannot name an input.
 const RESERVED: [&str; 6] = ["true", "false", "null", "in", "math", "double"];
 
@@ -97,13 +64,45 @@ pub(super) fn condition(text: &Spanned<String>, names: &[&str], log: &mut Log) -
     };
     let mut expression = program.expression().clone();
     let known = vec![None; names.len()];
-    let mut check = Check { text, names, known: &known, info: program.source_info(), log, good: true };
-    let kind = check.walk(&mut expression);
-    if check.good && !matches!(kind, None | Some(Kind::Truth)) {
-        check.problem(expression.id, "a condition must be true or false", "compare it: `... > 0`");
-    }
+    let mut check = Check::new(text, names, &known, program.source_info(), log);
+    check.condition(&mut expression);
+    let Check { taken, good, .. } = check;
+    let taking: Vec<Option<ScalarKind>> = taken.iter().map(|kind| kind.and_then(Kind::scalar)).collect();
     let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
-    check.good.then(|| Condition::new(value, move |values| holds(&expression, &names, values)))
+    good.then(|| {
+        let holds = move |values: &[FieldValue]| {
+            fit(&names, &taken, values)?;
+            holds(&expression, &names, values)
+        };
+        Condition::new(value, holds).taking(taking)
+    })
+}
+
+/// An input that two conditions take for different things: its name, and for what.
+pub(super) fn conflict<'a>(names: &[&'a str], a: &Condition, b: &Condition) -> Option<(&'a str, String)> {
+    let mut taken = (0..names.len()).filter_map(|input| Some((input, a.takes(input)?, b.takes(input)?)));
+    let (input, a, b) = taken.find(|(_, a, b)| a != b)?;
+    let (a, b) = (Kind::of(a).as_str(), Kind::of(b).as_str());
+    Some((names[input], format!("`{}` is taken for {a} in `warning` and for {b} in `error`", names[input])))
+}
+
+/// # Errors
+/// An input is not what the condition takes it for: nothing that is compared with it is equal to it.
+fn fit(names: &[String], taken: &[Option<Kind>], values: &[FieldValue]) -> Result<(), Box<str>> {
+    let is = |value: &FieldValue| match value {
+        FieldValue::Number(_) => Some(Kind::Number),
+        FieldValue::Bool(_) => Some(Kind::Truth),
+        FieldValue::Text(_) => Some(Kind::Text),
+        FieldValue::Pose(_) | FieldValue::Absent | FieldValue::Unreadable(_) => None,
+    };
+    for ((name, taken), value) in names.iter().zip(taken).zip(values) {
+        if let (Some(taken), Some(is)) = (taken, is(value))
+            && *taken != is
+        {
+            return Err(format!("`{name}` is {}, not {}", is.as_str(), taken.as_str()).into());
+        }
+    }
+    Ok(())
 }
 
 /// Why a condition that was read can have no answer for inputs of these kinds, and what to do; an
@@ -115,12 +114,7 @@ pub fn misfit(condition: &Condition, inputs: &[(&str, Option<ScalarKind>)]) -> O
     let known: Vec<Option<Kind>> = inputs.iter().map(|(_, kind)| kind.map(Kind::of)).collect();
     let mut log = Log::default();
     let info = program.source_info();
-    let mut check = Check { text: &text, names: &names, known: &known, info, log: &mut log, good: true };
-    let mut expression = program.expression().clone();
-    let kind = check.walk(&mut expression);
-    if check.good && !matches!(kind, None | Some(Kind::Truth)) {
-        check.problem(expression.id, "a condition must be true or false", "compare it: `... > 0`");
-    }
+    Check::new(&text, &names, &known, info, &mut log).condition(&mut program.expression().clone());
     let problem = log.into_problems().into_iter().next();
     problem.map(|problem| (problem.message, problem.help.unwrap_or_default())).or_else(|| {
         let kinds: Option<Vec<ScalarKind>> = inputs.iter().map(|(_, kind)| *kind).collect();
@@ -201,193 +195,4 @@ impl VariableResolver for Inputs<'_> {
             FieldValue::Pose(_) | FieldValue::Absent | FieldValue::Unreadable(_) => None,
         }
     }
-}
-
-/// What a part of a condition is, where that can be told before there are values.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    Truth,
-    Number,
-    Text,
-    List,
-}
-
-impl Kind {
-    fn of(kind: ScalarKind) -> Kind {
-        match kind {
-            ScalarKind::Number => Kind::Number,
-            ScalarKind::Bool => Kind::Truth,
-            ScalarKind::Text => Kind::Text,
-        }
-    }
-
-    fn as_str(self) -> &'static str {
-        match self {
-            Kind::Truth => "a truth value",
-            Kind::Number => "a number",
-            Kind::Text => "a text",
-            Kind::List => "a list",
-        }
-    }
-}
-
-struct Check<'a> {
-    text: &'a Spanned<String>,
-    names: &'a [&'a str],
-    /// What each input is, where that is known.
-    known: &'a [Option<Kind>],
-    info: &'a SourceInfo,
-    log: &'a mut Log,
-    good: bool,
-}
-
-impl Check<'_> {
-    /// Makes doubles of all numbers on its way.
-    fn walk(&mut self, part: &mut IdedExpr) -> Option<Kind> {
-        let id = part.id;
-        match &mut part.expr {
-            Expr::Literal(literal) => self.literal(id, literal),
-            Expr::Ident(name) => {
-                let name = name.clone();
-                self.input(id, &name)
-            }
-            Expr::Call(call) => self.call(id, call),
-            Expr::List(list) => {
-                list.elements.iter_mut().for_each(|element| {
-                    self.walk(element);
-                });
-                Some(Kind::List)
-            }
-            Expr::Select(_) => {
-                self.problem(id, "an input has no members", "name the field in the input's `field`");
-                None
-            }
-            _ => {
-                self.problem(id, "this is not supported", "an input is a number, a truth value or a text");
-                None
-            }
-        }
-    }
-
-    fn literal(&mut self, id: u64, literal: &mut LiteralValue) -> Option<Kind> {
-        let number = match literal {
-            LiteralValue::Boolean(_) => return Some(Kind::Truth),
-            LiteralValue::String(_) => return Some(Kind::Text),
-            LiteralValue::Double(_) => return Some(Kind::Number),
-            LiteralValue::Int(value) => *value.inner() as f64,
-            LiteralValue::UInt(value) => *value.inner() as f64,
-            LiteralValue::Null | LiteralValue::Bytes(_) => {
-                self.problem(id, "no input is like this", "compare with a number, a truth value or a text");
-                return None;
-            }
-        };
-        *literal = LiteralValue::Double(CelDouble::from(number));
-        Some(Kind::Number)
-    }
-
-    fn input(&mut self, id: u64, name: &str) -> Option<Kind> {
-        if let Some(index) = self.names.iter().position(|known| *known == name) {
-            return self.known[index];
-        }
-        let known = self.names.iter().copied();
-        let help = suggest(name, known)
-            .map_or_else(|| format!("the inputs are: {}", self.names.join(", ")), did_you_mean);
-        self.problem(id, &format!("there is no input `{name}`"), &help);
-        None
-    }
-
-    fn call(&mut self, id: u64, call: &mut CallExpr) -> Option<Kind> {
-        let name = self.called(call);
-        if !OPERATORS.contains(&&*name) && !FUNCTIONS.contains(&&*name) {
-            let help = match &*name {
-                operators::MODULO => "numbers are not whole here; compare with a limit".into(),
-                operators::INDEX => "an input is one value: choose the element in the input's `field`".into(),
-                _ => suggest(&name, FUNCTIONS)
-                    .map_or_else(|| format!("the functions are: {}", FUNCTIONS.join(", ")), did_you_mean),
-            };
-            let what = name.trim_matches(|c| "_@".contains(c));
-            self.problem(id, &format!("there is no function `{what}`"), &help);
-            return None;
-        }
-        let target = call.target.as_deref_mut().filter(|_| !name.starts_with("math."));
-        let parts = target.into_iter().chain(&mut call.args);
-        let parts: Vec<(u64, Option<Kind>)> = parts.map(|part| (part.id, self.walk(part))).collect();
-        let (taken, given) = signature(&name, &parts);
-        for (&(id, kind), taken) in parts.iter().zip(taken) {
-            if let (Some(taken), Some(kind)) = (taken, kind)
-                && taken != kind
-            {
-                let text = format!("this is {}, not {}", kind.as_str(), taken.as_str());
-                self.problem(id, &text, "correct one of the parts");
-            }
-        }
-        given
-    }
-
-    /// The function's name: `math.abs` is written as if `math` had a member.
-    fn called(&self, call: &CallExpr) -> String {
-        match call.target.as_deref() {
-            Some(IdedExpr { expr: Expr::Ident(space), .. }) if !self.names.contains(&&**space) => {
-                format!("{space}.{}", call.func_name)
-            }
-            // So the parser calls them once it has looked at what they are given.
-            _ => match &*call.func_name {
-                "math.@max" => "math.greatest".into(),
-                "math.@min" => "math.least".into(),
-                name => name.to_owned(),
-            },
-        }
-    }
-
-    fn problem(&mut self, id: u64, text: &str, help: &str) {
-        self.good = false;
-        let (start, stop) = self.info.offset_for(id).unwrap_or((0, 0));
-        let length = (stop.saturating_sub(start) + 1) as usize;
-        let span = point(self.text.span, &self.text.value, start as usize, length);
-        self.log.push(Problem::at(span, text).help(help));
-    }
-}
-
-/// What each part of a call must be, and what comes of it.
-fn signature(name: &str, parts: &[(u64, Option<Kind>)]) -> (Vec<Option<Kind>>, Option<Kind>) {
-    use operators as op;
-    let all = |kind: Kind| vec![Some(kind); parts.len()];
-    // What one part is, the others are too.
-    let known = parts.iter().find_map(|(_, kind)| *kind);
-    let alike = || vec![known; parts.len()];
-    match name {
-        op::LOGICAL_AND | op::LOGICAL_OR | op::LOGICAL_NOT => (all(Kind::Truth), Some(Kind::Truth)),
-        op::EQUALS | op::NOT_EQUALS | op::GREATER | op::GREATER_EQUALS | op::LESS | op::LESS_EQUALS => {
-            (alike(), Some(Kind::Truth))
-        }
-        op::IN => (vec![None, Some(Kind::List)], Some(Kind::Truth)),
-        op::CONDITIONAL => {
-            let of = parts.iter().skip(1).find_map(|(_, kind)| *kind);
-            (vec![Some(Kind::Truth), of, of], of)
-        }
-        op::ADD => (alike(), known),
-        "contains" | "startsWith" | "endsWith" => (all(Kind::Text), Some(Kind::Truth)),
-        "math.isNaN" => (all(Kind::Number), Some(Kind::Truth)),
-        "double" | "math.greatest" | "math.least" => (Vec::new(), Some(Kind::Number)),
-        _ => (all(Kind::Number), Some(Kind::Number)),
-    }
-}
-
-/// Byte of a line and a column, counted from 1 and 0 or 1 as the parser likes.
-fn offset(text: &str, line: isize, column: isize) -> usize {
-    let before: usize = text.split_inclusive('\n').take((line - 1).max(0) as usize).map(str::len).sum();
-    (before + (column - 1).max(0) as usize).min(text.len())
-}
-
-/// A part of a text in the file. Where quotes or escapes shift it, the whole text.
-fn point(span: Span, text: &str, at: usize, length: usize) -> Span {
-    let written = (span.end - span.start) as usize;
-    let quote = match written.checked_sub(text.len()) {
-        Some(0) => 0,
-        Some(2) => 1,
-        _ => return span,
-    };
-    let at = text.floor_char_boundary(at.min(text.len().saturating_sub(1)));
-    let end = text.ceil_char_boundary((at + length.max(1)).min(text.len()));
-    Span { start: span.start + (quote + at) as u32, end: span.start + (quote + end) as u32, ..span }
 }

@@ -83,6 +83,12 @@ fn resolve_expression(raw: &Expression, topics: &mut Topics, log: &mut Log) -> O
         None => Some(None),
     };
     let (warning, error) = (condition(&raw.warning), condition(&raw.error));
+    if let (Some(Some(a)), Some(Some(b)), Some(text)) = (&warning, &error, &raw.error)
+        && let Some((name, said)) = expression::conflict(&names, a, b)
+    {
+        let help = format!("give `error` an input of its own beside `{name}`");
+        log.push(Problem::at(text.span, said).help(help));
+    }
     let (max_age, class) = (raw.max_age, raw.class);
     Some(MonitorSpec::Expression { inputs, max_age, warning: warning?, error: error?, class })
 }

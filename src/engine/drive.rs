@@ -26,9 +26,11 @@ impl Drive {
     /// Takes what is said. `drove`: that it drives was believed until now. `expected`: it was cleared.
     pub(super) fn take(&mut self, drives: bool, drove: bool, expected: bool, now: Timestamp) {
         if drives {
-            let ended = self.ended.take().is_some_and(|at| now < at + ARRIVAL);
-            let denied = self.denied.take().is_some_and(|at| now < at + ARRIVAL);
-            if (ended && !expected) || denied {
+            let denied = self.denied.take();
+            // One that stood is an arrival as well, from then on.
+            let ended = self.ended.take().or(denied.map(|at| at + ARRIVAL));
+            let is_soon = |at: Option<Timestamp>| at.is_some_and(|at| now < at + ARRIVAL);
+            if (is_soon(ended) && !expected) || is_soon(denied) {
                 self.doubted_until = Some(now + DOUBT);
             }
         } else if self.is_doubted(now) {
@@ -89,5 +91,9 @@ mod tests {
             ],
             false,
         );
+        // One that was doubted, and stood, is an arrival that can be contradicted again.
+        let before = [(5000, false, false, false), (6000, true, true, true), (15_000, false, true, true)];
+        let after = [(18_050, true, true, true), (18_100, false, true, true), (21_100, false, false, true)];
+        check(&[before, after].concat(), false);
     }
 }

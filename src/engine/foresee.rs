@@ -33,8 +33,8 @@ impl Engine {
         let mut vehicle = self.vehicle.clone();
         match action {
             OperatorAction::Login { name } => {
-                vehicle.operator = Some(Arc::from(&**name));
-                vehicle.raise(Event::Login);
+                let event = vehicle.seat(name);
+                vehicle.raise(event);
             }
             OperatorAction::Logout | OperatorAction::Shutdown => {
                 vehicle.operator = None;

@@ -10,6 +10,9 @@ impl Engine {
     /// Makes a discovered module again, where the filters would make it and there is room for it. A
     /// status that feeds several groups makes those of the others too.
     pub(super) fn rediscover(&mut self, name: &str) {
+        // The second of a name is so called because of the first.
+        let first = name.rsplit_once(" (").filter(|(first, _)| self.views.has(first));
+        let name = first.map_or(name, |(first, _)| first);
         let inside = |path: &str| name.strip_prefix(path)?.strip_prefix('/').map(str::to_owned);
         let paths = self.views.paths().filter_map(|(group, path)| Some((group, inside(path)?)));
         let mut candidates: Vec<(GroupId, String)> = paths.collect();

@@ -222,13 +222,17 @@ impl Measures {
         for held in &mut self.held {
             match held.by {
                 By::Rule(index, node) => {
+                    let facts = &net.node(node).facts;
                     let state = model.driving.countermeasures[index].state;
-                    held.present = fails(&net.node(node).facts, state);
-                    if held.present {
+                    if fails(facts, state) {
+                        held.present = true;
                         held.explain(node, net, &causes);
                     } else {
-                        // What waited for its cause may be well before the cause is.
-                        held.look_at_causes(net, state, Some(node));
+                        // That a failure is over has to be known. What waited for its cause may be well
+                        // before the cause is.
+                        let is_unclear = fails(facts, state.min(State::Unknown));
+                        held.look_at_causes(net, state.min(State::Unknown), (!is_unclear).then_some(node));
+                        held.present |= is_unclear;
                     }
                 }
                 By::Past => held.look_at_causes(net, State::Warning, None),

@@ -34,8 +34,8 @@ impl Engine {
         self.check(action)?;
         match action {
             OperatorAction::Login { name } => {
-                self.vehicle.operator = Some(Arc::from(&**name));
-                self.step(Event::Login);
+                let event = self.vehicle.seat(name);
+                self.step(event);
             }
             OperatorAction::Logout => self.leave(Event::Logout),
             OperatorAction::Shutdown => self.leave(Event::Shutdown),
@@ -237,8 +237,7 @@ impl Engine {
         if vehicle.stage != Stage::Standby {
             reasons.push(Refusal::WrongStage(vehicle.stage));
         }
-        let waits = vehicle.localization.given.is_some() || vehicle.localization.owed;
-        if waits && !vehicle.localization.done {
+        if vehicle.localization.is_open() {
             reasons.push(Refusal::NotLocalized);
         }
         if !self.has_goal() {

@@ -24,7 +24,7 @@ pub struct Restored {
     /// A clearance does not outlive the program: `cleared` becomes `standby`.
     pub stage: Stage,
     pub operator: Option<Box<str>>,
-    /// Whether the operator gave a pose in this localizing.
+    /// In `localizing`, whether the operator gave a pose; while `active`, whether it is confirmed.
     pub posed: bool,
     /// Number and value of the last pose: it is not published again.
     pub pose: Option<(u64, MapPose)>,
@@ -80,12 +80,13 @@ impl Snapshot {
             acknowledged: alarm.acknowledged,
             active: alarm.active,
         };
-        let Localization { number, pose, given, owed, .. } = self.localization;
-        let to_localize = owed && self.stage == Stage::Standby;
+        let Localization { number, pose, given, .. } = self.localization;
+        let open = self.localization.is_open();
+        let to_localize = open && self.stage == Stage::Standby;
         Restored {
             stage: if to_localize { Stage::Localizing } else { self.stage },
             operator: self.operator.as_deref().map(Box::from),
-            posed: given.is_some(),
+            posed: if self.stage == Stage::Active { !open } else { given.is_some() },
             pose: pose.map(|pose| (number, pose)),
             alarms: self.alarms.iter().map(alarm).collect(),
             last_alarm: self.last_alarm,
@@ -172,8 +173,8 @@ impl Engine {
         }
         let (number, pose) = restored.pose.map_or((0, None), |(number, pose)| (number, Some(pose)));
         let given = restored.posed.then_some(self.now).filter(|_| self.vehicle.stage == Stage::Localizing);
-        self.vehicle.localization =
-            Localization { number, pose, given, ok_since: None, done: false, owed: false };
+        let owed = self.vehicle.stage == Stage::Active && !restored.posed;
+        self.vehicle.localization = Localization { number, pose, given, ok_since: None, done: false, owed };
         let nodes = self.find_again(restored);
         let find = |name: &str| nodes.get(name).copied();
         for name in &restored.accepted {

@@ -364,6 +364,13 @@ pub struct Localization {
     pub owed: bool,
 }
 
+impl Localization {
+    /// The operator has to localize, or did and it is not confirmed: there is no clearance.
+    pub fn is_open(&self) -> bool {
+        (self.given.is_some() || self.owed) && !self.done
+    }
+}
+
 /// Metres and degrees in the map's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapPose {

@@ -6,6 +6,9 @@ use std::collections::BinaryHeap;
 
 use super::time::Timestamp;
 
+/// The end of time, where deadlines lie that never come.
+const NEVER: Timestamp = Timestamp::from_nanos(u64::MAX);
+
 /// What a deadline belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum TimerKey {
@@ -19,21 +22,40 @@ pub(super) enum TimerKey {
     Module(u32),
 }
 
-/// At most one live entry for each key; superseded ones are dropped when they come up.
+/// Superseded entries may be twice as many as live ones, and these more.
+const SUPERSEDED_MAX: usize = 64;
+
+/// At most one live entry for each key; superseded ones are dropped when they come up, or when they
+/// are too many.
 #[derive(Debug, Default)]
 pub(super) struct Timers {
     heap: BinaryHeap<Reverse<(Timestamp, TimerKey)>>,
     queued: [Vec<Option<Timestamp>>; 8],
+    live: usize,
 }
 
 impl Timers {
-    /// Makes sure that `key` comes up no later than `due`.
+    /// Makes sure that `key` comes up no later than `due`, if that ever is.
     pub(super) fn arm(&mut self, key: TimerKey, due: Timestamp) {
         let slot = self.slot(key);
-        if slot.is_none_or(|queued| due < queued) {
+        let is_new = slot.is_none();
+        if due < NEVER && slot.is_none_or(|queued| due < queued) {
             *slot = Some(due);
+            self.live += usize::from(is_new);
             self.heap.push(Reverse((due, key)));
+            if self.heap.len() > 3 * self.live + SUPERSEDED_MAX {
+                self.clear_out();
+            }
         }
+    }
+
+    /// Drops what is superseded.
+    fn clear_out(&mut self) {
+        let of_kind = |(kind, slots): (usize, &Vec<Option<Timestamp>>)| {
+            let due = |(index, due): (usize, &Option<Timestamp>)| Some(Reverse(((*due)?, key(kind, index))));
+            slots.iter().enumerate().filter_map(due).collect::<Vec<_>>()
+        };
+        self.heap = self.queued.iter().enumerate().flat_map(of_kind).collect();
     }
 
     /// The next instant at which something may be due.
@@ -51,6 +73,7 @@ impl Timers {
             let slot = self.slot(key);
             if *slot == Some(due) {
                 *slot = None;
+                self.live -= 1;
                 return Some((due, key));
             }
         }
@@ -76,9 +99,56 @@ impl Timers {
     }
 }
 
+/// The key of a slot.
+fn key(kind: usize, index: usize) -> TimerKey {
+    let index = index as u32;
+    match kind {
+        0 => TimerKey::Signal(index),
+        1 => TimerKey::Reception,
+        2 => TimerKey::Module(index),
+        3 => TimerKey::Localization,
+        4 => TimerKey::Measures,
+        5 => TimerKey::Monitor(index),
+        6 => TimerKey::Active,
+        _ => TimerKey::Searched,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn superseded_deadlines_have_a_bound_and_no_live_one_is_lost() {
+        let mut timers = Timers::default();
+        let keys = [
+            TimerKey::Signal(2),
+            TimerKey::Reception,
+            TimerKey::Module(5),
+            TimerKey::Localization,
+            TimerKey::Measures,
+            TimerKey::Monitor(1),
+            TimerKey::Active,
+            TimerKey::Searched,
+        ];
+        for round in 0..10_000 {
+            for &key in &keys {
+                // A far deadline, and a near one that comes up and leaves it behind.
+                timers.arm(key, Timestamp::from_millis(1_000_000));
+                timers.arm(key, Timestamp::from_millis(round));
+                timers.arm(key, NEVER);
+            }
+            let mut up: Vec<_> =
+                keys.iter().filter_map(|_| timers.pop(Timestamp::from_millis(round))).collect();
+            up.sort_unstable();
+            let mut expected = keys.map(|key| (Timestamp::from_millis(round), key)).to_vec();
+            expected.sort_unstable();
+            assert_eq!(up, expected);
+        }
+        assert!(timers.heap.len() <= 4 * keys.len() + SUPERSEDED_MAX, "{}", timers.heap.len());
+        timers.arm(TimerKey::Module(7), NEVER);
+        assert_eq!(timers.live, 0);
+    }
 
     #[test]
     fn a_key_comes_up_once_at_its_earliest_time() {

@@ -28,6 +28,7 @@ pub const TRANSITIONS: &[Transition] = &[
     row(&[Cleared], Event::GoalGone, Guard::None, Standby),
     row(&[Cleared], Event::Countermeasure, Guard::None, Standby),
     row(&[Cleared], Event::Reloaded, Guard::None, Standby),
+    row(&[Cleared], Event::HandOver, Guard::None, Standby),
     row(&[Locked, Localizing, Standby, Cleared], Event::ActiveTrue, Guard::None, Active),
     row(&[Active], Event::ActiveFalse, Guard::Operator, Standby),
     row(&[Active], Event::ActiveFalse, Guard::Nobody, Locked),
@@ -44,6 +45,7 @@ pub enum Event {
     GoalGone,
     Countermeasure,
     Reloaded,
+    HandOver,
     ActiveTrue,
     ActiveFalse,
     Logout,
@@ -60,6 +62,7 @@ impl Event {
             Event::GoalGone => "goal gone",
             Event::Countermeasure => "countermeasure engaged",
             Event::Reloaded => "another configuration",
+            Event::HandOver => "another operator",
             Event::ActiveTrue => "Active true",
             Event::ActiveFalse => "Active false",
             Event::Logout => "logout",
@@ -127,7 +130,7 @@ impl Vehicle {
         let taken = rows.find(|row| row.event == event && row.from.contains(&self.stage) && holds(row.guard));
         let Some(row) = taken else { return false };
         if row.to == Active {
-            self.localization.owed |= self.stage == Localizing && !self.localization.done;
+            self.localization.owed |= matches!(self.stage, Locked | Localizing) && !self.localization.done;
         }
         if matches!(row.to, Locked | Localizing) {
             self.localization =
@@ -135,6 +138,12 @@ impl Vehicle {
         }
         self.stage = row.to;
         true
+    }
+
+    /// Somebody takes the seat. Returns what happens with that.
+    pub(super) fn seat(&mut self, name: &str) -> Event {
+        let before = self.operator.replace(Arc::from(name));
+        if before.is_some_and(|before| *before != *name) { Event::HandOver } else { Event::Login }
     }
 
     /// Takes a pose that the operator gave. It must be confirmed from now on.

@@ -2,6 +2,7 @@
 
 mod questions;
 
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use super::causes::Explained;
@@ -30,6 +31,8 @@ pub(super) struct Views {
     pub(super) seq: u64,
     pub(super) revision: u64,
     layout: Arc<Layout>,
+    /// Of groups and modules: no two have the same.
+    names: HashSet<Arc<str>>,
     pub(super) groups: PersistentVec<GroupView>,
     pub(super) modules: PersistentVec<ModuleView>,
     roots: Arc<[RootCause]>,
@@ -55,10 +58,14 @@ pub(super) struct Views {
 
 impl Views {
     pub(super) fn new(model: &Model, now: Timestamp) -> Views {
+        let layout = layout(model);
+        let groups = layout.groups.iter().map(|group| group.path.clone());
+        let names = groups.chain(layout.modules.iter().map(|module| module.id.clone())).collect();
         let mut views = Views {
             seq: 0,
             revision: 0,
-            layout: Arc::new(layout(model)),
+            layout: Arc::new(layout),
+            names,
             groups: (0..model.groups.len() + 2).map(|_| new_group(now)).collect(),
             modules: PersistentVec::default(),
             roots: Arc::from([]),
@@ -172,8 +179,13 @@ impl Views {
         let layout = Arc::make_mut(&mut self.layout);
         let id = ModuleId(layout.modules.len() as u32);
         let path = &layout.groups[group.0 as usize].path;
+        // A status may be called as a module is that is declared.
+        let second = (2..).map(|number| format!("{path}/{name} ({number})"));
+        let mut free = std::iter::once(format!("{path}/{name}")).chain(second);
+        let name: Arc<str> = free.find(|id| !self.names.contains(&**id)).unwrap_or_default().into();
+        self.names.insert(name.clone());
         layout.modules.push(Arc::new(ModuleInfo {
-            id: format!("{path}/{name}").into(),
+            id: name,
             name: None,
             help: None,
             group,

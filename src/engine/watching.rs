@@ -1,5 +1,6 @@
 //! What comes of topics, probes and KeyValues, to the monitors that look at it.
 
+mod blind;
 mod keys;
 
 use std::collections::HashMap;
@@ -7,10 +8,11 @@ use std::sync::Arc;
 
 use super::model::{Model, ModuleId, Policy};
 use super::monitor::spec::{MonitorSpec, TopicId, TopicSpec, ValueSource, WatchdogSpec};
-use super::monitor::{Feed, Monitor, Taken, WORDS_EVERY, Words, feeds, say};
+use super::monitor::{Feed, Monitor, Taken, WORDS_EVERY, Words, feeds};
 use super::sample::{FieldValue, Probe, Sample, TopicNews};
 use super::state::State;
 use super::time::Timestamp;
+use blind::Judged;
 
 /// All monitors, and who looks at what.
 #[derive(Debug, Default)]
@@ -60,6 +62,8 @@ struct Topic {
     news: Option<News>,
     /// A message came, so somebody publishes it whatever discovery says.
     heard: bool,
+    /// Its publishers left, and nothing came since.
+    left: bool,
     /// While nothing was said: until then discovery may not have found everybody.
     searched_until: Option<Timestamp>,
 }
@@ -92,13 +96,6 @@ struct KeyReader {
     slot: u32,
     key: Arc<str>,
     as_text: bool,
-}
-
-/// Why a topic cannot be judged as it should.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Blind {
-    WrongType(TopicId),
-    NoPublisher(TopicId),
 }
 
 /// What became of a monitor.
@@ -141,6 +138,7 @@ impl Watching {
             readers: Vec::new(),
             news: None,
             heard: false,
+            left: false,
             searched_until: None,
         };
         let names = model.watched.topics.iter().zip(0..).map(|(spec, index)| (spec.topic.clone(), index));
@@ -161,7 +159,6 @@ impl Watching {
 
     fn add(&mut self, module: ModuleId, spec: &MonitorSpec, monitor: Monitor) {
         let watch = self.watches.len() as u32;
-        let as_text = monitor.wants_words();
         let mut topics = Vec::new();
         for (slot, feed) in feeds(spec).into_iter().enumerate() {
             let slot = slot as u32;
@@ -170,6 +167,7 @@ impl Watching {
                 Feed::Values(ValueSource::Field { topic, field }) => (*topic, Some(*field)),
                 Feed::Values(ValueSource::Key { status, key }) => {
                     let keyed = self.statuses.entry(status.clone()).or_default();
+                    let as_text = monitor.wants_words(slot as usize);
                     keyed.keys.push(KeyReader { watch, slot, key: key.clone(), as_text });
                     continue;
                 }
@@ -213,7 +211,7 @@ impl Watching {
         if sample.values.len() != topic.spec.fields.len() {
             return None;
         }
-        topic.heard = true;
+        (topic.heard, topic.left) = (true, false);
         for reader in &topic.readers {
             let taken = match reader.field {
                 None if sample.late => {
@@ -243,6 +241,7 @@ impl Watching {
     pub(super) fn take_news(&mut self, news: &TopicNews, now: Timestamp, judge: &mut Vec<u32>) -> Option<()> {
         let id = self.topic(&news.source)?;
         let topic = &mut self.topics[id.0 as usize];
+        topic.left |= news.publishers == 0;
         topic.news = Some(News { publishers: news.publishers, other_type: news.other_type.clone() });
         judge.extend(topic.readers.iter().map(|reader| reader.watch));
         judge.dedup();
@@ -298,23 +297,8 @@ impl Watching {
 
     /// Judges a monitor at `now`. Its words are written when the state changes, else rarely.
     pub(super) fn judge(&mut self, index: u32, policy: &Policy, now: Timestamp) -> Told {
-        let blind = self.blind(index);
+        let Judged { judged, blind, state } = self.look(index, policy, now);
         let watch = &mut self.watches[index as usize];
-        let judged = watch.monitor.judge(now);
-        let of_blind = match blind {
-            None => None,
-            Some(Blind::WrongType(_)) => Some(State::Unknown),
-            Some(Blind::NoPublisher(_)) => Some(policy.no_publisher),
-        };
-        let state = match (&watch.monitor, blind) {
-            // Nobody there is 0 Hz, which the bands judge; where they ask for no least rate, it is not OK.
-            (Monitor::Frequency(_), Some(Blind::NoPublisher(_))) => judged.map(|state| match state {
-                State::Ok => policy.no_publisher,
-                judged => judged,
-            }),
-            _ if watch.by_the_clock => judged.map(|state| state.max(of_blind.unwrap_or(State::Ok))),
-            _ => of_blind.or(judged),
-        };
         let changed = std::mem::replace(&mut watch.said, state) != state;
         let words_due = watch.worded.filter(|_| watch.pending).map(|worded| worded + WORDS_EVERY);
         let write = changed || (watch.pending && words_due.is_none_or(|due| due <= now));
@@ -333,7 +317,8 @@ impl Watching {
             if watch.by_the_clock && judged.is_none() {
                 words
             } else {
-                self.say(blind, watch.by_the_clock, words)
+                let beside = watch.by_the_clock || judged.is_some() && judged == state;
+                self.say(blind, beside, words)
             }
         });
         let words_due = watch.worded.filter(|_| watch.pending).map(|worded| worded + WORDS_EVERY);
@@ -343,55 +328,6 @@ impl Watching {
 
     pub(super) fn by_the_clock(&self, index: u32) -> bool {
         self.watches[index as usize].by_the_clock
-    }
-
-    /// A wrong type says more than that nobody is there.
-    fn blind(&self, index: u32) -> Option<Blind> {
-        let Watch { topics, by_the_clock, .. } = &self.watches[index as usize];
-        let of = |&id: &TopicId| {
-            let topic = &self.topics[id.0 as usize];
-            let Some(news) = &topic.news else {
-                // What the clock judges does not wait for discovery: nobody is there until somebody is.
-                return (*by_the_clock && !topic.heard).then_some(Blind::NoPublisher(id));
-            };
-            if news.publishers > 0 {
-                return None;
-            }
-            Some(if news.other_type.is_some() { Blind::WrongType(id) } else { Blind::NoPublisher(id) })
-        };
-        let wrong_type = |id| of(id).filter(|blind| matches!(blind, Blind::WrongType(_)));
-        topics.iter().find_map(wrong_type).or_else(|| topics.iter().find_map(of))
-    }
-
-    /// What is measured stays said where it is judged beside what is wrong with the topic.
-    fn say(&self, blind: Option<Blind>, beside: bool, words: Words) -> Words {
-        let Some(blind) = blind else { return words };
-        let message = match blind {
-            Blind::NoPublisher(id) => say!(
-                "nobody publishes {topic}",
-                "niemand veröffentlicht {topic}",
-                topic = &*self.topics[id.0 as usize].spec.topic
-            ),
-            Blind::WrongType(id) => {
-                let topic = &self.topics[id.0 as usize];
-                let other = topic.news.as_ref().and_then(|news| news.other_type.as_deref()).unwrap_or("?");
-                let TopicSpec { topic, type_name, .. } = &*topic.spec;
-                say!(
-                    "{topic} has type {other}, configuration says {wanted}",
-                    "{topic} hat den Typ {other}, laut Konfiguration {wanted}",
-                    topic = &**topic,
-                    other = other,
-                    wanted = &**type_name
-                )
-            }
-        };
-        if beside {
-            let message =
-                say!("{said}; {message}", "{said}; {message}", said = words.message, message = message);
-            Words { message, values: words.values }
-        } else {
-            Words { message, values: Vec::new() }
-        }
     }
 
     /// Goes on with a monitor of before a reload that means the same.
@@ -411,7 +347,7 @@ impl Watching {
         for topic in &mut self.topics {
             let before = old.topic_names.get(&topic.spec.topic).map(|&index| &old.topics[index as usize]);
             if let Some(same) = before.filter(|before| before.spec.type_name == topic.spec.type_name) {
-                (topic.news, topic.heard) = (same.news.clone(), same.heard);
+                (topic.news, topic.heard, topic.left) = (same.news.clone(), same.heard, same.left);
                 topic.searched_until = same.searched_until;
             }
         }

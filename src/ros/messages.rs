@@ -87,12 +87,16 @@ fn status(reader: &mut Reader, array: &mut StatusArray, limits: &Limits) -> Resu
         let key = reader.string()?;
         let value = reader.string()?;
         if index < limits.values_per_status {
-            array
-                .push_value_lossy(shortened(key, limits.string_bytes), shortened(value, limits.string_bytes));
+            // So much more that it can be seen to be cut.
+            let value = shortened(value, limits.string_bytes.saturating_add(CHARACTER_BYTES));
+            array.push_value_lossy(shortened(key, limits.string_bytes), value);
         }
     }
     Ok(())
 }
+
+/// The longest character of UTF-8.
+const CHARACTER_BYTES: usize = 4;
 
 /// The first `bytes_max` bytes of a text, less those of a character that this would split.
 fn shortened(text: &[u8], bytes_max: usize) -> &[u8] {

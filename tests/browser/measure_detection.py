@@ -6,8 +6,8 @@ shows a WARNING or an ERROR after a start or a reload.
 
     TELLTALE=target/release/telltale python measure_detection.py [--times 20] [--starts 5] [--domain N]
 
-A host that stops to answer is measured only in a network namespace of its own, where that can be brought
-about and concerns nobody else:
+A host that stops to answer is measured only in a network namespace that has nothing but `lo`, where that
+can be brought about and concerns nobody else:
 
     unshare -n sh -c 'ip link set lo up multicast on; ip route add 224.0.0.0/4 dev lo; TELLTALE=... python ...'
 """
@@ -32,6 +32,7 @@ from websockets.asyncio.client import connect
 from vehicle import OPERATOR, PYTHON, ROOT, TELLTALE, Client, Server, own_domain
 
 sys.path.insert(0, str(ROOT / "tests/dds"))
+import cyclone
 import peer
 import wire
 
@@ -63,20 +64,22 @@ def status(name, level=0, **values):
 class Peer:
     """One participant of a foreign DDS with any number of writers."""
 
+    OPTIONS = dict(reliability="reliable", durability="volatile", depth=1, lease_s=10)
+
     def __init__(self, domain):
-        self.lib = peer.dds()
         self.domain = domain
-        self.participant = self.lib.domain.DomainParticipant(domain)
+        self.participant = cyclone.Participant(argparse.Namespace(domain=domain, **self.OPTIONS))
         self.topics = {}
 
     def writer(self, topic, type_name, durability="volatile"):
+        participant, lib = self.participant, self.participant.lib
         if topic not in self.topics:
-            self.topics[topic] = peer.make_topic(self.lib, self.participant, topic, type_name)
-        options = argparse.Namespace(reliability="reliable", durability=durability, depth=1)
-        return self.lib.pub.DataWriter(self.participant, self.topics[topic], qos=peer.make_qos(self.lib, options))
+            self.topics[topic] = participant.topic(topic, type_name)
+        qos = participant.make_qos(argparse.Namespace(**{**self.OPTIONS, "durability": durability}))
+        return cyclone.Writer(lib, lib.pub.DataWriter(participant.dds, self.topics[topic], qos=qos))
 
     def write(self, writer, data):
-        peer.write(self.lib, writer, data)
+        peer.write(writer, data)
 
 
 class Stream:
@@ -198,7 +201,7 @@ class Host:
 
     @staticmethod
     def is_our_own():
-        return os.readlink("/proc/self/ns/net") != os.readlink("/proc/1/ns/net")
+        return [name for _, name in socket.if_nameindex()] == ["lo"]
 
     def __init__(self):
         (self.HERE / "ping_group_range").write_text("0 2147483647")
@@ -222,7 +225,7 @@ class Nodes:
         self.recover()
 
     def announce(self, *names):
-        gid = self.publisher.participant.guid.bytes
+        gid = self.publisher.participant.guid
         nodes = [("/", name, [], []) for name in names]
         self.publisher.write(self.writer, wire.participant_entities_info(gid, nodes, 16))
 

@@ -62,8 +62,8 @@ fn conditions_mean_what_they_say() {
         ("on == true", true),
         ("on", true),
         ("x != y", true),
-        // Texts and numbers are never equal.
-        ("word == 'x' || x == 'x'", false),
+        ("math.isNaN(0 / 0)", true),
+        ("x * 2 != 5", false),
     ];
     for (written, expected) in cases {
         assert_eq!(condition(&format!("\"{written}\"")).holds(&values()), Ok(expected), "{written}");
@@ -73,9 +73,17 @@ fn conditions_mean_what_they_say() {
 #[test]
 fn without_an_answer_there_is_a_reason() {
     let cases = [
-        ("x", "the condition is neither true nor false"),
-        ("word > 3", "no matching overload"),
-        ("word * 2 > 3", "Unsupported binary operator"),
+        ("x", "`x` is a number, not a truth value"),
+        // What is of another kind is unlike everything, which would be no answer to the question.
+        ("x == 'x'", "`x` is a number, not a text"),
+        ("x in ['1', '2.5']", "`x` is a number, not a text"),
+        ("word == 5", "`word` is a text, not a number"),
+        ("x == true", "`x` is a number, not a truth value"),
+        ("(x - x) / 0 == 0", ""),
+        ("(x - x) / 0 != 0", ""),
+        ("word > 3", "`word` is a text, not a number"),
+        ("word > x", "no matching overload"),
+        ("word * 2 > 3", "`word` is a text, not a number"),
         ("double(word) > 1", ""),
     ];
     for (written, expected) in cases {
@@ -134,6 +142,12 @@ fn what_is_wrong_is_said_with_its_place() {
         &["17: this is not supported (an input is a number, a truth value or a text)"],
     );
     wrong("x == null", &["21: no input is like this (compare with a number, a truth value or a text)"]);
+    wrong(
+        "\"x == 'a' || x > 3\"",
+        &[
+            "29: `x` is taken for a number here and for a text elsewhere (give each its own input, or compare it with one kind of value)",
+        ],
+    );
     wrong("'x > 1 && yy'", &["26: there is no input `yy` (the inputs are: x, y, on, word)"]);
     wrong("''", &["16: expected a text, found nothing (write a value)"]);
 }

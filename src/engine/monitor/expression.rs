@@ -1,7 +1,7 @@
 //! Conditions over the latest fields of several topics.
 
 use super::inputs::{Doubt, Inputs};
-use super::spec::Condition;
+use super::spec::{Condition, ScalarKind};
 use super::words::{Words, cut, number, numeral, say};
 use crate::engine::model::Text;
 use crate::engine::sample::FieldValue;
@@ -33,6 +33,12 @@ impl Expression {
         error: Option<Condition>,
     ) -> Expression {
         Expression { inputs, names: names.collect(), warning, error, answer: None }
+    }
+
+    /// Whether it takes an input for a text.
+    pub(super) fn wants_words(&self, slot: usize) -> bool {
+        let mut conditions = [&self.error, &self.warning].into_iter().flatten();
+        conditions.any(|condition| condition.takes(slot) == Some(ScalarKind::Text))
     }
 
     pub(super) fn take(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {

@@ -128,9 +128,13 @@ impl Monitor {
         })
     }
 
-    /// Whether words are compared with the value, so that "12" is a word too.
-    pub(super) fn wants_words(&self) -> bool {
-        matches!(self, Monitor::Value(value) if value.wants_words())
+    /// Whether words are compared with what comes in a slot, so that "12" is a word too.
+    pub(super) fn wants_words(&self, slot: usize) -> bool {
+        match self {
+            Monitor::Value(value) => value.wants_words(),
+            Monitor::Expression(expression) => expression.wants_words(slot),
+            _ => false,
+        }
     }
 
     /// What is judged by the clock too starts when its module becomes relevant, and rests while it is not.

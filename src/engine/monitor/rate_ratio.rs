@@ -75,23 +75,25 @@ impl RateRatio {
         (now >= self.full_at()?).then(|| self.at(self.input.count(), self.output.count()))
     }
 
-    /// When the state changes if nothing comes any more: messages leave both windows, in turn or at once.
+    /// Before this the state does not change if nothing comes: until enough messages have left either
+    /// window to bring the ratio to a limit, or no input is left.
     pub(super) fn due(&self, now: Timestamp) -> Option<Timestamp> {
         let full_at = self.full_at()?;
         if now < full_at {
             return Some(full_at);
         }
-        let (mut input, mut output) = (self.input.count(), self.output.count());
-        let state = self.at(input, output);
-        let (mut inputs, mut outputs) = (self.input.leaving().peekable(), self.output.leaving().peekable());
-        loop {
-            let next = [inputs.peek(), outputs.peek()].into_iter().flatten().map(|&(at, _)| at).min()?;
-            input -= inputs.next_if(|&(at, _)| at == next).map_or(0, |(_, count)| count);
-            output -= outputs.next_if(|&(at, _)| at == next).map_or(0, |(_, count)| count);
-            if self.at(input, output) != state {
-                return Some(next);
-            }
+        let (input, output) = (self.input.count(), self.output.count());
+        if input == 0 {
+            return None;
         }
+        let Bands { warning_below, error_below, warning_above, error_above } = self.bands;
+        let (mut inputs, mut outputs) = (input, u64::MAX);
+        for limit in [warning_below, error_below, warning_above, error_above].into_iter().flatten() {
+            // Outputs that leave bring it down to the limit, inputs bring it up.
+            outputs = outputs.min(leaving(output as f64 - limit * input as f64));
+            inputs = inputs.min(leaving(input as f64 - output as f64 / limit));
+        }
+        [self.input.left_by(inputs), self.output.left_by(outputs)].into_iter().flatten().min()
     }
 
     pub(super) fn moves(&self) -> bool {
@@ -133,5 +135,49 @@ impl RateRatio {
 
     fn full_at(&self) -> Option<Timestamp> {
         Some(self.since? + self.input.span())
+    }
+}
+
+/// Of so many messages between a ratio and its limit, those that leave before it is reached, rather
+/// too few than too many; `MAX` if the limit lies on the other side.
+fn leaving(between: f64) -> u64 {
+    // What is less than one message beyond it may be rounded.
+    if between > -1.0 { (between as u64).max(1) } else { u64::MAX }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn no_change_comes_before_it_is_due(
+            limits in prop::array::uniform4(prop::option::of(0_u8..12)),
+            messages in prop::collection::vec((0_u64..40, prop::bool::ANY), 0..120),
+        ) {
+            let [warning_below, error_below, warning_above, error_above] = limits.map(|it| it.map(|it| f64::from(it) / 4.0));
+            let bands = Bands { warning_below, error_below, warning_above, error_above };
+            let mut ratio = RateRatio::new(Span::from_millis(1000), bands);
+            ratio.set_relevant(true, Timestamp::ZERO);
+            let mut millis = 0;
+            for (gap, is_input) in messages {
+                millis += gap;
+                ratio.take(if is_input { RateRatio::INPUT } else { RateRatio::OUTPUT }, Timestamp::from_millis(millis));
+            }
+            let mut now = Timestamp::from_millis(millis.max(1000));
+            let mut state = ratio.judge(now);
+            let mut due = ratio.due(now);
+            for _ in 0..2100 {
+                now = now + Span::from_millis(1);
+                let next = ratio.judge(now);
+                let is_due = due.is_some_and(|due| due <= now);
+                prop_assert!(next == state || is_due, "{state:?} became {next:?} at {now:?}, due {due:?}");
+                if is_due {
+                    due = ratio.due(now);
+                }
+                state = next;
+            }
+        }
     }
 }

@@ -201,6 +201,8 @@ impl MonitorSpec {
 pub struct Condition {
     pub text: Arc<str>,
     evaluate: Arc<Evaluate>,
+    /// What it takes each input for, where it says so.
+    kinds: Arc<[Option<ScalarKind>]>,
 }
 
 type Evaluate = dyn Fn(&[FieldValue]) -> Result<bool, Box<str>> + Send + Sync;
@@ -210,7 +212,17 @@ impl Condition {
         text: &str,
         evaluate: impl Fn(&[FieldValue]) -> Result<bool, Box<str>> + Send + Sync + 'static,
     ) -> Condition {
-        Condition { text: text.into(), evaluate: Arc::new(evaluate) }
+        Condition { text: text.into(), evaluate: Arc::new(evaluate), kinds: Arc::from([]) }
+    }
+
+    /// The same with what it takes each input for, in their order.
+    pub fn taking(self, kinds: impl Into<Arc<[Option<ScalarKind>]>>) -> Condition {
+        Condition { kinds: kinds.into(), ..self }
+    }
+
+    /// What it takes an input for, where it says so.
+    pub fn takes(&self, input: usize) -> Option<ScalarKind> {
+        self.kinds.get(input).copied().flatten()
     }
 
     /// # Errors

@@ -52,7 +52,8 @@ impl Watchdog {
                     self.state = Some(State::Error);
                 }
             }
-            ProbeOutcome::Impossible(_) => self.state = Some(State::Unknown),
+            // Who cannot ask does not know that it is well again.
+            ProbeOutcome::Impossible(_) => self.state = self.state.max(Some(State::Unknown)),
         }
         self.last = Some((now, outcome.clone()));
     }

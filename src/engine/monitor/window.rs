@@ -104,6 +104,20 @@ impl Window {
         count as f64 * 1e9 / self.span.as_nanos() as f64
     }
 
+    /// When the last of the `count` oldest messages leaves if nothing comes; `None` if there are fewer.
+    pub(super) fn left_by(&self, count: u64) -> Option<Timestamp> {
+        let nth = if self.count == self.buckets.len() as u64 {
+            self.buckets.get(count.checked_sub(1)? as usize)
+        } else {
+            let mut left = 0;
+            self.buckets.iter().find(|bucket| {
+                left += bucket.count;
+                left >= count
+            })
+        };
+        nth.map(|bucket| bucket.start + self.span)
+    }
+
     /// When messages leave if nothing comes, and how many, in order.
     pub(super) fn leaving(&self) -> impl Iterator<Item = (Timestamp, u64)> {
         self.buckets.iter().map(|bucket| (bucket.start + self.span, bucket.count))

@@ -10,6 +10,10 @@ impl Views {
         Some(ModuleId(position as u32))
     }
 
+    pub(in crate::engine) fn has(&self, name: &str) -> bool {
+        self.names.contains(name)
+    }
+
     /// The causes of a masked node, ranked; none if it is not masked.
     pub(in crate::engine) fn masked_by(&self, node: NodeId) -> Vec<NodeId> {
         match self.reason(node) {

@@ -41,11 +41,14 @@ impl Watching {
             let status = array.get(position);
             for reader in &keyed.keys {
                 let text = status.values().find(|(key, _)| **key == *reader.key).map(|(_, text)| text);
-                let text = text.map(|text| &text[..text.floor_char_boundary(limits.string_bytes)]);
                 let value = match text {
                     // Whoever repeats what was known once says so.
                     _ if status.state() == State::Unknown => {
                         FieldValue::Unreadable("the status is STALE".into())
+                    }
+                    Some(text) if text.len() > limits.string_bytes => {
+                        let why = format!("longer than {} bytes", limits.string_bytes);
+                        FieldValue::Unreadable(why.into())
                     }
                     Some(text) if reader.as_text => FieldValue::Text(text.into()),
                     Some(text) => parse(text),

@@ -113,11 +113,14 @@ proptest! {
         waits_still(&before, &well)?;
         waits_still(&before, &Engine::resume(model.clone(), &well.to_restore(), end).snapshot())?;
         let stage = match before.stage {
-            Stage::Standby if before.localization.owed => Stage::Localizing,
+            Stage::Standby if before.localization.is_open() => Stage::Localizing,
             Stage::Cleared => Stage::Standby,
             stage => stage,
         };
         prop_assert_eq!(after.stage, stage);
+        if matches!(after.stage, Stage::Standby | Stage::Active) && model.stages == StageModel::Shuttle {
+            prop_assert_eq!(after.localization.is_open(), before.localization.is_open());
+        }
         prop_assert_eq!(&after.operator, &before.operator);
         prop_assert!(!after.clearance && after.last_alarm >= before.last_alarm);
         holds(&model, &after);

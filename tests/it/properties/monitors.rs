@@ -179,6 +179,14 @@ impl History<'_> {
             let all: Vec<bool> = all.map(|news| news.other_type.is_some()).collect();
             if all.contains(&true) { Some(State::Unknown) } else { all.first().map(|_| no_publisher) }
         };
+        // Nothing is over because nobody can say so any more.
+        let beside = |topics: &[TopicId], judged: Option<State>| match blind(topics) {
+            Some(blind) => judged.max(Some(blind)),
+            None if topics.iter().any(|&topic| self.is_speechless(topic)) => {
+                judged.map(|state| state.max(State::Unknown))
+            }
+            None => judged,
+        };
         // By the clock, nobody is there until somebody is.
         let by_the_clock = |topics: &[TopicId]| {
             let unheard =
@@ -199,17 +207,16 @@ impl History<'_> {
                 self.rate_ratio(*input, *output, *window, bands, since).map(|state| state.max(blind))
             }
             MonitorSpec::Latency { topic, window, bands } => {
-                blind(&[*topic]).or_else(|| self.latency(*topic, *window, bands))
+                beside(&[*topic], self.latency(*topic, *window, bands))
             }
             MonitorSpec::Value { source, rule: ValueRule::Bands(bands) } => {
-                let value = || {
-                    self.last(source).map(|(_, value)| value.map_or(State::Unknown, |it| judge(bands, it)))
-                };
-                blind(&topics(&[source])).or_else(value)
+                let value =
+                    self.last(source).map(|(_, value)| value.map_or(State::Unknown, |it| judge(bands, it)));
+                beside(&topics(&[source]), value)
             }
             MonitorSpec::Agreement { a, b, max_age, rule: AgreementRule::Number(bands), .. } => {
-                let both = || self.young(&[a, b], *max_age, |it| judge(bands, (it[0] - it[1]).abs()));
-                blind(&topics(&[a, b])).or_else(both)
+                let both = self.young(&[a, b], *max_age, |it| judge(bands, (it[0] - it[1]).abs()));
+                beside(&topics(&[a, b]), both)
             }
             MonitorSpec::Expression { inputs, max_age, error, .. } => {
                 let sources: Vec<&ValueSource> = inputs.iter().map(|(_, source)| source).collect();
@@ -218,7 +225,7 @@ impl History<'_> {
                     sum if sum > 1.0 => State::Warning,
                     _ => State::Ok,
                 };
-                blind(&topics(&sources)).or_else(|| self.young(&sources, *max_age, holds))
+                beside(&topics(&sources), self.young(&sources, *max_age, holds))
             }
             _ => return None,
         };
@@ -325,6 +332,17 @@ impl History<'_> {
             Input::Topic(news) if news.source == *spec => Some(news),
             _ => None,
         })
+    }
+
+    /// Its publishers left, and since they are there again nothing came.
+    fn is_speechless(&self, topic: TopicId) -> bool {
+        let spec = &self.model.watched.topics[topic.0 as usize];
+        let said = self.seen.iter().rev().find_map(|(_, input)| match input {
+            Input::Sample(sample) if sample.source == *spec && sample.values.len() == 2 => Some(false),
+            Input::Topic(news) if news.source == *spec && news.publishers == 0 => Some(true),
+            _ => None,
+        });
+        said == Some(true)
     }
 
     fn wrong_type(&self, topic: TopicId) -> bool {

@@ -24,8 +24,17 @@ fn a_topic_without_publisher_or_of_another_type_is_said_in_words() {
             (0, Do::Number(0, 1.0), Ok, "1, at most 80"),
             (10, Do::Publishers(0, 0), Unknown, "nobody publishes /a"),
             (300, Do::OtherType(0), Unknown, "/a has type other/msg/Type, configuration says test/msg/Both"),
-            (330, Do::Publishers(0, 1), Ok, "1, at most 80"),
-            (340, Do::OtherType(1), Ok, ""),
+            (330, Do::Publishers(0, 1), Unknown, ""),
+            (600, Do::Nothing, Unknown, "nothing came since /a is published again"),
+            (610, Do::Number(0, 2.0), Ok, "2, at most 80"),
+            (620, Do::OtherType(1), Ok, ""),
+            // What was wrong stays so, whoever is there.
+            (630, Do::Number(0, 99.0), Error, "99, at most 80"),
+            (640, Do::Publishers(0, 0), Error, ""),
+            (890, Do::Nothing, Error, "99, at most 80 wanted; nobody publishes /a"),
+            (900, Do::Publishers(0, 1), Error, ""),
+            (1150, Do::Nothing, Error, "99, at most 80 wanted; nothing came since /a is published again"),
+            (1160, Do::Number(0, 1.0), Ok, "1, at most 80"),
         ],
     );
     let strict = Policy { no_publisher: Error, ..Policy::default() };
