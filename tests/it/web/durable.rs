@@ -100,10 +100,10 @@ impl Vehicle {
         let store = &self.fixture.store;
         // The head may be written right now, by this name.
         while !std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success() {
-            store.check().await.unwrap();
+            store.recall().await.unwrap();
         }
         store.audit(Record::of(Action::Start, TELLTALE)).await.unwrap();
-        while tokio::time::timeout(std::time::Duration::from_millis(100), store.check()).await.is_ok() {}
+        while tokio::time::timeout(std::time::Duration::from_millis(100), store.recall()).await.is_ok() {}
         pipe
     }
 
