@@ -5,10 +5,12 @@ use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
+use std::time::Duration;
 
 use anyhow::{Context as _, anyhow, bail};
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
+use tokio::time::timeout;
 
 use super::ending::Ending;
 use super::{dds, outputs, reload};
@@ -26,6 +28,9 @@ use crate::web::{self, AppState, DemoFaults, Enrolled, Origins, Settings, Tls};
 
 /// Where browsers find the display unless told otherwise: this machine alone.
 pub const LISTEN: &str = "127.0.0.1:8080";
+
+/// At the end a disk has this long to answer.
+const LAST_WITHIN: Duration = Duration::from_secs(2);
 
 /// Everything that a running display is made of.
 pub struct Station {
@@ -81,11 +86,11 @@ impl Station {
         let end = store.clone();
         let engine = link.inputs.clone();
         {
-            let serving =
-                web::serve(listener, tls, AppState::new(link, store, clock, settings), ending.asked());
+            let app = AppState::new(link, store, clock, settings);
+            let serving = web::serve(listener, tls, app.clone(), ending.asked());
             let running = reloads.map(|reloads| reloads.running);
             tokio::select! {
-                served = while_serving(serving, &bridge, &outputs, running, &end) => served?,
+                served = while_serving(serving, &bridge, &outputs, running, &app) => served?,
                 () = engine.closed() => bail!(
                     "the diagnosis has ended by a fault of this program, which is logged above: nothing is \
                      shown any more. Start it again, and report the fault"
@@ -94,14 +99,18 @@ impl Station {
         }
         tracing::info!("ending");
         storage.abort();
-        if let Err(error) = end.audit(Record::of(Action::End, TELLTALE)).await {
-            tracing::error!(%error, "the end cannot be recorded");
+        match timeout(LAST_WITHIN, end.audit(Record::of(Action::End, TELLTALE))).await {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) => tracing::error!(%error, "the end cannot be recorded"),
+            Err(_) => tracing::error!("the disk does not answer: the end is not recorded"),
         }
         tokio::select! {
             () = async { tokio::join!(bridge.shutdown(), outputs.shutdown()); } => {}
             () = ending.asked() => {}
         }
-        end.close().await;
+        if timeout(LAST_WITHIN, end.close()).await.is_err() {
+            tracing::error!("the disk does not answer: what it was given last may be lost");
+        }
         Ok(())
     }
 }
@@ -119,7 +128,7 @@ async fn while_serving(
     bridge: &Bridge,
     publishing: &Outputs,
     mut running: Option<watch::Receiver<Loaded>>,
-    store: &Store,
+    app: &AppState,
 ) -> anyhow::Result<()> {
     let mut serving = std::pin::pin!(serving);
     loop {
@@ -128,10 +137,8 @@ async fn while_serving(
             next = changed(&mut running) => next,
         };
         publishing.follow(outputs::topics(&next.publishing));
-        let record = Record::of(Action::Configuration, TELLTALE).on("the file that was read again is taken");
-        if let Err(error) = store.audit(record).await {
-            tracing::error!(%error, "a new configuration cannot be recorded");
-        }
+        // Nobody is served while this waits, so it waits for no disk.
+        app.note(Record::of(Action::Configuration, TELLTALE).on("the file that was read again is taken"));
         if let Err(error) = bridge.follow(&next.model) {
             tracing::error!("the old topics are read still: {error}");
         }

@@ -79,19 +79,33 @@ impl Health {
         }
     }
 
-    fn say(&self, fault: Option<&str>) {
-        self.fault.send_if_modified(|said| {
-            if said.as_deref() == fault {
-                return false;
-            }
-            match fault {
-                Some(fault) => tracing::error!("nothing can be kept any more: {fault}"),
-                None => tracing::info!("what happens is kept again"),
-            }
-            *said = fault.map(Arc::from);
-            true
-        });
+    /// Whoever else finds something wrong says it here.
+    pub(super) fn voice(&self) -> watch::Sender<Fault> {
+        self.fault.clone()
     }
+
+    /// Something took too long to be believed: the next probe is due.
+    pub(super) fn doubt(&mut self) {
+        self.probed = None;
+    }
+
+    fn say(&self, fault: Option<&str>) {
+        say(&self.fault, fault);
+    }
+}
+
+pub(super) fn say(voice: &watch::Sender<Fault>, fault: Option<&str>) {
+    voice.send_if_modified(|said| {
+        if said.as_deref() == fault {
+            return false;
+        }
+        match fault {
+            Some(fault) => tracing::error!("nothing can be kept any more: {fault}"),
+            None => tracing::info!("what happens is kept again"),
+        }
+        *said = fault.map(Arc::from);
+        true
+    });
 }
 
 impl Database {

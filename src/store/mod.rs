@@ -17,6 +17,7 @@ mod role;
 mod schema;
 mod secret;
 mod sessions;
+mod stall;
 mod tokens;
 mod users;
 mod vehicle;
@@ -47,6 +48,7 @@ use health::Health;
 use open::Sessions;
 use queue::{Job, Queue};
 use secret::Hashing;
+use stall::Pace;
 
 /// How long a change by another process (`telltale user remove`) may stay unnoticed.
 const FOREIGN_CHANGE_POLL: Duration = Duration::from_millis(500);
@@ -75,6 +77,8 @@ pub enum StoreError {
     Database(#[from] rusqlite::Error),
     #[error("the store is busy; try again")]
     Busy,
+    #[error("the disk did not answer in time")]
+    TooLate,
     #[error("the store has ended")]
     Ended,
     #[error("the operating system gives no random numbers: {0}")]
@@ -141,6 +145,7 @@ struct Database {
     clock: Clock,
     log: Log,
     health: Health,
+    pace: Arc<Pace>,
     /// Of the vehicle's memory that was written last by this process.
     remembered_seq: u64,
     /// SQLite's count of changes by others, as last seen.
@@ -214,12 +219,15 @@ impl Store {
     ) -> Result<Store, StoreError> {
         let sessions = Arc::new(Sessions::default());
         let fault = health.watch();
+        let no_thread = |reason| StoreError::Folder { path: PathBuf::from("(a new thread)"), reason };
+        let pace = Pace::watch(health.voice(), folder, clock).map_err(no_thread)?;
         let mut database = Database {
             connection,
             sessions: sessions.clone(),
             clock,
             log,
             health,
+            pace,
             remembered_seq: 0,
             data_version: 0,
         };
@@ -228,7 +236,7 @@ impl Store {
         std::thread::Builder::new()
             .name("store".to_owned())
             .spawn(move || database.run(&jobs))
-            .map_err(|reason| StoreError::Folder { path: PathBuf::from("(a new thread)"), reason })?;
+            .map_err(no_thread)?;
         Ok(Store {
             queue,
             sessions,
@@ -274,9 +282,11 @@ impl Database {
                 Err(TryRecvError::Disconnected) => Err(RecvTimeoutError::Disconnected),
                 Err(TryRecvError::Empty) => {
                     self.log.note();
+                    self.rest();
                     jobs.recv_timeout(FOREIGN_CHANGE_POLL)
                 }
             };
+            self.step();
             match job {
                 Ok(job) => job(&mut self),
                 Err(RecvTimeoutError::Timeout) => {}
@@ -286,10 +296,23 @@ impl Database {
                     return;
                 }
             }
+            self.step();
             self.probe_if_due();
             if let Err(error) = self.notice_foreign_changes() {
                 tracing::warn!(%error, "the database cannot be read; sessions stay as they are");
             }
+        }
+    }
+
+    fn step(&mut self) {
+        if self.pace.step(self.clock.now()) {
+            self.health.doubt();
+        }
+    }
+
+    fn rest(&mut self) {
+        if self.pace.rest() {
+            self.health.doubt();
         }
     }
 

@@ -12,7 +12,7 @@ use crate::engine::countermeasure::Request;
 use crate::engine::model::Stage;
 use crate::engine::resume::{Restored, RestoredAlarm, RestoredMeasure};
 use crate::engine::snapshot::MapPose;
-use crate::engine::time::Span;
+use crate::engine::time::{Span, Timestamp};
 
 /// More than an engine keeps of anything; the rest of a longer list is not remembered.
 const ROWS_MAX: usize = 8192;
@@ -45,12 +45,25 @@ impl Store {
     /// # Errors
     /// If the database fails: the action must not be acknowledged then.
     pub async fn remember(&self, memory: VehicleMemory, records: Vec<Record>) -> Result<(), StoreError> {
+        self.call(move |database| database.keep(Some(&memory), &records)).await
+    }
+
+    /// [`Store::remember`] of what is about to be done. What comes to the disk's turn after `until` is
+    /// not written.
+    ///
+    /// # Errors
+    /// As there, and [`StoreError::TooLate`].
+    pub async fn write_ahead(
+        &self,
+        memory: Option<VehicleMemory>,
+        records: Vec<Record>,
+        until: Timestamp,
+    ) -> Result<(), StoreError> {
         self.call(move |database| {
-            let is_new = memory.seq >= database.remembered_seq;
-            database
-                .change(&records, |transaction| if is_new { write(transaction, &memory) } else { Ok(()) })?;
-            database.remembered_seq = database.remembered_seq.max(memory.seq);
-            Ok(())
+            if database.clock.now() >= until {
+                return Err(StoreError::TooLate);
+            }
+            database.keep(memory.as_ref(), &records)
         })
         .await
     }
@@ -114,6 +127,14 @@ pub(super) fn write(connection: &Connection, memory: &VehicleMemory) -> Result<(
 }
 
 impl Database {
+    /// An older memory than that remembered last is not written; the records are.
+    fn keep(&mut self, memory: Option<&VehicleMemory>, records: &[Record]) -> Result<(), StoreError> {
+        let new = memory.filter(|memory| memory.seq >= self.remembered_seq);
+        self.change(records, |transaction| new.map_or(Ok(()), |memory| write(transaction, memory)))?;
+        self.remembered_seq = new.map_or(self.remembered_seq, |memory| memory.seq);
+        Ok(())
+    }
+
     fn read_vehicle(&mut self) -> Result<Option<Restored>, StoreError> {
         let connection = &self.connection;
         let wall = self.clock.wall();

@@ -20,8 +20,9 @@ use super::state::AppState;
 use super::view::{self, Asked, AuditPage, PageContext, Window};
 use super::wording::Trouble;
 use crate::engine::model::Stage;
+use crate::engine::time::Span;
 use crate::runtime::{Published, Reread, Rereading};
-use crate::store::audit::Action;
+use crate::store::audit::{Action, Record};
 use crate::store::{Role, Session, StoreError};
 
 /// What every page of the developer's is made from.
@@ -138,30 +139,20 @@ pub async fn reload(
     let shown = form.ok().and_then(|Form(form)| form.shown);
     // Whoever looks at a page and does not say at what was shown nothing.
     let shown = if bearer(&headers).is_some() { shown } else { Some(shown.unwrap_or_default()) };
-    let read = match reread(&app, true, shown.clone()).await {
-        Ok(read) => read,
-        Err(trouble) => return refusal(&visit.reader, trouble),
-    };
     let record =
         record_of(&visit.session, Action::Configuration, source_of(peer.map(|Extension(peer)| peer)));
-    let is_other = read.problems.is_none() && shown.is_some_and(|shown| shown != read.digest);
-    let record = match (&read.problems, read.differences.as_slice()) {
-        (Some(_), _) => record.refused("the file is wrong"),
-        (None, _) if is_other => record.refused("the file is not what was shown"),
-        (None, []) => record.on("no difference"),
-        (None, differences) => {
-            record.on(format!("{} differences: {}", differences.len(), differences.join("; ")))
-        }
+    // Runs to its end whoever still listens: who had it taken is on the record.
+    let taking = tokio::spawn(have_taken(app, shown, record));
+    let (read, found) = match taking.await.unwrap_or(Err(Trouble::Unavailable)) {
+        Ok(taken) => taken,
+        Err(trouble) => return refusal(&visit.reader, trouble),
     };
-    if let Err(error) = app.audit(record).await {
-        tracing::error!(%error, "a reload cannot be recorded");
-        return refusal(&visit.reader, Trouble::Unavailable);
-    }
-    let status = match &read.problems {
-        Some(_) => StatusCode::UNPROCESSABLE_ENTITY,
-        None if is_other => StatusCode::CONFLICT,
-        None => StatusCode::OK,
+    let status = match found {
+        Found::Wrong => StatusCode::UNPROCESSABLE_ENTITY,
+        Found::Other => StatusCode::CONFLICT,
+        Found::Same | Found::Different => StatusCode::OK,
     };
+    let is_other = found == Found::Other;
     match visit.reader.speaks {
         Speaks::Json => {
             let Rereading { taken, differences, problems, warnings, digest, .. } = read;
@@ -177,6 +168,71 @@ pub async fn reload(
             (status, Html(page)).into_response()
         }
     }
+}
+
+/// What a file is, against what runs and what was shown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Found {
+    Wrong,
+    /// It is not what was shown.
+    Other,
+    /// It means the same as what runs.
+    Same,
+    Different,
+}
+
+impl Found {
+    fn of(read: &Rereading, shown: Option<&str>) -> Found {
+        match read {
+            Rereading { problems: Some(_), .. } => Found::Wrong,
+            _ if shown.is_some_and(|shown| shown != read.digest) => Found::Other,
+            _ if read.differences.is_empty() => Found::Same,
+            _ => Found::Different,
+        }
+    }
+
+    fn record(self, record: Record, differences: &[String]) -> Record {
+        match self {
+            Found::Wrong => record.refused("the file is wrong"),
+            Found::Other => record.refused("the file is not what was shown"),
+            Found::Same => record.on("no difference"),
+            Found::Different => {
+                record.on(format!("{} differences: {}", differences.len(), differences.join("; ")))
+            }
+        }
+    }
+}
+
+/// For a disk that is to take the record of a reload.
+const RECORD_WITHIN: Span = Span::from_secs(4);
+
+/// Has the file taken, if it is what was shown. Who asked for what is on the disk before that, so an
+/// error means that nothing was changed; what came of it instead is recorded after.
+async fn have_taken(
+    app: AppState,
+    shown: Option<String>,
+    record: Record,
+) -> Result<(Rereading, Found), Trouble> {
+    let _turn = app.reloading.try_lock().map_err(|_| Trouble::Busy)?;
+    let glance = reread(&app, false, None).await?;
+    let expected = Found::of(&glance, shown.as_deref());
+    let until = app.clock.now() + RECORD_WITHIN;
+    let before = expected.record(record.clone(), &glance.differences);
+    app.write_ahead(None, &before, until, ()).await.map_err(|not_done| not_done.trouble())?;
+    // What was glanced at is taken and nothing else, also for whom nothing was shown.
+    let shown = shown.unwrap_or(glance.digest);
+    let read = match reread(&app, true, Some(shown.clone())).await {
+        Ok(read) => read,
+        Err(trouble) => {
+            app.record(None, before.refused("nobody reads the file any more")).await;
+            return Err(trouble);
+        }
+    };
+    let found = Found::of(&read, Some(&shown));
+    if found != expected {
+        app.record(None, found.record(record, &read.differences)).await;
+    }
+    Ok((read, found))
 }
 
 /// Records on one page of the audit log.

@@ -1,20 +1,18 @@
-//! Keeps what of the vehicle has to outlive a restart: before an operator's action is done, and else
-//! whenever it changed, at most every second.
+//! Keeps what of the vehicle has to outlive a restart whenever it changed, at most every second. What an
+//! operator does is kept before it is done.
 
 use std::time::Duration;
 
 use tokio::sync::broadcast::{self, error::TryRecvError};
-use tokio::sync::watch;
-use tokio::time::sleep;
+use tokio::sync::{oneshot, watch};
+use tokio::task::JoinHandle;
+use tokio::time::{sleep, timeout};
 
-use super::state::{AppState, NoAnswer};
-use super::view::{self, Lang};
-use crate::engine::foresee::Foreseen;
-use crate::engine::input::{OperatorAction, Refusal, Response};
+use super::state::AppState;
 use crate::engine::model::Stage;
 use crate::runtime::Published;
+use crate::store::VehicleMemory;
 use crate::store::audit::{Action, Record, TELLTALE};
-use crate::store::{StoreError, VehicleMemory};
 
 /// Alarms that come and go must not wear the disk out.
 const KEEP_EVERY: Duration = Duration::from_secs(1);
@@ -27,128 +25,60 @@ const WAITING_MAX: usize = 1024;
 /// What is asked of the vehicle, by name and state.
 type Measures = Vec<(&'static str, &'static str)>;
 
-/// Why an operator's action changed nothing.
+/// At the end a disk has this long to answer.
+const LAST_WITHIN: Duration = Duration::from_secs(2);
+
+/// Keeps the vehicle for as long as the server runs.
 #[derive(Debug)]
-pub enum NotActed {
-    Refused(Vec<Refusal>),
-    /// It cannot be written down.
-    Storage,
-    /// The engine or the store does not answer.
-    Unavailable,
+pub struct Keeper {
+    end: oneshot::Sender<()>,
+    task: JoinHandle<()>,
 }
 
-/// Records of actions that were written as done and were refused after all, where that could not be
-/// written at once. Until then the disk remembers what did not happen.
-#[derive(Debug, Default)]
-pub struct Owed(Vec<Record>);
-
-/// Each is owed after a write that went well and one that did not: there are few.
-const OWED_MAX: usize = 64;
-
-impl AppState {
-    /// Does what an operator asks for. It is judged, then written down with what is to be remembered
-    /// of it, then done: what is done is on the disk, and what cannot be written is not done. Whoever
-    /// kills the program in between finds it done after the restart, and nobody was told that yet.
-    ///
-    /// # Errors
-    /// Why nothing has changed. A refusal is in the audit log.
-    pub async fn act(&self, action: OperatorAction, record: Record) -> Result<(), NotActed> {
-        let mut owed = self.acting.lock().await;
-        let foreseen = match self.rehearse(action.clone()).await {
-            Ok(Ok(foreseen)) => foreseen,
-            Ok(Err(reasons)) => {
-                let words = self.in_english(&reasons);
-                self.audit_or_log(record.refused(words)).await;
-                return Err(NotActed::Refused(reasons));
-            }
-            Err(error) => return Err(unavailable(&error)),
-        };
-        let seq = foreseen.seq;
-        self.store.remember(self.remembering(foreseen), vec![record.clone()]).await.map_err(|error| {
-            tracing::error!(%error, "an action cannot be kept, so it is not done");
-            if error.is_of_storage() { NotActed::Storage } else { NotActed::Unavailable }
-        })?;
-        let (why, not_acted) = match self.command(action).await {
-            Ok(Response::Done) => return Ok(()),
-            Ok(Response::Refused(reasons)) => (self.in_english(&reasons), NotActed::Refused(reasons)),
-            Err(error) => (error.to_string(), unavailable(&error)),
-        };
-        owed.pay(self, record.refused(why), seq).await;
-        Err(not_acted)
+impl Keeper {
+    pub fn start(app: AppState) -> Keeper {
+        let (end, ends) = oneshot::channel();
+        Keeper { end, task: tokio::spawn(follow(app, ends)) }
     }
 
-    /// Does what must not wait for a disk, and keeps it then.
-    ///
-    /// # Errors
-    /// Why nothing has changed. What is done and cannot be kept is [`Ok`] with the error.
-    pub async fn act_at_once(
-        &self,
-        action: OperatorAction,
-        record: Record,
-    ) -> Result<Result<(), StoreError>, NotActed> {
-        match self.command(action).await {
-            Ok(Response::Done) => {
-                let _owed = self.acting.lock().await;
-                Ok(self.store.remember(self.memory(), vec![record]).await)
-            }
-            Ok(Response::Refused(reasons)) => {
-                let words = self.in_english(&reasons);
-                self.audit_or_log(record.refused(words)).await;
-                Err(NotActed::Refused(reasons))
-            }
-            Err(error) => Err(unavailable(&error)),
+    /// Keeps what changed last, and ends.
+    pub async fn end(mut self) {
+        // It has ended by itself if the engine has.
+        let _ = self.end.send(());
+        if timeout(LAST_WITHIN, &mut self.task).await.is_err() {
+            tracing::error!("the disk does not answer: what changed last is not kept");
+            self.task.abort();
         }
     }
+}
 
+impl AppState {
     /// The vehicle as it is now.
     pub fn memory(&self) -> VehicleMemory {
         memory_of(&self.published())
     }
-
-    /// The vehicle as it will be.
-    pub fn remembering(&self, foreseen: Foreseen) -> VehicleMemory {
-        VehicleMemory { seq: foreseen.seq, at: self.clock.wall(), vehicle: foreseen.vehicle }
-    }
-
-    /// Whether what is granted can be written down.
-    pub fn is_storage_ok(&self) -> bool {
-        self.store.fault().borrow().is_none()
-    }
-
-    fn in_english(&self, reasons: &[Refusal]) -> String {
-        view::refusals(&self.published(), Lang::En, reasons).join(" ")
-    }
 }
 
-impl Owed {
-    /// Writes that an action was not done, and the vehicle as it is; later, if that cannot be.
-    async fn pay(&mut self, app: &AppState, record: Record, seq: u64) {
-        let memory = app.memory();
-        let memory = VehicleMemory { seq: memory.seq.max(seq), ..memory };
-        if let Err(error) = app.store.remember(memory, vec![record.clone()]).await {
-            tracing::error!(%error, "the disk remembers an action that was refused; it is told as soon as it can be");
-            if self.0.len() < OWED_MAX {
-                self.0.push(record);
-            }
-        }
-    }
-}
-
-fn unavailable(error: &NoAnswer) -> NotActed {
-    tracing::error!(%error, "an action cannot be handed on");
-    NotActed::Unavailable
-}
-
-/// Follows the vehicle for as long as the server runs.
-pub async fn follow(app: AppState) {
+async fn follow(app: AppState, mut ends: oneshot::Receiver<()>) {
     let mut turns = app.link.turns.subscribe();
     let mut snapshots = app.link.snapshots.clone();
     let mut kept = Kept::default();
     loop {
-        if kept.keep(&app, &mut snapshots, &mut turns).await {
-            sleep(KEEP_EVERY).await;
-        }
-        if turns.is_empty() && snapshots.changed().await.is_err() {
+        let is_new = kept.keep(&app, &mut snapshots, &mut turns).await;
+        let next = async {
+            if is_new {
+                sleep(KEEP_EVERY).await;
+            }
+            !turns.is_empty() || snapshots.changed().await.is_ok()
+        };
+        let goes_on = tokio::select! {
+            goes_on = next => goes_on,
+            _ = &mut ends => {
+                kept.keep(&app, &mut snapshots, &mut turns).await;
+                false
+            }
+        };
+        if !goes_on {
             return;
         }
     }
@@ -175,7 +105,7 @@ impl Kept {
         snapshots: &mut watch::Receiver<Published>,
         turns: &mut broadcast::Receiver<Published>,
     ) -> bool {
-        let mut owed = app.acting.lock().await;
+        let _acting = app.acting.lock().await;
         loop {
             match turns.try_recv() {
                 Ok(published) => self.look(&published),
@@ -186,7 +116,8 @@ impl Kept {
         let published = snapshots.borrow_and_update().clone();
         self.look(&published);
         let memory = memory_of(&published);
-        let mut records = owed.0.clone();
+        let owed = app.owed();
+        let mut records = owed.all();
         let omitted = || format!("{} changes of the stage or of countermeasures", self.lost);
         records.extend((self.lost > 0).then(|| Record::of(Action::Omitted, TELLTALE).on(omitted())));
         records.extend_from_slice(&self.waiting);
@@ -199,7 +130,7 @@ impl Kept {
                 self.memory = Some(memory);
                 self.waiting.clear();
                 self.lost = 0;
-                owed.0.clear();
+                app.paid(&owed);
             }
             // The store's own watch over the disk tells of it.
             Err(error) => tracing::debug!(%error, "the vehicle cannot be remembered"),
@@ -271,7 +202,7 @@ mod tests {
 
     use super::super::view::sample::Sample;
     use super::*;
-    use crate::engine::action::AlarmRef;
+    use crate::engine::action::{AlarmRef, OperatorAction};
 
     fn published(vehicle: &mut Sample) -> Published {
         Published { snapshot: vehicle.snapshot(), at: SystemTime::UNIX_EPOCH }

@@ -21,12 +21,13 @@ use tokio::time::{sleep, timeout};
 use tower::ServiceExt as _;
 
 use super::bare::Dressed;
+use super::keep::Keeper;
 use super::lines::{Lines, Place};
 use super::login::Peer;
 use super::router::router;
 use super::state::{AppState, turned};
 use super::tls::Tls;
-use super::{displays, keep, seat, trends};
+use super::{displays, seat, trends};
 
 /// For the head of a request, and for a connection that asks nothing.
 const HEADER_TIMEOUT: Duration = Duration::from_secs(10);
@@ -37,8 +38,8 @@ const DRAIN_TIMEOUT: Duration = Duration::from_secs(3);
 /// Without free file descriptors accepting fails until some are free.
 const ACCEPT_RETRY: Duration = Duration::from_millis(100);
 
-/// Serves until `shutdown` ends, then closes sockets with the code for a restart and lets
-/// requests that run come to their end.
+/// Serves until `shutdown` ends, then closes sockets with the code for a restart, lets requests that
+/// run come to their end, and keeps what the vehicle came to last.
 ///
 /// # Errors
 /// If the listener has no address.
@@ -55,9 +56,9 @@ pub async fn serve(
     let router = router(app.clone());
     let lines = Lines::default();
     let mut connections = JoinSet::new();
+    let keeper = Keeper::start(app.clone());
     let watches = [
         tokio::spawn(seat::watch(app.clone())),
-        tokio::spawn(keep::follow(app.clone())),
         tokio::spawn(displays::watch(app.clone())),
         tokio::spawn(trends::watch(app.clone())),
     ];
@@ -97,6 +98,7 @@ pub async fn serve(
     if timeout(DRAIN_TIMEOUT, drained).await.is_err() {
         tracing::warn!("some connections did not end in time");
     }
+    keeper.end().await;
     Ok(())
 }
 

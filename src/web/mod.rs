@@ -1,5 +1,6 @@
 //! The HTTP server: pages, sessions, the WebSocket and the wire.
 
+mod act;
 mod answer;
 pub mod assets;
 mod audit;
@@ -17,6 +18,7 @@ mod lines;
 mod listen;
 mod login;
 mod origins;
+mod owed;
 mod pace;
 mod pages;
 mod pending;

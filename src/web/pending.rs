@@ -44,17 +44,23 @@ impl PendingClearance {
         Ok(token)
     }
 
-    /// Takes the clearance away, whatever becomes of it, and returns the version it was asked for with.
+    /// Takes the clearance away, whatever becomes of it, and returns the version it was asked for with,
+    /// and until when it may be given.
     ///
     /// # Errors
     /// If this token opens nothing. A foreign token takes nothing away.
-    pub fn redeem(&self, token: &str, session: &Session, now: Timestamp) -> Result<u64, NotPending> {
+    pub fn redeem(
+        &self,
+        token: &str,
+        session: &Session,
+        now: Timestamp,
+    ) -> Result<(u64, Timestamp), NotPending> {
         let mut pending = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let asked = pending.take_if(|asked| asked.token == token && asked.session.is(session));
         match asked {
             None => Err(NotPending::Unknown),
             Some(asked) if now >= asked.until => Err(NotPending::TooLate),
-            Some(asked) => Ok(asked.version),
+            Some(asked) => Ok((asked.version, asked.until)),
         }
     }
 }
@@ -73,7 +79,8 @@ mod tests {
         let (_, session) = store.open_session(&user).await.unwrap();
         let (_, other) = store.open_session(&user).await.unwrap();
         let pending = PendingClearance::default();
-        let cases = [(0, Ok(7)), (9_999, Ok(7)), (10_000, Err(NotPending::TooLate))];
+        let granted = Ok((7, Timestamp::from_millis(15_000)));
+        let cases = [(0, granted), (9_999, granted), (10_000, Err(NotPending::TooLate))];
         for (waited_ms, expect) in cases {
             let asked = Timestamp::from_millis(5_000);
             let now = asked + Span::from_millis(waited_ms);

@@ -5,17 +5,18 @@ use std::ops::Deref;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use tokio::sync::{mpsc, oneshot, watch};
+use tokio::sync::{Semaphore, mpsc, oneshot, watch};
 use tokio::time::timeout;
 
+use super::act::PLACES;
 use super::audit::Limit;
 use super::demo::DemoFaults;
 use super::displays::Displays;
 use super::enrolled::Enrolled;
 use super::farewell::{Farewell, Farewells};
 use super::frame::Frames;
-use super::keep::Owed;
 use super::origins::Origins;
+use super::owed::Owed;
 use super::pending::PendingClearance;
 use super::seat::has_idled_out;
 use super::throttle::Throttle;
@@ -79,7 +80,13 @@ pub struct Shared {
     pub(super) seat: tokio::sync::Mutex<()>,
     /// Held from the judgement of an action until it is done, and while the vehicle is remembered:
     /// what is on the disk never falls behind an action that was written there. After `seat`.
-    pub(super) acting: tokio::sync::Mutex<Owed>,
+    pub(super) acting: tokio::sync::Mutex<()>,
+    /// For those who wait for `acting`, or for the disk, with an action.
+    pub(super) places: Arc<Semaphore>,
+    /// Records that wait for a disk that takes nothing.
+    pub(super) owed: Mutex<Owed>,
+    /// Held while somebody has the configuration taken.
+    pub(super) reloading: tokio::sync::Mutex<()>,
     /// Turns true when the server ends.
     pub closing: watch::Sender<bool>,
 }
@@ -107,6 +114,9 @@ impl AppState {
             audit_readers: tokio::sync::Mutex::default(),
             seat: tokio::sync::Mutex::default(),
             acting: tokio::sync::Mutex::default(),
+            places: Arc::new(Semaphore::new(PLACES)),
+            owed: Mutex::default(),
+            reloading: tokio::sync::Mutex::default(),
             closing: watch::channel(false).0,
         }))
     }

@@ -1,7 +1,6 @@
 //! What an operator does with the vehicle: one POST for each action, granted or refused in words.
 
 use std::net::IpAddr;
-use std::time::Duration;
 
 use axum::extract::rejection::{FormRejection, PathRejection};
 use axum::extract::{Form, FromRequestParts, Path};
@@ -11,19 +10,21 @@ use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+use super::act::{NotActed, Void};
 use super::answer::{Reader, Speaks, bad_field, bad_form, json_answer, refusal, refused_in_words};
 use super::audit::record_of;
 use super::guard::SignedIn;
-use super::keep::NotActed;
 use super::login::{Peer, source_of};
 use super::pending::{CONFIRM_WITHIN, NotPending};
 use super::state::{AppState, is_seated};
 use super::versions::Matter;
-use super::view;
+use super::view::{self, Lang};
 use super::wording::Trouble;
+use crate::clock::wall_at;
 use crate::engine::input::{AlarmRef, OperatorAction, Place};
 use crate::engine::model::NodeId;
 use crate::engine::snapshot::Snapshot;
+use crate::engine::time::{Span, Timestamp};
 use crate::store::Session;
 use crate::store::audit::{Action, Record};
 
@@ -39,7 +40,7 @@ pub struct Versioned {
 }
 
 /// Twice the time after which a page without heartbeats covers itself.
-const TAP_LATE_MAX: Duration = Duration::from_secs(4);
+const TAP_LATE_MAX: Span = Span::from_secs(4);
 
 #[derive(Debug, Deserialize)]
 pub struct LocalizeForm {
@@ -77,7 +78,7 @@ pub async fn localize(tap: Tap, form: FormOf<LocalizeForm>) -> Response {
         Place::Pose { x_m, y_m, yaw_deg } => format!("x {x_m} y {y_m} yaw {yaw_deg}"),
     };
     let record = tap.record(Action::Localize).on(target);
-    tap.act(&shown, Matter::Stage, OperatorAction::Localize { place }, record).await
+    tap.act(tap.grounds(&shown, Matter::Stage), OperatorAction::Localize { place }, record).await
 }
 
 /// `POST /vehicle/stop`
@@ -86,7 +87,8 @@ pub async fn stop(tap: Tap, form: FormOf<Versioned>) -> Response {
         Ok(Form(shown)) => shown,
         Err(rejection) => return bad_form(&tap.reader, &rejection),
     };
-    tap.act(&shown, Matter::Stage, OperatorAction::RequestStop, tap.record(Action::Stop)).await
+    let record = tap.record(Action::Stop);
+    tap.act(tap.grounds(&shown, Matter::Stage), OperatorAction::RequestStop, record).await
 }
 
 /// `POST /vehicle/clearance`: the first step; the answer holds the token for the second.
@@ -98,8 +100,8 @@ pub async fn clearance(tap: Tap, form: FormOf<Versioned>) -> Response {
     let (display_live, storage_ok) = tap.conditions();
     let ask = OperatorAction::AskClearance { display_live, storage_ok };
     let record = tap.record(Action::ClearanceAsked);
-    if let Err(refused) = tap.command(&shown, Matter::Clearance, ask, record).await {
-        return refused.answer(&tap.reader);
+    if let Err(refused) = tap.command(tap.grounds(&shown, Matter::Clearance), ask, record).await {
+        return tap.refuse(refused);
     }
     match tap.app.pending.ask(&tap.session, shown.version, tap.app.clock.now()) {
         Ok(token) => tap.done(&json!({ "token": token, "expires_s": CONFIRM_WITHIN.as_millis() / 1000 })),
@@ -116,19 +118,21 @@ pub async fn confirm(tap: Tap, form: FormOf<ConfirmForm>) -> Response {
         Ok(Form(form)) => form,
         Err(rejection) => return bad_form(&tap.reader, &rejection),
     };
-    let asked = match tap.app.pending.redeem(&form.token, &tap.session, tap.app.clock.now()) {
-        Ok(asked) => asked,
+    let redeemed = tap.app.pending.redeem(&form.token, &tap.session, tap.app.clock.now());
+    let record = tap.record(Action::Clearance);
+    let (asked, confirmed_until) = match redeemed {
+        Ok(redeemed) => redeemed,
         Err(why) => {
-            let reasons = vec![tap.reader.lang.not_pending(why == NotPending::TooLate)];
-            tap.app.audit_or_log(tap.record(Action::Clearance).refused(reasons.join(" "))).await;
-            return NotDone::Refused { reasons, seq: None }.answer(&tap.reader);
+            let is_late = why == NotPending::TooLate;
+            tap.app.record(None, record.refused(Lang::En.not_pending(is_late))).await;
+            return tap.refuse(NotDone::Refused(vec![tap.reader.lang.not_pending(is_late)]));
         }
     };
     let (display_live, storage_ok) = tap.conditions();
     let shown =
         Versioned { version: form.version.map_or(asked, |version| version.min(asked)), beat: form.beat };
-    let clear = OperatorAction::Clear { display_live, storage_ok };
-    tap.act(&shown, Matter::Clearance, clear, tap.record(Action::Clearance)).await
+    let grounds = Grounds { confirmed_until, ..tap.grounds(&shown, Matter::Clearance) };
+    tap.act(grounds, OperatorAction::Clear { display_live, storage_ok }, record).await
 }
 
 /// `POST /alarms/{id}/acknowledge`, where the id is the number of an alarm, the name of a node
@@ -146,7 +150,7 @@ pub async fn acknowledge(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Res
         Err(_) => (AlarmRef::Node(id.into()), of_node(&snapshot, id)),
     };
     let record = tap.record(Action::Acknowledge).on(id);
-    tap.act(&shown, matter, OperatorAction::Acknowledge { alarm }, record).await
+    tap.act(tap.grounds(&shown, matter), OperatorAction::Acknowledge { alarm }, record).await
 }
 
 /// `POST /modules/{id}/reset`, where the id is `group/module`.
@@ -158,7 +162,7 @@ pub async fn reset(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Response 
     };
     let matter = of_node(&tap.app.published().snapshot, module);
     let action = OperatorAction::Reset { module: module.into() };
-    tap.act(&shown, matter, action, tap.record(Action::Reset).on(module)).await
+    tap.act(tap.grounds(&shown, matter), action, tap.record(Action::Reset).on(module)).await
 }
 
 /// Ids hold slashes, so a route of such an id takes all that follows and its last word is read here.
@@ -188,107 +192,130 @@ pub struct Tap {
     session: Session,
     source: IpAddr,
     reader: Reader,
+    arrived: Timestamp,
+}
+
+/// What makes a tap count. It is looked at anew whenever the tap has waited.
+#[derive(Debug, Clone, Copy)]
+struct Grounds {
+    matter: Matter,
+    /// The `seq` that it was shown with.
+    version: u64,
+    /// After this it is late.
+    until: Timestamp,
+    /// Of a second step: after this the first one counts no more.
+    confirmed_until: Timestamp,
 }
 
 impl FromRequestParts<AppState> for Tap {
     type Rejection = Response;
 
     async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Tap, Response> {
+        let arrived = app.clock.now();
         let SignedIn(session) = SignedIn::from_request_parts(parts, app).await?;
         let source = source_of(parts.extensions.get::<Peer>().copied());
         let reader = Reader::of(&parts.uri, &parts.headers);
-        Ok(Tap { app: app.clone(), session, source, reader })
+        Ok(Tap { app: app.clone(), session, source, reader, arrived })
     }
 }
 
 /// Why a tap is not acknowledged. It changed nothing; a stop that cannot be kept is requested.
 enum NotDone {
-    /// `seq` is the present one where the tap was made for an older state.
-    Refused {
-        reasons: Vec<String>,
-        seq: Option<u64>,
-    },
+    /// In words.
+    Refused(Vec<String>),
+    Void(Void),
     Trouble(Trouble),
 }
 
-impl NotDone {
-    fn answer(self, reader: &Reader) -> Response {
-        match self {
-            NotDone::Refused { reasons, seq } => refused_in_words(reader, &reasons, seq),
-            NotDone::Trouble(trouble) => refusal(reader, trouble),
-        }
-    }
-}
-
 impl Tap {
-    async fn act(
-        &self,
-        shown: &Versioned,
-        matter: Matter,
-        action: OperatorAction,
-        record: Record,
-    ) -> Response {
-        match self.command(shown, matter, action, record).await {
+    async fn act(&self, grounds: Grounds, action: OperatorAction, record: Record) -> Response {
+        match self.command(grounds, action, record).await {
             Ok(()) => self.done(&json!({})),
-            Err(refused) => refused.answer(&self.reader),
+            Err(refused) => self.refuse(refused),
         }
     }
 
     /// Has the action done, if it was shown as things are and by whom it concerns. What was done or
-    /// refused is on the disk when this returns.
-    async fn command(
-        &self,
-        shown: &Versioned,
-        matter: Matter,
-        action: OperatorAction,
-        record: Record,
-    ) -> Result<(), NotDone> {
-        if let Err(refused) = self.is_current(shown, matter) {
-            if let NotDone::Refused { reasons, .. } = &refused {
-                self.app.audit_or_log(record.refused(reasons.join(" "))).await;
-            }
-            return Err(refused);
+    /// refused is on the disk when this returns, unless that does not answer.
+    async fn command(&self, grounds: Grounds, action: OperatorAction, record: Record) -> Result<(), NotDone> {
+        if let Err(void) = self.check(&grounds) {
+            self.app.record(None, record.refused(void.words(Lang::En))).await;
+            return Err(NotDone::Void(void));
         }
         // Runs to its end whoever still listens: what was done has to be kept.
         let tap = self.clone();
-        let done = tokio::spawn(async move { tap.hand_on(action, record).await });
+        let done = tokio::spawn(async move { tap.hand_on(grounds, action, record).await });
         done.await.unwrap_or(Err(NotDone::Trouble(Trouble::Unavailable)))
     }
 
-    fn is_current(&self, shown: &Versioned, matter: Matter) -> Result<(), NotDone> {
-        let published = self.app.published();
-        let words = self.reader.lang.words();
-        if !is_seated(&self.session, &published.snapshot) {
-            return Err(NotDone::Refused { reasons: vec![words.not_in_seat.to_owned()], seq: None });
-        }
-        let seen = self.app.frames.observe(&published);
-        if !seen.holds(matter, shown.version) || self.is_late(shown) {
-            let reasons = vec![words.refused_stale.to_owned()];
-            return Err(NotDone::Refused { reasons, seq: Some(seen.seq()) });
-        }
-        Ok(())
+    /// A tap that waited on its way was made while the display could still say that it is live, and
+    /// arrives when it could not.
+    fn grounds(&self, shown: &Versioned, matter: Matter) -> Grounds {
+        let age = shown.beat.as_deref().map_or(Span::ZERO, |beat| self.age(beat));
+        let until = self.arrived + (TAP_LATE_MAX - age);
+        Grounds { matter, version: shown.version, until, confirmed_until: until }
     }
 
-    async fn hand_on(&self, action: OperatorAction, record: Record) -> Result<(), NotDone> {
+    /// How old a heartbeat was when the tap arrived. What cannot be read is as old as can be.
+    fn age(&self, beat: &str) -> Span {
+        let Ok(beat) = humantime::parse_rfc3339(beat) else { return TAP_LATE_MAX };
+        let clock = &self.app.clock;
+        let wall = wall_at(clock.wall(), clock.now(), self.arrived);
+        let apart = wall.duration_since(beat).or_else(|_| beat.duration_since(wall)).unwrap_or_default();
+        Span::from_nanos(u64::try_from(apart.as_nanos()).unwrap_or(u64::MAX))
+    }
+
+    /// Whether the tap counts now.
+    fn check(&self, grounds: &Grounds) -> Result<(), Void> {
+        let (app, now) = (&self.app, self.app.clock.now());
+        if !self.session.is_open() || app.has_expired(&self.session) {
+            return Err(Void::SessionEnded);
+        }
+        let published = app.published();
+        if !is_seated(&self.session, &published.snapshot) {
+            return Err(Void::NotSeated);
+        }
+        if now >= grounds.until {
+            return Err(Void::Late);
+        }
+        if now >= grounds.confirmed_until {
+            return Err(Void::ConfirmedLate);
+        }
+        let holds = app.frames.observe(&published).holds(grounds.matter, grounds.version);
+        if holds { Ok(()) } else { Err(Void::Stale) }
+    }
+
+    /// What is asked for, with what is known in this moment.
+    fn asked(&self, grounds: &Grounds, action: &OperatorAction) -> Result<OperatorAction, Void> {
+        self.check(grounds)?;
+        let (display_live, storage_ok) = self.conditions();
+        Ok(match action {
+            OperatorAction::AskClearance { .. } => OperatorAction::AskClearance { display_live, storage_ok },
+            OperatorAction::Clear { .. } => OperatorAction::Clear { display_live, storage_ok },
+            other => other.clone(),
+        })
+    }
+
+    async fn hand_on(&self, grounds: Grounds, action: OperatorAction, record: Record) -> Result<(), NotDone> {
         let acted = if action == OperatorAction::RequestStop {
             match self.app.act_at_once(action, record).await {
-                Ok(Ok(())) => Ok(()),
-                Ok(Err(error)) => {
-                    tracing::error!(%error, "a stop was requested and cannot be kept");
+                Ok(true) => Ok(()),
+                Ok(false) => {
+                    tracing::error!("a stop was requested and is not kept yet");
                     return Err(NotDone::Trouble(Trouble::StopNotKept));
                 }
                 Err(not_acted) => Err(not_acted),
             }
         } else {
-            self.app.act(action, record).await
+            let until = grounds.until.min(grounds.confirmed_until);
+            self.app.act(until, record, || self.asked(&grounds, &action)).await
         };
         acted.map_err(|not_acted| match not_acted {
             NotActed::Refused(reasons) => {
-                let reasons = view::refusals(&self.app.published(), self.reader.lang, &reasons);
-                NotDone::Refused { reasons, seq: None }
+                NotDone::Refused(view::refusals(&self.app.published(), self.reader.lang, &reasons))
             }
-            NotActed::Storage => NotDone::Trouble(Trouble::Storage),
-            NotActed::Unavailable => NotDone::Trouble(Trouble::Unavailable),
+            NotActed::Void(void) => NotDone::Void(void),
+            other => NotDone::Trouble(other.trouble()),
         })
     }
 
@@ -296,16 +323,6 @@ impl Tap {
     fn conditions(&self) -> (bool, bool) {
         let display_live = self.app.displays.is_live_for(&self.session, self.app.clock.now());
         (display_live, self.app.is_storage_ok())
-    }
-
-    /// Whether the tap waited somewhere on its way: it was made while the display could still say
-    /// that it is live, and arrives when it could not.
-    fn is_late(&self, shown: &Versioned) -> bool {
-        let Some(beat) = &shown.beat else { return false };
-        let Ok(beat) = humantime::parse_rfc3339(beat) else { return true };
-        let wall = self.app.clock.wall();
-        let apart = wall.duration_since(beat).or_else(|_| beat.duration_since(wall)).unwrap_or_default();
-        apart > TAP_LATE_MAX
     }
 
     fn record(&self, action: Action) -> Record {
@@ -316,6 +333,20 @@ impl Tap {
         match self.reader.speaks {
             Speaks::Json => json_answer(StatusCode::OK, answer),
             Speaks::Html => Redirect::to("/").into_response(),
+        }
+    }
+
+    fn refuse(&self, not_done: NotDone) -> Response {
+        match not_done {
+            NotDone::Refused(reasons) => refused_in_words(&self.reader, &reasons, None),
+            NotDone::Void(Void::SessionEnded) => refusal(&self.reader, Trouble::NoSession),
+            NotDone::Void(void) => {
+                // What was shown is old: the page asks for what is.
+                let is_old = matches!(void, Void::Stale | Void::Late);
+                let seq = is_old.then(|| self.app.published().snapshot.seq);
+                refused_in_words(&self.reader, &[void.words(self.reader.lang)], seq)
+            }
+            NotDone::Trouble(trouble) => refusal(&self.reader, trouble),
         }
     }
 }

@@ -25,6 +25,8 @@ pub enum Trouble {
     Storage,
     /// A stop was requested, and that cannot be written down.
     StopNotKept,
+    /// Too many wait already.
+    Busy,
     Unavailable,
 }
 
@@ -42,9 +44,11 @@ impl Trouble {
             Trouble::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
             Trouble::TooMany => StatusCode::TOO_MANY_REQUESTS,
             Trouble::LongHeader => StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE,
-            Trouble::TooManySockets | Trouble::Storage | Trouble::StopNotKept | Trouble::Unavailable => {
-                StatusCode::SERVICE_UNAVAILABLE
-            }
+            Trouble::TooManySockets
+            | Trouble::Storage
+            | Trouble::StopNotKept
+            | Trouble::Busy
+            | Trouble::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
         }
     }
 
@@ -124,12 +128,20 @@ impl Trouble {
             ),
             (Trouble::StopNotKept, Lang::En) => (
                 "Stop requested, not recorded",
-                "The vehicle is asked to stop. The disk is full or broken, so that is not recorded. Call the control room.",
+                "The vehicle is asked to stop. The disk is full or broken, so that is not recorded yet. Call the control room.",
             ),
             (Trouble::StopNotKept, Lang::De) => (
                 "Anhalten verlangt, nicht aufgezeichnet",
-                "Das Fahrzeug soll anhalten. Der Speicher ist voll oder defekt, daher ist das nicht aufgezeichnet. \
+                "Das Fahrzeug soll anhalten. Der Speicher ist voll oder defekt, daher ist das noch nicht aufgezeichnet. \
                  Leitstelle rufen.",
+            ),
+            (Trouble::Busy, Lang::En) => (
+                "Not done",
+                "Others are waiting already, so nothing was changed. Look at the display, then try again.",
+            ),
+            (Trouble::Busy, Lang::De) => (
+                "Nicht ausgeführt",
+                "Es warten schon andere, daher wurde nichts geändert. Auf die Anzeige sehen, dann erneut versuchen.",
             ),
             (Trouble::Unavailable, Lang::En) => {
                 ("Not available", "The server cannot do this now. Try again.")

@@ -6,6 +6,7 @@ It needs mount namespaces, as root or through those of users; where they are not
 import json
 import os
 import subprocess
+import sys
 import urllib.error
 
 import pytest
@@ -114,6 +115,48 @@ def test_a_disk_that_becomes_read_only_is_a_warning_and_the_display_goes_on(moun
     # From outside of it: nobody can unmount the folder in which they are.
     mounted.inside(f"cd /; umount {mounted.data}")
     until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
+
+
+def hang(server, client):
+    """The head of the log is written into a pipe that nobody reads."""
+    pipe = f"audit.head.{server.process.pid}"
+    until(lambda: "made" in server.inside(f"mkfifo {pipe} 2>/dev/null && echo made || true"), 5, "a pipe")
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        client.post("/vehicle/stop", version=client.snapshot()["seq"])
+    assert refused.value.code == 409, "the vehicle stands, and that is recorded"
+    return pipe
+
+
+def test_a_disk_that_hangs_is_a_warning_and_the_display_goes_on(mounted):
+    client = Client(mounted, *OPERATOR)
+    pipe = hang(mounted, client)
+    message = until(lambda: storage(client), NOTICE_S, "a warning")
+    assert "has not answered" in message, message
+    goes_on(client)
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        client.post("/vehicle/localize", version=client.snapshot()["seq"], stop="depot")
+    assert refused.value.code == 503 and "nothing was changed" in refused.value.read().decode()
+    mounted.inside(f"exec 3<>{pipe}; rm {pipe}; sleep 0.2")
+    until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
+    assert client.snapshot()["stage"] == "localizing"
+    log = until(lambda: written(mounted, "localize"), 5, "what was not done is on the record")
+    assert log.startswith("localize at 20") and "refused: " in log, log
+    assert mounted.inside(f"{TELLTALE} audit verify --data .").startswith("ok")
+
+
+def test_a_disk_that_hangs_does_not_hold_up_the_end(mounted):
+    hang(mounted, Client(mounted, *OPERATOR))
+    assert mounted.stop() == 0
+
+
+def written(server, action):
+    """The records of this action, if there are any."""
+    script = f"""
+import sqlite3
+log = sqlite3.connect("file:telltale.db?mode=ro", uri=True).execute("SELECT action, target, outcome FROM audit")
+print(*(" ".join(record) for record in log if record[0] == {action!r}))
+"""
+    return server.inside(f"{sys.executable} - <<'END'\n{script}\nEND").strip()
 
 
 @pytest.mark.parametrize("wrong", ["full", "read-only"])

@@ -3,7 +3,7 @@
 use axum::http::{Method, StatusCode};
 use telltale::engine::snapshot::Reason;
 use telltale::engine::time::Span;
-use telltale::runtime::{ConfigurationText, Rereading};
+use telltale::runtime::{ConfigurationText, Reread, Rereading};
 
 use super::fixture::{Fixture, as_program, form_request, request};
 
@@ -121,7 +121,7 @@ async fn a_configuration_is_shown_as_a_difference_before_it_is_taken() {
                 digest,
             };
             reread.reply.send(read).unwrap();
-            if asked.len() == 6 {
+            if asked.len() == 10 {
                 break;
             }
         }
@@ -154,9 +154,66 @@ async fn a_configuration_is_shown_as_a_difference_before_it_is_taken() {
         assert_eq!((answer.status, &body["taken"]), (status, &(status == StatusCode::OK).into()), "{body}");
         assert_eq!((&body["shown"], &body["problems"]), (&"0123".into(), &serde_json::Value::Null));
     }
-    assert_eq!(answering.await.unwrap(), [false, false, true, true, true, true]);
+    let asked = answering.await.unwrap();
+    // Each is looked at, recorded and then taken, if it is what was shown.
+    assert_eq!(asked, [false, false, false, true, false, true, false, true, false, true]);
     let refused = fixture.store.audit_entries(None, 4).await.unwrap();
     let refused = refused.iter().filter(|it| it.outcome.contains("the file is not what was shown"));
     assert_eq!(refused.count(), 2);
     drop(router);
+}
+
+fn reread(digest: &str, taken: bool) -> Rereading {
+    Rereading {
+        taken,
+        differences: vec!["group `new` is new".to_owned()],
+        problems: None,
+        warnings: None,
+        judged: true,
+        running: [].into(),
+        digest: digest.to_owned(),
+    }
+}
+
+#[tokio::test]
+async fn who_had_a_configuration_taken_is_on_the_record_whatever_becomes_of_the_connection() {
+    let mut fixture = Fixture::new().await;
+    let developer = fixture.cookie_of("developer").await;
+    let mut rereads = std::mem::replace(&mut fixture.rereads, tokio::sync::mpsc::channel(1).1);
+    let reload =
+        || as_program(form_request("/developer/configuration/reload", Some(&developer), "shown=0123"));
+    // Whether the file is what it was when it is taken.
+    for is_same in [true, false] {
+        let asking = fixture.start(reload());
+        let Reread { take, reply, .. } = rereads.recv().await.unwrap();
+        assert!(!take, "it is looked at before");
+        let second = fixture.send(reload()).await;
+        assert_eq!(second.status, StatusCode::SERVICE_UNAVAILABLE, "one after the other: {}", second.body);
+        asking.abort();
+        assert!(asking.await.is_err(), "the browser has gone");
+        reply.send(reread("0123", false)).unwrap();
+        let Reread { take, shown, reply } = rereads.recv().await.unwrap();
+        assert_eq!((take, shown.as_deref()), (true, Some("0123")));
+        let log = fixture.store.audit_entries(None, 1).await.unwrap();
+        assert_eq!((&*log[0].who, &*log[0].action, &*log[0].outcome), ("developer", "configuration", "done"));
+        assert_eq!(log[0].target, "1 differences: group `new` is new");
+        let is_first = log[0].number;
+        reply.send(if is_same { reread("0123", true) } else { reread("4567", false) }).unwrap();
+        // Whoever comes next finds it ended.
+        let deadline = fixture.clock.now() + Span::from_secs(5);
+        let again = loop {
+            assert!(fixture.clock.now() < deadline);
+            let again = fixture.start(reload());
+            tokio::select! {
+                asked = rereads.recv() => break (asked.unwrap(), again),
+                () = super::fixture::settled() => {}
+            }
+        };
+        drop(again.0.reply);
+        assert_eq!(again.1.await.unwrap().status, StatusCode::SERVICE_UNAVAILABLE);
+        let log = fixture.store.audit_entries(None, 10).await.unwrap();
+        let after: Vec<_> = log.iter().filter(|it| it.number > is_first).map(|it| &*it.outcome).collect();
+        let expected: &[&str] = if is_same { &[] } else { &["refused: the file is not what was shown"] };
+        assert_eq!(after, expected);
+    }
 }

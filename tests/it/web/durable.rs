@@ -1,12 +1,21 @@
 //! What an operator does is on the disk before it happens: a disk that takes nothing changes nothing.
 
+use std::fs::File;
 use std::path::PathBuf;
 
 use axum::http::StatusCode;
 use rusqlite::Connection;
+use telltale::clock::{Clock, ClockHand};
 use telltale::engine::model::Stage;
 use telltale::engine::state::State;
+use telltale::engine::time::Span;
+use telltale::runtime::Rereading;
+use telltale::store::audit::{Action, Entry, Record, TELLTALE};
 use telltale::store::{Role, Session, Token};
+use telltale::web::serve;
+use tokio::net::TcpListener;
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
 
 use super::fixture::{Answer, Fixture, as_program, form_request};
 
@@ -21,8 +30,12 @@ struct Vehicle {
 impl Vehicle {
     /// In standby, with an error that nobody acknowledged.
     async fn standing(name: &str) -> Vehicle {
+        Vehicle::standing_by(name, Clock::start()).await
+    }
+
+    async fn standing_by(name: &str, clock: Clock) -> Vehicle {
         let folder = std::env::temp_dir().join(format!("telltale-durable-{name}-{}", std::process::id()));
-        let fixture = Fixture::in_folder(&folder).await;
+        let fixture = Fixture::in_folder_by(&folder, clock).await;
         let cookie = fixture.cookie_of("operator").await;
         let disk = Connection::open(folder.join("telltale.db")).unwrap();
         let vehicle = Vehicle { fixture, folder, disk, cookie };
@@ -70,6 +83,81 @@ impl Vehicle {
         self.disk
             .execute_batch("DROP TRIGGER full_INSERT; DROP TRIGGER full_UPDATE; DROP TRIGGER full_DELETE;")
             .unwrap();
+    }
+
+    /// The disk hangs in the middle of each write, until it is let go or for two seconds.
+    fn hold(&self) {
+        self.disk.execute_batch("BEGIN IMMEDIATE").unwrap();
+    }
+
+    fn let_go(&self) {
+        self.disk.execute_batch("COMMIT").unwrap();
+    }
+
+    /// The disk answers nobody any more: the head of the log is written into a pipe that nobody reads.
+    async fn stall(&self) -> PathBuf {
+        let pipe = self.folder.join(format!("audit.head.{}", std::process::id()));
+        let store = &self.fixture.store;
+        // The head may be written right now, by this name.
+        while !std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success() {
+            store.recall().await.unwrap();
+        }
+        store.audit(Record::of(Action::Start, TELLTALE)).await.unwrap();
+        while tokio::time::timeout(std::time::Duration::from_millis(100), store.recall()).await.is_ok() {}
+        pipe
+    }
+
+    /// It answers again, as long as what is returned is held.
+    fn answer(pipe: PathBuf) -> File {
+        let reader = File::options().read(true).write(true).open(&pipe).unwrap();
+        std::fs::remove_file(pipe).unwrap();
+        reader
+    }
+
+    /// Time passes and nobody falls silent, until the storage says something else.
+    async fn until_fault(&self, hand: ClockHand, is_there: bool) {
+        let mut fault = self.fixture.store.fault();
+        for _ in 0..40 {
+            hand.advance(Span::from_millis(500));
+            for status in ["lidar", "imu", "tf", "planner"] {
+                self.fixture.status(status, 0, "fine").await;
+            }
+            let said = fault.wait_for(|fault| fault.is_some() == is_there);
+            if tokio::time::timeout(std::time::Duration::from_millis(100), said).await.is_ok() {
+                return;
+            }
+        }
+        panic!("{:?}", *fault.borrow());
+    }
+
+    /// A tap made by a heartbeat that is almost too old.
+    async fn post_old(&self, path: &str, fields: &str) -> Answer {
+        let beat = self.fixture.clock.wall() - std::time::Duration::from_millis(3_500);
+        self.post(path, &format!("{fields}&beat={}", humantime::format_rfc3339_millis(beat))).await
+    }
+
+    /// Serves, and with that keeps what changes, until it is told to end.
+    async fn serve(&self) -> (oneshot::Sender<()>, JoinHandle<std::io::Result<()>>) {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let (end, ends) = oneshot::channel::<()>();
+        let app = self.fixture.app.clone();
+        let serving = serve(listener, None, app, async {
+            let _ = ends.await;
+        });
+        (end, tokio::spawn(serving))
+    }
+
+    /// The newest records, as soon as they are as they should be.
+    async fn log(&self, count: u32, is_there: impl Fn(&[Entry]) -> bool) -> Vec<Entry> {
+        let deadline = self.fixture.clock.now() + Span::from_secs(10);
+        loop {
+            let entries = self.fixture.store.audit_entries(None, count).await.unwrap();
+            if is_there(&entries) {
+                return entries;
+            }
+            assert!(self.fixture.clock.now() < deadline, "{entries:#?}");
+            tokio::time::sleep(std::time::Duration::from_millis(20)).await;
+        }
     }
 
     /// A tap is refused and nothing is different.
@@ -188,5 +276,145 @@ async fn a_hand_over_that_cannot_be_written_leaves_the_seat_as_it_was() {
     assert_eq!(fixture.store.seated_operator().await.unwrap().as_deref(), Some("bert"));
     let records = fixture.store.audit_entries(None, 2).await.unwrap();
     assert_eq!(records.iter().map(|it| &*it.action).collect::<Vec<_>>(), ["login", "hand-over"]);
+    vehicle.end().await;
+}
+
+#[tokio::test]
+async fn an_action_waits_for_a_disk_that_hangs_no_longer_than_it_counts() {
+    // It had begun to be written, or not.
+    for has_begun in [true, false] {
+        let vehicle = Vehicle::standing(if has_begun { "hangs" } else { "stalls" }).await;
+        let store = &vehicle.fixture.store;
+        let before = store.recall().await.unwrap().unwrap();
+        let pipe = if has_begun { None } else { Some(vehicle.stall().await) };
+        if has_begun {
+            vehicle.hold();
+        }
+        let answer = vehicle.post_old("/vehicle/localize", "x=1&y=0&yaw_deg=0").await;
+        assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE, "{}", answer.body);
+        assert!(answer.body.contains("nothing was changed"), "{}", answer.body);
+        if has_begun {
+            vehicle.let_go();
+        }
+        let _answers = pipe.map(Vehicle::answer);
+        let (end, served) = vehicle.serve().await;
+        let log =
+            vehicle.log(20, |log| log.iter().any(|it| it.outcome.contains("did not answer in time"))).await;
+        let of_it: Vec<_> = log.iter().filter(|it| it.action == "localize").collect();
+        assert!(of_it[0].target.starts_with("at 20") && of_it[0].was_refused(), "{log:#?}");
+        // What was begun may have been written; it is taken back.
+        assert!(has_begun || of_it.len() == 2, "{log:#?}");
+        let snapshot = vehicle.fixture.until(|_| true).await;
+        assert_eq!(store.recall().await.unwrap().unwrap().pose, before.pose);
+        assert_eq!(
+            Some(snapshot.localization.number),
+            before.pose.map(|pose| pose.0),
+            "not done later either"
+        );
+        end.send(()).unwrap();
+        served.await.unwrap().unwrap();
+        vehicle.end().await;
+    }
+}
+
+#[tokio::test]
+async fn a_stop_is_asked_for_while_the_disk_hangs_and_recorded_when_it_answers() {
+    let vehicle = Vehicle::standing("hanging-stop").await;
+    vehicle.fixture.drive(true).await;
+    let pipe = vehicle.stall().await;
+    let asked = vehicle.fixture.clock.now();
+    let answer = vehicle.post("/vehicle/stop", "").await;
+    assert!(vehicle.fixture.clock.now().since(asked) < Span::from_secs(2), "a page waits that long");
+    assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE);
+    assert!(answer.body.contains("is not recorded yet"), "{}", answer.body);
+    assert!(vehicle.fixture.until(|_| true).await.stop_requested());
+    let _answers = Vehicle::answer(pipe);
+    vehicle.log(5, |log| log.iter().any(|it| it.action == "stop" && !it.was_refused())).await;
+    vehicle.end().await;
+}
+
+#[tokio::test]
+async fn a_stop_that_a_full_disk_did_not_take_is_recorded_later() {
+    let vehicle = Vehicle::standing("late-stop").await;
+    vehicle.fixture.drive(true).await;
+    vehicle.fill("audit");
+    assert_eq!(vehicle.post("/vehicle/stop", "").await.status, StatusCode::SERVICE_UNAVAILABLE);
+    vehicle.mend();
+    let (end, served) = vehicle.serve().await;
+    let is_there = |it: &Entry| it.action == "stop" && it.outcome == "done" && it.target.starts_with("at 20");
+    vehicle.log(10, |log| log.iter().any(is_there)).await;
+    end.send(()).unwrap();
+    served.await.unwrap().unwrap();
+    vehicle.end().await;
+}
+
+#[tokio::test]
+async fn no_clearance_is_given_while_the_disk_hangs() {
+    let (clock, hand) = Clock::with_hand();
+    let vehicle = Vehicle::standing_by("stalled", clock).await;
+    let pipe = vehicle.stall().await;
+    vehicle.until_fault(hand, true).await;
+    vehicle.look();
+    let answer = vehicle.post("/vehicle/clearance", "").await;
+    assert_eq!(answer.status, StatusCode::CONFLICT, "{}", answer.body);
+    assert!(answer.body.contains("Nothing can be recorded"), "{}", answer.body);
+    let _answers = Vehicle::answer(pipe);
+    vehicle.until_fault(hand, false).await;
+    vehicle.look();
+    let answer = vehicle.post("/vehicle/clearance", "").await;
+    assert_eq!(answer.status, StatusCode::OK, "{}", answer.body);
+    vehicle.end().await;
+}
+
+#[tokio::test]
+async fn what_changed_last_is_kept_at_an_orderly_end() {
+    let vehicle = Vehicle::standing("end").await;
+    let (end, served) = vehicle.serve().await;
+    vehicle.log(20, |log| log.iter().any(|it| it.action == "stage" && it.target == "standby")).await;
+    // Within the second after which it would look again.
+    vehicle.fixture.drive(true).await;
+    end.send(()).unwrap();
+    served.await.unwrap().unwrap();
+    assert_eq!(vehicle.fixture.store.recall().await.unwrap().unwrap().stage, Stage::Active);
+    let newest = &vehicle.fixture.store.audit_entries(None, 1).await.unwrap()[0];
+    assert_eq!((&*newest.action, &*newest.target), ("stage", "active"));
+    vehicle.end().await;
+}
+
+#[tokio::test]
+async fn a_configuration_is_not_taken_without_a_record_of_it() {
+    let mut vehicle = Vehicle::standing("reload").await;
+    let developer = vehicle.fixture.cookie_of("developer").await;
+    let mut rereads = std::mem::replace(&mut vehicle.fixture.rereads, tokio::sync::mpsc::channel(1).1);
+    let answering = tokio::spawn(async move {
+        let mut taken = 0;
+        while let Some(reread) = rereads.recv().await {
+            taken += u32::from(reread.take);
+            let read = Rereading {
+                taken: reread.take,
+                differences: vec!["group `new` is new".to_owned()],
+                problems: None,
+                warnings: None,
+                judged: true,
+                running: [].into(),
+                digest: "0123".to_owned(),
+            };
+            reread.reply.send(read).unwrap();
+            if taken > 0 {
+                break;
+            }
+        }
+        taken
+    });
+    let reload = form_request("/developer/configuration/reload", Some(&developer), "shown=0123");
+    vehicle.fill("audit");
+    let answer = vehicle.fixture.send(as_program(reload)).await;
+    vehicle.mend();
+    assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE, "{}", answer.body);
+    assert!(answer.body.contains("nothing was changed"), "{}", answer.body);
+    assert!(!answering.is_finished(), "nobody had it taken");
+    let reload = form_request("/developer/configuration/reload", Some(&developer), "shown=0123");
+    assert_eq!(vehicle.fixture.send(as_program(reload)).await.status, StatusCode::OK);
+    assert_eq!(answering.await.unwrap(), 1);
     vehicle.end().await;
 }

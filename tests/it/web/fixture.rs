@@ -15,10 +15,11 @@ use telltale::engine::model::{
 use telltale::engine::monitor::spec::Watched;
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::time::Span;
-use telltale::runtime::{self, Link, Reread};
+use telltale::runtime::{self, Link, Rehearsal, Reread};
 use telltale::store::{DemoSecrets, History, Store};
 use telltale::web::{AppState, DemoFaults, Enrolled, FaultSwitch, Origins, Settings, router};
 use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
 use tower::ServiceExt;
 
 pub const ADDRESS: &str = "127.0.0.1:8080";
@@ -112,9 +113,20 @@ impl Fixture {
     }
 
     /// The same with an engine that judges what is asked for and then does not hear it.
-    pub fn deafened(mut self) -> Fixture {
+    pub fn deafened(self) -> Fixture {
         let (commands, _) = mpsc::channel(1);
         let link = Link { commands, ..self.link.clone() };
+        self.before(link)
+    }
+
+    /// The same with an engine that judges what is asked for when the test hands that on.
+    pub fn held(self) -> (Fixture, mpsc::Receiver<Rehearsal>) {
+        let (rehearsals, held) = mpsc::channel(64);
+        let link = Link { rehearsals, ..self.link.clone() };
+        (self.before(link), held)
+    }
+
+    fn before(mut self, link: Link) -> Fixture {
         let origins = Origins::of_listener(ADDRESS.parse().unwrap(), false);
         self.app = AppState::new(link, self.store.clone(), self.clock, settings(origins, false));
         self.router = router(self.app.clone());
@@ -122,14 +134,12 @@ impl Fixture {
     }
 
     pub async fn send(&self, request: Request<Body>) -> Answer {
-        let answer = self.router.clone().oneshot(request).await.unwrap();
-        let (parts, body) = answer.into_parts();
-        let body = to_bytes(body, 1 << 20).await.unwrap();
-        Answer {
-            status: parts.status,
-            headers: parts.headers,
-            body: String::from_utf8_lossy(&body).into_owned(),
-        }
+        answer(self.router.clone(), request).await
+    }
+
+    /// Sends a request that waits for something of the test.
+    pub fn start(&self, request: Request<Body>) -> JoinHandle<Answer> {
+        tokio::spawn(answer(self.router.clone(), request))
     }
 
     pub async fn get(&self, path: &str, cookie: Option<&str>) -> Answer {
@@ -192,6 +202,20 @@ impl Fixture {
 
     pub fn stage(&self) -> Stage {
         self.link.snapshots.borrow().snapshot.stage
+    }
+}
+
+async fn answer(router: Router, request: Request<Body>) -> Answer {
+    let answer = router.oneshot(request).await.unwrap();
+    let (parts, body) = answer.into_parts();
+    let body = to_bytes(body, 1 << 20).await.unwrap();
+    Answer { status: parts.status, headers: parts.headers, body: String::from_utf8_lossy(&body).into_owned() }
+}
+
+/// Whatever can go on without anybody outside of this thread has gone on.
+pub async fn settled() {
+    for _ in 0..1000 {
+        tokio::task::yield_now().await;
     }
 }
 

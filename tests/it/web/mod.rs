@@ -6,6 +6,7 @@ mod bounds;
 mod developer;
 mod durable;
 mod fixture;
+mod late;
 mod login;
 mod overdue;
 mod seat;

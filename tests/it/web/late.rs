@@ -1,0 +1,273 @@
+//! What waited for others or for the disk is judged anew before it is done.
+
+use axum::http::StatusCode;
+use telltale::clock::ClockHand;
+use telltale::engine::foresee::Foreseen;
+use telltale::engine::input::Refusal;
+use telltale::engine::model::Stage;
+use telltale::engine::state::State;
+use telltale::engine::time::Span;
+use telltale::runtime::Rehearsal;
+use telltale::store::audit::{Action, Entry, Record, TELLTALE};
+use telltale::store::{Role, Session, Token};
+use tokio::sync::{mpsc, oneshot};
+use tokio::task::JoinHandle;
+
+use super::fixture::{Answer, Fixture, as_program, form_request, settled};
+
+/// An operator at a vehicle that stands, whose taps wait between their judgement and the disk.
+struct Scene {
+    fixture: Fixture,
+    hand: ClockHand,
+    held: mpsc::Receiver<Rehearsal>,
+    cookie: String,
+}
+
+/// An action that the engine has judged, and that does not know that yet.
+struct Judged {
+    reply: oneshot::Sender<Result<Foreseen, Vec<Refusal>>>,
+    foreseen: Result<Foreseen, Vec<Refusal>>,
+}
+
+impl Judged {
+    fn go_on(self) {
+        self.reply.send(self.foreseen).unwrap();
+    }
+}
+
+impl Scene {
+    async fn standing() -> Scene {
+        let (fixture, hand) = Fixture::with_hand().await;
+        let cookie = fixture.cookie_of("operator").await;
+        for status in ["lidar", "imu", "tf", "planner"] {
+            fixture.status(status, 0, "fine").await;
+        }
+        fixture.until(|snapshot| snapshot.overall == State::Ok).await;
+        fixture.get("/", Some(&cookie)).await;
+        let version = fixture.link.snapshots.borrow().snapshot.seq;
+        let form = format!("version={version}&stop=depot");
+        let answer = fixture.send(as_program(form_request("/vehicle/localize", Some(&cookie), &form))).await;
+        assert_eq!(answer.status, StatusCode::OK, "{}", answer.body);
+        fixture.until(|snapshot| snapshot.stage == Stage::Standby).await;
+        let (fixture, held) = fixture.held();
+        Scene { fixture, hand, held, cookie }
+    }
+
+    fn session(&self) -> Session {
+        let token = Token::parse(self.cookie.split_once('=').unwrap().1).unwrap();
+        self.fixture.app.session(&token).unwrap()
+    }
+
+    /// What is shown now.
+    async fn version(&self) -> u64 {
+        self.fixture.get_json("/api/v1/snapshot", &self.cookie).await["seq"].as_u64().unwrap()
+    }
+
+    fn tap(&self, version: u64, path: &str, fields: &str) -> JoinHandle<Answer> {
+        let form = format!("version={version}&{fields}");
+        self.fixture.start(as_program(form_request(path, Some(&self.cookie), &form)))
+    }
+
+    async fn judged(&mut self) -> Judged {
+        let Rehearsal { action, reply } = self.held.recv().await.unwrap();
+        let (ours, foreseen) = oneshot::channel();
+        self.fixture.link.rehearsals.send(Rehearsal { action, reply: ours }).await.unwrap();
+        Judged { reply, foreseen: foreseen.await.unwrap() }
+    }
+
+    /// The first step of a clearance in front of a live display, which is live until the end.
+    async fn token(&mut self) -> String {
+        let (displays, now) = (&self.fixture.app.displays, self.fixture.clock.now());
+        let (place, seq) = (displays.enter(&self.session()).unwrap(), self.version().await);
+        place.sent(seq, now);
+        place.confirm(seq);
+        let asked = self.tap(seq, "/vehicle/clearance", "");
+        self.judged().await.go_on();
+        let answer = asked.await.unwrap();
+        drop(place);
+        assert_eq!(answer.status, StatusCode::OK, "{}", answer.body);
+        let answer: serde_json::Value = serde_json::from_str(&answer.body).unwrap();
+        format!("token={}", answer["token"].as_str().unwrap())
+    }
+
+    /// What an action could have changed.
+    fn standing_so(&self) -> (Stage, u64) {
+        let snapshot = &self.fixture.link.snapshots.borrow().snapshot;
+        (snapshot.stage, snapshot.localization.number)
+    }
+
+    /// The last records, the newest first.
+    async fn log(&self, count: u32) -> Vec<Entry> {
+        self.fixture.store.audit_entries(None, count).await.unwrap()
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Meanwhile {
+    TimePasses,
+    TheDisplayGoes,
+    TheSessionEnds,
+    TheVehicleChanges,
+}
+
+#[tokio::test]
+async fn a_tap_counts_no_more_when_what_it_was_made_for_changes_while_it_waits() {
+    use Meanwhile::{TheDisplayGoes, TheSessionEnds, TheVehicleChanges, TimePasses};
+    for (meanwhile, is_clearance, status, words) in [
+        (TimePasses, false, StatusCode::CONFLICT, "waited too long"),
+        (TimePasses, true, StatusCode::CONFLICT, "waited too long"),
+        (TheDisplayGoes, true, StatusCode::CONFLICT, "The display is not up to date"),
+        (TheSessionEnds, false, StatusCode::UNAUTHORIZED, "Log in first"),
+        (TheSessionEnds, true, StatusCode::UNAUTHORIZED, "Log in first"),
+        (TheVehicleChanges, true, StatusCode::CONFLICT, "Things have changed"),
+    ] {
+        let case = format!("{meanwhile:?}, clearance {is_clearance}");
+        let mut scene = Scene::standing().await;
+        let (path, fields, action) = match is_clearance {
+            true => ("/vehicle/clearance/confirm", scene.token().await, "clearance"),
+            false => ("/vehicle/localize", "stop=depot".to_owned(), "localize"),
+        };
+        let place = scene.fixture.app.displays.enter(&scene.session()).unwrap();
+        let version = scene.version().await;
+        place.sent(version, scene.fixture.clock.now());
+        place.confirm(version);
+        let (before, last) = (scene.standing_so(), scene.log(1).await[0].number);
+        let tap = scene.tap(version, path, &fields);
+        let judged = scene.judged().await;
+        assert!(judged.foreseen.is_ok(), "{case}");
+        match meanwhile {
+            TimePasses => scene.hand.advance(Span::from_secs(5)),
+            TheDisplayGoes => drop(place),
+            TheSessionEnds => {
+                let record = Record::of(Action::SessionEnded, TELLTALE);
+                scene.fixture.store.end_session(&scene.session(), record).await.unwrap();
+            }
+            TheVehicleChanges => {
+                scene.fixture.status("tf", 1, "unsure").await;
+                scene.fixture.until(|snapshot| snapshot.overall == State::Warning).await;
+            }
+        }
+        judged.go_on();
+        let answer = tap.await.unwrap();
+        assert_eq!(answer.status, status, "{case}: {}", answer.body);
+        assert!(answer.body.contains(words), "{case}: {}", answer.body);
+        assert_eq!(scene.standing_so(), before, "{case}");
+        let log = scene.log(10).await;
+        let outcomes: Vec<_> = log.iter().take_while(|entry| entry.number > last).collect();
+        let outcomes: Vec<_> =
+            outcomes.iter().filter(|entry| entry.action == action).map(|entry| &*entry.outcome).collect();
+        assert!(outcomes[0].starts_with("refused: "), "{case}: {outcomes:?}");
+        assert!(status != StatusCode::CONFLICT || outcomes[0].contains(words), "{case}: {outcomes:?}");
+        // What the engine alone refuses was written before it was asked.
+        let expected: &[&str] = if meanwhile == TheDisplayGoes { &["done"] } else { &[] };
+        assert_eq!(&outcomes[1..], expected, "{case}");
+        let remembered = scene.fixture.store.recall().await.unwrap().unwrap();
+        assert_eq!(remembered.pose.map(|pose| pose.0), Some(before.1), "{case}");
+    }
+}
+
+#[tokio::test]
+async fn a_confirmation_that_waits_past_its_ten_seconds_clears_nothing() {
+    let mut scene = Scene::standing().await;
+    let token = scene.token().await;
+    for _ in 0..15 {
+        // Nobody falls silent meanwhile.
+        scene.hand.advance(Span::from_millis(500));
+        for status in ["lidar", "imu", "tf", "planner"] {
+            scene.fixture.status(status, 0, "fine").await;
+        }
+    }
+    let place = scene.fixture.app.displays.enter(&scene.session()).unwrap();
+    let version = scene.version().await;
+    place.sent(version, scene.fixture.clock.now());
+    place.confirm(version);
+    let tap = scene.tap(version, "/vehicle/clearance/confirm", &token);
+    let judged = scene.judged().await;
+    assert!(judged.foreseen.is_ok(), "{:?}", judged.foreseen);
+    scene.hand.advance(Span::from_secs(3));
+    judged.go_on();
+    let answer = tap.await.unwrap();
+    assert_eq!(answer.status, StatusCode::CONFLICT, "{}", answer.body);
+    assert!(answer.body.contains("later than 10 s"), "{}", answer.body);
+    assert_eq!(scene.standing_so().0, Stage::Standby);
+}
+
+#[tokio::test]
+async fn a_tap_that_waits_while_the_seat_is_handed_over_does_nothing_in_the_new_operators_name() {
+    let mut scene = Scene::standing().await;
+    scene.fixture.store.add_user("bert", Role::Operator, "975310").await.unwrap();
+    let before = scene.standing_so();
+    let version = scene.version().await;
+    let login = form_request("/login", None, "name=bert&secret=975310&take_over=1");
+    let hand_over = scene.fixture.start(as_program(login));
+    let judged = scene.judged().await;
+    let tap = scene.tap(version, "/vehicle/localize", "stop=depot");
+    settled().await;
+    assert!(!tap.is_finished(), "it waits for the hand-over");
+    judged.go_on();
+    assert_eq!(hand_over.await.unwrap().status, StatusCode::OK);
+    let answer = tap.await.unwrap();
+    assert_eq!(answer.status, StatusCode::UNAUTHORIZED, "{}", answer.body);
+    assert_eq!(scene.standing_so(), before);
+    assert_eq!(scene.fixture.store.seated_operator().await.unwrap().as_deref(), Some("bert"));
+    assert!(scene.held.try_recv().is_err(), "nobody judged it");
+}
+
+#[tokio::test]
+async fn the_second_of_two_taps_on_the_same_state_is_refused() {
+    let mut scene = Scene::standing().await;
+    let (version, (_, number)) = (scene.version().await, scene.standing_so());
+    let first = scene.tap(version, "/vehicle/localize", "stop=depot");
+    let judged = scene.judged().await;
+    let second = scene.tap(version, "/vehicle/localize", "x=1&y=0&yaw_deg=0");
+    settled().await;
+    assert!(!second.is_finished(), "it waits for the first");
+    judged.go_on();
+    assert_eq!(first.await.unwrap().status, StatusCode::OK);
+    let answer = second.await.unwrap();
+    assert_eq!(answer.status, StatusCode::CONFLICT, "{}", answer.body);
+    assert!(
+        answer.body.contains("Things have changed") && answer.body.contains("\"seq\""),
+        "{}",
+        answer.body
+    );
+    assert_eq!(scene.standing_so().1, number + 1);
+    assert!(scene.log(1).await[0].outcome.contains("Things have changed"));
+}
+
+#[tokio::test]
+async fn only_so_many_wait_and_none_longer_than_it_counts() {
+    const TAPS: usize = 20;
+    const PLACES: usize = 8;
+    let mut scene = Scene::standing().await;
+    let (version, (_, number)) = (scene.version().await, scene.standing_so());
+    let first = scene.tap(version, "/vehicle/localize", "stop=depot");
+    let judged = scene.judged().await;
+    // It was on its way for almost as long as it may.
+    let beat = scene.fixture.clock.wall() - std::time::Duration::from_millis(3_800);
+    let beat = humantime::format_rfc3339_millis(beat);
+    let old = scene.tap(version, "/vehicle/localize", &format!("stop=depot&beat={beat}")).await.unwrap();
+    assert_ne!(old.status, StatusCode::OK, "answered while the first still waits: {}", old.body);
+    let mut taps: Vec<_> = (1..TAPS).map(|_| scene.tap(version, "/vehicle/localize", "stop=depot")).collect();
+    settled().await;
+    let (busy, waiting): (Vec<_>, Vec<_>) = taps.drain(..).partition(JoinHandle::is_finished);
+    assert_eq!((busy.len(), waiting.len()), (TAPS - PLACES, PLACES - 1));
+    for tap in busy {
+        let answer = tap.await.unwrap();
+        assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE, "{}", answer.body);
+        assert!(
+            answer.body.contains("Others are waiting already, so nothing was changed"),
+            "{}",
+            answer.body
+        );
+    }
+    judged.go_on();
+    assert_eq!(first.await.unwrap().status, StatusCode::OK);
+    for tap in waiting {
+        assert_eq!(tap.await.unwrap().status, StatusCode::CONFLICT);
+    }
+    assert_eq!(scene.standing_so().1, number + 1);
+    let again = scene.tap(scene.version().await, "/vehicle/localize", "stop=depot");
+    scene.judged().await.go_on();
+    assert_eq!(again.await.unwrap().status, StatusCode::OK, "the places are free again");
+}
