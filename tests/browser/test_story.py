@@ -96,7 +96,11 @@ def test_a_refused_clearance_lists_every_check_and_a_double_tap_clears_nothing(d
     refused.tap(force=True)
     expect(page.locator("#actions[data-refused] .checks")).to_be_visible()
     expect(page.locator("#notice")).to_be_hidden()
+    # The sheet is of now as soon as it opens.
+    sheet = page.locator("#sheet-checks")
+    sheet.evaluate("sheet => sheet.showPopover()")
     assert page.locator("#all-checks li:not(.holds)").count() >= 2
+    sheet.evaluate("sheet => sheet.hidePopover()")
     expect(page.locator("#causes button[name=acknowledge]")).to_be_visible()
     trouble.expect("409")
 
