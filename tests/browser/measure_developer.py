@@ -233,7 +233,7 @@ def measure(page, watch):
     )
     watch.pair(
         ["graph: open all groups", "graph: close all groups"],
-        [(click("a[href='?open=all']"), f"{boxes} > 200"), (click("a[href='?open=none']"), f"{boxes} === 0")],
+        [(click("a[href='?open=all']"), f"{boxes} > 90"), (click("a[href='?open=none']"), f"{boxes} === 0")],
     )
     watch.row("graph: follow a group", watch.follow("#graph [data-open]", "**/developer/why*"))
 

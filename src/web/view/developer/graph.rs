@@ -27,8 +27,8 @@ const RENEW_MS: u32 = 0;
 /// Modules drawn in one group that is open: fewer where many are, so that all of them are no more
 /// than a browser draws at once.
 const MODULES: usize = 60;
-const MODULES_MIN: usize = 2;
-const MODULES_IN_ALL: usize = 200;
+const MODULES_MIN: usize = 1;
+const MODULES_IN_ALL: usize = 150;
 /// Boxes at the top; what is beyond is named below the picture.
 const BOXES: usize = 150;
 /// Lines drawn: the hot ones first.
