@@ -161,7 +161,7 @@ impl Store {
 }
 
 impl Before {
-    /// What there is of these users and of this session.
+    /// The seat, and the sessions of these users and of whoever holds the token with this key.
     fn of(
         transaction: &Transaction<'_>,
         names: [Option<&str>; 2],

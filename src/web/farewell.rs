@@ -66,7 +66,7 @@ impl Farewells {
         self.note(|it| *it.user == *user, Some(why));
     }
 
-    /// Notes that a user logs out with this session, at all displays.
+    /// Notes that a user logs out at one display, and with that at all.
     pub fn log_out(&self, session: &Session) {
         self.end_all_of(&session.user, Farewell::LoggedOut);
         self.end(session, Farewell::LoggedOutHere);
