@@ -1,6 +1,8 @@
 //! Telltale: the operator HMI of an autonomous shuttle bus.
 
 #![forbid(unsafe_code)]
+// What cannot fail says why it cannot, with `expect`.
+#![cfg_attr(not(test), deny(clippy::unwrap_used))]
 
 pub mod cli;
 pub mod clock;
