@@ -78,12 +78,12 @@ pub(super) fn condition(text: &Spanned<String>, names: &[&str], log: &mut Log) -
     })
 }
 
-/// An input that two conditions take for different things: its name, and for what.
-pub(super) fn conflict<'a>(names: &[&'a str], a: &Condition, b: &Condition) -> Option<(&'a str, String)> {
+/// What is wrong where two conditions take an input for different things.
+pub(super) fn conflict(names: &[&str], a: &Condition, b: &Condition) -> Option<String> {
     let mut taken = (0..names.len()).filter_map(|input| Some((input, a.takes(input)?, b.takes(input)?)));
     let (input, a, b) = taken.find(|(_, a, b)| a != b)?;
     let (a, b) = (Kind::of(a).as_str(), Kind::of(b).as_str());
-    Some((names[input], format!("`{}` is taken for {a} in `warning` and for {b} in `error`", names[input])))
+    Some(format!("`{}` is taken for {a} in `warning` and for {b} in `error`", names[input]))
 }
 
 /// # Errors

@@ -84,10 +84,9 @@ fn resolve_expression(raw: &Expression, topics: &mut Topics, log: &mut Log) -> O
     };
     let (warning, error) = (condition(&raw.warning), condition(&raw.error));
     if let (Some(Some(a)), Some(Some(b)), Some(text)) = (&warning, &error, &raw.error)
-        && let Some((name, said)) = expression::conflict(&names, a, b)
+        && let Some(said) = expression::conflict(&names, a, b)
     {
-        let help = format!("give `error` an input of its own beside `{name}`");
-        log.push(Problem::at(text.span, said).help(help));
+        log.push(Problem::at(text.span, said).help("give each its own input"));
     }
     let (max_age, class) = (raw.max_age, raw.class);
     Some(MonitorSpec::Expression { inputs, max_age, warning: warning?, error: error?, class })

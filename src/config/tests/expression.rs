@@ -153,6 +153,16 @@ fn what_is_wrong_is_said_with_its_place() {
 }
 
 #[test]
+fn both_conditions_take_an_input_for_the_same() {
+    check(
+        "groups: [{ id: a, modules: [{ id: m, monitor: { expression: { inputs: { x: { status: s, key: k } }, warning: x > 3, error: x == 'a' } } }] }]\n",
+        &[
+            "1:124: `x` is taken for a number in `warning` and for a text in `error` (give each its own input)",
+        ],
+    );
+}
+
+#[test]
 fn hostile_conditions_are_bounded() {
     let deep = format!("\"{}x{} > 1\"", "(".repeat(480), ")".repeat(480));
     let lines = parse("c", &text(&deep)).unwrap_err().lines();
