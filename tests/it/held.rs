@@ -33,7 +33,11 @@ struct Vehicle {
 
 impl Vehicle {
     fn driving() -> Vehicle {
-        let mut engine = Engine::new(model(CONFIG), Timestamp::ZERO);
+        Vehicle::driving_by(CONFIG)
+    }
+
+    fn driving_by(text: &str) -> Vehicle {
+        let mut engine = Engine::new(model(text), Timestamp::ZERO);
         engine.start_in(Stage::Active);
         Vehicle { engine, now: Timestamp::ZERO }
     }
@@ -118,6 +122,30 @@ fn a_restart_keeps_what_a_discovered_module_caused() {
         assert_eq!(vehicle.asked(), None);
         assert_eq!(vehicle.alarms(), []);
     }
+}
+
+#[test]
+fn a_restart_keeps_what_the_second_of_a_name_caused() {
+    let text = CONFIG
+        .replace("namespace: /sensors", "contains: lidar")
+        .replace("{ id: own, status: own }", "{ id: lidar, status: 'lidar: beam' }");
+    let report = |vehicle: &mut Vehicle, level| {
+        let mut array = StatusArray::default();
+        array.push_status(0, "lidar: beam", "", "");
+        array.push_status(level, "lidar", "", "");
+        vehicle.input(&Input::Diagnostics(array));
+    };
+    let second = "sensors/lidar (2)";
+    let mut vehicle = Vehicle::driving_by(&text);
+    report(&mut vehicle, 2);
+    assert_eq!(vehicle.asked(), cause(second, true));
+    vehicle.restart(&text);
+    assert_eq!(vehicle.asked(), cause(second, true));
+    assert_eq!(vehicle.alarms(), [(1, second.to_owned(), true, 1)]);
+    report(&mut vehicle, 0);
+    assert_eq!(vehicle.asked(), cause(second, false));
+    vehicle.knows_node(second);
+    assert_eq!((vehicle.asked(), vehicle.alarms()), (None, vec![]));
 }
 
 #[test]

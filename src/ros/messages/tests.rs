@@ -103,13 +103,14 @@ fn limits_hold() {
     let narrow = Limits { string_bytes: 6, values_per_status: 1, ..limits() };
     let mut array = StatusArray::default();
     array.push_status(0, "grün°°", "123456", "1234567");
-    array.push_value("a", "b");
+    array.push_value("a", "1234567890123");
     array.push_value("c", "d");
     let (decoded, fault) = diagnostic_array(&encoded(&array), Endian::Little, &narrow);
     assert_eq!(fault, None);
     let status = decoded.get(0);
     assert_eq!((status.name(), status.message(), status.hardware_id()), ("grün", "123456", "123456"));
-    assert_eq!(status.values().collect::<Vec<_>>(), [("a", "b")]);
+    // A value that is cut is longer than the limit, so that nobody takes it for whole.
+    assert_eq!(status.values().collect::<Vec<_>>(), [("a", "1234567890")]);
 }
 
 #[test]

@@ -219,7 +219,8 @@ pub async fn settled() {
     }
 }
 
-fn settings(origins: Origins, secure: bool) -> Settings {
+/// Of a vehicle without history, simulation and reloads.
+pub fn settings(origins: Origins, secure: bool) -> Settings {
     Settings {
         origins,
         secure,

@@ -9,7 +9,7 @@ use telltale::engine::model::Stage;
 use telltale::engine::state::State;
 use telltale::store::{DemoSecrets, Role, Store, Token};
 use telltale::web::view::{Fragment, Lang, fragments};
-use telltale::web::{AppState, Enrolled, Origins, Settings, serve};
+use telltale::web::{AppState, Origins, serve};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
 use tokio::time::timeout;
@@ -19,7 +19,7 @@ use tokio_tungstenite::tungstenite::protocol::frame::coding::CloseCode;
 use tokio_tungstenite::tungstenite::{self, Message};
 use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
 
-use super::fixture::Fixture;
+use super::fixture::{Fixture, settings};
 
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -44,15 +44,7 @@ impl Server {
     pub async fn with(fixture: Fixture, store: Store) -> Server {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
-        let settings = Settings {
-            origins: Origins::of_listener(address, false),
-            secure: false,
-            enrolled: Enrolled::default(),
-            demo: None,
-            rereads: None,
-            history: None,
-            discovery: None,
-        };
+        let settings = settings(Origins::of_listener(address, false), false);
         let app = AppState::new(fixture.link.clone(), store, fixture.clock, settings);
         let (shutdown, ended) = oneshot::channel::<()>();
         let served = tokio::spawn(serve(listener, None, app.clone(), async {
