@@ -304,6 +304,7 @@ mod tests {
             watched: Watched::default(),
             driving: Driving::default(),
             discovered: Policy::default(),
+            other: Default::default(),
             limits: Limits::default(),
         };
         Arc::new(Model::new(parts).unwrap())

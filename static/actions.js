@@ -135,7 +135,7 @@
       if (act === "clearance") askForConfirmation(said, fields.get("version"));
       else closeConfirmation();
       if (act === "localize") document.getElementById("sheet-stops").hidePopover();
-      if (act === "logout") location.assign("/login");
+      if (act === "logout" || act === "shutdown") location.assign("/login");
       return undefined;
     }
     if (act === "confirm") closeConfirmation();
@@ -157,6 +157,7 @@
     if (waits) return show("waiting", address);
     sent.add(address);
     form.dataset.sending = "";
+    body.dataset.unanswered = "";
     try {
       await send(form, event.submitter);
     } catch {
@@ -164,6 +165,7 @@
     } finally {
       sent.delete(address);
       delete form.dataset.sending;
+      if (sent.size === 0) delete body.dataset.unanswered;
     }
   });
 
@@ -209,6 +211,8 @@
     if (now !== before) quiet(AFTER_CHANGE_MS, "changed");
     before = now;
     settle();
+    // It is not offered any more, such as when the vehicle drives off.
+    if (!document.getElementById("shutdown")) document.getElementById("sheet-shutdown").hidePopover();
     // What stood in the way is gone.
     if (!bar.querySelector(".step .checks li:not(.holds)")) delete bar.dataset.refused;
     // The server would refuse: what was asked for was another state.

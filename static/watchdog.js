@@ -27,6 +27,8 @@
   let unshownSince = null;
   let received = -1;
   let opened = false;
+  // The server is of another version than this page.
+  let outdated = false;
 
   const setText = (element, text) => {
     if (element.textContent !== text) element.textContent = text;
@@ -66,6 +68,7 @@
     if (live === "live") tickTimes();
     body.toggleAttribute("data-ebb", now % CALL_MS >= CALL_MS / 2);
     behind.follow();
+    renew();
     if ((live === "dead" || late_ms >= STALE_MS) && now - lastTry > HANG_MS) connect(document.documentElement.lang);
   };
 
@@ -80,6 +83,14 @@
     mark.dataset.phase = message.beat % 8;
     setText(clock, new Date(serverAt).toTimeString().slice(0, 8));
     judge();
+  };
+
+  // Loads the page of the other version as soon as no tap waits for its answer: a request would end
+  // with this page, and nobody would say so.
+  const renew = () => {
+    if (!outdated || "unanswered" in body.dataset) return;
+    outdated = false;
+    location.reload();
   };
 
   // --- the connection
@@ -173,8 +184,9 @@
   document.addEventListener("htmx:after:swap", () => {
     const { stage, layout } = document.getElementById("top").dataset;
     body.dataset.stage = stage;
-    if (stage === "locked") location.assign("/login");
-    else if (layout !== body.dataset.layout) location.reload();
+    if (stage === "locked") return location.assign("/login");
+    outdated = layout !== body.dataset.layout;
+    renew();
     tickTimes();
   });
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs every test: unit, property, scenario, router, DDS with foreign peers, a real browser.
 #
-#   tests/run.sh             needs Rust, a C and a C++ compiler, Fast DDS, python3 with venv, and Chromium
+#   tests/run.sh             needs Rust, a C and a C++ compiler, Fast DDS, python3 with venv, sqlite3, iproute2, and Chromium
 #   tests/run.sh screenshot  makes docs/screenshot.png anew instead
 #   tests/run.sh screens     makes docs/screens/ anew instead
 #
@@ -35,6 +35,8 @@ install_debian_packages() {
     local packages=()
     [ -n "$(find_chromium)" ] || packages+=(chromium)
     has_venv || packages+=(python3 python3-venv)
+    command -v sqlite3 >/dev/null || packages+=(sqlite3)
+    command -v ip >/dev/null || packages+=(iproute2)
     command -v g++ >/dev/null || packages+=(g++)
     has_header fastdds/dds/domain/DomainParticipant.hpp || packages+=(libfastrtps-dev)
     has_header fastcdr/Cdr.h || packages+=(libfastcdr-dev)
@@ -90,6 +92,10 @@ count() {
 # Adds up what cargo's test binaries say. Ignored tests count as failed.
 rust_tests() {
     say "rust: unit, property, router, DDS"
+    # Those with peers wait most of the time.
+    local threads
+    threads=$(nproc)
+    export RUST_TEST_THREADS=$((threads < 4 ? 4 : threads))
     cargo test --locked --no-fail-fast 2>&1 | tee "$work/cargo.log"
     local code=${PIPESTATUS[0]} sums
     read -r -a sums < <(awk '/^test result:/ { for (i = 2; i <= NF; i++) {
@@ -110,12 +116,22 @@ scenarios() {
     count scenarios "$good" "$bad"
 }
 
-# The real program, foreign DDS peers, a real browser. Skipped tests count as failed.
+# The real program, foreign DDS peers, a real browser. Most of these tests wait most of the time, so
+# three processes run them side by side, each in DDS domains and at ports of its own. What measures
+# time (`pytest.mark.alone`) runs after that, with nothing beside it.
 browser_tests() {
-    say "the whole program: foreign DDS peers, real browser"
-    local report=$work/pytest.xml sums=(0 0) code
+    say "the whole program side by side: foreign DDS peers, real browser"
+    browser_part together -m "not alone" --numprocesses 3 --dist worksteal
+    say "the whole program, where time is measured"
+    browser_part alone -m alone
+}
+
+# browser_part NAME OPTIONS: skipped tests count as failed.
+browser_part() {
+    local report=$work/pytest-$1.xml sums=(0 0) code
     rm -f "$report"
-    "$TELLTALE_PEER_PYTHON" -m pytest -p no:cacheprovider -q --tb=short --junit-xml="$report" tests/browser
+    "$TELLTALE_PEER_PYTHON" -m pytest -p no:cacheprovider -q --tb=short --durations=5 --junit-xml="$report" \
+        "${@:2}" tests/browser
     code=$?
     [ ! -e "$report" ] || read -r -a sums < <("$TELLTALE_PEER_PYTHON" - "$report" <<'PY'
 import sys, xml.etree.ElementTree as tree
@@ -126,7 +142,7 @@ print(max(0, total("tests") - bad), bad)
 PY
     )
     [ "$code" -eq 0 ] || [ "${sums[1]}" -gt 0 ] || sums[1]=1
-    count browser "${sums[@]}"
+    count "browser, $1" "${sums[@]}"
 }
 
 case ${1:-} in

@@ -59,6 +59,7 @@ pub fn model(modules: usize) -> Arc<Model> {
         watched: Watched::default(),
         driving: Driving::default(),
         discovered: Policy::default(),
+        other: Default::default(),
         limits: Limits::default(),
     };
     Arc::new(Model::new(parts).expect("chains have no cycle"))

@@ -17,7 +17,7 @@ pub const TOPICS: usize = 200;
 pub fn model() -> Model {
     let mut parts: Parts = (**crate::vehicle::model(MONITORS)).clone();
     let topics: Vec<Arc<TopicSpec>> = (0..TOPICS).map(topic).collect();
-    parts.watched = Watched { topics, watchdogs: Vec::new() };
+    parts.watched = Watched { topics, ..Watched::default() };
     for (index, module) in parts.modules.iter_mut().enumerate() {
         module.monitor = monitor(index);
     }

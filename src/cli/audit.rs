@@ -46,14 +46,14 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let (verdict, is_noted) = verify_audit_in(&folder, heads).context("the audit log cannot be verified")?;
     if let Some(breach) = verdict.breach {
         println!("BAD   record {} {}", breach.number, breach.what);
-        println!("      the {} records before it are whole", verdict.records);
+        match verdict.records {
+            1 => println!("      the 1 record before it is whole"),
+            count => println!("      the {count} records before it are whole"),
+        }
         return Ok(ExitCode::from(EXIT_NO));
     }
     if !is_noted && verdict.proven < verdict.head.number {
-        println!(
-            "OPEN  {} records are as they were written, and nothing proves that they are all",
-            verdict.records
-        );
+        println!("OPEN  {}, and nothing proves that there were no more", as_written(verdict.records));
         println!(
             "      audit.head is missing or no head, and no --head is given for what follows record {}",
             verdict.proven
@@ -62,7 +62,14 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         println!("head  {}", verdict.head);
         return Ok(ExitCode::from(EXIT_NO));
     }
-    println!("ok    {} records are as they were written", verdict.records);
+    println!("ok    {}", as_written(verdict.records));
     println!("head  {}", verdict.head);
     Ok(ExitCode::SUCCESS)
+}
+
+fn as_written(records: u64) -> String {
+    match records {
+        1 => "1 record is as it was written".to_owned(),
+        count => format!("{count} records are as they were written"),
+    }
 }

@@ -1,7 +1,7 @@
 //! `telltale check`: validates a configuration and prints its graph.
 
 use std::fmt::Write as _;
-use std::io::{IsTerminal, Write as _};
+use std::io::{IsTerminal, Write as _, stdin};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -9,8 +9,9 @@ use super::{EXIT_NO, EXIT_USAGE, fields, graph};
 use crate::config::soundness::{Soundness, What};
 use crate::config::{self, Loaded, words};
 use crate::engine::model::{
-    Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, StageModel, When,
+    Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, Stage, StageModel, When,
 };
+use crate::engine::state::State;
 use crate::engine::vehicle::{Guard, TRANSITIONS, Transition};
 use crate::yaml::Problems;
 use crate::yaml::plain::escaped;
@@ -20,10 +21,18 @@ use crate::yaml::plain::escaped;
 /// Errors go to standard error, each with file, line, column and what to do; the exit code is then 2.
 /// Warnings go there too: conditions, dependencies and groups that cannot do what they are there for,
 /// each with a situation in which it can be seen. A vehicle runs with them; the exit code is 0.
+///
+/// `--json` prints one object instead: `ok`, `problems`, `more` (how many more there are than are listed) and
+/// `assumed` (sentences on topics whose type is left out).
+/// A problem has `severity` (`error` or `warning`), `file`, `line` and `column` (from 1; these two null where
+/// a file as a whole is meant), `message`, `help`, and in `also` other places with a `message` each.
+/// With `-q` the object is printed only where there is a problem.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  telltale check config/shuttle.yaml\n  \
     telltale check --svg config/shuttle.yaml > graph.svg\n  \
     telltale check --dot config/shuttle.yaml | dot -Tsvg > graph.svg\n  \
+    telltale check --json config/shuttle.yaml\n  \
+    generate-configuration | telltale check -q --json -\n  \
     telltale check --schema > telltale.schema.json")]
 pub struct Args {
     /// Print the graph for Graphviz instead
@@ -32,13 +41,19 @@ pub struct Args {
     /// Print a drawing of the graph instead
     #[arg(long, conflicts_with = "dot")]
     svg: bool,
+    /// Print what is wrong for programs, and nothing else
+    #[arg(long, conflicts_with_all = ["dot", "svg", "schema"])]
+    json: bool,
+    /// Print no graph, and with `--json` no object: nothing at all where nothing is wrong
+    #[arg(short, long, conflicts_with_all = ["dot", "svg", "schema"])]
+    quiet: bool,
     /// Exit with 1 where there is a warning
     #[arg(long, conflicts_with = "schema")]
     strict: bool,
     /// Print the JSON Schema of configurations, for editors
     #[arg(long, conflicts_with_all = ["dot", "file"])]
     schema: bool,
-    /// The configuration
+    /// The configuration; `-` reads it from standard input
     #[arg(value_name = "FILE", required_unless_present = "schema")]
     file: Option<PathBuf>,
     #[command(flatten)]
@@ -50,29 +65,43 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         print(config::SCHEMA);
         return Ok(ExitCode::SUCCESS);
     };
-    match config::load(file) {
-        Ok(loaded) => {
-            let definitions = args.definitions.definitions().with(&loaded.message_folders);
-            if let Some(problems) = fields::check(&loaded, &definitions) {
-                report(&problems);
-                return Ok(ExitCode::from(EXIT_USAGE));
-            }
-            let (found, problems) = loaded.soundness();
-            match (args.dot, args.svg) {
-                (true, _) => print_words(&dot(&loaded.model)),
-                (_, true) => print_words(&graph::draw(&loaded.model)),
-                _ => print_words(&text(&loaded, &found)),
-            }
-            if let Some(problems) = &problems {
-                report(problems);
-            }
-            Ok(ExitCode::from(judged(args, &found)))
-        }
+    let examined = match file.as_os_str() == "-" {
+        true => config::examine_from("standard input", stdin().lock()),
+        false => config::examine(file),
+    };
+    let definitions = args.definitions.definitions();
+    let loaded = match fields::whole(examined, |loaded| definitions.with(&loaded.message_folders)) {
+        Ok(loaded) => loaded,
         Err(problems) => {
-            report(&problems);
-            Ok(ExitCode::from(EXIT_USAGE))
+            tell(args, false, Some(&problems), &[]);
+            return Ok(ExitCode::from(EXIT_USAGE));
         }
+    };
+    let (found, problems) = loaded.soundness();
+    match args {
+        Args { dot: true, .. } => print_words(&dot(&loaded.model)),
+        Args { svg: true, .. } => print_words(&graph::draw(&loaded.model)),
+        Args { json: true, .. } | Args { quiet: true, .. } => {}
+        _ => print_words(&text(&loaded, &found)),
     }
+    let code = judged(args, &found);
+    tell(args, code == 0, problems.as_ref(), &fields::assumed(&loaded.model));
+    Ok(ExitCode::from(code))
+}
+
+fn tell(args: &Args, ok: bool, problems: Option<&Problems>, assumed: &[String]) {
+    match problems {
+        None if args.quiet => {}
+        _ if args.json => print(&json(ok, problems, assumed)),
+        Some(problems) => report(problems),
+        None => {}
+    }
+}
+
+fn json(ok: bool, problems: Option<&Problems>, assumed: &[String]) -> String {
+    let list = problems.map(Problems::json).unwrap_or_default();
+    let more = problems.map_or(0, Problems::more);
+    format!("{}\n", serde_json::json!({ "ok": ok, "problems": list, "more": more, "assumed": assumed }))
 }
 
 /// A fault of the engine's own rules is an error; everything else a vehicle can run with.
@@ -86,15 +115,18 @@ fn judged(args: &Args, found: &Soundness) -> u8 {
 }
 
 fn soundness_text(found: &Soundness) -> String {
-    let looked = format!("{} situations with {} states of the modules", found.situations, found.pictures);
+    let pictures = match found.pictures {
+        1 => "1 state of the modules".to_owned(),
+        count => format!("{count} states of the modules"),
+    };
+    let looked = format!("{} with {pictures}", words::counted(found.situations, "situation"));
     let claim = match found.findings.iter().any(|finding| finding.what == What::Unexplained) {
         true => "a node can be masked without a cause in sight",
         false => "whatever is masked has a cause in sight",
     };
     let warnings = match found.findings.len() {
         0 => "No warnings.".into(),
-        1 => "1 warning.".into(),
-        count => format!("{count} warnings."),
+        count => format!("{}.", words::counted(count, "warning")),
     };
     let rest = if found.complete { "" } else { " There are more than were looked at." };
     format!("Looked at {looked}: {claim}.{rest} {warnings}\n")
@@ -119,16 +151,20 @@ pub(super) fn print(text: &str) {
 fn text(loaded: &Loaded, found: &Soundness) -> String {
     let model = &loaded.model;
     let mut out = format!(
-        "{} \"{}\": {} groups, {} modules, {} stops. No errors.\n",
+        "{} \"{}\": {}, {}, {}. No errors.\n",
         model.vehicle_id,
         model.vehicle_name.en,
-        model.groups.len(),
-        model.modules.len(),
-        loaded.model.driving.stops.len()
+        words::counted(model.groups.len(), "group"),
+        words::counted(model.modules.len(), "module"),
+        words::counted(model.driving.stops.len(), "stop")
     );
     out.push_str(&soundness_text(found));
+    let _ = writeln!(out, "statuses that no group takes: {}", words::other(model.other));
+    for assumption in fields::assumed(model) {
+        let _ = writeln!(out, "Assumed: {assumption}.");
+    }
     for signal in &model.signals {
-        let _ = writeln!(out, "signal {}: {}", signal.name, words::signal(signal));
+        let _ = writeln!(out, "signal {}: {}", signal.name, words::signal(model, signal));
     }
     if model.stages == StageModel::Shuttle {
         out.push_str(&stages_text());
@@ -161,12 +197,14 @@ fn group_text(out: &mut String, model: &Model, id: GroupId, depth: usize) {
     let _ = writeln!(out, "{pad}{} \"{}\"{any}", group.path, group.name.en);
     conditions(out, model, &pad, &group.depends_on, group.when.as_ref());
     if !group.filters.is_empty() {
-        let filters: Vec<String> = group.filters.iter().map(words::filter).collect();
+        let filters: Vec<String> = group.filters.iter().map(words::matching).collect();
         let _ = writeln!(out, "{pad}  takes statuses with {}", filters.join(", "));
     }
     for module in model.modules.iter().filter(|module| module.group == id) {
         let monitor = words::monitor(model, &module.monitor);
-        let name = module.name.as_ref().map_or(String::new(), |name| format!(" \"{}\"", name.en));
+        let name = |state| module.name.as_ref()?.of(state, Stage::Active);
+        let name = [State::Error, State::Unknown, State::Warning].into_iter().find_map(name);
+        let name = name.map_or(String::new(), |name| format!(" \"{}\"", name.en));
         // What is judged by the clock never falls silent.
         let policy = if module.monitor.by_the_clock() {
             words::policy_when_heard(&module.policy).collect()
@@ -264,6 +302,17 @@ fn quoted(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_of_a_kind_is_no_plural() {
+        let loaded = config::parse("c", "groups: [{ id: a, modules: [{ id: m, status: s }] }]\n").unwrap();
+        let text = text(&loaded, &loaded.soundness().0);
+        assert!(text.starts_with("vehicle \"vehicle\": 1 group, 1 module, 0 stops. No errors.\n"), "{text}");
+        let none =
+            config::parse("c", "vehicle: { stages: none }\ngroups: [{ id: a, match: [{ name: s }] }]\n")
+                .unwrap();
+        assert!(soundness_text(&none.soundness().0).starts_with("Looked at 1 situation with "), "{text}");
+    }
 
     #[test]
     fn the_documentation_shows_the_stages_as_they_are() {

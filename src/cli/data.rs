@@ -1,11 +1,17 @@
 //! Where a vehicle keeps what outlives a restart.
 
 use std::fs::{File, TryLockError};
+use std::io;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::bail;
 
 use crate::store::make_folder;
+
+/// [`is_held`] takes the lock of a folder for a moment: a display that starts meanwhile tries again.
+const HOLD_TRIES: usize = 10;
+const HOLD_AGAIN_AFTER: Duration = Duration::from_millis(100);
 
 /// The data folder: the one given, else `telltale` in the user's data folder as the XDG base
 /// directories name it.
@@ -37,7 +43,15 @@ pub fn hold(folder: &Path) -> anyhow::Result<Option<File>> {
     else {
         return Ok(None);
     };
-    match file.try_lock() {
+    let mut locked = file.try_lock();
+    for _ in 1..HOLD_TRIES {
+        if !matches!(locked, Err(TryLockError::WouldBlock)) {
+            break;
+        }
+        std::thread::sleep(HOLD_AGAIN_AFTER);
+        locked = file.try_lock();
+    }
+    match locked {
         Ok(()) => Ok(Some(file)),
         Err(TryLockError::WouldBlock) => bail!(
             "another `telltale serve` uses the data folder {}. End that first, or name another folder with --data",
@@ -47,5 +61,47 @@ pub fn hold(folder: &Path) -> anyhow::Result<Option<File>> {
             tracing::warn!(%error, "{} cannot be locked: start no second display on it", folder.display());
             Ok(None)
         }
+    }
+}
+
+/// Whether a display holds a data folder.
+///
+/// # Errors
+/// If that cannot be found out.
+pub fn is_held(folder: &Path) -> io::Result<bool> {
+    match File::open(folder)?.try_lock_shared() {
+        Ok(()) => Ok(false),
+        Err(TryLockError::WouldBlock) => Ok(true),
+        Err(TryLockError::Error(error)) => Err(error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    use super::*;
+
+    #[test]
+    fn a_display_starts_while_others_look_whether_one_runs() {
+        let folder = std::env::temp_dir().join(format!("telltale-held-{}", std::process::id()));
+        make_folder(&folder).unwrap();
+        let is_over = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !is_over.load(Ordering::Relaxed) {
+                    is_held(&folder).unwrap();
+                }
+            });
+            let have_held = (0..20).all(|_| hold(&folder).is_ok_and(|held| held.is_some()));
+            is_over.store(true, Ordering::Relaxed);
+            assert!(have_held);
+        });
+        let held = hold(&folder).unwrap();
+        assert!(is_held(&folder).unwrap());
+        drop(held);
+        assert!(!is_held(&folder).unwrap());
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert!(is_held(&folder).is_err());
     }
 }

@@ -12,6 +12,9 @@ pub struct DdsFlags {
     /// [default: as `ROS_AUTOMATIC_DISCOVERY_RANGE` and `ROS_LOCALHOST_ONLY` say, or `all`]
     #[arg(long, value_name = "IP|NAME|all")]
     pub interface: Option<String>,
+    /// A host that multicast does not reach, by address or name; may be repeated [default: `ROS_STATIC_PEERS`]
+    #[arg(long = "peer", value_name = "HOST")]
+    pub peers: Vec<String>,
     #[command(flatten)]
     pub definitions: DefinitionFlags,
 }
@@ -23,7 +26,11 @@ impl DdsFlags {
     /// What is out of range, not understood or not there.
     pub fn resolve(&self) -> Result<BridgeOptions, OptionsError> {
         let env = |name: &str| std::env::var(name).ok();
-        let options = BridgeOptions::resolve(self.domain, self.interface.as_deref(), env)?;
+        let interface = self.interface.as_deref();
+        let options = BridgeOptions::resolve(self.domain, interface, &self.peers, env)?;
+        for line in &options.unheeded {
+            tracing::warn!("{line}");
+        }
         Ok(BridgeOptions { definitions: self.definitions.definitions(), ..options })
     }
 }

@@ -31,7 +31,7 @@ const DOMAINS: std::ops::RangeInclusive<u16> = 60..=99;
 #[command(after_help = "Example:\n  telltale demo --listen 127.0.0.1:9000")]
 pub struct Args {
     /// Where browsers find the display
-    #[arg(long, value_name = "ADDR", default_value = station::LISTEN)]
+    #[arg(long, value_name = "ADDR", default_value = station::LISTEN, value_parser = station::address)]
     listen: SocketAddr,
     /// Plain HTTP may leave this machine: everybody on the way can read and change it
     #[arg(long)]

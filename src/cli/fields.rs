@@ -1,16 +1,19 @@
 //! Whether the fields that a configuration names can be read: before anything starts, and before
 //! another configuration is taken.
 
+mod beyond;
+
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-use crate::config::{Loaded, Place, expression};
+use crate::config::{Examined, Loaded, Place, expression};
 use crate::engine::model::{Model, ModuleId};
 use crate::engine::monitor::spec::{
     AgreementRule, Condition, MonitorSpec, ScalarKind, TopicId, ValueRule, ValueSource,
 };
 use crate::engine::sample::FieldValue;
-use crate::ros::fields::{Definitions, FieldError};
-use crate::yaml::Problems;
+use crate::ros::fields::{Definitions, FieldError, FieldsError};
+use crate::yaml::{Problems, Sources};
 
 /// Where definitions of messages are found.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -27,22 +30,48 @@ impl DefinitionFlags {
     }
 }
 
+/// What was read, if nothing is wrong with it in view of the definitions either. All that is wrong is said
+/// at once, so that nobody mends a file error by error.
+///
+/// # Errors
+/// Everything that is wrong.
+pub fn whole(
+    examined: Examined,
+    definitions: impl FnOnce(&Loaded) -> Definitions,
+) -> Result<Loaded, Problems> {
+    let Examined { loaded, problems } = examined;
+    let of_fields = loaded.as_ref().and_then(|loaded| check(loaded, &definitions(loaded)));
+    match (problems, of_fields, loaded) {
+        (None, None, Some(loaded)) => Ok(loaded),
+        (Some(problems), Some(more), _) => Err(problems.and(more)),
+        (Some(problems), None, _) | (None, Some(problems), _) => Err(problems),
+        // What cannot be read has a problem.
+        (None, None, None) => Err(Problems::new(Sources::default(), Vec::new())),
+    }
+}
+
 /// Everything that the signals and monitors of a configuration want of topics and cannot have, each
 /// with its place.
 pub fn check(loaded: &Loaded, definitions: &Definitions) -> Option<Problems> {
     let about = |topic: &str, error: FieldError| (format!("topic {topic}: {}", error.text), error.help);
     let levels = loaded.model.signals.iter().enumerate().filter(|(_, signal)| signal.present_for.is_none());
     let signals = levels.filter_map(|(index, signal)| {
-        let source = &signal.source;
+        let source = signal.source.field().filter(|source| !source.type_name.is_empty())?;
         let error = definitions.boolean(&source.type_name, &source.field).err()?;
         let field = error.path.is_some();
         let (text, help) = about(&source.topic, error);
         Some((if field { Place::SignalField(index) } else { Place::SignalType(index) }, text, help))
     });
     let topics = &loaded.model.watched.topics;
-    let read: Vec<_> = topics.iter().map(|spec| definitions.check(spec)).collect();
+    // Where the type is left out, nothing is known before somebody publishes.
+    let untyped = || Err(FieldsError(Vec::new()));
+    let read =
+        topics.iter().map(|spec| if spec.type_name.is_empty() { untyped() } else { definitions.check(spec) });
+    let read: Vec<_> = read.collect();
     let kinds: Vec<Option<Vec<_>>> =
         read.iter().map(|read| read.as_ref().ok().map(|reader| reader.kinds().collect())).collect();
+    let ranges: Vec<Option<Vec<_>>> =
+        read.iter().map(|read| read.as_ref().ok().map(|reader| reader.ranges().collect())).collect();
     let monitors = (0..).map(TopicId).zip(topics).zip(read).flat_map(|((id, spec), read)| {
         let errors = read.err().map(|all| all.0).unwrap_or_default();
         errors.into_iter().map(move |error| {
@@ -51,14 +80,42 @@ pub fn check(loaded: &Loaded, definitions: &Definitions) -> Option<Problems> {
             (field.map_or(Place::Type(id), |field| Place::Field(id, field as u32)), text, help)
         })
     });
-    loaded.problems(signals.chain(monitors).chain(Kinds { model: &loaded.model, kinds }.misfits()))
+    loaded.problems(signals.chain(monitors).chain(Kinds { model: &loaded.model, kinds, ranges }.misfits()))
 }
+
+/// What is assumed of topics whose type the configuration leaves out, one sentence each.
+pub fn assumed(model: &Model) -> Vec<String> {
+    let of_signals = model.signals.iter().filter_map(|signal| signal.source.field());
+    let of_signals = of_signals.map(|source| (&*source.topic, &*source.type_name, vec![&*source.field]));
+    let watched = model.watched.topics.iter().map(|spec| {
+        let fields = spec.fields.iter().map(|field| &*field.path);
+        (&*spec.topic, &*spec.type_name, fields.collect::<Vec<_>>())
+    });
+    let mut topics: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+    for (topic, _, fields) in of_signals.chain(watched).filter(|(_, type_name, _)| type_name.is_empty()) {
+        topics.entry(topic).or_default().extend(fields.into_iter().filter(|field| !field.is_empty()));
+    }
+    let sentence = |(topic, fields): (&str, BTreeSet<&str>)| {
+        let fields: Vec<String> = fields.into_iter().map(|field| format!("`{field}`")).collect();
+        let open = match fields.is_empty() {
+            true => String::new(),
+            false => format!("; that it has {} cannot be checked before", fields.join(" and ")),
+        };
+        format!("{topic} is read as the type that its publisher says{open}")
+    };
+    topics.into_iter().map(sentence).collect()
+}
+
+/// The least and the greatest number.
+type Range = (f64, f64);
 
 /// What the fields of a model are.
 struct Kinds<'m> {
     model: &'m Model,
     /// By topic, then by field; none of a topic that cannot be read.
     kinds: Vec<Option<Vec<Option<ScalarKind>>>>,
+    /// The same: between which numbers each can be, where its type says.
+    ranges: Vec<Option<Vec<Option<Range>>>>,
 }
 
 impl Kinds<'_> {
@@ -66,9 +123,9 @@ impl Kinds<'_> {
     fn misfits(&self) -> Vec<(Place, String, String)> {
         let mut found = Vec::new();
         for (id, module) in (0..).map(ModuleId).zip(&self.model.modules) {
-            let problems = match &module.monitor {
+            let mut problems = match &module.monitor {
                 MonitorSpec::Value { source, rule: ValueRule::Bands(_) } => {
-                    self.no_number(source).into_iter().collect()
+                    self.no_number(source).into_iter().collect::<Vec<_>>()
                 }
                 MonitorSpec::Value { source, rule: ValueRule::Unless { error, warning } } => {
                     let wanted = [("error_unless", error), ("warning_unless", warning)];
@@ -81,19 +138,10 @@ impl Kinds<'_> {
                 | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(_), .. } => {
                     [a, b].into_iter().filter_map(|source| self.no_number(source)).collect()
                 }
-                MonitorSpec::Expression { inputs, warning, error, .. } => {
-                    let inputs: Vec<_> =
-                        inputs.iter().map(|(name, source)| (&**name, self.kind(source))).collect();
-                    let conditions = [error, warning].into_iter().flatten();
-                    let misfit = |condition: &Condition| {
-                        let (text, help) = expression::misfit(condition, &inputs)?;
-                        Some((format!("`{}` can never be judged: {text}", condition.text), help))
-                    };
-                    conditions.filter_map(misfit).collect()
-                }
+                monitor @ MonitorSpec::Expression { .. } => self.unanswered(monitor),
                 _ => Vec::new(),
             };
-            let problems: Vec<(String, String)> = problems;
+            problems.extend(self.beyond(&module.monitor));
             let name = &module.id;
             found.extend(
                 problems
@@ -101,13 +149,37 @@ impl Kinds<'_> {
                     .map(|(text, help)| (Place::Module(id), format!("module `{name}`: {text}"), help)),
             );
         }
+        for (index, signal) in self.model.signals.iter().enumerate() {
+            let Some(condition) = signal.source.condition() else { continue };
+            let problems = self.unanswered(condition).into_iter().chain(self.beyond(condition));
+            let named =
+                |(text, help)| (Place::SignalField(index), format!("signal `{}`: {text}", signal.name), help);
+            found.extend(problems.map(named));
+        }
         found
+    }
+
+    /// What is wrong with conditions that have no answer for any value of their inputs.
+    fn unanswered(&self, monitor: &MonitorSpec) -> Vec<(String, String)> {
+        let MonitorSpec::Expression { inputs, warning, error, .. } = monitor else { return Vec::new() };
+        let inputs: Vec<_> = inputs.iter().map(|(name, source)| (&**name, self.kind(source))).collect();
+        let misfit = |condition: &Condition| {
+            let (text, help) = expression::misfit(condition, &inputs)?;
+            Some((format!("`{}` can never be judged: {text}", condition.text), help))
+        };
+        [error, warning].into_iter().flatten().filter_map(misfit).collect()
     }
 
     /// Unknown of a KeyValue, of a pose, and where the topic cannot be read.
     fn kind(&self, source: &ValueSource) -> Option<ScalarKind> {
         let ValueSource::Field { topic, field } = source else { return None };
         self.kinds[topic.0 as usize].as_ref()?.get(*field as usize).copied().flatten()
+    }
+
+    /// Unknown where the topic cannot be read, and of what can be any number.
+    fn range(&self, source: &ValueSource) -> Option<Range> {
+        let ValueSource::Field { topic, field } = source else { return None };
+        self.ranges[topic.0 as usize].as_ref()?.get(*field as usize).copied().flatten()
     }
 
     fn path<'a>(&'a self, source: &'a ValueSource) -> &'a str {
@@ -190,6 +262,24 @@ groups:
         assert!(lines[0].contains("did you mean `is_dense`?"), "{lines:#?}");
         assert!(lines[2].contains("my_msgs/msg/Unknown.msg"), "{lines:#?}");
         assert!(lines[4].contains("did you mean sensor_msgs/msg/PointCloud2?"), "{lines:#?}");
+    }
+
+    #[test]
+    fn a_condition_of_a_signal_is_judged_by_what_its_fields_are() {
+        let of = |when: &str| {
+            let battery = "topic: /b, type: sensor_msgs/msg/BatteryState";
+            let text = format!(
+                "signals:\n  s: {{ inputs: {{ n: {{ {battery}, field: charge }}, b: {{ {battery}, field: present }} }}, when: {when} }}\ngroups: [{{ id: a, match: [{{ name: s }}] }}]\n"
+            );
+            let loaded = config::parse("c", &text).unwrap_or_else(|problems| panic!("{problems}"));
+            check(&loaded, &Definitions::default()).map(|problems| problems.lines()).unwrap_or_default()
+        };
+        assert_eq!(of("n > 1 && b"), [""; 0]);
+        let lines = of("b > 1");
+        assert!(
+            lines.len() == 1 && lines[0].contains("signal `s`: `b > 1` can never be judged"),
+            "{lines:?}"
+        );
     }
 
     #[test]

@@ -10,6 +10,7 @@ mod demo;
 mod ending;
 pub mod fields;
 mod graph;
+mod history;
 mod log;
 mod outputs;
 pub mod reload;
@@ -45,6 +46,7 @@ enum Command {
     Check(check::Args),
     Scenario(scenario::Args),
     User(user::Args),
+    History(history::Args),
     Audit(audit::Args),
     Tls(tls::Args),
 }
@@ -52,13 +54,15 @@ enum Command {
 /// Runs the program with the arguments of the process. An error that no subcommand turned into
 /// an answer is printed with its causes and counts as wrong usage or configuration.
 pub fn main() -> ExitCode {
-    let result = match Cli::parse().command {
+    let parsed = Cli::try_parse().map_err(|error| with_hint(error, std::env::args().nth(1).as_deref()));
+    let result = match parsed.unwrap_or_else(|error| error.exit()).command {
         Command::Demo(args) => demo::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Sim(args) => sim::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Scenario(args) => scenario::run(&args),
         Command::User(args) => user::run(&args),
+        Command::History(args) => history::run(&args),
         Command::Audit(args) => audit::run(&args),
         Command::Tls(args) => tls::run(&args),
     };
@@ -68,9 +72,46 @@ pub fn main() -> ExitCode {
     })
 }
 
+/// Says how the file is named where one stands without its flag.
+fn with_hint(mut error: clap::Error, command: Option<&str>) -> clap::Error {
+    use clap::error::{ContextKind, ContextValue, ErrorKind};
+    let argument = match error.get(ContextKind::InvalidArg) {
+        Some(ContextValue::String(argument)) if !argument.starts_with('-') => argument.clone(),
+        _ => return error,
+    };
+    if let (ErrorKind::UnknownArgument, Some(command @ ("serve" | "sim"))) = (error.kind(), command) {
+        let hint = format!("name the configuration with its flag: `telltale {command} --config {argument}`");
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![hint.into()]));
+    }
+    error
+}
+
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory as _;
+    use clap::{CommandFactory as _, Parser as _};
+
+    #[track_caller]
+    fn refused(arguments: &[&str], expected: &str) {
+        let all = ["telltale"].iter().chain(arguments);
+        let error = super::Cli::try_parse_from(all).unwrap_err();
+        let said = super::with_hint(error, arguments.first().copied()).to_string();
+        assert!(said.contains(expected), "{said}");
+    }
+
+    #[test]
+    fn a_slip_on_the_command_line_is_answered_with_what_to_write() {
+        let file = "`telltale serve --config shuttle.yaml`";
+        refused(&["serve", "shuttle.yaml"], file);
+        refused(&["serve", "--config", "a.yaml", "shuttle.yaml"], file);
+        refused(&["sim", "shuttle.yaml"], "`telltale sim --config shuttle.yaml`");
+        let port = "write `127.0.0.1:8094` for this machine alone, `0.0.0.0:8094` for all";
+        refused(&["serve", "--config", "a", "--listen", "8094"], port);
+        refused(&["serve", "--config", "a", "--listen", ":8094"], port);
+        refused(&["demo", "--listen", "8094"], port);
+        refused(&["serve", "--config", "a", "--listen", "0.0.0.0"], "no port: write `0.0.0.0:8080`");
+        refused(&["serve", "--config", "a", "--listen", "here"], "for example `127.0.0.1:8080`");
+        assert!(super::Cli::try_parse_from(["telltale", "demo", "--listen", "localhost:8094"]).is_ok());
+    }
 
     #[test]
     fn the_command_line_contradicts_itself_nowhere() {

@@ -9,7 +9,7 @@ use crate::config::publishing::Publishing;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Span;
 use crate::ros::outputs::{self, OutputTopic, Outputs, What};
-use crate::ros::{BridgeError, BridgeOptions};
+use crate::ros::{Bridge, BridgeError, BridgeOptions};
 use crate::runtime::{Link, Published};
 
 /// # Errors
@@ -18,16 +18,19 @@ pub async fn start(
     options: &BridgeOptions,
     publishing: &Publishing,
     link: &Link,
+    bridge: &Bridge,
     clock: Clock,
 ) -> Result<Outputs, BridgeError> {
     let snapshots = latest(link.snapshots.clone());
-    outputs::start(options.clone(), topics(publishing), snapshots, link.inputs.clone(), clock).await
+    let (topics, inputs) = (topics(publishing), link.inputs.clone());
+    outputs::start(options.clone(), topics, snapshots, inputs, bridge.graph(), clock).await
 }
 
 /// The topics of a configuration, as the room that publishes knows them.
 pub fn topics(publishing: &Publishing) -> Vec<OutputTopic> {
     let topic = |(key, topic, period): (&str, Option<&str>, Option<Span>)| {
-        Some(OutputTopic { what: What::from_key(key)?, topic: topic?.into(), period })
+        let beside_others = publishing.beside_others(key);
+        Some(OutputTopic { what: What::from_key(key)?, topic: topic?.into(), period, beside_others })
     };
     publishing.all().into_iter().filter_map(topic).collect()
 }

@@ -78,11 +78,8 @@ async fn glance(path: &Path, current: &Loaded, definitions: &Definitions) -> Res
 }
 
 fn compare(path: &Path, current: &Loaded, definitions: &Definitions) -> Result<Outcome, ReloadError> {
-    let loaded = config::load(path)?;
     // By the folders of the start: what reads the messages knows no others.
-    if let Some(problems) = fields::check(&loaded, definitions) {
-        return Err(ReloadError::Configuration(problems));
-    }
+    let loaded = fields::whole(config::examine(path), |_| definitions.clone())?;
     let differences = config::difference(current, &loaded);
     let topics_changed = sources(&current.model) != sources(&loaded.model);
     Ok(Outcome { loaded, differences, warnings: None, topics_changed })
@@ -125,7 +122,7 @@ async fn take(outcome: &Outcome, engine: &mpsc::Sender<Reload>) -> Result<(), Re
 
 /// The topics from which signals come, and what monitors watch.
 fn sources(model: &Model) -> (Vec<&FieldSource>, &Watched) {
-    (model.signals.iter().map(|signal| &signal.source).collect(), &model.watched)
+    (model.signals.iter().filter_map(|signal| signal.source.field()).collect(), &model.watched)
 }
 
 /// What the rest of the program holds of the task that [`start`] starts.

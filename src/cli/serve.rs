@@ -30,7 +30,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     config: PathBuf,
     /// Where browsers find the display
-    #[arg(long, value_name = "ADDR", default_value = station::LISTEN)]
+    #[arg(long, value_name = "ADDR", default_value = station::LISTEN, value_parser = station::address)]
     listen: SocketAddr,
     /// Another address by which browsers reach it, through a proxy or by name; may be repeated
     ///
@@ -62,7 +62,9 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     log::start("info");
-    let loaded = match config::load(&args.config) {
+    let definitions = args.dds.definitions.definitions();
+    let examined = config::examine(&args.config);
+    let loaded = match fields::whole(examined, |loaded| definitions.with(&loaded.message_folders)) {
         Ok(loaded) => loaded,
         Err(problems) => {
             check::report(&problems);
@@ -78,10 +80,6 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let ending = Ending::listen()?;
     let mut options = args.dds.resolve()?;
     options.definitions = options.definitions.with(&loaded.message_folders);
-    if let Some(problems) = fields::check(&loaded, &options.definitions) {
-        check::report(&problems);
-        return Ok(ExitCode::from(EXIT_USAGE));
-    }
     let clock = Clock::start();
     let tls = tls(args, clock)?;
     warn_of_proxy(args);

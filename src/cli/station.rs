@@ -26,6 +26,27 @@ use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{History, Store};
 use crate::web::{self, AppState, DemoFaults, Enrolled, Origins, Settings, Tls};
 
+/// `ADDRESS:PORT`, with what to write instead of what is none.
+///
+/// # Errors
+/// What to write.
+pub fn address(text: &str) -> Result<SocketAddr, String> {
+    let host = text.strip_prefix("localhost").map(|rest| format!("127.0.0.1{rest}"));
+    let text = host.as_deref().unwrap_or(text);
+    text.parse().map_err(|_| {
+        let port = text.strip_prefix(':').unwrap_or(text).parse::<u16>();
+        match (port, text.trim_matches(['[', ']']).parse::<IpAddr>()) {
+            (Ok(port), _) => {
+                format!(
+                    "a port alone: write `127.0.0.1:{port}` for this machine alone, `0.0.0.0:{port}` for all"
+                )
+            }
+            (_, Ok(ip)) => format!("no port: write `{}`", SocketAddr::new(ip, 8080)),
+            _ => "write an address with its port, for example `127.0.0.1:8080`".to_owned(),
+        }
+    })
+}
+
 /// Where browsers find the display unless told otherwise: this machine alone.
 pub const LISTEN: &str = "127.0.0.1:8080";
 
@@ -73,8 +94,8 @@ impl Station {
         let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
         let secure = tls.is_some();
         let origins = known_origins(address, secure, &origins)?;
-        let outputs = outputs::start(&options, &loaded.publishing, &link, clock).await?;
-        let bridge = ros::start(options, &loaded.model, link.inputs.clone(), clock).await?;
+        let bridge = ros::start(options.clone(), &loaded.model, link.inputs.clone(), clock).await?;
+        let outputs = outputs::start(&options, &loaded.publishing, &link, &bridge, clock).await?;
         let discovery = Some(bridge.discovery());
         let settings = Settings { origins, secure, enrolled, demo, rereads, history, discovery };
         let start = Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"));

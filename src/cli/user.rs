@@ -1,19 +1,29 @@
 //! `telltale user`: who may log in, and which programs may read.
 
-use std::io::{BufRead, IsTerminal, stdin};
-use std::path::PathBuf;
+use std::io::{self, BufRead, IsTerminal, stdin};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 
 use anyhow::{Context, bail};
 use clap::{Subcommand, ValueEnum};
+use tokio::task::spawn_blocking;
+use tokio::time::{sleep, timeout};
 
-use super::data;
+use super::{EXIT_NO, data};
 use crate::clock::Clock;
-use crate::store::{DemoSecrets, Role, Store, TOKEN_LIFE_DAYS};
+use crate::store::{DemoSecrets, Role, Store, TOKEN_LIFE_DAYS, User};
+
+/// So long the disk has to answer.
+const ANSWERS_WITHIN: Duration = Duration::from_secs(10);
+/// So long a server that runs has to take in a change.
+const TAKEN_IN_WITHIN: Duration = Duration::from_secs(5);
+const LOOK_EVERY: Duration = Duration::from_millis(100);
 
 /// Add, list, change and remove the users of a vehicle, and the tokens of programs.
 ///
-/// A server that runs on the same data folder notices within a second.
+/// A server that runs on the same data folder takes a change in within a second. Each command that
+/// changes something says whether it has; exit code 1 if it has not within 5 s.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  telltale user add anna --role operator --data /var/lib/telltale\n  \
     telltale user token dora --label dashboard --data /var/lib/telltale\n  \
@@ -39,8 +49,15 @@ enum Command {
         role: RoleWord,
     },
     /// List all users with their roles
-    #[command(after_help = "Example:\n  telltale user list --data /var/lib/telltale")]
-    List,
+    ///
+    /// `--json` prints a list of objects with `name`, `role` and `created` (RFC 3339), also where there are none.
+    #[command(after_help = "Examples:\n  telltale user list --data /var/lib/telltale\n  \
+        telltale user list --json --data /var/lib/telltale")]
+    List {
+        /// Print them for programs
+        #[arg(long)]
+        json: bool,
+    },
     /// Give a user another secret, which ends its sessions and tokens
     #[command(after_help = "Example:\n  telltale user passwd anna --data /var/lib/telltale")]
     Passwd { name: String },
@@ -88,34 +105,139 @@ enum RoleWord {
     Authority,
 }
 
-pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let folder = data::folder(args.data.clone())?;
-    let runtime = tokio::runtime::Builder::new_current_thread().build().context("no async runtime")?;
-    runtime.block_on(async {
-        // Only the first user makes a database: a folder that is misspelt must not become one.
-        let open =
-            if matches!(args.command, Command::Add { .. }) { Store::open } else { Store::open_existing };
-        let store = open(&folder, Clock::start(), DemoSecrets::Refused)?;
-        let done = obey(&args.command, &store).await;
-        store.close().await;
-        done
-    })?;
-    Ok(ExitCode::SUCCESS)
+/// What became of a change.
+#[derive(Debug)]
+enum Seen {
+    TakenIn,
+    NoServer,
 }
 
-async fn obey(command: &Command, store: &Store) -> anyhow::Result<()> {
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let folder = data::folder(args.data.clone())?;
+    let runtime =
+        tokio::runtime::Builder::new_current_thread().enable_time().build().context("no async runtime")?;
+    let done = runtime.block_on(manage(&args.command, &folder));
+    // A disk that hangs has threads wait for it. Nobody waits for them.
+    runtime.shutdown_background();
+    done
+}
+
+async fn manage(command: &Command, folder: &Path) -> anyhow::Result<ExitCode> {
+    // Only the first user makes a database: a folder that is misspelt must not become one.
+    let open = if matches!(command, Command::Add { .. }) { Store::open } else { Store::open_existing };
+    let place = folder.to_owned();
+    let opening = spawn_blocking(move || open(&place, Clock::start(), DemoSecrets::Refused));
+    let Ok(store) = timeout(ANSWERS_WITHIN, opening).await else {
+        return Ok(no_answer(folder, "nothing was changed"));
+    };
+    let store = store??;
+    let secret = if command.needs_secret() { read_secret()? } else { String::new() };
+    let unsure = if command.changes() {
+        "whether the change was made is not known; look with `telltale user list` and `telltale user tokens` \
+         once it answers"
+    } else {
+        "nothing was changed"
+    };
+    let Ok(obeyed) = timeout(ANSWERS_WITHIN, obey(command, &store, &secret)).await else {
+        return Ok(no_answer(folder, unsure));
+    };
+    let mut code = ExitCode::SUCCESS;
+    if obeyed.is_ok() && command.changes() {
+        code = tell_whether_seen(&store, folder).await?;
+    }
+    if timeout(ANSWERS_WITHIN, store.close()).await.is_err() {
+        let unsure = "the end of the audit log may not be noted";
+        return obeyed.map(|()| no_answer(folder, unsure));
+    }
+    obeyed.map(|()| code)
+}
+
+/// Says on the terminal whether the server that runs on this folder has taken in what was changed last.
+async fn tell_whether_seen(store: &Store, folder: &Path) -> anyhow::Result<ExitCode> {
+    let Ok(change) = timeout(ANSWERS_WITHIN, store.last_user_change()).await else {
+        return Ok(no_answer(folder, "whether a server has taken the change in is not known"));
+    };
+    let change = change.context("the change is written; whether a server has taken it in cannot be told")?;
+    let mut trouble = None;
+    let seen = timeout(TAKEN_IN_WITHIN, look_for(store, folder, change, &mut trouble)).await;
+    let folder = folder.display();
+    match seen {
+        Ok(Seen::TakenIn) => {
+            eprintln!("the server that runs on {folder} has taken the change in");
+            return Ok(ExitCode::SUCCESS);
+        }
+        Ok(Seen::NoServer) => {
+            eprintln!("no server runs on {folder}; the next one that starts reads the change");
+            return Ok(ExitCode::SUCCESS);
+        }
+        Err(_) => {}
+    }
+    let within = TAKEN_IN_WITHIN.as_secs();
+    match trouble {
+        Some(error) => eprintln!(
+            "telltale: the change is written, but no server has taken it in within {within} s, and whether \
+             one runs on {folder} cannot be told: {error}. If one runs, restart it: sessions and tokens that \
+             the change ends may still work there"
+        ),
+        None => eprintln!(
+            "telltale: the change is written, but the server that runs on {folder} has not taken it in \
+             within {within} s: sessions and tokens that the change ends may still work. Look at the storage \
+             of the group telltale on its display, and restart it"
+        ),
+    }
+    Ok(ExitCode::from(EXIT_NO))
+}
+
+/// Waits until a server has taken the change in, or none runs. What kept it from looking lies in
+/// `trouble`.
+async fn look_for(store: &Store, folder: &Path, change: i64, trouble: &mut Option<io::Error>) -> Seen {
+    loop {
+        let place = folder.to_owned();
+        let is_held = spawn_blocking(move || data::is_held(&place)).await;
+        *trouble = match is_held.unwrap_or_else(|error| Err(error.into())) {
+            Ok(false) => return Seen::NoServer,
+            Ok(true) => None,
+            Err(error) => Some(error),
+        };
+        match store.is_taken_in(change).await {
+            Ok(true) => return Seen::TakenIn,
+            Ok(false) => {}
+            Err(error) => *trouble = Some(io::Error::other(error)),
+        }
+        sleep(LOOK_EVERY).await;
+    }
+}
+
+fn no_answer(folder: &Path, what: &str) -> ExitCode {
+    let within = ANSWERS_WITHIN.as_secs();
+    eprintln!("telltale: the disk of {} has not answered for {within} s: {what}", folder.display());
+    ExitCode::from(EXIT_NO)
+}
+
+impl Command {
+    fn needs_secret(&self) -> bool {
+        matches!(self, Command::Add { .. } | Command::Passwd { .. } | Command::Role { .. })
+    }
+
+    fn changes(&self) -> bool {
+        !matches!(self, Command::List { .. } | Command::Tokens)
+    }
+}
+
+async fn obey(command: &Command, store: &Store, secret: &str) -> anyhow::Result<()> {
     match command {
         Command::Add { name, role } => {
-            store.add_user(name, (*role).into(), &read_secret()?).await?;
+            store.add_user(name, (*role).into(), secret).await?;
             println!("added {name}");
         }
-        Command::List => list(store).await?,
+        Command::List { json: true } => println!("{}", json(&store.users().await?)),
+        Command::List { json: false } => list(store).await?,
         Command::Passwd { name } => {
-            store.change_secret(name, &read_secret()?).await?;
+            store.change_secret(name, secret).await?;
             println!("changed the secret of {name}");
         }
         Command::Role { name, role } => {
-            store.change_role(name, (*role).into(), &read_secret()?).await?;
+            store.change_role(name, (*role).into(), secret).await?;
             println!("changed the role of {name}");
         }
         Command::Remove { name } => {
@@ -155,6 +277,14 @@ async fn list(store: &Store) -> anyhow::Result<()> {
         println!("{:<9}  {created}  {}", user.role.as_str(), user.name);
     }
     Ok(())
+}
+
+fn json(users: &[User]) -> serde_json::Value {
+    let user = |user: &User| {
+        let created = humantime::format_rfc3339_seconds(user.created).to_string();
+        serde_json::json!({ "name": user.name, "role": user.role.as_str(), "created": created })
+    };
+    users.iter().map(user).collect()
 }
 
 /// Asks for a new secret twice: nobody sees what they type.

@@ -102,7 +102,8 @@ impl Vehicle {
         }
         let alone = self.clock.now() >= self.opened + ASKING;
         let Some(size) = self.orders.gid_size().or(alone.then_some(GidSize::Bytes16)) else { return };
-        if let Err(error) = self.publisher.announce(&nodes, size).await {
+        let entities: Vec<_> = nodes.iter().map(|node| (*node, self.wire.topics_of(node))).collect();
+        if let Err(error) = self.publisher.announce(&entities, size).await {
             tracing::debug!("the simulated shuttle: {error}");
         }
         self.announced = nodes;

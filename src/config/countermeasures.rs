@@ -104,7 +104,12 @@ fn request(node: &Node, mps2: Option<Spanned<f64>>, log: &mut Log) -> Option<Req
 impl FromNode for RawWhen {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let mut fields = Fields::of(node, "the `when` of a countermeasure", log)?;
-        let (groups, modules) = (fields.or_default("groups"), fields.or_default("modules"));
+        let mut names = |key| match fields.optional::<All<_>>(key) {
+            Some(All(names)) => Some(names),
+            // The log says what is wrong with it: it is not that nothing is watched.
+            None => fields.key_span(key).is_none().then(Vec::new),
+        };
+        let (groups, modules) = (names("groups"), names("modules"));
         let states = [State::Warning, State::Unknown, State::Error].map(|state| (state.as_str(), state));
         let state = fields.node("state").and_then(|node| word(node, fields.log, "state", &states));
         let stages: Option<Spanned<All<Stage>>> = fields.optional("stages");
@@ -114,7 +119,7 @@ impl FromNode for RawWhen {
         }
         fields.finish();
         let stages = stages.map_or_else(|| vec![Stage::Active], |stages| stages.value.0);
-        Some(RawWhen { span: node.span, groups, modules, state, stages })
+        Some(RawWhen { span: node.span, groups: groups?, modules: modules?, state, stages })
     }
 }
 

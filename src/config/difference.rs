@@ -8,7 +8,10 @@ use crate::engine::model::{
     Combine, Dependency, GroupSpec, Limits, Model, ModuleSpec, Parts, SignalSpec, StageModel, Stop, Text,
     When,
 };
+use crate::engine::monitor::spec::StampClock;
+use crate::engine::state::State;
 use crate::engine::time::Span;
+use crate::engine::wording::{ByStage, Wording};
 
 /// One thing that is different. Prints as a sentence without a full stop.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -65,6 +68,7 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
             vehicle_name,
             stages: model,
             discovered,
+            other,
             limits,
             signals: _,
             groups: _,
@@ -81,13 +85,21 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
             ("name", text(vehicle_name)),
             ("stages", stages(*model).into()),
             ("defaults", words::policy(discovered)),
+            ("other", other.as_str().into()),
             ("limits.discovered_modules", discovered_modules.to_string()),
             ("limits.values_per_status", values_per_status.to_string()),
             ("limits.string_bytes", string_bytes.to_string()),
             ("localized_after", words::span(driving.localized_after)),
             ("message_folders", listed(&folders)),
         ];
-        facts.extend(loaded.publishing.all().map(|(key, topic, period)| (key, published(topic, period))));
+        let publishing = &loaded.publishing;
+        facts.extend(publishing.all().map(|(key, topic, period)| (key, published(topic, period))));
+        let beside = |key| publishing.beside_others(key).to_string();
+        facts.push(("diagnostics", words::diagnostics(&loaded.model.watched.diagnostics)));
+        let simulated = loaded.model.watched.stamps == StampClock::Ros;
+        facts.push(("clock", if simulated { "ros" } else { "system" }.to_owned()));
+        facts.push(("diagnostics_agg.beside_others", beside("diagnostics_agg")));
+        facts.push(("toplevel_state.beside_others", beside("toplevel_state")));
         facts
     };
     changed("the vehicle", facts(old), facts(new), found);
@@ -102,7 +114,7 @@ fn signals(old: &Model, new: &Model, found: &mut Vec<Difference>) {
     fn key(signal: &SignalSpec) -> &str {
         &signal.name
     }
-    let facts = |_: &Model, signal: &SignalSpec| vec![("source", words::signal(signal))];
+    let facts = |model: &Model, signal: &SignalSpec| vec![("source", words::signal(model, signal))];
     compare("signal", (old, &old.signals), (new, &new.signals), key, facts, found);
 }
 
@@ -124,7 +136,7 @@ fn groups(old: &Model, new: &Model, found: &mut Vec<Difference>) {
     let facts = |model: &Model, group: &GroupSpec| {
         // The parent is in the path.
         let GroupSpec { path: _, name, parent: _, combine, when, depends_on, filters, tile } = group;
-        let filters: Vec<String> = filters.iter().map(words::filter).collect();
+        let filters: Vec<String> = filters.iter().map(words::matching).collect();
         vec![
             ("name", text(name)),
             ("combine", if *combine == Combine::Any { "any".into() } else { "worst".into() }),
@@ -144,10 +156,9 @@ fn modules(old: &Model, new: &Model, found: &mut Vec<Difference>) {
     let facts = |model: &Model, module: &ModuleSpec| {
         // The group is in the id.
         let ModuleSpec { id: _, name, help, group: _, policy, when, depends_on, monitor } = module;
-        let text = |it: &Option<Text>| it.as_ref().map_or("none".into(), text);
         vec![
-            ("name", text(name)),
-            ("help", text(help)),
+            ("name", wording(name.as_ref(), Wording::name)),
+            ("help", wording(help.as_ref(), Wording::help)),
             ("policy", words::policy(policy)),
             ("when", condition(model, when.as_ref())),
             ("depends_on", dependencies(model, depends_on)),
@@ -234,6 +245,31 @@ fn changed(subject: &str, was: Facts, is: Facts, found: &mut Vec<Difference>) {
 
 fn text(text: &Text) -> String {
     if text.en == text.de { format!("\"{}\"", text.en) } else { format!("\"{}\" / \"{}\"", text.en, text.de) }
+}
+
+/// As one text where one was written.
+fn wording(wording: Option<&Wording>, of_text: fn(Text) -> Wording) -> String {
+    let Some(wording) = wording else { return "none".into() };
+    let texts = |words: &ByStage| match words {
+        ByStage::None => Vec::new(),
+        ByStage::Always(always) => vec![(None, always.clone())],
+        ByStage::In(texts) => texts.iter().map(|(stage, text)| (Some(*stage), text.clone())).collect(),
+    };
+    let error = texts(&wording.error);
+    if let Some((_, plain)) = error.first().filter(|(_, it)| of_text(it.clone()) == *wording) {
+        return text(plain);
+    }
+    let level = |(state, words): (State, &ByStage)| {
+        let words: Vec<String> = texts(words)
+            .iter()
+            .map(|(stage, it)| match stage {
+                Some(stage) => format!("{} in {}", text(it), stage.as_str()),
+                None => text(it),
+            })
+            .collect();
+        format!("{} {}", state.as_str(), words.join(" and "))
+    };
+    wording.levels().map(level).collect::<Vec<_>>().join(", ")
 }
 
 fn condition(model: &Model, when: Option<&When>) -> String {

@@ -5,6 +5,8 @@
 //! value or a text, and what a condition costs is bounded by the length of its text.
 
 mod check;
+mod compare;
+mod ranges;
 
 use std::sync::{Arc, LazyLock};
 
@@ -18,6 +20,7 @@ use crate::engine::monitor::spec::{Condition, ScalarKind};
 use crate::engine::sample::FieldValue;
 use crate::yaml::{Log, Problem, Span, Spanned};
 use check::{Check, Kind, offset, point};
+use compare::With;
 
 const TEXT_BYTES_MAX: usize = 1000;
 
@@ -53,6 +56,12 @@ pub(super) fn condition(text: &Spanned<String>, names: &[&str], log: &mut Log) -
     let program = match ENVIRONMENT.compile(value) {
         Ok(program) => program,
         Err(errors) => {
+            if let Some((at, word)) = word_of_another_language(value) {
+                let problem =
+                    Problem::at(point(*span, value, at, word.len()), format!("CEL has no `{word}`"));
+                log.push(problem.help("write `&&` for and, `||` for or, `!` for not"));
+                return None;
+            }
             for error in &errors.errors {
                 let (line, column) = error.pos;
                 let at = offset(value, line, column);
@@ -66,6 +75,11 @@ pub(super) fn condition(text: &Spanned<String>, names: &[&str], log: &mut Log) -
     let known = vec![None; names.len()];
     let mut check = Check::new(text, names, &known, program.source_info(), log);
     check.condition(&mut expression);
+    if check.good
+        && let Some(wrong) = ranges::contradiction(program.expression())
+    {
+        check.problem(wrong.id, &wrong.text, "correct one of the two, or remove it");
+    }
     let Check { taken, good, .. } = check;
     let taking: Vec<Option<ScalarKind>> = taken.iter().map(|kind| kind.and_then(Kind::scalar)).collect();
     let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
@@ -93,7 +107,9 @@ fn fit(names: &[String], taken: &[Option<Kind>], values: &[FieldValue]) -> Resul
         FieldValue::Number(_) => Some(Kind::Number),
         FieldValue::Bool(_) => Some(Kind::Truth),
         FieldValue::Text(_) => Some(Kind::Text),
-        FieldValue::Pose(_) | FieldValue::Absent | FieldValue::Unreadable(_) => None,
+        FieldValue::Pose(_) | FieldValue::Positions(_) | FieldValue::Absent | FieldValue::Unreadable(_) => {
+            None
+        }
     };
     for ((name, taken), value) in names.iter().zip(taken).zip(values) {
         if let (Some(taken), Some(is)) = (taken, is(value))
@@ -116,7 +132,7 @@ pub fn misfit(condition: &Condition, inputs: &[(&str, Option<ScalarKind>)]) -> O
     let info = program.source_info();
     Check::new(&text, &names, &known, info, &mut log).condition(&mut program.expression().clone());
     let problem = log.into_problems().into_iter().next();
-    problem.map(|problem| (problem.message, problem.help.unwrap_or_default())).or_else(|| {
+    problem.map(|problem| (problem.message, problem.help.unwrap_or_default().into())).or_else(|| {
         let kinds: Option<Vec<ScalarKind>> = inputs.iter().map(|(_, kind)| *kind).collect();
         unanswered(condition, &kinds?).map(|why| (why.into(), "correct one of the parts".to_owned()))
     })
@@ -140,6 +156,33 @@ fn unanswered(condition: &Condition, kinds: &[ScalarKind]) -> Option<Box<str>> {
     why
 }
 
+/// Whether a WARNING never comes, because the ERROR holds wherever it does.
+pub(super) fn is_covered(warning: &Condition, error: &Condition) -> bool {
+    let parts = [warning, error].map(|condition| ENVIRONMENT.compile(&condition.text).ok());
+    matches!(parts, [Some(warning), Some(error)] if ranges::covers(error.expression(), warning.expression()))
+}
+
+/// An input beside a number: `percentage < 20`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Limit {
+    pub input: String,
+    pub sign: &'static str,
+    pub number: f64,
+}
+
+/// Every comparison of an input with a number in a condition.
+pub fn limits(condition: &Condition) -> Vec<Limit> {
+    let mut found = Vec::new();
+    if let Ok(program) = ENVIRONMENT.compile(&condition.text) {
+        compare::all(program.expression(), &mut found);
+    }
+    let limit = |it: compare::Comparison| match it.with {
+        With::Number(number) if it.is_input => Some(Limit { input: it.of, sign: it.sign, number }),
+        _ => None,
+    };
+    found.into_iter().filter_map(limit).collect()
+}
+
 /// The inputs that a condition names.
 pub(super) fn named(condition: &Condition) -> Vec<String> {
     let mut names = Vec::new();
@@ -159,6 +202,29 @@ fn collect(part: &IdedExpr, names: &mut Vec<String>) {
         Expr::List(list) => list.elements.iter().for_each(|part| collect(part, names)),
         _ => {}
     }
+}
+
+/// An `and`, `or` or `not` outside of quotes, and where it stands.
+fn word_of_another_language(text: &str) -> Option<(usize, &'static str)> {
+    let mut quote = None;
+    let mut words = text.char_indices().filter(move |&(_, letter)| {
+        match quote {
+            Some(open) if letter == open => quote = None,
+            Some(_) => {}
+            None if matches!(letter, '\'' | '"') => quote = Some(letter),
+            None => return true,
+        }
+        false
+    });
+    let is_part = |letter: char| letter.is_alphanumeric() || letter == '_';
+    let begins = |at: usize| !text[..at].ends_with(is_part);
+    words.find_map(|(at, _)| {
+        let word = ["and", "or", "not"].into_iter().find(|word| {
+            text[at..].get(..word.len()).is_some_and(|found| found.eq_ignore_ascii_case(word))
+                && !text[at + word.len()..].starts_with(is_part)
+        });
+        word.filter(|_| begins(at)).map(|word| (at, word))
+    })
 }
 
 /// The parser's words without the list of all that could have stood there.
@@ -192,7 +258,10 @@ impl VariableResolver for Inputs<'_> {
             FieldValue::Number(value) => Some(CowVal::Owned(Box::new(CelDouble::from(*value)))),
             FieldValue::Bool(value) => Some(CowVal::Owned(Box::new(CelBool::from(*value)))),
             FieldValue::Text(text) => Some(CowVal::Owned(Box::new(CelString::from(&**text)))),
-            FieldValue::Pose(_) | FieldValue::Absent | FieldValue::Unreadable(_) => None,
+            FieldValue::Pose(_)
+            | FieldValue::Positions(_)
+            | FieldValue::Absent
+            | FieldValue::Unreadable(_) => None,
         }
     }
 }

@@ -7,16 +7,19 @@ use regex_automata::dfa::{Automaton, StartKind, dense};
 use regex_automata::util::start;
 use regex_syntax::hir::Hir;
 
+use super::glob;
 use super::names::Names;
 use super::raw::{self, FilterKind};
 use crate::engine::filter::Filter;
+use crate::engine::model::{Match, Policy};
 use crate::yaml::{Log, Problem, Span};
 
 /// Larger automata are not looked at.
 const AUTOMATON_BYTES_MAX: usize = 1 << 20;
 
-pub(super) fn filters(raw: &[raw::Filter], names: &Names, log: &mut Log) -> Vec<Filter> {
+pub(super) fn filters(raw: &[raw::Filter], names: &Names, defaults: &Policy, log: &mut Log) -> Vec<Match> {
     let mut filters: Vec<(Filter, Span)> = Vec::new();
+    let mut matches = Vec::new();
     for filter in raw {
         let Some(resolved) = resolve(filter, log) else { continue };
         if let Some((_, first)) = filters.iter().find(|(earlier, _)| covers(earlier, &resolved)) {
@@ -37,9 +40,13 @@ pub(super) fn filters(raw: &[raw::Filter], names: &Names, log: &mut Log) -> Vec<
                     .help("remove the filter"),
             );
         }
+        let raw::Policy { timeout, stale, forget_after, .. } = &filter.policy;
+        let differs = timeout.is_some() || stale.is_some() || forget_after.is_some();
+        let policy = differs.then(|| super::resolve::policy(&filter.policy, defaults, log));
+        matches.push(Match { filter: resolved.clone(), policy });
         filters.push((resolved, filter.span));
     }
-    filters.into_iter().map(|(filter, _)| filter).collect()
+    matches
 }
 
 fn resolve(filter: &raw::Filter, log: &mut Log) -> Option<Filter> {
@@ -61,10 +68,22 @@ fn regex(filter: &raw::Filter, log: &mut Log) -> Option<Filter> {
             let (what, at) = syntax(&error);
             let problem =
                 Problem::at(point(span, pattern, at), format!("this is no regular expression: {what}"));
-            log.push(problem.help(format!("see character {} of the expression", at + 1)));
+            // A `?` that repeats nothing is none of an expression.
+            let is_glob = pattern.contains(['*', '?']) && is_glob(&pattern.replace('?', ""));
+            log.push(problem.help(match is_glob {
+                true => format!("it looks like a pattern of file names: write {}", glob::instead(pattern)),
+                false => format!("see character {} of the expression", at + 1),
+            }));
             return None;
         }
     };
+    if let Some((at, letter)) = repeated(pattern) {
+        let text = format!("in a regular expression `{letter}*` is any number of `{letter}`");
+        log.push(
+            Problem::at(point(span, pattern, at), text)
+                .help(format!("write {}; if it is meant so, `(?:{letter})*`", glob::instead(pattern))),
+        );
+    }
     if never_matches(&hir, pattern) {
         let problem = Problem::at(span, "this regular expression can never match").label("matches nothing");
         log.push(problem.help("remove the filter, or what contradicts itself in the expression"));
@@ -77,6 +96,19 @@ fn regex(filter: &raw::Filter, log: &mut Log) -> Option<Filter> {
             None
         }
     }
+}
+
+/// Whether nothing in it belongs to regular expressions alone.
+fn is_glob(pattern: &str) -> bool {
+    !pattern.contains(['.', '+', '?', '(', ')', '[', ']', '{', '}', '|', '\\', '^', '$'])
+}
+
+/// The character of a `*` behind a letter, and that letter, in what looks like a pattern of file names.
+fn repeated(pattern: &str) -> Option<(usize, char)> {
+    let letters: Vec<char> = pattern.chars().collect();
+    let star = letters.iter().position(|&letter| letter == '*').filter(|_| is_glob(pattern))?;
+    let letter = *letters.get(star.checked_sub(1)?)?;
+    (letter.is_alphanumeric() || letter == '/').then_some((star, letter))
 }
 
 /// What is wrong and at which character, counted from 0.

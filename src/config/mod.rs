@@ -5,17 +5,23 @@ mod countermeasures;
 mod difference;
 pub mod expression;
 mod filters;
+mod glob;
 mod monitors;
 mod names;
 mod places;
 pub mod publishing;
 mod raw;
+mod raw_agreement;
 mod raw_bands;
 mod raw_monitor;
 mod raw_node;
+mod raw_signal;
 mod raw_source;
+mod raw_watchdog;
+mod raw_wording;
 mod relations;
 mod resolve;
+mod signals;
 pub mod soundness;
 mod topics;
 mod units;
@@ -25,6 +31,7 @@ pub use difference::{Change, Difference, difference};
 pub use places::Place;
 
 use std::collections::HashSet;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -73,10 +80,34 @@ impl Loaded {
     pub fn problems(&self, found: impl IntoIterator<Item = (Place, String, String)>) -> Option<Problems> {
         let problem = |(place, text, help): (Place, String, String)| {
             let problem = self.places.span(place).map(|span| Problem::at(span, text.as_str()));
-            problem.unwrap_or_else(|| Problem::of_file("the configuration", &text, "")).help(help)
+            let whole = || Problem { file: None, ..Problem::of_file("the configuration", &text, "") };
+            problem.unwrap_or_else(whole).help(help)
         };
         let problems: Vec<Problem> = found.into_iter().map(problem).collect();
         (!problems.is_empty()).then(|| Problems::new(self.places.sources.clone(), problems))
+    }
+}
+
+/// A configuration as far as it can be read, for whoever reports all that is wrong with it at once.
+#[derive(Debug)]
+pub struct Examined {
+    /// Where there are problems, no vehicle runs by it.
+    pub loaded: Option<Loaded>,
+    pub problems: Option<Problems>,
+}
+
+impl Examined {
+    fn of(problem: Problem) -> Examined {
+        Examined { loaded: None, problems: Some(Problems::new(Sources::default(), vec![problem])) }
+    }
+
+    fn whole(self) -> Result<Loaded, Problems> {
+        match self {
+            Examined { loaded: Some(loaded), problems: None } => Ok(loaded),
+            Examined { problems, .. } => {
+                Err(problems.unwrap_or_else(|| Problems::new(Sources::default(), Vec::new())))
+            }
+        }
     }
 }
 
@@ -85,10 +116,24 @@ impl Loaded {
 /// # Errors
 /// Everything that is wrong with it.
 pub fn load(path: &Path) -> Result<Loaded, Problems> {
+    examine(path).whole()
+}
+
+/// The same, with what can be read of a wrong one.
+pub fn examine(path: &Path) -> Examined {
     let mut sources = Sources::default();
     match sources.read(path) {
         Ok(file) => of_source(sources, file),
-        Err(problem) => Err(Problems::new(sources, vec![problem])),
+        Err(problem) => Examined::of(problem),
+    }
+}
+
+/// The same of what a reader has; files that it includes are relative to the working directory.
+pub fn examine_from(name: &str, reader: impl Read) -> Examined {
+    let mut sources = Sources::default();
+    match sources.read_from(name, reader) {
+        Ok(file) => of_source(sources, file),
+        Err(problem) => Examined::of(problem),
     }
 }
 
@@ -99,7 +144,7 @@ pub fn load(path: &Path) -> Result<Loaded, Problems> {
 pub fn parse(name: &str, text: &str) -> Result<Loaded, Problems> {
     let mut sources = Sources::default();
     let file = sources.add(name, text);
-    of_source(sources, file)
+    of_source(sources, file).whole()
 }
 
 /// Reads a configuration that stands inside of another file.
@@ -107,29 +152,29 @@ pub fn parse(name: &str, text: &str) -> Result<Loaded, Problems> {
 /// # Errors
 /// Everything that is wrong with it.
 pub fn of_node(sources: Sources, node: &Node) -> Result<Loaded, Problems> {
-    finish(sources, Log::default(), Some(node))
+    finish(sources, Log::default(), Some(node)).whole()
 }
 
-fn of_source(sources: Sources, file: u16) -> Result<Loaded, Problems> {
+fn of_source(sources: Sources, file: u16) -> Examined {
     let mut log = Log::default();
     let node = tree::parse(&sources, file, &mut log);
     finish(sources, log, node.as_ref())
 }
 
-fn finish(mut sources: Sources, mut log: Log, node: Option<&Node>) -> Result<Loaded, Problems> {
+fn finish(mut sources: Sources, mut log: Log, node: Option<&Node>) -> Examined {
     let file = node.and_then(|node| raw::File::from_node(node, &mut log).map(|file| (file, node.span.file)));
     let loaded = file.and_then(|(mut file, number)| {
         include(&mut file, number, &mut sources, &mut log);
         let folders = message_folders(&file, &sources, &mut log);
         resolve::resolve(&file, folders, &mut log)
     });
-    match loaded {
-        Some(loaded) if log.is_empty() => {
-            let places = Arc::new(Places { sources, ..Arc::unwrap_or_clone(loaded.places) });
-            Ok(Loaded { places, ..loaded })
-        }
-        _ => Err(Problems::new(sources, log.into_problems())),
-    }
+    let problems =
+        (loaded.is_none() || !log.is_empty()).then(|| Problems::new(sources.clone(), log.into_problems()));
+    let loaded = loaded.map(|loaded| {
+        let places = Arc::new(Places { sources, ..Arc::unwrap_or_clone(loaded.places) });
+        Loaded { places, ..loaded }
+    });
+    Examined { loaded, problems }
 }
 
 /// The folders with definitions of messages, each relative to the file that names it.

@@ -26,9 +26,9 @@ pub(super) fn resolve(monitor: &Monitor, topics: &mut Topics, log: &mut Log) -> 
         Monitor::Value { source: from, rule } => {
             MonitorSpec::Value { source: source(from, topics, log), rule: rule.clone() }
         }
-        Monitor::Watchdog { target, every, misses } => {
+        Monitor::Watchdog { target, every, misses, bands } => {
             let spec = WatchdogSpec { target: target.clone(), every: *every };
-            MonitorSpec::Watchdog { watchdog: topics.watchdog(spec), misses: *misses }
+            MonitorSpec::Watchdog { watchdog: topics.watchdog(spec), misses: *misses, bands: *bands }
         }
         Monitor::RateRatio { input, output, window, bands } => {
             let (input, output) = (topics.watch(input, false, log), topics.watch(output, false, log));
@@ -59,15 +59,17 @@ fn span_of(source: &Source) -> Span {
     }
 }
 
-fn source(source: &Source, topics: &mut Topics, log: &mut Log) -> ValueSource {
+pub(super) fn source(source: &Source, topics: &mut Topics, log: &mut Log) -> ValueSource {
     match source {
         Source::Field { topic, path, kind } => {
             let (topic, field) = topics.field(topic, path, *kind, log);
             ValueSource::Field { topic, field }
         }
-        Source::Key { status, key } => {
-            ValueSource::Key { status: status.value.as_str().into(), key: key.value.as_str().into() }
-        }
+        Source::Key { status, key, unit } => ValueSource::Key {
+            status: status.value.as_str().into(),
+            key: key.value.as_str().into(),
+            unit: unit.as_ref().map(|unit| unit.value.as_str().into()),
+        },
     }
 }
 
@@ -87,6 +89,16 @@ fn resolve_expression(raw: &Expression, topics: &mut Topics, log: &mut Log) -> O
         && let Some(said) = expression::conflict(&names, a, b)
     {
         log.push(Problem::at(text.span, said).help("give each its own input"));
+    } else if let (Some(Some(a)), Some(Some(b)), Some(text)) = (&warning, &error, &raw.warning)
+        && expression::is_covered(a, b)
+    {
+        let problem =
+            Problem::at(text.span, "wherever this WARNING holds, `error` holds too: it never shows");
+        let problem = match &raw.error {
+            Some(error) => problem.also(error.span, "the ERROR"),
+            None => problem,
+        };
+        log.push(problem.help("let the WARNING begin before the ERROR does, or remove it"));
     }
     let (max_age, class) = (raw.max_age, raw.class);
     Some(MonitorSpec::Expression { inputs, max_age, warning: warning?, error: error?, class })

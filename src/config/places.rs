@@ -33,6 +33,8 @@ pub(super) struct Places {
     pub signals: Vec<(Span, Span)>,
     /// The nodes of each countermeasure.
     pub rules: Vec<Vec<Span>>,
+    /// Where requests to stop are switched off.
+    pub stop_off: Option<Span>,
 }
 
 #[derive(Debug, Clone)]

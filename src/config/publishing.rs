@@ -3,6 +3,7 @@
 use super::raw_bands::hertz;
 use super::topics::{Topics, check_topic};
 use crate::engine::countermeasure::{Request, Rule};
+use crate::engine::input::Output;
 use crate::engine::model::StageModel;
 use crate::engine::time;
 use crate::yaml::decode::scalar;
@@ -29,12 +30,16 @@ pub struct Publishing {
 pub struct Periodic {
     pub topic: Box<str>,
     pub period: time::Span,
+    /// Also where another program publishes the same.
+    pub beside_others: bool,
 }
 
 impl Default for Publishing {
     fn default() -> Publishing {
-        let periodic =
-            |topic: &str, millis| Periodic { topic: topic.into(), period: time::Span::from_millis(millis) };
+        let periodic = |topic: &str, millis| {
+            let period = time::Span::from_millis(millis);
+            Periodic { topic: topic.into(), period, beside_others: false }
+        };
         Publishing {
             diagnostics_agg: Some(periodic("/diagnostics_agg", 1000)),
             toplevel_state: Some(periodic("/diagnostics_toplevel_state", 1000)),
@@ -48,6 +53,25 @@ impl Default for Publishing {
 }
 
 impl Publishing {
+    /// Requests that the vehicle can never be told.
+    pub fn switched_off(&self) -> Vec<Output> {
+        let requests = [
+            (Output::Deceleration, self.deceleration_request.is_none()),
+            (Output::ManeuverStop, self.maneuver_stop_request.is_none()),
+        ];
+        requests.into_iter().filter(|(_, off)| *off).map(|(output, _)| output).collect()
+    }
+
+    /// Whether what has this key is published also where another program publishes the same.
+    pub fn beside_others(&self, key: &str) -> bool {
+        let periodic = match key {
+            "diagnostics_agg" => &self.diagnostics_agg,
+            "toplevel_state" => &self.toplevel_state,
+            _ => return true,
+        };
+        periodic.as_ref().is_some_and(|it| it.beside_others)
+    }
+
     /// Each by its key: its topic and its period, where it has them.
     pub fn all(&self) -> [(&'static str, Option<&str>, Option<time::Span>); 7] {
         fn periodic(it: &Option<Periodic>) -> (Option<&str>, Option<time::Span>) {
@@ -70,8 +94,8 @@ impl Publishing {
 #[derive(Debug)]
 pub(super) struct RawPublishing {
     span: Span,
-    diagnostics_agg: Option<Switch<RawPeriodic>>,
-    toplevel_state: Option<Switch<RawPeriodic>>,
+    diagnostics_agg: Option<Switch<RawAggregated>>,
+    toplevel_state: Option<Switch<RawAggregated>>,
     initialpose: Option<Switch<RawOnce>>,
     stage: Option<Switch<RawOnce>>,
     clearance: Option<Switch<RawOnce>>,
@@ -94,6 +118,13 @@ impl FromNode for RawPublishing {
         };
         fields.finish();
         Some(raw)
+    }
+}
+
+impl RawPublishing {
+    /// Where requests to stop are switched off.
+    pub fn stop_off(&self) -> Option<Span> {
+        off(&self.maneuver_stop_request)
     }
 }
 
@@ -139,6 +170,23 @@ impl FromNode for RawPeriodic {
         let periodic = RawPeriodic { topic: fields.optional("topic"), rate: fields.optional("rate") };
         fields.finish();
         Some(periodic)
+    }
+}
+
+/// As above, and whether it is published beside others.
+#[derive(Debug)]
+struct RawAggregated {
+    periodic: RawPeriodic,
+    beside_others: Option<bool>,
+}
+
+impl FromNode for RawAggregated {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a topic of the aggregated diagnosis", log)?;
+        let periodic = RawPeriodic { topic: fields.optional("topic"), rate: fields.optional("rate") };
+        let aggregated = RawAggregated { periodic, beside_others: fields.optional("beside_others") };
+        fields.finish();
+        Some(aggregated)
     }
 }
 
@@ -193,8 +241,8 @@ pub(super) fn publishing(
         }
     }
     let found = Publishing {
-        diagnostics_agg: periodic(&raw.diagnostics_agg, default.diagnostics_agg, log),
-        toplevel_state: periodic(&raw.toplevel_state, default.toplevel_state, log),
+        diagnostics_agg: aggregated(&raw.diagnostics_agg, default.diagnostics_agg, log),
+        toplevel_state: aggregated(&raw.toplevel_state, default.toplevel_state, log),
         initialpose: once(&raw.initialpose, default.initialpose, log),
         stage: once(&raw.stage, default.stage, log),
         clearance: once(&raw.clearance, default.clearance, log),
@@ -224,13 +272,33 @@ fn periodic(raw: &Option<Switch<RawPeriodic>>, default: Option<Periodic>, log: &
     match raw {
         None => default,
         Some(Switch::Off(_)) => None,
-        Some(Switch::On(raw)) => default.map(|default| Periodic {
-            topic: topic(raw.topic.as_ref(), log).unwrap_or(default.topic),
-            period: raw
-                .rate
-                .as_ref()
-                .map_or(default.period, |Rate(hertz)| time::Span::from_nanos((1e9 / hertz).round() as u64)),
+        Some(Switch::On(raw)) => default.map(|default| raw.over(default, log)),
+    }
+}
+
+fn aggregated(
+    raw: &Option<Switch<RawAggregated>>,
+    default: Option<Periodic>,
+    log: &mut Log,
+) -> Option<Periodic> {
+    match raw {
+        None => default,
+        Some(Switch::Off(_)) => None,
+        Some(Switch::On(RawAggregated { periodic, beside_others })) => default.map(|default| {
+            let beside_others = beside_others.unwrap_or(default.beside_others);
+            Periodic { beside_others, ..periodic.over(default, log) }
         }),
+    }
+}
+
+impl RawPeriodic {
+    fn over(&self, default: Periodic, log: &mut Log) -> Periodic {
+        let every = |Rate(hertz): &Rate| time::Span::from_nanos((1e9 / hertz).round() as u64);
+        Periodic {
+            topic: topic(self.topic.as_ref(), log).unwrap_or(default.topic),
+            period: self.rate.as_ref().map_or(default.period, every),
+            beside_others: default.beside_others,
+        }
     }
 }
 
@@ -250,10 +318,14 @@ fn place(raw: Option<&RawPublishing>, key: &str) -> Option<Span> {
         let Some(Switch::On(raw)) = raw else { return None };
         raw.topic.as_ref().map(|topic| topic.span)
     }
+    fn aggregated(raw: &Option<Switch<RawAggregated>>) -> Option<Span> {
+        let Some(Switch::On(raw)) = raw else { return None };
+        raw.periodic.topic.as_ref().map(|topic| topic.span)
+    }
     let raw = raw?;
     let topic = match key {
-        "diagnostics_agg" => periodic(&raw.diagnostics_agg),
-        "toplevel_state" => periodic(&raw.toplevel_state),
+        "diagnostics_agg" => aggregated(&raw.diagnostics_agg),
+        "toplevel_state" => aggregated(&raw.toplevel_state),
         "initialpose" => once(&raw.initialpose),
         "stage" => once(&raw.stage),
         "clearance" => once(&raw.clearance),

@@ -4,7 +4,10 @@
 use super::countermeasures::RawRule;
 use super::publishing::RawPublishing;
 pub(super) use super::raw_node::{Dependency, DependsOn, Filter, FilterKind, Group, Module, Tile, When};
-use crate::engine::model::{StageModel, Text};
+pub(super) use super::raw_signal::{Signal, SignalFrom};
+use super::raw_source::RawDiagnostics;
+use crate::engine::model::{Other, StageModel, Text};
+use crate::engine::monitor::spec::StampClock;
 use crate::engine::state::State;
 use crate::engine::time;
 use crate::yaml::decode::{Entries, scalar, word};
@@ -20,11 +23,16 @@ pub(super) struct File {
     pub defaults: Option<Defaults>,
     pub limits: Option<Limits>,
     pub localized_after: Option<time::Span>,
+    pub other: Option<Other>,
     pub groups: Vec<Group>,
     /// The key `groups`, where there is one.
     pub groups_span: Option<Span>,
     pub countermeasures: Vec<RawRule>,
     pub publish: Option<RawPublishing>,
+    /// Where components report; nothing: `/diagnostics`.
+    pub diagnostics: Option<RawDiagnostics>,
+    /// By which clock stamps are.
+    pub clock: Option<StampClock>,
     /// Folders with definitions of messages, each relative to the file that names it.
     pub message_folders: Vec<Spanned<String>>,
     /// Keys that only the file which is named first may have, with their places.
@@ -39,7 +47,8 @@ impl FromNode for File {
             let problem = Problem::at(span, "a module stands in no group");
             fields.log.push(problem.help("move `modules` into one of the `groups`"));
         }
-        let main_only = ["vehicle", "defaults", "limits", "localized_after", "publish"];
+        let main_only =
+            ["vehicle", "defaults", "limits", "localized_after", "other", "publish", "diagnostics", "clock"];
         let main_only = main_only.into_iter().filter_map(|key| Some((key, fields.key_span(key)?)));
         let file = File {
             main_only: main_only.collect(),
@@ -50,10 +59,13 @@ impl FromNode for File {
             defaults: fields.optional("defaults"),
             limits: fields.optional("limits"),
             localized_after: fields.optional("localized_after"),
+            other: fields.optional("other"),
             groups_span: fields.key_span("groups"),
             groups: fields.or_default("groups"),
             countermeasures: fields.or_default("countermeasures"),
             publish: fields.optional("publish"),
+            diagnostics: fields.optional("diagnostics"),
+            clock: fields.optional("clock"),
             message_folders: fields.or_default("message_folders"),
         };
         fields.finish();
@@ -87,27 +99,9 @@ impl FromNode for StageModel {
     }
 }
 
-#[derive(Debug)]
-pub(super) struct Signal {
-    pub topic: Option<Spanned<String>>,
-    pub type_name: Option<Spanned<String>>,
-    pub field: Option<Spanned<String>>,
-    pub timeout: Option<Spanned<time::Span>>,
-    pub present_for: Option<Spanned<time::Span>>,
-}
-
-impl FromNode for Signal {
+impl FromNode for Other {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "a signal", log)?;
-        let signal = Signal {
-            topic: fields.required("topic"),
-            type_name: fields.required("type"),
-            field: fields.optional("field"),
-            timeout: fields.optional("timeout"),
-            present_for: fields.optional("present_for"),
-        };
-        fields.finish();
-        Some(signal)
+        word(node, log, "way to treat other statuses", &Other::ALL.map(|other| (other.as_str(), other)))
     }
 }
 
@@ -146,26 +140,41 @@ pub(super) struct Policy {
     pub no_publisher: Option<State>,
     /// Only a module's own: what latches must be named.
     pub latch: Option<time::Span>,
+    /// Of a module, of a filter, and by default of what filters and strays make.
+    pub forget_after: Option<Spanned<time::Span>>,
 }
 
 impl Policy {
     pub fn of(fields: &mut Fields) -> Policy {
-        let stale = fields.node("stale").and_then(|node| {
-            let states = [State::Unknown, State::Warning, State::Error].map(|state| (state.as_str(), state));
-            word(node, fields.log, "stale state", &states)
-        });
         let no_publisher = fields.node("no_publisher").and_then(|node| {
             let states = [State::Unknown, State::Error].map(|state| (state.as_str(), state));
             word(node, fields.log, "state", &states)
         });
         Policy {
-            timeout: fields.optional("timeout"),
-            stale,
             no_publisher,
             raise_after: fields.optional("raise_after"),
             clear_after: fields.optional("clear_after"),
-            latch: None,
+            ..Policy::of_silence(fields)
         }
+    }
+
+    /// What becomes of who is silent.
+    fn of_silence(fields: &mut Fields) -> Policy {
+        let stale = fields.node("stale").and_then(|node| {
+            let states = [State::Unknown, State::Warning, State::Error].map(|state| (state.as_str(), state));
+            word(node, fields.log, "stale state", &states)
+        });
+        Policy { timeout: fields.optional("timeout"), stale, ..Policy::default() }
+    }
+
+    /// Of the modules that a filter makes.
+    pub fn of_filter(fields: &mut Fields) -> Policy {
+        Policy { forget_after: fields.optional("forget_after"), ..Policy::of_silence(fields) }
+    }
+
+    pub fn of_module(fields: &mut Fields) -> Policy {
+        let (latch, forget_after) = (fields.optional("latch"), fields.optional("forget_after"));
+        Policy { latch, forget_after, ..Policy::of(fields) }
     }
 }
 
@@ -175,7 +184,8 @@ pub(super) struct Defaults(pub Policy);
 impl FromNode for Defaults {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let mut fields = Fields::of(node, "the defaults", log)?;
-        let defaults = Defaults(Policy::of(&mut fields));
+        let forget_after = fields.optional("forget_after");
+        let defaults = Defaults(Policy { forget_after, ..Policy::of(&mut fields) });
         fields.finish();
         Some(defaults)
     }
@@ -207,8 +217,14 @@ impl FromNode for Text {
             return String::from_node(node, log).map(|text| Text::plain(&text));
         }
         let mut fields = Fields::of(node, "a text in two languages", log)?;
-        let (en, de): (Option<String>, Option<String>) = (fields.required("en"), fields.required("de"));
+        let (en, de): (Option<String>, Option<String>) = (fields.optional("en"), fields.optional("de"));
+        if fields.key_span("en").is_none() && fields.key_span("de").is_none() {
+            let problem = Problem::at(node.span, "a text needs `en` or `de`");
+            fields.log.push(problem.help("write the text alone, or `{ en: ..., de: ... }`"));
+        }
         fields.finish();
-        Some(Text { en: en?.into(), de: de?.into() })
+        // One language is read by everybody.
+        let (en, de) = (en.as_ref().or(de.as_ref())?.as_str(), de.as_ref().or(en.as_ref())?.as_str());
+        Some(Text { en: en.into(), de: de.into() })
     }
 }

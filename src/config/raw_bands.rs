@@ -73,8 +73,17 @@ fn seconds(text: &str) -> Option<f64> {
 
 /// Reads the four keys. The log says what cannot be; no limit at all can.
 pub(super) fn bands(fields: &mut Fields, unit: Unit) -> Bands {
+    of_keys(fields, unit, |_| true)
+}
+
+/// The same for what can only be too much: the other two keys are unknown.
+pub(super) fn above(fields: &mut Fields, unit: Unit) -> Bands {
+    of_keys(fields, unit, |key| key.ends_with("above"))
+}
+
+fn of_keys(fields: &mut Fields, unit: Unit, is_wanted: impl Fn(&str) -> bool) -> Bands {
     let limits = KEYS.map(|key| {
-        let node = fields.node(key)?;
+        let node = is_wanted(key).then(|| fields.node(key)).flatten()?;
         unit.read(node, fields.log).map(|value| Spanned { value, span: node.span })
     });
     let (least, most) = unit.range();

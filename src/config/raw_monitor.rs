@@ -1,13 +1,15 @@
 //! Monitors as they are written (`DESIGN.md` 5).
 
+use super::raw_agreement;
 use super::raw_bands::{self, Unit, bands};
-use super::raw_source::{AnySource, ScalarSource};
+use super::raw_source::ScalarSource;
 pub(super) use super::raw_source::{Source, Topic};
+use super::raw_watchdog;
 use crate::engine::monitor::spec::{AgreementRule, Bands, ProbeTarget, ValueRule};
 use crate::engine::sample::FieldValue;
 use crate::engine::snapshot::Class;
 use crate::engine::time;
-use crate::yaml::decode::{Entries, did_you_mean};
+use crate::yaml::decode::{AllEntries, did_you_mean};
 use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Spanned, suggest};
 
 /// The kinds of monitor (`ENGINE.md` 7).
@@ -25,16 +27,12 @@ pub(super) const KINDS: [&str; 10] = [
 ];
 
 /// What is kept grows with these.
-const WINDOW_MAX: time::Span = time::Span::from_secs(600);
-const AGE_MAX: time::Span = time::Span::from_secs(3600);
-const EVERY_MIN: time::Span = time::Span::from_millis(100);
-const MISSES_MAX: u64 = 1000;
-const INPUTS_MAX: usize = 32;
+pub(super) const WINDOW_MAX: time::Span = time::Span::from_secs(600);
+pub(super) const AGE_MAX: time::Span = time::Span::from_secs(3600);
+pub(super) const INPUTS_MAX: usize = 32;
 
 const WINDOW: time::Span = time::Span::from_secs(2);
 const AGE: time::Span = time::Span::from_secs(1);
-const EVERY: time::Span = time::Span::from_secs(1);
-const MISSES: u32 = 3;
 
 #[derive(Debug)]
 pub(super) enum Monitor {
@@ -64,6 +62,7 @@ pub(super) enum Monitor {
         target: ProbeTarget,
         every: time::Span,
         misses: u32,
+        bands: Bands,
     },
     RateRatio {
         input: Topic,
@@ -114,10 +113,10 @@ impl FromNode for Monitor {
             "frequency" => rate(value, log),
             "latency" => latency(value, log),
             "value" => single(value, log),
-            "watchdog" => watchdog(value, log),
+            "watchdog" => raw_watchdog::watchdog(value, log),
             "rate_ratio" => rate_ratio(value, log),
             "sequence" => sequence(value, log),
-            "agreement" => agreement(value, log),
+            "agreement" => raw_agreement::agreement(value, log),
             "expression" => expression(value, log),
             other => {
                 let help = suggest(other, KINDS).map_or_else(known, did_you_mean);
@@ -209,66 +208,6 @@ impl FromNode for Literal {
     }
 }
 
-fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor> {
-    let mut fields = Fields::of(node, "a watchdog monitor", log)?;
-    let kinds = ["icmp", "tcp", "node"];
-    let found: Vec<_> = kinds.into_iter().filter_map(|kind| Some((kind, fields.node(kind)?))).collect();
-    let target = match found[..] {
-        [(kind, node)] => target(kind, node, fields.log),
-        _ => {
-            let problem = Problem::at(node.span, "a watchdog asks one of `icmp`, `tcp`, `node`");
-            fields.log.push(
-                problem.help("for example `icmp: 192.168.1.201`, `tcp: gateway:22` or `node: /mission`"),
-            );
-            None
-        }
-    };
-    let every = span(&mut fields, "every", EVERY_MIN, AGE_MAX).unwrap_or(EVERY);
-    let misses: Option<Spanned<u64>> = fields.optional("misses");
-    if let Some(misses) = misses.filter(|misses| !(1..=MISSES_MAX).contains(&misses.value)) {
-        let problem = Problem::at(misses.span, format!("{} is not between 1 and {MISSES_MAX}", misses.value));
-        fields.log.push(problem.help(format!("the default is {MISSES}")));
-    }
-    fields.finish();
-    let misses = misses.map_or(MISSES, |misses| misses.value as u32);
-    Some(Monitor::Watchdog { target: target?, every, misses })
-}
-
-fn target(kind: &str, node: &Node, log: &mut Log) -> Option<ProbeTarget> {
-    let text = String::from_node(node, log)?;
-    let host = |host: &str| {
-        let good = |c: char| c.is_ascii_alphanumeric() || ".-_:%".contains(c);
-        !host.is_empty() && host.len() <= 253 && host.chars().all(good)
-    };
-    let address = || {
-        let (name, port) = text.rsplit_once(':')?;
-        let bracketed = name.strip_prefix('[').and_then(|name| name.strip_suffix(']'));
-        let name = bracketed.or_else(|| (!name.contains(':')).then_some(name))?;
-        (host(name) && port.parse::<u16>().is_ok_and(|port| port > 0)).then_some(())
-    };
-    let (target, good, help) = match kind {
-        "icmp" => (
-            ProbeTarget::Icmp { host: text.as_str().into() },
-            host(&text),
-            "write the name or the address of a machine: `192.168.1.201`",
-        ),
-        "tcp" => (
-            ProbeTarget::Tcp { address: text.as_str().into() },
-            address().is_some(),
-            "write `HOST:PORT`: `gateway:22`, `192.168.1.201:80` or `[fe80::1]:80`",
-        ),
-        _ => (
-            ProbeTarget::Node { name: text.as_str().into() },
-            super::topics::is_full_name(&text),
-            "write the node with its namespace: `/planning/planner`",
-        ),
-    };
-    if !good {
-        log.push(Problem::at(node.span, format!("`{text}` cannot be asked by {kind}")).help(help));
-    }
-    Some(target)
-}
-
 fn rate_ratio(node: &Node, log: &mut Log) -> Option<Monitor> {
     let mut fields = Fields::of(node, "a rate_ratio monitor", log)?;
     let (input, output): (Option<Topic>, Option<Topic>) =
@@ -294,63 +233,9 @@ fn sequence(node: &Node, log: &mut Log) -> Option<Monitor> {
     Some(Monitor::Sequence { earlier: earlier?, later: later?, max_gap, bands })
 }
 
-fn agreement(node: &Node, log: &mut Log) -> Option<Monitor> {
-    let mut fields = Fields::of(node, "an agreement monitor", log)?;
-    let a = fields.required("a").map(|AnySource(source)| source);
-    let b = fields.required("b").map(|AnySource(source)| source);
-    let max_age = age(&mut fields, "max_age");
-    let motion_over = span(&mut fields, "motion_over", time::Span::from_nanos(1), WINDOW_MAX);
-    let numbers = bands(&mut fields, Unit::Size);
-    let mut part = |key, what, unit| {
-        let node = fields.node(key)?;
-        raw_bands::map(node, what, unit, fields.log)
-    };
-    let translation = part("translation", "the limits of a translation", Unit::Size);
-    let rotation_deg = part("rotation_deg", "the limits of a rotation", Unit::Degrees);
-    let of_pose = ["translation", "rotation_deg"].into_iter().find_map(|key| fields.key_span(key));
-    let of_number = raw_bands::any(&fields);
-    let sides = a.as_ref().zip(b.as_ref()).map(|(a, b)| (a.is_pose(), b.is_pose()));
-    match sides {
-        Some((a, b)) if a != b => {
-            let problem = Problem::at(node.span, "a pose is compared with a single value");
-            fields.log.push(problem.help("write `pose` on both sides, or `field` on both"));
-        }
-        Some((true, true)) if of_number => {
-            let problem = Problem::at(node.span, "limits of poses stand in `translation` and `rotation_deg`");
-            fields
-                .log
-                .push(problem.help("for example `translation: { warning_above: 0.5, error_above: 1 }`"));
-        }
-        Some((true, true)) if of_pose.is_none() => {
-            let problem = Problem::at(node.span, "without a limit this would never be anything but OK");
-            fields.log.push(
-                problem.help("add `translation: { error_above: 1 }` or `rotation_deg: { error_above: 10 }`"),
-            );
-        }
-        Some((false, false)) if of_pose.is_some() => {
-            let problem =
-                Problem::at(of_pose.unwrap_or(node.span), "only poses have a translation and a rotation");
-            fields
-                .log
-                .push(problem.help("write the limits beside `a` and `b`, or `pose` instead of `field`"));
-        }
-        Some((false, false)) if !of_number => raw_bands::without_a_limit(node.span, "", fields.log),
-        _ => {}
-    }
-    fields.finish();
-    let rule = match of_pose {
-        Some(_) => AgreementRule::Pose {
-            translation: translation.unwrap_or_default(),
-            rotation_deg: rotation_deg.unwrap_or_default(),
-        },
-        None => AgreementRule::Number(numbers),
-    };
-    Some(Monitor::Agreement { a: a?, b: b?, max_age, motion_over, rule })
-}
-
 fn expression(node: &Node, log: &mut Log) -> Option<Monitor> {
     let mut fields = Fields::of(node, "an expression monitor", log)?;
-    let inputs: Option<Entries<ScalarSource>> = fields.required("inputs");
+    let inputs: Option<AllEntries<ScalarSource>> = fields.required("inputs");
     let max_age = age(&mut fields, "max_age");
     let (warning, error) = (fields.optional("warning"), fields.optional("error"));
     if fields.key_span("warning").is_none() && fields.key_span("error").is_none() {
@@ -359,7 +244,7 @@ fn expression(node: &Node, log: &mut Log) -> Option<Monitor> {
     }
     let class = fields.optional("class");
     if let Some(inputs) = inputs.as_ref().filter(|inputs| !(1..=INPUTS_MAX).contains(&inputs.0.len())) {
-        let text = format!("{} inputs, not 1 to {INPUTS_MAX}", inputs.0.len());
+        let text = format!("{}, not 1 to {INPUTS_MAX}", super::words::counted(inputs.0.len(), "input"));
         let problem = Problem::at(fields.key_span("inputs").unwrap_or(node.span), text);
         fields
             .log
@@ -367,9 +252,11 @@ fn expression(node: &Node, log: &mut Log) -> Option<Monitor> {
     }
     fields.finish();
     let inputs = inputs?.0.into_iter();
+    // What looks at one value sets nothing against anything.
+    let location = if inputs.len() == 1 { "isolated" } else { "contextual" };
     let named =
         inputs.map(|(key, ScalarSource(source))| (Spanned { value: key.text, span: key.span }, source));
-    let class = class.unwrap_or(Class { location: "contextual", information: "content", flow: None });
+    let class = class.unwrap_or(Class { location, information: "content", flow: None });
     Some(Monitor::Expression(Expression { inputs: named.collect(), max_age, warning, error, class }))
 }
 
@@ -385,12 +272,17 @@ fn window(fields: &mut Fields) -> time::Span {
     span(fields, "window", time::Span::from_millis(1), WINDOW_MAX).unwrap_or(WINDOW)
 }
 
-fn age(fields: &mut Fields, key: &'static str) -> time::Span {
+pub(super) fn age(fields: &mut Fields, key: &'static str) -> time::Span {
     span(fields, key, time::Span::from_nanos(1), AGE_MAX).unwrap_or(AGE)
 }
 
 /// A duration within bounds.
-fn span(fields: &mut Fields, key: &'static str, least: time::Span, most: time::Span) -> Option<time::Span> {
+pub(super) fn span(
+    fields: &mut Fields,
+    key: &'static str,
+    least: time::Span,
+    most: time::Span,
+) -> Option<time::Span> {
     let span: Spanned<time::Span> = fields.optional(key)?;
     if !(least..=most).contains(&span.value) {
         let (least, most) = (super::words::span(least), super::words::span(most));

@@ -1,11 +1,13 @@
 //! Groups and modules as they are written, and what they say of each other.
 
+use super::glob::{self, is_glob};
 use super::raw::Policy;
 use super::raw_monitor::Monitor;
+use super::raw_wording::RawWording;
 use crate::engine::model::{Combine, Stage, Text};
 use crate::engine::state::State;
-use crate::yaml::decode::{All, Entries, word};
-use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Span, Spanned};
+use crate::yaml::decode::{All, Entries, did_you_mean, scalar, word};
+use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Span, Spanned, suggest};
 
 #[derive(Debug)]
 pub(super) struct Group {
@@ -67,6 +69,8 @@ pub(super) struct Filter {
     pub span: Span,
     pub kind: FilterKind,
     pub text: Spanned<String>,
+    /// Of the modules that it makes.
+    pub policy: Policy,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -87,11 +91,16 @@ impl FromNode for Filter {
         ];
         let mut fields = Fields::of(node, "a filter", log)?;
         let found: Vec<_> = KINDS.into_iter().filter(|(key, _)| fields.node(key).is_some()).collect();
+        let policy = Policy::of_filter(&mut fields);
         let filter = match found[..] {
-            [(key, kind)] => fields.optional(key).map(|text| Filter { span: node.span, kind, text }),
+            [(key, kind)] => fields.optional(key).map(|text| Filter { span: node.span, kind, text, policy }),
+            [] if let Some(problem) = unknown(&fields, node) => {
+                fields.log.push(problem);
+                return None;
+            }
             _ => {
-                let problem =
-                    Problem::at(node.span, "a filter needs one of `name`, `namespace`, `contains`, `regex`");
+                let text = "a filter needs one of `name`, `namespace`, `contains`, `regex`";
+                let problem = Problem::at(node.span, text);
                 fields.log.push(problem.help("write one filter for each: `- { namespace: /sensors }`"));
                 None
             }
@@ -99,6 +108,32 @@ impl FromNode for Filter {
         fields.finish();
         filter
     }
+}
+
+/// A filter that there is not, and how the same is written: people bring their words from elsewhere.
+fn unknown(fields: &Fields, filter: &Node) -> Option<Problem> {
+    let Kind::Mapping(entries) = &filter.kind else { return None };
+    let (key, node) = entries.iter().find(|(key, _)| !fields.knows(&key.text))?;
+    let text = scalar(node).unwrap_or("...");
+    let escaped = || regex_syntax::escape(text);
+    let plain = key.text.to_lowercase().replace(['_', '-'], "");
+    let help = match plain.as_str() {
+        "startswith" | "beginswith" | "prefix" => format!(
+            "write `namespace: {text}` for names that begin with it up to a `/` or `:`, or `regex: '{}.*'` for any",
+            escaped()
+        ),
+        "endswith" | "suffix" => format!("write `regex: '.*{}'`", escaped()),
+        "glob" | "pattern" | "wildcard" | "fnmatch" | "like" if is_glob(text) => {
+            format!("write {}", glob::instead(text))
+        }
+        "pattern" | "regexp" | "re" | "matches" => format!("write `regex: '{text}'`"),
+        "glob" | "wildcard" | "fnmatch" | "like" | "includes" | "substring" => {
+            format!("write `contains: {text}`")
+        }
+        "equals" | "exact" | "is" | "status" | "id" => format!("write `name: {text}`"),
+        _ => did_you_mean(suggest(&key.text, ["name", "namespace", "contains", "regex"])?),
+    };
+    Some(Problem::at(key.span, format!("there is no filter `{}`", key.text)).help(help))
 }
 
 #[derive(Debug)]
@@ -193,8 +228,8 @@ impl FromNode for Stage {
 pub(super) struct Module {
     pub span: Span,
     pub id: Option<Spanned<String>>,
-    pub name: Option<Text>,
-    pub help: Option<Text>,
+    pub name: Option<RawWording>,
+    pub help: Option<RawWording>,
     pub policy: Policy,
     pub when: Option<When>,
     pub depends_on: Vec<Dependency>,
@@ -210,7 +245,7 @@ impl FromNode for Module {
             id: fields.required("id"),
             name: fields.optional("name"),
             help: fields.optional("help"),
-            policy: Policy { latch: fields.optional("latch"), ..Policy::of(&mut fields) },
+            policy: Policy::of_module(&mut fields),
             when: fields.optional("when"),
             depends_on: fields.or_default("depends_on"),
             monitor: fields.optional("monitor"),

@@ -1,20 +1,26 @@
 //! Where the values of monitors come from, and the words of the paper's classification, as written.
 
-use crate::engine::monitor::spec::FieldKind;
+use crate::engine::monitor::spec::{FieldKind, StampClock};
 use crate::engine::snapshot::Class;
-use crate::yaml::decode::word;
-use crate::yaml::{Fields, FromNode, Log, Node, Problem, Spanned};
+use crate::yaml::decode::{All, scalar, word};
+use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned};
 
 #[derive(Debug)]
 pub(super) struct Topic {
     pub name: Spanned<String>,
-    pub type_name: Spanned<String>,
+    /// Without it, it is what somebody else says: another place of the file, or whoever publishes it.
+    pub type_name: Option<Spanned<String>>,
 }
 
 impl Topic {
+    /// Where its type stands, or else its name.
+    pub fn place(&self) -> Span {
+        self.type_name.as_ref().map_or(self.name.span, |type_name| type_name.span)
+    }
+
     pub fn of(fields: &mut Fields) -> Option<Topic> {
-        let (name, type_name) = (fields.required("topic"), fields.required("type"));
-        Some(Topic { name: name?, type_name: type_name? })
+        let (name, type_name) = (fields.required("topic"), fields.optional("type"));
+        Some(Topic { name: name?, type_name })
     }
 }
 
@@ -27,24 +33,69 @@ impl FromNode for Topic {
     }
 }
 
+/// `diagnostics: { topics: [/diagnostics, { topic: /robot1/diagnostics, prefix: 'robot1: ' }] }`
+#[derive(Debug)]
+pub(super) struct RawDiagnostics {
+    pub topics: Vec<RawDiagnosticsTopic>,
+    pub span: Span,
+}
+
+impl FromNode for RawDiagnostics {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "the diagnostics", log)?;
+        let topics = fields.required("topics").map(|All(topics)| topics);
+        fields.finish();
+        Some(RawDiagnostics { topics: topics?, span: node.span })
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct RawDiagnosticsTopic {
+    pub topic: Option<Spanned<String>>,
+    pub prefix: Option<Spanned<String>>,
+}
+
+impl FromNode for RawDiagnosticsTopic {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        if let Some(name) = scalar(node) {
+            let topic = Some(Spanned { value: name.to_owned(), span: node.span });
+            return Some(RawDiagnosticsTopic { topic, prefix: None });
+        }
+        let mut fields = Fields::of(node, "a topic of diagnostics", log)?;
+        let topic =
+            RawDiagnosticsTopic { topic: fields.required("topic"), prefix: fields.optional("prefix") };
+        fields.finish();
+        Some(topic)
+    }
+}
+
+impl FromNode for StampClock {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        word(node, log, "clock", &[("system", StampClock::System), ("ros", StampClock::Ros)])
+    }
+}
+
 #[derive(Debug)]
 pub(super) enum Source {
     Field { topic: Topic, path: Spanned<String>, kind: FieldKind },
-    Key { status: Spanned<String>, key: Spanned<String> },
+    Key { status: Spanned<String>, key: Spanned<String>, unit: Option<Spanned<String>> },
 }
 
 impl Source {
-    pub fn is_pose(&self) -> bool {
-        matches!(self, Source::Field { kind: FieldKind::Pose, .. })
+    pub fn kind(&self) -> FieldKind {
+        match self {
+            Source::Field { kind, .. } => *kind,
+            Source::Key { .. } => FieldKind::Scalar,
+        }
     }
 
-    /// Reads the keys of a source. `poses`: whether one may be named here.
-    pub fn of(fields: &mut Fields, poses: bool) -> Option<Source> {
+    /// Reads the keys of a source. `any`: whether it may be a pose or a list of positions.
+    pub fn of(fields: &mut Fields, any: bool) -> Option<Source> {
         let mut there = |keys: &[&'static str]| keys.iter().filter(|key| fields.node(key).is_some()).count();
-        let (topics, keys) = (there(&["topic", "type", "field"]), there(&["status", "key"]));
-        let poses = if poses { there(&["pose"]) } else { 0 };
+        let (topics, keys) = (there(&["topic", "type", "field"]), there(&["status", "key", "unit"]));
+        let others = if any { there(&["pose", "list"]) } else { 0 };
         let span = fields.span();
-        if (topics + poses == 0) == (keys == 0) {
+        if (topics + others == 0) == (keys == 0) {
             let text = match keys {
                 0 => "it is not said where the value comes from",
                 _ => "the value comes either from a topic or from a status",
@@ -55,17 +106,19 @@ impl Source {
         }
         if keys > 0 {
             let (status, key) = (fields.required("status"), fields.required("key"));
-            return Some(Source::Key { status: status?, key: key? });
+            return Some(Source::Key { status: status?, key: key?, unit: fields.optional("unit") });
         }
         let topic = Topic::of(fields);
-        if poses > 0 && fields.key_span("field").is_some() {
-            let problem = Problem::at(span, "either `field` or `pose`");
-            fields
-                .log
-                .push(problem.help("`pose` for a position with its rotation, `field` for a single value"));
+        if others > usize::from(fields.key_span("field").is_none()) {
+            let problem = Problem::at(span, "either `field`, `pose` or `list`");
+            fields.log.push(problem.help(
+                "`field` for a single value, `pose` for a position with its rotation, `list` for many positions",
+            ));
             return None;
         }
-        let (key, kind) = if poses > 0 { ("pose", FieldKind::Pose) } else { ("field", FieldKind::Scalar) };
+        let kinds = [("pose", FieldKind::Pose), ("list", FieldKind::Positions)];
+        let named = kinds.into_iter().find(|(key, _)| others > 0 && fields.key_span(key).is_some());
+        let (key, kind) = named.unwrap_or(("field", FieldKind::Scalar));
         let path = fields.required(key);
         Some(Source::Field { topic: topic?, path: path?, kind })
     }
@@ -83,7 +136,7 @@ impl FromNode for ScalarSource {
     }
 }
 
-/// One value, or a pose.
+/// One value, a pose, or a list of positions.
 pub(super) struct AnySource(pub Source);
 
 impl FromNode for AnySource {

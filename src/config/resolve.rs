@@ -6,15 +6,17 @@ use std::sync::Arc;
 
 use super::names::{self, Names, check_id};
 use super::places::{NodePlace, Places};
+use super::publishing::RawPublishing;
 use super::raw;
 use super::relations::{self, Signals};
-use super::topics::{self, Topics};
-use super::{Loaded, countermeasures, monitors, publishing};
+use super::topics::Topics;
+use super::{Loaded, countermeasures, monitors, publishing, words};
 use crate::engine::model::{
-    Combine, Driving, FieldSource, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, POSED_SIGNAL,
-    Parts, Policy, SignalSpec, StageModel, Stop, Text,
+    Combine, Driving, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, Parts, Policy, StageModel,
+    Stop, Text,
 };
 use crate::engine::time;
+use crate::engine::wording::Wording;
 use crate::yaml::{Log, Problem, Sources, Span, Spanned};
 
 const LOCALIZED_AFTER: time::Span = time::Span::from_secs(2);
@@ -27,20 +29,25 @@ pub(super) fn resolve(file: &raw::File, message_folders: Vec<PathBuf>, log: &mut
     let id: Arc<str> = id.filter(|id| check_id(id, "vehicle", log)).map_or("vehicle", |id| &id.value).into();
     let name = vehicle.and_then(|vehicle| vehicle.name.clone()).unwrap_or_else(|| Text::plain(&id));
     let defaults = file.defaults.as_ref().map(|defaults| defaults.0).unwrap_or_default();
-    let defaults = policy(&defaults, &Policy::default(), log);
+    let discovered = policy(&defaults, &Policy::default(), log);
+    // That the silence of what is declared is no fault any more, its own line has to say.
+    let declared = Policy { forget_after: None, ..discovered.clone() };
 
-    let mut topics = Topics::new();
-    let (signals, signal_places) = signals(file, &mut topics, log);
+    let mut topics = Topics::new(file.diagnostics.as_ref(), file.clock.unwrap_or_default(), log);
+    let (mut signals, signal_places) = super::signals::signals(&file.signals.0, &mut topics, log);
     let names = Names::of(file, log);
     let index = signals.iter().enumerate().map(|(index, signal)| (&*signal.name, index)).collect();
     let countermeasures = countermeasures::rules(&file.countermeasures, &names, &index, log);
     let localized_after = file.localized_after.unwrap_or(LOCALIZED_AFTER);
-    let driving = Driving { stops: stops(file, log), localized_after, countermeasures };
-    let groups = groups(&names, &index, log);
-    let modules = modules(&names, &index, &defaults, &mut topics, log);
+    let (stops, unpublished) = (stops(file, log), Vec::new());
+    let mut driving = Driving { stops, localized_after, countermeasures, unpublished };
+    let groups = groups(&names, &index, &discovered, log);
+    let modules = modules(&names, &index, &declared, &mut topics, log);
     let stages = vehicle.and_then(|vehicle| vehicle.stages).unwrap_or(StageModel::Shuttle);
     let rules = &driving.countermeasures;
     let publishing = publishing::publishing(file.publish.as_ref(), stages, rules, &topics, log);
+    super::signals::complete(&mut signals, &topics);
+    driving.unpublished = publishing.switched_off();
     let (watched, topics) = topics.finish();
     let limits = limits(file.limits.as_ref(), log);
     let parts = Parts {
@@ -52,7 +59,8 @@ pub(super) fn resolve(file: &raw::File, message_folders: Vec<PathBuf>, log: &mut
         modules,
         watched,
         driving,
-        discovered: defaults,
+        discovered,
+        other: file.other.unwrap_or_default(),
         limits,
     };
     let model = match Model::new(parts) {
@@ -63,7 +71,8 @@ pub(super) fn resolve(file: &raw::File, message_folders: Vec<PathBuf>, log: &mut
         }
     };
     let rules = countermeasures::spans(&file.countermeasures);
-    let places = Places { topics, signals: signal_places, rules, ..places(&names) };
+    let stop_off = file.publish.as_ref().and_then(RawPublishing::stop_off);
+    let places = Places { topics, signals: signal_places, rules, stop_off, ..places(&names) };
     Some(Loaded { model, publishing, message_folders, places: Arc::new(places) })
 }
 
@@ -82,80 +91,43 @@ fn places(names: &Names) -> Places {
         topics: Vec::new(),
         signals: Vec::new(),
         rules: Vec::new(),
+        stop_off: None,
     }
 }
 
-fn policy(raw: &raw::Policy, around: &Policy, log: &mut Log) -> Policy {
+pub(super) fn policy(raw: &raw::Policy, around: &Policy, log: &mut Log) -> Policy {
     if let Some(timeout) = raw.timeout.filter(|timeout| timeout.value.is_zero()) {
         let problem = Problem::at(timeout.span, "a timeout of nothing would make everything stale at once");
         log.push(problem.help("write a duration above 0, for example `2s`"));
     }
+    let timeout = raw.timeout.map_or(around.timeout, |timeout| timeout.value);
+    let forget_after = raw.forget_after.map(|after| after.value).or(around.forget_after);
+    if let Some(after) = forget_after.filter(|&after| after <= timeout) {
+        let text = "it would be forgotten before it counts as silent";
+        let (above, after) = (words::span(timeout), words::span(after));
+        match (raw.forget_after, raw.timeout) {
+            (Some(written), _) => {
+                let problem = Problem::at(written.span, text).label("`forget_after`");
+                log.push(problem.help(format!("write a duration above its `timeout`, which is {above}")));
+            }
+            (None, Some(written)) => {
+                let problem = Problem::at(written.span, text).label("`timeout`");
+                log.push(problem.help(format!(
+                    "add a `forget_after` above it here, or write a duration below that of `defaults`, which is {after}"
+                )));
+            }
+            (None, None) => {}
+        }
+    }
     Policy {
-        timeout: raw.timeout.map_or(around.timeout, |timeout| timeout.value),
+        timeout,
         stale: raw.stale.unwrap_or(around.stale),
         raise_after: raw.raise_after.unwrap_or(around.raise_after),
         clear_after: raw.clear_after.unwrap_or(around.clear_after),
         no_publisher: raw.no_publisher.unwrap_or(around.no_publisher),
         latch: raw.latch.or(around.latch),
+        forget_after,
     }
-}
-
-fn signals(file: &raw::File, topics: &mut Topics, log: &mut Log) -> (Vec<SignalSpec>, Vec<(Span, Span)>) {
-    let mut seen: HashMap<&str, Span> = HashMap::new();
-    let (mut signals, mut places) = (Vec::new(), Vec::new());
-    for (key, raw) in &file.signals.0 {
-        check_id(&Spanned { value: key.text.clone(), span: key.span }, "signal", log);
-        if key.text == POSED_SIGNAL {
-            let problem = Problem::at(key.span, "`posed` is built in: it says that the operator gave a pose");
-            log.push(problem.help("choose another name"));
-        }
-        if let Some(first) = seen.insert(&key.text, key.span) {
-            log.push(twice(key.span, first, &format!("signal `{}`", key.text)));
-        }
-        for span in [raw.timeout, raw.present_for].into_iter().flatten().filter(|span| span.value.is_zero()) {
-            log.push(Problem::at(span.span, "expected a duration above 0").help("for example `2s`"));
-        }
-        let Some((source, place)) = field_source(raw, topics, log) else { continue };
-        places.push(place);
-        signals.push(SignalSpec {
-            name: key.text.as_str().into(),
-            source,
-            timeout: raw.timeout.map(|span| span.value),
-            present_for: raw.present_for.map(|span| span.value),
-        });
-    }
-    (signals, places)
-}
-
-/// Where a signal comes from; the places of its type and its field.
-fn field_source(
-    raw: &raw::Signal,
-    topics: &mut Topics,
-    log: &mut Log,
-) -> Option<(FieldSource, (Span, Span))> {
-    let (topic, type_name) = (raw.topic.as_ref()?, raw.type_name.as_ref()?);
-    topics.read(topic, type_name, log);
-    let field = match &raw.field {
-        Some(field) => {
-            topics::check_path(field, log);
-            &field.value
-        }
-        None if type_name.value.starts_with("std_msgs/") => "data",
-        // Only that the message came matters then.
-        None if raw.present_for.is_some() => "",
-        None => {
-            let problem = Problem::at(type_name.span, format!("which field of a {}?", type_name.value));
-            log.push(problem.help("add `field: PATH`, or `present_for: 1h` if only its arrival matters"));
-            return None;
-        }
-    };
-    let place = (type_name.span, raw.field.as_ref().map_or(type_name.span, |field| field.span));
-    let source = FieldSource {
-        topic: topic.value.as_str().into(),
-        type_name: type_name.value.as_str().into(),
-        field: field.into(),
-    };
-    Some((source, place))
 }
 
 fn stops(file: &raw::File, log: &mut Log) -> Vec<Stop> {
@@ -194,7 +166,7 @@ fn limits(raw: Option<&raw::Limits>, log: &mut Log) -> Limits {
     }
 }
 
-fn groups(names: &Names, signals: &Signals, log: &mut Log) -> Vec<GroupSpec> {
+fn groups(names: &Names, signals: &Signals, defaults: &Policy, log: &mut Log) -> Vec<GroupSpec> {
     let mut tiles: HashMap<(u8, u8), Span> = HashMap::new();
     let mut specs = Vec::new();
     for (id, group) in names.groups() {
@@ -208,7 +180,7 @@ fn groups(names: &Names, signals: &Signals, log: &mut Log) -> Vec<GroupSpec> {
             combine: raw.combine.unwrap_or(Combine::Worst),
             when: raw.when.as_ref().and_then(|when| relations::when(when, signals, log)),
             depends_on: relations::depends_on(names, NodeId::Group(id), &raw.depends_on, log),
-            filters: super::filters::filters(&raw.filters, names, log),
+            filters: super::filters::filters(&raw.filters, names, defaults, log),
             tile,
         });
     }
@@ -255,10 +227,16 @@ fn modules(
         let depends_on = relations::depends_on(names, NodeId::Module(id), &raw.depends_on, log);
         // Without a monitor the model is not used; the module keeps its place so that cycles are found.
         let monitor = raw.monitor.as_ref().and_then(|monitor| monitors::resolve(monitor, topics, log));
+        let by_the_clock = monitor.as_ref().is_some_and(MonitorSpec::by_the_clock);
+        if let Some(forget_after) = raw.policy.forget_after.filter(|_| by_the_clock) {
+            let problem =
+                Problem::at(forget_after.span, "this monitor judges by the clock: it is never silent");
+            log.push(problem.help("remove `forget_after`"));
+        }
         specs.push(ModuleSpec {
             id: module.path.clone(),
-            name: raw.name.clone(),
-            help: raw.help.clone(),
+            name: raw.name.as_ref().map(|name| name.resolve(Wording::name)),
+            help: raw.help.as_ref().map(|help| help.resolve(Wording::help)),
             group: module.group,
             policy,
             when,

@@ -1,11 +1,16 @@
+mod agreements;
 mod countermeasures;
+mod diagnostics;
 mod difference;
 mod expression;
 mod monitors;
 mod nodes;
 mod publishing;
 mod schema;
+mod signals;
+mod slips;
 mod soundness;
+mod watchdogs;
 mod watching;
 
 use std::collections::BTreeSet;
@@ -14,9 +19,10 @@ use std::path::PathBuf;
 use super::*;
 use crate::engine::filter::Filter;
 use crate::engine::model::Text;
-use crate::engine::model::{Combine, DependsOn, GroupId, ModuleId, NodeId, Policy, Stage};
+use crate::engine::model::{Combine, DependsOn, GroupId, ModuleId, ModuleSpec, NodeId, Policy, Stage};
 use crate::engine::state::State;
 use crate::engine::time;
+use crate::engine::wording::Wording;
 
 /// All problems of a text, in order, as `line:column: message (what to do)`.
 #[track_caller]
@@ -77,7 +83,8 @@ groups:
     assert_eq!((&*model.vehicle_name.en, &*model.vehicle_name.de), ("Van", "Bus"));
     assert_eq!(model.signals[0].timeout, Some(time::Span::from_secs(3)));
     assert_eq!(model.signals[1].present_for, Some(time::Span::from_secs(3600)));
-    assert_eq!((&*model.signals[0].source.field, &*model.signals[1].source.field), ("data", ""));
+    let fields = model.signals.iter().map(|signal| &*signal.source.field().unwrap().field);
+    assert_eq!(fields.collect::<Vec<_>>(), ["data", ""]);
     assert_eq!(
         (
             loaded.model.driving.stops[0].x_m,
@@ -90,8 +97,8 @@ groups:
 
     let group = &model.groups[0];
     assert_eq!((group.combine, group.tile), (Combine::Any, Some((2, 1))));
-    assert_eq!(group.filters[0], Filter::Namespace("/a".into()));
-    assert!(group.filters[1].matches("xyz") && !group.filters[1].matches("axyz"));
+    assert_eq!(group.filters[0], Filter::Namespace("/a".into()).into());
+    assert!(group.filters[1].filter.matches("xyz") && !group.filters[1].filter.matches("axyz"));
     assert_eq!((&*model.groups[1].path, model.groups[1].parent), ("a/in", Some(GroupId(0))));
     let when = model.groups[1].when.as_ref().unwrap();
     assert_eq!((&when.stages[..], &when.signals[..]), (&[Stage::Active][..], &[(1, false)][..]));
@@ -102,7 +109,7 @@ groups:
         (policy.raise_after, policy.latch),
         (time::Span::from_millis(10), Some(time::Span::from_millis(500)))
     );
-    assert_eq!(model.modules[0].help.as_ref().map(|help| &*help.de), Some("Halt."));
+    assert_eq!(model.modules[0].help, Some(Wording::help(Text { en: "Stop.".into(), de: "Halt.".into() })));
 
     let (a, m) = (NodeId::Group(GroupId(0)), NodeId::Module(ModuleId(0)));
     let depends: Vec<_> =
@@ -113,15 +120,39 @@ groups:
     assert_eq!(depends, expected);
 }
 
+/// What the operator reads of a module of the shipped configuration: other words at each level, for
+/// what is unknown too, and nothing to take over where the vehicle stands.
+fn check_words(module: &ModuleSpec) {
+    let id = &module.id;
+    let (name, help) = (module.name.as_ref().unwrap(), module.help.as_ref().unwrap());
+    for stage in [Stage::Localizing, Stage::Standby, Stage::Cleared, Stage::Active] {
+        let names = [State::Error, State::Unknown].map(|state| name.of(state, stage));
+        assert!(names.iter().all(Option::is_some) && names[0] != names[1], "{id}: {names:?}");
+        assert!(!names.contains(&name.of(State::Warning, stage)), "{id}: {names:?}");
+        let drives = matches!(stage, Stage::Cleared | Stage::Active);
+        // Planning and Execution matter while driving alone.
+        let matters = drives || !["planning/", "execution/"].iter().any(|group| id.starts_with(group));
+        for state in [State::Warning, State::Error, State::Unknown] {
+            let said = help.of(state, stage);
+            assert!(said.is_some() || !matters || state == State::Warning, "{id} {state:?} {stage:?}");
+            let Some(Text { en, de }) = said.filter(|_| !drives) else { continue };
+            for driving in ["Take over", "Watch the road", "take over", "Be ready"] {
+                assert!(!en.contains(driving), "{id} {state:?} {stage:?}: {en}");
+            }
+            for driving in ["bernehmen", "Straße beobachten", "ereit sein", "Bremsbereit"] {
+                assert!(!de.contains(driving), "{id} {state:?} {stage:?}: {de}");
+            }
+        }
+    }
+}
+
 #[test]
 fn the_shuttle_is_valid() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/shuttle.yaml");
     let loaded = load(&path).unwrap_or_else(|problems| panic!("{problems}"));
     let tiles = loaded.model.groups.iter().filter(|group| group.tile.is_some());
     assert_eq!(tiles.count(), 8);
-    for module in &loaded.model.modules {
-        assert!(module.name.is_some() && module.help.is_some(), "{} needs words for the operator", module.id);
-    }
+    loaded.model.modules.iter().for_each(check_words);
     // It is the example of what can be diagnosed: every kind is in it.
     let kinds: BTreeSet<_> =
         loaded.model.modules.iter().map(|it| format!("{:?}", std::mem::discriminant(&it.monitor))).collect();
@@ -167,7 +198,7 @@ fn keys_must_be_known_and_stand_once() {
     check_beside_group(
         "colour: red\n",
         &[
-            "2:1: unknown key `colour` in a configuration (known here: include, vehicle, signals, stops, defaults, limits, localized_after, groups, countermeasures, publish, message_folders)",
+            "2:1: unknown key `colour` in a configuration (known here: include, vehicle, signals, stops, defaults, limits, localized_after, other, groups, countermeasures, publish, diagnostics, clock, message_folders)",
         ],
     );
     check_beside_group("groups: []\n", &["2:1: `groups` stands twice (keep one of the two)"]);
@@ -202,8 +233,8 @@ fn values_must_be_what_the_key_says() {
         &["2:21: expected a number, found `.inf` (write digits with a point, for example `12.5`)"],
     );
     check_beside_group(
-        "vehicle: { name: { en: A } }\n",
-        &["2:18: a text in two languages needs `de` (add `de: ...`)"],
+        "vehicle: { name: {} }\n",
+        &["2:18: a text needs `en` or `de` (write the text alone, or `{ en: ..., de: ... }`)"],
     );
     check_beside_group("vehicle: { id: }\n", &["2:14: expected a text, found nothing (write a value)"]);
     check_beside_group(
@@ -238,7 +269,9 @@ fn what_is_not_yaml_says_where() {
     );
     check(
         "vehicle: !x { id: a }\n",
-        &["1:13: a value has a tag (`!...`), which means nothing here (remove the tag)"],
+        &[
+            "1:13: a value has a tag (`!...`), which means nothing here (quote the whole value if the `!` belongs to it, such as CEL's not: `'!value'`; else remove the tag)",
+        ],
     );
     check("? [a]\n: b\n", &["1:3: a key must be one word (write `key: value`)"]);
     let problems = parse("c", "groups: [a\n").unwrap_err();

@@ -8,17 +8,28 @@ use std::time::Duration;
 pub use self::monitor::monitor;
 use crate::engine::countermeasure::{ConfirmedBy, Request, Rule};
 use crate::engine::filter::Filter;
-use crate::engine::model::{Dependency, DependsOn, Model, NodeId, POSED_SIGNAL, Policy, SignalSpec, When};
+use crate::engine::model::{
+    Dependency, DependsOn, Match, Model, NodeId, Other, POSED_SIGNAL, Policy, SignalSource, SignalSpec, When,
+};
+use crate::engine::monitor::spec::DiagnosticsTopic;
 use crate::engine::state::State;
 use crate::engine::time::Span;
 
-/// `/mission/active std_msgs/msg/Bool.data, unknown when older than 2s`
-pub fn signal(signal: &SignalSpec) -> String {
-    let source = &signal.source;
-    let dot = if source.field.is_empty() { "" } else { "." };
-    let mut text = format!("{} {}{dot}{}", source.topic, source.type_name, source.field);
+/// `/mission/active std_msgs/msg/Bool.data, unknown when older than 2s`, ``true if `value == 1` with
+/// value = power_supply_status of /battery (sensor_msgs/msg/BatteryState)``
+pub fn signal(model: &Model, signal: &SignalSpec) -> String {
+    let (mut text, event) = match &signal.source {
+        SignalSource::Field(source) => {
+            let dot = if source.field.is_empty() { "" } else { "." };
+            let type_name = type_name(&source.type_name);
+            (format!("{} {type_name}{dot}{}", source.topic, source.field), "each message")
+        }
+        SignalSource::Condition(spec) => {
+            (monitor::condition(model, spec), "each message with which the condition holds")
+        }
+    };
     if let Some(present) = signal.present_for {
-        let _ = write!(text, ", true for {} after each message", span(present));
+        let _ = write!(text, ", true for {} after {event}", span(present));
     }
     if let Some(timeout) = signal.timeout {
         let _ = write!(text, ", unknown when older than {}", span(timeout));
@@ -26,10 +37,21 @@ pub fn signal(signal: &SignalSpec) -> String {
     text
 }
 
+/// As it is, or as discovery will say it.
+fn type_name(known: &str) -> &str {
+    if known.is_empty() { "(type as published)" } else { known }
+}
+
+/// `1 group`, `3 groups`
+pub fn counted(count: usize, one: &str) -> String {
+    if count == 1 { format!("1 {one}") } else { format!("{count} {one}s") }
+}
+
 /// `unknown after 2s of silence, worse after 200ms`
 pub fn policy(policy: &Policy) -> String {
     let silence = format!("{} after {} of silence", policy.stale, span(policy.timeout));
-    std::iter::once(silence).chain(policy_when_heard(policy)).collect::<Vec<_>>().join(", ")
+    let forgotten = policy.forget_after.map(|after| format!("forgotten after {}", span(after)));
+    std::iter::once(silence).chain(forgotten).chain(policy_when_heard(policy)).collect::<Vec<_>>().join(", ")
 }
 
 /// The same of what cannot fall silent.
@@ -84,7 +106,22 @@ pub fn when(model: &Model, when: &When) -> String {
 }
 
 /// `the namespace '/sensors'`
-pub fn filter(filter: &Filter) -> String {
+/// What becomes of statuses that nothing claims.
+pub fn other(other: Other) -> &'static str {
+    match other {
+        Other::Hidden => "shown to developers alone",
+        Other::Shown => "one line for the operator when one of them is not OK, no alarm",
+        Other::Counted => "a tile like any other, with alarms",
+    }
+}
+
+/// An entry of a `match` list.
+pub fn matching(Match { filter, policy }: &Match) -> String {
+    let policy = policy.as_ref().map_or(String::new(), |it| format!(" ({})", self::policy(it)));
+    format!("{}{policy}", self::filter(filter))
+}
+
+fn filter(filter: &Filter) -> String {
     match filter {
         Filter::Name(name) => format!("the name '{name}'"),
         Filter::Namespace(prefix) => format!("the namespace '{prefix}'"),
@@ -107,4 +144,16 @@ pub fn node_name(model: &Model, node: NodeId) -> &str {
 /// `1h 30m`
 pub fn span(span: Span) -> String {
     humantime::format_duration(Duration::from_nanos(span.as_nanos())).to_string()
+}
+
+/// Where components report.
+pub fn diagnostics(topics: &[DiagnosticsTopic]) -> String {
+    let one = |DiagnosticsTopic { topic, prefix }: &DiagnosticsTopic| match &**prefix {
+        "" => topic.to_string(),
+        prefix => format!("{topic} as `{prefix}...`"),
+    };
+    match topics {
+        [] => "/diagnostics".to_owned(),
+        topics => topics.iter().map(one).collect::<Vec<_>>().join(", "),
+    }
 }

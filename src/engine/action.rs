@@ -108,6 +108,10 @@ pub enum Refusal {
     },
     /// A countermeasure is engaged or not released yet.
     Countermeasure(Kind),
+    /// Nobody hears what the vehicle may have to be asked for.
+    NobodyListens(Kind),
+    /// The configuration publishes no request to stop.
+    StopNotPublished,
     /// The display confirmed no recent frame.
     DisplayNotLive,
     /// Nothing can be written down now.

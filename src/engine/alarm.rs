@@ -109,13 +109,14 @@ impl Alarms {
         self.active = self.list.iter().filter(|alarm| alarm.active).count();
     }
 
-    /// Takes the present root causes, ranked. `explained` tells for a former root the causes
+    /// Takes the present root causes, ranked, each with whether it raises an alarm: one that raises none
+    /// keeps the alarm that it has, and takes over that of a symptom. `explained` tells for a former root the causes
     /// that mask it now: its alarm moves to the first of them that has none yet, and keeps its
     /// number. Where all have theirs, they stand for it too: it is gone, and nobody need know of it
     /// any more. Returns whether anything changed.
     pub(super) fn follow(
         &mut self,
-        roots: &[NodeId],
+        roots: &[(NodeId, bool)],
         explained: impl Fn(NodeId) -> Vec<NodeId>,
         now: Timestamp,
         events: &mut Events,
@@ -124,7 +125,7 @@ impl Alarms {
         for (index, alarm) in self.list.iter().enumerate().filter(|(_, alarm)| alarm.active) {
             active.insert(alarm.node, index);
         }
-        let present: HashSet<NodeId> = roots.iter().copied().collect();
+        let present: HashSet<NodeId> = roots.iter().map(|(node, _)| *node).collect();
         let is_gone = |node: &NodeId| !present.contains(node) && !self.awaited.contains(node);
         let mut changed = false;
         let mut gone: Vec<usize> =
@@ -152,7 +153,7 @@ impl Alarms {
                 }
             }
         }
-        for &node in roots {
+        for &(node, _) in roots.iter().filter(|(_, calls)| *calls) {
             if let Entry::Vacant(slot) = active.entry(node) {
                 changed = true;
                 self.last_id += 1;
@@ -176,6 +177,19 @@ impl Alarms {
             self.drop_oldest();
         }
         changed
+    }
+
+    /// What was raised at `now` by a status that an acknowledged alarm speaks of already is known: it
+    /// only shows at one place more.
+    fn know(&mut self, same: impl Fn(NodeId, NodeId) -> bool, now: Timestamp, events: &mut Events) {
+        let known: Vec<NodeId> =
+            self.list.iter().filter(|it| it.active && it.acknowledged).map(|it| it.node).collect();
+        for alarm in self.list.iter_mut().filter(|it| it.raised == now && it.active && !it.acknowledged) {
+            if known.iter().any(|&node| same(node, alarm.node)) {
+                alarm.acknowledged = true;
+                events.push(now, What::AlarmAcknowledged { id: alarm.id, node: alarm.node });
+            }
+        }
     }
 
     /// Counts the oldest of what one node repeats with the next one of it.
@@ -229,6 +243,8 @@ impl Engine {
     pub(super) fn follow_alarms(&mut self) {
         let (views, roots) = (&self.views, self.views.roots());
         if self.alarms.follow(&roots, |node| views.masked_by(node), self.now, &mut self.events) {
+            let same = |a, b| a != b && views.status_of(a).is_some_and(|it| views.status_of(b) == Some(it));
+            self.alarms.know(same, self.now, &mut self.events);
             self.views.set_alarms(self.alarms.list());
             let (merged, dropped) = self.alarms.take_lost();
             self.counters.merged_alarms += merged;
@@ -246,6 +262,10 @@ mod tests {
     const B: NodeId = NodeId::Module(ModuleId(1));
     const C: NodeId = NodeId::Module(ModuleId(2));
 
+    fn calling(roots: &[NodeId]) -> Vec<(NodeId, bool)> {
+        roots.iter().map(|&node| (node, true)).collect()
+    }
+
     fn numbers(alarms: &Alarms) -> Vec<(u64, NodeId, bool)> {
         alarms.list().iter().map(|alarm| (alarm.id, alarm.node, alarm.active)).collect()
     }
@@ -254,23 +274,49 @@ mod tests {
     fn a_root_that_returns_is_a_new_alarm() {
         let mut alarms = Alarms::default();
         let none = |_| Vec::new();
-        assert!(alarms.follow(&[A], none, Timestamp::ZERO, &mut Events::default()));
-        assert!(!alarms.follow(&[A], none, Timestamp::ZERO, &mut Events::default()));
+        assert!(alarms.follow(&[(A, true)], none, Timestamp::ZERO, &mut Events::default()));
+        assert!(!alarms.follow(&[(A, true)], none, Timestamp::ZERO, &mut Events::default()));
         alarms.follow(&[], none, Timestamp::ZERO, &mut Events::default());
-        alarms.follow(&[A], none, Timestamp::ZERO, &mut Events::default());
+        alarms.follow(&[(A, true)], none, Timestamp::ZERO, &mut Events::default());
         assert_eq!(numbers(&alarms), [(1, A, false), (2, A, true)]);
     }
 
     #[test]
     fn of_several_symptoms_the_first_number_moves_to_the_cause_and_the_rest_close() {
         let mut alarms = Alarms::default();
-        alarms.follow(&[A], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
-        alarms.follow(&[A, B], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
-        alarms.follow(&[C], |_| vec![C], Timestamp::ZERO, &mut Events::default());
+        alarms.follow(&[(A, true)], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        alarms.follow(&[(A, true), (B, true)], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        alarms.follow(&[(C, true)], |_| vec![C], Timestamp::ZERO, &mut Events::default());
         assert_eq!(numbers(&alarms), [(1, C, true)], "the rest is owed to it and asks for nothing");
-        alarms.follow(&[C, A], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
-        alarms.follow(&[C], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        alarms.follow(&[(C, true), (A, true)], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        alarms.follow(&[(C, true)], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
         assert_eq!(numbers(&alarms), [(1, C, true), (3, A, false)], "over without a cause");
+    }
+
+    #[test]
+    fn what_is_given_time_raises_none_and_takes_over_that_of_a_symptom() {
+        let mut alarms = Alarms::default();
+        let mut follow = |roots: &[(NodeId, bool)], causes: &[NodeId]| {
+            alarms.follow(roots, |_| causes.to_vec(), Timestamp::ZERO, &mut Events::default());
+            numbers(&alarms)
+        };
+        assert_eq!(follow(&[(C, false)], &[]), []);
+        assert_eq!(follow(&[(C, true)], &[]), [(1, C, true)]);
+        assert_eq!(follow(&[(C, false)], &[]), [(1, C, true)], "what was raised stays");
+        assert_eq!(follow(&[(A, true)], &[]), [(1, C, false), (2, A, true)]);
+        assert_eq!(follow(&[(B, false)], &[B]), [(1, C, false), (2, B, true)]);
+    }
+
+    #[test]
+    fn what_is_known_at_one_place_is_known_at_another_that_comes_later() {
+        let mut alarms = Alarms::default();
+        let at = Timestamp::from_millis;
+        alarms.follow(&calling(&[A]), |_| Vec::new(), at(0), &mut Events::default());
+        alarms.acknowledge(|_| true, at(1), &mut Events::default());
+        alarms.follow(&calling(&[A, B, C]), |_| Vec::new(), at(2), &mut Events::default());
+        alarms.know(|a, b| (a, b) == (A, B), at(2), &mut Events::default());
+        let known: Vec<bool> = alarms.list().iter().map(|alarm| alarm.acknowledged).collect();
+        assert_eq!(known, [true, true, false]);
     }
 
     #[test]
@@ -281,7 +327,7 @@ mod tests {
             let alarm = Alarm { id: 7, node: A, raised, ended, acknowledged, active: true, repeats: 0 };
             alarms.restore(vec![alarm], 7);
             let follow = |alarms: &mut Alarms, roots: &[NodeId]| {
-                alarms.follow(roots, |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+                alarms.follow(&calling(roots), |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
             };
             assert!(!alarms.hear(|_| false) && alarms.awaits());
             follow(&mut alarms, &[]);
@@ -299,7 +345,7 @@ mod tests {
     fn flapping_is_counted_and_takes_no_room_from_others() {
         let mut alarms = Alarms::default();
         let mut follow = |roots: &[NodeId]| {
-            alarms.follow(roots, |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+            alarms.follow(&calling(roots), |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
         };
         follow(&[B]);
         (0..1000).for_each(|_| [&[][..], &[A]].into_iter().for_each(&mut follow));
@@ -315,7 +361,7 @@ mod tests {
     fn what_repeats_gives_way_to_what_was_there_once() {
         let mut alarms = Alarms::default();
         let mut follow = |roots: &[NodeId]| {
-            alarms.follow(roots, |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+            alarms.follow(&calling(roots), |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
         };
         follow(&[A]);
         follow(&[]);

@@ -111,7 +111,7 @@ impl Causes {
         self.dirty = true;
         match node {
             NodeId::Group(id) => {
-                if net.groups[id.0 as usize].is_other {
+                if net.groups[id.0 as usize].aside {
                     return;
                 }
                 let failing = after.relevant && !after.blocked && after.worst() >= net.threshold;
@@ -121,7 +121,7 @@ impl Causes {
             }
             NodeId::Module(id) => {
                 let module = &net.modules[id.0 as usize];
-                if module.node.parent.is_some_and(|group| net.groups[group.0 as usize].is_other) {
+                if module.node.parent.is_some_and(|group| net.groups[group.0 as usize].aside) {
                     return;
                 }
                 let failing = after.relevant && after.worst() >= net.threshold;
@@ -144,7 +144,7 @@ impl Causes {
             return None;
         }
         let found = search(net, &self.region);
-        let masks = found.count_masked(net);
+        let (masks, hides_error) = found.count_masked(net);
         let mut roots: Vec<u32> = (0..found.roots.len() as u32)
             .filter(|&root| masks[root as usize] > 0 || shows_error(net, found.roots[root as usize]))
             .collect();
@@ -156,7 +156,7 @@ impl Causes {
         self.since = roots.iter().map(since).collect();
         roots.sort_by_cached_key(|&root| {
             let node = found.roots[root as usize];
-            (Reverse(masks[root as usize]), self.since[&node], node)
+            (Reverse(masks[root as usize]), self.since[&node], arrival(net, node), node)
         });
         let mut rank = vec![u32::MAX; found.roots.len()];
         for (place, &root) in roots.iter().enumerate() {
@@ -167,6 +167,7 @@ impl Causes {
             node: found.roots[root as usize],
             masks: masks[root as usize],
             since: self.since[&found.roots[root as usize]],
+            grace: !hides_error[root as usize] && in_grace(net, found.roots[root as usize]),
         };
         Some(Explained { masked: found.masked(net, &rank), paths, roots: roots.iter().map(cause).collect() })
     }
@@ -208,12 +209,13 @@ impl Causes {
 }
 
 /// The part of a node's facts that root causes depend on.
-fn matters(facts: &Facts, threshold: State) -> (bool, bool, bool, Option<State>, Option<State>) {
+fn matters(facts: &Facts, threshold: State) -> (bool, bool, bool, bool, Option<State>, Option<State>) {
     let above = |state: State| Some(state).filter(|&state| facts.relevant && state >= threshold);
     (
         facts.relevant && facts.worst() >= threshold,
         facts.blocked,
         facts.masked,
+        facts.relevant && facts.grace && facts.own >= threshold,
         above(facts.shown),
         above(facts.own),
     )
@@ -221,6 +223,20 @@ fn matters(facts: &Facts, threshold: State) -> (bool, bool, bool, Option<State>,
 
 fn shows_error(net: &Net, node: NodeId) -> bool {
     net.node(node).facts.shown == State::Error
+}
+
+/// UNKNOWN only because it is still given time to report.
+fn in_grace(net: &Net, node: NodeId) -> bool {
+    let facts = net.node(node).facts;
+    facts.shown == State::Unknown && facts.grace
+}
+
+/// The configuration stands before what was made at run time.
+fn arrival(net: &Net, node: NodeId) -> u64 {
+    match node {
+        NodeId::Group(_) => 0,
+        NodeId::Module(id) => net.modules[id.0 as usize].arrival,
+    }
 }
 
 /// The best ranked of a set, at most [`NAMED_MAX`], in order of rank.
@@ -364,17 +380,20 @@ impl Found {
         }
     }
 
-    /// How many modules and groups show IGNORE because of each root.
-    fn count_masked(&self, net: &Net) -> Vec<u32> {
+    /// How many modules and groups show IGNORE because of each root, and whether a module among them is
+    /// in ERROR itself.
+    fn count_masked(&self, net: &Net) -> (Vec<u32>, Vec<bool>) {
         let mut masks = vec![0; self.roots.len()];
+        let mut hides_error = vec![false; self.roots.len()];
         for (position, &vertex) in self.order.iter().enumerate() {
-            if self.is_masked(net, vertex).is_some() {
-                for &root in &*self.sets[position] {
-                    masks[root as usize] += 1;
-                }
+            let Some(node) = self.is_masked(net, vertex) else { continue };
+            let in_error = matches!(node, NodeId::Module(_)) && net.node(node).facts.own == State::Error;
+            for &root in &*self.sets[position] {
+                masks[root as usize] += 1;
+                hides_error[root as usize] |= in_error;
             }
         }
-        masks
+        (masks, hides_error)
     }
 
     fn masked(&self, net: &Net, rank: &[u32]) -> Vec<(NodeId, Arc<[NodeId]>)> {

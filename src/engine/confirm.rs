@@ -2,7 +2,7 @@
 //! confirmation, and none stands in for another.
 
 use super::countermeasure::{Confirmation, ConfirmedBy, Kind, Request};
-use super::measures::{By, Held, Measures, output};
+use super::measures::{By, Held, Measures};
 use super::model::{Model, Text};
 use super::monitor::say;
 use super::names::Names;
@@ -92,7 +92,8 @@ impl Measures {
                 state: MeasureState::Requested,
             });
             let confirmations = self.confirmations(model, kind);
-            if output(kind).is_some_and(|output| self.unsent.contains_key(&output)) {
+            let is_unsent = kind.output().is_some_and(|output| self.unsent.contains_key(&output));
+            if is_unsent || self.unreached(model, kind).is_some() {
                 (asked.state, asked.unconfirmed_since) = (MeasureState::Unconfirmed, now);
             } else if confirmations.is_empty() {
                 asked.state = MeasureState::Requested;
@@ -177,11 +178,14 @@ impl Measures {
 
     /// What is wrong with the requests that are made now.
     pub(super) fn trouble(&self, model: &Model) -> Option<Text> {
-        let unconfirmed = |asked: &&Asked| asked.state == MeasureState::Unconfirmed;
+        // That nobody hears it is an ERROR of its own.
+        let unconfirmed = |asked: &&Asked| {
+            asked.state == MeasureState::Unconfirmed && self.unreached(model, asked.request.kind()).is_none()
+        };
         let wrong = self.asked.iter().flatten().filter(unconfirmed).map(|asked| {
             let kind = asked.request.kind();
             let name = kind.said();
-            match output(kind).and_then(|output| self.unsent.get(&output)) {
+            match kind.output().and_then(|output| self.unsent.get(&output)) {
                 Some(news) => {
                     let error = news.error.as_deref().unwrap_or_default();
                     say!(
@@ -234,6 +238,7 @@ impl Measures {
         (self.asked, self.arrives) = (old.asked, old.arrives);
         self.heard = old.heard.iter().filter_map(|heard| heard.kept(before, model)).collect();
         self.unsent.clone_from(&old.unsent);
+        self.unheard.clone_from(&old.unheard);
     }
 }
 

@@ -1,6 +1,7 @@
 //! Countermeasures: what the vehicle is asked to do when something fails (`ENGINE.md` 10; paper,
 //! Sec. IV-D).
 
+use super::input::Output;
 use super::model::{NodeId, Stage, Text};
 use super::monitor::say;
 use super::state::State;
@@ -47,6 +48,15 @@ impl Kind {
             Kind::Decelerate => say!("decelerate", "Abbremsen"),
             Kind::ManeuverStop => say!("maneuver_stop", "sicheres Anhalten"),
             Kind::Notify => say!("notify", "Meldung"),
+        }
+    }
+
+    /// On what a request of this kind is published.
+    pub const fn output(self) -> Option<Output> {
+        match self {
+            Kind::Notify => None,
+            Kind::ManeuverStop => Some(Output::ManeuverStop),
+            Kind::Decelerate => Some(Output::Deceleration),
         }
     }
 

@@ -36,12 +36,33 @@ pub struct TopicSeen {
 pub struct Endpoint {
     /// The participant it belongs to, in hexadecimal digits.
     pub participant: String,
+    /// The whole name of its node, `/ns/name`, where that is announced.
+    pub node: Option<String>,
     /// As ROS names it: `std_msgs/msg/Bool`.
     pub type_name: String,
     pub reliable: bool,
     pub transient_local: bool,
+    /// How often a message is promised or expected; `None`: nothing is said of it.
+    pub deadline_ns: Option<u64>,
+    pub liveliness: Liveliness,
     /// It is one of our own.
     pub ours: bool,
+}
+
+/// Who says that a publisher lives, from the weakest, and within which time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub struct Liveliness {
+    pub kind: LivelinessKind,
+    /// `None`: without a limit.
+    pub lease_ns: Option<u64>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub enum LivelinessKind {
+    #[default]
+    Automatic,
+    ManualByParticipant,
+    ManualByTopic,
 }
 
 /// Why a publisher and a subscriber of one topic do not come together.
@@ -52,6 +73,23 @@ pub enum Mismatch {
     Reliability,
     /// Late joiners want the last value, and nobody keeps it.
     Durability,
+    /// Messages are expected more often than they are promised.
+    Deadline,
+    /// It is to be said that a publisher lives, and nobody does, or not often enough.
+    Liveliness,
+}
+
+impl Mismatch {
+    /// For a developer.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Mismatch::Type => "types differ",
+            Mismatch::Reliability => "reliability is asked for and not offered",
+            Mismatch::Durability => "the last value is asked for and not kept",
+            Mismatch::Deadline => "a deadline is asked for and not offered",
+            Mismatch::Liveliness => "liveliness is asked for and not offered",
+        }
+    }
 }
 
 impl TopicSeen {
@@ -66,6 +104,14 @@ impl TopicSeen {
         found.sort_unstable();
         found.dedup();
         found
+    }
+
+    /// Whether somebody else publishes the aggregated diagnosis that we publish.
+    pub fn is_published_beside_us(&self) -> bool {
+        let aggregated = |it: &Endpoint| it.type_name.starts_with("diagnostic_msgs/msg/Diagnostic");
+        let ours = |it: &&Endpoint| it.ours && aggregated(it);
+        self.publishers.iter().any(|it| ours(&it))
+            && self.publishers.iter().any(|it| !it.ours && aggregated(it))
     }
 
     /// The names of the types, each once.
@@ -88,10 +134,21 @@ impl Endpoint {
             Some(Mismatch::Type)
         } else if subscriber.reliable && !self.reliable {
             Some(Mismatch::Reliability)
+        } else if subscriber.transient_local && !self.transient_local {
+            Some(Mismatch::Durability)
+        } else if !is_within(self.deadline_ns, subscriber.deadline_ns) {
+            Some(Mismatch::Deadline)
         } else {
-            (subscriber.transient_local && !self.transient_local).then_some(Mismatch::Durability)
+            let lives = self.liveliness.kind >= subscriber.liveliness.kind
+                && is_within(self.liveliness.lease_ns, subscriber.liveliness.lease_ns);
+            (!lives).then_some(Mismatch::Liveliness)
         }
     }
+}
+
+/// Whether what is offered is as short as what is asked for; `None` is without end.
+fn is_within(offered: Option<u64>, asked: Option<u64>) -> bool {
+    asked.is_none_or(|asked| offered.is_some_and(|offered| offered <= asked))
 }
 
 #[cfg(test)]
@@ -100,13 +157,17 @@ mod tests {
 
     fn endpoint(type_name: &str, reliable: bool, transient_local: bool, ours: bool) -> Endpoint {
         let participant = "01".to_owned();
-        Endpoint { participant, type_name: type_name.to_owned(), reliable, transient_local, ours }
+        let type_name = type_name.to_owned();
+        Endpoint { participant, type_name, reliable, transient_local, ours, ..Endpoint::default() }
     }
 
     #[test]
     fn what_is_asked_for_and_not_offered_does_not_match() {
         let (reliable, best_effort) = (endpoint("a", true, false, false), endpoint("a", false, false, false));
         let keeps = endpoint("a", true, true, false);
+        let every = |deadline_ns| Endpoint { deadline_ns: Some(deadline_ns), ..keeps.clone() };
+        let lives = |kind, lease_ns| Endpoint { liveliness: Liveliness { kind, lease_ns }, ..keeps.clone() };
+        let (fast, by_topic) = (every(100), lives(LivelinessKind::ManualByTopic, Some(100)));
         for (publisher, subscriber, expect) in [
             (&reliable, endpoint("a", true, false, false), None),
             (&reliable, endpoint("a", false, false, false), None),
@@ -115,6 +176,13 @@ mod tests {
             (&keeps, endpoint("a", true, true, false), None),
             (&reliable, endpoint("b", true, false, false), Some(Mismatch::Type)),
             (&best_effort, endpoint("a", true, true, true), None),
+            (&fast, every(100), None),
+            (&fast, every(99), Some(Mismatch::Deadline)),
+            (&keeps, every(100), Some(Mismatch::Deadline)),
+            (&fast, endpoint("a", true, true, false), None),
+            (&by_topic, lives(LivelinessKind::Automatic, None), None),
+            (&by_topic, lives(LivelinessKind::ManualByTopic, Some(99)), Some(Mismatch::Liveliness)),
+            (&keeps, lives(LivelinessKind::ManualByTopic, None), Some(Mismatch::Liveliness)),
         ] {
             let topic = TopicSeen {
                 publishers: vec![publisher.clone()],

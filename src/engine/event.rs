@@ -1,6 +1,11 @@
 //! What happened, in order: for histories, figures and logs. The engine keeps it only if asked to.
 
+use std::sync::Arc;
+
+use super::Engine;
 use super::model::{NodeId, Stage};
+use super::net::Change;
+use super::record::Said;
 use super::state::State;
 use super::time::Timestamp;
 
@@ -23,6 +28,8 @@ pub enum What {
         to: State,
         own: State,
         cause: Option<NodeId>,
+        /// The words of a module.
+        said: Option<Said>,
     },
     Stage {
         from: Stage,
@@ -52,6 +59,10 @@ pub enum What {
         id: u64,
         node: NodeId,
     },
+    /// A module that was made at run time was silent for too long: it is not there any more.
+    Left {
+        node: Arc<str>,
+    },
     /// The configuration was replaced: ids before and after name different nodes.
     Reloaded,
 }
@@ -77,11 +88,61 @@ impl Events {
         list.push(Event { at, what });
     }
 
+    /// What those that were not taken yet speak of.
+    pub(super) fn nodes(&self) -> impl Iterator<Item = NodeId> {
+        let of = |event: &Event| match event.what {
+            What::Shown { node, cause, .. } => [Some(node), cause],
+            What::AlarmMoved { symptom, cause, .. } => [Some(symptom), Some(cause)],
+            What::AlarmRaised { node, .. }
+            | What::AlarmAcknowledged { node, .. }
+            | What::AlarmCleared { node, .. } => [Some(node), None],
+            _ => [None, None],
+        };
+        self.list.iter().flatten().flat_map(of).flatten()
+    }
+
     pub(super) fn wanted(&self) -> bool {
         self.list.is_some()
     }
 
     pub(super) fn take(&mut self) -> Vec<Event> {
         self.list.as_mut().map(std::mem::take).unwrap_or_default()
+    }
+}
+
+/// A masked node that waits for another cause than before.
+pub(super) struct BlamedAnew {
+    pub(super) node: NodeId,
+    pub(super) own: State,
+    pub(super) cause: Option<NodeId>,
+}
+
+impl Engine {
+    /// Tells what other nodes show now, and which wait for another cause. Asked for only where events
+    /// are wanted.
+    pub(super) fn keep_changes(&mut self, changes: &[Change], blamed: Vec<BlamedAnew>) {
+        for Change { node, before, after } in changes {
+            if (before.shown, before.own, before.masked) != (after.shown, after.own, after.masked) {
+                let cause = self.views.masked_by(*node).first().copied();
+                self.keep_shown(*node, (before.shown, after.shown), after.own, cause);
+            }
+        }
+        for BlamedAnew { node, own, cause } in blamed {
+            self.keep_shown(node, (State::Ignore, State::Ignore), own, cause);
+        }
+    }
+
+    fn keep_shown(&mut self, node: NodeId, (from, to): (State, State), own: State, cause: Option<NodeId>) {
+        let said = self.said(node);
+        self.events.push(self.now, What::Shown { node, from, to, own, cause, said });
+    }
+
+    /// What a module says at this instant. The view of it may not know yet when it was heard.
+    fn said(&self, node: NodeId) -> Option<Said> {
+        let NodeId::Module(id) = node else { return None };
+        let own = &self.net.modules[id.0 as usize].own;
+        let silent = own.received().filter(|_| own.silent()).map(|at| self.now.since(at));
+        let report = &self.views.modules.get(id.0 as usize)?.report;
+        Said::of(report.last_words(own.silent()), silent)
     }
 }

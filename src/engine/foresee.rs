@@ -75,28 +75,46 @@ impl Engine {
     }
 
     fn foresee_acknowledged(&mut self, alarm: &AlarmRef, after: &mut Snapshot) {
-        let (number, node) = match alarm {
+        let known: Vec<(NodeId, Option<u64>)> = match alarm {
             AlarmRef::OperatorStop => {
                 after.countermeasures = self.list_after(|measures| measures.release_stop());
                 return;
             }
-            AlarmRef::Number(number) => (Some(*number), self.alarms.node(*number)),
-            AlarmRef::Node(name) => (None, self.node_named(name)),
+            AlarmRef::Number(number) => {
+                let numbers = self.of_one_status(*number).into_iter();
+                numbers.filter_map(|number| Some((self.alarms.node(number)?, Some(number)))).collect()
+            }
+            AlarmRef::Node(name) => {
+                let places = self.node_named(name).map(|node| self.places_of(node));
+                places.into_iter().flatten().map(|node| (node, None)).collect()
+            }
         };
-        let Some(node) = node else { return };
-        let is_meant = |id, about| number.map_or(about == node, |number| id == number);
+        let is_known = |id, about| {
+            known.iter().any(|&(node, number)| number.map_or(about == node, |number| id == number))
+        };
         let mut alarms = after.alarms.to_vec();
-        alarms.iter_mut().filter(|it| is_meant(it.id, it.node)).for_each(|it| it.acknowledged = true);
+        alarms.iter_mut().filter(|it| is_known(it.id, it.node)).for_each(|it| it.acknowledged = true);
         alarms.retain(|it| it.active || !it.acknowledged);
         after.alarms = alarms.into();
-        let alarm = number.and_then(|number| self.alarms.latest(number));
-        if number.is_none() || alarm.is_some() {
-            let known = Known { node, alarm: alarm.as_ref() };
-            after.countermeasures = self.list_after(|measures| measures.acknowledge(known));
+        let latest: Vec<_> =
+            known.iter().map(|(_, number)| number.map(|number| self.alarms.latest(number))).collect();
+        if latest.iter().any(|it| !matches!(it, Some(None))) {
+            after.countermeasures = self.list_after(|measures| {
+                for (&(node, _), latest) in known.iter().zip(&latest) {
+                    match latest {
+                        None => measures.acknowledge(Known { node, alarm: None }),
+                        Some(Some(alarm)) => measures.acknowledge(Known { node, alarm: Some(alarm) }),
+                        // The node has raised another one since.
+                        Some(None) => {}
+                    }
+                }
+            });
         }
-        if number.is_none() {
-            let accepted = after.accepted.iter().copied();
-            after.accepted = accepted.chain(self.warned_in(node).into_iter().map(NodeId::Module)).collect();
-        }
+        let nodes = known.iter().filter(|(_, number)| number.is_none());
+        let warned = nodes.flat_map(|&(node, _)| self.warned_in(node)).map(NodeId::Module);
+        let mut accepted: Vec<NodeId> = after.accepted.iter().copied().chain(warned).collect();
+        accepted.sort_unstable();
+        accepted.dedup();
+        after.accepted = accepted.into();
     }
 }

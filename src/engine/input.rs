@@ -25,6 +25,15 @@ pub enum Input {
     Reception(ReceptionTrouble),
     /// Something for the vehicle could, or could not, be sent. Said when that changes.
     Output(OutputNews),
+    /// Somebody listens, or nobody, to what is published for the vehicle. Said when that changes;
+    /// until then it is taken for heard.
+    Listened(ListenNews),
+    /// Another program publishes, or does not publish, the aggregated diagnosis that this one would.
+    /// Said when that changes.
+    Aggregator {
+        /// Where and who; `None`: nobody.
+        other: Option<Box<str>>,
+    },
     /// What must be kept can, or cannot, be written down. Said when that changes.
     Storage {
         /// What is wrong, for a developer; `None`: nothing.
@@ -78,6 +87,15 @@ pub struct OutputNews {
     pub topic: Box<str>,
     /// Why it could not be sent, for a developer; `None`: it can be sent again.
     pub error: Option<Box<str>>,
+}
+
+/// Whether anybody listens to something that is published for the vehicle.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ListenNews {
+    pub output: Output,
+    /// As ROS names it: `/telltale/maneuver_stop_request`.
+    pub topic: Box<str>,
+    pub heard: bool,
 }
 
 /// What is published for the vehicle. All of it is a level that follows from snapshots.
@@ -158,6 +176,18 @@ impl StatusArray {
         if let Some(status) = self.statuses.last_mut() {
             status.values.end += 1;
         }
+    }
+
+    /// The same statuses, with `prefix` in front of each name.
+    pub fn prefixed(&self, prefix: &str) -> StatusArray {
+        let text_bytes = self.text.len() + prefix.len() * self.len();
+        let mut out = StatusArray::with_capacity(self.len(), text_bytes);
+        for status in self.iter() {
+            let name = [prefix, status.name()].concat();
+            out.push_status(status.level(), &name, status.message(), status.hardware_id());
+            status.values().for_each(|(key, value)| out.push_value(key, value));
+        }
+        out
     }
 
     /// Keeps the first `count` statuses.

@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
-use super::model::{GroupId, GroupSpec, Model, ModuleId, Text};
+use super::model::{GroupId, GroupSpec, Model, ModuleId, Other, StageModel, Text};
 use super::snapshot::{Class, GroupInfo, Layout, ModuleInfo};
-use super::system::{OTHER_GROUP, SYSTEM_GROUP, SystemCheck};
+use super::system::{BUILT_IN_GROUPS, OTHER_GROUP, SYSTEM_GROUP, SystemCheck};
+use super::wording::Wording;
 
 /// The class of a module that judges a received level.
 pub(super) const SELF_STATE: Class = Class { location: "isolated", information: "content", flow: None };
@@ -19,10 +20,12 @@ pub(super) fn layout(model: &Model) -> Layout {
         depends_on: spec.depends_on.iter().map(|dependency| dependency.on.clone()).collect(),
         tile: spec.tile,
         is_other: false,
+        counted: true,
         is_system: false,
+        hint: None,
     };
     let mut groups: Vec<GroupInfo> = model.groups.iter().map(info).collect();
-    let built_in = |path: &str, en: &str, de: &str| GroupInfo {
+    let built_in = |(path, en, de): (&str, &str, &str)| GroupInfo {
         path: path.into(),
         name: Text { en: en.into(), de: de.into() },
         parent: None,
@@ -31,10 +34,11 @@ pub(super) fn layout(model: &Model) -> Layout {
         depends_on: Vec::new(),
         tile: None,
         is_other: path == OTHER_GROUP,
+        counted: path != OTHER_GROUP || model.other == Other::Counted,
         is_system: path == SYSTEM_GROUP,
+        hint: None,
     };
-    groups.push(built_in(OTHER_GROUP, "Other", "Sonstige"));
-    groups.push(built_in(SYSTEM_GROUP, "Telltale", "Telltale"));
+    groups.extend(BUILT_IN_GROUPS.map(built_in));
     for (index, spec) in model.groups.iter().enumerate() {
         if let Some(parent) = spec.parent {
             groups[parent.0 as usize].groups.push(GroupId(index as u32));
@@ -48,8 +52,12 @@ pub(super) fn layout(model: &Model) -> Layout {
             name: spec.name.clone(),
             help: spec.help.clone(),
             group: spec.group,
+            status: spec.monitor.status().cloned(),
             depends_on: spec.depends_on.iter().map(|dependency| dependency.on.clone()).collect(),
             discovered: false,
+            gone: false,
+            number: 0,
+            kind: spec.monitor.kind(),
             class: spec.monitor.class(),
         }));
     }
@@ -58,17 +66,23 @@ pub(super) fn layout(model: &Model) -> Layout {
         groups[system.0 as usize].modules.push(ModuleId(modules.len() as u32));
         modules.push(Arc::new(ModuleInfo {
             id: check.id().into(),
-            name: Some(check.name()),
-            help: Some(check.help()),
+            name: Some(Wording::name(check.name())),
+            // A machine without stages is not driven: the page has words for it.
+            help: (model.stages == StageModel::Shuttle).then(|| check.help()),
             group: system,
+            status: None,
             depends_on: Vec::new(),
             discovered: false,
+            gone: false,
+            number: 0,
+            kind: "self_state",
             class: SELF_STATE,
         }));
     }
     Layout {
         vehicle_id: model.vehicle_id.clone(),
         vehicle_name: model.vehicle_name.clone(),
+        other: model.other,
         stops: model.driving.stops.clone().into(),
         groups,
         modules,

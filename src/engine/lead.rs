@@ -8,7 +8,7 @@ use super::event::What;
 use super::input::{Output, OutputNews, Refusal};
 use super::model::{NodeId, Stage, StageModel, Text};
 use super::monitor::say;
-use super::snapshot::{Countermeasure, Localization};
+use super::snapshot::{Countermeasure, Localization, Unreached};
 use super::state::State;
 use super::system::SystemCheck;
 use super::timers::TimerKey;
@@ -22,6 +22,7 @@ pub(super) struct Told {
     contradicts_itself: bool,
     measures: Option<Text>,
     outputs: Option<Text>,
+    unheard: Option<Text>,
 }
 
 /// Where the vehicle is led and what is asked of it, as the snapshot has it.
@@ -33,6 +34,8 @@ pub(super) struct Led {
     pub(super) localization: Localization,
     pub(super) clearance: bool,
     pub(super) clearance_refusals: Arc<[Refusal]>,
+    pub(super) unreached: Arc<[(Output, Unreached)]>,
+    pub(super) listened: Arc<[Output]>,
 }
 
 impl Engine {
@@ -151,6 +154,7 @@ impl Engine {
             contradicts_itself: self.signals.drive.is_doubted(self.now),
             measures: self.measures.trouble(&self.model),
             outputs: unsent(&self.measures.unsent()).map(Text::from),
+            unheard: self.unheard(),
         };
         if told == self.told {
             return;
@@ -174,7 +178,10 @@ impl Engine {
         let words = |words: &Option<Text>| words.clone().unwrap_or_default();
         let measures = (worse(&told.measures, State::Error), words(&told.measures));
         self.report_on_self(SystemCheck::Countermeasure, measures.0, measures.1);
-        let outputs = (worse(&told.outputs, State::Warning), words(&told.outputs));
+        let outputs = match &told.unheard {
+            Some(unheard) => (State::Error, unheard.clone()),
+            None => (worse(&told.outputs, State::Warning), words(&told.outputs)),
+        };
         self.report_on_self(SystemCheck::Outputs, outputs.0, outputs.1);
         self.told = told;
     }
@@ -191,6 +198,8 @@ impl Engine {
             localization: self.vehicle.localization,
             clearance: self.vehicle.stage == Stage::Cleared,
             clearance_refusals: self.clearance_refusals().into(),
+            unreached: self.unreached().into(),
+            listened: self.measures.listened.iter().copied().collect(),
         });
     }
 }

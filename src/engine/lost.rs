@@ -10,6 +10,22 @@ impl Engine {
     /// Makes a discovered module again, where the filters would make it and there is room for it. A
     /// status that feeds several groups makes those of the others too.
     pub(super) fn rediscover(&mut self, name: &str) {
+        if let Some((_, status)) = self.would_make(name, true) {
+            self.discover(&status);
+        }
+    }
+
+    /// Keeps the name of a discovered module for what is over, where the filters would make it: it is
+    /// there again when it is heard. Until then it takes no room.
+    pub(super) fn remember(&mut self, name: &str) {
+        if let Some((group, _)) = self.would_make(name, false) {
+            self.keep_departed(name, group);
+        }
+    }
+
+    /// The group that would have a module of this name, if it `needs_room` and there is some, and the
+    /// status that would make it.
+    fn would_make(&self, name: &str, needs_room: bool) -> Option<(GroupId, String)> {
         // The second of a name is so called because of the first.
         let first = name.rsplit_once(" (").filter(|(first, _)| self.views.has(first));
         let name = first.map_or(name, |(first, _)| first);
@@ -18,14 +34,14 @@ impl Engine {
         let mut candidates: Vec<(GroupId, String)> = paths.collect();
         candidates.sort_by_key(|(_, status)| status.len());
         let other = self.net.other_group();
-        let found = candidates.into_iter().find(|(group, status)| {
-            status != overflow::MODULE
-                && self.names.find(status).is_none()
-                && self.names.claim(&self.model, status, other).groups.contains(group)
-        });
-        if let Some((_, status)) = found {
-            self.discover(&status);
-        }
+        candidates.into_iter().find(|(group, status)| {
+            if status == overflow::MODULE || needs_room && self.names.find(status).is_some() {
+                return false;
+            }
+            let claim = self.names.claim(&self.model, status, other, &[]);
+            let in_room = claim.places.iter().any(|place| place.group == *group);
+            in_room || !needs_room && claim.dropped_by.contains(group)
+        })
     }
 
     /// Who stands for a node that is gone: the closest group around it that is there, or else the node

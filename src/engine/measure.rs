@@ -7,14 +7,15 @@ use super::net::Net;
 use super::state::State;
 use super::time::{Span, Timestamp};
 use super::timers::TimerKey;
-use super::watching::Told;
+use super::watching::{Purpose, Told};
 
 /// The policies of the declared modules. What a monitor judges by the clock never falls silent.
 pub(super) fn policies(model: &Model) -> Vec<Policy> {
     let policy = |spec: &super::model::ModuleSpec| {
         let timeout =
             if spec.monitor.by_the_clock() { Span::from_nanos(u64::MAX) } else { spec.policy.timeout };
-        Policy { timeout, ..spec.policy.clone() }
+        let forget_after = spec.policy.forget_after.filter(|_| !spec.monitor.by_the_clock());
+        Policy { timeout, forget_after, ..spec.policy.clone() }
     };
     model.modules.iter().map(policy).collect()
 }
@@ -56,16 +57,20 @@ impl Engine {
     /// Lets a monitor speak: because it `heard` something, or by the clock. Returns whether that
     /// changed anything.
     pub(super) fn judge_monitor(&mut self, index: u32, heard: bool) -> bool {
-        let id = self.watching.watches[index as usize].module;
+        let id = match self.watching.watches[index as usize].purpose {
+            Purpose::Module(id) => id,
+            Purpose::Signal(signal) => return heard && self.judge_condition(index, signal),
+        };
         let by_the_clock = self.watching.by_the_clock(index);
-        let Told { state, changed, words, due } = self.watching.judge(index, self.net.policy(id), self.now);
+        let Told { state, changed, words, aged, due } =
+            self.watching.judge(index, self.net.policy(id), self.now);
         if let Some(due) = due {
             self.timers.arm(TimerKey::Monitor(index), due);
         }
         let moved = match state {
             Some(state) if heard => self.net.report(id, state, self.now),
             Some(state) if changed => self.net.revise(id, state, by_the_clock, self.now),
-            None if changed => self.net.forget(id),
+            None if changed => self.net.forget(id, self.now),
             _ => false,
         };
         if moved {
@@ -74,7 +79,7 @@ impl Engine {
         if heard || state.is_none() {
             self.views.note_heard(id);
         }
-        let said = words.is_some_and(|words| self.views.set_words(id, words));
+        let said = words.is_some_and(|words| self.views.set_words(id, words, aged));
         moved || said
     }
 
@@ -103,12 +108,21 @@ impl Net {
     /// module's own state may have changed.
     fn revise(&mut self, id: ModuleId, state: State, by_the_clock: bool, now: Timestamp) -> bool {
         let policy = self.policy(id).clone();
-        self.modules[id.0 as usize].own.revise(state, &policy, by_the_clock, now)
+        let own = &mut self.modules[id.0 as usize].own;
+        let heard = own.received().is_some();
+        let moved = own.revise(state, &policy, by_the_clock, now);
+        // Time acts first, and what was heard may be over at this very instant.
+        let forgotten = heard && own.received().is_none();
+        if forgotten {
+            self.forgotten.push(id);
+        }
+        moved || forgotten
     }
 
     /// A module's monitor has nothing to say any more.
-    fn forget(&mut self, id: ModuleId) -> bool {
-        self.modules[id.0 as usize].own.forget();
+    fn forget(&mut self, id: ModuleId, now: Timestamp) -> bool {
+        let policy = self.policy(id).clone();
+        self.modules[id.0 as usize].own.forget(&policy, now);
         true
     }
 }

@@ -165,6 +165,10 @@ pub(super) struct Measures {
     pub(super) heard: Vec<Heard>,
     /// Why requests of a kind cannot be sent, with the topic.
     pub(super) unsent: HashMap<Output, OutputNews>,
+    /// Topics to which nobody listens.
+    pub(super) unheard: HashMap<Output, Box<str>>,
+    /// Outputs to which somebody listens.
+    pub(super) listened: BTreeSet<Output>,
 }
 
 impl Measures {
@@ -374,12 +378,4 @@ fn is_part_of(net: &Net, mut node: NodeId, whole: NodeId) -> bool {
         node = NodeId::Group(parent);
     }
     true
-}
-
-pub(super) fn output(kind: Kind) -> Option<Output> {
-    match kind {
-        Kind::Notify => None,
-        Kind::ManeuverStop => Some(Output::ManeuverStop),
-        Kind::Decelerate => Some(Output::Deceleration),
-    }
 }

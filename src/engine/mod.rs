@@ -5,6 +5,8 @@
 
 pub mod action;
 mod alarm;
+mod alike;
+mod calls;
 mod causes;
 mod confirm;
 pub mod countermeasure;
@@ -20,6 +22,7 @@ mod lead;
 mod lost;
 mod measure;
 mod measures;
+mod members;
 pub mod model;
 mod module;
 pub mod monitor;
@@ -33,7 +36,7 @@ pub mod persistent;
 pub mod record;
 mod relevance;
 mod reload;
-mod report;
+pub mod report;
 pub mod resume;
 mod roots;
 pub mod sample;
@@ -43,24 +46,27 @@ pub mod state;
 pub mod system;
 pub mod time;
 mod timers;
+pub mod tree;
+mod unheard;
 pub mod vehicle;
 mod views;
 mod warnings;
 mod watching;
 pub mod why;
+pub mod wording;
 
 use std::sync::Arc;
 
 use alarm::Alarms;
 use causes::Causes;
-use event::{Event, Events, What};
+use event::{Event, Events};
 use input::{Input, ReceptionTrouble, Response, Status, StatusArray};
 use lead::Told;
 use measures::Measures;
+use members::Departed;
 use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, LOCALIZATION_GROUP, Model, ModuleId, NodeId, Text};
 use names::Names;
-use net::{Change, Net};
-use node::ModuleKind;
+use net::Net;
 use overflow::Overflow;
 use signals::Signals;
 use snapshot::{Counters, Snapshot};
@@ -96,6 +102,7 @@ pub struct Engine {
     led: bool,
     timers: Timers,
     overflow: Overflow,
+    departed: Departed,
     watching: Watching,
     reception: ReceptionCheck,
     /// Why nothing can be written down.
@@ -107,6 +114,8 @@ pub struct Engine {
     views: Views,
     /// Names of the array in hand, kept to save allocations.
     touched: Vec<u32>,
+    /// Names that may still be compared with what is configured.
+    comparisons: u32,
 }
 
 impl Engine {
@@ -136,6 +145,7 @@ impl Engine {
             led: true,
             timers: Timers::default(),
             overflow: Overflow::default(),
+            departed: Departed::default(),
             watching: Watching::new(&model),
             reception: ReceptionCheck::default(),
             storage_fault: None,
@@ -144,6 +154,7 @@ impl Engine {
             events: Events::default(),
             views: Views::new(&model, now),
             touched: Vec::new(),
+            comparisons: alike::COMPARISONS_MAX,
             signals,
             model,
         };
@@ -163,6 +174,7 @@ impl Engine {
             Input::Diagnostics(array) => self.take_array(array),
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
+            Input::Aggregator { other } => self.take_aggregator(other.as_deref()),
             Input::Storage { fault } => self.take_storage(fault.clone()),
             Input::Display { late } => self.take_display(late.clone()),
             Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {
@@ -172,6 +184,7 @@ impl Engine {
                 }
             }
             Input::Output(news) => self.take_output(news),
+            Input::Listened(news) => self.take_listeners(news),
             Input::Operator(action) => response = self.operate(action),
             Input::Tick => return response,
         }
@@ -225,6 +238,7 @@ impl Engine {
     fn fire(&mut self, key: TimerKey) {
         match key {
             TimerKey::Module(index) => self.net.mark_module(ModuleId(index)),
+            TimerKey::Group(index) => self.net.mark_leave(GroupId(index)),
             TimerKey::Reception => self.judge_reception(),
             // Settling looks at them.
             TimerKey::Localization | TimerKey::Measures | TimerKey::Active | TimerKey::Searched => {
@@ -246,7 +260,8 @@ impl Engine {
         let number = self.counters.arrays;
         let mut touched = std::mem::take(&mut self.touched);
         for (position, status) in array.iter().enumerate() {
-            let Some(index) = self.names.find(status.name()).or_else(|| self.discover(status.name())) else {
+            let known = self.names.find(status.name()).filter(|&index| !self.names.may_grow(index));
+            let Some(index) = known.or_else(|| self.discover(status.name())) else {
                 self.counters.dropped_names += 1;
                 continue;
             };
@@ -279,28 +294,6 @@ impl Engine {
         self.views.take_report(id, status, &self.model.limits);
     }
 
-    /// Makes the modules of a new name; none if the limit is reached.
-    fn discover(&mut self, name: &str) -> Option<u32> {
-        let claim = self.names.claim(&self.model, name, self.net.other_group());
-        for group in claim.dropped_by {
-            let module = self.overflow.module(group).unwrap_or_else(|| {
-                self.views.discover(group, overflow::MODULE, self.now);
-                self.net.discover(group, ModuleKind::BuiltIn)
-            });
-            let message = self.overflow.count(group, module, self.model.limits.discovered_modules);
-            self.net.overflow(group);
-            self.net.report(module, State::Warning, self.now);
-            self.views.set_message(module, message);
-        }
-        let mut route = None;
-        for group in claim.groups {
-            let module = self.net.discover(group, ModuleKind::Discovered);
-            self.views.discover(group, name, self.now);
-            route = Some(self.names.discovered(name, module));
-        }
-        route
-    }
-
     fn take_trouble(&mut self, trouble: &ReceptionTrouble) {
         self.views.take_trouble(trouble, self.now);
         self.reception.take(trouble, self.now);
@@ -315,6 +308,12 @@ impl Engine {
         let message = std::mem::take(&mut self.reception.message);
         self.report_on_self(SystemCheck::Reception, state, &*message);
         self.reception.message = message;
+    }
+
+    fn take_aggregator(&mut self, other: Option<&str>) {
+        let state = if other.is_some() { State::Warning } else { State::Ok };
+        let words = other.map(system::other_aggregator).unwrap_or_default();
+        self.report_on_self(SystemCheck::Aggregator, state, words);
     }
 
     fn take_storage(&mut self, fault: Option<Box<str>>) {
@@ -358,12 +357,16 @@ impl Engine {
 
     fn follow_changes(&mut self) {
         self.net.evaluate(self.vehicle.stage, &self.signals, self.now);
+        for (GroupId(index), until) in self.net.graces.drain(..) {
+            self.timers.arm(TimerKey::Group(index), until);
+        }
         for id in self.net.rearm.drain(..).collect::<Vec<_>>() {
             let due = self.net.modules[id.0 as usize].own.due(self.net.policy(id), self.now);
             if let Some(due) = due {
                 self.timers.arm(TimerKey::Module(id.0), due);
             }
         }
+        self.take_leave();
         let changes = std::mem::take(&mut self.net.changes);
         for change in &changes {
             self.causes.note(&self.net, change);
@@ -382,26 +385,15 @@ impl Engine {
             }
             self.views.set_causes(explained)
         });
-        if changed || self.alarms.active() != self.views.root_count() {
+        if changed || self.alarms.active() != self.views.calling_count() {
             self.follow_alarms();
         }
         if self.events.wanted() {
-            self.keep_changes(&changes);
-            blamed.into_iter().for_each(|what| self.events.push(self.now, what));
+            self.keep_changes(&changes, blamed);
         }
         // The list is handed back empty: its room is used again.
         self.net.changes = changes;
         self.net.changes.clear();
-    }
-
-    fn keep_changes(&mut self, changes: &[Change]) {
-        for Change { node, before, after } in changes {
-            if (before.shown, before.own, before.masked) != (after.shown, after.own, after.masked) {
-                let cause = self.views.masked_by(*node).first().copied();
-                let (from, to, own) = (before.shown, after.shown, after.own);
-                self.events.push(self.now, What::Shown { node: *node, from, to, own, cause });
-            }
-        }
     }
 
     /// A contradiction in what is shown: a fault of this program, never of the vehicle.
@@ -412,8 +404,10 @@ impl Engine {
         if let Some(node) = self.views.masked_root() {
             return Some(format!("{node} is a root cause and hidden"));
         }
-        (self.net.own_errors > 0 && self.views.root_count() == 0)
-            .then(|| format!("{} modules are in ERROR and none is shown", self.net.own_errors))
+        (self.net.own_errors > 0 && self.views.root_count() == 0).then(|| match self.net.own_errors {
+            1 => "1 module is in ERROR and is not shown".to_owned(),
+            count => format!("{count} modules are in ERROR and none is shown"),
+        })
     }
 }
 

@@ -7,10 +7,12 @@ use std::sync::Arc;
 use super::countermeasure::Rule;
 use super::filter::Filter;
 use super::graph::{Cycle, Order, Visit};
+use super::input::Output;
 pub use super::monitor::spec::MonitorSpec;
 use super::monitor::spec::Watched;
 use super::state::State;
 use super::time::Span;
+use super::wording::Wording;
 
 /// Index of a group in [`Parts::groups`]. Parents stand before their children.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -98,11 +100,11 @@ impl Stage {
     }
 }
 
-/// A named boolean of the vehicle, fed from a topic.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// A named boolean of the vehicle.
+#[derive(Debug, Clone, PartialEq)]
 pub struct SignalSpec {
     pub name: Box<str>,
-    pub source: FieldSource,
+    pub source: SignalSource,
     /// Older than this, it is unknown.
     pub timeout: Option<Span>,
     /// True for this long after each receipt, false before and after: for topics whose
@@ -110,12 +112,49 @@ pub struct SignalSpec {
     pub present_for: Option<Span>,
 }
 
+/// Where a signal comes from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SignalSource {
+    /// A field that is true or false, or the arrival of a message.
+    Field(FieldSource),
+    /// An [`MonitorSpec::Expression`] whose `error` is the condition: true while that holds, unknown
+    /// while an input is.
+    Condition(Box<MonitorSpec>),
+}
+
+impl SignalSource {
+    pub fn field(&self) -> Option<&FieldSource> {
+        match self {
+            SignalSource::Field(source) => Some(source),
+            SignalSource::Condition(_) => None,
+        }
+    }
+
+    pub fn condition(&self) -> Option<&MonitorSpec> {
+        match self {
+            SignalSource::Field(_) => None,
+            SignalSource::Condition(spec) => Some(spec),
+        }
+    }
+
+    /// Whether it reads the same things, whatever numbers two configurations give them.
+    pub(super) fn means_the_same(&self, watched: &Watched, other: &SignalSource, others: &Watched) -> bool {
+        match (self, other) {
+            (SignalSource::Condition(spec), SignalSource::Condition(other)) => {
+                spec.means_the_same(watched, other, others)
+            }
+            (SignalSource::Field(_), SignalSource::Field(_)) => self == other,
+            _ => false,
+        }
+    }
+}
+
 /// A field of a ROS 2 topic.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FieldSource {
     /// As ROS names it: `/mission/active`.
     pub topic: Box<str>,
-    /// `package/msg/Name`.
+    /// `package/msg/Name`; empty: as whoever publishes it says.
     pub type_name: Box<str>,
     /// Path of the field, `data`.
     pub field: Box<str>,
@@ -166,9 +205,48 @@ pub struct GroupSpec {
     pub when: Option<When>,
     pub depends_on: Vec<Dependency>,
     /// Statuses that match any of these become modules of this group.
-    pub filters: Vec<Filter>,
+    pub filters: Vec<Match>,
     /// Column and row of the tile on the operator's page, counted from 1; laid out by itself if absent.
     pub tile: Option<(u8, u8)>,
+}
+
+/// One entry of a group's `match` list.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Match {
+    pub filter: Filter,
+    /// Of the modules that it makes; `None`: [`Parts::discovered`].
+    pub policy: Option<Policy>,
+}
+
+impl From<Filter> for Match {
+    fn from(filter: Filter) -> Match {
+        Match { filter, policy: None }
+    }
+}
+
+/// What becomes of statuses that nothing claims, the group `other`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Other {
+    /// For developers alone.
+    Hidden,
+    /// One quiet line for the operator too, when something in it is not OK.
+    #[default]
+    Shown,
+    /// A tile like any other, with alarms.
+    Counted,
+}
+
+impl Other {
+    pub const ALL: [Other; 3] = [Other::Hidden, Other::Shown, Other::Counted];
+
+    /// The word of the configuration.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Other::Hidden => "hidden",
+            Other::Shown => "shown",
+            Other::Counted => "counted",
+        }
+    }
 }
 
 /// How a module's reports become its own state (`ENGINE.md` 2).
@@ -184,6 +262,9 @@ pub struct Policy {
     pub clear_after: Span,
     /// An ERROR that lasted this long stays until it is reset.
     pub latch: Option<Span>,
+    /// When nothing was heard for this long, what was heard counts no more. A module that was made at
+    /// run time leaves then.
+    pub forget_after: Option<Span>,
     /// The state while nobody publishes a topic that the module watches: UNKNOWN or ERROR.
     pub no_publisher: State,
 }
@@ -196,6 +277,7 @@ impl Default for Policy {
             raise_after: Span::ZERO,
             clear_after: Span::ZERO,
             latch: None,
+            forget_after: None,
             no_publisher: State::Unknown,
         }
     }
@@ -205,9 +287,10 @@ impl Default for Policy {
 pub struct ModuleSpec {
     /// `group/module`, with the whole path of the group.
     pub id: Arc<str>,
-    pub name: Option<Text>,
+    /// What its fault is called.
+    pub name: Option<Wording>,
     /// What the operator should do about it.
-    pub help: Option<Text>,
+    pub help: Option<Wording>,
     pub group: GroupId,
     pub policy: Policy,
     pub when: Option<When>,
@@ -244,6 +327,7 @@ pub struct Parts {
     pub driving: Driving,
     /// Policy of modules that are made at run time.
     pub discovered: Policy,
+    pub other: Other,
     pub limits: Limits,
 }
 
@@ -254,11 +338,18 @@ pub struct Driving {
     /// Localization counts as done when its group was OK for this long.
     pub localized_after: Span,
     pub countermeasures: Vec<Rule>,
+    /// What the configuration has switched off.
+    pub unpublished: Vec<Output>,
 }
 
 impl Default for Driving {
     fn default() -> Driving {
-        Driving { stops: Vec::new(), localized_after: Span::from_secs(2), countermeasures: Vec::new() }
+        Driving {
+            stops: Vec::new(),
+            localized_after: Span::from_secs(2),
+            countermeasures: Vec::new(),
+            unpublished: Vec::new(),
+        }
     }
 }
 

@@ -16,13 +16,22 @@ pub(super) struct OwnState {
     /// It is judged by the clock: it needs not be heard.
     spoken_for: bool,
     debounce: Debounce,
+    /// It is given time to report: what its silence comes to does not count yet.
+    grace: bool,
+    /// Since when it is judged to be in ERROR by what it reported.
+    error_since: Option<Timestamp>,
     latched: bool,
     relevant_since: Option<Timestamp>,
+    /// Of a module that was made at run time: it leaves if nothing is heard from then on.
+    made: Option<Timestamp>,
 }
 
 impl OwnState {
-    pub(super) fn new() -> OwnState {
+    pub(super) fn new(made: Option<Timestamp>) -> OwnState {
         OwnState {
+            made,
+            grace: true,
+            error_since: None,
             reported: None,
             received: None,
             silent: false,
@@ -50,6 +59,16 @@ impl OwnState {
         self.latched
     }
 
+    /// Whether it was not heard, or is silent, and is still given time.
+    pub(super) fn in_grace(&self) -> bool {
+        self.grace
+    }
+
+    /// Whether a module that was made at run time is silent for so long that it is to leave.
+    pub(super) fn lapsed(&self, policy: &Policy, now: Timestamp) -> bool {
+        self.made.is_some() && !self.latched && self.lapse_due(policy).is_some_and(|due| due <= now)
+    }
+
     /// A report arrived. Returns whether the own state may have changed: a repeated report
     /// from a module that is not silent moves nothing but its age.
     pub(super) fn report(&mut self, state: State, policy: &Policy, now: Timestamp) -> bool {
@@ -58,9 +77,14 @@ impl OwnState {
         if self.reported == Some(state) && heard {
             return false;
         }
+        if self.silent && self.grace {
+            // It was silent by right: what its silence would have come to holds nothing up.
+            self.debounce = Debounce { state: self.reported, input: self.reported, ..Debounce::default() };
+        }
         self.reported = Some(state);
         self.silent = false;
         self.debounce.take(state, policy, now);
+        self.judge(policy, now);
         true
     }
 
@@ -82,30 +106,35 @@ impl OwnState {
         self.reported = Some(state);
         let judged = if self.heard() { state } else { state.max(policy.stale) };
         self.debounce.take(judged, policy, now);
+        self.judge(policy, now);
         true
     }
 
     /// There is nothing to judge any more: as if it had never reported. What latched stays.
-    pub(super) fn forget(&mut self) {
+    pub(super) fn forget(&mut self, policy: &Policy, now: Timestamp) {
         (self.reported, self.received) = (None, None);
         (self.silent, self.spoken_for) = (false, false);
         self.debounce = Debounce::default();
+        self.judge(policy, now);
     }
 
     fn heard(&self) -> bool {
         (self.received.is_some() || self.spoken_for) && !self.silent
     }
 
-    /// Says whether the module is relevant; the grace of a silent one starts when it becomes so.
-    pub(super) fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
+    /// Says whether the module is relevant, after [`OwnState::advance`] to `now`; the grace of a silent
+    /// one starts when it becomes so.
+    pub(super) fn set_relevant(&mut self, relevant: bool, policy: &Policy, now: Timestamp) {
         match (relevant, self.relevant_since) {
             (true, None) => self.relevant_since = Some(now),
             (false, Some(_)) => self.relevant_since = None,
-            _ => {}
+            _ => return,
         }
+        self.judge(policy, now);
     }
 
-    /// Lets the time up to `now` act: silence first, then debounce and latch at their instants.
+    /// Lets the time up to `now` act: silence first, then debounce, grace and latch at their instants,
+    /// and in the end what is silent for too long is forgotten.
     pub(super) fn advance(&mut self, policy: &Policy, now: Timestamp) {
         if let (Some(received), Some(reported), false) = (self.received, self.reported, self.silent)
             && now >= received + policy.timeout
@@ -114,72 +143,93 @@ impl OwnState {
             self.settle(policy, since);
             self.silent = true;
             self.debounce.take(reported.max(policy.stale), policy, since);
+            self.judge(policy, since);
+        }
+        if let Some(due) = self.lapse_due(policy).filter(|&due| self.received.is_some() && due <= now) {
+            self.settle(policy, due);
+            self.forget(policy, due);
         }
         self.settle(policy, now);
     }
 
-    /// Whether what it reports is ERROR, latched or not.
-    pub(super) fn is_in_error(&self) -> bool {
-        self.debounce.state == Some(State::Error)
+    /// Whether the module is judged to be in ERROR, latched or not.
+    pub(super) fn is_in_error(&self, policy: &Policy) -> bool {
+        self.judged(policy) == State::Error
     }
 
     /// Forgets a latched ERROR; nothing changes while the module is still in ERROR.
-    pub(super) fn reset(&mut self) {
-        self.latched &= self.is_in_error();
+    pub(super) fn reset(&mut self, policy: &Policy) {
+        self.latched &= self.is_in_error(policy);
     }
 
-    /// The own state at `now`, after [`OwnState::advance`] to `now`.
-    pub(super) fn state(&self, policy: &Policy, now: Timestamp) -> State {
-        if self.latched {
-            return State::Error;
-        }
-        let heard = self.heard();
-        let grace = self.relevant_since.is_none_or(|since| now < since + policy.timeout);
-        if !heard && grace {
-            return State::Unknown;
-        }
-        self.debounce.state.unwrap_or(policy.stale)
+    /// The own state, after [`OwnState::advance`].
+    pub(super) fn state(&self, policy: &Policy) -> State {
+        if self.latched { State::Error } else { self.judged(policy) }
+    }
+
+    /// The state after debounce and grace.
+    fn judged(&self, policy: &Policy) -> State {
+        if self.grace { State::Unknown } else { self.debounce.state.unwrap_or(policy.stale) }
     }
 
     /// How [`OwnState::state`] came about.
-    pub(super) fn steps(&self, policy: &Policy, now: Timestamp) -> Steps {
-        let heard = self.heard();
+    pub(super) fn steps(&self, policy: &Policy) -> Steps {
         Steps {
             reported: self.reported,
             judged: self.debounce.input,
             debounced: self.debounce.state,
             latched: self.latched,
-            grace: !heard && self.relevant_since.is_none_or(|since| now < since + policy.timeout),
+            grace: self.grace,
+            in_error: self.is_in_error(policy),
         }
     }
 
     /// The next instant after `now` at which time alone may change the own state.
     pub(super) fn due(&self, policy: &Policy, now: Timestamp) -> Option<Timestamp> {
         let silence = self.received.filter(|_| !self.silent).map(|at| at + policy.timeout);
-        let heard = self.heard();
-        let grace = self.relevant_since.filter(|_| !heard).map(|at| at + policy.timeout);
-        [silence, grace, self.debounce.due(policy, now), self.latch_due(policy)]
+        let debounce = self.debounce.next_step(policy);
+        [silence, debounce, self.grace_end(policy), self.latch_due(policy), self.lapse_due(policy)]
             .into_iter()
             .flatten()
             .filter(|&at| at > now)
             .min()
     }
 
-    /// Runs debounce and latch through their instants up to `now`, in order.
+    /// Runs debounce, grace and latch through their instants up to `now`, in order. An ERROR that ends
+    /// in the instant in which it has lasted long enough latches.
     fn settle(&mut self, policy: &Policy, now: Timestamp) {
         loop {
-            let next = [self.debounce.next_step(policy), self.latch_due(policy)].into_iter().flatten().min();
-            let Some(at) = next.filter(|&at| at <= now) else { return };
+            let steps = [self.debounce.next_step(policy), self.grace_end(policy), self.latch_due(policy)];
+            let Some(at) = steps.into_iter().flatten().min().filter(|&at| at <= now) else { return };
             if self.latch_due(policy).is_some_and(|due| due <= at) {
                 self.latched = true;
             }
             self.debounce.step(policy, at);
+            self.judge(policy, at);
         }
     }
 
+    /// Follows, at every instant at which something changes, what latch and reset judge.
+    fn judge(&mut self, policy: &Policy, at: Timestamp) {
+        let given = self.relevant_since.is_none_or(|since| at < since + policy.timeout);
+        self.grace = !self.heard() && given;
+        let in_error = self.reported.is_some() && self.judged(policy) == State::Error;
+        self.error_since = self.error_since.or(Some(at)).filter(|_| in_error);
+    }
+
+    /// When the time that it is given to report is over.
+    fn grace_end(&self, policy: &Policy) -> Option<Timestamp> {
+        Some(self.relevant_since.filter(|_| self.grace)? + policy.timeout)
+    }
+
     fn latch_due(&self, policy: &Policy) -> Option<Timestamp> {
-        let since = self.debounce.error_since.filter(|_| !self.latched)?;
+        let since = self.error_since.filter(|_| !self.latched)?;
         Some(since + policy.latch?)
+    }
+
+    /// When nothing was heard for so long that what was heard counts no more.
+    fn lapse_due(&self, policy: &Policy) -> Option<Timestamp> {
+        Some(self.received.or(self.made)? + policy.forget_after?)
     }
 }
 
@@ -192,14 +242,12 @@ struct Debounce {
     input: Option<State>,
     /// When each state was last left, by [`State::index`].
     left: [Option<Timestamp>; 5],
-    /// Since when the debounced state is ERROR.
-    error_since: Option<Timestamp>,
 }
 
 impl Debounce {
     fn take(&mut self, input: State, policy: &Policy, now: Timestamp) {
         match self.input.replace(input) {
-            None => self.set(input, now),
+            None => self.state = Some(input),
             Some(before) => {
                 if before != input {
                     self.left[before.index()] = Some(now);
@@ -207,14 +255,6 @@ impl Debounce {
                 self.step(policy, now);
             }
         }
-    }
-
-    fn set(&mut self, state: State, now: Timestamp) {
-        if self.state == Some(state) {
-            return;
-        }
-        self.state = Some(state);
-        self.error_since = (state == State::Error).then_some(now);
     }
 
     /// Moves the state to where the windows that end at `now` allow it.
@@ -227,13 +267,13 @@ impl Debounce {
                 STATES.into_iter().filter(|other| *other < input).find(|s| seen(s, policy.raise_after));
             let best = best.unwrap_or(input);
             if best > state {
-                self.set(best, now);
+                self.state = Some(best);
             }
         } else if state > input {
             let above = STATES.into_iter().rev().filter(|other| *other > input);
             let worst = above.into_iter().find(|s| seen(s, policy.clear_after)).unwrap_or(input);
             if worst < state {
-                self.set(worst, now);
+                self.state = Some(worst);
             }
         }
     }
@@ -251,130 +291,10 @@ impl Debounce {
             None
         }
     }
-
-    fn due(&self, policy: &Policy, now: Timestamp) -> Option<Timestamp> {
-        self.next_step(policy).filter(|&at| at > now)
-    }
 }
 
 /// The states that can be reported, best first.
 const STATES: [State; 4] = [State::Ok, State::Warning, State::Unknown, State::Error];
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use State::*;
-
-    fn policy() -> Policy {
-        Policy::default()
-    }
-
-    /// Reports at milliseconds, then own states at milliseconds; relevant from the start.
-    #[track_caller]
-    fn check(policy: &Policy, reports: &[(u64, State)], expect: &[(u64, State)]) {
-        let mut module = OwnState::new();
-        module.set_relevant(true, Timestamp::ZERO);
-        let mut reports = reports.iter().peekable();
-        for &(at, state) in expect {
-            while let Some(&&(when, report)) = reports.peek().filter(|(when, _)| *when <= at) {
-                module.advance(policy, Timestamp::from_millis(when));
-                module.report(report, policy, Timestamp::from_millis(when));
-                reports.next();
-            }
-            let now = Timestamp::from_millis(at);
-            module.advance(policy, now);
-            assert_eq!(module.state(policy, now), state, "at {at} ms");
-        }
-    }
-
-    #[test]
-    fn follows_reports_at_once_without_debounce() {
-        check(&policy(), &[(0, Ok), (10, Error), (20, Warning)], &[(0, Ok), (10, Error), (20, Warning)]);
-    }
-
-    #[test]
-    fn silence_acts_at_its_instant_and_keeps_the_worse() {
-        check(&policy(), &[(0, Ok)], &[(1999, Ok), (2000, Unknown)]);
-        check(&policy(), &[(0, Error)], &[(1999, Error), (2000, Error)]);
-        let stale_warning = Policy { stale: Warning, ..policy() };
-        check(&stale_warning, &[(0, Ok), (3000, Ok)], &[(2000, Warning), (2999, Warning), (3000, Ok)]);
-    }
-
-    #[test]
-    fn never_heard_is_unknown_for_one_timeout_then_stale() {
-        let stale_error = Policy { stale: Error, ..policy() };
-        check(&stale_error, &[], &[(0, Unknown), (1999, Unknown), (2000, Error)]);
-    }
-
-    #[test]
-    fn a_silent_module_has_grace_each_time_it_becomes_relevant() {
-        let policy = Policy { stale: Error, ..policy() };
-        let at = Timestamp::from_millis;
-        let mut module = OwnState::new();
-        module.report(Ok, &policy, at(0));
-        module.advance(&policy, at(5000));
-        assert_eq!(module.state(&policy, at(5000)), Unknown, "while it is not relevant");
-        module.set_relevant(true, at(5000));
-        assert_eq!(module.due(&policy, at(5000)), Some(at(7000)));
-        assert_eq!(module.state(&policy, at(6999)), Unknown);
-        assert_eq!(module.state(&policy, at(7000)), Error);
-    }
-
-    #[test]
-    fn rises_to_the_best_and_falls_to_the_worst_of_the_window() {
-        let slow =
-            Policy { raise_after: Span::from_millis(200), clear_after: Span::from_millis(500), ..policy() };
-        check(
-            &slow,
-            &[(0, Ok), (100, Warning), (200, Error), (600, Ok)],
-            &[(0, Ok), (299, Ok), (300, Warning), (399, Warning), (400, Error), (1099, Error), (1100, Ok)],
-        );
-        // A blink shorter than the window changes nothing.
-        check(&slow, &[(0, Ok), (100, Error), (250, Ok)], &[(299, Ok), (300, Ok), (900, Ok)]);
-        // The first report is taken at once.
-        check(&slow, &[(50, Error)], &[(50, Error)]);
-    }
-
-    #[test]
-    fn an_error_that_lasted_is_latched_until_reset() {
-        let policy = Policy { latch: Some(Span::from_millis(100)), ..policy() };
-        let at = Timestamp::from_millis;
-        let mut module = OwnState::new();
-        module.set_relevant(true, at(0));
-        module.report(Error, &policy, at(0));
-        module.advance(&policy, at(99));
-        assert!(!module.latched());
-        module.advance(&policy, at(100));
-        module.reset();
-        assert!(module.latched() && module.is_in_error());
-        module.report(Ok, &policy, at(150));
-        module.advance(&policy, at(150));
-        assert_eq!(module.state(&policy, at(150)), Error);
-        module.reset();
-        assert!(!module.latched());
-        assert_eq!(module.state(&policy, at(150)), Ok);
-    }
-
-    #[test]
-    fn deadlines_are_met_whatever_the_steps() {
-        let policy = Policy {
-            raise_after: Span::from_millis(30),
-            clear_after: Span::from_millis(70),
-            latch: Some(Span::from_millis(50)),
-            ..policy()
-        };
-        let mut jumping = OwnState::new();
-        jumping.report(Ok, &policy, Timestamp::ZERO);
-        jumping.report(Error, &policy, Timestamp::from_millis(10));
-        let mut stepping = jumping.clone();
-        let end = Timestamp::from_millis(3000);
-        let mut now = Timestamp::from_millis(10);
-        while let Some(next) = stepping.due(&policy, now).filter(|&next| next <= end) {
-            now = next;
-            stepping.advance(&policy, now);
-        }
-        jumping.advance(&policy, end);
-        assert_eq!(stepping.latched(), jumping.latched());
-        assert_eq!(stepping.state(&policy, end), jumping.state(&policy, end));
-    }
-}
+mod tests;

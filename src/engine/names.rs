@@ -1,12 +1,17 @@
 //! Names to modules: which modules a status feeds, looked up once and remembered (`ENGINE.md` 1).
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
+use super::members::Place;
 use super::model::{GroupId, Model, ModuleId};
 
 /// What is known of one status name.
 #[derive(Debug)]
 pub(super) struct Route {
+    name: Arc<str>,
+    /// In the order in which names were first seen.
+    number: u64,
     /// Nearly always there is one, so it lies here and not in a list elsewhere.
     first: ModuleId,
     more: Vec<ModuleId>,
@@ -14,11 +19,13 @@ pub(super) struct Route {
     /// one array the worse one counts.
     pub(super) array: u64,
     pub(super) position: u32,
+    /// Some group that would have a module of it has none.
+    lacking: bool,
 }
 
 impl Route {
-    fn new(first: ModuleId) -> Route {
-        Route { first, more: Vec::new(), array: 0, position: 0 }
+    fn new(name: Arc<str>, number: u64, first: ModuleId) -> Route {
+        Route { name, number, first, more: Vec::new(), array: 0, position: 0, lacking: false }
     }
 
     /// The modules that the name feeds, by position.
@@ -29,7 +36,7 @@ impl Route {
         }
     }
 
-    fn modules(&self) -> impl Iterator<Item = ModuleId> {
+    pub(super) fn modules(&self) -> impl Iterator<Item = ModuleId> {
         std::iter::once(self.first).chain(self.more.iter().copied())
     }
 }
@@ -37,9 +44,13 @@ impl Route {
 /// All names that feed a module. Declared ones stand here from the start.
 #[derive(Debug)]
 pub(super) struct Names {
-    index: HashMap<Box<str>, u32>,
+    index: HashMap<Arc<str>, u32>,
     pub(super) routes: Vec<Route>,
-    discovered: usize,
+    /// Routes of names that are not known any more.
+    free: Vec<u32>,
+    seen: u64,
+    /// By which name each discovered module is fed.
+    of_module: HashMap<ModuleId, u32>,
     discovered_max: usize,
 }
 
@@ -47,7 +58,7 @@ pub(super) struct Names {
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(super) struct Claim {
     /// It feeds a new module in each of these groups.
-    pub(super) groups: Vec<GroupId>,
+    pub(super) places: Vec<Place>,
     /// These would have it, but the limit is reached.
     pub(super) dropped_by: Vec<GroupId>,
 }
@@ -57,7 +68,9 @@ impl Names {
         let mut names = Names {
             index: HashMap::new(),
             routes: Vec::new(),
-            discovered: 0,
+            free: Vec::new(),
+            seen: 0,
+            of_module: HashMap::new(),
             discovered_max: model.limits.discovered_modules,
         };
         for (index, module) in model.modules.iter().enumerate() {
@@ -72,34 +85,76 @@ impl Names {
         self.index.get(name).copied()
     }
 
-    /// Asks the filters about a name that nothing is known of.
-    pub(super) fn claim(&self, model: &Model, name: &str, other: GroupId) -> Claim {
-        let matching = model
-            .groups
-            .iter()
-            .enumerate()
-            .filter(|(_, group)| group.filters.iter().any(|filter| filter.matches(name)));
-        let mut groups: Vec<GroupId> = matching.map(|(index, _)| GroupId(index as u32)).collect();
-        if groups.is_empty() {
-            groups.push(other);
+    /// Where a name belongs, whether there is room or not.
+    pub(super) fn wanted(model: &Model, name: &str, other: GroupId) -> Vec<Place> {
+        let matching = model.groups.iter().zip(0..).filter_map(|(group, index)| {
+            let filter = group.filters.iter().position(|entry| entry.filter.matches(name))?;
+            Some(Place { group: GroupId(index), filter: Some(filter as u32) })
+        });
+        let mut places: Vec<Place> = matching.collect();
+        if places.is_empty() {
+            places.push(Place::of(other));
         }
-        let room = self.discovered_max.saturating_sub(self.discovered);
-        let dropped_by = groups.split_off(groups.len().min(room));
-        Claim { groups, dropped_by }
+        places
+    }
+
+    /// Asks the filters about a name that nothing is known of in any group but those.
+    pub(super) fn claim(&self, model: &Model, name: &str, other: GroupId, known: &[GroupId]) -> Claim {
+        let mut places = Names::wanted(model, name, other);
+        places.retain(|place| !known.contains(&place.group));
+        let room = self.discovered_max.saturating_sub(self.of_module.len());
+        let dropped_by = places.split_off(places.len().min(room)).iter().map(|place| place.group).collect();
+        Claim { places, dropped_by }
     }
 
     /// Remembers that `name` feeds this module, which was made for it.
     pub(super) fn discovered(&mut self, name: &str, module: ModuleId) -> u32 {
-        self.discovered += 1;
-        self.feed(name, module)
+        let route = self.feed(name, module);
+        self.of_module.insert(module, route);
+        route
+    }
+
+    /// Forgets a module that was made for a name, and the name with its last one.
+    pub(super) fn forget(&mut self, module: ModuleId) {
+        let Some(index) = self.of_module.remove(&module) else { return };
+        let route = &mut self.routes[index as usize];
+        route.lacking = true;
+        route.more.retain(|&other| other != module);
+        if route.first != module {
+            return;
+        }
+        if route.more.is_empty() {
+            self.index.remove(&route.name);
+            route.name = Arc::default();
+            self.free.push(index);
+        } else {
+            route.first = route.more.remove(0);
+        }
+    }
+
+    /// Says whether some group that would have a module of the name has none.
+    pub(super) fn set_lacking(&mut self, route: u32, lacking: bool) {
+        self.routes[route as usize].lacking = lacking;
+    }
+
+    /// Whether a known name may feed more modules than it does.
+    pub(super) fn may_grow(&self, route: u32) -> bool {
+        self.routes[route as usize].lacking && self.of_module.len() < self.discovered_max
+    }
+
+    pub(super) fn modules(&self, route: u32) -> impl Iterator<Item = ModuleId> {
+        self.routes[route as usize].modules()
     }
 
     /// All names with their modules, in the order in which they were first seen.
     pub(super) fn in_order(&self) -> Vec<(&str, impl Iterator<Item = ModuleId>)> {
-        let mut names: Vec<(u32, &str)> = self.index.iter().map(|(name, &route)| (route, &**name)).collect();
+        let mut names: Vec<(u64, &Arc<str>, u32)> = self
+            .index
+            .iter()
+            .map(|(name, &route)| (self.routes[route as usize].number, name, route))
+            .collect();
         names.sort_unstable();
-        let routed = |(route, name): (u32, _)| (name, self.routes[route as usize].modules());
-        names.into_iter().map(routed).collect()
+        names.into_iter().map(|(_, name, route)| (&**name, self.modules(route))).collect()
     }
 
     fn feed(&mut self, name: &str, module: ModuleId) -> u32 {
@@ -107,9 +162,20 @@ impl Names {
             self.routes[route as usize].more.push(module);
             return route;
         }
-        let route = self.routes.len() as u32;
-        self.routes.push(Route::new(module));
-        self.index.insert(name.into(), route);
+        let name: Arc<str> = name.into();
+        self.seen += 1;
+        let new = Route::new(name.clone(), self.seen, module);
+        let route = match self.free.pop() {
+            Some(route) => {
+                self.routes[route as usize] = new;
+                route
+            }
+            None => {
+                self.routes.push(new);
+                self.routes.len() as u32 - 1
+            }
+        };
+        self.index.insert(name, route);
         route
     }
 }

@@ -5,13 +5,15 @@
 //! change walks upward in the order of [`Order`](super::graph), each node at most once.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeSet, BinaryHeap};
+use std::collections::BinaryHeap;
 use std::sync::Arc;
 
 use super::measure;
-use super::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId, Policy, Stage, When};
-use super::module::OwnState;
-use super::node::{Facts, GroupNode, ModuleKind, ModuleNode, Node, UNSEEN, new_node};
+use super::members::Place;
+use super::model::{
+    Combine, Dependency, GroupId, Match, Model, ModuleId, NodeId, Other, Policy, Stage, When,
+};
+use super::node::{Facts, GroupNode, ModuleKind, ModuleNode, Node};
 use super::relevance::unmet;
 use super::signals::Signals;
 use super::snapshot::NotRelevant;
@@ -36,7 +38,7 @@ enum Visit {
 
 #[derive(Debug)]
 pub(super) struct Net {
-    model: Arc<Model>,
+    pub(super) model: Arc<Model>,
     pub(super) groups: Vec<GroupNode>,
     pub(super) modules: Vec<ModuleNode>,
     /// Tiles, folded.
@@ -50,8 +52,16 @@ pub(super) struct Net {
     policies: Vec<Policy>,
     built_in_policy: Policy,
     queue: BinaryHeap<Reverse<(u32, Visit)>>,
+    /// Modules that were made at run time so far.
+    pub(super) arrivals: u64,
+    /// Modules that left since it was last taken.
+    pub(super) left: Vec<ModuleId>,
+    /// Modules of which what was heard counts no more, since it was last taken.
+    pub(super) forgotten: Vec<ModuleId>,
     /// What changed since it was last taken, in order.
     pub(super) changes: Vec<Change>,
+    /// Empty groups that are given time, and until when, since it was last taken.
+    pub(super) graces: Vec<(GroupId, Timestamp)>,
     /// Modules whose deadlines may have moved.
     pub(super) rearm: Vec<ModuleId>,
 }
@@ -71,95 +81,34 @@ impl Net {
             built_in_policy: system::policy(),
             policies: measure::policies(&model),
             queue: BinaryHeap::new(),
+            arrivals: 0,
+            left: Vec::new(),
+            forgotten: Vec::new(),
             changes: Vec::new(),
+            graces: Vec::new(),
             rearm: Vec::new(),
             model: model.clone(),
         };
         for group in &model.groups {
             net.add_group(group.parent, &group.depends_on, false);
         }
-        net.add_group(None, &[], true);
+        net.add_group(None, &[], model.other != Other::Counted);
         net.add_group(None, &[], false);
         for (index, module) in model.modules.iter().enumerate() {
             let rank = model.order.module[index];
-            net.add_module(module.group, &module.depends_on, rank, ModuleKind::Declared);
+            net.add_module(module.group, &module.depends_on, rank);
         }
         for _ in SystemCheck::ALL {
-            net.discover(net.system_group(), ModuleKind::BuiltIn);
+            net.discover(&Place::of(net.system_group()), ModuleKind::BuiltIn, None, Timestamp::ZERO);
         }
         net.link();
         net
-    }
-
-    fn add_group(&mut self, parent: Option<GroupId>, needs: &[Dependency], is_other: bool) {
-        let id = GroupId(self.groups.len() as u32);
-        self.groups.push(GroupNode {
-            node: new_node(parent, needs),
-            told: UNSEEN,
-            members: Vec::new(),
-            shown: Tally::default(),
-            own: Tally::default(),
-            masked: BTreeSet::new(),
-            failing: BTreeSet::new(),
-            dirty_leave: false,
-            is_other,
-            overflowed: false,
-        });
-        match parent {
-            Some(parent) => self.add_member(parent, NodeId::Group(id)),
-            None if !is_other => self.root.add(UNSEEN.shown),
-            None => {}
-        }
-        self.mark_enter(id);
-    }
-
-    fn add_member(&mut self, group: GroupId, member: NodeId) {
-        let group = &mut self.groups[group.0 as usize];
-        group.members.push(member);
-        group.shown.add(UNSEEN.shown);
-        group.own.add(UNSEEN.own_share());
-    }
-
-    fn add_module(&mut self, group: GroupId, needs: &[Dependency], rank: u32, kind: ModuleKind) -> ModuleId {
-        let id = ModuleId(self.modules.len() as u32);
-        let node = new_node(Some(group), needs);
-        self.modules.push(ModuleNode { kind, node, own: OwnState::new(), rank });
-        self.add_member(group, NodeId::Module(id));
-        self.mark_module(id);
-        id
-    }
-
-    /// A module made at run time: it has no dependencies of its own, so it stands just before
-    /// its group in the order.
-    pub(super) fn discover(&mut self, group: GroupId, kind: ModuleKind) -> ModuleId {
-        let rank = self.leave_rank(group) - 1;
-        let id = self.add_module(group, &[], rank, kind);
-        self.mark_leave(group);
-        id
     }
 
     /// Takes a report of a module. Returns whether its own state may have changed.
     pub(super) fn report(&mut self, id: ModuleId, state: State, now: Timestamp) -> bool {
         let policy = self.policy(id).clone();
         self.modules[id.0 as usize].own.report(state, &policy, now)
-    }
-
-    /// Notes that a group dropped statuses.
-    pub(super) fn overflow(&mut self, group: GroupId) {
-        self.groups[group.0 as usize].overflowed = true;
-        self.mark_leave(group);
-    }
-
-    fn link(&mut self) {
-        let groups = (0..self.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
-        let modules = (0..self.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
-        for dependent in groups.chain(modules).collect::<Vec<_>>() {
-            for index in 0..self.node(dependent).needs.len() {
-                for member in self.node(dependent).needs[index].members.clone() {
-                    self.node_mut(member).dependents.push((dependent, index as u32));
-                }
-            }
-        }
     }
 
     pub(super) fn node(&self, id: NodeId) -> &Node {
@@ -169,7 +118,7 @@ impl Net {
         }
     }
 
-    fn node_mut(&mut self, id: NodeId) -> &mut Node {
+    pub(super) fn node_mut(&mut self, id: NodeId) -> &mut Node {
         match id {
             NodeId::Group(id) => &mut self.groups[id.0 as usize].node,
             NodeId::Module(id) => &mut self.modules[id.0 as usize].node,
@@ -193,8 +142,8 @@ impl Net {
     pub(super) fn policy(&self, id: ModuleId) -> &Policy {
         match self.modules[id.0 as usize].kind {
             ModuleKind::Declared => &self.policies[id.0 as usize],
-            ModuleKind::Discovered => &self.model.discovered,
-            ModuleKind::BuiltIn => &self.built_in_policy,
+            ModuleKind::Discovered => self.discovered_policy(id),
+            ModuleKind::BuiltIn | ModuleKind::Overflow | ModuleKind::Gone => &self.built_in_policy,
         }
     }
 
@@ -219,14 +168,14 @@ impl Net {
         }
     }
 
-    fn mark_enter(&mut self, id: GroupId) {
+    pub(super) fn mark_enter(&mut self, id: GroupId) {
         let rank = self.enter_rank(id);
         if !std::mem::replace(&mut self.groups[id.0 as usize].node.dirty, true) {
             self.queue.push(Reverse((rank, Visit::Enter(id.0))));
         }
     }
 
-    fn mark_leave(&mut self, id: GroupId) {
+    pub(super) fn mark_leave(&mut self, id: GroupId) {
         let rank = self.leave_rank(id);
         if !std::mem::replace(&mut self.groups[id.0 as usize].dirty_leave, true) {
             self.queue.push(Reverse((rank, Visit::Leave(id.0))));
@@ -271,9 +220,9 @@ impl Net {
     pub(super) fn evaluate(&mut self, stage: Stage, signals: &Signals, now: Timestamp) {
         while let Some(Reverse((_, visit))) = self.queue.pop() {
             match visit {
-                Visit::Enter(id) => self.enter(GroupId(id), stage, signals),
+                Visit::Enter(id) => self.enter(GroupId(id), stage, signals, now),
                 Visit::Module(id) => self.visit_module(ModuleId(id), stage, signals, now),
-                Visit::Leave(id) => self.leave(GroupId(id)),
+                Visit::Leave(id) => self.leave(GroupId(id), now),
             }
         }
     }
@@ -294,7 +243,7 @@ impl Net {
         around.or_else(|| unmet(when, stage, signals))
     }
 
-    fn enter(&mut self, id: GroupId, stage: Stage, signals: &Signals) {
+    fn enter(&mut self, id: GroupId, stage: Stage, signals: &Signals, now: Timestamp) {
         let index = id.0 as usize;
         let parent = self.groups[index].node.parent;
         let when = self.model.groups.get(index).and_then(|group| group.when.as_ref());
@@ -311,6 +260,9 @@ impl Net {
         }
         node.facts.blocked = blocked;
         node.facts.relevant = not_relevant.is_none();
+        let since = self.groups[index].relevant_since;
+        self.groups[index].relevant_since = not_relevant.is_none().then(|| since.unwrap_or(now));
+        let node = &mut self.groups[index].node;
         let other_reason = node.not_relevant.is_some() && not_relevant.is_some();
         node.not_relevant = not_relevant;
         if other_reason {
@@ -320,11 +272,17 @@ impl Net {
             let member = self.groups[index].members[position];
             self.mark(member);
         }
+        if let Some(overflow) = self.groups[index].overflow {
+            self.mark_module(overflow);
+        }
         self.mark_leave(id);
     }
 
     fn visit_module(&mut self, id: ModuleId, stage: Stage, signals: &Signals, now: Timestamp) {
         let index = id.0 as usize;
+        if self.leaves(id, now) {
+            return;
+        }
         let parent = self.modules[index].node.parent;
         let spec = self.model.modules.get(index);
         let not_relevant =
@@ -335,9 +293,11 @@ impl Net {
         let module = &mut self.modules[index];
         module.node.dirty = false;
         let relevant = not_relevant.is_none();
-        module.own.set_relevant(relevant, now);
+        let heard = module.own.received().is_some();
         module.own.advance(policy, now);
-        let own = module.own.state(policy, now);
+        module.own.set_relevant(relevant, policy, now);
+        let own = module.own.state(policy);
+        let grace = module.own.in_grace();
         let blocked = module.node.blocking > 0 || around_blocked;
         let masked = relevant && blocked;
         let shown = if relevant && !masked { own } else { State::Ignore };
@@ -346,7 +306,10 @@ impl Net {
             && module.node.not_relevant != not_relevant;
         module.node.not_relevant = not_relevant;
         let before =
-            std::mem::replace(&mut module.node.facts, Facts { relevant, blocked, masked, shown, own });
+            std::mem::replace(&mut module.node.facts, Facts { relevant, blocked, masked, shown, own, grace });
+        if heard && module.own.received().is_none() {
+            self.forgotten.push(id);
+        }
         self.rearm.push(id);
         if other_reason {
             self.mark_around(parent);
@@ -354,7 +317,9 @@ impl Net {
         self.tell(NodeId::Module(id), before);
     }
 
-    fn leave(&mut self, id: GroupId) {
+    fn leave(&mut self, id: GroupId, now: Timestamp) {
+        let grace_until = self.grace_until(id).filter(|&until| now < until);
+        self.graces.extend(grace_until.map(|until| (id, until)));
         let group = &mut self.groups[id.0 as usize];
         group.dirty_leave = false;
         let combine = self.model.groups.get(id.0 as usize).map_or(Combine::Worst, |group| group.combine);
@@ -362,10 +327,16 @@ impl Net {
             Combine::Worst => tally.worst(),
             Combine::Any => tally.best(),
         };
-        let nobody = if group.members.is_empty() { State::Unknown } else { State::Ignore };
+        let nobody = match group.members.is_empty() {
+            // Where it is a tile, that nothing is outside of the configuration is good news.
+            true if id.0 as usize == self.model.groups.len() && !group.aside => State::Ok,
+            true => State::Unknown,
+            false => State::Ignore,
+        };
         let facts = group.node.facts;
+        // Of a group that is left out altogether it would be better than an ERROR beside it.
         let floor = |state: State| match state {
-            State::Ok if group.overflowed => State::Warning,
+            State::Ok if group.overflow.is_some() && facts.relevant => State::Warning,
             state => state,
         };
         let shown = if facts.relevant && !facts.blocked {
@@ -375,13 +346,23 @@ impl Net {
         };
         let masked = shown == State::Ignore && facts.relevant && (facts.blocked || !group.masked.is_empty());
         let own = floor(fold(&group.own).unwrap_or(nobody));
-        group.node.facts = Facts { masked, shown, own, ..facts };
+        let grace = grace_until.is_some();
+        group.node.facts = Facts { masked, shown, own, grace, ..facts };
         let before = std::mem::replace(&mut group.told, group.node.facts);
         self.tell(NodeId::Group(id), before);
     }
 
+    /// Until when a group that modules join by themselves is given time for its first.
+    fn grace_until(&self, id: GroupId) -> Option<Timestamp> {
+        let group = &self.groups[id.0 as usize];
+        let filters = &self.model.groups.get(id.0 as usize)?.filters;
+        let timeout = |filter: &Match| filter.policy.as_ref().unwrap_or(&self.model.discovered).timeout;
+        let longest = filters.iter().map(timeout).max().filter(|_| group.members.is_empty());
+        Some(group.relevant_since? + longest?)
+    }
+
     /// Tells the group around a node and its dependents what became of it.
-    fn tell(&mut self, id: NodeId, before: Facts) {
+    pub(super) fn tell(&mut self, id: NodeId, before: Facts) {
         let after = self.node(id).facts;
         self.changes.push(Change { node: id, before, after });
         if before == after {
@@ -391,7 +372,7 @@ impl Net {
             Some(parent) => self.tell_group(parent, id, before, after),
             None => {
                 let NodeId::Group(GroupId(index)) = id else { return };
-                if !self.groups[index as usize].is_other {
+                if !self.groups[index as usize].aside {
                     self.root.remove(before.shown);
                     self.root.add(after.shown);
                 }
@@ -406,11 +387,14 @@ impl Net {
     fn tell_group(&mut self, parent: GroupId, id: NodeId, before: Facts, after: Facts) {
         let threshold = self.threshold;
         let group = &mut self.groups[parent.0 as usize];
+        if matches!(id, NodeId::Module(id) if group.overflow == Some(id)) {
+            return;
+        }
         group.shown.remove(before.shown);
         group.shown.add(after.shown);
         group.own.remove(before.own_share());
         group.own.add(after.own_share());
-        if !group.is_other && matches!(id, NodeId::Module(_)) {
+        if !group.aside && matches!(id, NodeId::Module(_)) {
             self.own_errors += usize::from(after.own_share() == State::Error);
             self.own_errors -= usize::from(before.own_share() == State::Error);
         }

@@ -3,10 +3,11 @@
 use std::collections::BTreeSet;
 
 use super::graph::targets;
-use super::model::{Dependency, DependsOn, GroupId, NodeId};
+use super::model::{Dependency, DependsOn, GroupId, ModuleId, NodeId};
 use super::module::OwnState;
 use super::snapshot::NotRelevant;
 use super::state::{State, Tally};
+use super::time::Timestamp;
 
 /// What others need to know of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,6 +18,8 @@ pub(super) struct Facts {
     pub(super) masked: bool,
     pub(super) shown: State,
     pub(super) own: State,
+    /// It was not heard, or is silent, and is still given time to report.
+    pub(super) grace: bool,
 }
 
 impl Facts {
@@ -93,10 +96,13 @@ pub(super) struct GroupNode {
     /// Relevant members that are bad enough to mask.
     pub(super) failing: BTreeSet<NodeId>,
     pub(super) dirty_leave: bool,
-    /// Holds what nothing claims; never counted.
-    pub(super) is_other: bool,
-    /// Statuses of new names were dropped: the group is at least WARNING.
-    pub(super) overflowed: bool,
+    /// When it last became relevant.
+    pub(super) relevant_since: Option<Timestamp>,
+    /// Holds what nothing claims, and is not counted.
+    pub(super) aside: bool,
+    /// Says that statuses of new names were dropped: then the group is at least WARNING. It takes no
+    /// part in the fold.
+    pub(super) overflow: Option<ModuleId>,
 }
 
 /// Where a module comes from.
@@ -107,6 +113,10 @@ pub(super) enum ModuleKind {
     Discovered,
     /// The engine itself reports it.
     BuiltIn,
+    /// The engine itself reports it, beside what its group folds.
+    Overflow,
+    /// It left. Its place may be taken again.
+    Gone,
 }
 
 #[derive(Debug)]
@@ -115,10 +125,20 @@ pub(super) struct ModuleNode {
     pub(super) node: Node,
     pub(super) own: OwnState,
     pub(super) rank: u32,
+    /// Among those that were made at run time, the number in order of arrival.
+    pub(super) arrival: u64,
+    /// The entry of its group's `match` list that made it.
+    pub(super) made_by: Option<u32>,
 }
 
-pub(super) const UNSEEN: Facts =
-    Facts { relevant: false, blocked: false, masked: false, shown: State::Ignore, own: State::Unknown };
+pub(super) const UNSEEN: Facts = Facts {
+    relevant: false,
+    blocked: false,
+    masked: false,
+    shown: State::Ignore,
+    own: State::Unknown,
+    grace: false,
+};
 
 pub(super) fn new_node(parent: Option<GroupId>, needs: &[Dependency]) -> Node {
     Node {

@@ -3,12 +3,13 @@
 use std::sync::Arc;
 
 use super::Engine;
+use super::countermeasure::Kind;
 use super::input::{AlarmRef, OperatorAction, Place, Refusal, Response};
 use super::measures::Known;
-use super::model::{ModuleId, NodeId, Stage, StageModel};
+use super::model::{GroupId, ModuleId, NodeId, Stage, StageModel};
 use super::node::Facts;
 use super::roots;
-use super::snapshot::MapPose;
+use super::snapshot::{MapPose, Unreached};
 use super::state::State;
 use super::vehicle::Event;
 
@@ -52,7 +53,8 @@ impl Engine {
             OperatorAction::Acknowledge { alarm } => self.acknowledge(alarm),
             OperatorAction::Reset { module } => {
                 let id = self.resettable(module).map_err(|reason| vec![reason])?;
-                self.net.modules[id.0 as usize].own.reset();
+                let policy = self.net.policy(id).clone();
+                self.net.modules[id.0 as usize].own.reset(&policy);
                 self.net.mark_module(id);
             }
         }
@@ -78,7 +80,11 @@ impl Engine {
                 if self.vehicle.stage != Stage::Active {
                     return Err(vec![Refusal::NotDriving]);
                 }
-                Ok(())
+                // Where nobody listens yet the request is made: it goes out once somebody does.
+                match self.measures.unreached(&self.model, Kind::ManeuverStop) {
+                    Some(Unreached::Unpublished) => Err(vec![Refusal::StopNotPublished]),
+                    Some(Unreached::Unheard) | None => Ok(()),
+                }
             }
             OperatorAction::Acknowledge { alarm } => {
                 self.need_operator()?;
@@ -156,10 +162,12 @@ impl Engine {
             }
             AlarmRef::Node(name) => {
                 let node = self.node_named(name).ok_or_else(|| Refusal::NoSuchNode(name.clone()))?;
-                let alarmed = self.alarms.list().iter().any(|alarm| alarm.node == node);
-                let accepted = matches!(node, NodeId::Module(id) if self.warnings.is_accepted(id));
-                let warns = || !self.warned_in(node).is_empty();
-                if alarmed || accepted || self.measures.is_held_for(node) || warns() {
+                let has_something = |&node: &NodeId| {
+                    let alarmed = self.alarms.list().iter().any(|alarm| alarm.node == node);
+                    let accepted = matches!(node, NodeId::Module(id) if self.warnings.is_accepted(id));
+                    alarmed || accepted || self.measures.is_held_for(node) || !self.warned_in(node).is_empty()
+                };
+                if self.places_of(node).iter().any(has_something) {
                     return Ok(());
                 }
                 Err(Refusal::NothingToAcknowledge(self.views.name(node).into()))
@@ -167,28 +175,51 @@ impl Engine {
         }
     }
 
+    /// What one status says in several groups is one: who knows of it in one place knows of it.
     fn acknowledge(&mut self, alarm: &AlarmRef) {
         match alarm {
             AlarmRef::OperatorStop => self.measures.release_stop(),
             AlarmRef::Number(number) => {
-                let Some(node) = self.alarms.node(*number) else { return };
-                // What is asked for today is not released by what was yesterday.
-                let latest = self.alarms.latest(*number);
-                self.alarms.acknowledge(|alarm| alarm.id == *number, self.now, &mut self.events);
-                if let Some(alarm) = &latest {
-                    self.measures.acknowledge(Known { node, alarm: Some(alarm) });
+                for number in self.of_one_status(*number) {
+                    let Some(node) = self.alarms.node(number) else { continue };
+                    // What is asked for today is not released by what was yesterday.
+                    let latest = self.alarms.latest(number);
+                    self.alarms.acknowledge(|alarm| alarm.id == number, self.now, &mut self.events);
+                    if let Some(alarm) = &latest {
+                        self.measures.acknowledge(Known { node, alarm: Some(alarm) });
+                    }
                 }
             }
             AlarmRef::Node(name) => {
                 let Some(node) = self.node_named(name) else { return };
-                self.alarms.acknowledge(|alarm| alarm.node == node, self.now, &mut self.events);
-                self.measures.acknowledge(Known { node, alarm: None });
-                for id in self.warned_in(node) {
-                    self.warnings.accept(id);
+                for node in self.places_of(node) {
+                    self.alarms.acknowledge(|alarm| alarm.node == node, self.now, &mut self.events);
+                    self.measures.acknowledge(Known { node, alarm: None });
+                    for id in self.warned_in(node) {
+                        self.warnings.accept(id);
+                    }
                 }
             }
         }
         self.views.set_alarms(self.alarms.list());
+    }
+
+    /// An alarm, and those that the same status raised in other groups meanwhile.
+    pub(super) fn of_one_status(&self, number: u64) -> Vec<u64> {
+        let list = self.alarms.list();
+        let Some(alarm) = list.iter().find(|alarm| alarm.id == number) else { return vec![number] };
+        let places = self.places_of(alarm.node);
+        let others =
+            list.iter().filter(|it| it.node != alarm.node && places.contains(&it.node) && it.overlaps(alarm));
+        std::iter::once(number).chain(others.map(|alarm| alarm.id)).collect()
+    }
+
+    /// A node, and the modules that take the same status.
+    pub(super) fn places_of(&self, node: NodeId) -> Vec<NodeId> {
+        let status = self.views.status_of(node).and_then(|status| self.names.find(status));
+        let Some(route) = status.map(|route| &self.names.routes[route as usize]) else { return vec![node] };
+        let others = route.modules().map(NodeId::Module).filter(|&it| it != node);
+        std::iter::once(node).chain(others).collect()
     }
 
     pub(super) fn node_named(&self, name: &str) -> Option<NodeId> {
@@ -211,7 +242,7 @@ impl Engine {
         if !own.latched() {
             return Err(Refusal::NotLatched(name.into()));
         }
-        if own.is_in_error() {
+        if own.is_in_error(self.net.policy(id)) {
             return Err(Refusal::StillInError(name.into()));
         }
         Ok(id)
@@ -243,11 +274,11 @@ impl Engine {
         if !self.has_goal() {
             reasons.push(Refusal::NoGoal);
         }
-        let counted = self.net.groups.iter().zip(0..).filter(|(group, _)| !group.is_other);
+        let counted = self.net.groups.iter().zip(0..).filter(|(group, _)| !group.aside);
         for (group, index) in counted.filter(|(group, _)| group.node.parent.is_none()) {
             let Facts { relevant, masked, shown, .. } = group.node.facts;
             if relevant && (masked || shown >= State::Unknown) {
-                let name = self.views.name(NodeId::Group(super::model::GroupId(index)));
+                let name = self.views.name(NodeId::Group(GroupId(index)));
                 reasons.push(Refusal::Group { group: name.into(), state: shown });
             }
         }
@@ -259,6 +290,7 @@ impl Engine {
                 .map(|id| Refusal::Warning { module: self.views.name(NodeId::Module(id)).into() }),
         );
         reasons.extend(self.measures.moving().map(Refusal::Countermeasure));
+        reasons.extend(self.deaf_to().map(Refusal::NobodyListens));
         reasons
     }
 

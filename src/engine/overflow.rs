@@ -20,10 +20,27 @@ impl Overflow {
         self.groups.get(&group).map(|(module, _)| *module)
     }
 
+    /// Goes on with what was counted before a reload.
+    pub(super) fn keep(&mut self, group: GroupId, module: ModuleId, count: u64) {
+        self.groups.insert(group, (module, count));
+    }
+
+    /// Each group with its module and how many it refused.
+    pub(super) fn groups(&self) -> impl Iterator<Item = (GroupId, ModuleId, u64)> {
+        self.groups.iter().map(|(group, (module, count))| (*group, *module, *count))
+    }
+
     /// Counts one more; returns what the module says now.
     pub(super) fn count(&mut self, group: GroupId, module: ModuleId, limit: usize) -> Text {
         let (_, count) = self.groups.entry(group).or_insert((module, 0));
         *count += 1;
+        if *count == 1 {
+            return say!(
+                "1 status with a new name dropped: limits.discovered_modules is {limit}",
+                "1 Status mit neuem Namen verworfen: limits.discovered_modules ist {limit}",
+                limit = limit.to_string()
+            );
+        }
         say!(
             "{count} statuses with new names dropped: limits.discovered_modules is {limit}",
             "{count} Status mit neuen Namen verworfen: limits.discovered_modules ist {limit}",

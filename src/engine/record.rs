@@ -1,15 +1,20 @@
 //! What happened, with names in the place of ids: it can be kept when the configuration is another.
 
+use std::borrow::Cow;
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use super::event::{Event, What};
-use super::model::{GroupId, ModuleId, NodeId, Stage};
+use super::event::{BlamedAnew, Event, What};
+use super::model::{GroupId, NodeId, Stage};
 use super::net::Change;
+use super::report::with_silence;
 use super::snapshot::{Reason, Snapshot};
 use super::state::State;
-use super::time::Timestamp;
+use super::time::{Span, Timestamp};
 use super::views::Views;
+
+/// So much of a message is kept: a history holds a million of them.
+const SAID_BYTES_MAX: usize = 200;
 
 /// One line of a history.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,6 +36,7 @@ pub enum Recorded {
         state: State,
         own: State,
         cause: Option<Arc<str>>,
+        said: Option<Said>,
     },
     Stage(Stage),
     Signal {
@@ -54,13 +60,57 @@ pub enum Recorded {
         id: u64,
         node: Arc<str>,
     },
+    /// A module that was made at run time was silent for too long: it is not there any more.
+    Left {
+        node: Arc<str>,
+    },
     /// So many records before this one were dropped.
     Lost(u64),
 }
 
+/// What a module said when it began to show something. A reported ERROR and a silence that counts
+/// as one differ in nothing else.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Said {
+    /// Its last message, or the beginning of it.
+    pub message: Box<str>,
+    /// For how long nothing had come, where that was longer than its timeout.
+    pub silent: Option<Span>,
+}
+
+impl Said {
+    pub fn of(message: &str, silent: Option<Span>) -> Option<Said> {
+        let message = &message[..message.floor_char_boundary(SAID_BYTES_MAX)];
+        (silent.is_some() || !message.is_empty()).then(|| Said { message: message.into(), silent })
+    }
+
+    /// As one text, for programs.
+    pub fn words(&self) -> Cow<'_, str> {
+        with_silence(&self.message, self.silent)
+    }
+}
+
+/// A node showed this for this long.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stretch {
+    /// Milliseconds since 1970.
+    pub from_ms: i64,
+    pub to_ms: i64,
+    pub state: State,
+    pub own: State,
+    /// The root cause that masked it.
+    pub cause: Option<Arc<str>>,
+    /// What it said when it began to show this.
+    pub said: Option<Said>,
+}
+
 impl Views {
     /// Nodes that stay masked, by another cause than before: what they show changes in that alone.
-    pub(super) fn blamed_anew(&self, masked: &[(NodeId, Arc<[NodeId]>)], changes: &[Change]) -> Vec<What> {
+    pub(super) fn blamed_anew(
+        &self,
+        masked: &[(NodeId, Arc<[NodeId]>)],
+        changes: &[Change],
+    ) -> Vec<BlamedAnew> {
         let changed: HashSet<NodeId> = changes.iter().map(|change| change.node).collect();
         let anew = |(node, by): &(NodeId, Arc<[NodeId]>)| {
             let known = match self.reason(*node) {
@@ -71,14 +121,8 @@ impl Views {
                 NodeId::Group(id) => self.groups.get(id.0 as usize)?.own,
                 NodeId::Module(id) => self.modules.get(id.0 as usize)?.own,
             };
-            let (from, to) = (State::Ignore, State::Ignore);
-            (known != by.first()).then(|| What::Shown {
-                node: *node,
-                from,
-                to,
-                own,
-                cause: by.first().copied(),
-            })
+            let cause = by.first().copied();
+            (known != by.first()).then_some(BlamedAnew { node: *node, own, cause })
         };
         masked.iter().filter_map(anew).collect()
     }
@@ -90,8 +134,8 @@ impl Record {
         let name = |node: NodeId| snapshot.node_name(node).clone();
         let Event { at, what } = event;
         let what = match what {
-            What::Shown { node, to, own, cause, .. } => {
-                Recorded::Shown { node: name(node), state: to, own, cause: cause.map(name) }
+            What::Shown { node, to, own, cause, said, .. } => {
+                Recorded::Shown { node: name(node), state: to, own, cause: cause.map(name), said }
             }
             What::Stage { to, .. } => Recorded::Stage(to),
             What::Signal { index, value } => {
@@ -103,6 +147,7 @@ impl Record {
             }
             What::AlarmAcknowledged { id, node } => Recorded::AlarmAcknowledged { id, node: name(node) },
             What::AlarmCleared { id, node } => Recorded::AlarmCleared { id, node: name(node) },
+            What::Left { node } => Recorded::Left { node },
             // `Record::present` tells of it.
             What::Reloaded => return None,
         };
@@ -121,10 +166,15 @@ impl Record {
                 _ => None,
             };
             let cause = cause.map(|&cause| snapshot.node_name(cause).clone());
-            Recorded::Shown { node: snapshot.node_name(node).clone(), state, own: snapshot.own(node), cause }
+            let said = match node {
+                NodeId::Module(id) => snapshot.module(id).1.said(snapshot.now),
+                NodeId::Group(_) => None,
+            };
+            let (name, own) = (snapshot.node_name(node).clone(), snapshot.own(node));
+            Recorded::Shown { node: name, state, own, cause, said }
         };
         let groups = (0..snapshot.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
-        let modules = (0..snapshot.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
+        let modules = snapshot.module_ids().map(NodeId::Module);
         let all = first.into_iter().chain(snapshot.signals.iter().map(signal));
         let all = all.chain(groups.chain(modules).map(shown));
         all.map(|what| Record { at: snapshot.now, what }).collect()

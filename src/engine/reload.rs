@@ -1,13 +1,16 @@
 //! Replacing the configuration while the vehicle runs: modules that stay keep their state.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use super::Engine;
 use super::event::What;
 use super::measures::{By, Cause, Held};
-use super::model::{Model, ModuleId, NodeId};
+use super::members::Place;
+use super::model::{GroupId, Model, ModuleId, NodeId};
+use super::names::Names;
 use super::node::ModuleKind;
+use super::overflow;
 use super::resume::DISCOVERY;
 use super::snapshot::Reason;
 use super::time::Timestamp;
@@ -52,9 +55,12 @@ impl Engine {
     fn take_signals(&mut self, old: &Engine) {
         for index in 0..self.model.signals.len() {
             let spec = &self.model.signals[index];
-            let before =
-                old.model.signals.iter().position(|it| it.name == spec.name && it.source == spec.source);
+            let (watched, others) = (&self.model.watched, &old.model.watched);
+            let before = old.model.signals.iter().position(|it| {
+                it.name == spec.name && spec.source.means_the_same(watched, &it.source, others)
+            });
             let Some(before) = before else { continue };
+            self.watching.keep_condition(index, &old.watching, before);
             self.signals.copy(index, &old.signals, before, self.now);
             if let Some(due) = self.signals.due(index, self.now) {
                 self.timers.arm(TimerKey::Signal(index as u32), due);
@@ -65,11 +71,19 @@ impl Engine {
 
     fn take_modules(&mut self, old: &Engine) {
         // Names that were discovered find their place again, by the new filters, in their old order.
-        for (name, mut modules) in old.names.in_order() {
-            let discovered = modules.any(|id| old.net.modules[id.0 as usize].kind == ModuleKind::Discovered);
-            if discovered && self.names.find(name).is_none() {
-                self.discover(name);
+        self.take_overflow(old);
+        for (name, modules) in old.names.in_order() {
+            let modules: Vec<ModuleId> = modules.collect();
+            let mut kinds = modules.iter().map(|id| old.net.modules[id.0 as usize].kind);
+            if kinds.any(|kind| kind == ModuleKind::Discovered) && self.names.find(name).is_none() {
+                self.discover_but(name, &self.lacked_by(old, name, &modules));
             }
+        }
+        self.leave_out(old);
+        let groups: HashMap<&str, GroupId> = old.views.paths().map(|(id, path)| (path, id)).collect();
+        for (id, path) in self.views.paths() {
+            let before = groups.get(path).map(|before| old.net.groups[before.0 as usize].relevant_since);
+            self.net.groups[id.0 as usize].relevant_since = before.flatten();
         }
         let ids: HashMap<&str, ModuleId> = old.views.module_ids().collect();
         let kept: Vec<(ModuleId, ModuleId)> =
@@ -89,9 +103,56 @@ impl Engine {
             }
             self.watching.keep(id, &old.watching, before);
             self.net.modules[id.0 as usize].own = old.net.modules[before.0 as usize].own.clone();
+            let arrival = old.net.modules[before.0 as usize].arrival;
+            self.net.modules[id.0 as usize].arrival = arrival;
+            self.net.arrivals = self.net.arrivals.max(arrival);
             self.views.copy_report(id, &old.views, before);
         }
         self.resume_monitors();
+    }
+
+    /// Groups that refused names still say so, unless the limit was raised: then all are asked again.
+    fn take_overflow(&mut self, old: &Engine) {
+        if self.model.limits.discovered_modules > old.model.limits.discovered_modules {
+            return;
+        }
+        let mut refused: Vec<_> = old.overflow.groups().collect();
+        refused.sort_unstable_by_key(|(_, module, _)| old.net.modules[module.0 as usize].arrival);
+        for (group, _, count) in refused {
+            let Some(group) = self.same_group(old, group) else { continue };
+            let module = self.make(&Place::of(group), ModuleKind::Overflow, overflow::MODULE);
+            self.overflow.keep(group, module, count);
+        }
+    }
+
+    /// Groups that would have had a module of the name and have none, as it left or there was no room:
+    /// what was there comes first.
+    fn lacked_by(&self, old: &Engine, name: &str, modules: &[ModuleId]) -> Vec<GroupId> {
+        let there =
+            |group| modules.iter().any(|id| old.net.modules[id.0 as usize].node.parent == Some(group));
+        let wanted = Names::wanted(&old.model, name, old.net.other_group()).into_iter();
+        wanted.filter(|it| !there(it.group)).filter_map(|it| self.same_group(old, it.group)).collect()
+    }
+
+    /// The group that is called as one was before.
+    fn same_group(&self, old: &Engine, group: GroupId) -> Option<GroupId> {
+        let path = old.views.name(NodeId::Group(group));
+        self.views.paths().find(|(_, known)| *known == path).map(|(group, _)| group)
+    }
+
+    /// A status may feed several groups, and have left some of them: there it is not made again, and
+    /// alarms of those that left keep their name.
+    fn leave_out(&mut self, old: &Engine) {
+        let live: HashSet<&str> = old.views.module_ids().map(|(name, _)| name).collect();
+        let left: Vec<(Arc<str>, GroupId)> = old.departed_names(&self.views);
+        for (name, group) in left {
+            match self.views.module(&name) {
+                Some(id) if !live.contains(&*name) => self.net.remove(id),
+                None => self.keep_departed(&name, group),
+                _ => {}
+            }
+        }
+        self.take_leave();
     }
 
     fn take_history(&mut self, old: &Engine) {

@@ -1,8 +1,12 @@
 //! The words of a status, kept while they do not change.
 
+use std::borrow::Cow;
+
 use super::input::Status;
 use super::model::{Limits, Text};
-use super::snapshot::Report;
+use super::record::Said;
+use super::snapshot::{ModuleView, Report};
+use super::time::{Span, Timestamp};
 
 impl Report {
     /// Whether the status says the same in the same words. Longer than the limits, it is compared
@@ -21,7 +25,12 @@ impl Report {
     /// What a monitor, or the diagnosis of itself, says.
     pub(super) fn of_engine(said: Text, values: Vec<(Box<str>, Box<str>)>) -> Report {
         let german = Some(said.de.as_ref().into());
-        Report { message: said.en.as_ref().into(), german, hardware_id: "".into(), values }
+        Report { message: said.en.as_ref().into(), german, values, ..Report::default() }
+    }
+
+    /// The message, unless the module is silent and its message says only that.
+    pub fn last_words(&self, silent: bool) -> &str {
+        if silent && self.aged { "" } else { &self.message }
     }
 
     pub(super) fn of(status: Status<'_>, limits: &Limits) -> Report {
@@ -31,7 +40,58 @@ impl Report {
             message: cut(status.message()),
             german: None,
             hardware_id: cut(status.hardware_id()),
+            aged: false,
             values: values.map(|(key, value)| (cut(key), cut(value))).collect(),
+        }
+    }
+}
+
+impl ModuleView {
+    /// For how long nothing came, where that is longer than the module's timeout.
+    pub fn silent_for(&self, now: Timestamp) -> Option<Span> {
+        self.received.filter(|_| self.silent).map(|received| now.since(received))
+    }
+
+    /// What it says, for programs: of a silent module first that it is. Its last words alone would
+    /// stand beside a state that they do not explain.
+    pub fn says(&self, now: Timestamp) -> Cow<'_, str> {
+        with_silence(self.report.last_words(self.silent), self.silent_for(now))
+    }
+
+    /// The same, to be kept.
+    pub(super) fn said(&self, now: Timestamp) -> Option<Said> {
+        Said::of(self.report.last_words(self.silent), self.silent_for(now))
+    }
+}
+
+/// The last words of what may be silent since.
+pub(super) fn with_silence(last: &str, silent: Option<Span>) -> Cow<'_, str> {
+    match silent.map(how_long) {
+        None => last.into(),
+        Some(long) if last.is_empty() => format!("silent for {long}").into(),
+        Some(long) => format!("silent for {long}; last: {last}").into(),
+    }
+}
+
+/// `3 s`, `2 min`, `1 h 5 min`: no finer than anybody reads.
+pub fn how_long(span: Span) -> String {
+    let s = span.as_millis().saturating_add(500) / 1000;
+    match s {
+        0..60 => format!("{s} s"),
+        60..3600 => format!("{} min", s / 60),
+        _ => format!("{} h {} min", s / 3600, s % 3600 / 60),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_duration_is_said_as_roughly_as_it_is_read() {
+        let all = [(0, "0 s"), (1_500, "2 s"), (59_400, "59 s"), (59_500, "1 min"), (3_599_000, "59 min")];
+        for (ms, said) in all.into_iter().chain([(3_900_000, "1 h 5 min"), (90_000_000, "25 h 0 min")]) {
+            assert_eq!(how_long(Span::from_millis(ms)), said);
         }
     }
 }

@@ -154,6 +154,8 @@ impl Engine {
             NodeId::Module(id) if id == active => told,
             NodeId::Module(id) => match net.modules[id.0 as usize].kind {
                 ModuleKind::BuiltIn => confirmed,
+                // That it left is all that will be known.
+                ModuleKind::Gone => true,
                 _ => net.modules[id.0 as usize].own.known(),
             },
             NodeId::Group(_) => true,
@@ -215,9 +217,13 @@ impl Engine {
     fn find_again(&mut self, restored: &Restored) -> HashMap<Box<str>, NodeId> {
         let known: HashSet<Box<str>> = self.views.nodes().map(|(_, name)| name.into()).collect();
         let causes = restored.countermeasures.iter().flat_map(|it| &it.causes).map(|(name, _)| name);
-        let alarms = restored.alarms.iter().map(|alarm| &alarm.node);
+        let alarms = restored.alarms.iter().filter(|alarm| alarm.active).map(|alarm| &alarm.node);
         for name in causes.chain(alarms).chain(&restored.accepted).filter(|&name| !known.contains(name)) {
             self.rediscover(name);
+        }
+        let past = restored.alarms.iter().filter(|alarm| !alarm.active);
+        for alarm in past.filter(|alarm| !known.contains(&alarm.node)) {
+            self.remember(&alarm.node);
         }
         self.views.nodes().map(|(node, name)| (name.into(), node)).collect()
     }

@@ -20,6 +20,14 @@ pub(super) struct Signals {
     values: Vec<Value>,
 }
 
+/// What was said of a signal, and when.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Heard {
+    pub(super) is: bool,
+    /// Of a condition over several inputs, when the oldest of them came.
+    pub(super) at: Timestamp,
+}
+
 #[derive(Debug, Clone, Copy, Default)]
 struct Value {
     last: Option<(bool, Timestamp)>,
@@ -84,16 +92,24 @@ impl Signals {
 
     /// Takes the word that the vehicle drives or not, of which one may contradict the other. `expected`:
     /// it was cleared to drive. Returns whether what conditions see changed.
-    pub(super) fn take_active(&mut self, value: bool, expected: bool, now: Timestamp) -> bool {
+    pub(super) fn take_active(&mut self, value: Heard, expected: bool, now: Timestamp) -> bool {
         let Some(index) = self.active else { return false };
-        self.drive.take(value, self.value(index) == Some(true), expected, now);
+        self.drive.take(value.is, self.value(index) == Some(true), expected, now);
         self.take(index, value, now)
     }
 
     /// Takes a sample. Returns whether what conditions see changed.
-    pub(super) fn take(&mut self, index: usize, value: bool, now: Timestamp) -> bool {
-        self.values[index].last = Some((value, now));
+    pub(super) fn take(&mut self, index: usize, value: Heard, now: Timestamp) -> bool {
+        self.values[index].last = Some((value.is, value.at));
         self.refresh(index, now)
+    }
+
+    /// Nothing is known of a level any more. An event stays what it was: it is there or not.
+    fn lose(&mut self, index: usize) -> bool {
+        if self.specs[index].present_for.is_some() {
+            return false;
+        }
+        std::mem::take(&mut self.values[index]).seen.is_some()
     }
 
     /// Lets the time up to `now` act on one signal. Returns whether what conditions see changed.
@@ -123,14 +139,34 @@ impl Engine {
             self.counters.unknown_signals += 1;
             return;
         };
+        self.take_heard(index, Heard { is: value, at: self.now });
+    }
+
+    /// Takes what the inputs of a signal's condition say. Returns whether anything follows from it.
+    pub(super) fn judge_condition(&mut self, watch: u32, index: usize) -> bool {
+        let timeout = self.model.signals[index].timeout;
+        let is_known = |heard: &Heard| timeout.is_none_or(|timeout| self.now < heard.at + timeout);
+        let Some(holds) = self.watching.condition(watch, self.now).filter(is_known) else {
+            let changed = self.signals.lose(index);
+            self.signal_changed(index, changed);
+            return true;
+        };
+        // An event happens when a message says so, however old what stands beside it is.
+        let is_event = self.model.signals[index].present_for.is_some();
+        let at = if is_event { self.now } else { holds.at };
+        self.take_heard(index, Heard { at, ..holds }) || Some(index) == self.active_signal
+    }
+
+    fn take_heard(&mut self, index: usize, heard: Heard) -> bool {
         let changed = match self.vehicle.model {
             StageModel::Shuttle if Some(index) == self.active_signal => {
                 let cleared = self.vehicle.stage == Stage::Cleared;
-                self.signals.take_active(value, cleared, self.now)
+                self.signals.take_active(heard, cleared, self.now)
             }
-            _ => self.signals.take(index, value, self.now),
+            _ => self.signals.take(index, heard, self.now),
         };
         self.signal_changed(index, changed);
+        changed
     }
 
     pub(super) fn signal_changed(&mut self, index: usize, changed: bool) {

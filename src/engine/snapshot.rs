@@ -2,19 +2,16 @@
 //!
 //! A snapshot is cheap to make and to keep: parts that did not change are shared with the one before.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::countermeasure::{Kind, Request};
-use super::input::{Refusal, TroubleKind};
-use super::model::{DependsOn, GroupId, ModuleId, NodeId, Stage, Stop, Text};
+use super::input::{Output, Refusal, TroubleKind};
+use super::model::{DependsOn, GroupId, ModuleId, NodeId, Other, Stage, Stop, Text};
 use super::persistent::PersistentVec;
 use super::state::State;
-use super::time::{Span, Timestamp};
+use super::time::Timestamp;
 use super::why::Steps;
-
-/// What a component raises within this time is one call.
-const ONE_CALL: Span = Span::from_secs(5);
+use super::wording::Wording;
 
 /// The state of the whole vehicle at one instant.
 #[derive(Debug, Clone)]
@@ -50,6 +47,10 @@ pub struct Snapshot {
     pub clearance: bool,
     /// Why the vehicle cannot be cleared now; what only the display and the store know is not in it.
     pub clearance_refusals: Arc<[Refusal]>,
+    /// Requests that would reach nobody, and why.
+    pub unreached: Arc<[(Output, Unreached)]>,
+    /// Outputs to which somebody of the vehicle listens. In the first seconds it is not known.
+    pub listened: Arc<[Output]>,
     /// By position in the model's signals; `None` is unknown.
     pub signals: Arc<[(Box<str>, Option<bool>)]>,
     /// Faults of the reception by topic, in order of first appearance.
@@ -82,6 +83,16 @@ impl Snapshot {
         self.countermeasures.iter().any(|it| it.by_operator)
     }
 
+    /// Why what is said on an output reaches nobody.
+    pub fn unreached(&self, output: Output) -> Option<Unreached> {
+        self.unreached.iter().find(|(of, _)| *of == output).map(|(_, why)| *why)
+    }
+
+    /// Whether it is known that somebody listens to this output.
+    pub fn is_listened_to(&self, output: Output) -> bool {
+        self.listened.contains(&output)
+    }
+
     pub fn group(&self, id: GroupId) -> (&GroupInfo, &GroupView) {
         (&self.layout.groups[id.0 as usize], &self.groups[id.0 as usize])
     }
@@ -90,41 +101,12 @@ impl Snapshot {
         (&self.layout.modules[id.0 as usize], &self.modules[id.0 as usize])
     }
 
-    /// The numbers of the alarms that call by a sound, of those that are there and not acknowledged:
-    /// of each component the oldest, and each that comes when the call before it is long over. One
-    /// fault often shows in several modules of a component at nearly the same time.
-    pub fn audible(&self) -> Vec<u64> {
-        let mut called: BTreeMap<NodeId, Timestamp> = BTreeMap::new();
-        let waiting = self.alarms.iter().filter(|alarm| alarm.active && !alarm.acknowledged);
-        let calls = waiting.filter(|alarm| {
-            let component = self.component(alarm.node);
-            let calls = called.get(&component).is_none_or(|&before| alarm.raised >= before + ONE_CALL);
-            if calls {
-                called.insert(component, alarm.raised);
-            }
-            calls
-        });
-        calls.map(|alarm| alarm.id).collect()
-    }
-
-    /// The tile that a node belongs to; what belongs to none stands for itself.
-    fn component(&self, node: NodeId) -> NodeId {
-        let mut group = match node {
-            NodeId::Group(id) => id,
-            NodeId::Module(id) => self.module(id).0.group,
-        };
-        while let Some(parent) = self.group(group).0.parent {
-            group = parent;
-        }
-        let info = self.group(group).0;
-        if info.is_other || info.is_system { node } else { NodeId::Group(group) }
-    }
-
-    /// The tiles: the configuration's groups without a parent, in its order.
+    /// The tiles: the configuration's groups without a parent, in its order; then what nothing claims,
+    /// where that is counted.
     pub fn tiles(&self) -> impl Iterator<Item = GroupId> {
         (0..self.layout.groups.len() as u32).map(GroupId).filter(|&id| {
             let group = &self.layout.groups[id.0 as usize];
-            group.parent.is_none() && !group.is_other && !group.is_system
+            group.is_tile()
         })
     }
 
@@ -139,10 +121,14 @@ impl Snapshot {
     /// Finds a node by the name of [`Snapshot::node_name`]. Walks all names: for pages and tests.
     pub fn node(&self, name: &str) -> Option<NodeId> {
         let group = self.layout.groups.iter().position(|group| &*group.path == name);
-        let module = || self.layout.modules.iter().position(|module| &*module.id == name);
-        group
-            .map(|index| NodeId::Group(GroupId(index as u32)))
-            .or_else(|| module().map(|index| NodeId::Module(ModuleId(index as u32))))
+        let module = || self.module_ids().find(|id| *self.module(*id).0.id == *name);
+        group.map(|index| NodeId::Group(GroupId(index as u32))).or_else(|| module().map(NodeId::Module))
+    }
+
+    /// The modules that are there.
+    pub fn module_ids(&self) -> impl Iterator<Item = ModuleId> {
+        let modules = self.layout.modules.iter().zip(0..).filter(|(module, _)| !module.gone);
+        modules.map(|(_, index)| ModuleId(index))
     }
 
     /// What a node reports, as if nothing were masked.
@@ -173,6 +159,8 @@ impl Snapshot {
 pub struct Layout {
     pub vehicle_id: Arc<str>,
     pub vehicle_name: Text,
+    /// What becomes of statuses that nothing claims.
+    pub other: Other,
     /// Where an operator may say that the vehicle stands.
     pub stops: Arc<[Stop]>,
     /// By [`GroupId`]; parents stand before their children, `other` and `telltale` are last.
@@ -190,20 +178,39 @@ pub struct GroupInfo {
     pub modules: Vec<ModuleId>,
     pub depends_on: Vec<DependsOn>,
     pub tile: Option<(u8, u8)>,
-    /// The group of statuses that nothing claims: for developers, never counted.
+    /// The group of statuses that nothing claims.
     pub is_other: bool,
+    /// It has a part in what the vehicle is.
+    pub counted: bool,
     /// The group of what the diagnosis says of itself.
     pub is_system: bool,
+    /// While nothing matches its filters: a name that looks as if it should.
+    pub hint: Option<Text>,
+}
+
+impl GroupInfo {
+    /// Whether it is a tile on the operator's page.
+    pub fn is_tile(&self) -> bool {
+        self.parent.is_none() && self.counted && !self.is_system
+    }
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModuleInfo {
     pub id: Arc<str>,
-    pub name: Option<Text>,
-    pub help: Option<Text>,
+    pub name: Option<Wording>,
+    pub help: Option<Wording>,
     pub group: GroupId,
+    /// The status that it takes, if it takes one: filters may overlap, so others may take the same.
+    pub status: Option<Arc<str>>,
     pub depends_on: Vec<DependsOn>,
     pub discovered: bool,
+    /// It was silent for too long and is not there any more: what speaks of it finds its name here.
+    pub gone: bool,
+    /// Of what was made at run time, the number in order of arrival.
+    pub number: u64,
+    /// The kind of its monitor, as the configuration names it.
+    pub kind: &'static str,
     pub class: Class,
 }
 
@@ -216,6 +223,23 @@ pub struct Class {
     pub information: &'static str,
     /// `sequential` or `parallel`, where data flows.
     pub flow: Option<&'static str>,
+}
+
+impl Class {
+    /// The column of the paper's taxonomy (Fig. 3), from 0: isolated meta, isolated content,
+    /// contextual meta, contextual content sequential and parallel. A class that the taxonomy does
+    /// not have stands in none.
+    pub fn column(self) -> Option<usize> {
+        match (self.location, self.information, self.flow) {
+            ("isolated", "meta", None) => Some(0),
+            ("isolated", "content", None) => Some(1),
+            // That its data flows, too, is no column of its own.
+            ("contextual", "meta", _) => Some(2),
+            ("contextual", "content", Some("sequential")) => Some(3),
+            ("contextual", "content", Some("parallel")) => Some(4),
+            _ => None,
+        }
+    }
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -258,6 +282,8 @@ pub struct Report {
     /// The message in German, where the engine says it: a monitor, or the diagnosis of itself.
     pub german: Option<Box<str>>,
     pub hardware_id: Box<str>,
+    /// The message is only that an input is too old: of a silent module it says nothing more.
+    pub aged: bool,
     pub values: Vec<(Box<str>, Box<str>)>,
 }
 
@@ -287,6 +313,8 @@ pub struct RootCause {
     /// How many modules and groups show IGNORE because of it.
     pub masks: u32,
     pub since: Timestamp,
+    /// It is UNKNOWN only because it is still given time to report, and hides no ERROR: it raises no alarm.
+    pub grace: bool,
 }
 
 /// A root cause that was raised (`ENGINE.md` 6). Its number lasts.
@@ -345,6 +373,15 @@ impl MeasureState {
             MeasureState::Unconfirmed => "unconfirmed",
         }
     }
+}
+
+/// Why a request reaches nobody.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unreached {
+    /// The configuration has switched it off.
+    Unpublished,
+    /// No reader of the vehicle is matched.
+    Unheard,
 }
 
 /// How far the vehicle knows where it is.

@@ -1,16 +1,21 @@
 //! The group `telltale`: what the diagnosis says of itself (`ENGINE.md` 6 and 8). Nothing masks it.
 
 use super::input::ReceptionTrouble;
-use super::model::{Policy, Text};
+use super::model::{Policy, Stage, Text};
 use super::monitor::say;
 use super::state::State;
 use super::time::{Span, Timestamp};
+use super::wording::{ByStage, Wording};
 
 /// The name of the group, reserved in configurations.
 pub const SYSTEM_GROUP: &str = "telltale";
 
 /// The name of the group of statuses that nothing claims, reserved in configurations.
 pub const OTHER_GROUP: &str = "other";
+
+/// The groups that are there without being configured: the path, and the names in English and German.
+pub const BUILT_IN_GROUPS: [(&str, &str, &str); 2] =
+    [(OTHER_GROUP, "Other", "Sonstige"), (SYSTEM_GROUP, "Telltale", "Telltale")];
 
 /// A fault of the reception stays a WARNING for this long after its last appearance.
 const RECEPTION_HOLD: Span = Span::from_secs(10);
@@ -32,10 +37,12 @@ pub enum SystemCheck {
     Storage,
     /// The operator's display shows what is.
     Display,
+    /// Nobody else publishes the aggregated diagnosis.
+    Aggregator,
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 7] = [
+    pub const ALL: [SystemCheck; 8] = [
         SystemCheck::Invariants,
         SystemCheck::Reception,
         SystemCheck::Active,
@@ -43,6 +50,7 @@ impl SystemCheck {
         SystemCheck::Outputs,
         SystemCheck::Storage,
         SystemCheck::Display,
+        SystemCheck::Aggregator,
     ];
 
     pub(super) fn id(self) -> &'static str {
@@ -54,6 +62,7 @@ impl SystemCheck {
             SystemCheck::Outputs => "telltale/outputs",
             SystemCheck::Storage => "telltale/storage",
             SystemCheck::Display => "telltale/display",
+            SystemCheck::Aggregator => "telltale/aggregator",
         }
     }
 
@@ -68,34 +77,70 @@ impl SystemCheck {
             SystemCheck::Outputs => ("Vehicle cannot be told", "Fahrzeug ist nicht erreichbar"),
             SystemCheck::Storage => ("Nothing can be recorded", "Aufzeichnen nicht möglich"),
             SystemCheck::Display => ("Display not live", "Anzeige nicht live"),
+            SystemCheck::Aggregator => {
+                ("Diagnosis is published twice", "Diagnose wird doppelt veröffentlicht")
+            }
         };
         Text { en: en.into(), de: de.into() }
     }
 
-    pub(super) fn help(self) -> Text {
-        let (en, de) = match self {
-            SystemCheck::Invariants => (
-                "Do not rely on this display. Call the control room.",
-                "Nicht auf diese Anzeige verlassen. Leitstelle rufen.",
-            ),
-            SystemCheck::Reception => ("You may drive. Report it.", "Weiterfahren möglich. Melden."),
-            SystemCheck::Active | SystemCheck::Countermeasure => {
-                ("Take over. Stop. Call the control room.", "Übernehmen. Anhalten. Leitstelle rufen.")
-            }
-            SystemCheck::Outputs => (
-                "Be ready to take over. Call the control room.",
-                "Zur Übernahme bereit sein. Leitstelle rufen.",
-            ),
-            SystemCheck::Storage => (
-                "Finish the drive. No new clearance until it is mended. Report it.",
-                "Fahrt beenden. Bis zur Behebung keine neue Freigabe. Melden.",
-            ),
-            SystemCheck::Display => (
-                "Do not rely on it. Be ready to take over.",
-                "Nicht darauf verlassen. Zur Übernahme bereit sein.",
-            ),
+    /// What to do about it: on the way, and at a stop, where there is nothing to take over.
+    pub(super) fn help(self) -> Wording {
+        let always = |en: &str, de: &str| ByStage::Always(Text { en: en.into(), de: de.into() });
+        let driving = |en: &str, de: &str, (stop_en, stop_de): (&str, &str)| {
+            let driving = Text { en: en.into(), de: de.into() };
+            let standing = Text { en: stop_en.into(), de: stop_de.into() };
+            ByStage::In(vec![(Stage::Standby, standing), (Stage::Active, driving)])
         };
-        Text { en: en.into(), de: de.into() }
+        const STAY: (&str, &str) =
+            ("Do not drive off. Call the control room.", "Nicht losfahren. Leitstelle rufen.");
+        let mut help = Wording::default();
+        match self {
+            SystemCheck::Invariants => {
+                help.error = always(
+                    "Do not rely on this display. Call the control room.",
+                    "Nicht auf diese Anzeige verlassen. Leitstelle rufen.",
+                );
+            }
+            SystemCheck::Reception | SystemCheck::Aggregator => {
+                help.warning = driving(
+                    "You may drive. Report it.",
+                    "Weiterfahren möglich. Melden.",
+                    ("Nothing to do now. Report it.", "Jetzt ist nichts zu tun. Melden."),
+                );
+            }
+            SystemCheck::Active | SystemCheck::Countermeasure => {
+                let (en, de) =
+                    ("Take over. Stop. Call the control room.", "Übernehmen. Anhalten. Leitstelle rufen.");
+                help.error = driving(en, de, STAY);
+            }
+            SystemCheck::Outputs => {
+                let (en, de) = (
+                    "Be ready to take over. Call the control room.",
+                    "Zur Übernahme bereit sein. Leitstelle rufen.",
+                );
+                help.error = driving(en, de, STAY);
+                help.warning = driving(en, de, STAY);
+            }
+            SystemCheck::Storage => {
+                help.warning = driving(
+                    "Finish the drive. No new clearance until it is mended. Report it.",
+                    "Fahrt beenden. Bis zur Behebung keine neue Freigabe. Melden.",
+                    (
+                        "No clearance until it is mended. Report it.",
+                        "Bis zur Behebung keine Freigabe. Melden.",
+                    ),
+                );
+            }
+            SystemCheck::Display => {
+                help.warning = driving(
+                    "Do not rely on it. Be ready to take over.",
+                    "Nicht darauf verlassen. Zur Übernahme bereit sein.",
+                    ("Do not rely on it. Load the page again.", "Nicht darauf verlassen. Seite neu laden."),
+                );
+            }
+        }
+        help
     }
 }
 
@@ -105,6 +150,15 @@ pub(super) fn display_late(whose: &str) -> Text {
         "the display of {whose} does not say what it shows",
         "die Anzeige von {whose} meldet nicht, was sie zeigt",
         whose = whose
+    )
+}
+
+/// What is said while another program publishes the aggregated diagnosis.
+pub(super) fn other_aggregator(other: &str) -> Text {
+    say!(
+        "another program publishes the diagnosis: {other}",
+        "ein anderes Programm veröffentlicht die Diagnose: {other}",
+        other = other
     )
 }
 

@@ -20,6 +20,7 @@ pub(super) enum TimerKey {
     Searched,
     Monitor(u32),
     Module(u32),
+    Group(u32),
 }
 
 /// Superseded entries may be twice as many as live ones, and these more.
@@ -30,7 +31,7 @@ const SUPERSEDED_MAX: usize = 64;
 #[derive(Debug, Default)]
 pub(super) struct Timers {
     heap: BinaryHeap<Reverse<(Timestamp, TimerKey)>>,
-    queued: [Vec<Option<Timestamp>>; 8],
+    queued: [Vec<Option<Timestamp>>; 9],
     live: usize,
 }
 
@@ -90,6 +91,7 @@ impl Timers {
             TimerKey::Monitor(index) => (5, index as usize),
             TimerKey::Active => (6, 0),
             TimerKey::Searched => (7, 0),
+            TimerKey::Group(index) => (8, index as usize),
         };
         let slots = &mut self.queued[kind];
         if slots.len() <= index {
@@ -110,6 +112,7 @@ fn key(kind: usize, index: usize) -> TimerKey {
         4 => TimerKey::Measures,
         5 => TimerKey::Monitor(index),
         6 => TimerKey::Active,
+        8 => TimerKey::Group(index),
         _ => TimerKey::Searched,
     }
 }

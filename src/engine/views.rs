@@ -1,5 +1,6 @@
 //! What snapshots are made of, kept up to date piece by piece.
 
+mod members;
 mod questions;
 
 use std::collections::HashSet;
@@ -7,7 +8,7 @@ use std::sync::Arc;
 
 use super::causes::Explained;
 use super::input::{ReceptionTrouble, Status};
-use super::layout::{SELF_STATE, layout};
+use super::layout::layout;
 use super::lead::Led;
 use super::model::{GroupId, Limits, Model, ModuleId, NodeId, Stage, Text};
 use super::monitor::Words;
@@ -15,13 +16,11 @@ use super::net::{Change, Net};
 use super::persistent::PersistentVec;
 use super::signals::Signals;
 use super::snapshot::{
-    Alarm, Counters, GroupView, Layout, ModuleInfo, ModuleView, Reason, Reception, Report, RootCause,
-    Snapshot,
+    Alarm, Counters, GroupView, Layout, ModuleView, Reason, Reception, Report, RootCause, Snapshot,
 };
 use super::state::State;
 use super::time::Timestamp;
 use super::vehicle::Vehicle;
-use super::why::Steps;
 
 /// Topics whose faults are remembered, for each kind of fault: past this new ones are not.
 const RECEPTION_MAX: usize = 256;
@@ -110,6 +109,8 @@ impl Views {
             localization: self.led.localization,
             clearance: self.led.clearance,
             clearance_refusals: self.led.clearance_refusals.clone(),
+            unreached: self.led.unreached.clone(),
+            listened: self.led.listened.clone(),
             signals: self.signals.clone(),
             reception: self.reception.clone(),
             counters,
@@ -137,9 +138,9 @@ impl Views {
     }
 
     /// Sets what a monitor says of its module. Returns whether it said something else before.
-    pub(super) fn set_words(&mut self, id: ModuleId, words: Words) -> bool {
+    pub(super) fn set_words(&mut self, id: ModuleId, words: Words, aged: bool) -> bool {
         let values = words.values.into_iter().map(|(key, value)| (key.into(), value.into()));
-        let report = Report::of_engine(words.message, values.collect());
+        let report = Report { aged, ..Report::of_engine(words.message, values.collect()) };
         let changed = *self.reports[id.0 as usize] != report;
         if changed {
             self.set_report(id, Arc::new(report));
@@ -173,44 +174,6 @@ impl Views {
             view.report = report;
         }
         self.revision_changed = true;
-    }
-
-    pub(super) fn discover(&mut self, group: GroupId, name: &str, now: Timestamp) {
-        let layout = Arc::make_mut(&mut self.layout);
-        let id = ModuleId(layout.modules.len() as u32);
-        let path = &layout.groups[group.0 as usize].path;
-        // A status may be called as a module is that is declared.
-        let second = (2..).map(|number| format!("{path}/{name} ({number})"));
-        let mut free = std::iter::once(format!("{path}/{name}")).chain(second);
-        let name: Arc<str> = free.find(|id| !self.names.contains(&**id)).unwrap_or_default().into();
-        self.names.insert(name.clone());
-        layout.modules.push(Arc::new(ModuleInfo {
-            id: name,
-            name: None,
-            help: None,
-            group,
-            depends_on: Vec::new(),
-            discovered: true,
-            class: SELF_STATE,
-        }));
-        layout.groups[group.0 as usize].modules.push(id);
-        self.push_module(now);
-        self.seq_changed = true;
-    }
-
-    fn push_module(&mut self, now: Timestamp) {
-        self.is_heard.push(false);
-        self.reports.push(Arc::default());
-        self.modules.push(ModuleView {
-            state: State::Ignore,
-            own: State::Unknown,
-            since: now,
-            received: None,
-            silent: false,
-            steps: Steps::default(),
-            reason: None,
-            report: Arc::default(),
-        });
     }
 
     pub(super) fn set_signals(&mut self, signals: &Signals) {
@@ -274,7 +237,7 @@ impl Views {
         let reason =
             reason(facts.shown, facts.masked, || module.node.not_relevant.clone(), view.reason.as_ref());
         let silent = module.own.silent();
-        let steps = module.own.steps(net.policy(id), now);
+        let steps = module.own.steps(net.policy(id));
         let known = (view.state, view.own, view.silent, &view.reason, view.steps);
         if known == (facts.shown, facts.own, silent, &reason, steps) {
             return;

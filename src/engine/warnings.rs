@@ -22,7 +22,7 @@ impl Warnings {
         let NodeId::Module(id) = change.node else { return false };
         let module = &net.modules[id.0 as usize];
         let group = module.node.parent.map(|group| &net.groups[group.0 as usize]);
-        if group.is_none_or(|group| group.is_other) {
+        if group.is_none_or(|group| group.aside) {
             return false;
         }
         let warns = change.after.shown == State::Warning;
@@ -33,6 +33,13 @@ impl Warnings {
             return self.open.remove(&id) | self.accepted.remove(&id);
         }
         !self.accepted.contains(&id) && self.open.insert(id)
+    }
+
+    /// The module is not there any more.
+    pub(super) fn forget(&mut self, id: ModuleId) {
+        self.open.remove(&id);
+        self.accepted.remove(&id);
+        self.awaited.remove(&id);
     }
 
     pub(super) fn open(&self) -> impl Iterator<Item = ModuleId> {

@@ -10,6 +10,7 @@ use super::model::{Model, ModuleId, Policy};
 use super::monitor::spec::{MonitorSpec, TopicId, TopicSpec, ValueSource, WatchdogSpec};
 use super::monitor::{Feed, Monitor, Taken, WORDS_EVERY, Words, feeds};
 use super::sample::{FieldValue, Probe, Sample, TopicNews};
+use super::signals::Heard;
 use super::state::State;
 use super::time::Timestamp;
 use blind::Judged;
@@ -36,10 +37,18 @@ pub(super) struct Watching {
     pub(super) searching_until: Option<Timestamp>,
 }
 
-/// A module's monitor, and what was told of it.
+/// What a monitor is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Purpose {
+    Module(ModuleId),
+    /// The condition of the signal of this position.
+    Signal(usize),
+}
+
+/// A monitor, and what was told of it.
 #[derive(Debug)]
 pub(super) struct Watch {
-    pub(super) module: ModuleId,
+    pub(super) purpose: Purpose,
     monitor: Monitor,
     topics: Box<[TopicId]>,
     by_the_clock: bool,
@@ -95,6 +104,7 @@ struct KeyReader {
     watch: u32,
     slot: u32,
     key: Arc<str>,
+    unit: Option<Arc<str>>,
     as_text: bool,
 }
 
@@ -105,6 +115,8 @@ pub(super) struct Told {
     /// Whether the state is another one than before.
     pub(super) changed: bool,
     pub(super) words: Option<Words>,
+    /// The words are only that an input is too old.
+    pub(super) aged: bool,
     /// When to look at it again.
     pub(super) due: Option<Timestamp>,
 }
@@ -151,13 +163,20 @@ impl Watching {
         };
         for (index, module) in model.modules.iter().enumerate() {
             if let Some(monitor) = Monitor::new(&module.monitor, &model.watched) {
-                watching.add(ModuleId(index as u32), &module.monitor, monitor);
+                watching.of_module[index] = Some(watching.watches.len() as u32);
+                watching.add(Purpose::Module(ModuleId(index as u32)), &module.monitor, monitor);
+            }
+        }
+        for (index, signal) in model.signals.iter().enumerate() {
+            let spec = signal.source.condition();
+            if let Some((spec, monitor)) = spec.and_then(|it| Some((it, Monitor::new(it, &model.watched)?))) {
+                watching.add(Purpose::Signal(index), spec, monitor);
             }
         }
         watching
     }
 
-    fn add(&mut self, module: ModuleId, spec: &MonitorSpec, monitor: Monitor) {
+    fn add(&mut self, purpose: Purpose, spec: &MonitorSpec, monitor: Monitor) {
         let watch = self.watches.len() as u32;
         let mut topics = Vec::new();
         for (slot, feed) in feeds(spec).into_iter().enumerate() {
@@ -165,10 +184,10 @@ impl Watching {
             let (topic, field) = match feed {
                 Feed::Messages(topic) => (topic, None),
                 Feed::Values(ValueSource::Field { topic, field }) => (*topic, Some(*field)),
-                Feed::Values(ValueSource::Key { status, key }) => {
+                Feed::Values(ValueSource::Key { status, key, unit }) => {
                     let keyed = self.statuses.entry(status.clone()).or_default();
                     let as_text = monitor.wants_words(slot as usize);
-                    keyed.keys.push(KeyReader { watch, slot, key: key.clone(), as_text });
+                    keyed.keys.push(KeyReader { watch, slot, key: key.clone(), unit: unit.clone(), as_text });
                     continue;
                 }
             };
@@ -178,9 +197,8 @@ impl Watching {
         if let MonitorSpec::Watchdog { watchdog, .. } = spec {
             self.probes[watchdog.0 as usize].1.push(watch);
         }
-        self.of_module[module.0 as usize] = Some(watch);
         self.watches.push(Watch {
-            module,
+            purpose,
             monitor,
             topics: topics.into(),
             by_the_clock: spec.by_the_clock(),
@@ -323,7 +341,30 @@ impl Watching {
         });
         let words_due = watch.worded.filter(|_| watch.pending).map(|worded| worded + WORDS_EVERY);
         let due = [words_due, watch.due].into_iter().flatten().filter(|&due| due > now).min();
-        Told { state, changed, words, due }
+        let aged = blind.is_none() && watch.monitor.is_aged(now);
+        Told { state, changed, words, aged, due }
+    }
+
+    /// Whether the condition of a signal holds, and when the oldest of its inputs came; `None` where
+    /// one of them is not known.
+    pub(super) fn condition(&mut self, index: u32, now: Timestamp) -> Option<Heard> {
+        let Monitor::Expression(expression) = &mut self.watches[index as usize].monitor else { return None };
+        let is = match expression.judge(now)? {
+            State::Error => true,
+            State::Ok => false,
+            State::Unknown | State::Warning | State::Ignore => return None,
+        };
+        Some(Heard { is, at: expression.oldest()? })
+    }
+
+    /// Goes on with what came for the condition of a signal that means the same as before a reload.
+    pub(super) fn keep_condition(&mut self, signal: usize, old: &Watching, before: usize) {
+        let of = |signal| move |watch: &&Watch| watch.purpose == Purpose::Signal(signal);
+        let Some(before) = old.watches.iter().find(of(before)) else { return };
+        let of = |watch: &&mut Watch| watch.purpose == Purpose::Signal(signal);
+        if let Some(watch) = self.watches.iter_mut().find(of) {
+            watch.monitor = before.monitor.clone();
+        }
     }
 
     pub(super) fn by_the_clock(&self, index: u32) -> bool {

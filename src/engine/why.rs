@@ -41,6 +41,8 @@ pub struct Steps {
     pub debounced: Option<State>,
     pub latched: bool,
     pub grace: bool,
+    /// After debounce and grace it is in ERROR, latched or not: a reset is refused.
+    pub in_error: bool,
 }
 
 impl Snapshot {

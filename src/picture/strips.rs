@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use crate::engine::record::{Said, Stretch};
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 
@@ -29,6 +30,8 @@ pub struct Segment {
     pub own: Option<State>,
     /// Which cause masks it, or owes what it showed.
     pub cause: Option<Arc<str>>,
+    /// What the module said when it began.
+    pub said: Option<Said>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,7 +65,39 @@ impl Look {
     ];
 }
 
-/// Joins neighbours that look the same.
+/// How a node looks that shows a state; one that is ignored is masked, or not relevant.
+pub fn look(state: State, is_masked: bool) -> Look {
+    match state {
+        State::Ignore if is_masked => Look::Masked,
+        State::Ignore => Look::NotRelevant,
+        State::Ok => Look::Ok,
+        State::Warning => Look::Warning,
+        State::Unknown => Look::Unknown,
+        State::Error => Look::Error,
+    }
+}
+
+/// A moment of a history, in milliseconds since 1970.
+pub fn stamp(ms: i64) -> Timestamp {
+    Timestamp::from_millis(u64::try_from(ms).unwrap_or(0))
+}
+
+/// What a history holds of a node.
+pub fn recorded(stretches: &[Stretch]) -> Vec<Segment> {
+    let segment = |stretch: &Stretch| Segment {
+        from: stamp(stretch.from_ms),
+        to: stamp(stretch.to_ms),
+        look: look(stretch.state, stretch.cause.is_some()),
+        own: (stretch.state == State::Ignore).then_some(stretch.own),
+        cause: stretch.cause.clone(),
+        said: stretch.said.clone(),
+    };
+    let mut segments: Vec<Segment> = stretches.iter().map(segment).collect();
+    owe(&mut segments);
+    merged(segments)
+}
+
+/// Joins neighbours that look the same; the words are those of the first.
 pub fn merged(segments: Vec<Segment>) -> Vec<Segment> {
     let mut merged: Vec<Segment> = Vec::new();
     for segment in segments {

@@ -4,15 +4,18 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use rustdds::policy::{Durability, Reliability};
+use rustdds::policy::{self, Deadline, Durability, Reliability};
 use rustdds::{DomainParticipant, RTPSEntity};
 use tokio::sync::watch;
 
 use super::messages;
 use super::nodes::Nodes;
 use super::outbox::stopped;
+use super::writers::Guid;
 use crate::clock::Clock;
-use crate::engine::discovery::{Discovery, ENDPOINTS_MAX, Endpoint, TOPICS_MAX, TopicSeen};
+use crate::engine::discovery::{
+    Discovery, ENDPOINTS_MAX, Endpoint, Liveliness, LivelinessKind, TOPICS_MAX, TopicSeen,
+};
 use crate::engine::time::Timestamp;
 
 const LOOK: Duration = Duration::from_secs(1);
@@ -37,12 +40,35 @@ impl Tallies {
     }
 }
 
+/// Participants of this process beside the bridge's own, in hexadecimal digits.
+#[derive(Debug, Clone, Default)]
+pub struct Siblings(Arc<Mutex<BTreeSet<String>>>);
+
+impl Siblings {
+    pub fn add(&self, participant: String) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(participant);
+    }
+
+    pub fn remove(&self, participant: &str) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).remove(participant);
+    }
+
+    fn all(&self) -> BTreeSet<String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+/// A participant by the GUID of anything in it.
+pub fn participant_name(guid: &Guid) -> String {
+    hex(&guid[..PREFIX])
+}
+
 /// Looks until it is stopped.
 pub async fn run(
     participant: DomainParticipant,
     tallies: Tallies,
     seen: Arc<watch::Sender<Arc<Discovery>>>,
-    nodes: watch::Receiver<Nodes>,
+    (nodes, siblings): (watch::Receiver<Nodes>, Siblings),
     clock: Clock,
     mut stop: watch::Receiver<bool>,
 ) {
@@ -55,9 +81,17 @@ pub async fn run(
             _ = looks.tick() => {}
         }
         let now = (clock.now(), tallies.read());
-        let mut discovery = look(&participant);
+        let mut discovery = {
+            let nodes = nodes.borrow();
+            Discovery { nodes: nodes.all(), ..look(&participant, &nodes.endpoints()) }
+        };
+        let siblings = siblings.all();
+        for topic in &mut discovery.topics {
+            for endpoint in topic.publishers.iter_mut().chain(&mut topic.subscribers) {
+                endpoint.ours |= siblings.contains(&endpoint.participant);
+            }
+        }
         discovery.at = Some(now.0);
-        discovery.nodes = nodes.borrow().all();
         let rates = rates(&before, &now);
         for (name, rate) in rates {
             let place = discovery.topics.binary_search_by(|topic| topic.name.cmp(&name));
@@ -86,8 +120,9 @@ fn rates(
     now.1.iter().map(rate).collect()
 }
 
-fn look(participant: &DomainParticipant) -> Discovery {
+fn look(participant: &DomainParticipant, nodes: &BTreeMap<Guid, &str>) -> Discovery {
     let own = participant.guid().to_bytes();
+    let node = |guid: Guid| nodes.get(&guid).map(|name| (*name).to_owned());
     let mut topics: BTreeMap<String, TopicSeen> = BTreeMap::new();
     let mut participants = BTreeSet::new();
     for found in participant.discovered_writers() {
@@ -95,6 +130,9 @@ fn look(participant: &DomainParticipant) -> Discovery {
         let endpoint = Endpoint {
             // A writer that does not say is reliable and volatile (DDS 1.4, 2.2.3).
             reliable: data.reliability != Some(Reliability::BestEffort),
+            node: node(data.key.to_bytes()),
+            deadline_ns: deadline(data.deadline),
+            liveliness: liveliness(data.liveliness),
             ..endpoint(data.key.to_bytes(), own, &data.type_name, data.durability)
         };
         participants.insert(endpoint.participant.clone());
@@ -106,6 +144,9 @@ fn look(participant: &DomainParticipant) -> Discovery {
         let endpoint = Endpoint {
             // A reader that does not say takes what comes.
             reliable: matches!(qos.reliability(), Some(Reliability::Reliable { .. })),
+            node: node(data.key().to_bytes()),
+            deadline_ns: deadline(qos.deadline()),
+            liveliness: liveliness(qos.liveliness()),
             ..endpoint(data.key().to_bytes(), own, data.type_name(), qos.durability())
         };
         participants.insert(endpoint.participant.clone());
@@ -124,7 +165,29 @@ fn endpoint(guid: [u8; 16], own: [u8; 16], type_name: &str, durability: Option<D
         reliable: false,
         transient_local: durability.is_some_and(|kind| kind >= Durability::TransientLocal),
         ours: guid[..PREFIX] == own[..PREFIX],
+        ..Endpoint::default()
     }
+}
+
+fn deadline(deadline: Option<Deadline>) -> Option<u64> {
+    deadline.and_then(|Deadline(period)| nanos(period))
+}
+
+/// One that does not say is asserted by the library, without end (DDS 1.4, 2.2.3.11).
+fn liveliness(said: Option<policy::Liveliness>) -> Liveliness {
+    use policy::Liveliness::{Automatic, ManualByParticipant, ManualByTopic};
+    let (kind, lease) = match said {
+        None => return Liveliness::default(),
+        Some(Automatic { lease_duration }) => (LivelinessKind::Automatic, lease_duration),
+        Some(ManualByParticipant { lease_duration }) => (LivelinessKind::ManualByParticipant, lease_duration),
+        Some(ManualByTopic { lease_duration }) => (LivelinessKind::ManualByTopic, lease_duration),
+    };
+    Liveliness { kind, lease_ns: nanos(lease) }
+}
+
+/// `None` is without end.
+fn nanos(duration: rustdds::Duration) -> Option<u64> {
+    (duration != rustdds::Duration::INFINITE).then(|| u64::try_from(duration.to_nanoseconds()).unwrap_or(0))
 }
 
 fn push(

@@ -32,6 +32,12 @@ impl Lookup {
         Lookup { host_and_port, clock, known: None, pending: None }
     }
 
+    /// One whose resolver is a test.
+    #[cfg(test)]
+    pub fn answered_by(pending: oneshot::Receiver<io::Result<Vec<SocketAddr>>>, clock: Clock) -> Lookup {
+        Lookup { host_and_port: String::new(), clock, known: None, pending: Some(pending) }
+    }
+
     /// Whether an answer of the resolver is waited for.
     pub fn is_pending(&self) -> bool {
         self.pending.is_some()

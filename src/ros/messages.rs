@@ -229,35 +229,33 @@ fn skip_participant_entities(reader: &mut Reader, gid_bytes: usize) -> Result<()
     Ok(())
 }
 
-/// The body of a `rmw_dds_common/ParticipantEntitiesInfo` that announces one node, which reads.
-pub fn encode_node(participant: [u8; 16], name: &str, readers: &[[u8; 16]], size: GidSize) -> Vec<u8> {
-    encode_entities(participant, &[(name, readers)], size)
+/// A node of ROS 2 as it is announced.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct NodeEntities<'a> {
+    /// With its namespace: `/ns/name`.
+    pub name: &'a str,
+    pub readers: &'a [[u8; 16]],
+    pub writers: &'a [[u8; 16]],
 }
 
-/// The same of several nodes in one participant, of which it says the names alone.
-pub fn encode_nodes(participant: [u8; 16], names: &[&str], size: GidSize) -> Vec<u8> {
-    let nodes: Vec<(&str, &[[u8; 16]])> = names.iter().map(|name| (*name, &[][..])).collect();
-    encode_entities(participant, &nodes, size)
-}
-
-/// Names of nodes with their readers.
-fn encode_entities(participant: [u8; 16], nodes: &[(&str, &[[u8; 16]])], size: GidSize) -> Vec<u8> {
-    let readers: usize = nodes.iter().map(|(_, readers)| readers.len()).sum();
-    let mut writer = Writer::with_capacity(64 * (1 + nodes.len()) + readers * size.bytes());
+/// The body of a `rmw_dds_common/ParticipantEntitiesInfo` that announces the nodes of a participant.
+pub fn encode_nodes(participant: [u8; 16], nodes: &[NodeEntities<'_>], size: GidSize) -> Vec<u8> {
+    let gids: usize = nodes.iter().map(|node| node.readers.len() + node.writers.len()).sum();
+    let mut writer = Writer::with_capacity(64 * (1 + nodes.len()) + gids * size.bytes());
     let gid = |writer: &mut Writer, guid: &[u8; 16]| {
         writer.octets(guid);
         writer.octets(&[0; 8][..size.bytes() - guid.len()]);
     };
     gid(&mut writer, &participant);
     writer.u32(nodes.len() as u32);
-    for (name, readers) in nodes {
-        writer.string("/");
+    for node in nodes {
+        let (namespace, name) = node.name.rsplit_once('/').unwrap_or(("", node.name));
+        writer.string(if namespace.is_empty() { "/" } else { namespace });
         writer.string(name);
-        writer.u32(readers.len() as u32);
-        for reader in *readers {
-            gid(&mut writer, reader);
+        for gids in [node.readers, node.writers] {
+            writer.u32(gids.len() as u32);
+            gids.iter().for_each(|one| gid(&mut writer, one));
         }
-        writer.u32(0);
     }
     writer.finish()
 }

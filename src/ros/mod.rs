@@ -5,20 +5,24 @@
 
 pub mod cdr;
 mod echo;
+mod environment;
 pub mod fields;
 mod graph;
 mod interfaces;
+mod learning;
 mod lookup;
 pub mod messages;
 mod nodes;
 mod options;
 mod outbox;
 pub mod outputs;
+mod peers;
 mod presence;
 mod probe;
 mod publisher;
 mod raw;
 mod readers;
+mod ros_clock;
 mod session;
 mod step;
 mod subscription;
@@ -44,10 +48,11 @@ use crate::engine::input::Stamped;
 use crate::engine::model::Model;
 use fields::Definitions;
 use futures_util::FutureExt as _;
-use graph::Tallies;
+use graph::{Siblings, Tallies};
 use messages::GidSize;
 use outbox::{End, stopped};
 use probe::Kennel;
+use ros_clock::RosClock;
 use session::{Ground, Legacy};
 use subscription::Plan;
 
@@ -71,6 +76,15 @@ pub enum BridgeError {
     Participant(String),
 }
 
+/// What the bridge knows of the graph of ROS 2.
+#[derive(Debug, Clone)]
+pub struct Graph {
+    pub gid_size: watch::Receiver<Option<GidSize>>,
+    pub discovery: watch::Receiver<Arc<Discovery>>,
+    /// Whose endpoints are our own.
+    siblings: Siblings,
+}
+
 /// A running bridge. It ends when it is dropped; [`Bridge::shutdown`] also waits for that.
 #[derive(Debug)]
 pub struct Bridge {
@@ -80,6 +94,7 @@ pub struct Bridge {
     plan: watch::Sender<Arc<Plan>>,
     definitions: Definitions,
     gid_size: watch::Receiver<Option<GidSize>>,
+    siblings: Siblings,
     task: JoinHandle<()>,
 }
 
@@ -104,9 +119,10 @@ pub async fn start(
     let (rebuild, rebuilding) = watch::channel(0);
     let definitions = options.definitions.clone();
     let (nodes, known_nodes) = watch::channel(Nodes::default());
-    let kennel = Kennel { inputs: inputs.clone(), nodes: known_nodes, clock };
     let (seen, discovery) = watch::channel(Arc::default());
+    let kennel = Kennel { inputs: inputs.clone(), nodes: known_nodes, discovery: discovery.clone(), clock };
     let (learn, gid_size) = watch::channel(options.gid_size);
+    let siblings = Siblings::default();
     let ground = Ground {
         options,
         plan: planned,
@@ -117,12 +133,14 @@ pub async fn start(
         stop: stopping,
         discovery: Arc::new(seen),
         tallies: Tallies::default(),
+        siblings: siblings.clone(),
+        ros_clock: RosClock::default(),
         rebuild: rebuilding,
     };
     let probing = probe::run(kennel, ground.plan.clone(), ground.stop.clone());
     let reading = run(participant, ground);
     let task = tokio::spawn(async { tokio::join!(reading, probing) }.map(drop));
-    Ok(Bridge { stop, rebuild, discovery, plan, definitions, gid_size, task })
+    Ok(Bridge { stop, rebuild, discovery, plan, definitions, gid_size, siblings, task })
 }
 
 /// Whether everything that a model needs can be read.
@@ -155,9 +173,15 @@ impl Bridge {
         self.discovery.clone()
     }
 
-    /// How long a gid is in the announcements of nodes, if that is known by now.
-    pub fn gid_size(&self) -> Option<GidSize> {
-        *self.gid_size.borrow()
+    /// What those who publish in a participant of their own need to know of the others.
+    pub fn graph(&self) -> Graph {
+        let (gid_size, discovery) = (self.gid_size(), self.discovery());
+        Graph { gid_size, discovery, siblings: self.siblings.clone() }
+    }
+
+    /// How long a gid is in the announcements of nodes, as soon as that is known.
+    pub fn gid_size(&self) -> watch::Receiver<Option<GidSize>> {
+        self.gid_size.clone()
     }
 
     /// Ends the readers, then the participant, and waits for its threads.

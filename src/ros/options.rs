@@ -3,6 +3,7 @@
 use std::fmt;
 use std::net::{IpAddr, Ipv4Addr};
 
+use super::environment;
 use super::fields::Definitions;
 use super::interfaces::{self, Address};
 use super::messages::GidSize;
@@ -29,9 +30,18 @@ pub struct BridgeOptions {
     pub definitions: Definitions,
     /// As which the bridge is announced in the graph of ROS 2.
     pub node: &'static str,
+    /// Below it are our nodes, and topics that are written without a first slash: empty, or `/ns`.
+    pub namespace: Box<str>,
+    /// Hosts that multicast does not reach, by address or name.
+    pub peers: Vec<Box<str>>,
+    /// What the environment asks for in vain, a line each.
+    pub unheeded: Vec<String>,
 }
 
 const NODE: &str = "telltale";
+
+/// Each costs 32 datagrams every other second.
+const PEERS_MAX: usize = 64;
 
 #[derive(Debug, thiserror::Error)]
 pub enum OptionsError {
@@ -44,6 +54,21 @@ pub enum OptionsError {
          choose with --interface"
     )]
     DiscoveryOff,
+    #[error(
+        "ROS_SECURITY_ENABLE=true with ROS_SECURITY_STRATEGY=Enforce asks for DDS with security, which Telltale does \
+         not speak: it would neither be heard nor know whom it hears. To start it all the same, beside nodes \
+         without security, unset ROS_SECURITY_STRATEGY for it"
+    )]
+    Security,
+    #[error("{0:?} is no host: give an IPv4 address or a name")]
+    Peer(String),
+    #[error("{0} peers are too many: at most {PEERS_MAX} are spoken to")]
+    TooManyPeers(usize),
+    #[error(
+        "a peer on another machine is not reached over the loopback interface: choose the one that leads there with \
+         --interface, or `all`"
+    )]
+    PeerBeyondLoopback,
     #[error("no interface has {asked}; give `all`, `loopback`, or one of: {existing}")]
     NoSuchInterface { asked: String, existing: Existing },
     #[error("the network interfaces cannot be listed: {0}")]
@@ -76,17 +101,27 @@ impl BridgeOptions {
             gid_size: None,
             definitions: Definitions::default(),
             node: NODE,
+            namespace: Box::default(),
+            peers: Vec::new(),
+            unheeded: Vec::new(),
         }
     }
 
-    /// Flags win over `ROS_DOMAIN_ID`, `ROS_LOCALHOST_ONLY` and `ROS_AUTOMATIC_DISCOVERY_RANGE`,
-    /// which `env` looks up. `interface` is `all`, `loopback`, an IPv4 address or an interface's name.
+    /// A name as ROS 2 resolves it: what has no slash in front is below the namespace.
+    pub fn whole_name(&self, name: &str) -> String {
+        if name.starts_with('/') { name.to_owned() } else { format!("{}/{name}", self.namespace) }
+    }
+
+    /// Flags win over `ROS_DOMAIN_ID`, `ROS_LOCALHOST_ONLY`, `ROS_AUTOMATIC_DISCOVERY_RANGE` and
+    /// `ROS_STATIC_PEERS`, which `env` looks up. `interface` is `all`, `loopback`, an IPv4 address or an
+    /// interface's name.
     ///
     /// # Errors
     /// What is out of range, not understood or not there, and what to do.
     pub fn resolve(
         domain: Option<u16>,
         interface: Option<&str>,
+        peers: &[String],
         env: impl Fn(&str) -> Option<String>,
     ) -> Result<BridgeOptions, OptionsError> {
         // An empty variable counts as unset, as in ROS 2.
@@ -105,7 +140,10 @@ impl BridgeOptions {
         };
         let gid_size = env("ROS_DISTRO").and_then(|name| GidSize::of_distro(&name));
         let definitions = Definitions::of_environment(Vec::new(), env);
-        Ok(BridgeOptions { domain, interface, gid_size, definitions, node: NODE })
+        let namespace = namespace(&env)?;
+        let mut unheeded = environment::unheeded(&env)?;
+        let peers = peers_of(peers, interface, &env, &mut unheeded)?;
+        Ok(BridgeOptions { domain, interface, gid_size, definitions, node: NODE, namespace, peers, unheeded })
     }
 }
 
@@ -117,6 +155,64 @@ fn domain_of_environment(env: &impl Fn(&str) -> Option<String>) -> Result<u64, O
         value,
         expected: "a number from 0 to 232",
     })
+}
+
+/// Separated by semicolons in the variable, as in ROS 2.
+fn peers_of(
+    flags: &[String],
+    interface: Interface,
+    env: &impl Fn(&str) -> Option<String>,
+    unheeded: &mut Vec<String>,
+) -> Result<Vec<Box<str>>, OptionsError> {
+    const VARIABLE: &str = "ROS_STATIC_PEERS";
+    let is_host = |word: &str| {
+        let is_known = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | '_');
+        word.len() <= 253 && word.chars().all(is_known)
+    };
+    let split = |list: &str| -> Vec<Box<str>> {
+        list.split(';').map(str::trim).filter(|word| !word.is_empty()).map(Box::from).collect()
+    };
+    let (peers, from_environment): (Vec<Box<str>>, bool) = match env(VARIABLE) {
+        Some(list) if flags.is_empty() => (split(&list), true),
+        _ => (flags.iter().flat_map(|list| split(list)).collect(), false),
+    };
+    if let Some(wrong) = peers.iter().find(|word| !is_host(word)) {
+        return Err(OptionsError::Peer(wrong.to_string()));
+    }
+    if peers.len() > PEERS_MAX {
+        return Err(OptionsError::TooManyPeers(peers.len()));
+    }
+    let is_here = |peer: &str| peer == "localhost" || peer.parse().is_ok_and(|ip: IpAddr| ip.is_loopback());
+    if interface == Interface::Loopback && !peers.iter().all(|peer| is_here(peer)) {
+        if !from_environment {
+            return Err(OptionsError::PeerBeyondLoopback);
+        }
+        unheeded.push(format!(
+            "{VARIABLE} has no effect: nothing leaves this machine, as ROS_AUTOMATIC_DISCOVERY_RANGE, \
+             ROS_LOCALHOST_ONLY or --interface says. Choose the interface that leads to the peers with --interface"
+        ));
+        return Ok(Vec::new());
+    }
+    Ok(peers)
+}
+
+/// ROS 2 itself knows `--ros-args -r __ns:=` alone; the variable is what ROS 1 and many launch files use.
+fn namespace(env: &impl Fn(&str) -> Option<String>) -> Result<Box<str>, OptionsError> {
+    const VARIABLE: &str = "ROS_NAMESPACE";
+    let Some(value) = env(VARIABLE) else { return Ok(Box::default()) };
+    let parts = value.trim_matches('/').split('/');
+    let is_token = |part: &str| {
+        part.chars().all(|c| c == '_' || c.is_ascii_alphanumeric())
+            && !part.starts_with(|first: char| first.is_ascii_digit())
+            && !part.is_empty()
+    };
+    if value.trim_matches('/').is_empty() {
+        Ok(Box::default())
+    } else if parts.clone().all(is_token) {
+        Ok(format!("/{}", value.trim_matches('/')).into())
+    } else {
+        Err(OptionsError::Variable { variable: VARIABLE, value, expected: "a name such as /robot1" })
+    }
 }
 
 fn interface_of_environment(env: &impl Fn(&str) -> Option<String>) -> Result<Interface, OptionsError> {
@@ -202,7 +298,7 @@ mod tests {
             env.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
         let look_up =
             move |name: &str| env.iter().find(|(known, _)| known == name).map(|(_, value)| value.clone());
-        BridgeOptions::resolve(domain, interface, look_up).map_err(|error| error.to_string())
+        BridgeOptions::resolve(domain, interface, &[], look_up).map_err(|error| error.to_string())
     }
 
     #[test]
@@ -235,6 +331,40 @@ mod tests {
         assert_eq!((options.domain, options.interface), (7, Interface::Loopback));
         assert_eq!(resolve(Some(7), Some("127.0.0.1"), &env).unwrap().interface, Interface::Loopback);
         assert_eq!(resolve(Some(7), Some("all"), &env).unwrap().interface, Interface::All);
+    }
+
+    #[test]
+    fn peers_come_from_flags_or_the_environment() {
+        let resolve = |flags: &[&str], interface: &str, env: &str| {
+            let flags: Vec<String> = flags.iter().map(|&flag| flag.to_owned()).collect();
+            let look = |name: &str| (name == "ROS_STATIC_PEERS").then(|| env.to_owned());
+            let options = BridgeOptions::resolve(None, Some(interface), &flags, look);
+            options.map(|it| (it.peers.join(" "), it.unheeded.len())).map_err(|error| error.to_string())
+        };
+        let peers = |list: &str, unheeded| Ok((list.to_owned(), unheeded));
+        assert_eq!(resolve(&[], "all", "10.0.0.1; lidar-pc ;"), peers("10.0.0.1 lidar-pc", 0));
+        assert_eq!(resolve(&["10.0.0.2"], "all", "10.0.0.1"), peers("10.0.0.2", 0), "flags win");
+        assert_eq!(resolve(&[], "loopback", "10.0.0.1"), peers("", 1));
+        assert_eq!(resolve(&["localhost"], "loopback", ""), peers("localhost", 0));
+        assert!(resolve(&["10.0.0.1"], "loopback", "").unwrap_err().contains("--interface"));
+        assert!(resolve(&["http://a"], "all", "").unwrap_err().contains("is no host"));
+        assert!(resolve(&[], "all", &"a;".repeat(65)).unwrap_err().contains("at most 64"));
+    }
+
+    #[test]
+    fn relative_names_are_below_the_namespace() {
+        for (namespace, expected) in [
+            ("", "/telltale"),
+            ("/", "/telltale"),
+            ("robot1", "/robot1/telltale"),
+            ("/a/b/", "/a/b/telltale"),
+        ] {
+            let options = resolve(None, None, &[("ROS_NAMESPACE", namespace)]).unwrap();
+            assert_eq!(options.whole_name("telltale"), expected);
+            assert_eq!(options.whole_name("/diagnostics"), "/diagnostics");
+        }
+        let error = resolve(None, None, &[("ROS_NAMESPACE", "1robot")]).unwrap_err();
+        assert!(error.contains("a name such as /robot1"), "{error}");
     }
 
     #[test]

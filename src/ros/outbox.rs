@@ -6,6 +6,7 @@ use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 
 use crate::engine::input::{Input, Stamped};
+use crate::engine::sample::FieldValue;
 use crate::engine::time::Timestamp;
 
 /// Bytes of messages that may wait for the engine from one topic, beside the last one.
@@ -70,6 +71,22 @@ impl Outbox {
 pub async fn stopped(stop: &mut watch::Receiver<bool>) {
     // An error means that the sender is gone: nobody is left to read for.
     let _ = stop.wait_for(|stop| *stop).await;
+}
+
+/// About what an input takes while it waits for the engine.
+pub fn waiting_bytes(input: &Input, body_bytes: usize) -> usize {
+    const SMALL: usize = 64;
+    match input {
+        Input::Diagnostics(_) => body_bytes,
+        Input::Sample(sample) => {
+            let text = |value: &FieldValue| match value {
+                FieldValue::Text(text) | FieldValue::Unreadable(text) => text.len(),
+                _ => 0,
+            };
+            sample.values.iter().map(|value| SMALL + text(value)).sum::<usize>() + SMALL
+        }
+        _ => SMALL,
+    }
 }
 
 #[cfg(test)]

@@ -5,7 +5,10 @@
 //! snapshot is there, by a task that does nothing else; the aggregated diagnosis takes its time.
 
 mod aggregate;
+mod announce;
+mod beside;
 mod levels;
+mod listeners;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -19,7 +22,7 @@ use super::interfaces::{self, AddressWatch};
 use super::messages::encode::{self, Header, Motion};
 use super::messages::{BOOL, DIAGNOSTIC_ARRAY};
 use super::outbox::stopped;
-use super::{BridgeError, BridgeOptions, PublishError, Publisher, Quality};
+use super::{BridgeError, BridgeOptions, Graph, PublishError, Publisher, Quality};
 use crate::clock::Clock;
 use crate::engine::input::{Input, Output, OutputNews, Stamped};
 use crate::engine::sample::Pose;
@@ -77,6 +80,8 @@ pub struct OutputTopic {
     pub topic: Box<str>,
     /// How often, where that is to be said.
     pub period: Option<Span>,
+    /// Also where another program publishes the same. What is for the vehicle always is.
+    pub beside_others: bool,
 }
 
 /// The running publications. They end when this is dropped.
@@ -85,6 +90,14 @@ pub struct Outputs {
     stop: watch::Sender<bool>,
     topics: watch::Sender<Arc<[OutputTopic]>>,
     task: JoinHandle<()>,
+}
+
+/// What outlives a participant.
+struct Around {
+    snapshots: watch::Receiver<Arc<Snapshot>>,
+    inputs: mpsc::Sender<Stamped>,
+    graph: Graph,
+    clock: Clock,
 }
 
 /// What all tasks share.
@@ -109,12 +122,14 @@ pub async fn start(
     topics: Vec<OutputTopic>,
     snapshots: watch::Receiver<Arc<Snapshot>>,
     inputs: mpsc::Sender<Stamped>,
+    graph: Graph,
     clock: Clock,
 ) -> Result<Outputs, BridgeError> {
     let (topics, wanted) = watch::channel(Arc::from(topics));
     let publisher = open(&options, &topics.borrow()).await?;
     let (stop, stopping) = watch::channel(false);
-    let task = tokio::spawn(run(options, wanted, snapshots, inputs, clock, stopping, publisher));
+    let around = Around { snapshots, inputs, graph, clock };
+    let task = tokio::spawn(run(options, wanted, around, stopping, publisher));
     Ok(Outputs { stop, topics, task })
 }
 
@@ -144,6 +159,7 @@ async fn open(options: &BridgeOptions, topics: &Arc<[OutputTopic]>) -> Result<Pu
         let (type_name, quality) = what.offer();
         publisher.offer(topic, type_name, quality)?;
     }
+    publisher.offer_announcements()?;
     Ok(publisher)
 }
 
@@ -151,12 +167,12 @@ async fn open(options: &BridgeOptions, topics: &Arc<[OutputTopic]>) -> Result<Pu
 async fn run(
     options: BridgeOptions,
     mut wanted: watch::Receiver<Arc<[OutputTopic]>>,
-    snapshots: watch::Receiver<Arc<Snapshot>>,
-    inputs: mpsc::Sender<Stamped>,
-    clock: Clock,
+    around: Around,
     mut stop: watch::Receiver<bool>,
     publisher: Publisher,
 ) {
+    let Around { snapshots, inputs, graph, clock } = around;
+    let node = format!("{}_outputs", options.node);
     let mut levels = Levels::new(REPEAT, &snapshots.borrow());
     let mut next = Some(publisher);
     loop {
@@ -165,7 +181,7 @@ async fn run(
             Some(publisher) => Ok(publisher),
             None => open(&options, &topics).await,
         };
-        let (end, ending) = watch::channel(false);
+        let (ends, ending) = watch::channel(false);
         let ground =
             Ground { topics, snapshots: snapshots.clone(), inputs: inputs.clone(), clock, end: ending };
         match opened {
@@ -173,12 +189,19 @@ async fn run(
                 let publisher = Arc::new(publisher);
                 let mut tasks = JoinSet::new();
                 let control = tokio::spawn(control(publisher.clone(), ground.clone(), levels));
-                tasks.spawn(diagnosis(publisher.clone(), ground));
+                tasks.spawn(listeners::watch(publisher.clone(), ground.clone()));
+                let end = ground.end.clone();
+                tasks.spawn(announce::run(publisher.clone(), node.clone(), graph.gid_size.clone(), end));
+                let rivals = beside::Rivals::new(&publisher, &ground.topics, graph.discovery.clone());
+                graph.siblings.add(publisher.participant());
+                tasks.spawn(beside::tell(rivals.clone(), ground.inputs.clone(), clock, ground.end.clone()));
+                tasks.spawn(diagnosis(publisher.clone(), rivals, ground));
                 look_after(&publisher, &options, &mut wanted, &mut stop).await;
                 // The receivers live in the tasks; with none left there is nothing to end.
-                let _ = end.send(true);
+                let _ = ends.send(true);
                 levels = control.await.unwrap_or_else(|_| Levels::new(REPEAT, &snapshots.borrow()));
                 tasks.join_all().await;
+                graph.siblings.remove(&publisher.participant());
                 if let Some(publisher) = Arc::into_inner(publisher) {
                     publisher.shutdown().await;
                 }
@@ -355,17 +378,20 @@ fn covariance() -> [f64; 36] {
 }
 
 /// Publishes the aggregated diagnosis in its own time, and the state of the whole also when it changes.
-async fn diagnosis(publisher: Arc<Publisher>, mut ground: Ground) {
+async fn diagnosis(publisher: Arc<Publisher>, rivals: beside::Rivals, mut ground: Ground) {
     let of = |what| ground.topics.iter().find(|topic| topic.what == what).cloned();
     let (tree, top) = (of(What::DiagnosticsAgg), of(What::TopLevelState));
     let mut trees = tree.as_ref().and_then(|it| it.period).map(every);
     let mut tops = top.as_ref().and_then(|it| it.period).map(every);
-    let mut overall = None;
+    let whole = |snapshot: &Snapshot| (snapshot.overall, aggregate::top_level(snapshot));
+    let mut told = None;
     loop {
         tokio::select! {
             () = stopped(&mut ground.end) => return,
             () = tick(&mut trees) => {
-                if let Some(OutputTopic { topic, .. }) = &tree {
+                if let Some(OutputTopic { topic, .. }) = &tree
+                    && !rivals.silence(topic)
+                {
                     let snapshot = ground.snapshots.borrow().clone();
                     let published =
                         publisher.statuses(topic, &aggregate::tree(&snapshot), ground.clock.wall()).await;
@@ -378,14 +404,16 @@ async fn diagnosis(publisher: Arc<Publisher>, mut ground: Ground) {
                 if changed.is_err() {
                     return;
                 }
-                if overall == Some(ground.snapshots.borrow_and_update().overall) {
+                if told == Some(whole(&ground.snapshots.borrow_and_update().clone())) {
                     continue;
                 }
             }
         }
-        if let Some(OutputTopic { topic, .. }) = &top {
+        if let Some(OutputTopic { topic, .. }) = &top
+            && !rivals.silence(topic)
+        {
             let snapshot = ground.snapshots.borrow().clone();
-            overall = Some(snapshot.overall);
+            told = Some(whole(&snapshot));
             let body = super::messages::encode_diagnostic_status(aggregate::top(&snapshot).get(0));
             log(publisher.publish(topic, body).await);
         }

@@ -16,8 +16,9 @@ use rustdds::{DomainParticipant, QosPolicies, QosPolicyBuilder, RTPSEntity, Subs
 use tokio::sync::watch;
 use tokio::time::MissedTickBehavior;
 
-use super::messages::{self, GidSize, PARTICIPANT_ENTITIES_INFO};
-use super::nodes::Nodes;
+use super::cdr::Endian;
+use super::messages::{self, GidSize, NodeEntities, PARTICIPANT_ENTITIES_INFO};
+use super::nodes::{self, Nodes};
 use super::outbox::stopped;
 use super::raw::{RawAdapter, RawBody};
 use super::readers::{create_topic, reader_qos};
@@ -38,7 +39,7 @@ pub struct Surroundings {
     pub gid_size: watch::Sender<Option<GidSize>>,
     pub clock: Clock,
     /// Our own name in the graph.
-    pub node: &'static str,
+    pub node: String,
 }
 
 /// Announces the node and follows those of others until it is stopped.
@@ -53,7 +54,7 @@ pub async fn run(
     let both = async {
         let topic = discovery_topic(&participant)?;
         tokio::try_join!(
-            announce(&participant, &topic, around.node, around.gid_size.subscribe(), own_readers),
+            announce(&participant, &topic, &around.node, around.gid_size.subscribe(), own_readers, nodes),
             listen(&participant, &subscriber, &topic, &around.gid_size, nodes),
         )
     };
@@ -86,6 +87,7 @@ async fn announce(
     node: &str,
     mut size: watch::Receiver<Option<GidSize>>,
     mut own_readers: watch::Receiver<BTreeSet<Guid>>,
+    nodes: &watch::Sender<Nodes>,
 ) -> CreateResult<()> {
     // While the threads of the library surely run: without them it would be waited for without end.
     let writer = writer(participant, topic)?;
@@ -93,7 +95,11 @@ async fn announce(
     let Some(size) = known else { return Ok(()) };
     loop {
         let readers: Vec<Guid> = own_readers.borrow_and_update().iter().copied().collect();
-        let body = messages::encode_node(participant.guid().to_bytes(), node, &readers, size);
+        let node = NodeEntities { name: node, readers: &readers, writers: &[] };
+        let body = messages::encode_nodes(participant.guid().to_bytes(), &[node], size);
+        // Whether a participant hears itself is up to the network.
+        let own = writer.guid().to_bytes();
+        nodes.send_modify(|nodes| nodes.announce(own, &body, Endian::Little, Some(size)));
         if let Err(error) = writer.async_write(body.into(), None).await {
             tracing::warn!("the node was not announced to ROS 2: {error}");
         }
@@ -125,11 +131,9 @@ async fn listen(
         });
         tokio::select! {
             _ = looks.tick() => {
-                let writers = participant.discovered_writers().into_iter();
-                let writers = writers.map(|found| found.publication_topic_data);
-                let theirs = writers.filter(|writer| writer.topic_name == TOPIC);
-                let guids = theirs.map(|writer| writer.key.to_bytes()).collect();
-                nodes.send_modify(|nodes| nodes.update(guids));
+                let (guids, services) = seen(participant);
+                let own = participant.guid().to_bytes();
+                nodes.send_modify(|nodes| nodes.update(&own, guids, services));
             }
             change = next => {
                 let writer = change.writer_guid.to_bytes();
@@ -144,6 +148,21 @@ async fn listen(
             }
         }
     }
+}
+
+/// The writers of announcements that discovery knows, and the services that somebody serves.
+fn seen(participant: &DomainParticipant) -> (BTreeSet<Guid>, BTreeSet<Box<str>>) {
+    let (writers, readers) = (participant.discovered_writers(), participant.discovered_readers());
+    let writers = writers.iter().map(|found| {
+        let data = &found.publication_topic_data;
+        (&*data.topic_name, data.key.to_bytes())
+    });
+    let readers = readers.iter().map(|found| {
+        let data = &found.subscription_topic_data;
+        (&**data.topic_name(), data.key().to_bytes())
+    });
+    let announcing = writers.clone().filter(|(topic, _)| *topic == TOPIC).map(|(_, guid)| guid).collect();
+    (announcing, nodes::services(readers, writers))
 }
 
 fn discovery_topic(participant: &DomainParticipant) -> CreateResult<Topic> {

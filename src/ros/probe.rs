@@ -1,4 +1,4 @@
-//! Watchdogs: hosts, ports and nodes that are asked again and again whether they are there.
+//! Watchdogs: hosts, ports, nodes and services that are asked again and again whether they are there.
 
 use std::io::{self, ErrorKind};
 use std::sync::Arc;
@@ -15,9 +15,11 @@ use super::nodes::Nodes;
 use super::outbox::stopped;
 use super::subscription::Plan;
 use crate::clock::Clock;
+use crate::engine::discovery::{Discovery, Mismatch};
 use crate::engine::input::{Input, Stamped};
 use crate::engine::monitor::spec::{ProbeTarget, WatchdogSpec};
 use crate::engine::sample::{Probe, ProbeOutcome};
+use crate::engine::time::Span;
 
 /// Probes under way at once; each takes a socket. Others wait for their turn.
 const AT_ONCE_MAX: usize = 128;
@@ -30,6 +32,7 @@ const EVERY_MIN: Duration = Duration::from_millis(10);
 pub struct Kennel {
     pub inputs: mpsc::Sender<Stamped>,
     pub nodes: watch::Receiver<Nodes>,
+    pub discovery: watch::Receiver<Arc<Discovery>>,
     pub clock: Clock,
 }
 
@@ -81,6 +84,8 @@ enum How {
     Icmp(Lookup),
     Tcp(Lookup),
     Node { name: Box<str>, nodes: watch::Receiver<Nodes> },
+    Service { name: Box<str>, nodes: watch::Receiver<Nodes> },
+    Qos { topic: Box<str>, discovery: watch::Receiver<Arc<Discovery>> },
 }
 
 impl Asker {
@@ -89,20 +94,26 @@ impl Asker {
         let how = match target {
             ProbeTarget::Icmp { host } => How::Icmp(Lookup::of_host(host, clock)),
             ProbeTarget::Tcp { address } => How::Tcp(Lookup::of_address(address, clock)),
+            ProbeTarget::Qos { topic } => {
+                How::Qos { topic: topic.clone(), discovery: kennel.discovery.clone() }
+            }
             ProbeTarget::Node { name } => How::Node { name: name.clone(), nodes: kennel.nodes.clone() },
+            ProbeTarget::Service { name } => How::Service { name: name.clone(), nodes: kennel.nodes.clone() },
         };
         Asker { clock, how }
     }
 
     async fn ask(&mut self, patience: Duration) -> ProbeOutcome {
-        let start = self.clock.now();
+        let clock = self.clock;
         let asked = match &mut self.how {
-            How::Node { name, nodes } => return nodes.borrow().ask(name, start),
-            How::Icmp(lookup) => tokio::time::timeout(patience, icmp(lookup)).await,
-            How::Tcp(lookup) => tokio::time::timeout(patience, tcp(lookup)).await,
+            How::Node { name, nodes } => return nodes.borrow().ask(name, clock.now()),
+            How::Service { name, nodes } => return nodes.borrow().ask_service(name, clock.now()),
+            How::Qos { topic, discovery } => return matching(topic, &discovery.borrow()),
+            How::Icmp(lookup) => tokio::time::timeout(patience, icmp(lookup, clock)).await,
+            How::Tcp(lookup) => tokio::time::timeout(patience, tcp(lookup, clock)).await,
         };
         match asked {
-            Ok(Ok(())) => ProbeOutcome::Answered { after: self.clock.now().since(start) },
+            Ok(Ok(after)) => ProbeOutcome::Answered { after },
             Ok(Err(outcome)) => outcome,
             Err(_) if self.is_looking_up() => {
                 ProbeOutcome::Impossible(format!("its name is not resolved within {patience:?}").into())
@@ -114,24 +125,44 @@ impl Asker {
     fn is_looking_up(&self) -> bool {
         match &self.how {
             How::Icmp(lookup) | How::Tcp(lookup) => lookup.is_pending(),
-            How::Node { .. } => false,
+            How::Node { .. } | How::Service { .. } | How::Qos { .. } => false,
         }
     }
 }
 
-async fn tcp(lookup: &mut Lookup) -> Result<(), ProbeOutcome> {
-    let addresses = lookup.addresses().await.map_err(|error| unresolved(&error))?;
-    TcpStream::connect(&*addresses).await.map(drop).map_err(|error| failed(&error))
+/// Whether everybody on a topic can come together, as far as discovery knows.
+fn matching(topic: &str, seen: &Discovery) -> ProbeOutcome {
+    if seen.at.is_none() {
+        return ProbeOutcome::Impossible("the topics are being discovered still".into());
+    }
+    let Some(topic) = seen.topics.iter().find(|it| it.name == topic) else {
+        return match seen.more {
+            0 => ProbeOutcome::Impossible("nobody publishes or subscribes to it".into()),
+            _ => ProbeOutcome::Impossible("there are more topics than are looked at".into()),
+        };
+    };
+    let why: Vec<&str> = topic.mismatches().into_iter().map(Mismatch::as_str).collect();
+    if why.is_empty() { ProbeOutcome::Announced } else { ProbeOutcome::Missed(why.join(", ").into()) }
 }
 
-async fn icmp(lookup: &mut Lookup) -> Result<(), ProbeOutcome> {
+/// How long the target took: the time of whoever resolves its name is not its own.
+async fn tcp(lookup: &mut Lookup, clock: Clock) -> Result<Span, ProbeOutcome> {
     let addresses = lookup.addresses().await.map_err(|error| unresolved(&error))?;
+    let start = clock.now();
+    TcpStream::connect(&*addresses).await.map(drop).map_err(|error| failed(&error))?;
+    Ok(clock.now().since(start))
+}
+
+async fn icmp(lookup: &mut Lookup, clock: Clock) -> Result<Span, ProbeOutcome> {
+    let addresses = lookup.addresses().await.map_err(|error| unresolved(&error))?;
+    let start = clock.now();
     let Some(address) = addresses.first() else { return Err(unresolved(&ErrorKind::NotFound.into())) };
     echo::echo(address.ip()).await.map_err(|error| match error {
         EchoError::Forbidden => ProbeOutcome::Impossible(echo::FORBIDDEN.into()),
         EchoError::NoSocket(error) => ProbeOutcome::Impossible(error.to_string().into()),
         EchoError::Failed(error) => failed(&error),
-    })
+    })?;
+    Ok(clock.now().since(start))
 }
 
 fn unresolved(error: &io::Error) -> ProbeOutcome {
@@ -153,12 +184,14 @@ fn failed(error: &io::Error) -> ProbeOutcome {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::time::Span;
+    use crate::engine::discovery::{Endpoint, TopicSeen};
+    use crate::engine::time::Timestamp;
 
     fn bench() -> (Kennel, mpsc::Receiver<Stamped>, watch::Sender<Nodes>) {
         let (inputs, received) = mpsc::channel(100);
         let (told, nodes) = watch::channel(Nodes::default());
-        (Kennel { inputs, nodes, clock: Clock::start() }, received, told)
+        let discovery = watch::channel(Arc::default()).1;
+        (Kennel { inputs, nodes, discovery, clock: Clock::start() }, received, told)
     }
 
     fn plan(targets: Vec<ProbeTarget>) -> Arc<Plan> {
@@ -170,6 +203,28 @@ mod tests {
     async fn ask(target: ProbeTarget) -> ProbeOutcome {
         let (kennel, ..) = bench();
         Asker::new(&target, &kennel).ask(Duration::from_secs(5)).await
+    }
+
+    #[test]
+    fn whoever_never_comes_together_is_a_miss_and_ignorance_is_none() {
+        let end = |reliable| Endpoint { type_name: "a".into(), reliable, ..Endpoint::default() };
+        let topic = |name: &str, publisher, subscriber| TopicSeen {
+            name: name.into(),
+            publishers: vec![end(publisher)],
+            subscribers: vec![end(subscriber)],
+            rate_hz: None,
+        };
+        let topics = vec![topic("/bad", false, true), topic("/good", true, true)];
+        let mut seen = Discovery { topics, ..Discovery::default() };
+        assert!(matches!(matching("/bad", &seen), ProbeOutcome::Impossible(_)), "nobody has looked yet");
+        seen.at = Some(Timestamp::ZERO);
+        let why = "reliability is asked for and not offered".into();
+        assert_eq!(matching("/bad", &seen), ProbeOutcome::Missed(why));
+        assert_eq!(matching("/good", &seen), ProbeOutcome::Announced);
+        let nobody = "nobody publishes or subscribes to it".into();
+        assert_eq!(matching("/nobody", &seen), ProbeOutcome::Impossible(nobody));
+        seen.more = 1;
+        assert!(matches!(matching("/nobody", &seen), ProbeOutcome::Impossible(_)));
     }
 
     fn tcp_target(address: impl ToString) -> ProbeTarget {
@@ -196,13 +251,39 @@ mod tests {
     }
 
     #[tokio::test]
+    async fn the_time_that_a_name_takes_is_not_that_of_its_host() {
+        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap();
+        let slow = Span::from_secs(600);
+        for is_tcp in [true, false] {
+            let (clock, hand) = Clock::with_hand();
+            let (answer, pending) = tokio::sync::oneshot::channel();
+            let mut lookup = Lookup::answered_by(pending, clock);
+            // Asked first, the resolver answers ten minutes later.
+            let resolver = async {
+                hand.advance(slow);
+                answer.send(Ok(vec![address])).unwrap();
+            };
+            let asked =
+                async { if is_tcp { tcp(&mut lookup, clock).await } else { icmp(&mut lookup, clock).await } };
+            match tokio::join!(asked, resolver).0 {
+                Ok(after) => assert!(after < slow, "{after:?}"),
+                // Where the system lets nobody send an echo.
+                Err(outcome) => {
+                    assert!(!is_tcp && matches!(outcome, ProbeOutcome::Impossible(_)), "{outcome:?}")
+                }
+            }
+        }
+    }
+
+    #[tokio::test]
     async fn a_host_echoes_or_the_system_says_how_to_allow_it() {
         for host in ["127.0.0.1", "localhost"] {
             let outcome = ask(ProbeTarget::Icmp { host: host.into() }).await;
             let right = match &outcome {
                 ProbeOutcome::Answered { .. } => true,
                 ProbeOutcome::Impossible(why) => why.contains("ping_group_range"),
-                ProbeOutcome::Missed(_) => false,
+                ProbeOutcome::Announced | ProbeOutcome::Missed(_) => false,
             };
             assert!(right, "{outcome:?}");
         }

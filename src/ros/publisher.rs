@@ -9,10 +9,13 @@ use rustdds::no_key::DataWriter;
 use rustdds::policy::{Durability, History, Reliability};
 use rustdds::{DomainParticipant, QosPolicies, QosPolicyBuilder, RTPSEntity, TopicKind};
 
-use super::messages::{self, BOOL, DIAGNOSTIC_ARRAY, GidSize};
+use super::graph::participant_name;
+use super::messages::{self, BOOL, DIAGNOSTIC_ARRAY, GidSize, NodeEntities};
 use super::options::BridgeOptions;
+use super::peers::{self, Announcer};
 use super::raw::RawAdapter;
 use super::session::Pulse;
+use super::writers::Guid;
 use super::{BridgeError, DIAGNOSTICS, presence, session};
 use crate::engine::input::StatusArray;
 
@@ -45,12 +48,15 @@ pub enum Quality {
 
 /// The writers of one participant of its own.
 pub struct Publisher {
+    options: BridgeOptions,
     participant: DomainParticipant,
     /// With the name as ROS has it.
     writers: Vec<(Box<str>, Writer)>,
     /// Of the nodes that this participant has, once there were any.
     announcer: Option<Writer>,
     pulse: Mutex<Pulse>,
+    /// To the hosts that multicast does not reach.
+    peers: Option<Announcer>,
 }
 
 impl Publisher {
@@ -73,7 +79,9 @@ impl Publisher {
     /// The interface is not there, or DDS gets no sockets.
     pub async fn empty(options: &BridgeOptions) -> Result<Publisher, BridgeError> {
         let participant = session::open(options).await?;
-        Ok(Publisher { participant, writers: Vec::new(), announcer: None, pulse: Mutex::default() })
+        let peers = peers::announce(&participant, options);
+        let (options, writers, pulse) = (options.clone(), Vec::new(), Mutex::default());
+        Ok(Publisher { options, participant, writers, announcer: None, pulse, peers })
     }
 
     /// Offers one more topic of any type, `package/msg/Name`. One that is offered already stays as it is.
@@ -82,7 +90,7 @@ impl Publisher {
     /// The type has no such name, or DDS gets no sockets.
     pub fn offer(&mut self, topic: &str, type_name: &str, quality: Quality) -> Result<(), BridgeError> {
         if self.writer(topic).is_err() {
-            let topic = format!("/{}", bare(topic));
+            let topic = self.options.whole_name(topic);
             let writer = writer(&self.participant, &topic, type_name, quality)
                 .map_err(|error| BridgeError::Participant(format!("{topic}: {error}")))?;
             self.writers.push((topic.into(), writer));
@@ -139,16 +147,34 @@ impl Publisher {
         Ok(())
     }
 
-    /// Announces which nodes of ROS 2 run in this participant, as an rmw does; the last announcement
-    /// counts. A wrong `size` makes processes of other distributions throw.
+    /// Announces which nodes of ROS 2 run in this participant, as an rmw does, each with the topics that
+    /// it publishes; the last announcement counts. A wrong `size` makes processes of other distributions
+    /// throw.
     ///
     /// # Errors
     /// It was not offered, or a reader holds the writer back for too long.
-    pub async fn announce(&self, nodes: &[&str], size: GidSize) -> Result<(), PublishError> {
+    pub async fn announce(&self, nodes: &[(&str, Vec<&str>)], size: GidSize) -> Result<(), PublishError> {
         let topic = || presence::TOPIC.to_owned();
         let writer = self.announcer.as_ref().ok_or_else(|| PublishError::NoSuchTopic(topic()))?;
-        let body = messages::encode_nodes(self.participant.guid().to_bytes(), nodes, size);
+        let gid = |topic: &&str| self.writer(topic).ok().map(|(_, writer)| writer.guid().to_bytes());
+        let nodes = nodes.iter().map(|(name, topics)| {
+            (self.options.whole_name(name), topics.iter().filter_map(gid).collect::<Vec<_>>())
+        });
+        let nodes: Vec<(String, Vec<Guid>)> = nodes.collect();
+        let entities = nodes.iter().map(|(name, writers)| NodeEntities { name, readers: &[], writers });
+        let entities: Vec<NodeEntities<'_>> = entities.collect();
+        let body = messages::encode_nodes(self.participant.guid().to_bytes(), &entities, size);
         write(writer, body).await.map_err(|reason| PublishError::NotWritten { topic: topic(), reason })
+    }
+
+    /// This participant, in hexadecimal digits.
+    pub fn participant(&self) -> String {
+        participant_name(&self.participant.guid().to_bytes())
+    }
+
+    /// The topics that are offered.
+    pub fn topics(&self) -> Vec<&str> {
+        self.writers.iter().map(|(topic, _)| &**topic).collect()
     }
 
     /// # Errors
@@ -158,9 +184,23 @@ impl Publisher {
     }
 
     fn writer(&self, topic: &str) -> Result<(&str, &Writer), PublishError> {
-        let found = self.writers.iter().find(|(known, _)| bare(known) == bare(topic));
+        let whole = self.options.whole_name(topic);
+        let found = self.writers.iter().find(|(known, _)| **known == *whole);
         let (topic, writer) = found.ok_or_else(|| PublishError::NoSuchTopic(topic.to_owned()))?;
         Ok((topic, writer))
+    }
+
+    /// Whether a reader is discovered that takes what is offered so on a topic. The library's news of
+    /// matches are dropped when four wait, so what it knows is asked for instead.
+    pub fn has_reader(&self, topic: &str, type_name: &str, quality: Quality) -> bool {
+        let (topic, offered) = (format!("rt{}", self.options.whole_name(topic)), qos(quality));
+        let Some(type_name) = messages::dds_type_name(type_name) else { return false };
+        self.participant.discovered_readers().iter().any(|found| {
+            let reader = &found.subscription_topic_data;
+            *reader.topic_name() == topic
+                && *reader.type_name() == type_name
+                && offered.compliance_failure_wrt(&reader.qos()).is_none()
+        })
     }
 
     /// Whether the threads of the DDS library have ended, as they do when a stopped process goes
@@ -171,8 +211,8 @@ impl Publisher {
 
     /// Ends the writers, then the participant, and waits for its threads.
     pub async fn shutdown(self) {
-        let Publisher { participant, writers, announcer, .. } = self;
-        drop((writers, announcer));
+        let Publisher { participant, writers, announcer, peers, .. } = self;
+        drop((peers, writers, announcer));
         // A panic there was in the library, and the participant is gone either way.
         let _ = session::close(participant).await;
     }
@@ -184,11 +224,6 @@ async fn write(writer: &Writer, body: Vec<u8>) -> Result<(), String> {
         Ok(written) => written.map_err(|error| error.to_string()),
         Err(_) => Err(format!("the DDS library does not answer within {WRITING_MAX:?}")),
     }
-}
-
-/// Names are taken with and without their first slash.
-fn bare(topic: &str) -> &str {
-    topic.trim_start_matches('/')
 }
 
 fn writer(

@@ -1,4 +1,4 @@
-//! The DDS readers of one topic: up to three, for the kinds of writers that there are.
+//! The DDS reader of one topic, of the kind that fits its writers, and the one that it replaces.
 
 use std::collections::VecDeque;
 use std::task::{Context, Poll};
@@ -14,6 +14,7 @@ use rustdds::{
 use super::raw::{RawAdapter, RawBody};
 use super::subscription::Subscription;
 use super::writers::{Guid, Via};
+use crate::engine::time::{Span, Timestamp};
 
 /// Samples taken at once; more than the library keeps of a topic, so that no writer starves
 /// another when the engine holds us back.
@@ -30,6 +31,9 @@ const RETAINED_BYTES: usize = 64 << 20;
 /// With more than this, a participant with a smaller depth replaces the present one: a depth can
 /// only grow.
 const RETAINED_BYTES_MAX: usize = 2 * RETAINED_BYTES;
+
+/// A reader that is replaced stays until the writers surely know the new one, so that nothing is lost.
+const OVERLAP: Span = Span::from_secs(2);
 
 /// One received message.
 #[derive(Debug)]
@@ -56,35 +60,57 @@ pub struct Readers {
     subscriber: Subscriber,
     topic: Topic,
     readers: Vec<(Via, SimpleDataReader<RawBody, RawAdapter>)>,
+    /// The kind that is to stay, and since when it is there.
+    fitting: (Via, Timestamp),
 }
 
 impl Readers {
-    /// Starts with the reliable reader: nearly all publishers of ROS 2 are reliable, and what is
-    /// published before a publisher is discovered is received only by a reader that is there.
+    /// Starts without a reader: a publisher that waits for one must not send its only message before the
+    /// library knows whose it is.
     pub fn new(
         participant: DomainParticipant,
         subscriber: Subscriber,
         subscription: &Subscription,
         depth: usize,
+        now: Timestamp,
     ) -> CreateResult<Readers> {
         let topic = create_topic(&participant, &subscription.dds_topic, &subscription.dds_type, depth)?;
-        let mut readers = Readers { participant, subscriber, topic, readers: Vec::with_capacity(3) };
-        readers.ensure(Via::Reliable)?;
-        Ok(readers)
+        let fitting = (Via::BestEffort, now);
+        Ok(Readers { participant, subscriber, topic, readers: Vec::with_capacity(2), fitting })
     }
 
-    pub fn has(&self, via: Via) -> bool {
-        self.readers.iter().any(|(known, _)| *known == via)
-    }
-
-    /// Creates this reader if it is not there.
-    pub fn ensure(&mut self, via: Via) -> CreateResult<()> {
-        if !self.has(via) {
+    /// Makes the reader that fits, and ends the others once it had time to be found. To be asked every
+    /// now and then. Returns whether the readers are others now.
+    pub fn follow(&mut self, via: Via, now: Timestamp) -> CreateResult<bool> {
+        if self.fitting.0 != via {
+            self.fitting = (via, now);
+        }
+        if !self.readers.iter().any(|(known, _)| *known == via) {
             let reader =
                 self.subscriber.create_simple_datareader_no_key(&self.topic, Some(reader_qos(via)))?;
             self.readers.push((via, reader));
+            return Ok(true);
         }
-        Ok(())
+        let before = self.readers.len();
+        if now.since(self.fitting.1) >= OVERLAP {
+            self.readers.retain(|(known, _)| *known == via);
+        }
+        Ok(self.readers.len() != before)
+    }
+
+    /// The kind that is to stay, once there is one.
+    pub fn fitting(&self) -> Option<Via> {
+        (!self.readers.is_empty()).then_some(self.fitting.0)
+    }
+
+    /// When the readers that are replaced are to end.
+    pub fn overlap_ends(&self) -> Option<Timestamp> {
+        (self.readers.len() > 1).then(|| self.fitting.1 + OVERLAP)
+    }
+
+    /// Whether one of them has what is lost sent again.
+    pub fn any_reliable(&self) -> bool {
+        self.readers.iter().any(|(via, _)| *via != Via::BestEffort)
     }
 
     pub fn guids(&self) -> impl Iterator<Item = Guid> {

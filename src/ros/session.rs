@@ -14,13 +14,16 @@ use tokio::sync::{mpsc, watch};
 use tokio::task::{JoinError, JoinHandle, JoinSet};
 
 use super::BridgeError;
-use super::graph::{self, Tallies};
+use super::graph::{self, Siblings, Tallies};
 use super::interfaces::{self, AddressWatch};
-use super::messages::GidSize;
+use super::learning::Learning;
+use super::messages::{self, GidSize};
 use super::nodes::Nodes;
 use super::options::{self, BridgeOptions};
 use super::outbox::{End, stopped};
+use super::peers;
 use super::presence;
+use super::ros_clock::RosClock;
 use super::step::StepWatch;
 use super::subscription::{Plan, Subscription};
 use super::topic::{Memory, Orders, Surroundings, Topic};
@@ -49,6 +52,8 @@ pub struct Ground {
     /// What discovery sees, and how much of it was received.
     pub discovery: Arc<watch::Sender<Arc<Discovery>>>,
     pub tallies: Tallies,
+    pub siblings: Siblings,
+    pub ros_clock: RosClock,
     /// Changes when somebody asks for a new participant.
     pub rebuild: watch::Receiver<u64>,
 }
@@ -94,6 +99,7 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
         Ok(subscriber) => subscriber,
         Err(error) => return End::Rebuild(error.to_string()),
     };
+    let _announcer = peers::announce(participant, &ground.options);
     let (stop, stopping) = watch::channel(false);
     let around = Surroundings {
         participant: participant.clone(),
@@ -101,13 +107,18 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
         inputs: ground.inputs.clone(),
         clock: ground.clock,
         tallies: ground.tallies.clone(),
+        ros_clock: ground.ros_clock.clone(),
         own_readers: Arc::new(watch::channel(BTreeSet::new()).0),
         stop: stopping.clone(),
     };
     let own_readers = around.own_readers.subscribe();
     let mut plan = ground.plan.clone();
     let first = plan.borrow_and_update().clone();
-    legacy.memories.retain(|known, _| first.subscriptions.iter().any(|wanted| key(wanted) == *known));
+    let is_wanted = |known: &Key| {
+        let same = |it: &Subscription| key(it) == *known || it.is_untyped() && it.dds_topic == known.0;
+        first.subscriptions.iter().any(|wanted| same(wanted))
+    };
+    legacy.memories.retain(|known, _| is_wanted(known));
     let mut topics = match Topics::start(around, &first, legacy) {
         Ok(topics) => topics,
         Err(error) => return End::Rebuild(error.to_string()),
@@ -120,7 +131,7 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
             nodes: ground.nodes.clone(),
             gid_size: ground.gid_size.clone(),
             clock: ground.clock,
-            node: ground.options.node,
+            node: ground.options.whole_name(ground.options.node),
         },
         stopping.clone(),
     ));
@@ -129,7 +140,7 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
         participant.clone(),
         tallies,
         seen,
-        ground.nodes.subscribe(),
+        (ground.nodes.subscribe(), ground.siblings.clone()),
         ground.clock,
         stopping,
     ));
@@ -149,6 +160,8 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
 struct Topics {
     tasks: JoinSet<(Key, Memory, End)>,
     running: BTreeMap<Key, Running>,
+    /// Topics whose type is not known yet.
+    learning: Learning,
     around: Surroundings,
 }
 
@@ -159,11 +172,40 @@ struct Running {
 
 impl Topics {
     fn start(around: Surroundings, plan: &Plan, legacy: &mut Legacy) -> CreateResult<Topics> {
-        let mut topics = Topics { tasks: JoinSet::new(), running: BTreeMap::new(), around };
-        for subscription in &plan.subscriptions {
+        let learning = Learning::new(around.inputs.clone(), around.clock);
+        let mut topics = Topics { tasks: JoinSet::new(), running: BTreeMap::new(), learning, around };
+        for subscription in &topics.typed(plan) {
             topics.add(subscription, legacy)?;
         }
         Ok(topics)
+    }
+
+    /// What can be read of a plan at once. The types of the rest have to be learned; what was learned
+    /// before holds.
+    fn typed(&mut self, plan: &Plan) -> Vec<Arc<Subscription>> {
+        let known = |subscription: &Arc<Subscription>| {
+            let running = self.running.keys().find(|(topic, _)| *topic == subscription.dds_topic);
+            let type_name = messages::ros_type_name(&running.filter(|_| subscription.is_untyped())?.1);
+            // What is missing of it is said where its type is learned, so that is done again.
+            let learned = subscription.learn(&type_name).ok().filter(|learned| learned.missing.is_empty())?;
+            Some(Arc::new(learned.subscription))
+        };
+        let all = plan.subscriptions.iter().map(|it| known(it).unwrap_or_else(|| it.clone()));
+        let (untyped, typed) = all.partition(|subscription| subscription.is_untyped());
+        self.learning.follow(untyped);
+        typed
+    }
+
+    /// Reads the topics whose type somebody says now.
+    ///
+    /// # Errors
+    /// Only a new participant can do that.
+    fn learn(&mut self, legacy: &mut Legacy) -> Result<(), End> {
+        for subscription in &self.learning.look(&self.around.participant) {
+            self.add(subscription, legacy)
+                .map_err(|error| End::Rebuild(format!("the DDS library refused a reader: {error}")))?;
+        }
+        Ok(())
     }
 
     fn add(&mut self, subscription: &Arc<Subscription>, legacy: &mut Legacy) -> CreateResult<()> {
@@ -185,7 +227,8 @@ impl Topics {
     /// # Errors
     /// Only a new participant can do that.
     async fn follow(&mut self, plan: &Plan, legacy: &mut Legacy) -> Result<(), End> {
-        let wanted: BTreeSet<Key> = plan.subscriptions.iter().map(|subscription| key(subscription)).collect();
+        let subscriptions = self.typed(plan);
+        let wanted: BTreeSet<Key> = subscriptions.iter().map(|subscription| key(subscription)).collect();
         let gone = self.running.keys().filter(|key| !wanted.contains(*key)).cloned().collect::<Vec<_>>();
         for key in &gone {
             // Its task ends for want of orders.
@@ -199,7 +242,7 @@ impl Topics {
                 }
             }
         }
-        for subscription in &plan.subscriptions {
+        for subscription in &subscriptions {
             if let Some(running) = self.running.get(&key(subscription)) {
                 running.subscription.send_replace(subscription.clone());
             } else if gone.iter().any(|(topic, _)| *topic == subscription.dds_topic) {
@@ -259,11 +302,19 @@ async fn watch_over(
                 if let Err(end) = topics.follow(&next, legacy).await {
                     return end;
                 }
+                if let Err(end) = topics.learn(legacy) {
+                    return end;
+                }
             }
             Some(ended) = topics.tasks.join_next() => return keep(legacy, ended),
             Some(event) = events.next() => topics.tell(&event),
             _ = looks.tick() => {
                 look += 1;
+                if !topics.learning.is_empty()
+                    && let Err(end) = topics.learn(legacy)
+                {
+                    return end;
+                }
                 if pulse.has_stopped(participant) {
                     return End::Rebuild("the threads of the DDS library have ended".to_owned());
                 }

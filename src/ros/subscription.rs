@@ -1,15 +1,20 @@
 //! What is read: `/diagnostics`, and the topics of the model's signals and monitors, each once.
 
+mod untyped;
+
 use std::sync::Arc;
 
 use super::cdr::Endian;
 use super::fields::{BooleanReader, Definitions, EventReader, FieldError, FieldsError, Miss, Reader};
 use super::messages::{self, DIAGNOSTIC_ARRAY};
 use super::raw::RawBody;
+use super::ros_clock;
 use crate::engine::input::Input;
-use crate::engine::model::{Limits, Model, SignalSpec};
-use crate::engine::monitor::spec::{TopicSpec, WatchdogSpec};
+use crate::engine::model::{FieldSource, Limits, Model, SignalSpec};
+use crate::engine::monitor::spec::{DiagnosticsTopic, StampClock, TopicSpec, WatchdogSpec, Watched};
 use crate::engine::sample::{FieldValue, Sample};
+pub use untyped::Learned;
+use untyped::Untyped;
 
 pub const DIAGNOSTICS: &str = "/diagnostics";
 
@@ -43,9 +48,16 @@ pub struct Subscription {
     pub type_name: Box<str>,
     pub dds_topic: String,
     pub dds_type: String,
-    diagnostics: bool,
+    /// What stands in front of the names of its statuses, where it has such.
+    diagnostics: Option<Box<str>>,
+    /// The time of others is published here.
+    pub is_clock: bool,
+    /// By which clock stamps are.
+    pub stamps: StampClock,
     signals: Vec<Signal>,
     watch: Option<Watch>,
+    /// What is wanted of it where its type has to be learned; nothing is read then.
+    untyped: Option<Arc<Untyped>>,
     limits: Limits,
 }
 
@@ -98,22 +110,35 @@ impl Plan {
     /// A signal or a field that no message of its type can feed.
     pub fn of(model: &Model, definitions: &Definitions) -> Result<Plan, SubscriptionError> {
         let mut all = Vec::new();
-        subscribe(&mut all, DIAGNOSTICS, DIAGNOSTIC_ARRAY, &model.limits)?.diagnostics = true;
-        for spec in &model.signals {
-            let meaning = meaning(spec, definitions)?;
-            let source = &spec.source;
+        let Watched { diagnostics, stamps, .. } = &model.watched;
+        if diagnostics.is_empty() {
+            subscribe(&mut all, DIAGNOSTICS, DIAGNOSTIC_ARRAY, &model.limits)?.diagnostics =
+                Some(Box::default());
+        }
+        for DiagnosticsTopic { topic, prefix } in diagnostics {
+            subscribe(&mut all, topic, DIAGNOSTIC_ARRAY, &model.limits)?.diagnostics = Some(prefix.clone());
+        }
+        if *stamps == StampClock::Ros {
+            subscribe(&mut all, ros_clock::TOPIC, ros_clock::TYPE, &model.limits)?.is_clock = true;
+        }
+        // What a condition reads is watched.
+        let fields = model.signals.iter().filter_map(|spec| Some((spec, spec.source.field()?)));
+        for (spec, source) in fields.filter(|(_, source)| !source.type_name.is_empty()) {
+            let meaning = meaning(spec, source, definitions)?;
             subscribe(&mut all, &source.topic, &source.type_name, &model.limits)?
                 .signals
                 .push(Signal { name: spec.name.clone(), meaning });
         }
-        for spec in &model.watched.topics {
+        for spec in model.watched.topics.iter().filter(|spec| !spec.type_name.is_empty()) {
             let subscription = subscribe(&mut all, &spec.topic, &spec.type_name, &model.limits)?;
             let reader = definitions
                 .check(spec)
                 .map_err(|why| SubscriptionError::Fields { topic: spec.topic.clone(), why })?;
             subscription.watch = Some(Watch { spec: spec.clone(), reader });
         }
-        let subscriptions = all.into_iter().map(Arc::new).collect();
+        all.extend(untyped::subscriptions(model, definitions));
+        let subscriptions =
+            all.into_iter().map(|one| Arc::new(Subscription { stamps: *stamps, ..one })).collect();
         Ok(Plan { subscriptions, watchdogs: model.watched.watchdogs.clone() })
     }
 }
@@ -145,9 +170,12 @@ fn subscribe<'a>(
                 topic: topic.into(),
                 type_name: type_name.into(),
                 dds_type,
-                diagnostics: false,
+                diagnostics: None,
+                is_clock: false,
+                stamps: StampClock::default(),
                 signals: Vec::new(),
                 watch: None,
+                untyped: None,
                 limits: limits.clone(),
             });
             all.len() - 1
@@ -157,8 +185,11 @@ fn subscribe<'a>(
 }
 
 /// A field that is true or false is a level; where there is none, a message can be an event.
-fn meaning(spec: &SignalSpec, definitions: &Definitions) -> Result<Meaning, SubscriptionError> {
-    let source = &spec.source;
+fn meaning(
+    spec: &SignalSpec,
+    source: &FieldSource,
+    definitions: &Definitions,
+) -> Result<Meaning, SubscriptionError> {
     match definitions.boolean(&source.type_name, &source.field) {
         Ok(reader) => Ok(Meaning::Level(reader)),
         Err(_) if spec.present_for.is_some() => Ok(Meaning::Event(definitions.event(&source.type_name))),
@@ -182,7 +213,8 @@ impl Subscription {
 
     /// What monitors watch of this topic.
     pub fn watched(&self) -> Option<&Arc<TopicSpec>> {
-        self.watch.as_ref().map(|watch| &watch.spec)
+        let untyped = || self.untyped.as_ref().and_then(|untyped| untyped.watch.as_ref());
+        self.watch.as_ref().map(|watch| &watch.spec).or_else(untyped)
     }
 
     /// What a message of this topic means, and what was wrong with it.
@@ -216,8 +248,9 @@ impl Subscription {
         inputs: &mut Vec<Input>,
         wrong: &mut Option<Miss>,
     ) {
-        if self.diagnostics && !history {
+        if let Some(prefix) = self.diagnostics.as_ref().filter(|_| !history) {
             let (array, fault) = messages::diagnostic_array(body, endian, &self.limits);
+            let array = if prefix.is_empty() { array } else { array.prefixed(prefix) };
             // An empty array that is whole is a message too; a fault before the first status is none.
             if !array.is_empty() || fault.is_none() {
                 inputs.push(Input::Diagnostics(array));
@@ -269,167 +302,5 @@ impl Watch {
     }
 }
 
-/// About what an input takes while it waits for the engine.
-pub fn waiting_bytes(input: &Input, body_bytes: usize) -> usize {
-    const SMALL: usize = 64;
-    match input {
-        Input::Diagnostics(_) => body_bytes,
-        Input::Sample(sample) => {
-            let text = |value: &FieldValue| match value {
-                FieldValue::Text(text) | FieldValue::Unreadable(text) => text.len(),
-                _ => 0,
-            };
-            sample.values.iter().map(|value| SMALL + text(value)).sum::<usize>() + SMALL
-        }
-        _ => SMALL,
-    }
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::engine::input::StatusArray;
-    use crate::engine::model::{Driving, FieldSource, Parts, Policy, StageModel, Text};
-    use crate::engine::monitor::spec::{FieldKind, FieldSpec, Watched};
-    use crate::engine::sample::Pose;
-    use crate::engine::time::Span;
-    use crate::ros::cdr::{Fault, FaultKind};
-    use crate::ros::messages::{BOOL, encode};
-
-    fn signal(name: &str, topic: &str, type_name: &str, present_for: Option<Span>) -> SignalSpec {
-        let source = FieldSource { topic: topic.into(), type_name: type_name.into(), field: "data".into() };
-        SignalSpec { name: name.into(), source, timeout: None, present_for }
-    }
-
-    fn read(signals: Vec<SignalSpec>) -> Result<Vec<Arc<Subscription>>, String> {
-        read_all(signals, Vec::new())
-    }
-
-    fn read_all(signals: Vec<SignalSpec>, topics: Vec<TopicSpec>) -> Result<Vec<Arc<Subscription>>, String> {
-        let parts = Parts {
-            vehicle_id: "v".into(),
-            vehicle_name: Text::plain("v"),
-            stages: StageModel::None,
-            signals,
-            groups: Vec::new(),
-            modules: Vec::new(),
-            watched: Watched { topics: topics.into_iter().map(Arc::new).collect(), watchdogs: Vec::new() },
-            driving: Driving::default(),
-            discovered: Policy::default(),
-            limits: Limits::default(),
-        };
-        let model = Model::new(parts).expect("nothing depends on anything");
-        let plan = Plan::of(&model, &Definitions::default());
-        plan.map(|plan| plan.subscriptions).map_err(|error| error.to_string())
-    }
-
-    #[test]
-    fn topics_are_read_once_with_their_wire_names() {
-        let all = read(vec![
-            signal("active", "/mission/active", BOOL, None),
-            signal("moving", "mission/active", BOOL, None),
-            signal("goal", "/goal_pose", "geometry_msgs/msg/PoseStamped", Some(Span::from_secs(1))),
-        ])
-        .unwrap();
-        let wire: Vec<_> = all.iter().map(|one| (&*one.dds_topic, &*one.dds_type)).collect();
-        assert_eq!(
-            wire,
-            [
-                ("rt/diagnostics", "diagnostic_msgs::msg::dds_::DiagnosticArray_"),
-                ("rt/mission/active", "std_msgs::msg::dds_::Bool_"),
-                ("rt/goal_pose", "geometry_msgs::msg::dds_::PoseStamped_"),
-            ]
-        );
-        assert_eq!(all.iter().map(|one| one.wants_last_value()).collect::<Vec<_>>(), [false, true, false]);
-    }
-
-    #[test]
-    fn messages_become_inputs() {
-        let all = read(vec![
-            signal("active", "/a", BOOL, None),
-            signal("moving", "/a", BOOL, None),
-            signal("goal", "/g", "geometry_msgs/msg/PoseStamped", Some(Span::from_secs(1))),
-        ])
-        .unwrap();
-        let signal = |name: &str, value| Input::Signal { name: name.into(), value };
-        let decode = |index: usize, body: &[u8]| {
-            let body = Ok((body.to_vec(), Endian::Little));
-            all[index].decode(Received { body: &body, wall_ns: 0, when: When::Now })
-        };
-        assert_eq!(decode(1, &[1, 0, 0, 0]), (vec![signal("active", true), signal("moving", true)], None));
-        assert_eq!(decode(1, &[0]), (vec![signal("active", false), signal("moving", false)], None));
-        let header = encode::Header { stamp: std::time::UNIX_EPOCH, frame_id: "map" };
-        let pose = encode::pose_stamped(header, Pose { qw: 1.0, ..Pose::default() });
-        assert_eq!(decode(2, &pose), (vec![signal("goal", true)], None));
-        let (inputs, fault) = decode(2, &[]);
-        assert!(inputs.is_empty() && fault.is_some());
-        let (inputs, fault) = decode(1, &[]);
-        assert!(inputs.is_empty() && fault.is_some());
-        let (inputs, fault) = decode(0, &[1, 2]);
-        assert!(inputs.is_empty() && fault.is_some());
-        let empty = messages::encode_diagnostic_arrays(&StatusArray::default(), std::time::UNIX_EPOCH, 100);
-        assert_eq!(decode(0, &empty[0]), (vec![Input::Diagnostics(StatusArray::default())], None));
-    }
-
-    #[test]
-    fn what_cannot_be_read_is_refused() {
-        let pose = "geometry_msgs/msg/PoseStamped";
-        let error = read(vec![signal("goal", "/g", pose, None)]).unwrap_err();
-        assert!(error.contains("goal") && error.contains(pose) && error.contains("present_for"), "{error}");
-        let error = read(vec![signal("goal", "/g", "PoseStamped", Some(Span::from_secs(1)))]).unwrap_err();
-        assert!(error.contains("package/msg/Name"), "{error}");
-        let error = read(vec![signal("a", "/diagnostics", BOOL, None)]).unwrap_err();
-        assert!(error.contains("two types"), "{error}");
-    }
-
-    fn topic(topic: &str, type_name: &str, stamp: bool, paths: &[&str]) -> TopicSpec {
-        let fields = paths.iter().map(|&path| FieldSpec { path: path.into(), kind: FieldKind::Scalar });
-        TopicSpec { topic: topic.into(), type_name: type_name.into(), stamp, fields: fields.collect() }
-    }
-
-    #[test]
-    fn a_signal_and_monitors_share_one_topic() {
-        let mut ready = signal("dense", "/cloud", encode::POINT_CLOUD_2, None);
-        ready.source.field = "is_dense".into();
-        let topics = vec![
-            topic("/cloud", encode::POINT_CLOUD_2, true, &["width", "nothing[0].x"]),
-            topic("/number", encode::FLOAT64, false, &["data"]),
-            topic("/counted", "my_msgs/msg/Unknown", false, &[]),
-        ];
-        let error = read_all(vec![ready.clone()], topics.clone()).unwrap_err();
-        assert!(error.contains("/cloud") && error.contains("no field `nothing`"), "{error}");
-        let mut topics = topics;
-        topics[0].fields.truncate(1);
-        let all = read_all(vec![ready], topics).unwrap();
-        assert_eq!(all.len(), 4);
-        assert_eq!(
-            all.iter().map(|one| one.wants_last_value()).collect::<Vec<_>>(),
-            [false, true, true, false]
-        );
-
-        let header = encode::Header { stamp: std::time::UNIX_EPOCH, frame_id: "" };
-        let body = Ok((encode::point_cloud(header, 3), Endian::Little));
-        let decode = |when| all[1].decode(Received { body: &body, wall_ns: 7, when });
-        let signal = Input::Signal { name: "dense".into(), value: true };
-        let sample = |stamp_ns, late, value| {
-            let source = all[1].watched().unwrap().clone();
-            Input::Sample(Sample { source, stamp_ns, received_wall_ns: 7, late, values: [value].into() })
-        };
-        let of_now = |late| sample(Some(0), late, FieldValue::Number(3.0));
-        assert_eq!(decode(When::Now), (vec![signal.clone(), of_now(false)], None));
-        assert_eq!(decode(When::Late), (vec![signal.clone(), of_now(true)], None));
-        let past = sample(None, true, FieldValue::Absent);
-        assert_eq!(decode(When::Kept), (vec![signal, past.clone()], None), "ages are judged there");
-        assert_eq!(decode(When::Past), (vec![past], None));
-
-        let unreadable: RawBody = Err(Fault { at: 0, what: FaultKind::Encoding([0, 7]) });
-        let (inputs, wrong) = all[2].decode(Received { body: &unreadable, wall_ns: 7, when: When::Now });
-        let Input::Sample(sample) = &inputs[0] else { panic!("{inputs:?}") };
-        assert!(matches!(&sample.values[..], [FieldValue::Unreadable(_)]) && wrong.is_some());
-        let (inputs, wrong) =
-            all[3].decode(Received { body: &Ok((vec![], Endian::Big)), wall_ns: 7, when: When::Now });
-        assert!(
-            matches!(&inputs[..], [Input::Sample(sample)] if sample.values.is_empty()) && wrong.is_none()
-        );
-    }
-}
+mod tests;

@@ -12,14 +12,16 @@ use tokio::sync::{mpsc, watch};
 use super::fields::Miss;
 use super::graph::Tallies;
 use super::messages;
-use super::outbox::{End, Outbox, stopped};
+use super::outbox::{End, Outbox, stopped, waiting_bytes};
 use super::raw::RawBody;
 use super::readers::{Advice, ReadFault, Readers, Retention, Sample};
-use super::subscription::{Received, Subscription, When, waiting_bytes};
+use super::ros_clock::RosClock;
+use super::subscription::{Received, Subscription, When};
 use super::trouble::Troubles;
 use super::writers::{Guid, Offer, Published, Verdict, Via, Writers};
 use crate::clock::Clock;
 use crate::engine::input::{Input, Stamped, TroubleKind};
+use crate::engine::monitor::spec::StampClock;
 use crate::engine::sample::TopicNews;
 use crate::engine::time::{Span, Timestamp};
 
@@ -45,6 +47,7 @@ pub struct Surroundings {
     pub own_readers: OwnReaders,
     /// Counts what is received.
     pub tallies: Tallies,
+    pub ros_clock: RosClock,
     pub stop: watch::Receiver<bool>,
 }
 
@@ -84,6 +87,8 @@ pub struct Topic {
     searching_until: Timestamp,
     /// The publishers and the other type that were said last.
     said: Option<(u32, Option<Box<str>>)>,
+    /// It was said that last values are not asked for.
+    told_of_mix: bool,
     around: Surroundings,
     readers: Readers,
     memory: Memory,
@@ -101,13 +106,14 @@ impl Topic {
     ) -> Result<Topic, CreateError> {
         memory.writers.listen(around.clock.wall());
         let depth = memory.retention.depth();
-        let readers =
-            Readers::new(around.participant.clone(), around.subscriber.clone(), &subscription, depth)?;
+        let (participant, subscriber) = (around.participant.clone(), around.subscriber.clone());
+        let readers = Readers::new(participant, subscriber, &subscription, depth, around.clock.now())?;
         let outbox = Outbox::new(around.inputs.clone(), around.stop.clone());
         let topic = Topic {
             subscription,
             searching_until: around.clock.now() + DISCOVERY,
             said: None,
+            told_of_mix: false,
             around,
             readers,
             memory,
@@ -136,7 +142,8 @@ impl Topic {
         let mut stop = self.around.stop.clone();
         self.follow_discovery()?;
         loop {
-            let due = [self.memory.troubles.due(), self.news_due()].into_iter().flatten().min();
+            let follow = self.follow_due();
+            let due = [self.memory.troubles.due(), self.news_due(), follow].into_iter().flatten().min();
             let due = due.map(|due| self.around.clock.instant(due));
             tokio::select! {
                 biased;
@@ -156,6 +163,9 @@ impl Topic {
                     self.take_faults(&mut faults)?;
                     self.take_batch(&mut batch, received).await?;
                 }
+            }
+            if follow.is_some_and(|due| due <= self.around.clock.now()) {
+                self.follow_discovery()?;
             }
             self.tell_troubles().await?;
             self.tell_news().await?;
@@ -239,7 +249,15 @@ impl Topic {
     /// Sends what a message means.
     async fn hand_over(&mut self, body: &RawBody, when: When, received: Timestamp) -> Result<(), End> {
         let since_epoch = self.around.clock.wall().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let wall_ns = i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX);
+        let wall_ns = match self.subscription.stamps {
+            StampClock::System => i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX),
+            StampClock::Ros => self.around.ros_clock.now_ns(),
+        };
+        if let (true, Ok((body, endian))) = (self.subscription.is_clock, body)
+            && let Err(fault) = self.around.ros_clock.take(body, *endian)
+        {
+            self.memory.troubles.add(TroubleKind::Malformed, 1, || fault.to_string());
+        }
         let (inputs, wrong) = self.subscription.decode(Received { body, wall_ns, when });
         let bytes = body.as_ref().map_or(0, |(body, _)| body.len());
         if let Some(wrong) = wrong {
@@ -249,7 +267,10 @@ impl Topic {
             };
             self.memory.troubles.add(TroubleKind::Malformed, 1, text);
         }
-        for input in inputs {
+        for mut input in inputs {
+            if let (StampClock::Ros, Input::Sample(sample)) = (self.subscription.stamps, &mut input) {
+                sample.received_wall_ns = self.around.ros_clock.at_stamp(sample.stamp_ns);
+            }
             let waiting = waiting_bytes(&input, bytes);
             self.outbox.send(input, received, waiting).await?;
         }
@@ -280,6 +301,12 @@ impl Topic {
         silent.then_some(self.searching_until)
     }
 
+    /// When another reader may fit, without any news.
+    fn follow_due(&self) -> Option<Timestamp> {
+        let settled = self.memory.writers.settles_at(self.around.clock.now());
+        [settled, self.readers.overlap_ends()].into_iter().flatten().min()
+    }
+
     /// Says who publishes, if monitors watch the topic and it has changed.
     async fn tell_news(&mut self) -> Result<(), End> {
         let Some(source) = self.subscription.watched() else { return Ok(()) };
@@ -296,7 +323,7 @@ impl Topic {
         self.outbox.send(Input::Topic(input), now, 0).await
     }
 
-    /// Takes over which writers there are, and creates the readers that they need.
+    /// Takes over which writers there are, and reads them in the way that fits all of them.
     fn follow_discovery(&mut self) -> Result<(), End> {
         let offers = offers(&self.around.participant, &self.subscription.dds_topic);
         let dds_type = &self.subscription.dds_type;
@@ -306,18 +333,33 @@ impl Topic {
             let text = || wrong_type(&theirs, &self.subscription);
             self.memory.troubles.add(TroubleKind::WrongType, 1, text);
         }
-        let mut wanted = vec![Via::BestEffort];
-        if self.subscription.wants_last_value() {
-            wanted.push(Via::LastValue);
-        }
-        wanted.retain(|&via| self.memory.writers.need(via, dds_type) && !self.readers.has(via));
-        for &via in &wanted {
-            self.readers.ensure(via).map_err(|error| broken(&error))?;
-        }
-        if !wanted.is_empty() {
+        let wants_last_value = self.subscription.wants_last_value();
+        // While there is nobody, the reader stays what it was.
+        let fitting = self.memory.writers.fitting(wants_last_value, dds_type, now.0);
+        let Some(via) = fitting.or_else(|| self.readers.fitting()) else { return Ok(()) };
+        let ours: Vec<Guid> = self.readers.guids().collect();
+        if self.readers.follow(via, now.0).map_err(|error| broken(&error))? {
+            if !self.readers.any_reliable() {
+                self.memory.writers.heard_by_best_effort_alone();
+            }
+            self.around.own_readers.send_modify(|known| known.retain(|guid| !ours.contains(guid)));
             self.tell_readers();
         }
+        if wants_last_value && via != Via::LastValue && self.memory.writers.any_keeps_last_value(dds_type) {
+            self.tell_of_mix();
+        }
         Ok(())
+    }
+
+    /// Once: it can be the reason for a signal that stays unknown.
+    fn tell_of_mix(&mut self) {
+        if !std::mem::replace(&mut self.told_of_mix, true) {
+            tracing::info!(
+                "{}: not all of its publishers keep their last value, so none is asked for it; what was \
+                 published before Telltale listened counts with the next message",
+                self.subscription.topic
+            );
+        }
     }
 
     fn tell_readers(&self) {

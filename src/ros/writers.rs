@@ -15,6 +15,12 @@ const REMEMBERED_MAX: usize = 1024;
 
 /// What comes from a writer this long after it was discovered may be from before our time.
 const HISTORY: Span = Span::from_secs(3);
+/// A publisher of another quality is likely to come back this long after it has gone, as a driver that
+/// is started again does: until then the reader stays one that fits it too.
+const QUALITY_REMEMBERED: Span = Span::from_secs(600);
+/// Publishers that are there already are found within this time of the first one: only then is it known
+/// what fits all of them.
+const SETTLING: Span = Span::from_secs(1);
 /// Clocks of machines that are kept in step differ by less, and a message takes less on its way.
 const CLOCKS_DIFFER: Duration = Duration::from_millis(50);
 /// History is handed over at once. What comes later than this after the first message of a publisher
@@ -39,6 +45,12 @@ pub struct Offer {
     pub type_name: String,
     pub reliable: bool,
     pub transient_local: bool,
+}
+
+impl Offer {
+    fn keeps_last_value(&self) -> bool {
+        self.reliable && self.transient_local
+    }
 }
 
 /// The reader that a sample came through. They share one cache of samples in the library, so each
@@ -68,6 +80,11 @@ pub struct Writers {
     known: BTreeMap<Guid, Known>,
     /// The last sequence number of each writer: what is not after it was seen already.
     last: BTreeMap<Guid, i64>,
+    /// When the writers that were there at first are known.
+    settled_at: Option<Timestamp>,
+    /// Until when the reader fits a writer of best effort, and one that keeps no last value.
+    best_effort_until: Option<Timestamp>,
+    volatile_until: Option<Timestamp>,
 }
 
 #[derive(Debug)]
@@ -77,6 +94,8 @@ struct Known {
     since_wall: SystemTime,
     /// It was heard before, through an earlier reader.
     heard: bool,
+    /// A reliable reader hears it.
+    reliably: bool,
     /// When its first message was received, and when it says that it was published.
     first: Option<(Timestamp, Option<SystemTime>)>,
 }
@@ -102,7 +121,14 @@ impl Writers {
                     wrong.push(offer.type_name.clone());
                 }
                 let heard = self.last.contains_key(&guid);
-                Known { offer: offer.clone(), since: now, since_wall: wall, heard, first: None }
+                Known {
+                    offer: offer.clone(),
+                    since: now,
+                    since_wall: wall,
+                    heard,
+                    reliably: false,
+                    first: None,
+                }
             });
             self.known.insert(guid, Known { offer, ..known });
         }
@@ -157,25 +183,54 @@ impl Writers {
         if before && !known.heard { Published::Before } else { Published::Unfound }
     }
 
-    /// Whether a writer of our type offers what only such a reader takes.
-    pub fn need(&self, via: Via, dds_type: &str) -> bool {
-        let offers = self.known.values().map(|known| &known.offer);
-        let mut offers = offers.filter(|offer| offer.type_name == dds_type);
-        match via {
-            Via::Reliable => true,
-            Via::LastValue => offers.any(|offer| offer.reliable && offer.transient_local),
-            Via::BestEffort => offers.any(|offer| !offer.reliable),
-        }
+    /// The one reader that fits every writer of our type: asking a writer for more than it offers makes
+    /// it complain in its own log. `None`: there is none yet, or none any more.
+    pub fn fitting(&mut self, wants_last_value: bool, dds_type: &str, now: Timestamp) -> Option<Via> {
+        let offers = || self.known.values().map(|known| &known.offer).filter(|it| it.type_name == dds_type);
+        let found = offers().next().is_some();
+        let best_effort = offers().any(|offer| !offer.reliable);
+        let volatile = offers().any(|offer| !offer.keeps_last_value());
+        let remember = |until: &mut Option<Timestamp>, seen: bool| {
+            if seen {
+                *until = Some(now + QUALITY_REMEMBERED);
+            }
+            until.is_some_and(|until| now < until)
+        };
+        let best_effort = remember(&mut self.best_effort_until, best_effort);
+        let volatile = remember(&mut self.volatile_until, volatile);
+        let settling = found && now < *self.settled_at.get_or_insert(now + SETTLING);
+        found.then_some(match (best_effort || settling, wants_last_value && !volatile) {
+            (true, _) => Via::BestEffort,
+            (false, true) => Via::LastValue,
+            (false, false) => Via::Reliable,
+        })
+    }
+
+    /// When to ask again what fits.
+    pub fn settles_at(&self, now: Timestamp) -> Option<Timestamp> {
+        self.settled_at.filter(|at| now < *at)
+    }
+
+    /// Whether a writer of our type keeps a last value.
+    pub fn any_keeps_last_value(&self, dds_type: &str) -> bool {
+        let mut offers = self.known.values().map(|known| &known.offer);
+        offers.any(|offer| offer.type_name == dds_type && offer.keeps_last_value())
+    }
+
+    /// No reliable reader is left: what comes is taken in the order of its arrival.
+    pub fn heard_by_best_effort_alone(&mut self) {
+        self.known.values_mut().for_each(|known| known.reliably = false);
     }
 
     /// Judges one sample.
     pub fn judge(&mut self, writer: &Guid, sequence: i64, via: Via, dds_type: &str) -> Verdict {
-        if let Some(Known { offer, .. }) = self.known.get(writer) {
+        if let Some(Known { offer, reliably, .. }) = self.known.get_mut(writer) {
             if offer.type_name != dds_type {
                 return Verdict::WrongType;
             }
+            *reliably |= via != Via::BestEffort;
             // A best-effort reader hands over in the order of arrival: it would overtake a repair.
-            if offer.reliable && via == Via::BestEffort {
+            if *reliably && via == Via::BestEffort {
                 return Verdict::Skip;
             }
         }
@@ -236,11 +291,15 @@ mod tests {
     }
 
     #[test]
-    fn a_reliable_writer_is_never_read_out_of_order() {
+    fn a_writer_is_not_read_out_of_order_once_a_reliable_reader_hears_it() {
         let mut writers = writers(&[(A, offer(OURS, true, false)), (B, offer(OURS, false, false))]);
+        assert_eq!(writers.judge(&A, 5, Via::BestEffort, OURS), Verdict::Take { lost: 0 }, "the first alone");
+        assert_eq!(writers.judge(&A, 5, Via::Reliable, OURS), Verdict::Skip);
         assert_eq!(writers.judge(&A, 7, Via::BestEffort, OURS), Verdict::Skip);
         assert_eq!(writers.judge(&A, 6, Via::Reliable, OURS), Verdict::Take { lost: 0 });
         assert_eq!(writers.judge(&A, 7, Via::LastValue, OURS), Verdict::Take { lost: 0 });
+        writers.heard_by_best_effort_alone();
+        assert_eq!(writers.judge(&A, 9, Via::BestEffort, OURS), Verdict::Take { lost: 1 });
         assert_eq!(writers.judge(&B, 7, Via::BestEffort, OURS), Verdict::Take { lost: 0 });
     }
 
@@ -257,18 +316,39 @@ mod tests {
     }
 
     #[test]
-    fn readers_follow_what_is_offered() {
-        let cases = [
-            (offer(OURS, true, false), [true, false, false]),
-            (offer(OURS, true, true), [true, true, false]),
-            (offer(OURS, false, false), [true, false, true]),
-            (offer("theirs", false, true), [true, false, false]),
+    fn the_reader_asks_no_writer_for_more_than_it_offers() {
+        let (reliable, keeps, best_effort) =
+            (offer(OURS, true, false), offer(OURS, true, true), offer(OURS, false, true));
+        let theirs = offer("theirs", false, false);
+        let cases: [(&[&Offer], [Option<Via>; 2]); 7] = [
+            (&[], [None, None]),
+            (&[&theirs], [None, None]),
+            (&[&reliable], [Some(Via::Reliable), Some(Via::Reliable)]),
+            (&[&keeps, &theirs], [Some(Via::Reliable), Some(Via::LastValue)]),
+            (&[&keeps, &reliable], [Some(Via::Reliable), Some(Via::Reliable)]),
+            (&[&best_effort], [Some(Via::BestEffort), Some(Via::BestEffort)]),
+            (&[&best_effort, &keeps, &reliable], [Some(Via::BestEffort), Some(Via::BestEffort)]),
         ];
-        for (offer, expected) in cases {
-            let writers = writers(&[(A, offer.clone())]);
-            let needed = [Via::Reliable, Via::LastValue, Via::BestEffort].map(|via| writers.need(via, OURS));
-            assert_eq!(needed, expected, "{offer:?}");
+        for (offers, expected) in cases {
+            let offers: Vec<_> = (0..).zip(offers).map(|(id, &it)| ([id; 16], it.clone())).collect();
+            let fitting = [false, true].map(|last| {
+                let mut writers = writers(&offers);
+                let early = writers.fitting(last, OURS, START.0);
+                assert_eq!(early, expected[0].map(|_| Via::BestEffort), "others may be found still");
+                writers.fitting(last, OURS, START.0 + SETTLING)
+            });
+            assert_eq!(fitting, expected, "{offers:?}");
         }
+    }
+
+    #[test]
+    fn a_publisher_that_was_there_finds_a_reader_that_fits_it_when_it_comes_back() {
+        let at = Timestamp::from_millis;
+        let mut writers = writers(&[(A, offer(OURS, true, true)), (B, offer(OURS, false, false))]);
+        assert_eq!(writers.fitting(true, OURS, at(5000)), Some(Via::BestEffort));
+        writers.update([(A, offer(OURS, true, true))].into(), OURS, START);
+        assert_eq!(writers.fitting(true, OURS, at(604_999)), Some(Via::BestEffort));
+        assert_eq!(writers.fitting(true, OURS, at(605_000)), Some(Via::LastValue));
     }
 
     /// Listens from 98 s on the wall, knows the writers from 100 s there and 5 s here.

@@ -94,6 +94,7 @@ mod tests {
             watched: Watched::default(),
             driving: Driving::default(),
             discovered: Policy::default(),
+            other: Default::default(),
             limits: Limits::default(),
         };
         Engine::new(Arc::new(Model::new(parts).unwrap()), Timestamp::ZERO)

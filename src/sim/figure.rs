@@ -9,6 +9,7 @@ use super::strips::Panel;
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use crate::picture::strips::{Look, Segment, Strip, class, first_tick, tick_step};
+use crate::yaml::plain;
 
 const STYLE: &str = include_str!("figure.css");
 
@@ -167,6 +168,9 @@ impl Drawing<'_> {
         if let Some(own) = segment.own {
             let _ = write!(words, ", reports {own} itself");
         }
+        if let Some(said) = &segment.said {
+            let _ = write!(words, ": {}", said.words());
+        }
         words
     }
 
@@ -296,21 +300,21 @@ struct Legend {
     height: f64,
 }
 
-/// Explains what the panels hold, and nothing else.
+/// Explains everything that a figure can hold, so that what is not there is known not to be; the arrow
+/// alone only where there is one.
 fn legend(panels: &[Panel], width: f64) -> Legend {
-    let segments = || panels.iter().flat_map(|panel| &panel.strips).flat_map(|strip| &strip.segments);
-    let used = Look::ALL.into_iter().filter(|&look| segments().any(|segment| segment.look == look));
-    let mut entries: Vec<(String, String)> = used
+    let mut entries: Vec<(String, String)> = Look::ALL
+        .into_iter()
         .map(|look| {
             let mut bar = format!("<rect class=\"bar bar-{}\" width=\"34\" height=\"14\"/>", class(look));
             word(&mut bar, look, (0.0, 34.0), 0.0, 14.0);
             (bar, long_word(look).to_owned())
         })
         .collect();
-    if segments().any(|segment| segment.own.is_some_and(|own| own > State::Ok)) {
-        let bar = "<rect class=\"bar bar-masked\" width=\"34\" height=\"14\"/><rect class=\"own own-error\" y=\"9\" width=\"34\" height=\"5\"/>";
-        entries.push((bar.into(), "line at the foot: what it reports behind an IGNORE".into()));
-    }
+    let bar = "<rect class=\"bar bar-masked\" width=\"34\" height=\"14\"/><rect class=\"own own-error\" y=\"9\" width=\"34\" height=\"5\"/>";
+    entries.push((bar.into(), "the bar is what it shows, a line at its foot what it reports itself".into()));
+    let mark = "<path class=\"mark\" d=\"M12.5 0H21.5L17 7Z\"/><path class=\"zero\" d=\"M17 7V16\"/>";
+    entries.push((mark.into(), "what is named above it happens here".into()));
     if panels.iter().any(|panel| !panel.moved.is_empty()) {
         let arrow = "<circle class=\"moved-head\" cx=\"17\" cy=\"14\" r=\"3\"/><path class=\"moved\" d=\"M17 14V6\"/><path class=\"moved-head\" d=\"M12.5 6H21.5L17 0Z\"/>";
         entries.push((arrow.into(), "the alarm moves from the symptom to its cause".into()));
@@ -352,6 +356,8 @@ fn ending(text: &str, letters: usize) -> String {
 }
 
 fn escaped(text: &str) -> String {
+    // What would turn the direction of reading around is shown by its number, as on a terminal.
+    let text = plain::escaped(text);
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
         match c {

@@ -14,7 +14,7 @@ use crate::engine::Engine;
 use crate::engine::countermeasure::Kind;
 use crate::engine::event;
 use crate::engine::input::{Input, Response};
-use crate::engine::model::{GroupId, Model, ModuleId, NodeId, Stage};
+use crate::engine::model::{GroupId, Model, NodeId, Stage};
 use crate::engine::snapshot::{Reason, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
@@ -333,7 +333,7 @@ fn transition(snapshot: &Snapshot, node: NodeId) -> Transition {
 
 fn nodes(snapshot: &Snapshot) -> impl Iterator<Item = NodeId> {
     let groups = (0..snapshot.layout.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
-    groups.chain((0..snapshot.layout.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id))))
+    groups.chain(snapshot.module_ids().map(NodeId::Module))
 }
 
 pub(super) fn why_of(reason: Option<&Reason>) -> Why {

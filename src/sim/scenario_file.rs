@@ -145,6 +145,7 @@ impl Bind<'_> {
             Action::Publishers(raw) => {
                 scenario_sample::publishers(raw, self.model, log).into_iter().collect()
             }
+            Action::Listeners(raw) => scenario_sample::listeners(raw, self.model, log).into_iter().collect(),
             Action::Probe(raw) => scenario_sample::probes(raw, self.model, log),
             Action::ClockStep(_) => Vec::new(),
         };

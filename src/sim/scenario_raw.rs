@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use super::scenario::{What, Why, why_word};
 use super::scenario_operator::operator;
-use super::scenario_sample::{RawProbe, RawPublishers, RawSample, Stamp};
+use super::scenario_sample::{RawListeners, RawProbe, RawPublishers, RawSample, Stamp};
 use crate::engine::countermeasure::Kind as Measure;
 use crate::engine::input::OperatorAction;
 use crate::engine::model::Stage;
@@ -161,6 +161,7 @@ pub(super) enum Action {
     Operator(OperatorAction),
     Sample(RawSample),
     Publishers(RawPublishers),
+    Listeners(RawListeners),
     Probe(RawProbe),
     /// By so many nanoseconds.
     ClockStep(i64),
@@ -202,8 +203,17 @@ impl FromNode for RawStep {
 }
 
 fn action(fields: &mut Fields) -> Option<Action> {
-    const KINDS: [&str; 8] =
-        ["status", "others", "signal", "operator", "sample", "publishers", "probe", "clock_step"];
+    const KINDS: [&str; 9] = [
+        "status",
+        "others",
+        "signal",
+        "operator",
+        "sample",
+        "publishers",
+        "listeners",
+        "probe",
+        "clock_step",
+    ];
     let found: Vec<_> = KINDS.into_iter().filter_map(|key| Some((key, fields.node(key)?))).collect();
     let [(key, node)] = found[..] else {
         let problem = Problem::at(fields.span(), format!("a step needs one of {}", KINDS.join(", ")));
@@ -219,6 +229,7 @@ fn action(fields: &mut Fields) -> Option<Action> {
         "operator" => operator(node, log).map(Action::Operator),
         "sample" => RawSample::from_node(node, log).map(Action::Sample),
         "publishers" => RawPublishers::from_node(node, log).map(Action::Publishers),
+        "listeners" => RawListeners::from_node(node, log).map(Action::Listeners),
         "probe" => RawProbe::from_node(node, log).map(Action::Probe),
         _ => f64::from_node(node, log).map(|seconds| Action::ClockStep((seconds * 1e9).round() as i64)),
     }

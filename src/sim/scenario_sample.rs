@@ -2,12 +2,15 @@
 
 use std::sync::Arc;
 
-use crate::engine::input::Input;
+use crate::engine::countermeasure::Kind as Measure;
+use crate::engine::input::{Input, ListenNews, Output};
 use crate::engine::model::Model;
 use crate::engine::monitor::spec::{FieldKind, ProbeTarget, TopicSpec};
-use crate::engine::sample::{FieldValue, Pose, Probe, ProbeOutcome, Sample, TopicNews};
+use crate::engine::sample::{
+    FieldValue, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, Sample, TopicNews,
+};
 use crate::engine::time;
-use crate::yaml::decode::{Entries, did_you_mean};
+use crate::yaml::decode::{Entries, did_you_mean, word};
 use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Spanned, suggest};
 
 /// What the header of a message says.
@@ -73,14 +76,30 @@ impl FromNode for Value {
                     },
                 }))
             }
-            Kind::Sequence(_) => {
-                log.push(
-                    Problem::at(node.span, "a field has one value").help("name the element in the path"),
-                );
-                None
+            Kind::Sequence(items) => {
+                let positions: Option<Vec<Position>> = items.iter().map(|item| position(item, log)).collect();
+                let positions = positions?;
+                let count = u32::try_from(positions.len()).unwrap_or(u32::MAX);
+                let taken = positions.into_iter().take(POSITIONS_MAX).collect();
+                Some(Value(FieldValue::Positions(Arc::new(Positions { taken, count }))))
             }
         }
     }
+}
+
+/// `[1.5, 2]`: metres, x and y.
+fn position(node: &Node, log: &mut Log) -> Option<Position> {
+    if let Kind::Sequence(parts) = &node.kind
+        && let [x, y] = &parts[..]
+    {
+        let (x, y) = (f64::from_node(x, log), f64::from_node(y, log));
+        return Some(Position { x_m: x?, y_m: y? });
+    }
+    let problem = Problem::at(node.span, "a list of a sample holds positions");
+    log.push(
+        problem.help("write two numbers for each: `[[1.5, 2], [3, 4]]`; or name an element in the path"),
+    );
+    None
 }
 
 /// Metres, with an angle about the vertical axis or a whole quaternion.
@@ -121,7 +140,32 @@ impl FromNode for RawPublishers {
     }
 }
 
-/// `{ node: /planner, answered: false }`: how a probe ended.
+/// `{ request: maneuver_stop, count: 0 }`: how many of the vehicle's programs subscribe to a request.
+#[derive(Debug)]
+pub(super) struct RawListeners {
+    request: Spanned<Measure>,
+    count: u64,
+}
+
+impl FromNode for RawListeners {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a step of listeners", log)?;
+        let kinds = [Measure::ManeuverStop, Measure::Decelerate].map(|kind| (kind.as_str(), kind));
+        let request = fields.node("request").and_then(|node| {
+            let value = word(node, fields.log, "request", &kinds)?;
+            Some(Spanned { value, span: node.span })
+        });
+        if fields.key_span("request").is_none() {
+            let problem = Problem::at(fields.span(), "a step of listeners needs `request`");
+            fields.log.push(problem.help("add `request: maneuver_stop`"));
+        }
+        let count: Option<u64> = fields.required("count");
+        fields.finish();
+        Some(RawListeners { request: request?, count: count? })
+    }
+}
+
+/// `{ node: /planner, answered: false }`, `{ icmp: lidar, answered: true, after: 0.02 }`: how a probe ended.
 #[derive(Debug)]
 pub(super) struct RawProbe {
     target: Spanned<ProbeTarget>,
@@ -133,23 +177,37 @@ impl FromNode for RawProbe {
         let mut fields = Fields::of(node, "a probe", log)?;
         let mut text = |key| fields.optional::<Spanned<String>>(key);
         let (icmp, tcp, ros) = (text("icmp"), text("tcp"), text("node"));
+        let (service, qos) = (text("service"), text("qos"));
         let boxed = |it: &Spanned<String>| it.value.as_str().into();
         let targets = [
             icmp.map(|it| (ProbeTarget::Icmp { host: boxed(&it) }, it.span)),
             tcp.map(|it| (ProbeTarget::Tcp { address: boxed(&it) }, it.span)),
             ros.map(|it| (ProbeTarget::Node { name: boxed(&it) }, it.span)),
+            service.map(|it| (ProbeTarget::Service { name: boxed(&it) }, it.span)),
+            qos.map(|it| (ProbeTarget::Qos { topic: boxed(&it) }, it.span)),
         ];
         let mut targets = targets.into_iter().flatten();
         let (target, more) = (targets.next(), targets.next());
         if target.is_none() || more.is_some() {
-            let problem = Problem::at(node.span, "a probe asks one of `icmp`, `tcp`, `node`");
+            let problem =
+                Problem::at(node.span, "a probe asks one of `icmp`, `tcp`, `node`, `service`, `qos`");
             fields.log.push(problem.help("for example `probe: { node: /planner, answered: false }`"));
         }
         let answered: Option<bool> = fields.optional("answered");
+        let after: Option<Spanned<f64>> = fields.optional("after");
+        let discovered = matches!(target, Some((ProbeTarget::Node { .. } | ProbeTarget::Service { .. }, _)));
+        if let Some(after) = after.filter(|_| discovered || answered != Some(true)) {
+            let problem = Problem::at(after.span, "only an answer of `icmp` or `tcp` takes a time");
+            fields.log.push(problem.help("remove `after`, or write `answered: true` beside `icmp` or `tcp`"));
+        }
         let impossible: Option<String> = fields.optional("impossible");
         let outcome = match (answered, impossible) {
             (None, Some(why)) => Some(ProbeOutcome::Impossible(why.into())),
-            (Some(true), None) => Some(ProbeOutcome::Answered { after: time::Span::from_millis(1) }),
+            (Some(true), None) if discovered => Some(ProbeOutcome::Announced),
+            (Some(true), None) => {
+                let seconds = after.map_or(0.001, |after| after.value);
+                Some(ProbeOutcome::Answered { after: time::Span::from_nanos((seconds * 1e9).round() as u64) })
+            }
             (Some(false), None) => Some(ProbeOutcome::Missed("no answer".into())),
             _ => {
                 let problem = Problem::at(node.span, "a probe needs either `answered` or `impossible`");
@@ -177,24 +235,26 @@ pub(super) fn sample(raw: &RawSample, model: &Model, log: &mut Log) -> Option<In
         {
             let fits = match value {
                 FieldValue::Unreadable(_) => true,
-                value => (field.kind == FieldKind::Pose) == matches!(value, FieldValue::Pose(_)),
+                FieldValue::Pose(_) => field.kind == FieldKind::Pose,
+                FieldValue::Positions(_) => field.kind == FieldKind::Positions,
+                _ => field.kind == FieldKind::Scalar,
             };
             if !fits {
-                let pose = field.kind == FieldKind::Pose;
-                let what = if pose { "a pose, not one value" } else { "one value, not a pose" };
+                let (what, example) = match field.kind {
+                    FieldKind::Scalar => ("one value", "1.5"),
+                    FieldKind::Pose => ("a pose", "{ x: 1, y: 2, yaw_deg: 90 }"),
+                    FieldKind::Positions => ("a list of positions", "[[1.5, 2], [3, 4]]"),
+                };
                 let problem = Problem::at(*span, format!("`{}` is read as {what}", key.text));
-                log.push(problem.help("for example `{ x: 1, y: 2, yaw_deg: 90 }` or `1.5`"));
+                log.push(problem.help(format!("for example `{example}`")));
             }
             found = true;
             *place = value.clone();
         }
         if !found {
             let known = source.fields.iter().map(|field| &*field.path);
-            let text = format!("no monitor reads `{}` of {}", key.text, source.topic);
-            let help = suggest(&key.text, known.clone()).map_or_else(
-                || format!("these are read: {}", known.collect::<Vec<_>>().join(", ")),
-                did_you_mean,
-            );
+            let text = format!("nothing reads `{}` of {}", key.text, source.topic);
+            let help = suggest(&key.text, known.clone()).map_or_else(|| are_read(source), did_you_mean);
             log.push(Problem::at(key.span, text).help(help));
         }
     }
@@ -204,6 +264,14 @@ pub(super) fn sample(raw: &RawSample, model: &Model, log: &mut Log) -> Option<In
     }
     let source = source.clone();
     Some(Input::Sample(Sample { source, stamp_ns: None, received_wall_ns: 0, late: false, values }))
+}
+
+fn are_read(source: &TopicSpec) -> String {
+    let known: Vec<&str> = source.fields.iter().map(|field| &*field.path).collect();
+    match known[..] {
+        [] => "its messages are only counted or timed: remove it from `fields`".to_owned(),
+        _ => format!("these are read: {}", known.join(", ")),
+    }
 }
 
 pub(super) fn publishers(raw: &RawPublishers, model: &Model, log: &mut Log) -> Option<Input> {
@@ -219,29 +287,38 @@ pub(super) fn probes(raw: &RawProbe, model: &Model, log: &mut Log) -> Vec<Input>
         .map(|source| Input::Probe(Probe { source: source.clone(), outcome: raw.outcome.clone() }))
         .collect();
     if inputs.is_empty() {
-        let known = model.watched.watchdogs.iter().map(|watchdog| asked(&watchdog.target));
-        let (text, name) = ("the configuration has no such watchdog", asked(&raw.target.value));
+        let known = model.watched.watchdogs.iter().map(|watchdog| watchdog.target.name());
+        let (text, name) = ("the configuration has no such watchdog", raw.target.value.name());
         let help = suggest(name, known).map_or("add a monitor of the kind `watchdog`".into(), did_you_mean);
         log.push(Problem::at(raw.target.span, text).help(help));
     }
     inputs
 }
 
-fn asked(target: &ProbeTarget) -> &str {
-    match target {
-        ProbeTarget::Icmp { host } => host,
-        ProbeTarget::Tcp { address } => address,
-        ProbeTarget::Node { name } => name,
-    }
-}
-
 fn topic<'m>(name: &Spanned<String>, model: &'m Model, log: &mut Log) -> Option<&'m Arc<TopicSpec>> {
     let found = model.watched.topics.iter().find(|topic| *topic.topic == *name.value);
     if found.is_none() {
         let known = model.watched.topics.iter().map(|topic| &*topic.topic);
-        let problem = Problem::at(name.span, format!("no monitor watches the topic `{}`", name.value));
-        let help = suggest(&name.value, known).map_or("add a monitor that does".into(), did_you_mean);
+        let problem = Problem::at(name.span, format!("nothing watches the topic `{}`", name.value));
+        let help = suggest(&name.value, known)
+            .map_or("add a monitor that does, or a signal with `when`".into(), did_you_mean);
         log.push(problem.help(help));
     }
     found
+}
+
+/// Nobody can listen to what is not published.
+pub(super) fn listeners(raw: &RawListeners, model: &Model, log: &mut Log) -> Option<Input> {
+    let Spanned { value: kind, span } = raw.request;
+    let output = kind.output()?;
+    if model.driving.unpublished.contains(&output) {
+        let problem = Problem::at(span, format!("the configuration does not publish `{}`", kind.as_str()));
+        log.push(problem.help("remove the step, or the line of `publish` that switches it off"));
+        return None;
+    }
+    let topic = match output {
+        Output::ManeuverStop => "/telltale/maneuver_stop_request",
+        _ => "/telltale/deceleration_request",
+    };
+    Some(Input::Listened(ListenNews { output, topic: topic.into(), heard: raw.count > 0 }))
 }

@@ -1,9 +1,9 @@
 //! What a run shows over time, as strips of segments: what a figure draws.
 
-use super::scenario::{Figure, Moved, Outcome, Transition, Why};
+use super::scenario::{Figure, Outcome, Transition, Why};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
-use crate::picture::strips::{Look, Segment, Strip, merged, owe};
+use crate::picture::strips::{Look, Segment, Strip, look, merged, owe};
 
 /// One scenario in a figure.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,7 +32,7 @@ pub fn panel(title: &str, figure: &Figure, outcome: &Outcome) -> Panel {
     let signals = figure.signals.iter().map(|name| signal_strip(name, figure, outcome));
     let strips: Vec<Strip> = nodes.chain(signals).collect();
     let moved = outcome.moved.iter().filter(|moved| (figure.from..=figure.to).contains(&moved.at));
-    let moved = moved.filter_map(|moved| arrow(moved, &strips)).collect();
+    let moved = moved.filter_map(|it| arrow(it.at, &it.symptom, &it.cause, &strips)).collect();
     Panel {
         title: title.to_owned(),
         from: figure.from,
@@ -52,9 +52,10 @@ fn node_strip(name: &str, figure: &Figure, outcome: &Outcome) -> Strip {
         segments.push(Segment {
             from: change.at,
             to: next.map_or(figure.to, |next| next.at),
-            look: look(change),
+            look: look(change.state, change.why == Why::Masked),
             own: (change.state == State::Ignore).then_some(change.own),
             cause: change.causes.first().cloned(),
+            said: None,
         });
     }
     segments.retain(|segment| segment.from < segment.to);
@@ -66,17 +67,6 @@ fn node_strip(name: &str, figure: &Figure, outcome: &Outcome) -> Strip {
         label: around.map_or(name, |(_, last)| last).to_owned(),
         inner: around.is_some(),
         segments: cut(merged(segments), figure),
-    }
-}
-
-fn look(change: &Transition) -> Look {
-    match (change.state, change.why) {
-        (State::Ignore, Why::Masked) => Look::Masked,
-        (State::Ignore, _) => Look::NotRelevant,
-        (State::Ok, _) => Look::Ok,
-        (State::Warning, _) => Look::Warning,
-        (State::Unknown, _) => Look::Unknown,
-        (State::Error, _) => Look::Error,
     }
 }
 
@@ -94,6 +84,7 @@ fn signal_strip(name: &str, figure: &Figure, outcome: &Outcome) -> Strip {
             },
             own: None,
             cause: None,
+            said: None,
         }
     };
     let segments = changes.iter().enumerate().map(segment).filter(|segment| segment.from < segment.to);
@@ -115,7 +106,7 @@ fn cut(segments: Vec<Segment>, figure: &Figure) -> Vec<Segment> {
 }
 
 /// From the strip of the symptom, or of the innermost group around it that is shown, to the cause's.
-fn arrow(moved: &Moved, strips: &[Strip]) -> Option<Arrow> {
+pub fn arrow(at: Timestamp, symptom: &str, cause: &str, strips: &[Strip]) -> Option<Arrow> {
     let nearest = |name: &str| {
         let contains = |strip: &Strip| {
             name.strip_prefix(&strip.name).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
@@ -123,6 +114,6 @@ fn arrow(moved: &Moved, strips: &[Strip]) -> Option<Arrow> {
         let found = strips.iter().enumerate().filter(|(_, strip)| contains(strip));
         found.max_by_key(|(_, strip)| strip.name.len()).map(|(index, _)| index)
     };
-    let (symptom, cause) = (nearest(&moved.symptom)?, nearest(&moved.cause)?);
-    (symptom != cause).then_some(Arrow { at: moved.at, symptom, cause })
+    let (symptom, cause) = (nearest(symptom)?, nearest(cause)?);
+    (symptom != cause).then_some(Arrow { at, symptom, cause })
 }

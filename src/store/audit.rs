@@ -8,7 +8,7 @@
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, Transaction, TransactionBehavior, params};
+use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehavior, params};
 
 use super::chain::{self, Hash, Verifier};
 pub use super::head::HEAD_FILE_NAME;
@@ -228,11 +228,7 @@ impl Store {
 /// # Errors
 /// If there is no database, or it cannot be read.
 pub fn verify_audit_in(folder: &Path, heads: &[Head]) -> Result<(Verdict, bool), StoreError> {
-    let path = super::schema::existing(folder)?;
-    let open_error = |reason| StoreError::Open { path: path.clone(), reason };
-    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-    let connection = Connection::open_with_flags(&path, flags).map_err(open_error)?;
-    connection.busy_timeout(super::schema::LOCK_WAIT).map_err(open_error)?;
+    let (connection, _, _) = super::schema::read_only(folder)?;
     let mut known = heads.to_vec();
     // The head is never ahead of the database, so it is read first.
     let noted = read_head(&folder.join(HEAD_FILE_NAME))?;
@@ -352,7 +348,15 @@ impl Database {
         if let Some(last) = head {
             head = prune(&transaction, last, RECORDS_MAX, wall)?.or(head);
         }
+        if let Err(fault) = self.health.check_files() {
+            transaction.rollback()?;
+            // Saves what was acknowledged before it is told that nothing more will be.
+            self.check_files()?;
+            return Err(fault);
+        }
         transaction.commit()?;
+        // A log that was emptied under the server shows once it is written.
+        self.check_files()?;
         if let Some(head) = head {
             self.log.written(head);
         }

@@ -1,20 +1,17 @@
 //! Whether what is acknowledged can still be kept: the disk, the file, and a write every few seconds.
 
-use std::io::Read as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use rusqlite::{Connection, ErrorCode};
 use tokio::sync::watch;
 
 use super::audit::Log;
-use super::{Database, FILE_NAME, Store, StoreError, schema};
+use super::place::Place;
+use super::{Database, Store, StoreError, schema};
 use crate::engine::time::{Span, Timestamp};
 
 const PROBE_EVERY: Span = Span::from_secs(5);
-
-/// With less room than this in the data folder nothing is promised any more.
-const FREE_BYTES_MIN: u64 = 1 << 20;
 
 /// What is wrong with the storage, for a developer; `None` while it works.
 pub type Fault = Option<Arc<str>>;
@@ -35,19 +32,14 @@ pub(super) struct Health {
     probed: Option<Timestamp>,
     /// The database is open for reading alone.
     is_reading: bool,
-}
-
-#[derive(Debug)]
-struct Place {
-    folder: PathBuf,
-    file: Option<Identity>,
+    /// A job found the database damaged, and it was not looked through since.
+    is_suspect: bool,
 }
 
 impl Health {
     pub(super) fn new(folder: Option<&Path>) -> Health {
-        let place =
-            folder.map(|folder| Place { folder: folder.to_owned(), file: identity(&folder.join(FILE_NAME)) });
-        Health { place, fault: watch::channel(None).0, probed: None, is_reading: false }
+        let (place, fault) = (folder.map(Place::new), watch::channel(None).0);
+        Health { place, fault, probed: None, is_reading: false, is_suspect: false }
     }
 
     /// The database could be opened for reading alone.
@@ -56,13 +48,26 @@ impl Health {
         self.say(Some(why));
     }
 
+    pub(super) fn is_reading(&self) -> bool {
+        self.is_reading
+    }
+
+    /// Whether the files are those that were opened: what is written into others, nobody finds again.
+    pub(super) fn check_files(&self) -> Result<(), StoreError> {
+        let checked = self.place.as_ref().map_or(Ok(()), |place| place.check_files(self.is_reading));
+        checked.map_err(StoreError::Files)
+    }
+
     pub(super) fn watch(&self) -> watch::Receiver<Fault> {
         self.fault.subscribe()
     }
 
     /// Judges what a job came to: an error of the disk is told at once, not at the next probe. Of a
     /// database that is open for reading alone it is known why.
-    pub(super) fn judge(&self, error: &StoreError) {
+    pub(super) fn judge(&mut self, error: &StoreError) {
+        if let StoreError::Files(fault) = error {
+            self.say(Some(fault));
+        }
         if let StoreError::Database(rusqlite::Error::SqliteFailure(failure, _)) = error
             && !self.is_reading
             && matches!(
@@ -75,6 +80,8 @@ impl Health {
                     | ErrorCode::CannotOpen
             )
         {
+            let is_damage = matches!(failure.code, ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase);
+            self.is_suspect |= is_damage;
             self.say(Some(&error.to_string()));
         }
     }
@@ -123,8 +130,7 @@ impl Database {
     /// Opens for writing what could only be read so far.
     fn open_again(&mut self) -> Result<(), String> {
         let place = self.health.place.as_ref().filter(|_| self.health.is_reading);
-        let Some(Place { folder, .. }) = place else { return Ok(()) };
-        let folder = folder.clone();
+        let Some(folder) = place.map(|place| place.folder().to_owned()) else { return Ok(()) };
         // Connections of one process share the log's index, and with it that nothing may be written.
         let nothing = Connection::open_in_memory().map_err(|error| error.to_string())?;
         drop(std::mem::replace(&mut self.connection, nothing));
@@ -139,86 +145,183 @@ impl Database {
                 return Err(error.to_string());
             }
         }
+        self.health.place = Some(Place::new(&folder));
         self.health.is_reading = false;
-        self.reload_sessions().map_err(|error| error.to_string())
+        // Also to note what was changed meanwhile.
+        self.data_version = 0;
+        self.notice_foreign_changes().map_err(|error| error.to_string())
     }
 
     fn check(&mut self) -> Result<(), String> {
+        self.check_files().map_err(|fault| fault.to_string())?;
         if let Some(place) = &self.health.place {
-            place.check()?;
+            place.check_room()?;
         }
         self.open_again()?;
         if let Some(fault) = self.log.fault() {
             return Err(fault.to_owned());
         }
-        let beat = self.connection.execute("UPDATE beat SET count = count + 1", []);
-        beat.map(drop).map_err(|error| format!("the database failed: {error}"))
+        let failed = |error| format!("the database failed: {error}");
+        self.connection.execute("UPDATE beat SET count = count + 1", []).map_err(failed)?;
+        // A log that was emptied under it shows now, by its start.
+        self.check_files().map_err(|fault| fault.to_string())?;
+        self.check_size()?;
+        self.look_through()
     }
-}
 
-impl Place {
-    fn check(&self) -> Result<(), String> {
-        let folder = self.folder.display();
-        let path = self.folder.join(FILE_NAME);
-        let is_same = self.file.is_none() || identity(&path) == self.file;
-        if !is_same {
-            return Err(format!(
-                "the database {} was removed or replaced while it was in use",
-                path.display()
-            ));
+    /// Checks that the files are those that were opened. If not, what was acknowledged is saved as far
+    /// as that is possible.
+    pub(super) fn check_files(&mut self) -> Result<(), StoreError> {
+        let Err(fault) = self.health.check_files() else { return Ok(()) };
+        // What was acknowledged so far lies in a log that has no name any more. The database has one:
+        // it takes all of that in, unless somebody else works with it by another log.
+        if !self.health.is_reading && self.health.place.as_ref().is_some_and(Place::can_be_saved) {
+            let saved = self.connection.query_row("PRAGMA wal_checkpoint(PASSIVE)", [], |_| Ok(()));
+            if let Err(error) = saved {
+                tracing::error!(%error, "what was in the log of the database cannot be saved");
+            }
         }
-        let mut start = [0; 16];
-        let read = std::fs::File::open(&path).and_then(|mut file| file.read_exact(&mut start));
-        read.map_err(|error| format!("the database {} cannot be read: {error}", path.display()))?;
-        if &start != b"SQLite format 3\0" {
-            return Err(format!("the database {} was overwritten", path.display()));
-        }
-        let system = rustix::fs::statvfs(&self.folder).map_err(|error| format!("{folder}: {error}"))?;
-        if system.f_flag.contains(rustix::fs::StatVfsMountFlags::RDONLY) {
-            return Err(format!("the data folder {folder} is read-only"));
-        }
-        let free = system.f_bavail.saturating_mul(system.f_frsize);
-        if free < FREE_BYTES_MIN {
-            return Err(format!(
-                "the disk of the data folder {folder} is full: {} KiB are free",
-                free / 1024
-            ));
-        }
-        Ok(())
+        Err(fault)
     }
-}
 
-/// The file behind a path.
-type Identity = (u64, u64);
+    fn check_size(&mut self) -> Result<(), String> {
+        let Some(place) = &mut self.health.place else { return Ok(()) };
+        let number = |name| self.connection.pragma_query_value(None, name, |row| row.get::<_, i64>(0));
+        let (pages, size) = number("page_count")
+            .and_then(|pages| Ok((pages, number("page_size")?)))
+            .map_err(|error| format!("the database failed: {error}"))?;
+        place.check_size(pages.unsigned_abs().saturating_mul(size.unsigned_abs()))
+    }
 
-fn identity(path: &Path) -> Option<Identity> {
-    use std::os::unix::fs::MetadataExt as _;
-    let file = std::fs::metadata(path).ok()?;
-    Some((file.dev(), file.ino()))
+    /// Goes through a database that was found damaged: one write that works does not mend it.
+    fn look_through(&mut self) -> Result<(), String> {
+        if !self.health.is_suspect {
+            return Ok(());
+        }
+        let found = self.connection.query_row("PRAGMA quick_check(1)", [], |row| row.get::<_, String>(0));
+        match found.map_err(|error| error.to_string()) {
+            Ok(found) if found == "ok" => {
+                self.health.is_suspect = false;
+                Ok(())
+            }
+            Ok(found) | Err(found) => Err(format!("the database is damaged: {found}")),
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use std::path::PathBuf;
 
-    #[test]
-    fn a_file_that_is_gone_or_another_one_or_overwritten_is_told() {
-        let folder = std::env::temp_dir().join(format!("telltale-health-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
-        let path = folder.join(FILE_NAME);
-        let good = [b"SQLite format 3\0".as_slice(), &[0; 100]].concat();
-        std::fs::write(&path, &good).unwrap();
-        let health = Health::new(Some(&folder));
-        let check = || health.place.as_ref().map(Place::check).unwrap();
-        assert_eq!(check(), Ok(()));
-        std::fs::write(&path, [b'x'; 100]).unwrap();
-        assert!(check().unwrap_err().contains("was overwritten"));
-        std::fs::write(&path, b"SQL").unwrap();
-        assert!(check().unwrap_err().contains("cannot be read"));
-        std::fs::rename(&path, folder.join("kept")).unwrap();
-        assert!(check().unwrap_err().contains("was removed or replaced"));
-        std::fs::write(&path, &good).unwrap();
-        assert!(check().unwrap_err().contains("was removed or replaced"));
-        std::fs::remove_dir_all(&folder).unwrap();
+    use super::*;
+    use crate::clock::Clock;
+    use crate::store::{DemoSecrets, FILE_NAME, Role};
+
+    struct Folder(PathBuf);
+
+    impl Folder {
+        fn new(name: &str) -> Folder {
+            let folder = std::env::temp_dir().join(format!("telltale-health-{name}-{}", std::process::id()));
+            let _ = std::fs::remove_dir_all(&folder);
+            Folder(folder)
+        }
+    }
+
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
+    }
+
+    async fn probe(store: &Store) -> Option<String> {
+        let probe = |database: &mut Database| {
+            database.health.doubt();
+            database.probe_if_due();
+            Ok(())
+        };
+        store.call(probe).await.unwrap();
+        store.fault.borrow().as_deref().map(str::to_owned)
+    }
+
+    /// The locks of this process on a file.
+    fn locks(path: &Path) -> usize {
+        use std::os::unix::fs::MetadataExt as _;
+        let owner = format!(" {} ", std::process::id());
+        let inode = format!(":{} ", std::fs::metadata(path).unwrap().ino());
+        let table = std::fs::read_to_string("/proc/locks").unwrap();
+        table.lines().filter(|line| line.contains(&owner) && line.contains(&inode)).count()
+    }
+
+    #[tokio::test]
+    async fn no_probe_and_no_second_start_gives_up_the_lock_of_the_database() {
+        let folder = Folder::new("lock");
+        let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+        let path = folder.0.join(FILE_NAME);
+        for _ in 0..3 {
+            assert_eq!(probe(&store).await, None);
+            assert!(locks(&path) > 0, "another program may delete the log now");
+        }
+        schema::make_private_file(&path).unwrap();
+        let other = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+        assert_eq!(probe(&other).await, None);
+        other.close().await;
+        assert!(locks(&path) > 0, "the first is still open");
+        store.close().await;
+        assert_eq!(locks(&path), 0);
+        assert!(!folder.0.join(format!("{FILE_NAME}-wal")).exists(), "closed, it is one file");
+    }
+
+    #[tokio::test]
+    async fn what_is_written_into_files_without_a_name_is_not_acknowledged() {
+        for suffix in ["-wal", "-shm"] {
+            let folder = Folder::new(&format!("nameless{suffix}"));
+            let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+            store.add_user("anna", Role::Operator, "135791").await.unwrap();
+            std::fs::remove_file(folder.0.join(format!("{FILE_NAME}{suffix}"))).unwrap();
+            let refused = store.add_user("bert", Role::Operator, "135791").await;
+            assert!(matches!(refused, Err(StoreError::Files(_))), "{refused:?}");
+            let said = store.fault.borrow().clone().expect("at once, not at the next probe");
+            assert!(said.contains("removed or replaced") && said.contains("restart"), "{said}");
+            // Somebody takes the database alone, as a restart after a loss of power does.
+            let copy = Folder::new(&format!("copy{suffix}"));
+            schema::make_folder(&copy.0).unwrap();
+            let taken = std::process::Command::new("cp")
+                .args([folder.0.join(FILE_NAME), copy.0.join(FILE_NAME)])
+                .status();
+            assert!(taken.unwrap().success());
+            let copied = Store::open(&copy.0, Clock::start(), DemoSecrets::Refused).unwrap();
+            let names: Vec<_> = copied.users().await.unwrap().into_iter().map(|user| user.name).collect();
+            assert_eq!(names, ["anna"], "what was acknowledged is in the database itself, before it is said");
+            assert_eq!(probe(&store).await.as_deref(), Some(&*said));
+        }
+    }
+
+    #[tokio::test]
+    async fn a_damaged_database_is_a_fault_until_it_is_whole() {
+        let folder = Folder::new("damaged");
+        let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+        let damage = || {
+            let code = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_CORRUPT);
+            Err::<(), _>(StoreError::Database(rusqlite::Error::SqliteFailure(code, None)))
+        };
+        store.call(move |_| damage()).await.unwrap_err();
+        assert!(store.fault.borrow().is_some());
+        assert_eq!(probe(&store).await, None, "it was looked through and is whole");
+        store
+            .call(|database| {
+                // An index that lost its entries: every write works, and what is read is wrong.
+                let spoil = "PRAGMA writable_schema = ON;
+                    UPDATE sqlite_schema SET rootpage = (SELECT rootpage FROM sqlite_schema WHERE name = 'beat')
+                        WHERE name = 'tokens_by_user';
+                    PRAGMA writable_schema = RESET;";
+                Ok(database.connection.execute_batch(spoil)?)
+            })
+            .await
+            .unwrap();
+        store.call(move |_| damage()).await.unwrap_err();
+        for _ in 0..3 {
+            let said = probe(&store).await.expect("one write that works does not mend it");
+            assert!(said.contains("damaged"), "{said}");
+        }
     }
 }

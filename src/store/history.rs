@@ -13,9 +13,10 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use rusqlite::Connection;
+use rusqlite::{Connection, OpenFlags};
 
-pub use read::{Happened, Held, HistoryQuery, NodePast, Past, Stretch};
+pub use crate::engine::record::Stretch;
+pub use read::{Happened, Held, HistoryQuery, NodePast, Past};
 
 use super::StoreError;
 use super::schema::make_private_file;
@@ -24,7 +25,8 @@ use crate::engine::record::Record;
 
 /// The file beside the users': it may grow large, and may be removed.
 pub const HISTORY_FILE: &str = "history.db";
-/// Records that are kept, each about 80 bytes on the disk.
+/// Records that are kept, each about 80 bytes on the disk, and what a
+/// module said, which is cut at 200.
 pub const ROWS_MAX: usize = 1_000_000;
 /// Batches that wait for the disk. A full queue refuses the next one: see `runtime`.
 const QUEUE: usize = 64;
@@ -41,7 +43,9 @@ const SCHEMA: &str = "
         state INTEGER,
         own INTEGER,
         other INTEGER,
-        number INTEGER
+        number INTEGER,
+        said TEXT,
+        silent_ms INTEGER
     ) STRICT;
     CREATE INDEX IF NOT EXISTS records_by_node ON records (node, at_ms) WHERE kind = 1;
     CREATE INDEX IF NOT EXISTS records_by_time ON records (at_ms) WHERE kind <> 1;
@@ -53,6 +57,18 @@ const SCHEMA: &str = "
 pub struct History {
     connection: Arc<Mutex<Connection>>,
     clock: Clock,
+}
+
+/// What a history holds that nobody here writes: for a command beside a running `serve`.
+///
+/// # Errors
+/// If there is none in `folder`, or it cannot be read.
+pub fn past_in(folder: &Path, query: &HistoryQuery) -> Result<Past, StoreError> {
+    let path = folder.join(HISTORY_FILE);
+    let connection = Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY)
+        .map_err(|reason| StoreError::Open { path, reason })?;
+    connection.busy_timeout(Duration::from_secs(2))?;
+    Ok(read::past(&connection, query)?)
 }
 
 impl History {
@@ -87,7 +103,7 @@ impl History {
         // The last moments before a loss of power may be missing; the file stays whole.
         connection.pragma_update(None, "synchronous", "NORMAL")?;
         connection.pragma_update(None, "trusted_schema", false)?;
-        connection.execute_batch(SCHEMA)?;
+        prepare(&connection)?;
         let writer = write::Writer::new(&connection, rows_max)?;
         let history = History { connection: Arc::new(Mutex::new(connection)), clock };
         let (queue, records) = sync_channel(QUEUE);
@@ -138,6 +154,20 @@ impl History {
             failing = written.is_err();
         }
     }
+}
+
+/// Makes the tables, or adds to those of an earlier version what they lack.
+fn prepare(connection: &Connection) -> rusqlite::Result<()> {
+    connection.execute_batch(SCHEMA)?;
+    if !read::has_words(connection)? {
+        connection.execute_batch(
+            "BEGIN;
+            ALTER TABLE records ADD COLUMN said TEXT;
+            ALTER TABLE records ADD COLUMN silent_ms INTEGER;
+            COMMIT;",
+        )?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -12,10 +12,12 @@ mod health;
 mod history;
 mod leave;
 mod open;
+mod place;
 mod queue;
 mod role;
 mod schema;
 mod secret;
+mod seen;
 mod sessions;
 mod stall;
 mod tokens;
@@ -28,11 +30,11 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::time::Duration;
 
 use rusqlite::Connection;
-use tokio::sync::watch;
+use tokio::sync::{oneshot, watch};
 
 pub use chain::{Breach, Hash, Head, Verdict};
 pub use health::Fault;
-pub use history::{HISTORY_FILE, Happened, Held, History, HistoryQuery, NodePast, Past, Stretch};
+pub use history::{HISTORY_FILE, Happened, Held, History, HistoryQuery, NodePast, Past, Stretch, past_in};
 pub use leave::{Entering, Written};
 pub use role::Role;
 pub use schema::{FILE_NAME, make_folder};
@@ -75,6 +77,8 @@ pub enum StoreError {
     NoDatabase { path: PathBuf },
     #[error("the database failed: {0}")]
     Database(#[from] rusqlite::Error),
+    #[error("{0}")]
+    Files(String),
     #[error("the store is busy; try again")]
     Busy,
     #[error("the disk did not answer in time")]
@@ -110,7 +114,7 @@ pub enum StoreError {
 impl StoreError {
     /// Whether it is the disk or the database, and not how it was asked.
     pub const fn is_of_storage(&self) -> bool {
-        matches!(self, StoreError::Database(_))
+        matches!(self, StoreError::Database(_) | StoreError::Files(_))
     }
 
     /// Whether it is that the disk takes nothing, or what lies beside the database cannot be read.
@@ -150,6 +154,10 @@ struct Database {
     remembered_seq: u64,
     /// SQLite's count of changes by others, as last seen.
     data_version: i64,
+    /// It is the server's, which notes what it has taken in.
+    serves: bool,
+    /// Somebody wants it closed, and waits for that.
+    closing: Option<oneshot::Sender<()>>,
 }
 
 impl Store {
@@ -158,16 +166,18 @@ impl Store {
     /// # Errors
     /// If the folder or the file cannot be written, or a newer telltale made it.
     pub fn open(folder: &Path, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        Store::start(schema::open(folder)?, Some(folder), clock, demo)
+        Store::start(schema::open(folder)?, Some(folder), clock, demo, false)
     }
 
-    /// As [`Store::open`]; a database that can be read and not written is opened too. It is written
-    /// as soon as that is possible; until then [`Store::fault`] says why not.
+    /// Opens it for the server, which notes what changes of users it has taken in. A database that can
+    /// be read and not written is opened too. It is written as soon as that is possible; until then
+    /// [`Store::fault`] says why not.
     ///
     /// # Errors
     /// If there is no database and none can be made, it cannot be read, or a newer telltale made it.
     pub fn open_or_read(folder: &Path, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        let error = match Store::open(folder, clock, demo) {
+        let open = || Store::start(schema::open(folder)?, Some(folder), clock, demo, true);
+        let error = match open() {
             Err(error) if error.is_of_disk() => error,
             opened => return opened,
         };
@@ -179,7 +189,7 @@ impl Store {
         let log = Log::read(&connection, folder)?;
         let mut health = Health::new(Some(folder));
         health.cannot_write(why);
-        Store::run(connection, log, health, Some(folder), clock, demo)
+        Store::run(connection, log, health, Some(folder), clock, demo, true)
     }
 
     /// Opens `telltale.db` in `folder`, if there is one.
@@ -196,7 +206,7 @@ impl Store {
     /// # Errors
     /// If SQLite fails.
     pub fn in_memory(clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        Store::start(schema::open_in_memory()?, None, clock, demo)
+        Store::start(schema::open_in_memory()?, None, clock, demo, false)
     }
 
     fn start(
@@ -204,9 +214,10 @@ impl Store {
         folder: Option<&Path>,
         clock: Clock,
         demo: DemoSecrets,
+        serves: bool,
     ) -> Result<Store, StoreError> {
         let log = Log::open(&mut connection, folder, clock.wall())?;
-        Store::run(connection, log, Health::new(folder), folder, clock, demo)
+        Store::run(connection, log, Health::new(folder), folder, clock, demo, serves)
     }
 
     fn run(
@@ -216,6 +227,7 @@ impl Store {
         folder: Option<&Path>,
         clock: Clock,
         demo: DemoSecrets,
+        serves: bool,
     ) -> Result<Store, StoreError> {
         let sessions = Arc::new(Sessions::default());
         let fault = health.watch();
@@ -230,8 +242,14 @@ impl Store {
             pace,
             remembered_seq: 0,
             data_version: 0,
+            serves,
+            closing: None,
         };
-        database.notice_foreign_changes()?;
+        database.reload_sessions()?;
+        // What it has taken in is noted now, or when the disk takes it.
+        if let Err(error) = database.notice_foreign_changes() {
+            database.health.judge(&error);
+        }
         let (queue, jobs) = Queue::new();
         std::thread::Builder::new()
             .name("store".to_owned())
@@ -259,18 +277,21 @@ impl Store {
         self.call_from(Lane::Elsewhere, asked).await.is_ok()
     }
 
-    /// Waits until everything is written that was asked for or is owed, the head of the audit log too.
+    /// Waits until everything is written that was asked for or is owed, the head of the audit log too,
+    /// and the database is closed: it is one file then, unless another process uses it.
     pub async fn close(self) {
         if let Err(error) = self.write_owed().await {
             tracing::error!(%error, "the end of some sessions is not recorded");
         }
+        let (closing, closed) = oneshot::channel();
+        let ask = |database: &mut Database| {
+            database.closing = Some(closing);
+            Ok(())
+        };
         // A store that has ended has written what it could.
-        let _ = self
-            .call(|database| {
-                database.log.note();
-                Ok(())
-            })
-            .await;
+        if self.call(ask).await.is_ok() {
+            let _ = closed.await;
+        }
     }
 }
 
@@ -290,17 +311,30 @@ impl Database {
             match job {
                 Ok(job) => job(&mut self),
                 Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => {
-                    self.log.note();
-                    self.log.say();
-                    return;
-                }
+                Err(RecvTimeoutError::Disconnected) => return self.end(),
+            }
+            if let Some(closing) = self.closing.take() {
+                self.end();
+                // Nobody may wait for it any more.
+                let _ = closing.send(());
+                return;
             }
             self.step();
             self.probe_if_due();
             if let Err(error) = self.notice_foreign_changes() {
                 tracing::warn!(%error, "the database cannot be read; sessions stay as they are");
+                self.health.judge(&error);
             }
+        }
+    }
+
+    fn end(mut self) {
+        self.log.note();
+        self.log.say();
+        // SQLite deletes the log by its name. If that is the log of another database by now, this one
+        // is left as it is.
+        if self.check_files().is_err() {
+            std::mem::forget(self.connection);
         }
     }
 
@@ -314,15 +348,5 @@ impl Database {
         if self.pace.rest() {
             self.health.doubt();
         }
-    }
-
-    /// Reads the sessions again if another process changed the database.
-    fn notice_foreign_changes(&mut self) -> Result<(), StoreError> {
-        let version = self.connection.pragma_query_value(None, "data_version", |row| row.get(0))?;
-        if version != self.data_version {
-            self.reload_sessions()?;
-            self.data_version = version;
-        }
-        Ok(())
     }
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use rusqlite::{Connection, OpenFlags, TransactionBehavior};
+use rusqlite::{Connection, OpenFlags, TransactionBehavior, ffi};
 
 use super::StoreError;
 
@@ -91,7 +91,18 @@ const MIGRATIONS: &[&str] = &[
     INSERT INTO beat VALUES (1, 0);
 ",
     "ALTER TABLE sessions ADD COLUMN used_ms INTEGER NOT NULL DEFAULT 0;",
+    "
+    CREATE TABLE user_changes (
+        one INTEGER PRIMARY KEY CHECK (one = 1),
+        made INTEGER NOT NULL,
+        taken_in INTEGER NOT NULL
+    ) STRICT;
+    INSERT INTO user_changes VALUES (1, 0, 0);
+",
 ];
+
+/// From this schema on everything is there that a server needs which may not write.
+const READABLE_SINCE: u32 = 3;
 
 pub(super) fn open(folder: &Path) -> Result<Connection, StoreError> {
     let folder_error = |reason| StoreError::Folder { path: folder.to_owned(), reason };
@@ -100,6 +111,10 @@ pub(super) fn open(folder: &Path) -> Result<Connection, StoreError> {
     make_private_file(&path).map_err(folder_error)?;
     let open_error = |reason| StoreError::Open { path: path.clone(), reason };
     let mut connection = Connection::open(&path).map_err(open_error)?;
+    // SQLite opens what it may not write for reading alone, and says so at the first write.
+    if connection.is_readonly(rusqlite::MAIN_DB).map_err(open_error)? {
+        return Err(open_error(rusqlite::Error::SqliteFailure(ffi::Error::new(ffi::SQLITE_READONLY), None)));
+    }
     configure(&connection).map_err(open_error)?;
     migrate(&mut connection, &path)?;
     Ok(connection)
@@ -118,8 +133,17 @@ pub(super) fn existing(folder: &Path) -> Result<PathBuf, StoreError> {
 /// Opens a database of today's schema that may be read and not written: on a disk that is full or
 /// read-only.
 pub(super) fn open_reading(folder: &Path) -> Result<Connection, StoreError> {
+    let (connection, path, found) = read_only(folder)?;
+    let known = MIGRATIONS.len() as u32;
+    if !(READABLE_SINCE..=known).contains(&found) {
+        return Err(StoreError::Newer { path, found, known });
+    }
+    Ok(connection)
+}
+
+/// Opens a database of any schema to read it. Also tells its path and its schema.
+pub(super) fn read_only(folder: &Path) -> Result<(Connection, PathBuf, u32), StoreError> {
     let path = existing(folder)?;
-    let open_error = |reason| StoreError::Open { path: path.clone(), reason };
     let open = |parameter: &str| {
         let flags =
             OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;
@@ -133,12 +157,10 @@ pub(super) fn open_reading(folder: &Path) -> Result<Connection, StoreError> {
     let is_whole = log.map_or(true, |log| log.len() == 0);
     // Without a log beside it the file is all there is, and needs none of the files that a log needs.
     let opened = open("mode=ro").or_else(|error| if is_whole { open("immutable=1") } else { Err(error) });
-    let (connection, found) = opened.map_err(open_error)?;
-    let known = MIGRATIONS.len() as u32;
-    if found != known {
-        return Err(StoreError::Newer { path, found, known });
+    match opened {
+        Ok((connection, found)) => Ok((connection, path, found)),
+        Err(reason) => Err(StoreError::Open { path, reason }),
     }
-    Ok(connection)
 }
 
 /// A path as SQLite reads it with a parameter behind it.
@@ -207,13 +229,17 @@ pub fn make_folder(folder: &Path) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)
 }
 
-/// The file holds hashes of secrets: nobody else may read it, whatever the umask.
+/// The file holds hashes of secrets: nobody else may read it, whatever the umask. A file that is there
+/// is not opened: to close it would give up the locks that this process has on it.
 pub(super) fn make_private_file(path: &Path) -> std::io::Result<()> {
     let mut options = std::fs::OpenOptions::new();
-    options.append(true).create(true);
+    options.write(true).create_new(true);
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-    options.open(path).map(drop)
+    match options.open(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::AlreadyExists => Err(error),
+        _ => Ok(()),
+    }
 }
 
 #[cfg(test)]
@@ -253,6 +279,7 @@ mod tests {
         assert_eq!((&*session.user, session.role), ("anna", Role::Operator));
         assert!(session.expires <= before.expires, "a restart makes no session longer");
         assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("anna"));
+        store.close().await;
         let file = std::fs::read(folder.0.join(FILE_NAME)).unwrap();
         let wal = std::fs::read(folder.0.join(format!("{FILE_NAME}-wal"))).unwrap_or_default();
         for secret in [b"135791".as_slice(), token.as_str().as_bytes()] {

@@ -131,9 +131,7 @@ impl Store {
         let user = user.clone();
         let session = self
             .call(move |database| {
-                let transaction = database.connection.transaction()?;
-                insert_session(&transaction, &user, key, created)?;
-                transaction.commit()?;
+                database.change(&[], |transaction| insert_session(transaction, &user, key, created))?;
                 database.reload_sessions()?;
                 database.sessions.find(&key).ok_or(StoreError::SessionEnded)
             })

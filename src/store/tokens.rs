@@ -6,7 +6,7 @@ use rusqlite::{OptionalExtension, params};
 
 use super::audit::{Action, COMMAND_LINE, Record};
 use super::users::{from_unix_ms, role, to_unix_ms};
-use super::{Role, Store, StoreError, Token};
+use super::{Role, Store, StoreError, Token, seen};
 
 /// A program's token ends this long after it was made, unless another time is given.
 pub const TOKEN_LIFE_DAYS: u32 = 365;
@@ -40,6 +40,7 @@ impl Store {
         self.call(move |database| {
             let record = Record::of(Action::TokenAdded, COMMAND_LINE).on(format!("{name} {label}"));
             database.change(&[record], |transaction| {
+                seen::count(transaction)?;
                 let user =
                     transaction.query_row("SELECT id, role FROM users WHERE name = ?1", [&name], |row| {
                         Ok((row.get::<_, i64>(0)?, role(row, 1)?))
@@ -101,6 +102,7 @@ impl Store {
         self.call(move |database| {
             let record = Record::of(Action::TokenRevoked, COMMAND_LINE).on(number.to_string());
             database.change(&[record], |transaction| {
+                seen::count(transaction)?;
                 let revoked = transaction.execute("DELETE FROM tokens WHERE number = ?1", [number])?;
                 if revoked == 0 { Err(StoreError::NoSuchToken(number)) } else { Ok(()) }
             })?;

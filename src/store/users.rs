@@ -6,7 +6,7 @@ use rusqlite::{OptionalExtension, params};
 
 use super::audit::{Action, COMMAND_LINE, Record};
 use super::secret::check_policy;
-use super::{DEMO_USERS, Lane, Role, Store, StoreError};
+use super::{DEMO_USERS, Lane, Role, Store, StoreError, seen};
 
 /// A user as lists show it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -76,6 +76,7 @@ impl Store {
         let record = Record::of(Action::UserAdded, COMMAND_LINE).on(format!("{name} ({})", role.as_str()));
         self.call(move |database| {
             database.change(&[record], |transaction| {
+                seen::count(transaction)?;
                 let added = transaction.execute(
                     "INSERT INTO users (name, role, secret_hash, created_ms) VALUES (?1, ?2, ?3, ?4)
                      ON CONFLICT (name) DO NOTHING",
@@ -156,6 +157,7 @@ impl Store {
         let hash = self.hashing.hash(secret.to_owned()).await?;
         self.call(move |database| {
             database.change(&[record], |transaction| {
+                seen::count(transaction)?;
                 transaction.execute(
                     "UPDATE users SET secret_hash = ?2, role = ?3 WHERE id = ?1",
                     params![id, hash, role.as_str()],
@@ -178,6 +180,7 @@ impl Store {
         let record = Record::of(Action::UserRemoved, COMMAND_LINE).on(&*name);
         self.call(move |database| {
             database.change(&[record], |transaction| {
+                seen::count(transaction)?;
                 let removed = transaction.execute("DELETE FROM users WHERE name = ?1", [&name])?;
                 if removed == 0 { Err(StoreError::NoSuchUser(name)) } else { Ok(()) }
             })?;

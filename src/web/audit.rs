@@ -145,7 +145,10 @@ impl AppState {
                 self.audit_limit().owe(now, kind, count);
             }
         }
-        let target = format!("{lost} records that could not be written");
+        let target = match lost {
+            1 => "1 record that could not be written".to_owned(),
+            _ => format!("{lost} records that could not be written"),
+        };
         let record = Record::of(Action::Omitted, TELLTALE).on(target);
         if lost > 0 && self.store.audit(record).await.is_err() {
             self.audit_limit().lost += lost;

@@ -197,7 +197,9 @@ impl Found {
             Found::Other => record.refused("the file is not what was shown"),
             Found::Same => record.on("no difference"),
             Found::Different => {
-                record.on(format!("{} differences: {}", differences.len(), differences.join("; ")))
+                let count = differences.len();
+                let what = if count == 1 { "difference" } else { "differences" };
+                record.on(format!("{count} {what}: {}", differences.join("; ")))
             }
         }
     }

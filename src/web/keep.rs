@@ -118,7 +118,8 @@ impl Kept {
         let memory = memory_of(&published);
         let owed = app.owed();
         let mut records = owed.all();
-        let omitted = || format!("{} changes of the stage or of countermeasures", self.lost);
+        let changes = if self.lost == 1 { "change" } else { "changes" };
+        let omitted = || format!("{} {changes} of the stage or of countermeasures", self.lost);
         records.extend((self.lost > 0).then(|| Record::of(Action::Omitted, TELLTALE).on(omitted())));
         records.extend_from_slice(&self.waiting);
         let is_same = self.memory.as_ref().is_some_and(|kept| memory.says_the_same(kept));

@@ -107,6 +107,18 @@ impl Lang {
                 "The vehicle is being slowed down. Mend the cause and acknowledge it.",
                 "Das Fahrzeug wird verzögert. Ursache beheben und quittieren.",
             ),
+            Refusal::NobodyListens(Kind::Decelerate) => (
+                "No vehicle hears a request to slow down. Call the control room.",
+                "Kein Fahrzeug hört, wenn es abbremsen soll. Leitstelle rufen.",
+            ),
+            Refusal::NobodyListens(_) => (
+                "No vehicle hears a request to stop. Call the control room.",
+                "Kein Fahrzeug hört, wenn es anhalten soll. Leitstelle rufen.",
+            ),
+            Refusal::StopNotPublished => (
+                "The vehicle cannot be stopped from here. Take over and stop it.",
+                "Von hier lässt sich das Fahrzeug nicht anhalten. Übernehmen und anhalten.",
+            ),
             Refusal::DisplayNotLive => (
                 "The display is not up to date. Wait for it, then try again.",
                 "Die Anzeige ist nicht aktuell. Warten, dann erneut versuchen.",

@@ -2,9 +2,11 @@
 
 use super::text::words;
 use super::view::Lang;
-use crate::engine::countermeasure::Request;
+use crate::engine::countermeasure::{Kind, Request};
+use crate::engine::report::how_long;
 use crate::engine::snapshot::MeasureState;
 use crate::engine::state::State;
+use crate::engine::time::Span;
 
 words! {
     StepWords;
@@ -21,12 +23,17 @@ words! {
     confirm_text: "The vehicle drives off by itself.", "Das Fahrzeug fährt selbst los.";
     confirm: "Confirm", "Bestätigen";
     cancel: "Cancel", "Abbrechen";
+    shutdown: "Shut down", "Beenden";
+    shutdown_title: "End the work with this vehicle?", "Arbeit mit diesem Fahrzeug beenden?";
+    shutdown_text: "The vehicle is locked and you are logged out. Before the next drive somebody has to log in and say where it stands. Its computers stay on.", "Das Fahrzeug wird gesperrt, und Sie werden abgemeldet. Vor der nächsten Fahrt muss sich jemand anmelden und angeben, wo es steht. Die Rechner bleiben an.";
+    shutdown_confirm: "Lock it and leave", "Sperren und gehen";
     stop: "Request a stop", "Anhalten anfordern";
     stop_requested: "Stop requested", "Anhalten angefordert";
+    no_listener: "No vehicle listens: it cannot be stopped from here. Be ready to take over.", "Kein Fahrzeug hört zu: Von hier lässt es sich nicht anhalten. Bereit sein zu übernehmen.";
+    not_stoppable: "It cannot be stopped from here. Be ready to take over.", "Von hier lässt es sich nicht anhalten. Bereit sein zu übernehmen.";
     stop_back: "Take the stop back", "Anhalten zurücknehmen";
     acknowledge: "Acknowledge", "Quittieren";
     over: "Over", "Vorbei";
-    silent_since: "Silent. Said last:", "Verstummt. Zuletzt:";
     held_error: "Held until reset", "Gehalten bis zum Zurücksetzen";
     reset: "Reset", "Zurücksetzen";
     reset_here: "Over. Held until reset: touch here.", "Vorbei. Gehalten bis zum Zurücksetzen: hier berühren.";
@@ -43,7 +50,7 @@ words! {
     sound_off: "Sound off", "Ton aus";
 
     waits_goal: "waiting for a goal", "wartet auf ein Ziel";
-    waits_clearance: "goal set, waiting for clearance", "wartet auf Freigabe";
+    waits_clearance: "waiting for clearance", "wartet auf Freigabe";
     waits_start: "about to start", "fährt gleich an";
     waits_stop: "choose a stop", "Haltestelle wählen";
     by_itself: "by itself", "selbsttätig";
@@ -58,6 +65,7 @@ words! {
     no_measure: "No countermeasure", "Keine Gegenmaßnahme";
 
     drives: "The vehicle drives by itself", "Das Fahrzeug fährt selbst";
+    runs: "In operation", "In Betrieb";
     may_start: "The vehicle may start at any moment", "Das Fahrzeug kann jederzeit anfahren";
     nothing_wrong: "Nothing is wrong", "Keine Störung";
     held_acknowledge: "Still held back. Acknowledge to release.", "Wird noch gehalten. Quittieren gibt frei.";
@@ -65,12 +73,23 @@ words! {
     held_calm: "The cause is over, the vehicle still held back", "Ursache vorbei, Fahrzeug noch gehalten";
     no_sight: "Something is unknown", "Etwas ist unbekannt";
     take_over_ready: "Be ready to take over.", "Bereit sein zu übernehmen.";
+    go_on_alert: "You may go on. Stay alert.", "Weiterfahren möglich. Aufmerksam bleiben.";
+    stay: "Do not drive off. If it lasts, call the control room.", "Nicht losfahren. Bleibt es so, Leitstelle rufen.";
+    wait_for_report: "Wait for its report. If none comes, call the control room.", "Auf die Meldung warten. Kommt keine, Leitstelle rufen.";
+    acknowledge_first: "Acknowledge it before driving off.", "Vor dem Losfahren quittieren.";
+    nothing_to_do: "Nothing to do for now.", "Vorerst ist nichts zu tun.";
+    check_machine: "Check the machine.", "Maschine prüfen.";
+    keep_an_eye: "Keep an eye on it.", "Im Blick behalten.";
 
     because_of: "Cause:", "Ursache:";
     asked_by_operator: "asked for by the operator", "von der Fahrbegleitung angefordert";
     asked: "Sent to the vehicle", "An das Fahrzeug gesendet";
+    not_received_yet: "Not received yet", "Noch nicht empfangen";
     engaged: "Confirmed by the vehicle", "Vom Fahrzeug bestätigt";
     unconfirmed: "Not confirmed by the vehicle. Take over.", "Vom Fahrzeug nicht bestätigt. Übernehmen.";
+    unconfirmed_standing: "Not confirmed by the vehicle.", "Vom Fahrzeug nicht bestätigt.";
+    unheard: "Nobody listens: not received. Take over.", "Niemand hört zu: nicht angekommen. Übernehmen.";
+    unheard_standing: "Nobody listens: not received.", "Niemand hört zu: nicht angekommen.";
     held: "The cause is gone. Acknowledge to release it.", "Ursache behoben. Quittieren hebt sie auf.";
 }
 
@@ -102,6 +121,34 @@ impl Lang {
             (Lang::De, Request::ManeuverStop) => "Soll sicher anhalten".to_owned(),
             (Lang::En, Request::Notify) => "Told to the operator".to_owned(),
             (Lang::De, Request::Notify) => "Der Fahrbegleitung gemeldet".to_owned(),
+        }
+    }
+
+    /// What stands around for how long a module has been silent: `silent for 3 s`.
+    pub fn silent_around(self) -> (&'static str, &'static str) {
+        match self {
+            Lang::En => ("silent for ", ""),
+            Lang::De => ("seit ", " still"),
+        }
+    }
+
+    /// What was said last, after for how long nothing has come since, if nothing has.
+    pub fn with_silence(self, last: String, silent: Option<Span>) -> String {
+        let Some(long) = silent.map(how_long) else { return last };
+        let (before, after) = self.silent_around();
+        match last.is_empty() {
+            true => format!("{before}{long}{after}"),
+            false => format!("{before}{long}{after}; {} {last}", self.words().last_words),
+        }
+    }
+
+    /// A request that reaches nobody is not said to be made.
+    pub fn unheard(self, request: Request) -> &'static str {
+        match (self, request.kind()) {
+            (Lang::En, Kind::Decelerate) => "Request to slow down not received",
+            (Lang::De, Kind::Decelerate) => "Abbremsen ist nicht angekommen",
+            (Lang::En, _) => "Request to stop not received",
+            (Lang::De, _) => "Anhalten ist nicht angekommen",
         }
     }
 

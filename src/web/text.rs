@@ -67,6 +67,7 @@ words! {
     since_for: "for", "seit";
     no_news: "no news", "keine Meldung";
     no_member: "nothing to watch", "nichts zu überwachen";
+    last_words: "last:", "zuletzt:";
     no_report: "has not reported yet", "hat sich noch nicht gemeldet";
     masked_by: "Cause", "Ursache";
     itself: "itself", "selbst";
@@ -356,6 +357,8 @@ impl Lang {
             "later" => ("later", "später"),
             "translation_m" => ("shift, m", "Verschiebung, m"),
             "rotation_deg" => ("rotation, deg", "Drehung, Grad"),
+            "count_difference" => ("difference in number", "Abweichung der Anzahl"),
+            "nearest_m" => ("apart, m", "Abstand, m"),
             "answer_ms" => ("answer, ms", "Antwort, ms"),
             "misses" => ("misses", "ohne Antwort"),
             other => (other, other),

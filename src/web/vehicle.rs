@@ -21,7 +21,7 @@ use super::versions::Matter;
 use super::view::{self, Lang};
 use super::wording::Trouble;
 use crate::clock::wall_at;
-use crate::engine::input::{AlarmRef, OperatorAction, Place};
+use crate::engine::input::{AlarmRef, OperatorAction, Output, Place};
 use crate::engine::model::NodeId;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
@@ -149,8 +149,23 @@ pub async fn acknowledge(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Res
         Err(_) if id == "stop" => (AlarmRef::OperatorStop, Matter::Stage),
         Err(_) => (AlarmRef::Node(id.into()), of_node(&snapshot, id)),
     };
-    let record = tap.record(Action::Acknowledge).on(id);
+    let record = tap.record(Action::Acknowledge).on(with_places(&snapshot, &alarm, id));
     tap.act(tap.grounds(&shown, matter), OperatorAction::Acknowledge { alarm }, record).await
+}
+
+/// What is acknowledged, for the log: all places at which one status shows.
+fn with_places(snapshot: &Snapshot, alarm: &AlarmRef, id: &str) -> String {
+    let node = match alarm {
+        AlarmRef::Number(number) => snapshot.alarms.iter().find(|it| it.id == *number).map(|it| it.node),
+        AlarmRef::Node(name) => snapshot.node(name),
+        AlarmRef::OperatorStop => None,
+    };
+    let places = node.map(|node| snapshot.places_of(node)).unwrap_or_default();
+    if places.len() < 2 {
+        return id.to_owned();
+    }
+    let names: Vec<&str> = places.iter().map(|&node| &**snapshot.node_name(node)).collect();
+    format!("{id}: {}", names.join(", "))
 }
 
 /// `POST /modules/{id}/reset`, where the id is `group/module`.
@@ -182,7 +197,7 @@ fn of_node(snapshot: &Snapshot, name: &str) -> Matter {
         group = parent;
     }
     let info = snapshot.group(group).0;
-    if info.is_other || info.is_system { Matter::Stage } else { Matter::Component(group) }
+    if info.is_tile() { Matter::Component(group) } else { Matter::Stage }
 }
 
 /// Somebody touched a button.
@@ -298,7 +313,13 @@ impl Tap {
 
     async fn hand_on(&self, grounds: Grounds, action: OperatorAction, record: Record) -> Result<(), NotDone> {
         let acted = if action == OperatorAction::RequestStop {
-            match self.app.act_at_once(action, record).await {
+            let kept = self.app.act_at_once(action, record).await;
+            let deaf = self.app.published().snapshot.unreached(Output::ManeuverStop).is_some();
+            match kept {
+                Ok(_) if deaf => {
+                    tracing::error!("a stop was requested and nobody listens");
+                    return Err(NotDone::Trouble(Trouble::StopNotHeard));
+                }
                 Ok(true) => Ok(()),
                 Ok(false) => {
                     tracing::error!("a stop was requested and is not kept yet");

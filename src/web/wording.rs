@@ -25,6 +25,8 @@ pub enum Trouble {
     Storage,
     /// A stop was requested, and that cannot be written down.
     StopNotKept,
+    /// A stop was requested, and nobody hears it.
+    StopNotHeard,
     /// Too many wait already.
     Busy,
     Unavailable,
@@ -47,6 +49,7 @@ impl Trouble {
             Trouble::TooManySockets
             | Trouble::Storage
             | Trouble::StopNotKept
+            | Trouble::StopNotHeard
             | Trouble::Busy
             | Trouble::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
         }
@@ -134,6 +137,16 @@ impl Trouble {
                 "Anhalten verlangt, nicht aufgezeichnet",
                 "Das Fahrzeug soll anhalten. Der Speicher ist voll oder defekt, daher ist das noch nicht aufgezeichnet. \
                  Leitstelle rufen.",
+            ),
+            (Trouble::StopNotHeard, Lang::En) => (
+                "Stop not received",
+                "Nobody listens: the vehicle does not hear the request. Take over and stop it. \
+                 The request goes out as soon as the vehicle listens.",
+            ),
+            (Trouble::StopNotHeard, Lang::De) => (
+                "Anhalten nicht angekommen",
+                "Niemand hört zu: Das Fahrzeug erfährt nichts davon. Übernehmen und anhalten. \
+                 Die Anforderung geht hinaus, sobald das Fahrzeug zuhört.",
             ),
             (Trouble::Busy, Lang::En) => (
                 "Not done",

@@ -109,7 +109,19 @@ impl FromNode for f64 {
             scalar(node).and_then(|text| text.parse().ok()).filter(|number: &f64| number.is_finite());
         if number.is_none() {
             let problem = Problem::at(node.span, format!("expected a number, found {}", node.describe()));
-            log.push(problem.help("write digits with a point, for example `12.5`"));
+            let percent = scalar(node).and_then(|text| text.strip_suffix('%')?.trim().parse::<f64>().ok());
+            let with_unit = scalar(node).and_then(|text| text.split_once(' '));
+            let with_unit = with_unit.filter(|(number, _)| number.parse().is_ok_and(f64::is_finite));
+            log.push(problem.help(match (percent.filter(|percent| percent.is_finite()), with_unit) {
+                (Some(percent), _) => format!(
+                    "write the number alone, in the unit of the value: `{percent}`, or `{}` where it goes from 0 to 1",
+                    percent / 100.0
+                ),
+                (None, Some((number, _))) => {
+                    format!("write the number alone, in the unit of the value: `{number}`")
+                }
+                (None, None) => "write digits with a point, for example `12.5`".into(),
+            }));
         }
         number
     }
@@ -133,6 +145,18 @@ impl<T: FromNode> FromNode for Entries<T> {
         let entries = mapping(node, "names with values", log)?;
         let read = |(key, value): &(Key, Node)| T::from_node(value, log).map(|value| (key.clone(), value));
         Some(Entries(entries.iter().filter_map(read).collect()))
+    }
+}
+
+/// Such a map in which every entry counts: if one cannot be read, there is no map.
+#[derive(Debug, Clone)]
+pub struct AllEntries<T>(pub Vec<(Key, T)>);
+
+impl<T: FromNode> FromNode for AllEntries<T> {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let Entries(entries) = Entries::from_node(node, log)?;
+        let written = if let Kind::Mapping(written) = &node.kind { written.len() } else { 0 };
+        (entries.len() == written).then_some(AllEntries(entries))
     }
 }
 
@@ -188,6 +212,11 @@ impl<'n, 'l> Fields<'n, 'l> {
         self.span
     }
 
+    /// Whether somebody asked for this key.
+    pub fn knows(&self, key: &str) -> bool {
+        self.asked.contains(&key)
+    }
+
     /// Logs every key that nobody asked for.
     pub fn finish(self) {
         for (key, _) in self.entries.iter().filter(|(key, _)| !self.asked.contains(&key.text.as_str())) {
@@ -238,6 +267,10 @@ pub fn suggest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
     let name = name.to_lowercase();
     let distance = |candidate: &str| {
         let candidate = candidate.to_lowercase();
+        // A word that is cut short.
+        if name.len() > 3 && candidate.starts_with(&name) {
+            return 1;
+        }
         // Of a path, the last part alone is often written, or a wrong way to it.
         let by_end = match name.contains('/') {
             false => strsim::damerau_levenshtein(&name, last(&candidate)),

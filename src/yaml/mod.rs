@@ -6,6 +6,7 @@
 pub mod decode;
 pub mod plain;
 pub mod problem;
+mod slips;
 pub mod source;
 pub mod tree;
 

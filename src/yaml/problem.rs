@@ -20,12 +20,14 @@ pub struct Problem {
     pub message: String,
     /// Where; `None` if the file as a whole is meant.
     pub span: Option<Span>,
+    /// The file as a whole, where that is meant.
+    pub file: Option<Box<str>>,
     /// What stands under the caret.
-    pub label: String,
+    pub label: Box<str>,
     /// Other places that matter, each with a word.
     pub also: Vec<(Span, String)>,
     /// What to do.
-    pub help: Option<String>,
+    pub help: Option<Box<str>>,
     /// Worth a look, but no reason to refuse the file.
     pub warning: bool,
 }
@@ -35,6 +37,7 @@ impl Problem {
         Problem {
             message: message.into(),
             span: Some(span),
+            file: None,
             label: "here".into(),
             also: Vec::new(),
             help: None,
@@ -50,17 +53,17 @@ impl Problem {
 
     pub fn of_file(name: &str, what: &str, help: &str) -> Problem {
         let message = format!("`{name}` {what}");
-        let help = Some(help.into());
-        Problem { message, span: None, label: String::new(), also: Vec::new(), help, warning: false }
+        let (file, help) = (Some(name.into()), Some(help.into()));
+        Problem { message, span: None, file, label: Box::default(), also: Vec::new(), help, warning: false }
     }
 
     pub fn label(mut self, label: impl Into<String>) -> Problem {
-        self.label = label.into();
+        self.label = label.into().into();
         self
     }
 
     pub fn help(mut self, help: impl Into<String>) -> Problem {
-        self.help = Some(help.into());
+        self.help = Some(help.into().into());
         self
     }
 
@@ -70,12 +73,14 @@ impl Problem {
     }
 
     fn printable(&self) -> Problem {
-        let escaped = |text: &String| plain::escaped(text).into_owned();
+        let escaped = |text: &str| plain::escaped(text).into_owned();
+        let short = |text: &str| escaped(text).into_boxed_str();
         Problem {
             message: escaped(&self.message),
-            label: escaped(&self.label),
+            file: self.file.as_deref().map(short),
+            label: short(&self.label),
             also: self.also.iter().map(|(span, label)| (*span, escaped(label))).collect(),
-            help: self.help.as_ref().map(escaped),
+            help: self.help.as_deref().map(short),
             ..*self
         }
     }
@@ -97,6 +102,45 @@ impl Problems {
         let more = list.len().saturating_sub(PROBLEMS_MAX);
         list.truncate(PROBLEMS_MAX);
         Problems { sources, list, more }
+    }
+
+    /// These and others of the same texts. Of two at one place the first counts: the second follows
+    /// from it.
+    pub fn and(self, others: Problems) -> Problems {
+        let known: Vec<Span> = self.list.iter().filter_map(|problem| problem.span).collect();
+        let is_new = |problem: &Problem| problem.span.is_none_or(|span| !known.contains(&span));
+        let more = self.more + others.more;
+        let list = self.list.into_iter().chain(others.list.into_iter().filter(is_new)).collect();
+        let all = Problems::new(self.sources, list);
+        Problems { more: all.more + more, ..all }
+    }
+
+    /// For programs: each problem with its `severity`, `file`, `line` and `column` from 1 (these
+    /// null where the file as a whole is meant), `message` and `help`.
+    pub fn json(&self) -> Vec<serde_json::Value> {
+        let place = |span: Option<Span>| {
+            let (line, column) = span.map(|span| self.sources.line_column(span)).unzip();
+            (span.map(|span| self.sources.name(span.file)), line, column)
+        };
+        let of = |problem: &Problem| {
+            let (file, line, column) = place(problem.span);
+            let file = file.or(problem.file.as_deref());
+            let also = problem.also.iter().map(|(span, message)| {
+                let (file, line, column) = place(Some(*span));
+                serde_json::json!({ "file": file, "line": line, "column": column, "message": message })
+            });
+            serde_json::json!({
+                "severity": if problem.warning { "warning" } else { "error" },
+                "file": file, "line": line, "column": column,
+                "message": problem.message, "help": problem.help, "also": also.collect::<Vec<_>>(),
+            })
+        };
+        self.list.iter().map(of).collect()
+    }
+
+    /// How many more there are than are kept.
+    pub fn more(&self) -> usize {
+        self.more
     }
 
     pub fn list(&self) -> &[Problem] {
@@ -167,7 +211,8 @@ impl Diagnostic for Report<'_> {
     fn help<'b>(&'b self) -> Option<Box<dyn fmt::Display + 'b>> {
         let elsewhere = self.problem.also.iter().filter(|(span, _)| Some(span.file) != self.file());
         let elsewhere = elsewhere.map(|(span, label)| format!("{}: {label}", self.sources.place(*span)));
-        let parts: Vec<String> = self.problem.help.iter().cloned().chain(elsewhere).collect();
+        let help = self.problem.help.as_deref().map(str::to_owned);
+        let parts: Vec<String> = help.into_iter().chain(elsewhere).collect();
         if parts.is_empty() { None } else { Some(Box::new(parts.join("\n"))) }
     }
 
@@ -177,7 +222,7 @@ impl Diagnostic for Report<'_> {
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
         let span = self.problem.span?;
-        let main = LabeledSpan::new_primary_with_span(Some(self.problem.label.clone()), range(span));
+        let main = LabeledSpan::new_primary_with_span(Some(self.problem.label.to_string()), range(span));
         let also = self.problem.also.iter().filter(move |(other, _)| other.file == span.file);
         let also = also.map(|(other, label)| LabeledSpan::new_with_span(Some(label.clone()), range(*other)));
         Some(Box::new(std::iter::once(main).chain(also)))

@@ -44,13 +44,32 @@ impl Sources {
     pub fn read(&mut self, path: &Path) -> Result<u16, Problem> {
         let name = path.display().to_string();
         let bytes = read_bytes(path).map_err(|(what, help)| Problem::of_file(&name, what, help))?;
+        self.add_bytes(&name, bytes)
+    }
+
+    /// Adds a text that is called `name` in messages.
+    ///
+    /// # Errors
+    /// It cannot be read, is too large, or is not UTF-8.
+    pub fn read_from(&mut self, name: &str, reader: impl Read) -> Result<u16, Problem> {
+        let mut bytes = Vec::new();
+        let problem = |what, help| Problem::of_file(name, what, help);
+        let read = reader.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes);
+        read.map_err(|_| problem("cannot be read", "write the configuration into it"))?;
+        if bytes.len() as u64 > FILE_BYTES_MAX {
+            return Err(problem("is larger than 64 MiB", "give it a configuration"));
+        }
+        self.add_bytes(name, bytes)
+    }
+
+    fn add_bytes(&mut self, name: &str, bytes: Vec<u8>) -> Result<u16, Problem> {
         let text = String::from_utf8(bytes).map_err(|error| {
             let valid = error.utf8_error().valid_up_to();
             let line = error.as_bytes()[..valid].iter().filter(|&&byte| byte == b'\n').count() + 1;
             let what = format!("is not UTF-8 text: byte {} in line {line} is wrong", valid + 1);
-            Problem::of_file(&name, &what, "save the file with the encoding UTF-8")
+            Problem::of_file(name, &what, "save the file with the encoding UTF-8")
         })?;
-        Ok(self.add(&name, &text))
+        Ok(self.add(name, &text))
     }
 
     /// The same for a terminal: every place in the texts stays where it is.

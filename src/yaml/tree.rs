@@ -6,6 +6,7 @@ use granit_parser::{Event, Parser, ScalarStyle, ScanError, StrInput};
 
 use super::decode::Log;
 use super::problem::Problem;
+use super::slips;
 use super::source::{Sources, Span};
 
 /// Collections inside of collections. Groups nest far less deep.
@@ -127,7 +128,9 @@ impl<'s> Tree<'s, '_> {
             | Event::SequenceStart(_, _, Some(_))
             | Event::MappingStart(_, _, Some(_)) => {
                 let problem = Problem::at(span, "a value has a tag (`!...`), which means nothing here");
-                return Err(problem.help("remove the tag"));
+                return Err(problem.help(
+                    "quote the whole value if the `!` belongs to it, such as CEL's not: `'!value'`; else remove the tag",
+                ));
             }
             Event::Scalar(text, style, anchor, None) => {
                 (anchor, Kind::Scalar { text: text.into_owned(), plain: style == ScalarStyle::Plain })
@@ -208,6 +211,22 @@ impl<'s> Tree<'s, '_> {
 
     fn syntax(&self, error: &ScanError) -> Problem {
         let start = error.marker().byte_offset().unwrap_or(self.text.len());
+        if let Some(tab) = slips::tab(self.text, start) {
+            let problem = Problem::at(self.span(tab, tab + 1), "this is not YAML: a tab indents this line");
+            return problem.label("a tab").help("use spaces: YAML allows no tab in an indentation");
+        }
+        if let Some(slip) = slips::unquoted(self.text, start) {
+            let span = self.span(slip.start, slip.start + slip.value.len());
+            if slip.nested {
+                let problem = Problem::at(span, "this is not YAML: a second key on one line");
+                let (key, inner) = (slip.key, slip.value);
+                return problem.help(format!(
+                    "write `{key}: {{ {inner} ... }}`, or `{inner}` on a line of its own below, further in than `{key}`"
+                ));
+            }
+            let problem = Problem::at(span, "this is not YAML: a second `: ` in one value");
+            return problem.help(format!("quote it: `{}: '{}'`", slip.key, slip.value.replace('\'', "''")));
+        }
         let problem = Problem::at(self.span(start, start), format!("this is not YAML: {}", error.info()));
         problem.help("check the indentation, the quotes and the brackets here and in the line above")
     }

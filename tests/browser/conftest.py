@@ -1,11 +1,21 @@
 """A server, a vehicle and a browser page for each test that asks for them."""
 
+import contextlib
 import os
 
 import pytest
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import expect, sync_playwright
 
-from vehicle import CHROMIUM, OPERATOR, Server, Vehicle, own_domain
+from vehicle import CHROMIUM, Vehicle, serving
+
+
+# A busy machine takes long for what takes a moment. What has to happen in time says so itself.
+PATIENCE_MS = 20_000
+expect.set_options(timeout=PATIENCE_MS)
+
+
+def pytest_configure(config):
+    config.addinivalue_line("markers", "alone: measures time, so no other test may run beside it")
 
 
 @pytest.fixture(scope="session")
@@ -20,19 +30,14 @@ def chromium():
 
 @pytest.fixture
 def server(tmp_path):
-    server = Server(tmp_path, own_domain())
-    server.add_user(*OPERATOR)
-    server.start()
-    yield server
-    code = server.stop()
-    assert code == 0, f"exit code {code}:\n{server.read_log()}"
+    with serving(tmp_path) as server:
+        yield server
 
 
 @pytest.fixture
 def vehicle(server, tmp_path):
-    vehicle = Vehicle(server.domain, tmp_path)
-    yield vehicle
-    vehicle.close()
+    with contextlib.closing(Vehicle(server.domain, tmp_path)) as vehicle:
+        yield vehicle
 
 
 class Trouble(list):
@@ -55,7 +60,7 @@ def trouble():
 @pytest.fixture
 def page(chromium, trouble):
     context = chromium.new_context(viewport={"width": 1280, "height": 800}, locale="en-GB")
-    context.set_default_timeout(10_000)
+    context.set_default_timeout(PATIENCE_MS)
     page = context.new_page()
     page.on("console", lambda message: message.type in ("error", "warning") and trouble.append(message.text))
     page.on("pageerror", lambda error: trouble.append(str(error)))

@@ -9,7 +9,7 @@ DISPLAY = {"width": 1280, "height": 800}
 
 def touch_context(chromium, lang="en", palette="night", **more):
     context = chromium.new_context(viewport=DISPLAY, locale="de-DE" if lang == "de" else "en-GB", has_touch=True, **more)
-    context.set_default_timeout(10_000)
+    context.set_default_timeout(20_000)
     return context
 
 
@@ -47,19 +47,50 @@ def step(page, name):
     return page.locator(f"#actions button[name={name}]")
 
 
+LOCALIZED_OR_TOLD = "() => document.body.dataset.stage === 'standby' || !document.getElementById('notice').hidden"
+
+
 def localize(page):
+    """A tap while a busy machine lets the display grow stale is not sent, says so, and is made again."""
     stage(page, "localizing")
-    step(page, "localize").first.tap()
-    stage(page, "standby", 20)
+    for _ in range(5):
+        expect(page.locator("body")).to_have_attribute("data-live", "live")
+        step(page, "localize").first.tap()
+        page.wait_for_function(LOCALIZED_OR_TOLD)
+        if page.locator("body").get_attribute("data-stage") == "standby":
+            return
+        page.locator("#notice [name=dismiss]").evaluate("button => button.click()")
+    stage(page, "standby")
+
+
+CLEARED = "() => ['cleared', 'active'].includes(document.body.dataset.stage)"
+
+
+def ask_for_clearance(page):
+    """The first step, as soon as nothing stands in the way; it is refused where something has just come up."""
+    ready = page.locator("#actions button[name=clearance]:not([aria-disabled])")
+    for _ in range(5):
+        expect(ready).to_be_visible(timeout=40_000)
+        try:
+            ready.tap(timeout=3_000)
+            return step(page, "confirm").wait_for(timeout=3_000)
+        except TimeoutError:
+            continue
+    raise AssertionError("a clearance is refused again and again")
 
 
 def clear(page):
-    """Both steps, as soon as nothing stands in the way."""
-    ready = page.locator("#actions button[name=clearance]:not([aria-disabled])")
-    expect(ready).to_be_visible(timeout=40_000)
-    ready.tap()
-    expect(step(page, "confirm")).to_be_visible()
-    step(page, "confirm").tap()
+    """Both steps. What changes in between takes the first one back."""
+    for _ in range(5):
+        if page.evaluate(CLEARED):
+            return
+        ask_for_clearance(page)
+        try:
+            step(page, "confirm").tap(timeout=3_000)
+            page.wait_for_function(CLEARED, timeout=5_000)
+        except TimeoutError:
+            continue
+    assert page.evaluate(CLEARED), "the clearance is taken back again and again"
 
 
 def acknowledge_all(page):

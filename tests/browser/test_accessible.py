@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import expect
 
 from accessible import violations
-from operating import DEMO_OPERATOR, clear, localize, log_in_by_touch, stage, step, touch_context, watch
+from operating import DEMO_OPERATOR, ask_for_clearance, localize, log_in_by_touch, stage, step, touch_context, watch
 from vehicle import CONFIG, OPERATOR, Client, Server, Vehicle, own_domain, until
 
 DEVELOPER = ("dora", "lantern-48-harbour")
@@ -90,7 +90,7 @@ def pages(config):
 def test_the_developers_pages(broken, chromium, trouble, lang, palette):
     server, config = broken
     context = chromium.new_context(viewport={"width": 1280, "height": 800})
-    context.set_default_timeout(10_000)
+    context.set_default_timeout(20_000)
     dress(context, server, lang, palette)
     page = context.new_page()
     watch(page, trouble)
@@ -104,6 +104,7 @@ def test_the_developers_pages(broken, chromium, trouble, lang, palette):
         found += [f"{path}: {it}" for it in violations(page).splitlines()]
         for size in SIZES:
             page.set_viewport_size(size)
+            expect(page.locator("body")).to_have_attribute("data-live", "live")
             wide, most = page.evaluate(BODY)
             if wide > most:
                 found.append(f"{path}: {wide} px wide in a window of {most}")
@@ -177,20 +178,20 @@ def test_what_opens_over_the_operators_page(chromium, trouble, tmp_path, lang, p
         expect(page.locator("#sheet-stops")).to_be_visible()
         check(page, "the stops")
         page.locator("#sheet-stops .close").tap()
-        ready = page.locator("#actions button[name=clearance]:not([aria-disabled])")
-        expect(ready).to_be_visible(timeout=40_000)
-        ready.tap()
-        expect(step(page, "confirm")).to_be_visible()
+        ask_for_clearance(page)
         check(page, "the confirmation")
-        page.locator("#confirm button[name=cancel]").tap()
+        # It may have gone by itself: it stands for ten seconds.
+        page.locator("#confirm button[name=cancel]").evaluate("button => button.click()")
+        expect(page.locator("#confirm")).to_be_hidden()
         client.post("/demo/fault", name="low_battery", active="true")
         client.post("/demo/fault", name="costmap_delay", active="true")
-        expect(page.locator("#tile-perception")).to_have_attribute("data-state", "error", timeout=10_000)
+        expect(page.locator("#tile-perception")).to_have_attribute("data-state", "error")
         for sheet in ("checks", "causes"):
             page.evaluate(f"document.getElementById('sheet-{sheet}').showPopover()")
             check(page, f"the sheet of {sheet}")
             page.evaluate(f"document.getElementById('sheet-{sheet}').hidePopover()")
         check_authority(chromium, server, trouble, lang, palette)
+        trouble.expect("409")
     finally:
         context.close()
         assert server.stop() == 0

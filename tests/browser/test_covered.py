@@ -21,7 +21,7 @@ def session(server, vehicle):
     vehicle.drive(True)
     until(lambda: client.snapshot()["stage"] == "active", 20, client.snapshot)
     vehicle.set("velodyne_packet_alive", 2, "Only 2.0 scans per second")
-    client.post("/vehicle/stop", version=client.snapshot()["seq"])
+    client.stop()
     sensors = lambda: next(group for group in client.snapshot()["groups"] if group["id"] == "sensors")
     until(lambda: sensors()["state"] == "error", 10, sensors)
     return [dict(zip(("name", "value"), pair.split("=", 1)), url=server.url) for pair in client.cookie().split("; ")]

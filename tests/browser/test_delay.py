@@ -6,11 +6,12 @@ import pytest
 from playwright.sync_api import expect
 
 from delay import Delay
+from operating import watch
 from test_operator import expect_standing, log_in
 from test_developer import DEVELOPER
-from vehicle import OPERATOR, Client, Server, own_domain
+from vehicle import serving
 
-PAGES = ["/", "/developer"]
+pytestmark = pytest.mark.alone
 
 
 @pytest.fixture
@@ -22,12 +23,9 @@ def way():
 
 @pytest.fixture
 def server(tmp_path, way):
-    server = Server(tmp_path, own_domain(), flags=["--origin", way.url])
-    way.to = server.port
-    server.add_user(*OPERATOR)
-    server.start()
-    yield server
-    assert server.stop() == 0
+    with serving(tmp_path, flags=["--origin", way.url]) as server:
+        way.to = server.port
+        yield server
 
 
 def live(page):
@@ -38,34 +36,44 @@ def expect_live(page, seconds=15):
     expect(page.locator("body")).to_have_attribute("data-live", "live", timeout=seconds * 1000)
 
 
-@pytest.mark.parametrize("path", PAGES)
-def test_a_delay_that_grows_slowly_is_seen(server, vehicle, way, page, trouble, path):
-    # What the page may know of the time of day is wrong and goes backwards.
-    page.add_init_script("const start = Date.now(); Date.now = () => start - 4 * performance.now();")
-    if path == "/":
-        log_in(page, way)
-        expect_standing(page)
-    else:
-        server.add_user(*DEVELOPER, role="developer")
-        Client(way, *OPERATOR)
-        log_in(page, way, *DEVELOPER)
-        page.wait_for_url(way.url + "/")
-    page.goto(way.url + path)
-    expect_live(page)
+@pytest.fixture
+def developer(server, way, chromium, trouble):
+    """A page of a developer's."""
+    server.add_user(*DEVELOPER, role="developer")
+    context = chromium.new_context()
+    page = context.new_page()
+    watch(page, trouble)
+    yield page
+    context.close()
+
+
+def test_a_delay_that_grows_slowly_is_seen(server, vehicle, way, page, developer, trouble):
+    # What a page may know of the time of day is wrong and goes backwards.
+    for each in (page, developer):
+        each.add_init_script("const start = Date.now(); Date.now = () => start - 4 * performance.now();")
+    log_in(page, way)
+    expect_standing(page)
+    log_in(developer, way, *DEVELOPER)
+    developer.wait_for_url(way.url + "/")
+    developer.goto(way.url + "/developer")
+    page.goto(way.url + "/")
+    for each in (page, developer):
+        expect_live(each)
     seen, began = [], time.monotonic()
     while (late_s := 0.5 * (time.monotonic() - began)) < 3.5:
         way.seconds = late_s
         page.wait_for_timeout(50)
-        seen.append((late_s, live(page)))
-    assert "live" not in [state for late_s, state in seen if late_s > 1.4], seen
-    assert {state for late_s, state in seen if late_s > 2.5} == {"dead"}, seen
+        seen += [(late_s, live(page), "operator"), (late_s, live(developer), "developer")]
+    assert "live" not in [state for late_s, state, _ in seen if late_s > 1.4], seen
+    assert {state for late_s, state, _ in seen if late_s > 2.5} == {"dead"}, seen
     # It stays so while the delay does, however often the page connects anew.
     ends = time.monotonic() + 9
     while time.monotonic() < ends:
         page.wait_for_timeout(100)
-        assert live(page) == "dead"
+        assert (live(page), live(developer)) == ("dead", "dead")
     way.seconds = 0
-    expect_live(page)
+    for each in (page, developer):
+        expect_live(each)
     trouble.expect("WebSocket", "htmx:ws")
 
 

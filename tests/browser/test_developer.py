@@ -89,8 +89,11 @@ def test_every_page_tells_of_a_fault_and_of_what_it_hides(server, vehicle, devel
     page.locator(".toggle").first.click()
     expect(page.locator(".node").first).to_be_visible()
     visit(page, server, "/developer/coverage")
+    expect(page.locator('tr[data-group="can"] td')).to_have_count(6)
     page.locator('tr[data-group="can"] a').click()
     expect(page.locator("#listed")).to_contain_text("can/battery")
+    expect(page.locator("#listed h4")).to_have_text(["Components"])
+    expect(page.locator("#coverage [data-technique] th")).to_have_text(["Components", "Data streams"])
 
 
 def test_the_timeline_goes_on_and_back(server, vehicle, developer, trouble):
@@ -150,6 +153,7 @@ def large_configuration(path):
     return path
 
 
+@pytest.mark.alone
 def test_five_thousand_modules_are_handled_in_a_tenth_of_a_second(chromium, tmp_path):
     config = large_configuration(tmp_path / "large.yaml")
     server = Server(tmp_path, own_domain(), config=config)

@@ -39,7 +39,7 @@ def test_on_a_phone_nothing_is_cut_and_what_to_do_is_in_sight(server, vehicle, g
     page, client = german
     vehicle.drive(True)
     until(lambda: client.snapshot()["stage"] == "active", 20, client.snapshot)
-    client.post("/vehicle/stop", version=client.snapshot()["seq"])
+    client.stop()
     vehicle.set("velodyne_packet_alive", 2, "Only 2.0 scans per second")
     page.set_viewport_size({"width": 390, "height": 844})
     page.goto(server.url + "/")

@@ -1,11 +1,15 @@
 """Nothing flashes more than three times a second (WCAG 2.3.1), however the vehicle's states change."""
 
+import contextlib
+
 import pytest
 from playwright.sync_api import expect
 
 from operating import touch_context
 from test_operator import expect_standing, log_in
-from vehicle import until
+from vehicle import Vehicle, serving, until
+
+pytestmark = pytest.mark.alone
 
 FLASHES_MAX = 3
 NAME = "velodyne_packet_alive"
@@ -58,6 +62,18 @@ def flashes(changes):
         way, last = now, (light, red)
     counts = [sum(1 for other in turns if at <= other < at + 1000) for at in turns]
     return max(counts, default=0) // 2
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    with serving(tmp_path_factory.mktemp("server")) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def vehicle(server):
+    with contextlib.closing(Vehicle(server.domain, server.folder)) as vehicle:
+        yield vehicle
 
 
 @pytest.mark.parametrize("palette", ["day", "night"])

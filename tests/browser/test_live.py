@@ -10,6 +10,8 @@ from playwright.sync_api import expect
 from test_operator import expect_standing, log_in
 from vehicle import OPERATOR, Client, until
 
+pytestmark = pytest.mark.alone
+
 WATCH = """() => {
   window.liveLog = [];
   new MutationObserver(() => window.liveLog.push([performance.now(), document.body.dataset.live]))

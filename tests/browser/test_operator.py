@@ -39,7 +39,7 @@ def expect_standing(page):
     expect(page.locator("body")).to_have_attribute("data-live", "live")
     if page.locator("body").get_attribute("data-stage") == "localizing":
         page.locator("#actions button[name=localize]").first.click()
-    expect(page.locator("body")).to_have_attribute("data-stage", "standby", timeout=10_000)
+    expect(page.locator("body")).to_have_attribute("data-stage", "standby")
     expect(page.locator("body")).to_have_attribute("data-live", "live")
     for name in TILES:
         if name in ("planning", "execution"):

@@ -39,8 +39,10 @@ def test_the_story_by_touch_alone(demo, display, trouble):
     localize(page)
     expect(page.locator("#countermeasure")).not_to_have_attribute("data-request", re.compile("."))
     clear(page)
+    # A step that a change takes back is refused.
+    trouble.expect("409")
     stage(page, "active", 20)
-    expect(page.locator("#causes .calm")).to_be_visible(timeout=10_000)
+    expect(page.locator("#causes .calm")).to_be_visible()
     before = sounded(page)
 
     client.post("/demo/fault", name="localization_jump", active="true")
@@ -76,11 +78,12 @@ def test_the_story_by_touch_alone(demo, display, trouble):
     stage(page, "standby", 90)
     page.wait_for_timeout(500)
     step(page, "logout").tap()
-    expect(page).to_have_url(re.compile("/login"), timeout=10_000)
+    expect(page).to_have_url(re.compile("/login"))
     expect(page.locator(".known button")).to_have_text(["operator"])
     expect(page.locator(".digits")).to_be_visible()
 
 
+@pytest.mark.alone
 def test_a_refused_clearance_lists_every_check_and_a_double_tap_clears_nothing(demo, display, trouble):
     page = display
     client = Client(demo, *DEMO_OPERATOR)
@@ -88,7 +91,7 @@ def test_a_refused_clearance_lists_every_check_and_a_double_tap_clears_nothing(d
     client.post("/demo/fault", name="low_battery", active="true")
     client.post("/demo/fault", name="costmap_delay", active="true")
     checks = page.locator("#step .checks li:not(.holds)")
-    expect(checks.filter(has_text="Perception: error")).to_be_visible(timeout=10_000)
+    expect(checks.filter(has_text="Perception: error")).to_be_visible()
     expect(checks.filter(has_text="Acknowledge first: Battery is low")).to_be_visible()
     refused = page.locator("#step button[name=clearance]")
     expect(refused).to_have_attribute("aria-disabled", "true")
@@ -118,6 +121,7 @@ def test_a_refused_clearance_lists_every_check_and_a_double_tap_clears_nothing(d
     stage(page, "standby")
 
 
+@pytest.mark.alone
 def test_a_confirmation_that_is_not_given_in_time_is_gone(demo, display, trouble):
     page = display
     localize(page)
@@ -128,6 +132,7 @@ def test_a_confirmation_that_is_not_given_in_time_is_gone(demo, display, trouble
     stage(page, "standby")
 
 
+@pytest.mark.alone
 def test_a_tap_while_the_server_hangs_is_not_kept_for_later(demo, display, trouble):
     page = display
     stage(page, "localizing")
@@ -171,3 +176,29 @@ def test_a_position_is_given_again_at_a_stop(demo, display, trouble):
     page.locator("#sheet-stops button[name=localize]").first.tap()
     expect(page.locator("#sheet-stops")).to_be_hidden()
     expect(page.locator("#actions button[name=clearance]:not([aria-disabled])")).to_be_visible(timeout=40_000)
+
+
+def test_the_work_is_ended_in_two_steps_and_not_while_driving(display, trouble):
+    page = display
+    stage(page, "localizing")
+    shutdown, sheet = page.locator("button[name=shutdown]"), page.locator("#sheet-shutdown")
+    shutdown.tap()
+    expect(sheet).to_be_visible()
+    expect(sheet).to_contain_text("The vehicle is locked and you are logged out.")
+    sheet.locator("[name=stay]").tap()
+    expect(sheet).to_be_hidden()
+    stage(page, "localizing")
+    localize(page)
+    clear(page)
+    # A step that a change takes back is refused.
+    trouble.expect("409")
+    stage(page, "active", 20)
+    expect(shutdown).to_have_count(0)
+
+
+def test_the_work_is_ended_where_the_vehicle_stands(display, trouble):
+    page = display
+    stage(page, "localizing")
+    page.locator("button[name=shutdown]").tap()
+    page.locator("button[name=confirm_shutdown]").tap()
+    page.wait_for_url("**/login")

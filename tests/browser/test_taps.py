@@ -6,6 +6,8 @@ from playwright.sync_api import expect
 from operating import step
 from test_operator import expect_standing, expect_tile, log_in
 
+pytestmark = pytest.mark.alone
+
 
 @pytest.fixture
 def driving(server, vehicle, page, trouble):

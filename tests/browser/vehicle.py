@@ -1,6 +1,9 @@
 """The processes around a browser test: the real server, and the foreign DDS peers of a vehicle."""
 
+import contextlib
+import functools
 import http.cookiejar
+import itertools
 import json
 import os
 import re
@@ -24,6 +27,7 @@ PYTHON = sys.executable
 CONFIG = ROOT / "config/self-diagnosing-shuttle.yaml"
 OPERATOR = ("anna", "975310")
 STARTUP_S = 20
+STOP = "rt/telltale/maneuver_stop_request"
 
 
 def until(condition, seconds, what):
@@ -37,16 +41,51 @@ def until(condition, seconds, what):
         time.sleep(0.02)
 
 
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+def lock(domain):
+    """A socket that keeps other processes off this DDS domain while it is bound, the tests in Rust too
+    (`tests/it/peer.rs`); `None` where another one holds it."""
+    held = socket.socket()
+    try:
+        held.bind(("127.0.0.1", 5200 + domain))
+        return held
+    except OSError:
+        held.close()
+        return None
 
 
+LOCKS = []
+
+
+@functools.cache
 def own_domain():
-    """A DDS domain that parallel runs on one machine hardly share; its ports stay below the
-    range from which the kernel gives out others."""
-    return 20 + os.getpid() % 40
+    """The DDS domain of this process, which no other one uses; those 40 to 45 above it are its own too.
+    Up to 101 their ports stay below the range from which the kernel gives out others."""
+    for step in range(50):
+        domain = 1 + (os.getpid() + step) % 50
+        held = [lock(it) for it in (domain, *range(domain + 40, domain + 46))]
+        if all(held):
+            LOCKS.extend(held)
+            return domain
+        for taken in filter(None, held):
+            taken.close()
+    raise AssertionError("no free DDS domain for a test")
+
+
+PORTS = itertools.count()
+
+
+def free_port():
+    """A port that no connection of another program gets meanwhile: below those that the kernel gives
+    out, in a range that goes with the domain of this process."""
+    for _ in range(100):
+        port = 10_000 + 100 * own_domain() + next(PORTS) % 100
+        with socket.socket() as probe:
+            try:
+                probe.bind(("127.0.0.1", port))
+                return port
+            except OSError:
+                continue
+    raise AssertionError("no free port for a test")
 
 
 class Server:
@@ -112,6 +151,17 @@ class Server:
             self.log.close()
 
 
+@contextlib.contextmanager
+def serving(folder, **options):
+    """A server that an operator can log in to, which has to end well."""
+    server = Server(folder, own_domain(), **options)
+    server.add_user(*OPERATOR)
+    server.start()
+    yield server
+    code = server.stop()
+    assert code == 0, f"exit code {code}:\n{server.read_log()}"
+
+
 class Client:
     """A program with a session, as the HTTP interface offers it."""
 
@@ -131,6 +181,18 @@ class Client:
         request = urllib.request.Request(self.server.url + path, data=body, headers=headers)
         with self.opener.open(request, timeout=10) as answer:
             return answer.read()
+
+    def stop(self):
+        """Requests a stop, which counts as sent as soon as somebody of the vehicle listens."""
+        until(self.was_stop_sent, 20, "the vehicle listens")
+
+    def was_stop_sent(self):
+        try:
+            self.post("/vehicle/stop", version=self.snapshot()["seq"])
+        except urllib.error.HTTPError as error:
+            assert error.code == 503, error.read()
+            return False
+        return True
 
     def snapshot(self):
         with self.opener.open(self.server.url + "/api/v1/snapshot", timeout=10) as answer:
@@ -161,6 +223,21 @@ class Writer:
         self.log.close()
 
 
+class Listener:
+    """A node of the vehicle that listens to what it may be asked for."""
+
+    def __init__(self, domain, log):
+        self.log = open(log, "ab")
+        words = [PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(domain), "sub", "--topic", f"{STOP}=Bool"]
+        self.process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=self.log, stderr=self.log)
+
+    def close(self):
+        self.process.stdin.close()
+        self.process.terminate()
+        self.process.wait(timeout=10)
+        self.log.close()
+
+
 class Vehicle:
     """Publishes every status that the configuration names, ten times a second, and the signal."""
 
@@ -174,6 +251,7 @@ class Vehicle:
         self.active = False
         self.diagnostics = Writer(domain, "rt/diagnostics", "DiagnosticArray", folder / "diagnostics.log")
         self.signal = Writer(domain, "rt/mission/active", "Bool", folder / "active.log")
+        self.listener = Listener(domain, folder / "listener.log")
         self.lock = threading.Lock()
         self.ended = threading.Event()
         self.thread = threading.Thread(target=self.run, daemon=True)
@@ -204,5 +282,5 @@ class Vehicle:
     def close(self):
         self.ended.set()
         self.thread.join(timeout=10)
-        self.diagnostics.close()
-        self.signal.close()
+        for part in (self.diagnostics, self.signal, self.listener):
+            part.close()

@@ -10,14 +10,14 @@ import time
 CONFIG = """
 <CycloneDDS><Domain Id="any">
   <General>
-    <Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>
+    <Interfaces><NetworkInterface name="{interface}" multicast="false"/></Interfaces>
     <AllowMulticast>false</AllowMulticast>
     <MaxMessageSize>65500B</MaxMessageSize>
   </General>
   <Discovery>
     <ParticipantIndex>auto</ParticipantIndex>
     <MaxAutoParticipantIndex>30</MaxAutoParticipantIndex>
-    <Peers><Peer address="127.0.0.1"/></Peers>
+    <Peers>{peers}</Peers>
     <SPDPInterval>500ms</SPDPInterval>
     <LeaseDuration>{lease_s}s</LeaseDuration>
   </Discovery>
@@ -25,9 +25,13 @@ CONFIG = """
 """
 
 
-def load(lease_s):
+def load(options):
     """Imports Cyclone late: its configuration is read then."""
-    os.environ["CYCLONEDDS_URI"] = CONFIG.format(lease_s=lease_s)
+    os.environ["CYCLONEDDS_URI"] = CONFIG.format(
+        lease_s=options.lease_s,
+        interface=options.interface,
+        peers="" if options.interface != "lo" else '<Peer address="127.0.0.1"/>',
+    )
     try:
         import cyclonedds._clayer as clayer
         from cyclonedds import core, domain, idl, pub, qos, sub, topic, util
@@ -40,7 +44,7 @@ def load(lease_s):
 
 class Participant:
     def __init__(self, options):
-        self.lib = load(options.lease_s)
+        self.lib = load(options)
         self.dds = self.lib.domain.DomainParticipant(options.domain)
         self.guid = self.dds.guid.bytes
         self.qos = self.make_qos(options)
@@ -105,6 +109,10 @@ class Writer:
 
     def matched(self):
         return len(self.dds.get_matched_subscriptions())
+
+    def complaints(self):
+        """How many readers asked for more than this writer offers."""
+        return self.dds.get_offered_incompatible_qos_status().total_count
 
     def acknowledged(self):
         """False if the readers did not acknowledge all within 10 s."""

@@ -187,6 +187,12 @@ int32_t fast_matched(DataWriter* writer) {
     return status.current_count;
 }
 
+int32_t fast_complaints(DataWriter* writer) {
+    OfferedIncompatibleQosStatus status;
+    writer->get_offered_incompatible_qos_status(status);
+    return status.total_count;
+}
+
 bool fast_acknowledged(DataWriter* writer, int32_t seconds) {
     return writer->wait_for_acknowledgments({seconds, 0}) == ReturnCode_t::RETCODE_OK;
 }

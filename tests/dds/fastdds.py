@@ -12,6 +12,7 @@ FUNCTIONS = {
     "fast_writer": (POINTER, POINTER, TEXT, TEXT, FLAG, FLAG, NUMBER),
     "fast_write": (FLAG, POINTER, TEXT, ctypes.c_size_t, ctypes.c_int64),
     "fast_matched": (NUMBER, POINTER),
+    "fast_complaints": (NUMBER, POINTER),
     "fast_acknowledged": (FLAG, POINTER, NUMBER),
     "fast_reader": (FLAG, POINTER, ctypes.c_uint32, TEXT, TEXT, FLAG, FLAG, NUMBER),
     "fast_take": (POINTER, POINTER, NUMBER, POINTER, POINTER),
@@ -73,6 +74,10 @@ class Writer:
 
     def matched(self):
         return self.lib.fast_matched(self.dds)
+
+    def complaints(self):
+        """How many readers asked for more than this writer offers."""
+        return self.lib.fast_complaints(self.dds)
 
     def acknowledged(self):
         """False if the readers did not acknowledge all within 10 s."""

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """A foreign DDS peer for the tests: Eclipse Cyclone DDS or eProsima Fast DDS in a process of its own,
-on the loopback interface alone, which speaks the ROS 2 wire format (`wire.py`).
+on the loopback interface where no other is named, which speaks the ROS 2 wire format (`wire.py`).
 
     peer.py --domain 7 pub                    writes what the JSON lines on standard input say
     peer.py --domain 7 sub --topic rt/x ...   prints what it receives, as JSON lines
@@ -17,6 +17,7 @@ TELLTALE_PEER_FASTDDS. Every command prints {"ready": true} first.
     {"message": "Odometry", "fields": {...}}   one of `interfaces.py`
     {"raw": "000100..."}              these very bytes, the encapsulation included
     {"wait_matched": 1, "timeout": 10}    until that many readers match; prints {"matched": n}
+    {"complaints": true}              prints {"complaints": n}: readers that asked for more than is offered
 Any of them may have `"cut": n` (only the first n bytes), `"times": n` and `"age_s": n` (stamped so long ago). Each
 write prints {"written": bytes, "at_ns": when, on the monotonic clock}; `sub` prints that of the receipt. With Cyclone
 the byte order is always that of this machine: it writes the encapsulation. At the end of input it waits until all was
@@ -103,6 +104,9 @@ def publish(participant, options):
         if "wait_matched" in command:
             say(matched=wait_matched(writer, command["wait_matched"], command.get("timeout", 20)))
             continue
+        if "complaints" in command:
+            say(complaints=writer.complaints())
+            continue
         data = encode(command, participant.guid)
         at_ns = time.monotonic_ns()
         for _ in range(command.get("times", 1)):
@@ -122,6 +126,18 @@ def subscribe(participant, options):
     for index, data, at_ns in received:
         name, type_name = topics[index]
         say(topic=name, bytes=len(data), value=wire.READ[type_name](data), at_ns=at_ns)
+
+
+def serve(participant, options):
+    """Reads the requests of a service and writes its replies, as a server of ROS 2 does, until its
+    input ends. Nobody is answered: only discovery is asked for."""
+    type_name = f"{options.type}_{{}}_"
+    replies = participant.writer(f"rr{options.service}Reply", type_name.format("Response"))
+    requests = participant.receive([(f"rq{options.service}Request", type_name.format("Request"))])
+    next(requests)
+    say(ready=True, held=len([replies, requests]))
+    sys.stdin.read()
+    say(done=True)
 
 
 def load(participant, options):
@@ -177,6 +193,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--domain", type=int, required=True)
     parser.add_argument("--dds", choices=["cyclone", "fastdds"], default="cyclone")
+    parser.add_argument("--interface", default="lo", help="of Cyclone; it finds nobody by itself on any but lo")
     parser.add_argument("--lease-s", type=float, default=10.0, help="a peer that was killed is gone after so long")
     parser.add_argument("--reliability", choices=["reliable", "best_effort"], default="reliable")
     parser.add_argument("--durability", choices=["volatile", "transient_local"], default="volatile")
@@ -189,6 +206,10 @@ def main():
     one = commands.add_parser("sub")
     one.add_argument("--topic", nargs="+", action="extend", metavar="NAME=TYPE", help="default: rt/diagnostics=DiagnosticArray")
     one.set_defaults(run=subscribe)
+    one = commands.add_parser("serve")
+    one.add_argument("--service", required=True, help="with its namespace: /map/get")
+    one.add_argument("--type", default="std_srvs::srv::dds_::Trigger")
+    one.set_defaults(run=serve)
     one = commands.add_parser("load")
     one.add_argument("--statuses", type=int, default=1000)
     one.add_argument("--rate", type=float, default=100.0)

@@ -9,28 +9,33 @@ use serde_json::{Value, json};
 use telltale::clock::Clock;
 use telltale::config;
 use telltale::engine::Engine;
-use telltale::engine::input::{Input, OperatorAction, Place, StatusArray};
+use telltale::engine::input::{Input, ListenNews, OperatorAction, Output, Place, Stamped, StatusArray};
 use telltale::engine::model::Stage;
 use telltale::engine::sample::Pose;
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::time::{Span, Timestamp};
-use telltale::ros::BridgeOptions;
+use telltale::ros::messages::GidSize;
 use telltale::ros::messages::encode::{self, Header, Motion};
 use telltale::ros::outputs::{self, OutputTopic, Outputs, What};
+use telltale::ros::{self, Bridge, BridgeOptions};
 use tokio::sync::{mpsc, watch};
 
 use crate::peer::{Domain, Peer, Vendor};
 
 /// An engine whose snapshots are published, and what the foreign peer hears.
-struct Published {
+pub struct Published {
     engine: Engine,
     now_ms: u64,
     snapshots: watch::Sender<Arc<Snapshot>>,
-    outputs: Outputs,
+    pub outputs: Outputs,
+    /// What the engine is told.
+    pub news: mpsc::Receiver<Stamped>,
+    /// It knows who else is there.
+    pub bridge: Bridge,
 }
 
 impl Published {
-    async fn start(domain: &Domain) -> Published {
+    pub async fn start(domain: &Domain) -> Published {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/config/self-diagnosing-shuttle.yaml");
         let text = std::fs::read_to_string(path).expect("it is there")
             + "\ncountermeasures: [{ request: decelerate, mps2: 1.5, when: { groups: [execution], stages: [active] } }, \
@@ -39,13 +44,18 @@ impl Published {
         let mut engine = Engine::new(loaded.model.clone(), Timestamp::ZERO);
         let (snapshots, latest) = watch::channel(engine.snapshot());
         let topic = |(key, topic, period): (&str, Option<&str>, Option<Span>)| {
-            Some(OutputTopic { what: What::from_key(key)?, topic: topic?.into(), period })
+            let beside_others = loaded.publishing.beside_others(key);
+            Some(OutputTopic { what: What::from_key(key)?, topic: topic?.into(), period, beside_others })
         };
         let topics = loaded.publishing.all().into_iter().filter_map(topic).collect();
         let options = BridgeOptions::loopback(domain.id);
-        let (inputs, _) = mpsc::channel(64);
-        let outputs = outputs::start(options, topics, latest, inputs, Clock::start()).await;
-        Published { engine, now_ms: 0, snapshots, outputs: outputs.expect("DDS is to be had") }
+        let (inputs, news) = mpsc::channel(64);
+        let (clock, heard) = (Clock::start(), inputs.clone());
+        let options = BridgeOptions { gid_size: Some(GidSize::Bytes16), ..options };
+        let bridge =
+            ros::start(options.clone(), &loaded.model, heard, clock).await.expect("DDS is to be had");
+        let outputs = outputs::start(options, topics, latest, inputs, bridge.graph(), clock).await;
+        Published { engine, now_ms: 0, snapshots, outputs: outputs.expect("DDS is to be had"), news, bridge }
     }
 
     fn happen(&mut self, input: &Input) {
@@ -54,7 +64,7 @@ impl Published {
         self.snapshots.send_replace(self.engine.snapshot());
     }
 
-    fn status(&mut self, name: &str, level: u8) {
+    pub fn status(&mut self, name: &str, level: u8) {
         let mut array = StatusArray::default();
         array.push_status(level, name, "said so", "");
         self.happen(&Input::Diagnostics(array));
@@ -75,11 +85,46 @@ fn hear(peer: &mut Peer, topic: &str, fits: impl Fn(&Value) -> bool) -> Value {
     }
 }
 
+/// What the engine is told next of who listens to requests of a kind.
+async fn told(inputs: &mut mpsc::Receiver<Stamped>, of: Output) -> bool {
+    let next = async {
+        loop {
+            match inputs.recv().await.expect("the outputs run").input {
+                Input::Listened(ListenNews { output, heard, .. }) if output == of => return heard,
+                _ => {}
+            }
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(60), next).await.expect("discovery gets there")
+}
+
 with_each_peer!(
+    who_listens_is_known_and_hears_what_was_asked_before,
     stage_clearance_pose_and_countermeasures_reach_a_foreign_peer,
     the_aggregated_diagnosis_is_as_the_tools_of_ros_expect_it,
     a_clearance_is_taken_back_at_the_end,
 );
+
+async fn who_listens_is_known_and_hears_what_was_asked_before(vendor: Vendor) {
+    let domain = Domain::of(vendor);
+    let mut published = Published::start(&domain).await;
+    assert!(!told(&mut published.news, Output::ManeuverStop).await, "nobody is there");
+    published.happen(&Input::Operator(OperatorAction::Login { name: "anna".into() }));
+    published.active(true);
+    published.happen(&Input::Operator(OperatorAction::RequestStop));
+    // This one wants of requests to slow down what is not offered: it hears none of them.
+    let both = "rt/telltale/maneuver_stop_request=Bool rt/telltale/deceleration_request=AccelStamped";
+    let mut peer = Peer::start(&domain, &format!("--durability transient_local sub --topic {both}"));
+    assert!(told(&mut published.news, Output::ManeuverStop).await);
+    hear(&mut peer, "/telltale/maneuver_stop_request", |value| value["data"] == true);
+    assert!(peer.so_far().iter().all(|line| line["topic"] != "rt/telltale/deceleration_request"));
+    let fitting = Peer::start(&domain, "sub --topic rt/telltale/deceleration_request=AccelStamped");
+    assert!(told(&mut published.news, Output::Deceleration).await);
+    fitting.kill();
+    peer.kill();
+    assert!(!told(&mut published.news, Output::ManeuverStop).await, "it has gone");
+    published.outputs.shutdown().await;
+}
 
 async fn stage_clearance_pose_and_countermeasures_reach_a_foreign_peer(vendor: Vendor) {
     let domain = Domain::of(vendor);

@@ -42,21 +42,26 @@ fn model(topics: Vec<TopicSpec>, targets: Vec<ProbeTarget>) -> Model {
         signals: Vec::new(),
         groups: Vec::new(),
         modules: Vec::new(),
-        watched: Watched { topics: topics.into_iter().map(Arc::new).collect(), watchdogs },
+        watched: Watched {
+            topics: topics.into_iter().map(Arc::new).collect(),
+            watchdogs,
+            ..Watched::default()
+        },
         driving: Driving::default(),
         discovered: Policy::default(),
+        other: Default::default(),
         limits: Limits::default(),
     };
     Model::new(parts).expect("nothing depends on anything")
 }
 
-struct Watching {
-    bridge: Bridge,
+pub struct Watching {
+    pub bridge: Bridge,
     inputs: mpsc::Receiver<Stamped>,
 }
 
 impl Watching {
-    async fn start(domain: &Domain, model: &Model) -> Watching {
+    pub async fn start(domain: &Domain, model: &Model) -> Watching {
         let (sender, inputs) = mpsc::channel(1024);
         let options = BridgeOptions::loopback(domain.id);
         let bridge = ros::start(options, model, sender, Clock::start()).await.expect("the bridge starts");
@@ -64,7 +69,7 @@ impl Watching {
     }
 
     /// Receives until an input fits.
-    async fn until<T>(&mut self, what: &str, mut fits: impl FnMut(&Input) -> Option<T>) -> T {
+    pub async fn until<T>(&mut self, what: &str, mut fits: impl FnMut(&Input) -> Option<T>) -> T {
         let mut last = Vec::new();
         let found = async {
             loop {
@@ -79,7 +84,7 @@ impl Watching {
         found.unwrap_or_else(|_| panic!("no {what}; received: {last:#?}"))
     }
 
-    async fn sample(&mut self, topic: &str) -> Sample {
+    pub async fn sample(&mut self, topic: &str) -> Sample {
         self.until(topic, |input| match input {
             Input::Sample(sample) if *sample.source.topic == *topic => Some(sample.clone()),
             _ => None,
@@ -113,6 +118,7 @@ with_each_peer!(
     hostile_bodies_are_unreadable_and_counted_and_a_publisher_that_leaves_is_noticed,
     another_configuration_learns_the_last_value_and_who_publishes,
     a_node_is_there_until_it_is_announced_no_longer,
+    a_service_is_there_while_somebody_serves_it,
 );
 
 async fn fields_of_foreign_messages_arrive_right(vendor: Vendor) {
@@ -274,13 +280,36 @@ async fn a_node_is_there_until_it_is_announced_no_longer(vendor: Vendor) {
         "--durability transient_local pub --topic ros_discovery_info --type ParticipantEntitiesInfo",
     );
     peer.write(&json!({"info": {"size": 16, "name": "camera"}}));
-    watching.until("the node", outcome(|it| matches!(it, ProbeOutcome::Answered { .. }))).await;
+    watching.until("the node", outcome(|it| matches!(it, ProbeOutcome::Announced))).await;
     peer.write(&json!({"info": {"size": 16}}));
     watching.until("its end", outcome(|it| matches!(it, ProbeOutcome::Missed(_)))).await;
     peer.write(&json!({"info": {"size": 16, "name": "camera"}}));
-    watching.until("the node", outcome(|it| matches!(it, ProbeOutcome::Answered { .. }))).await;
+    watching.until("the node", outcome(|it| matches!(it, ProbeOutcome::Announced))).await;
     peer.end();
     watching.until("its end", outcome(|it| matches!(it, ProbeOutcome::Missed(_)))).await;
+    watching.bridge.shutdown().await;
+}
+
+async fn a_service_is_there_while_somebody_serves_it(vendor: Vendor) {
+    let domain = Domain::of(vendor);
+    let model = model(Vec::new(), vec![ProbeTarget::Service { name: "/map/get".into() }]);
+    let mut watching = Watching::start(&domain, &model).await;
+    let outcome = |wanted: fn(&ProbeOutcome) -> bool| {
+        move |input: &Input| match input {
+            Input::Probe(probe) if wanted(&probe.outcome) => Some(()),
+            _ => None,
+        }
+    };
+    // A client writes requests too.
+    let request = "--topic rq/map/getRequest --type std_srvs::srv::dds_::Trigger_Request_";
+    let client = Peer::start(&domain, &format!("pub {request}"));
+    watching.until("patience", outcome(|it| matches!(it, ProbeOutcome::Impossible(_)))).await;
+    watching.until("nobody", outcome(|it| matches!(it, ProbeOutcome::Missed(_)))).await;
+    let server = Peer::start(&domain, "serve --service /map/get");
+    watching.until("the service", outcome(|it| matches!(it, ProbeOutcome::Announced))).await;
+    server.end();
+    watching.until("its end", outcome(|it| matches!(it, ProbeOutcome::Missed(_)))).await;
+    client.end();
     watching.bridge.shutdown().await;
 }
 

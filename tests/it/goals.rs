@@ -6,7 +6,7 @@ use serde_json::json;
 use telltale::clock::Clock;
 use telltale::engine::input::{OperatorAction, Response, TroubleKind};
 use telltale::engine::model::{
-    Driving, FieldSource, Limits, Model, NodeId, Parts, Policy, SignalSpec, StageModel, Text,
+    Driving, FieldSource, Limits, Model, NodeId, Parts, Policy, SignalSource, SignalSpec, StageModel, Text,
 };
 use telltale::engine::monitor::spec::Watched;
 use telltale::engine::snapshot::Snapshot;
@@ -26,6 +26,7 @@ fn model() -> Model {
         type_name: "geometry_msgs/msg/PoseStamped".into(),
         field: "data".into(),
     };
+    let source = SignalSource::Field(source);
     let goal =
         SignalSpec { name: "goal".into(), source, timeout: None, present_for: Some(Span::from_secs(3600)) };
     let parts = Parts {
@@ -38,6 +39,7 @@ fn model() -> Model {
         watched: Watched::default(),
         driving: Driving::default(),
         discovered: Policy::default(),
+        other: Default::default(),
         limits: Limits::default(),
     };
     Model::new(parts).expect("nothing depends on anything")

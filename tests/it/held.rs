@@ -308,3 +308,47 @@ fn a_module_that_flaps_pushes_no_other_alarm_away() {
     assert_eq!((counters.merged_alarms, counters.dropped_alarms), (292, 0));
     assert_eq!(vehicle.look().overall, State::Ok);
 }
+
+#[test]
+fn an_alarm_of_what_is_unknown_goes_on_over_a_restart_though_it_is_given_time_again() {
+    let text = "
+vehicle: { stages: none }
+defaults: { timeout: 1s }
+groups:
+  - { id: bus, modules: [{ id: link, status: link }] }
+  - { id: strict, depends_on: [{ on: bus, masks_when: [error, unknown] }], modules: [{ id: m, status: m }] }
+";
+    let report = |engine: &mut Engine, link: u8, millis: u64| {
+        let mut array = StatusArray::default();
+        array.push_status(link, "link", "", "");
+        engine.handle(&Input::Diagnostics(array), Timestamp::from_millis(millis));
+    };
+    let alarms = |engine: &mut Engine| -> Vec<(u64, String, bool)> {
+        let snapshot = engine.snapshot();
+        let told = |it: &telltale::engine::snapshot::Alarm| {
+            (it.id, snapshot.node_name(it.node).to_string(), it.active)
+        };
+        snapshot.alarms.iter().map(told).collect()
+    };
+    let mut engine = Engine::new(model(text), Timestamp::ZERO);
+    assert_eq!(alarms(&mut engine), [], "it is given time");
+    report(&mut engine, 3, 100);
+    let expected = [(1, "bus/link".to_owned(), true)];
+    assert_eq!(alarms(&mut engine), expected, "it says that it does not know");
+    let restored = engine.snapshot().to_restore();
+    let resume = || Engine::resume(model(text), &restored, Timestamp::from_millis(200));
+    let mut silent = resume();
+    for millis in [200, 900, 1200, 9000] {
+        silent.handle(&Input::Tick, Timestamp::from_millis(millis));
+        assert_eq!(alarms(&mut silent), expected, "at {millis} ms");
+    }
+    let mut well = resume();
+    report(&mut well, 0, 300);
+    assert_eq!(alarms(&mut well), [(1, "bus/link".to_owned(), false)]);
+    // Without an alarm from before, the time to report is given as at any start.
+    let mut fresh = Engine::resume(model(text), &Default::default(), Timestamp::from_millis(200));
+    fresh.handle(&Input::Tick, Timestamp::from_millis(1199));
+    assert_eq!(alarms(&mut fresh), []);
+    fresh.handle(&Input::Tick, Timestamp::from_millis(1200));
+    assert_eq!(alarms(&mut fresh), expected);
+}

@@ -18,17 +18,28 @@ macro_rules! with_each_peer {
     )*};
 }
 
+mod alike;
+mod coming;
+mod commands;
 mod countermeasures;
 mod dds;
 mod driving;
 mod evaluation;
 mod fields;
 mod goals;
+mod graph;
 mod held;
 mod hostile;
+mod learned;
 mod monitoring;
+mod network;
+mod observed;
 mod peer;
 mod properties;
+mod publishers;
+mod recorded;
+mod signals;
 mod start;
 mod tidy;
+mod unheard;
 mod web;

@@ -58,6 +58,11 @@ pub struct Peer {
 impl Peer {
     /// Starts `peer.py` and waits until it is ready. `arguments` are split at blanks.
     pub fn start(domain: &Domain, arguments: &str) -> Peer {
+        Peer::start_by(domain, &[], arguments)
+    }
+
+    /// The same, started by another command.
+    pub fn start_by(domain: &Domain, by: &[&str], arguments: &str) -> Peer {
         let python = needed(
             "TELLTALE_PEER_PYTHON",
             "a Python that has cyclonedds 11.0.1; `tests/run.sh` makes one, or: python3 -m venv V && \
@@ -77,8 +82,9 @@ impl Peer {
             }
         };
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/dds/peer.py");
-        let mut child = Command::new(&python)
-            .arg(script)
+        let mut words = by.iter().copied().chain([&*python, script]);
+        let mut child = Command::new(words.next().expect("there are two at least"))
+            .args(words)
             .args(["--domain", &domain.id.to_string(), "--dds", dds])
             .args(arguments.split_whitespace())
             .stdin(Stdio::piped())

@@ -7,11 +7,16 @@ use std::process::{Command, Output};
 const SHUTTLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/config/shuttle.yaml");
 
 fn telltale(words: &[&str]) -> Output {
+    telltale_with(words, &[])
+}
+
+/// The same, with variables of the environment.
+fn telltale_with(words: &[&str], variables: &[(&str, &str)]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
     for variable in ["ROS_DOMAIN_ID", "ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "RUST_LOG"] {
         command.env_remove(variable);
     }
-    command.args(words).output().expect("the program can be run")
+    command.envs(variables.iter().copied()).args(words).output().expect("the program can be run")
 }
 
 /// A folder of this test's own, below the one that cargo gives for that.
@@ -82,6 +87,32 @@ fn an_interface_and_a_domain_that_do_not_exist_are_told() {
     );
     refuses(&[&serve[..], &["--domain", "300"]].concat(), &["domain 300", "0 to 232"]);
     refuses(&["demo", "--listen", "127.0.0.1:0", "--domain", "300"], &["domain 300", "0 to 232"]);
+}
+
+#[test]
+fn enforced_security_is_refused_and_other_variables_without_effect_are_warned_of() {
+    let data = folder("security");
+    let data = data.to_str().expect("the path is text");
+    // What comes after the environment is refused too, so that it ends.
+    let serve =
+        ["serve", "--config", SHUTTLE, "--listen", "203.0.113.9:1", "--insecure-http", "--data", data];
+    let enforced = [("ROS_SECURITY_ENABLE", "true"), ("ROS_SECURITY_STRATEGY", "Enforce")];
+    let output = telltale_with(&serve, &enforced);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(text.contains("unset ROS_SECURITY_STRATEGY"), "{text}");
+    let unheeded = [
+        ("ROS_SECURITY_ENABLE", "true"),
+        ("RMW_IMPLEMENTATION", "rmw_zenoh_cpp"),
+        ("CYCLONEDDS_URI", "file:///none.xml"),
+        ("ROS_DISCOVERY_SERVER", "127.0.0.1:11811"),
+    ];
+    let output = telltale_with(&serve, &unheeded);
+    let text = String::from_utf8_lossy(&output.stderr);
+    for (variable, value) in unheeded {
+        let named = |line: &&str| line.contains(variable) && line.contains("has no effect");
+        assert_eq!(text.lines().filter(named).count(), 1, "{variable}={value}: {text}");
+    }
 }
 
 #[test]
@@ -193,6 +224,9 @@ fn users_and_tokens_are_made_on_the_command_line_and_recorded() {
     ] {
         let added = user(&["add", name, "--role", role, "--data", data], secret);
         assert_eq!(added.status.success(), good, "{name} {role}: {added:?}");
+        let said = String::from_utf8_lossy(&added.stderr).into_owned();
+        assert_eq!(said.contains("no server runs on"), good, "{name} {role}: {said}");
+        assert!(!folder.join("telltale.db-wal").exists(), "it is not closed");
     }
     let token = user(&["token", "dora", "--label", "dashboard", "--data", data], "");
     let token = String::from_utf8(token.stdout).expect("it is text");

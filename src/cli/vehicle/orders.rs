@@ -8,7 +8,7 @@ use crate::clock::Clock;
 use crate::config::publishing::Publishing;
 use crate::engine::input::{Input, Stamped};
 use crate::engine::model::{
-    Driving, FieldSource, Limits, Model, Parts, Policy, SignalSpec, StageModel, Text,
+    Driving, FieldSource, Limits, Model, Parts, Policy, SignalSource, SignalSpec, StageModel, Text,
 };
 use crate::engine::monitor::spec::{FieldKind, FieldSpec, TopicSpec, Watched};
 use crate::engine::sample::FieldValue;
@@ -62,7 +62,7 @@ impl Orders {
 
     /// How long a gid is where it listens, if anybody told.
     pub fn gid_size(&self) -> Option<GidSize> {
-        self.bridge.gid_size()
+        *self.bridge.gid_size().borrow()
     }
 
     pub async fn shutdown(self) {
@@ -89,6 +89,7 @@ pub fn order(input: &Input) -> Option<Order> {
 pub fn model(publishing: &Publishing) -> Model {
     let signal = |name: &str, topic: &Option<Box<str>>| {
         let source = FieldSource { topic: topic.clone()?, type_name: BOOL.into(), field: "data".into() };
+        let source = SignalSource::Field(source);
         Some(SignalSpec { name: name.into(), source, timeout: None, present_for: None })
     };
     let watched = |topic: Option<&str>, type_name: &str, path: &str, kind| {
@@ -109,9 +110,10 @@ pub fn model(publishing: &Publishing) -> Model {
         signals: signals.into_iter().flatten().collect(),
         groups: Vec::new(),
         modules: Vec::new(),
-        watched: Watched { topics: topics.into_iter().flatten().collect(), watchdogs: Vec::new() },
+        watched: Watched { topics: topics.into_iter().flatten().collect(), ..Watched::default() },
         driving: Driving::default(),
         discovered: Policy::default(),
+        other: Default::default(),
         limits: Limits::default(),
     };
     Model::new(parts).unwrap_or_else(|_| unreachable!("nothing in it depends on anything"))

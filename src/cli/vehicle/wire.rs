@@ -41,7 +41,8 @@ pub struct Wire {
 impl Wire {
     pub fn of(model: &Model) -> Wire {
         let active = model.signals.iter().find(|signal| &*signal.name == ACTIVE_SIGNAL);
-        Wire { active: active.map_or(ACTIVE.into(), |signal| signal.source.topic.clone()) }
+        let source = active.and_then(|signal| signal.source.field());
+        Wire { active: source.map_or(ACTIVE.into(), |source| source.topic.clone()) }
     }
 
     /// Every topic with its type and its quality of service: sensors as sensors have it, states for
@@ -66,6 +67,21 @@ impl Wire {
             (DECELERATES, BOOL, LastValue),
             (STOPS, BOOL, LastValue),
         ]
+    }
+
+    /// What a node publishes; its drivers and the mission speak for the rest of the vehicle.
+    pub fn topics_of(&self, node: &str) -> Vec<&str> {
+        let all = self.offers();
+        let of = |(topic, ..): &(&str, &str, Quality)| match *topic {
+            PACKETS | WHEEL_SPEED | BATTERY => "lidar_drivers",
+            TF | ODOMETRY => "localization",
+            COSTMAP | OBJECTS | FREE_DISTANCE => "perception",
+            TRAJECTORY => "planner",
+            SPEED_COMMAND | DECELERATES | STOPS => "controller",
+            _ => "mission",
+        };
+        let published = all.iter().filter(|offer| of(offer) == node);
+        published.map(|&(topic, ..)| topic).collect()
     }
 
     /// The topic and the body of a message that was published then.

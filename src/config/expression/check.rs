@@ -176,10 +176,16 @@ impl<'a> Check<'a> {
             return self.known[index];
         }
         let known = self.names.iter().copied();
-        let help = suggest(name, known)
-            .map_or_else(|| format!("the inputs are: {}", self.names.join(", ")), did_you_mean);
+        let help = suggest(name, known).map_or_else(|| self.inputs(), did_you_mean);
         self.problem(id, &format!("there is no input `{name}`"), &help);
         None
+    }
+
+    fn inputs(&self) -> String {
+        match self.names {
+            [] => "name what the condition uses under `inputs`".to_owned(),
+            names => format!("the inputs are: {}", names.join(", ")),
+        }
     }
 
     fn call(&mut self, id: u64, call: &mut CallExpr) -> Option<Kind> {
@@ -187,6 +193,7 @@ impl<'a> Check<'a> {
         if !OPERATORS.contains(&&*name) && !FUNCTIONS.contains(&&*name) {
             let help = match &*name {
                 operators::MODULO => "numbers are not whole here; compare with a limit".into(),
+                "not" | "and" | "or" => "write `&&` for and, `||` for or, `!` for not".into(),
                 operators::INDEX => "an input is one value: choose the element in the input's `field`".into(),
                 _ => suggest(&name, FUNCTIONS)
                     .map_or_else(|| format!("the functions are: {}", FUNCTIONS.join(", ")), did_you_mean),
@@ -237,7 +244,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    fn problem(&mut self, id: u64, text: &str, help: &str) {
+    pub(super) fn problem(&mut self, id: u64, text: &str, help: &str) {
         self.good = false;
         let (start, stop) = self.info.offset_for(id).unwrap_or((0, 0));
         let length = (stop.saturating_sub(start) + 1) as usize;

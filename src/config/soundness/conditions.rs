@@ -1,4 +1,5 @@
-//! Conditions of `expression` monitors that say nothing of what the module receives.
+//! Conditions of `expression` monitors that say nothing of what the module receives, and classes that are
+//! none.
 
 use super::{Finding, What};
 use crate::config::expression;
@@ -7,9 +8,13 @@ use crate::engine::model::{Model, ModuleId, MonitorSpec, NodeId};
 pub(super) fn look(model: &Model) -> Vec<Finding> {
     let mut found = Vec::new();
     for (module, id) in model.modules.iter().zip((0..).map(ModuleId)) {
-        let MonitorSpec::Expression { inputs, warning, error, .. } = &module.monitor else { continue };
         let node = NodeId::Module(id);
         let mut find = |what| found.push(Finding { node, what, example: None });
+        let class = module.monitor.class();
+        if class.column().is_none() {
+            find(What::NoColumn { flow: class.flow.is_some() });
+        }
+        let MonitorSpec::Expression { inputs, warning, error, .. } = &module.monitor else { continue };
         let mut used = Vec::new();
         for condition in [error, warning].into_iter().flatten() {
             let named = expression::named(condition);

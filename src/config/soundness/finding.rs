@@ -34,7 +34,7 @@ pub struct Example {
     pub state: State,
 }
 
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum What {
     /// The node is masked and nothing that fails in sight is behind it: a fault of this program.
     Unexplained,
@@ -52,8 +52,22 @@ pub enum What {
     NeverOk { why: Dead },
     /// Countermeasure `rule` watches the node in stages in which it is never relevant.
     DeadRule { rule: usize },
+    /// In the tree for ROS 2 the node would be called as `first`, which stands beside it.
+    SameName { first: NodeId, name: String },
+    /// The tile is called as the group of this id, which Telltale makes by itself.
+    BuiltInName { built_in: &'static str, name: String },
+    /// The vehicle drives and no request to stop is published; it is about no node in particular.
+    NoStop,
     /// No condition of the module's expression looks at this input.
     UnusedInput { input: Box<str> },
+    /// A limit on a value that goes from 0 to 1 is written in percent: of the node, or of the signal of
+    /// this position.
+    PercentLimit { signal: Option<usize>, field: Box<str>, limit: f64 },
+    /// A name of a status, or a filter that is no `regex`, is a pattern of file names; what to write
+    /// instead in a filter.
+    Glob { signal: Option<usize>, text: Box<str>, regex: Option<String> },
+    /// The class of the module is none that the classification has.
+    NoColumn { flow: bool },
     /// The condition looks at no input: it is always so.
     Constant { text: Box<str>, holds: bool },
 }

@@ -6,8 +6,11 @@
 //! `ENGINE.md` 4 to 6 no node can be masked without a cause in sight; this holds it for the model in
 //! hand. The rest are conditions, dependencies and groups that cannot do what they are there for.
 
+mod alike;
 mod conditions;
 mod finding;
+mod fractions;
+mod globs;
 pub mod judge;
 pub mod situation;
 mod words;
@@ -17,7 +20,8 @@ use std::collections::BTreeSet;
 use judge::{Judge, Picture, blocks, targets};
 use situation::Situation;
 
-use crate::engine::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId};
+use crate::engine::input::Output;
+use crate::engine::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId, StageModel};
 use crate::engine::state::State;
 
 pub use finding::{Dead, Example, Finding, Soundness, What};
@@ -44,6 +48,13 @@ pub fn look(model: &Model) -> Soundness {
     look.conditions();
     look.rules();
     look.findings.extend(conditions::look(model));
+    look.findings.extend(fractions::look(model));
+    look.findings.extend(globs::look(model));
+    look.findings.extend(alike::look(model));
+    if model.stages == StageModel::Shuttle && model.driving.unpublished.contains(&Output::ManeuverStop) {
+        let node = NodeId::Group(GroupId(0));
+        look.findings.push(Finding { node, what: What::NoStop, example: None });
+    }
     let Look { pictures, complete, mut findings, .. } = look;
     // What is wrong for one reason is said once.
     findings.dedup();

@@ -53,10 +53,59 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
                 "remove it there, or name the stages in which it counts",
             )
         }
+        What::SameName { first, name: part } => (
+            place.id,
+            format!(
+                "`{name}` and `{}` are both called \"{part}\" on /diagnostics_agg",
+                self::name(model, *first)
+            ),
+            "give one of them another name: the second is called after the first there, with a number",
+        ),
+        What::BuiltInName { built_in, name: called } => (
+            place.id,
+            format!(
+                "`{name}` is called \"{called}\", as the group `{built_in}` that Telltale makes by itself"
+            ),
+            "give it another name: on the page nobody can tell the two apart, and on /diagnostics_agg the path that programs know the built-in group by may be taken",
+        ),
+        What::NoStop => (
+            places.stop_off.unwrap_or(place.id),
+            "the vehicle drives, and no request to stop is published: the operator's page offers no stop"
+                .into(),
+            "remove the line, or make sure that it can be stopped in another way",
+        ),
         What::UnusedInput { input } => (
             place.id,
             format!("no condition of `{name}` looks at its input `{input}`"),
             "use it in `error` or `warning`, or remove it",
+        ),
+        What::PercentLimit { signal, field, limit } => (
+            signal.and_then(|index| places.signals.get(index)).map_or(place.id, |(_, condition)| *condition),
+            format!("{} has a limit of {limit}, and `{field}` goes from 0 to 1", owner(model, node, *signal)),
+            "write the limit as a fraction: 20 % is `0.2`; a driver that publishes percent is not as its type says",
+        ),
+        What::Glob { signal, text, regex } => {
+            let span = signal.and_then(|index| places.signals.get(index));
+            let message = format!(
+                "`{text}` of {} looks like a pattern of file names, and every character stands for itself",
+                owner(model, node, *signal)
+            );
+            let help = match regex {
+                Some(regex) => format!("write `regex: '{regex}'`, or leave it if statuses are called so"),
+                None => "name the status as it is called; `match` in a group takes several".to_owned(),
+            };
+            let problem = Problem::at(span.map_or(place.id, |(_, condition)| *condition), message);
+            return problem.help(help).as_warning();
+        }
+        What::NoColumn { flow: true } => (
+            place.id,
+            format!("`{name}` is isolated and has a flow: the classification has no such column"),
+            "what looks at one part alone has no flow: remove `flow`, or write `location: contextual`",
+        ),
+        What::NoColumn { flow: false } => (
+            place.id,
+            format!("`{name}` sets contents against each other and does not say how they flow"),
+            "give its `class` a `flow`: `sequential` from an earlier stage to a later one, `parallel` for independent sources; or write `location: isolated`",
         ),
         What::Constant { text, holds } => {
             let always = if *holds { "always" } else { "never" };
@@ -75,7 +124,10 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
             (place.id, format!("`{name}` can never show OK: {}{example}", dead(model, *why)), help)
         }
     };
-    let problem = Problem::at(span, message).help(help);
+    let mut problem = Problem::at(span, message).help(help);
+    if let What::SameName { first, .. } = finding.what {
+        problem = problem.also(places.of(first).id, "the other one");
+    }
     if finding.what == What::Unexplained { problem } else { problem.as_warning() }
 }
 
@@ -99,6 +151,14 @@ fn dead(model: &Model, why: Dead) -> String {
             NodeId::Module(_) => format!("`{}` is never relevant then", name(model, node)),
         },
         Dead::Waits(node) => format!("`{}` waits for what is never OK", name(model, node)),
+    }
+}
+
+/// Whose limit or name it is.
+fn owner(model: &Model, node: NodeId, signal: Option<usize>) -> String {
+    match signal.and_then(|index| model.signals.get(index)) {
+        Some(signal) => format!("signal `{}`", signal.name),
+        None => format!("`{}`", name(model, node)),
     }
 }
 

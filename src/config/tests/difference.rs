@@ -105,6 +105,7 @@ fn every_key_of_a_monitor_is_a_difference() {
             "value: { status: s, key: l, error_unless: 1 }".into(),
         ),
         ("watchdog: { node: /n }".into(), "watchdog: { icmp: n }".into()),
+        ("watchdog: { node: /n }".into(), "watchdog: { qos: /n }".into()),
         ("watchdog: { node: /n }".into(), "watchdog: { node: /n, every: 2s }".into()),
         ("watchdog: { node: /n }".into(), "watchdog: { node: /n, misses: 2 }".into()),
         (
@@ -174,5 +175,32 @@ fn countermeasures_and_topics_that_are_published_can_be_different() {
         &format!("{head}countermeasures: [{stop}, {slow}]\n"),
         &format!("{head}countermeasures: [{slow}, {stop}]\n"),
         &["the countermeasures: they stand in another order"],
+    );
+}
+
+#[test]
+fn what_becomes_of_other_statuses_and_of_silence_is_a_difference() {
+    check(
+        "groups: [{ id: a, match: [{ name: x, forget_after: 1m }], modules: [{ id: m, status: s }] }]\n",
+        "other: counted\ngroups: [{ id: a, match: [{ name: x }], modules: [{ id: m, status: s, forget_after: 1m }] }]\n",
+        &[
+            "the vehicle: other from shown to counted",
+            "group `a`: match from [the name 'x' (unknown after 2s of silence, forgotten after 1m)] to [the name 'x']",
+            "module `a/m`: policy from unknown after 2s of silence to unknown after 2s of silence, forgotten after 1m",
+        ],
+    );
+}
+
+#[test]
+fn other_words_at_one_level_are_a_difference() {
+    let text = |help: &str| {
+        format!("groups: [{{ id: a, modules: [{{ id: m, status: s, name: N, help: {help} }}] }}]\n")
+    };
+    check(
+        &text("H"),
+        &text("{ warning: W, error: { standby: S, active: { en: A, de: B } } }"),
+        &[
+            "module `a/m`: help from \"H\" to warning \"W\", error \"S\" in standby and \"A\" / \"B\" in active",
+        ],
     );
 }

@@ -148,8 +148,66 @@ fn what_is_wrong_is_said_with_its_place() {
             "29: `x` is taken for a number here and for a text elsewhere (give each its own input, or compare it with one kind of value)",
         ],
     );
+    let words = "(write `&&` for and, `||` for or, `!` for not)";
+    wrong("x > 1 and y > 2", &[&format!("22: CEL has no `and` {words}")]);
+    wrong("x > 1 OR on", &[&format!("22: CEL has no `or` {words}")]);
+    wrong("not on", &[&format!("16: CEL has no `not` {words}")]);
+    wrong("not (on)", &[&format!("20: there is no function `not` {words}")]);
+    wrong(
+        "word == 'this and that' && x >",
+        &["45: this is no CEL: mismatched input the end (for example `speed > 3 && !stopped`)"],
+    );
     wrong("'x > 1 && yy'", &["26: there is no input `yy` (the inputs are: x, y, on, word)"]);
     wrong("''", &["16: expected a text, found nothing (write a value)"]);
+}
+
+#[test]
+fn conditions_that_contradict_themselves_are_refused() {
+    let help = "(correct one of the two, or remove it)";
+    let never = |at: u32, a: &str, b: &str| {
+        format!("{at}: `{a}` and `{b}` exclude each other: together they never hold {help}")
+    };
+    wrong("x > 5 && x < 3", &[&never(25, "x > 5", "x < 3")]);
+    wrong("x > 5 && on && x <= 5", &[&never(31, "x > 5", "x <= 5")]);
+    wrong("on || (x == 5 && 6 == x)", &[&never(33, "x == 5", "x == 6")]);
+    wrong("x < -3 && x > -2", &[&never(26, "x < -3", "x > -2")]);
+    wrong("\"word == 'a' && word == 'b'\"", &[&never(32, "word == 'a'", "word == 'b'")]);
+    wrong(
+        "x > 3 || x < 5",
+        &[&format!("25: whatever fails `x > 3` meets `x < 5`: together they always hold {help}")],
+    );
+    wrong(
+        "\"word != 'a' || word != 'b'\"",
+        &[&format!("32: whatever fails `word != 'a'` meets `word != 'b'`: together they always hold {help}")],
+    );
+    wrong("x > y && x < y", &[&never(25, "x > y", "x < y")]);
+    wrong("x > y && y >= x", &[&never(25, "x > y", "x <= y")]);
+    wrong("on && !on", &[&never(23, "on", "!on")]);
+    wrong("on == false && x > 1 && on", &[&never(40, "!on", "on")]);
+    wrong("math.abs( x ) > 5 && math.abs(x) < 3", &[&never(45, "math.abs(x) > 5", "math.abs(x) < 3")]);
+    wrong(
+        "math.abs(x - y) == 5 && math.abs(x-y) == 3",
+        &[&never(48, "math.abs(x - y) == 5", "math.abs(x - y) == 3")],
+    );
+    wrong("on || !on", &[&format!("23: whatever fails `on` meets `!on`: together they always hold {help}")]);
+    for fine in [
+        "x > 3 && x < 5",
+        "x >= y && x <= y",
+        "x - y > 3 && y - x > 3",
+        "on && x > 1 || !on && x > 2",
+        "on == false || x > 1 && on",
+        "math.abs(x) > 3 && math.abs(y) < 3",
+        "x >= 5 && x <= 5",
+        "x > 5 && y < 3",
+        "x > 5 || x < 3",
+        "x != 3 && x != 4",
+        "x == 3 || x == 4",
+        "x < 3 || y > 2 && x > 5",
+        "\"word != 'a' && word != 'b'\"",
+        "math.abs(x) > 5 && x < 3",
+    ] {
+        condition(fine);
+    }
 }
 
 #[test]
@@ -160,6 +218,45 @@ fn both_conditions_take_an_input_for_the_same() {
             "1:124: `x` is taken for a number in `warning` and for a text in `error` (give each its own input)",
         ],
     );
+}
+
+#[test]
+fn a_warning_that_is_always_an_error_is_refused() {
+    let of = |warning: &str, error: &str| {
+        let inputs = "x: { status: s, key: k }, t: { status: s, key: t }, u: { status: s, key: u }";
+        let monitor =
+            format!("expression: {{ inputs: {{ {inputs} }}, warning: {warning:?}, error: {error:?} }}");
+        let text = format!("groups: [{{ id: a, modules: [{{ id: m, monitor: {{ {monitor} }} }}] }}]\n");
+        parse("c", &text).map_or_else(|problems| problems.lines(), |_| Vec::new())
+    };
+    for (warning, error) in [
+        ("x > 9", "x > 5"),
+        ("x > 5", "x > 5"),
+        ("x > 9 && t", "x > 5"),
+        ("x == 7", "x > 5 || x < 0"),
+        ("t", "u || t"),
+        ("t && u", "u && t"),
+        ("math.abs(x) > 3", "math.abs(x)>2.5"),
+    ] {
+        let lines = of(warning, error);
+        assert!(
+            lines.len() == 1
+                && lines[0].ends_with(
+                    "wherever this WARNING holds, `error` holds too: it never shows (let the WARNING begin before the ERROR does, or remove it)"
+                ),
+            "{warning} {error}: {lines:?}"
+        );
+    }
+    for (warning, error) in [
+        ("x > 5", "x > 9"),
+        ("x > 9", "x > 5 && t"),
+        ("x > 9 || t", "x > 5"),
+        ("x < 3", "x > 5"),
+        ("t", "!t && x > 1"),
+        ("x > 3", "math.abs(x) > 2"),
+    ] {
+        assert_eq!(of(warning, error), [""; 0], "{warning} {error}");
+    }
 }
 
 #[test]
@@ -269,3 +366,18 @@ const TOKENS: [&str; 48] = [
     "contains(",
     "`",
 ];
+
+#[test]
+fn what_cannot_be_read_is_not_said_to_be_missing_too() {
+    for text in [
+        "signals: { a: { inputs: { x: 5 }, when: 'x == 1' } }\ngroups: [{ id: g, match: [{ name: n }] }]\n",
+        "groups: [{ id: g, modules: [{ id: m, monitor: { expression: { inputs: { x: 5 }, error: 'x > 3' } } }] }]\n",
+        "groups: [{ id: g, modules: [{ id: m, monitor: { expression: { inputs: { x: 5, y: { status: s, key: y } }, error: 'x > y' } } }] }]\n",
+        "diagnostics: { topics: [[]] }\ngroups: [{ id: g, match: [{ name: n }] }]\n",
+        "groups: [{ id: g, match: [{ name: n }] }]\ncountermeasures: [{ request: maneuver_stop, when: { groups: [[]] } }]\n",
+    ] {
+        let lines = parse("c", text).map_or_else(|problems| problems.lines(), |_| Vec::new());
+        assert_eq!(lines.len(), 1, "{lines:?}");
+        assert!(lines[0].contains("expected"), "{lines:?}");
+    }
+}

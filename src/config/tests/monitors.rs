@@ -5,13 +5,13 @@ use crate::config::words;
 use crate::engine::monitor::spec::{FieldKind, ProbeTarget, ValueSource};
 
 /// One monitor, whose text begins in column 3 of line 5.
-fn module(monitor: &str) -> String {
+pub(super) fn module(monitor: &str) -> String {
     format!("groups:\n- id: a\n  modules:\n  - id: m\n    monitor:\n      {monitor}\n")
 }
 
 /// Problems of a monitor, with columns counted from where its text begins.
 #[track_caller]
-fn wrong(monitor: &str, expected: &[&str]) {
+pub(super) fn wrong(monitor: &str, expected: &[&str]) {
     let found = parse("c", &module(monitor)).map_or_else(|problems| problems.lines(), |_| Vec::new());
     let inside = |line: &String| {
         let line = line.strip_prefix("c:6:").unwrap_or(line);
@@ -24,12 +24,12 @@ fn wrong(monitor: &str, expected: &[&str]) {
 
 /// A monitor in the words in which a difference shows it.
 #[track_caller]
-fn means(monitor: &str, expected: &str) {
+pub(super) fn means(monitor: &str, expected: &str) {
     let loaded = parse("c", &module(monitor)).unwrap_or_else(|problems| panic!("{problems}"));
     assert_eq!(words::monitor(&loaded.model, &loaded.model.modules[0].monitor), expected);
 }
 
-const TOPIC: &str = "topic: /t, type: a/msg/B";
+pub(super) const TOPIC: &str = "topic: /t, type: a/msg/B";
 
 #[test]
 fn every_kind_reaches_the_model_with_its_defaults() {
@@ -60,6 +60,10 @@ fn every_kind_reaches_the_model_with_its_defaults() {
         "watchdog: { tcp: '[fe80::1]:80', every: 200ms, misses: 1 }",
         "a connection to [fe80::1]:80 every 200ms: error after 1 misses",
     );
+    means(
+        "watchdog: { qos: /camera/image }",
+        "matching publishers and subscribers of /camera/image every 1s: error after 3 misses",
+    );
     means("watchdog: { node: /a/b }", "the node /a/b every 1s: error after 3 misses");
     means(
         "rate_ratio: { input: { topic: /i, type: a/msg/B }, output: { topic: /o, type: a/msg/B }, error_below: 0.5 }",
@@ -81,7 +85,7 @@ fn every_kind_reaches_the_model_with_its_defaults() {
     );
     means(
         &format!("expression: {{ inputs: {{ x: {{ {TOPIC}, field: x }} }}, max_age: 3s, error: x > 3 }}"),
-        "error if `x > 3` with x = x of /t (a/msg/B), not older than 3s, contextual, content",
+        "error if `x > 3` with x = x of /t (a/msg/B), not older than 3s, isolated, content",
     );
 }
 
@@ -163,13 +167,7 @@ fn a_monitor_has_one_known_kind_and_known_keys() {
         &format!("frequency: {{ {TOPIC}, windo: 2s, error_below: 1 }}"),
         &["40: unknown key `windo` in a frequency monitor (did you mean `window`?)"],
     );
-    wrong(
-        "frequency: { error_below: 1 }",
-        &[
-            "12: a frequency monitor needs `topic` (add `topic: ...`)",
-            "12: a frequency monitor needs `type` (add `type: ...`)",
-        ],
-    );
+    wrong("frequency: { error_below: 1 }", &["12: a frequency monitor needs `topic` (add `topic: ...`)"]);
     wrong(
         "frequency: { topic: t, type: a/B, error_below: 1 }",
         &[
@@ -316,31 +314,8 @@ fn a_value_comes_from_one_place_and_is_judged_in_one_way() {
         &format!("value: {{ {TOPIC}, pose: p, error_above: 1 }}"),
         &[
             "8: a value monitor needs `field` (add `field: ...`)",
-            "36: unknown key `pose` in a value monitor (known here: topic, type, field, status, key, warning_below, error_below, warning_above, error_above, error_unless, warning_unless)",
+            "36: unknown key `pose` in a value monitor (known here: topic, type, field, status, key, unit, warning_below, error_below, warning_above, error_above, error_unless, warning_unless)",
         ],
-    );
-}
-
-#[test]
-fn watchdogs_ask_what_can_be_asked() {
-    let one = "a watchdog asks one of `icmp`, `tcp`, `node` (for example `icmp: 192.168.1.201`, `tcp: gateway:22` or `node: /mission`)";
-    wrong("watchdog: { every: 1s }", &[&format!("11: {one}")]);
-    wrong("watchdog: { icmp: a, node: /b }", &[&format!("11: {one}")]);
-    wrong(
-        "watchdog: { icmp: 'a b' }",
-        &["19: `a b` cannot be asked by icmp (write the name or the address of a machine: `192.168.1.201`)"],
-    );
-    for address in ["gateway", "gateway:0", "gateway:70000", ":80", "fe80::1:80"] {
-        wrong(
-            &format!("watchdog: {{ tcp: '{address}' }}"),
-            &[&format!(
-                "18: `{address}` cannot be asked by tcp (write `HOST:PORT`: `gateway:22`, `192.168.1.201:80` or `[fe80::1]:80`)"
-            )],
-        );
-    }
-    wrong(
-        "watchdog: { node: planner }",
-        &["19: `planner` cannot be asked by node (write the node with its namespace: `/planning/planner`)"],
     );
 }
 
@@ -352,52 +327,7 @@ fn two_sides_are_of_one_kind_and_not_the_same() {
     );
     wrong(
         "rate_ratio: { input: { topic: /i }, error_below: 1 }",
-        &[
-            "13: a rate_ratio monitor needs `output` (add `output: ...`)",
-            "22: a topic needs `type` (add `type: ...`)",
-        ],
-    );
-    let agreement = |a: &str, b: &str, rest: &str| {
-        format!("agreement: {{ a: {{ {TOPIC}, {a} }}, b: {{ {TOPIC}, {b} }}, {rest} }}")
-    };
-    wrong(
-        &agreement("pose: p", "field: x", "error_above: 1"),
-        &["12: a pose is compared with a single value (write `pose` on both sides, or `field` on both)"],
-    );
-    wrong(
-        &agreement("pose: p, field: x", "field: x", "error_above: 1"),
-        &[
-            "17: either `field` or `pose` (`pose` for a position with its rotation, `field` for a single value)",
-        ],
-    );
-    wrong(
-        &agreement("pose: p", "pose: q", "error_above: 1"),
-        &[
-            "12: limits of poses stand in `translation` and `rotation_deg` (for example `translation: { warning_above: 0.5, error_above: 1 }`)",
-        ],
-    );
-    wrong(
-        &agreement("pose: p", "pose: q", "max_age: 1s"),
-        &[
-            "12: without a limit this would never be anything but OK (add `translation: { error_above: 1 }` or `rotation_deg: { error_above: 10 }`)",
-        ],
-    );
-    wrong(
-        &agreement("pose: p", "pose: q", "rotation_deg: { error_above: 181 }, translation: {}"),
-        &[
-            "127: what is measured here is never above 181 (choose a limit between 0 and 180, or remove it)",
-            "147: without a limit this would never be anything but OK (add at least one of warning_below, error_below, warning_above, error_above)",
-        ],
-    );
-    wrong(
-        &agreement("field: x", "field: y", "translation: { error_above: 1 }"),
-        &[
-            "100: only poses have a translation and a rotation (write the limits beside `a` and `b`, or `pose` instead of `field`)",
-        ],
-    );
-    wrong(
-        &agreement("field: x", "field: x", "error_above: 1"),
-        &["95: this is the same value as the other (name a second, independent source)"],
+        &["13: a rate_ratio monitor needs `output` (add `output: ...`)"],
     );
 }
 

@@ -48,10 +48,7 @@ fn modules_say_what_they_watch() {
         &module("id: m, monitor: { frequenzy: { topic: /t } }"),
         &["1:49: unknown kind of monitor `frequenzy` (did you mean `frequency`?)"],
     );
-    check(
-        &module("id: m, monitor: { frequency: { topic: /t, error_below: 1 } }"),
-        &["1:60: a frequency monitor needs `type` (add `type: ...`)"],
-    );
+    check(&module("id: m, monitor: { frequency: { topic: /t, error_below: 1 } }"), &[]);
     check(
         &module("id: m, status: s }, { id: n, status: s"),
         &["1:68: two modules of `a` take the status `s` (remove one of the two modules)"],
@@ -109,10 +106,10 @@ fn filters_can_take_something() {
         ],
     );
     check(
-        &filters("{ prefix: x }"),
+        &filters("{ zzzz: x }"),
         &[
             "1:60: a filter needs one of `name`, `namespace`, `contains`, `regex` (write one filter for each: `- { namespace: /sensors }`)",
-            "1:62: unknown key `prefix` in a filter (known here: name, namespace, contains, regex)",
+            "1:62: unknown key `zzzz` in a filter (known here: name, namespace, contains, regex, forget_after, stale, timeout)",
         ],
     );
     check(&filters("{ contains: '' }"), &["1:72: expected a text, found nothing (write a value)"]);
@@ -167,9 +164,8 @@ fn a_cycle_is_shown_whole_with_the_line_of_each_step() {
     let problems = parse("c", text).unwrap_err();
     let [problem] = problems.list() else { panic!("{problems}") };
     assert_eq!(problem.message, "dependencies go round in a circle: b -> c/x -> a/m -> b");
-    let labels: Vec<&str> = std::iter::once(&problem.label)
-        .chain(problem.also.iter().map(|(_, label)| label))
-        .map(|l| &**l)
+    let labels: Vec<&str> = std::iter::once(&*problem.label)
+        .chain(problem.also.iter().map(|(_, label)| label.as_str()))
         .collect();
     assert_eq!(labels, ["b depends on c/x", "c depends on a/m", "a depends on b"]);
     let rendered = problems.render(false);
@@ -239,5 +235,107 @@ fn a_signal_is_any_field_of_any_type() {
         &[
             "3:35: /diagnostics is read as diagnostic_msgs/msg/DiagnosticArray already (a topic has one type; correct the type, or name another topic)",
         ],
+    );
+}
+
+#[test]
+fn what_is_forgotten_was_silent_before() {
+    check(
+        "groups:\n  - { id: a, match: [{ name: n, timeout: 5s, forget_after: 5s }, { contains: c, forget_after: 1s }] }\n",
+        &[
+            "2:60: it would be forgotten before it counts as silent (write a duration above its `timeout`, which is 5s)",
+            "2:95: it would be forgotten before it counts as silent (write a duration above its `timeout`, which is 2s)",
+        ],
+    );
+    check(
+        "defaults: { timeout: 2s, forget_after: 1s }\ngroups: [{ id: a, match: [{ name: n }] }]\n",
+        &[
+            "1:40: it would be forgotten before it counts as silent (write a duration above its `timeout`, which is 2s)",
+        ],
+    );
+    check(
+        "defaults: { forget_after: 1m }\ngroups: [{ id: a, match: [{ name: n, timeout: 2m }] }]\n",
+        &[
+            "2:47: it would be forgotten before it counts as silent (add a `forget_after` above it here, or write a duration below that of `defaults`, which is 1m)",
+        ],
+    );
+    check(
+        "groups:\n  - { id: a, modules: [{ id: m, forget_after: 9s, monitor: { watchdog: { node: /n } } }] }\n",
+        &["2:47: this monitor judges by the clock: it is never silent (remove `forget_after`)"],
+    );
+    check(
+        "groups:\n  - { id: a, match: [{ name: n, latch: 1s }] }\n",
+        &[
+            "2:33: unknown key `latch` in a filter (known here: name, namespace, contains, regex, forget_after, stale, timeout)",
+        ],
+    );
+    check_beside_group(
+        "other: quiet\n",
+        &["2:8: unknown way to treat other statuses `quiet` (one of: hidden, shown, counted)"],
+    );
+    let model = parse("c", "other: counted\ngroups: [{ id: a, match: [{ name: n }, { name: o, stale: error, forget_after: 1m }] }]\n")
+        .unwrap_or_else(|problems| panic!("{problems}"))
+        .model;
+    assert_eq!(model.other, crate::engine::model::Other::Counted);
+    let policies: Vec<_> = model.groups[0].filters.iter().map(|it| it.policy.clone()).collect();
+    assert_eq!(policies[0], None);
+    assert_eq!(
+        policies[1].as_ref().map(crate::config::words::policy).as_deref(),
+        Some("error after 2s of silence, forgotten after 1m")
+    );
+}
+
+#[test]
+fn the_default_for_forgetting_is_for_what_statuses_make() {
+    let text = "defaults: { forget_after: 1m }
+groups:
+  - { id: a, match: [{ name: n, timeout: 5s }, { name: o }], modules: [{ id: m, status: s, timeout: 2m }] }
+";
+    let model = parse("c", text).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let minute = Some(crate::engine::time::Span::from_secs(60));
+    assert_eq!(model.discovered.forget_after, minute, "of `other` too");
+    let own = model.groups[0].filters.iter().map(|it| it.policy.as_ref().map(|it| it.forget_after));
+    assert_eq!(own.collect::<Vec<_>>(), [Some(minute), None], "an entry with keys of its own keeps it");
+    assert_eq!(model.modules[0].policy.forget_after, None, "what is declared is expected");
+}
+
+#[test]
+fn words_are_written_for_all_or_for_each_level_and_stage() {
+    let module = |words: &str| format!("groups: [{{ id: a, modules: [{{ id: m, status: s, {words} }}] }}]\n");
+    let of = |words: &str| {
+        let loaded = parse("c", &module(words)).unwrap_or_else(|problems| panic!("{problems}"));
+        loaded.model.modules[0].clone()
+    };
+    let plain = of("name: N, help: { en: H, de: G }");
+    assert_eq!(plain.name, Some(Wording::name("N".into())));
+    assert_eq!(plain.help, Some(Wording::help(Text { en: "H".into(), de: "G".into() })));
+    let each = of(
+        "name: { error: E }, help: { warning: W, error: { standby: S, active: { en: A, de: B } }, unknown: U }",
+    );
+    let said = |wording: &Option<Wording>, state, stage| {
+        wording.as_ref().unwrap().of(state, stage).map_or(String::new(), |text| text.de.to_string())
+    };
+    assert_eq!(said(&each.name, State::Warning, Stage::Active), "");
+    assert_eq!(said(&each.name, State::Error, Stage::Standby), "E");
+    for (state, stage, words) in [
+        (State::Warning, Stage::Active, "W"),
+        (State::Error, Stage::Localizing, "S"),
+        (State::Error, Stage::Cleared, "B"),
+        (State::Unknown, Stage::Standby, "U"),
+    ] {
+        assert_eq!(said(&each.help, state, stage), words, "{state:?} {stage:?}");
+    }
+    check(
+        &module("name: { eror: E }, help: { error: { actve: A } }"),
+        &[
+            "1:55: there are words for no level (write one text, or `{ warning: ..., error: ..., unknown: ... }`)",
+            "1:57: unknown key `eror` in words for levels (did you mean `error`?)",
+            "1:83: there are words for no stage (write one text, or `{ standby: ..., active: ... }`)",
+            "1:85: unknown key `actve` in words for stages (did you mean `active`?)",
+        ],
+    );
+    check(
+        &module("name: [a], help: { warning: { en: W } }"),
+        &["1:55: expected a text, found a list (quote it with '...' if it is meant as a text)"],
     );
 }

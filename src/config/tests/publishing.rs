@@ -8,16 +8,17 @@ fn names_and_rates_can_be_chosen() {
     let loaded = parse("c", GROUP).unwrap();
     assert_eq!(loaded.publishing, Publishing::default());
     let text = format!(
-        "{GROUP}publish: {{ diagnostics_agg: {{ rate: 2 Hz }}, toplevel_state: false, initialpose: {{ topic: /pose }}, deceleration_request: {{ topic: /slow, rate: 10 }} }}\n"
+        "{GROUP}publish: {{ diagnostics_agg: {{ rate: 2 Hz, beside_others: true }}, toplevel_state: false, initialpose: {{ topic: /pose }}, deceleration_request: {{ topic: /slow, rate: 10 }} }}\n"
     );
     let loaded = parse("c", &text).unwrap_or_else(|problems| panic!("{problems}"));
-    let periodic =
-        |topic: &str, millis| Some(Periodic { topic: topic.into(), period: time::Span::from_millis(millis) });
+    let periodic = |topic: &str, millis, beside_others| {
+        Some(Periodic { topic: topic.into(), period: time::Span::from_millis(millis), beside_others })
+    };
     let expected = Publishing {
-        diagnostics_agg: periodic("/diagnostics_agg", 500),
+        diagnostics_agg: periodic("/diagnostics_agg", 500, true),
         toplevel_state: None,
         initialpose: Some("/pose".into()),
-        deceleration_request: periodic("/slow", 100),
+        deceleration_request: periodic("/slow", 100, false),
         ..Publishing::default()
     };
     assert_eq!(loaded.publishing, expected);
@@ -37,6 +38,12 @@ fn what_is_published_can_be_and_is_not_read() {
     check_beside_group(
         "publish: { stage: { topic: /a }, clearance: { topic: /a } }\n",
         &["2:54: `clearance` and `stage` would publish one topic, /a (give each a topic of its own)"],
+    );
+    check_beside_group(
+        "publish: { deceleration_request: { beside_others: true } }\n",
+        &[
+            "2:36: unknown key `beside_others` in a topic that is published again and again (known here: topic, rate)",
+        ],
     );
     check_beside_group(
         "publish: { initialpose: false, deceleration_request: false, maneuver_stop_request: false }\n",

@@ -22,6 +22,7 @@ groups:
     when: { zzzz: 1 }
     modules:
       - { zzzz: 1, monitor: { self_state: { zzzz: 1 } } }
+      - { name: { zzzz: 1, error: { zzzz: 1 } } }
       - { monitor: { external: { zzzz: 1, class: { zzzz: 1 } } } }
       - { monitor: { frequency: { zzzz: 1 } } }
       - { monitor: { latency: { zzzz: 1 } } }
@@ -29,10 +30,11 @@ groups:
       - { monitor: { watchdog: { zzzz: 1 } } }
       - { monitor: { rate_ratio: { zzzz: 1, input: { zzzz: 1 } } } }
       - { monitor: { sequence: { zzzz: 1, earlier: { zzzz: 1 } } } }
-      - { monitor: { agreement: { zzzz: 1, a: { zzzz: 1 }, translation: { zzzz: 1 }, rotation_deg: { zzzz: 1 } } } }
+      - { monitor: { agreement: { zzzz: 1, a: { zzzz: 1 }, translation: { zzzz: 1 }, rotation_deg: { zzzz: 1 }, count: { zzzz: 1 }, nearest: { zzzz: 1 } } } }
       - { monitor: { expression: { zzzz: 1 } } }
 countermeasures: [{ zzzz: 1, when: { zzzz: 1 }, confirmed_by: { zzzz: 1 } }]
-publish: { zzzz: 1, stage: { zzzz: 1 }, diagnostics_agg: { zzzz: 1 } }
+publish: { zzzz: 1, stage: { zzzz: 1 }, diagnostics_agg: { zzzz: 1 }, deceleration_request: { zzzz: 1 } }
+diagnostics: { zzzz: 1, topics: [{ zzzz: 1 }] }
 ";
 
 #[test]
@@ -44,7 +46,7 @@ fn the_schema_knows_the_keys_that_the_reader_knows() {
         let keys = problem.help.as_ref().and_then(|help| help.strip_prefix("known here: ")).unwrap();
         reader.insert(what.to_owned(), keys.split(", ").map(str::to_owned).collect());
     }
-    assert_eq!(reader.len(), 35, "{reader:#?}");
+    assert_eq!(reader.len(), 42, "{reader:#?}");
 
     let schema: Value = serde_json::from_str(SCHEMA).unwrap();
     let definitions = schema["$defs"].as_object().unwrap().values();

@@ -2,6 +2,7 @@
 
 use crate::config::parse;
 use crate::config::soundness::{Soundness, look};
+use crate::engine::model::{DependsOn, GroupId, GroupSpec, NodeId};
 
 const SIGNALS: &str = "signals:
   active: { topic: /active, type: std_msgs/msg/Bool }
@@ -47,6 +48,14 @@ fn the_shuttle_is_sound() {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("config/shuttle.yaml");
     let loaded = crate::config::load(&path).unwrap();
     assert_eq!(look(&loaded.model).findings, []);
+    // The sensors serve several components (paper, Fig. 4).
+    let group = |path: &str| loaded.model.groups.iter().position(|group| &*group.path == path).unwrap();
+    let sensors = NodeId::Group(GroupId(group("sensors") as u32));
+    let serves = |group: &GroupSpec| {
+        group.depends_on.iter().any(|it| matches!(it.on, DependsOn::Node(on) if on == sensors))
+    };
+    let served = loaded.model.groups.iter().filter(|group| serves(group)).map(|group| &*group.path);
+    assert_eq!(served.collect::<Vec<_>>(), ["localization", "perception"]);
 }
 
 #[test]
@@ -59,8 +68,16 @@ fn expressions_that_look_at_nothing() {
     let both = format!("{x}, y: {{ status: s, key: k }}");
     let modules = [
         module("m0", x, "error: 'x > 1 && math.abs(x) < 9'"),
-        module("m1", &both, "error: x > 1"),
-        module("m2", &both, "error: x > 1, warning: 'y in [1, 2]'"),
+        module(
+            "m1",
+            &both,
+            "class: { location: contextual, information: content, flow: parallel }, error: x > 1",
+        ),
+        module(
+            "m2",
+            &both,
+            "class: { location: contextual, information: content, flow: sequential }, error: x > 1, warning: 'y in [1, 2]'",
+        ),
         module("m3", x, "error: 1 > 2, warning: x > 1"),
         module("m4", x, "error: 'true'"),
     ];
@@ -71,6 +88,34 @@ fn expressions_that_look_at_nothing() {
             "13:13: the condition `1 > 2` of `a/m3` looks at no input: it never holds (compare an input: `... > 0`)",
             "16:13: the condition `true` of `a/m4` looks at no input: it always holds (compare an input: `... > 0`)",
             "16:13: no condition of `a/m4` looks at its input `x` (use it in `error` or `warning`, or remove it)",
+        ],
+    );
+}
+
+#[test]
+fn a_class_that_the_classification_does_not_have_is_said() {
+    let external = |id: &str, class: &str| {
+        format!("      - {{ id: {id}, monitor: {{ external: {{ status: {id}, class: {{ {class} }} }} }} }}\n")
+    };
+    let both = "{ x: { status: s, key: k }, y: { status: s, key: l } }";
+    let modules = [
+        external("m0", "location: isolated, information: content, flow: parallel"),
+        external("m1", "location: isolated, information: meta"),
+        external("m2", "location: contextual, information: meta, flow: sequential"),
+        external("m3", "location: contextual, information: content"),
+        format!("      - {{ id: m4, monitor: {{ expression: {{ inputs: {both}, error: x > y }} }} }}\n"),
+    ];
+    let unstated = |place: &str, id: &str| {
+        format!(
+            "{place}: `a/{id}` sets contents against each other and does not say how they flow (give its `class` a `flow`: `sequential` from an earlier stage to a later one, `parallel` for independent sources; or write `location: isolated`)"
+        )
+    };
+    check(
+        &format!("groups:\n  - id: a\n    modules:\n{}", modules.concat()),
+        &[
+            "4:15: `a/m0` is isolated and has a flow: the classification has no such column (what looks at one part alone has no flow: remove `flow`, or write `location: contextual`)",
+            &unstated("7:15", "m3"),
+            &unstated("8:15", "m4"),
         ],
     );
 }
@@ -190,5 +235,109 @@ fn an_unknown_cause_may_be_hidden_where_an_error_would_not() {
         &[
             "7:27: `c` can be masked while no tile gets worse (in stage localizing, with a/b/m in UNKNOWN) (the cause is named in the list of causes only: depend on the redundant group as a whole, or let the group combine the worst)",
         ],
+    );
+}
+
+#[test]
+fn what_is_called_alike_beside_each_other() {
+    check(
+        "groups:
+  - { id: a, name: Same, match: [{ name: a }] }
+  - { id: b, name: Same, match: [{ name: b }] }
+  - { id: c, name: { en: S/ame, de: x }, modules: [{ id: m, status: s }], groups: [{ id: d, name: m, match: [{ name: d }] }] }
+  - { id: e, name: S ame, match: [{ name: e }] }
+",
+        &[
+            "3:11: `b` and `a` are both called \"Same\" on /diagnostics_agg (give one of them another name: the second is called after the first there, with a number)",
+            "4:58: `c/m` and `c/d` are both called \"m\" on /diagnostics_agg (give one of them another name: the second is called after the first there, with a number)",
+            "5:11: `e` and `c` are both called \"S ame\" on /diagnostics_agg (give one of them another name: the second is called after the first there, with a number)",
+        ],
+    );
+}
+
+#[test]
+fn what_is_called_as_a_group_that_telltale_makes() {
+    check(
+        "groups:
+  - { id: a, name: telltale, match: [{ name: a }] }
+  - { id: b, name: { en: Rest, de: Sonstige }, match: [{ name: b }] }
+  - { id: c, name: { en: ' Other/', de: Rest }, match: [{ name: c }] }
+  - { id: d, name: Fine, groups: [{ id: e, name: Other, match: [{ name: e }] }] }
+",
+        &[
+            "2:11: `a` is called \"telltale\", as the group `telltale` that Telltale makes by itself (give it another name: on the page nobody can tell the two apart, and on /diagnostics_agg the path that programs know the built-in group by may be taken)",
+            "3:11: `b` is called \"Sonstige\", as the group `other` that Telltale makes by itself (give it another name: on the page nobody can tell the two apart, and on /diagnostics_agg the path that programs know the built-in group by may be taken)",
+            "4:11: `c` is called \"Other\", as the group `other` that Telltale makes by itself (give it another name: on the page nobody can tell the two apart, and on /diagnostics_agg the path that programs know the built-in group by may be taken)",
+        ],
+    );
+}
+
+#[test]
+fn a_limit_in_percent_of_a_fraction_is_told() {
+    let of = |field: &str, limits: &str| {
+        format!(
+            "groups: [{{ id: a, modules: [{{ id: m, monitor: {{ value: {{ topic: /b, type: sensor_msgs/msg/BatteryState, field: {field}, {limits} }} }} }}] }}]\n"
+        )
+    };
+    check(
+        &of("percentage", "warning_below: 20, error_below: 10"),
+        &[
+            "1:35: `a/m` has a limit of 20, and `percentage` goes from 0 to 1 (write the limit as a fraction: 20 % is `0.2`; a driver that publishes percent is not as its type says)",
+        ],
+    );
+    check(&of("percentage", "warning_below: 0.2, error_above: 1"), &[]);
+    check(&of("voltage", "error_below: 20"), &[]);
+    let help = "(write the limit as a fraction: 20 % is `0.2`; a driver that publishes percent is not as its type says)";
+    let battery = "topic: /b, type: sensor_msgs/msg/BatteryState, field: percentage";
+    let monitor =
+        |kind: &str| "groups: [{ id: a, modules: [{ id: m, monitor: { KIND } }] }]\n".replace("KIND", kind);
+    let said = format!("1:35: `a/m` has a limit of 20, and `percentage` goes from 0 to 1 {help}");
+    let expression = |error: &str| {
+        monitor(&format!(
+            "expression: {{ inputs: {{ b: {{ {battery} }}, s: {{ status: s, key: k }} }}, error: {error}, class: {{ location: contextual, information: content, flow: parallel }} }}"
+        ))
+    };
+    check(&expression("s > 50 && !(20 < b)"), &[&said]);
+    check(&expression("s > 50 && b < 0.2"), &[]);
+    let other = "{ status: s, key: k }";
+    check(&monitor(&format!("agreement: {{ a: {{ {battery} }}, b: {other}, error_above: 20 }}")), &[&said]);
+    check(&monitor(&format!("value: {{ {battery}, error_unless: 20 }}")), &[&said]);
+    let group = "groups: [{ id: a, modules: [{ id: m, status: s, when: { signals: { low: true } } }] }]\n";
+    let signals = format!("  low: {{ {battery}, when: value < 20 }}\n{group}");
+    check(
+        &signals,
+        &[&format!("1:82: signal `low` has a limit of 20, and `percentage` goes from 0 to 1 {help}")],
+    );
+}
+
+#[test]
+fn a_pattern_of_file_names_is_told() {
+    let regex = |regex: &str| format!("(write `regex: '{regex}'`, or leave it if statuses are called so)");
+    let name = "(name the status as it is called; `match` in a group takes several)";
+    let said = |line: u32, text: &str, of: &str, help: &str| {
+        format!(
+            "{line}:9: `{text}` of `{of}` looks like a pattern of file names, and every character stands for itself {help}"
+        )
+    };
+    let found = check(
+        "groups:
+  - id: a
+    match: [{ namespace: 'a*' }, { contains: '[x-z]' }, { name: 'joint [!a-c] b' }, { contains: '[C]' }, { name: 'well?' }, { name: '[left] d' }, { regex: 'e.?[xy]' }]
+    modules: [{ id: m, status: 'lidar*' }, { id: n, monitor: { value: { status: 'b [x-y]', key: k, error_above: 1 } } }, { id: o, status: 'fine [V]: well?' }]
+",
+        &[
+            &said(2, "a*", "a", &regex("a.*(?:[/:].*)?")),
+            &said(2, "[x-z]", "a", &regex(".*[x-z].*")),
+            &said(2, "joint [!a-c] b", "a", &regex("joint [^a-c] b")),
+            "4:21: `lidar*` of `a/m` looks like a pattern of file names, and every character stands for itself (name the status as it is called; `match` in a group takes several)",
+            &format!("4:50: `b [x-y]` of `a/n` looks like a pattern of file names, and every character stands for itself {name}"),
+        ],
+    );
+    assert!(found.complete);
+    check(
+        "  low: { status: 'bat*', key: k, when: value < 20 }\ngroups: [{ id: a, modules: [{ id: m, status: s, when: { signals: { low: true } } }] }]\n",
+        &[&format!(
+            "1:40: `bat*` of signal `low` looks like a pattern of file names, and every character stands for itself {name}"
+        )],
     );
 }

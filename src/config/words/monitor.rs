@@ -26,9 +26,14 @@ pub fn monitor(model: &Model, monitor: &MonitorSpec) -> String {
             format!("the latency of {of} over {}: {}", span(*window), limits(bands, " s"))
         }
         MonitorSpec::Value { source, rule } => format!("{}: {}", value(model, source), self::rule(rule)),
-        MonitorSpec::Watchdog { watchdog, misses } => {
+        MonitorSpec::Watchdog { watchdog, misses, bands } => {
             let spec = &model.watched.watchdogs[watchdog.0 as usize];
-            format!("{} every {}: error after {misses} misses", target(&spec.target), span(spec.every))
+            let mut text =
+                format!("{} every {}: error after {misses} misses", target(&spec.target), span(spec.every));
+            if *bands != Bands::default() {
+                let _ = write!(text, ", {}", limits(bands, " s"));
+            }
+            text
         }
         MonitorSpec::RateRatio { input, output, window, bands } => {
             let (input, output) = (topic(model, *input), topic(model, *output));
@@ -53,19 +58,37 @@ pub fn monitor(model: &Model, monitor: &MonitorSpec) -> String {
     }
 }
 
+/// The condition of a signal.
+pub(super) fn condition(model: &Model, spec: &MonitorSpec) -> String {
+    let MonitorSpec::Expression { inputs, error: Some(when), .. } = spec else { return String::new() };
+    let inputs: Vec<String> =
+        inputs.iter().map(|(name, source)| format!("{name} = {}", value(model, source))).collect();
+    format!("true if `{}` with {}", when.text, inputs.join(", "))
+}
+
 fn topic(model: &Model, id: TopicId) -> String {
     let spec = &model.watched.topics[id.0 as usize];
-    format!("{} ({})", spec.topic, spec.type_name)
+    match &*spec.type_name {
+        "" => format!("{} {}", spec.topic, super::type_name("")),
+        type_name => format!("{} ({type_name})", spec.topic),
+    }
 }
 
 fn value(model: &Model, source: &ValueSource) -> String {
     match source {
         ValueSource::Field { topic: id, field } => {
             let field = &model.watched.topics[id.0 as usize].fields[*field as usize];
-            let pose = if field.kind == FieldKind::Pose { "the pose " } else { "" };
-            format!("{pose}{} of {}", field.path, topic(model, *id))
+            let what = match field.kind {
+                FieldKind::Scalar => "",
+                FieldKind::Pose => "the pose ",
+                FieldKind::Positions => "the positions in ",
+            };
+            format!("{what}{} of {}", field.path, topic(model, *id))
         }
-        ValueSource::Key { status, key } => format!("'{key}' of the status '{status}'"),
+        ValueSource::Key { status, key, unit } => {
+            let unit = unit.as_ref().map_or(String::new(), |unit| format!(" in {unit}"));
+            format!("'{key}'{unit} of the status '{status}'")
+        }
     }
 }
 
@@ -74,6 +97,8 @@ fn target(target: &ProbeTarget) -> String {
         ProbeTarget::Icmp { host } => format!("an echo from {host}"),
         ProbeTarget::Tcp { address } => format!("a connection to {address}"),
         ProbeTarget::Node { name } => format!("the node {name}"),
+        ProbeTarget::Service { name } => format!("who serves {name}"),
+        ProbeTarget::Qos { topic } => format!("matching publishers and subscribers of {topic}"),
     }
 }
 
@@ -109,7 +134,9 @@ fn literal(value: &FieldValue) -> String {
         FieldValue::Bool(value) => value.to_string(),
         FieldValue::Text(text) => format!("'{text}'"),
         // No configuration can say these.
-        FieldValue::Pose(_) | FieldValue::Absent | FieldValue::Unreadable(_) => String::new(),
+        FieldValue::Pose(_) | FieldValue::Positions(_) | FieldValue::Absent | FieldValue::Unreadable(_) => {
+            String::new()
+        }
     }
 }
 
@@ -117,14 +144,17 @@ fn agreement(rule: &AgreementRule) -> String {
     match rule {
         AgreementRule::Number(bands) => limits(bands, ""),
         AgreementRule::Pose { translation, rotation_deg } => {
-            let parts = [("translation", translation, " m"), ("rotation", rotation_deg, "°")];
-            let parts = parts.into_iter().filter(|(_, bands, _)| **bands != Bands::default());
-            parts
-                .map(|(what, bands, unit)| format!("{what} {}", limits(bands, unit)))
-                .collect::<Vec<_>>()
-                .join("; ")
+            parts([("translation", translation, " m"), ("rotation", rotation_deg, "°")])
+        }
+        AgreementRule::Positions { count, nearest } => {
+            parts([("difference in number", count, ""), ("distance to the nearest", nearest, " m")])
         }
     }
+}
+
+fn parts(parts: [(&str, &Bands, &str); 2]) -> String {
+    let parts = parts.into_iter().filter(|(_, bands, _)| **bands != Bands::default());
+    parts.map(|(what, bands, unit)| format!("{what} {}", limits(bands, unit))).collect::<Vec<_>>().join("; ")
 }
 
 fn conditions(warning: Option<&Condition>, error: Option<&Condition>) -> String {

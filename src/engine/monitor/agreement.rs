@@ -1,11 +1,12 @@
-//! Two independent sources of one value, or of one pose.
+//! Two independent sources of one value, of one pose, or of one list of positions.
 
 use super::inputs::{Doubt, Inputs};
 use super::motion::{History, Motion, TooShort};
+use super::nearest::apart_m;
 use super::sequence::slack;
 use super::spec::{AgreementRule, Bands};
 use super::words::{Words, number, say, span};
-use crate::engine::sample::FieldValue;
+use crate::engine::sample::{FieldValue, POSITIONS_MAX};
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 
@@ -16,11 +17,22 @@ pub(in crate::engine) struct Agreement {
     rule: AgreementRule,
     /// Over which time motions are compared, with where each source was.
     motion: Option<(Span, [History; 2])>,
+    /// How far the last two lists of positions are apart.
+    apart_m: f64,
 }
 
 enum Difference {
     Number(f64, f64),
     Pose { metres: f64, degrees: f64 },
+    Lists(Lists),
+}
+
+/// Two lists of positions, as far as they were taken.
+#[derive(Clone, Copy)]
+struct Lists {
+    counts: [u32; 2],
+    apart_m: f64,
+    is_cut: bool,
 }
 
 enum Why {
@@ -36,11 +48,16 @@ impl Agreement {
         rule: AgreementRule,
     ) -> Agreement {
         let motion = motion_over.map(|over| (over, [History::default(), History::default()]));
-        Agreement { inputs, max_age, rule, motion }
+        Agreement { inputs, max_age, rule, motion, apart_m: 0.0 }
     }
 
     pub(super) fn take(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {
-        self.inputs.take(slot, value, now);
+        let changed = self.inputs.take(slot, value, now);
+        if let (true, Some(FieldValue::Positions(a)), Some(FieldValue::Positions(b))) =
+            (changed, self.inputs.last(0), self.inputs.last(1))
+        {
+            self.apart_m = apart_m(&a.taken, &b.taken);
+        }
         if let Some((over, histories)) = &mut self.motion {
             match self.inputs.pose(slot, now) {
                 Ok(pose) => histories[slot].push(now, &pose, *over),
@@ -57,12 +74,19 @@ impl Agreement {
             (Ok(Difference::Pose { metres, degrees }), AgreementRule::Pose { translation, rotation_deg }) => {
                 translation.judge(metres).max(rotation_deg.judge(degrees))
             }
+            (Ok(Difference::Lists(lists)), AgreementRule::Positions { count, nearest }) => {
+                lists.judge(count, nearest)
+            }
             _ => State::Unknown,
         })
     }
 
     pub(super) fn due(&self, now: Timestamp) -> Option<Timestamp> {
         self.inputs.due(now)
+    }
+
+    pub(super) fn is_aged(&self, now: Timestamp) -> bool {
+        self.inputs.any() && matches!(self.difference(now), Err(Why::Doubt(doubt)) if doubt.is_age())
     }
 
     pub(super) fn words(&self, now: Timestamp) -> Words {
@@ -83,6 +107,9 @@ impl Agreement {
             }
             (Ok(Difference::Pose { metres, degrees }), AgreementRule::Pose { translation, rotation_deg }) => {
                 self.say_pose(metres, degrees, translation, rotation_deg)
+            }
+            (Ok(Difference::Lists(lists)), AgreementRule::Positions { count, nearest }) => {
+                lists.words(count, nearest)
             }
             (Err(Why::Doubt(doubt)), _) => Words::plain(self.inputs.say(doubt)),
             (Err(Why::TooShort(slot, why)), _) => {
@@ -134,6 +161,12 @@ impl Agreement {
             let b = self.inputs.number(1, now).map_err(Why::Doubt)?;
             return Ok(Difference::Number((a - b).abs(), slack(a, b)));
         }
+        if let AgreementRule::Positions { .. } = self.rule {
+            let a = self.inputs.positions(0, now).map_err(Why::Doubt)?;
+            let b = self.inputs.positions(1, now).map_err(Why::Doubt)?;
+            let (counts, is_cut) = ([a.count, b.count], a.is_cut() || b.is_cut());
+            return Ok(Difference::Lists(Lists { counts, apart_m: self.apart_m, is_cut }));
+        }
         let a = self.inputs.pose(0, now).map_err(Why::Doubt)?;
         let b = self.inputs.pose(1, now).map_err(Why::Doubt)?;
         let (a, b) = match &self.motion {
@@ -147,5 +180,59 @@ impl Agreement {
             }
         };
         Ok(Difference::Pose { metres: a.distance_m(&b), degrees: a.angle_deg(&b) })
+    }
+}
+
+impl Lists {
+    fn difference(self) -> f64 {
+        f64::from(self.counts[0].abs_diff(self.counts[1]))
+    }
+
+    fn judge(self, count: &Bands, nearest: &Bands) -> State {
+        let near = if *nearest == Bands::default() {
+            State::Ok
+        } else if self.is_cut {
+            State::Unknown
+        } else {
+            // What has no counterpart at all is further from one than any limit.
+            nearest.judge(self.apart_m.min(f64::MAX))
+        };
+        count.judge(self.difference()).max(near)
+    }
+
+    fn words(self, count: &Bands, nearest: &Bands) -> Words {
+        let [a, b] = self.counts;
+        let counts = say!(
+            "{a} against {b} objects: {by}",
+            "{a} gegen {b} Objekte: {by}",
+            a = a.to_string(),
+            b = b.to_string(),
+            by = count.say(self.difference(), "".into())
+        );
+        let mut values = vec![("a", a.to_string()), ("b", b.to_string())];
+        values.extend(count.values("count_difference", self.difference()));
+        // Centimetres, lest the words change each time.
+        let apart_m = (self.apart_m * 1e2).round() / 1e2;
+        if *nearest == Bands::default() {
+            return Words { message: counts, values };
+        }
+        let apart = if self.is_cut {
+            say!(
+                "of more than {most} the distances are not known",
+                "bei mehr als {most} sind die Abstände nicht bekannt",
+                most = POSITIONS_MAX.to_string()
+            )
+        } else if apart_m.is_infinite() {
+            say!("an empty list has no counterpart", "leere Liste ohne Gegenstück")
+        } else {
+            values.push(("nearest_m", number(apart_m)));
+            say!(
+                "apart by up to {metres}",
+                "Abstand bis zu {metres}",
+                metres = nearest.say(apart_m, "m".into())
+            )
+        };
+        let message = say!("{counts}; {apart}", "{counts}; {apart}", counts = counts, apart = apart);
+        Words { message, values }
     }
 }

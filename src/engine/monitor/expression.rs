@@ -47,7 +47,14 @@ impl Expression {
         }
     }
 
-    pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
+    /// When the value came that came first of the present ones; `None` while one is missing.
+    pub(in crate::engine) fn oldest(&self) -> Option<Timestamp> {
+        let received: Option<Vec<Timestamp>> =
+            (0..self.inputs.len()).map(|slot| self.inputs.received(slot)).collect();
+        received?.into_iter().min()
+    }
+
+    pub(in crate::engine) fn judge(&mut self, now: Timestamp) -> Option<State> {
         if !self.inputs.any() {
             return None;
         }
@@ -65,6 +72,10 @@ impl Expression {
 
     pub(super) fn due(&self, now: Timestamp) -> Option<Timestamp> {
         self.inputs.due(now)
+    }
+
+    pub(super) fn is_aged(&self, now: Timestamp) -> bool {
+        self.inputs.any() && self.doubt(now).is_some_and(Doubt::is_age)
     }
 
     pub(super) fn words(&self, now: Timestamp) -> Words {

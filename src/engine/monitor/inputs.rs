@@ -3,11 +3,14 @@
 use super::spec::{ValueSource, Watched};
 use super::words::{cut, say, span};
 use crate::engine::model::Text;
-use crate::engine::sample::{FieldValue, Pose};
+use crate::engine::sample::{FieldValue, Pose, Positions};
 use crate::engine::time::{Span, Timestamp};
 
 /// Why a KeyValue cannot be read that a status leaves out.
 pub(in crate::engine) const NO_SUCH_KEY: &str = "the status has no such key";
+
+/// Bytes of a reason that are shown: enough for the name of a type and of the field that was meant.
+const WHY_MAX: usize = 200;
 
 /// By slot: the position of a source in its monitor.
 #[derive(Debug, Clone)]
@@ -36,6 +39,13 @@ enum What {
     NoRotation,
 }
 
+impl Doubt {
+    /// Whether it is only that nothing came for too long.
+    pub(super) fn is_age(self) -> bool {
+        self.what == What::Old
+    }
+}
+
 impl Inputs {
     /// Each source with the role that it has, which may be empty.
     pub(super) fn new<'a>(
@@ -49,7 +59,7 @@ impl Inputs {
                     let topic = &watched.topics[topic.0 as usize];
                     format!("{} {}", topic.topic, topic.fields[*field as usize].path)
                 }
-                ValueSource::Key { status, key } => format!("{status}: {key}"),
+                ValueSource::Key { status, key, .. } => format!("{status}: {key}"),
             };
             if role.en.is_empty() {
                 place.into()
@@ -111,6 +121,10 @@ impl Inputs {
                 Some(what) => doubt(what),
                 None => Ok(value),
             },
+            FieldValue::Positions(positions) => match astray(positions) {
+                Some(what) => doubt(what),
+                None => Ok(value),
+            },
             value => Ok(value),
         }
     }
@@ -126,6 +140,20 @@ impl Inputs {
         match self.value(slot, now)? {
             FieldValue::Pose(pose) => Ok(*pose),
             other => Err(wrong_kind(slot, Kind::Pose, other)),
+        }
+    }
+
+    fn text(&self, slot: usize) -> Option<&str> {
+        match self.last(slot)? {
+            FieldValue::Text(text) => Some(cut(text)),
+            _ => None,
+        }
+    }
+
+    pub(super) fn positions(&self, slot: usize, now: Timestamp) -> Result<&Positions, Doubt> {
+        match self.value(slot, now)? {
+            FieldValue::Positions(positions) => Ok(positions),
+            other => Err(wrong_kind(slot, Kind::Positions, other)),
         }
     }
 
@@ -159,12 +187,21 @@ impl Inputs {
                     "{label} cannot be read: {why}",
                     "{label} nicht lesbar: {why}",
                     label = label,
-                    why = cut(why)
+                    why = &why[..why.floor_char_boundary(WHY_MAX)]
                 ),
                 _ => say!("{label} cannot be read", "{label} nicht lesbar", label = label),
             },
             What::NotANumber => say!("{label} is not a number", "{label} ist keine Zahl", label = label),
             What::Infinite => say!("{label} is infinite", "{label} ist unendlich", label = label),
+            // What it says shows why: a unit, a word.
+            What::WrongKind { wanted: Kind::Number, is: Kind::Words } if self.text(doubt.slot).is_some() => {
+                say!(
+                    "{label} is \"{text}\", text where a number is wanted",
+                    "{label} ist \"{text}\", Text, wo eine Zahl erwartet wird",
+                    label = label,
+                    text = self.text(doubt.slot).unwrap_or_default()
+                )
+            }
             What::WrongKind { wanted, is } => say!(
                 "{label} is {is} where {wanted} is wanted",
                 "{label} ist {is}, erwartet {wanted}",
@@ -190,6 +227,7 @@ pub(super) fn nothing_yet(label: Text) -> Text {
 enum Kind {
     Number,
     Pose,
+    Positions,
     Bool,
     Words,
 }
@@ -199,6 +237,7 @@ impl Kind {
         match self {
             Kind::Number => say!("a number", "eine Zahl"),
             Kind::Pose => say!("a pose", "eine Pose"),
+            Kind::Positions => say!("a list", "eine Liste"),
             Kind::Bool => say!("a boolean", "ein Wahrheitswert"),
             Kind::Words => say!("text", "Text"),
         }
@@ -209,10 +248,17 @@ fn wrong_kind(slot: usize, wanted: Kind, value: &FieldValue) -> Doubt {
     let is = match value {
         FieldValue::Number(_) => Kind::Number,
         FieldValue::Pose(_) => Kind::Pose,
+        FieldValue::Positions(_) => Kind::Positions,
         FieldValue::Bool(_) => Kind::Bool,
         FieldValue::Text(_) | FieldValue::Absent | FieldValue::Unreadable(_) => Kind::Words,
     };
     Doubt { slot, what: What::WrongKind { wanted, is } }
+}
+
+fn astray(positions: &Positions) -> Option<What> {
+    let mut parts = positions.taken.iter().flat_map(|position| [position.x_m, position.y_m]);
+    let worst = parts.find(|part| !part.is_finite())?;
+    Some(if worst.is_nan() { What::NotANumber } else { What::Infinite })
 }
 
 fn fault(pose: &Pose) -> Option<What> {

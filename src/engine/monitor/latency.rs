@@ -18,6 +18,8 @@ const OTHER_CLOCK: Span = Span::from_secs(3600);
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Doubt {
     Absent,
+    /// There is nothing to compare it with.
+    NoClock,
     Zero,
     Future(Span),
     OtherClock(Span),
@@ -93,6 +95,9 @@ fn age(sample: &Sample) -> Result<f64, Doubt> {
     if stamp == 0 {
         return Err(Doubt::Zero);
     }
+    if sample.received_wall_ns == Sample::NO_CLOCK {
+        return Err(Doubt::NoClock);
+    }
     let age = i128::from(sample.received_wall_ns) - i128::from(stamp);
     let away = Span::from_nanos(u64::try_from(age.unsigned_abs()).unwrap_or(u64::MAX));
     if away > OTHER_CLOCK {
@@ -109,6 +114,9 @@ impl Doubt {
         match self {
             Doubt::Absent => {
                 say!("the message has no readable stamp", "Nachricht ohne lesbaren Zeitstempel")
+            }
+            Doubt::NoClock => {
+                say!("nothing was heard of /clock yet", "von /clock kam noch nichts")
             }
             Doubt::Zero => say!("the stamp was not set", "Zeitstempel nicht gesetzt"),
             Doubt::Future(by) => say!(

@@ -11,6 +11,22 @@ const fn class(location: &'static str, information: &'static str, flow: Option<&
 type Source<'a> = (&'a str, &'a str, Option<&'a FieldSpec>);
 
 impl MonitorSpec {
+    /// Its kind, as the configuration names it.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            MonitorSpec::SelfState { .. } => "self_state",
+            MonitorSpec::External { .. } => "external",
+            MonitorSpec::Frequency { .. } => "frequency",
+            MonitorSpec::Latency { .. } => "latency",
+            MonitorSpec::Value { .. } => "value",
+            MonitorSpec::Watchdog { .. } => "watchdog",
+            MonitorSpec::RateRatio { .. } => "rate_ratio",
+            MonitorSpec::Sequence { .. } => "sequence",
+            MonitorSpec::Agreement { .. } => "agreement",
+            MonitorSpec::Expression { .. } => "expression",
+        }
+    }
+
     /// Where its diagnosis stands in the paper's classification (`ENGINE.md` 7).
     pub fn class(&self) -> Class {
         match self {

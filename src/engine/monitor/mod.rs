@@ -9,6 +9,7 @@ mod inputs;
 mod latency;
 mod meaning;
 mod motion;
+mod nearest;
 mod rate_ratio;
 mod sequence;
 pub mod spec;
@@ -30,7 +31,7 @@ use sequence::Sequence;
 use spec::{MonitorSpec, TopicId, ValueSource, Watched};
 use value::Value;
 use watchdog::Watchdog;
-pub(super) use words::{Words, say};
+pub(super) use words::{Words, cut, say};
 
 use super::model::Text;
 use super::sample::{FieldValue, ProbeOutcome, Sample};
@@ -102,8 +103,9 @@ impl Monitor {
             MonitorSpec::Value { source, rule } => {
                 Monitor::Value(Value::new(one(source, None), rule.clone()))
             }
-            MonitorSpec::Watchdog { watchdog, misses } => {
-                Monitor::Watchdog(Watchdog::new(&watched.watchdogs[watchdog.0 as usize], *misses))
+            MonitorSpec::Watchdog { watchdog, misses, bands } => {
+                let spec = &watched.watchdogs[watchdog.0 as usize];
+                Monitor::Watchdog(Watchdog::new(spec, *misses, *bands))
             }
             MonitorSpec::RateRatio { window, bands, .. } => {
                 Monitor::RateRatio(RateRatio::new(*window, *bands))
@@ -227,6 +229,15 @@ impl Monitor {
             Monitor::RateRatio(monitor) => monitor.moves(),
             Monitor::Value(_) | Monitor::Sequence(_) => false,
             Monitor::Watchdog(_) | Monitor::Agreement(_) | Monitor::Expression(_) => self.due(now).is_some(),
+        }
+    }
+
+    /// Whether the words are only that an input is too old.
+    pub(super) fn is_aged(&self, now: Timestamp) -> bool {
+        match self {
+            Monitor::Agreement(monitor) => monitor.is_aged(now),
+            Monitor::Expression(monitor) => monitor.is_aged(now),
+            _ => false,
         }
     }
 

@@ -21,6 +21,28 @@ pub struct Watched {
     /// No two with one name.
     pub topics: Vec<Arc<TopicSpec>>,
     pub watchdogs: Vec<Arc<WatchdogSpec>>,
+    /// Topics of `diagnostic_msgs/DiagnosticArray`; with none it is `/diagnostics`.
+    pub diagnostics: Vec<DiagnosticsTopic>,
+    pub stamps: StampClock,
+}
+
+/// A topic on which components report.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DiagnosticsTopic {
+    /// As ROS names it: `/robot1/diagnostics`.
+    pub topic: Box<str>,
+    /// Stands in front of the name of each status; may be empty.
+    pub prefix: Box<str>,
+}
+
+/// By which clock the stamps of messages are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum StampClock {
+    /// The wall clock of this machine.
+    #[default]
+    System,
+    /// The time on `/clock`, as nodes with `use_sim_time` have it.
+    Ros,
 }
 
 /// A topic and what is read out of each of its messages. Samples carry it, so that one which was
@@ -29,7 +51,7 @@ pub struct Watched {
 pub struct TopicSpec {
     /// As ROS names it: `/odometry`.
     pub topic: Box<str>,
-    /// `package/msg/Name`.
+    /// `package/msg/Name`; empty: as whoever publishes it says.
     pub type_name: Box<str>,
     /// Whether the stamp of the message's header is wanted.
     pub stamp: bool,
@@ -51,6 +73,9 @@ pub enum FieldKind {
     Scalar,
     /// A `geometry_msgs` Pose or Transform, or what holds one as its member `pose` or `transform`.
     Pose,
+    /// An array of positions, or of what holds one; `[]` in its path stands for each element, and at
+    /// its end may be left out.
+    Positions,
 }
 
 /// What a [`FieldKind::Scalar`] is.
@@ -76,6 +101,22 @@ pub enum ProbeTarget {
     Tcp { address: Box<str> },
     /// A ROS node with its namespace, `/ns/name`.
     Node { name: Box<str> },
+    /// A ROS service with its namespace, `/ns/name`: that somebody serves it, not how soon it answers.
+    Service { name: Box<str> },
+    /// Whether all publishers and subscribers of a topic can come together.
+    Qos { topic: Box<str> },
+}
+
+impl ProbeTarget {
+    /// The host, address or name that is asked.
+    pub fn name(&self) -> &str {
+        match self {
+            ProbeTarget::Icmp { host } => host,
+            ProbeTarget::Tcp { address } => address,
+            ProbeTarget::Qos { topic } => topic,
+            ProbeTarget::Node { name } | ProbeTarget::Service { name } => name,
+        }
+    }
 }
 
 /// Where a value comes from.
@@ -87,7 +128,12 @@ pub enum ValueSource {
         field: u32,
     },
     /// A KeyValue of the status with exactly this name.
-    Key { status: Arc<str>, key: Arc<str> },
+    Key {
+        status: Arc<str>,
+        key: Arc<str>,
+        /// What may stand behind its number: `V` of `25.60 V`.
+        unit: Option<Arc<str>>,
+    },
 }
 
 /// Limits. Below or above a limit counts, equal does not; ERROR is judged before WARNING.
@@ -117,6 +163,9 @@ pub enum AgreementRule {
     Number(Bands),
     /// By the distance in metres and the angle in degrees.
     Pose { translation: Bands, rotation_deg: Bands },
+    /// Lists of positions: by the difference of their lengths, and by the largest distance of any
+    /// position of one list to the nearest of the other, in metres.
+    Positions { count: Bands, nearest: Bands },
 }
 
 /// What a module watches.
@@ -147,10 +196,11 @@ pub enum MonitorSpec {
         source: ValueSource,
         rule: ValueRule,
     },
-    /// As many misses in a row as this make an ERROR.
+    /// As many misses in a row as this make an ERROR; bands on the time until an answer, in seconds.
     Watchdog {
         watchdog: WatchdogId,
         misses: u32,
+        bands: Bands,
     },
     /// Bands on output rate by input rate.
     RateRatio {

@@ -77,6 +77,7 @@ fn words_of(value: &FieldValue) -> Text {
         FieldValue::Bool(true) => say!("true", "wahr"),
         FieldValue::Bool(false) => say!("false", "falsch"),
         FieldValue::Pose(_) => say!("a pose", "eine Pose"),
+        FieldValue::Positions(_) => say!("a list", "eine Liste"),
         FieldValue::Absent | FieldValue::Unreadable(_) => say!("unreadable", "nicht lesbar"),
     }
 }
@@ -87,6 +88,7 @@ fn bare(value: &FieldValue) -> String {
         FieldValue::Bool(is) => is.to_string(),
         FieldValue::Text(text) => super::words::cut(text).to_owned(),
         FieldValue::Pose(_) => "a pose".into(),
+        FieldValue::Positions(_) => "a list".into(),
         FieldValue::Absent | FieldValue::Unreadable(_) => "unreadable".into(),
     }
 }

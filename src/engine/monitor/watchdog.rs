@@ -1,7 +1,7 @@
-//! Whether something answers when it is asked.
+//! Whether something answers when it is asked, and how soon.
 
-use super::spec::WatchdogSpec;
-use super::words::{Words, cut, number, say, span};
+use super::spec::{Bands, ProbeTarget, WatchdogSpec};
+use super::words::{Words, cut, say, span};
 use crate::engine::sample::ProbeOutcome;
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
@@ -9,6 +9,10 @@ use crate::engine::time::{Span, Timestamp};
 #[derive(Debug, Clone)]
 pub(in crate::engine) struct Watchdog {
     misses_max: u32,
+    /// Of the time until an answer, in seconds.
+    bands: Bands,
+    /// A topic is asked whether its ends match.
+    qos: bool,
     /// Without the end of any probe for this long nothing is known.
     patience: Span,
     /// Since when the module is relevant.
@@ -20,13 +24,15 @@ pub(in crate::engine) struct Watchdog {
 }
 
 impl Watchdog {
-    pub(super) fn new(spec: &WatchdogSpec, misses: u32) -> Watchdog {
+    pub(super) fn new(spec: &WatchdogSpec, misses: u32, bands: Bands) -> Watchdog {
         let misses_max = misses.max(1);
         // A probe may begin an interval late and take one itself.
         let rounds = u64::from(misses_max) + 2;
         let patience = Span::from_nanos(spec.every.as_nanos().saturating_mul(rounds));
         Watchdog {
             misses_max,
+            bands,
+            qos: matches!(spec.target, ProbeTarget::Qos { .. }),
             patience: patience.max(Span::from_millis(1)),
             since: None,
             last: None,
@@ -45,7 +51,10 @@ impl Watchdog {
             return;
         }
         match outcome {
-            ProbeOutcome::Answered { .. } => (self.misses, self.state) = (0, Some(State::Ok)),
+            ProbeOutcome::Answered { after } => {
+                (self.misses, self.state) = (0, Some(self.bands.judge(after.as_nanos() as f64 / 1e9)));
+            }
+            ProbeOutcome::Announced => (self.misses, self.state) = (0, Some(State::Ok)),
             ProbeOutcome::Missed(_) => {
                 self.misses = self.misses.saturating_add(1);
                 if self.misses >= self.misses_max {
@@ -83,10 +92,31 @@ impl Watchdog {
         }
         match &self.last {
             None => Words::plain(say!("not asked yet", "noch nicht gefragt")),
+            Some((_, ProbeOutcome::Announced)) if self.qos => Words::plain(say!(
+                "all publishers and subscribers match",
+                "alle Publisher und Subscriber passen zusammen"
+            )),
+            Some((_, ProbeOutcome::Missed(why))) if self.qos => Words::plain(say!(
+                "publishers and subscribers never come together: {why}",
+                "Publisher und Subscriber kommen nie zusammen: {why}",
+                why = cut(why)
+            )),
             Some((_, ProbeOutcome::Answered { after })) => {
-                let millis = number(after.as_nanos() as f64 / 1e6);
-                Words { message: say!("answers", "antwortet"), values: vec![("answer_ms", millis)] }
+                // In milliseconds for people, like the values behind it.
+                let bands = self.bands.scaled(1e3);
+                let millis = after.as_nanos() as f64 / 1e6;
+                let message = if bands == Bands::default() {
+                    say!("answers", "antwortet")
+                } else {
+                    say!(
+                        "answers after {time}",
+                        "antwortet nach {time}",
+                        time = bands.say(millis, "ms".into())
+                    )
+                };
+                Words { message, values: bands.values("answer_ms", millis) }
             }
+            Some((_, ProbeOutcome::Announced)) => Words::plain(say!("it is announced", "ist angemeldet")),
             Some((_, ProbeOutcome::Missed(why))) => Words {
                 message: say!(
                     "no answer, {misses} of {all} in a row: {why}",
@@ -98,7 +128,7 @@ impl Watchdog {
                 values: vec![("misses", self.misses.to_string())],
             },
             Some((_, ProbeOutcome::Impossible(why))) => {
-                Words::plain(say!("it cannot be asked: {why}", "nicht zu fragen: {why}", why = cut(why)))
+                Words::plain(say!("it cannot be asked: {why}", "nicht zu fragen: {why}", why = &**why))
             }
         }
     }

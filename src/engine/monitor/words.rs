@@ -58,6 +58,17 @@ impl Bands {
         }
     }
 
+    /// The same limits in a unit of which so many are one of the other.
+    pub(super) fn scaled(&self, factor: f64) -> Bands {
+        let scale = |limit: Option<f64>| limit.map(|limit| limit * factor);
+        Bands {
+            warning_below: scale(self.warning_below),
+            error_below: scale(self.error_below),
+            warning_above: scale(self.warning_above),
+            error_above: scale(self.error_above),
+        }
+    }
+
     /// `4.2 Hz, at least 9 wanted`.
     pub(super) fn say(&self, value: f64, unit: Text) -> Text {
         let lower = self.warning_below.or(self.error_below);
@@ -169,7 +180,7 @@ pub(super) fn quoted(text: &str) -> String {
     if cut.len() < text.len() { format!("\"{cut}…\"") } else { format!("\"{cut}\"") }
 }
 
-pub(super) fn cut(text: &str) -> &str {
+pub(in crate::engine) fn cut(text: &str) -> &str {
     &text[..text.floor_char_boundary(QUOTED_MAX)]
 }
 

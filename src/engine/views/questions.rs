@@ -6,8 +6,15 @@ use crate::engine::snapshot::Reason;
 
 impl Views {
     pub(in crate::engine) fn module(&self, name: &str) -> Option<ModuleId> {
-        let position = self.layout.modules.iter().position(|module| &*module.id == name)?;
-        Some(ModuleId(position as u32))
+        self.module_ids().find(|(id, _)| *id == name).map(|(_, id)| id)
+    }
+
+    /// The status that a module takes.
+    pub(in crate::engine) fn status_of(&self, node: NodeId) -> Option<&str> {
+        match node {
+            NodeId::Module(id) => self.layout.modules[id.0 as usize].status.as_deref(),
+            NodeId::Group(_) => None,
+        }
     }
 
     pub(in crate::engine) fn has(&self, name: &str) -> bool {
@@ -23,7 +30,7 @@ impl Views {
     }
 
     pub(in crate::engine) fn module_ids(&self) -> impl Iterator<Item = (&str, ModuleId)> {
-        let modules = self.layout.modules.iter().enumerate();
+        let modules = self.layout.modules.iter().enumerate().filter(|(_, module)| !module.gone);
         modules.map(|(index, module)| (&*module.id, ModuleId(index as u32)))
     }
 
@@ -37,8 +44,14 @@ impl Views {
         groups.chain(modules).map(|node| (node, self.name(node)))
     }
 
-    pub(in crate::engine) fn roots(&self) -> Vec<NodeId> {
-        self.roots.iter().map(|root| root.node).collect()
+    /// Root causes, ranked, each with whether it raises an alarm.
+    pub(in crate::engine) fn roots(&self) -> Vec<(NodeId, bool)> {
+        self.roots.iter().map(|root| (root.node, !root.grace)).collect()
+    }
+
+    /// How many of them raise an alarm.
+    pub(in crate::engine) fn calling_count(&self) -> usize {
+        self.roots.iter().filter(|root| !root.grace).count()
     }
 
     pub(in crate::engine) fn root_count(&self) -> usize {

@@ -41,6 +41,10 @@ impl Watching {
                 State::Ok => policy.no_publisher,
                 judged => judged,
             }),
+            // Its type is to be learned and cannot be: nobody counted, so nothing is known of a rate.
+            (_, Some(Blind::WrongType(id))) if self.topics[id.0 as usize].spec.type_name.is_empty() => {
+                judged.map(|_| State::Unknown).or(of_blind.filter(|_| !watch.by_the_clock))
+            }
             (_, Some(Blind::Speechless(_))) => judged.max(of_blind.filter(|_| judged.is_some())),
             _ if watch.by_the_clock => judged.map(|state| state.max(of_blind.unwrap_or(State::Ok))),
             _ => judged.max(of_blind),
@@ -87,6 +91,24 @@ impl Watching {
                 let topic = &self.topics[id.0 as usize];
                 let other = topic.news.as_ref().and_then(|news| news.other_type.as_deref()).unwrap_or("?");
                 let TopicSpec { topic, type_name, .. } = &*topic.spec;
+                if type_name.is_empty() {
+                    let said = if other.contains(", ") {
+                        say!(
+                            "{topic} is published as {other}: name one of them with `type`",
+                            "{topic} wird als {other} veröffentlicht: einen davon mit `type` angeben",
+                            topic = &**topic,
+                            other = other
+                        )
+                    } else {
+                        say!(
+                            "{topic} is published as {other}, which cannot be read: name its `type`, or where its definition is",
+                            "{topic} wird als {other} veröffentlicht und ist so nicht lesbar: `type` angeben, oder wo die Definition liegt",
+                            topic = &**topic,
+                            other = other
+                        )
+                    };
+                    return Words { message: said, values: Vec::new() };
+                }
                 say!(
                     "{topic} has type {other}, configuration says {wanted}",
                     "{topic} hat den Typ {other}, laut Konfiguration {wanted}",

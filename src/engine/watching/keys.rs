@@ -8,6 +8,12 @@ use crate::engine::sample::FieldValue;
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 
+/// A number without the unit that stands behind it; anything else as it is.
+fn bare<'t>(text: &'t str, unit: Option<&str>) -> &'t str {
+    let number = unit.and_then(|unit| text.trim().strip_suffix(unit)).map(str::trim_end);
+    number.filter(|number| number.parse::<f64>().is_ok()).unwrap_or(text)
+}
+
 impl Watching {
     /// Takes the KeyValues of an array. Of two statuses with one name the worse one counts.
     pub(in crate::engine) fn take_keys(
@@ -51,7 +57,7 @@ impl Watching {
                         FieldValue::Unreadable(why.into())
                     }
                     Some(text) if reader.as_text => FieldValue::Text(text.into()),
-                    Some(text) => parse(text),
+                    Some(text) => parse(bare(text, reader.unit.as_deref())),
                     None => FieldValue::Unreadable(NO_SUCH_KEY.into()),
                 };
                 taken.push((reader.watch, reader.slot, value));

@@ -12,15 +12,23 @@ use super::shape::{Message, Shape};
 use crate::ros::messages;
 
 /// Each message stands after a line `=== Name`.
-const BUILT_IN: [(&str, &str); 8] = [
+const BUILT_IN: [(&str, &str); 16] = [
+    ("action_msgs", include_str!("action_msgs.msgs")),
+    ("actionlib_msgs", include_str!("actionlib_msgs.msgs")),
     ("builtin_interfaces", include_str!("builtin_interfaces.msgs")),
     ("diagnostic_msgs", include_str!("diagnostic_msgs.msgs")),
     ("geometry_msgs", include_str!("geometry_msgs.msgs")),
+    ("lifecycle_msgs", include_str!("lifecycle_msgs.msgs")),
     ("nav_msgs", include_str!("nav_msgs.msgs")),
     ("sensor_msgs", include_str!("sensor_msgs.msgs")),
+    ("shape_msgs", include_str!("shape_msgs.msgs")),
     ("std_msgs", include_str!("std_msgs.msgs")),
+    ("stereo_msgs", include_str!("stereo_msgs.msgs")),
     ("tf2_msgs", include_str!("tf2_msgs.msgs")),
+    ("trajectory_msgs", include_str!("trajectory_msgs.msgs")),
+    ("unique_identifier_msgs", include_str!("unique_identifier_msgs.msgs")),
     ("velodyne_msgs", include_str!("velodyne_msgs.msgs")),
+    ("visualization_msgs", include_str!("visualization_msgs.msgs")),
 ];
 
 /// No definition of a message is as long.
@@ -209,7 +217,22 @@ mod tests {
                 count += 1;
             }
         }
-        assert_eq!(count, 103);
+        assert_eq!(count, 135);
+    }
+
+    #[test]
+    fn the_readme_names_every_package_that_is_built_in() {
+        let readme = include_str!("../../../README.md");
+        for (package, _) in BUILT_IN {
+            assert!(readme.contains(&format!("`{package}`")), "{package}");
+        }
+        let asked = ["lifecycle_msgs/msg/TransitionEvent", "action_msgs/msg/GoalStatusArray"];
+        let common =
+            ["actionlib_msgs/msg/GoalStatusArray", "shape_msgs/msg/Mesh", "stereo_msgs/msg/DisparityImage"];
+        let more = ["trajectory_msgs/msg/JointTrajectory", "visualization_msgs/msg/MarkerArray"];
+        for type_name in asked.into_iter().chain(common).chain(more) {
+            assert!(Library::new(&[]).shape(type_name).is_ok(), "{type_name}");
+        }
     }
 
     #[test]

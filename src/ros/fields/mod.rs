@@ -4,12 +4,13 @@
 //! A path names fields from outside to inside, `twist.twist.linear.x`. `[2]` is an element of an
 //! array, counted from 0; `[child_frame_id=base_link]` is the first element with that value, and a
 //! message without one says nothing of the field, as each broadcaster of `/tf` sends its own frames;
-//! `.length` is the number of elements. A Time or Duration is a number of seconds.
+//! `.length` is the number of elements. `detections[].bbox` are all elements, for lists of positions. A Time or Duration is a number of seconds.
 
 mod definition;
 mod event;
 mod library;
 mod path;
+mod positions;
 mod program;
 mod shape;
 
@@ -73,11 +74,21 @@ impl Definitions {
     /// # Errors
     /// Every field that the type does not have, that is no such value, or the type that is not known.
     pub fn check(&self, spec: &TopicSpec) -> Result<Reader, FieldsError> {
+        let (reader, errors) = self.reader(spec)?;
+        if errors.is_empty() { Ok(reader) } else { Err(FieldsError(errors)) }
+    }
+
+    /// The same with everything that is wrong beside it: a field that cannot be read is unreadable in every
+    /// message, and the others have their values.
+    ///
+    /// # Errors
+    /// The type is not known, so nothing can be read.
+    pub fn reader(&self, spec: &TopicSpec) -> Result<(Reader, Vec<FieldError>), FieldsError> {
         let of_type = |text, help| FieldError { path: None, text, help };
         if spec.fields.is_empty() && !spec.stamp {
             return match Library::new(&self.folders).misnamed(&spec.type_name) {
                 Some(error) => Err(FieldsError(vec![of_type(error.text, error.help)])),
-                None => Ok(Reader { fields: Vec::new(), stamp: None, whole: None }),
+                None => Ok((Reader { fields: Vec::new(), stamp: None, whole: None }, Vec::new())),
             };
         }
         let shape = Library::new(&self.folders).shape(&spec.type_name);
@@ -90,15 +101,16 @@ impl Definitions {
                 "watch a topic whose messages begin with a std_msgs/Header".to_owned(),
             ));
         }
-        let mut fields = Vec::with_capacity(spec.fields.len());
-        for field in &spec.fields {
-            match compile(&shape, field) {
-                Ok(program) => fields.push(program),
-                Err(error) => errors.push(error),
-            }
-        }
+        let fields = spec.fields.iter().map(|field| {
+            compile(&shape, field).map_err(|error| {
+                let why = error.brief().into();
+                errors.push(error);
+                why
+            })
+        });
+        let fields = fields.collect();
         let whole = (!shape.wide).then_some(shape);
-        if errors.is_empty() { Ok(Reader { fields, stamp, whole }) } else { Err(FieldsError(errors)) }
+        Ok((Reader { fields, stamp, whole }, errors))
     }
 
     /// A reader for a field that is true or false.
@@ -153,10 +165,20 @@ fn stamp_of(shape: &Arc<Shape>) -> Option<Program> {
 /// Reads the fields of one topic.
 #[derive(Debug, Clone)]
 pub struct Reader {
-    fields: Vec<Program>,
+    /// Each, or why there is no value of it.
+    fields: Vec<Result<Program, Box<str>>>,
     stamp: Option<Program>,
     /// The type, to see that a message is not cut behind its fields; `None` where that cannot be said.
     whole: Option<Arc<Shape>>,
+}
+
+impl Reader {
+    /// Of messages that can be counted and not be read.
+    pub fn of_nothing(spec: &TopicSpec, why: &FieldsError) -> Reader {
+        let why = why.0.first().map(FieldError::brief).unwrap_or_default();
+        let fields = spec.fields.iter().map(|_| Err(why.as_str().into())).collect();
+        Reader { fields, stamp: None, whole: None }
+    }
 }
 
 /// What was read of one message.
@@ -175,14 +197,20 @@ impl Reader {
     pub fn read(&self, body: &[u8], endian: Endian) -> Reading {
         let reader = cdr::Reader::new(body, endian);
         let mut fault = None;
-        let values = self.fields.iter().map(|program| match program.read(reader.clone()) {
-            Ok(value) => value,
-            Err(Miss::Absent) => FieldValue::Absent,
-            Err(Miss::Refused(why)) => FieldValue::Unreadable(why.into()),
-            Err(Miss::Fault(wrong)) => {
-                let why = wrong.to_string().into();
-                fault = Some(wrong);
-                FieldValue::Unreadable(why)
+        let values = self.fields.iter().map(|program| {
+            let program = match program {
+                Ok(program) => program,
+                Err(why) => return FieldValue::Unreadable(why.clone()),
+            };
+            match program.read(reader.clone()) {
+                Ok(value) => value,
+                Err(Miss::Absent) => FieldValue::Absent,
+                Err(Miss::Refused(why)) => FieldValue::Unreadable(why.into()),
+                Err(Miss::Fault(wrong)) => {
+                    let why = wrong.to_string().into();
+                    fault = Some(wrong);
+                    FieldValue::Unreadable(why)
+                }
             }
         });
         let values = values.collect();
@@ -192,9 +220,14 @@ impl Reader {
         Reading { values, stamp_ns, fault }
     }
 
-    /// What each field is, in their order; `None` for a pose.
+    /// What each field is, in their order; `None` for a pose, and for what is not there.
     pub fn kinds(&self) -> impl Iterator<Item = Option<ScalarKind>> {
-        self.fields.iter().map(Program::kind)
+        self.fields.iter().map(|program| program.as_ref().ok()?.kind())
+    }
+
+    /// Between which numbers each field can be, in their order, where its type says.
+    pub fn ranges(&self) -> impl Iterator<Item = Option<(f64, f64)>> {
+        self.fields.iter().map(|program| program.as_ref().ok()?.range())
     }
 
     /// Nothing but the fact that a message came is wanted.
@@ -220,6 +253,19 @@ impl BooleanReader {
         match self.0.read(cdr::Reader::new(body, endian))? {
             FieldValue::Bool(value) => Ok(value),
             other => Err(Miss::Refused(format!("{other:?} is no boolean"))),
+        }
+    }
+}
+
+impl FieldError {
+    /// The same where the path is known and the list of all fields would be too long:
+    /// "sensor_msgs/msg/BatteryState has no field `percent`; did you mean `percentage`?"
+    pub fn brief(&self) -> String {
+        let path = self.path.as_ref().map(|path| format!("`{path}`: ")).unwrap_or_default();
+        let text = self.text.strip_prefix(&*path).unwrap_or(&self.text);
+        match self.help.split_once('?') {
+            Some((guess, _)) if guess.starts_with("did you mean ") => format!("{text}; {guess}?"),
+            _ => text.to_owned(),
         }
     }
 }

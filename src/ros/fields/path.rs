@@ -1,10 +1,12 @@
 //! The path of a field: `twist.twist.linear.x`, `poses[0].position.x`,
-//! `transforms[child_frame_id=base_link].transform`, `poses.length`.
+//! `transforms[child_frame_id=base_link].transform`, `poses.length`; `detections[].bbox` of each element.
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Step {
     Member(Box<str>),
     Index(u32),
+    /// All elements.
+    Each,
     /// The first element whose member is this.
     Where {
         key: Vec<Step>,
@@ -56,6 +58,7 @@ fn element<'a>(text: &'a str, steps: &mut Vec<Step>) -> Result<&'a str, String> 
         "write a number from 0 on, `[0]`, or a field and its value, `[child_frame_id=base_link]`";
     let (inside, rest) = text.split_once(']').ok_or_else(|| format!("`[{text}` has no `]`"))?;
     let step = match inside.split_once('=') {
+        None if inside.trim().is_empty() => Step::Each,
         None => {
             Step::Index(inside.trim().parse().map_err(|_| format!("`[{inside}]` is no element: {WRITE}"))?)
         }
@@ -94,6 +97,7 @@ mod tests {
                     member("x"),
                 ],
             ),
+            ("a[].b", vec![member("a"), Step::Each, member("b")]),
             ("grid[0][1]", vec![member("grid"), Step::Index(0), Step::Index(1)]),
         ];
         for (path, expected) in cases {
@@ -110,7 +114,6 @@ mod tests {
             ("a b", "where `.`"),
             ("a[-1]", "from 0 on"),
             ("a[99999999999]", "from 0 on"),
-            ("a[]", "from 0 on"),
             ("a[0", "no `]`"),
             ("a[b[0]=1]", "from 0 on"),
             ("[0]", "missing before"),

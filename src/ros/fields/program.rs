@@ -1,10 +1,13 @@
 //! A path, compiled: what to pass over in a message, and what to read then.
 
+mod range;
+
 use std::fmt;
 use std::sync::Arc;
 
 use super::definition::Primitive;
 use super::path::Step;
+use super::positions::Positions;
 use super::shape::{Array, Kind, Message, Shape};
 use crate::engine::monitor::spec::{FieldKind, ScalarKind};
 use crate::engine::sample::{FieldValue, Pose};
@@ -20,7 +23,7 @@ pub struct Program {
 }
 
 #[derive(Debug, Clone)]
-enum Move {
+pub(super) enum Move {
     Skip(Arc<Shape>),
     /// To an element.
     Index {
@@ -43,10 +46,11 @@ enum Leaf {
     Time,
     Pose,
     Length(Array),
+    Positions(Box<Positions>),
 }
 
 #[derive(Debug, Clone)]
-enum Wanted {
+pub(super) enum Wanted {
     Text(Box<str>),
     Number(f64),
 }
@@ -89,7 +93,11 @@ impl Program {
     /// # Errors
     /// What the type does not have, or what is there instead.
     pub fn compile(shape: &Arc<Shape>, steps: &[Step], kind: FieldKind) -> Result<Program, PathError> {
-        let mut compiler = Compiler { moves: Vec::new(), here: shape.clone() };
+        let mut compiler = Compiler::at(shape.clone());
+        if kind == FieldKind::Positions {
+            let (positions, moves) = Positions::compile(compiler, steps)?;
+            return Ok(Program { moves, leaf: Leaf::Positions(Box::new(positions)) });
+        }
         for (index, step) in steps.iter().enumerate() {
             let is_last = index + 1 == steps.len();
             if let (Step::Member(name), true, Kind::Array(array)) = (step, is_last, &compiler.here.kind)
@@ -102,18 +110,18 @@ impl Program {
             compiler.step(step)?;
         }
         match kind {
-            FieldKind::Scalar => compiler.scalar(),
             FieldKind::Pose => compiler.pose(),
+            FieldKind::Scalar | FieldKind::Positions => compiler.scalar(),
         }
     }
 
-    /// What its value is; `None` for a pose.
+    /// What its value is; `None` for a pose and for positions.
     pub fn kind(&self) -> Option<ScalarKind> {
         Some(match &self.leaf {
             Leaf::Primitive(Primitive::Bool) => ScalarKind::Bool,
             Leaf::Primitive(_) | Leaf::Time | Leaf::Length(_) => ScalarKind::Number,
             Leaf::Text => ScalarKind::Text,
-            Leaf::Pose => return None,
+            Leaf::Pose | Leaf::Positions(_) => return None,
         })
     }
 
@@ -137,6 +145,7 @@ impl Program {
             }
             Leaf::Pose => FieldValue::Pose(pose(reader)?),
             Leaf::Length(array) => FieldValue::Number(f64::from(array.count(reader)?)),
+            Leaf::Positions(positions) => FieldValue::Positions(positions.read(reader)?.into()),
         })
     }
 
@@ -226,13 +235,29 @@ fn pose(reader: &mut Reader<'_>) -> Result<Pose, Fault> {
     Ok(Pose { x_m: next()?, y_m: next()?, z_m: next()?, qx: next()?, qy: next()?, qz: next()?, qw: next()? })
 }
 
-struct Compiler {
+/// On its way along a path.
+#[derive(Clone)]
+pub(super) struct Compiler {
     moves: Vec<Move>,
     here: Arc<Shape>,
 }
 
 impl Compiler {
-    fn step(&mut self, step: &Step) -> Result<(), PathError> {
+    pub(super) fn at(here: Arc<Shape>) -> Compiler {
+        Compiler { moves: Vec::new(), here }
+    }
+
+    pub(super) fn here(&self) -> &Shape {
+        &self.here
+    }
+
+    /// The array that it has come to, and how it got there.
+    pub(super) fn into_array(self) -> Result<(Array, Vec<Move>), PathError> {
+        let array = self.array("[]")?;
+        Ok((array, self.moves))
+    }
+
+    pub(super) fn step(&mut self, step: &Step) -> Result<(), PathError> {
         match step {
             Step::Member(name) => self.member(name),
             Step::Index(index) => {
@@ -250,10 +275,14 @@ impl Compiler {
                 Ok(())
             }
             Step::Where { key, value } => self.choose(key, value),
+            Step::Each => Err(PathError {
+                text: "`[]` stands for all elements, and one is wanted".to_owned(),
+                help: "name an element, `[0]`; `[]` belongs into a `list`".to_owned(),
+            }),
         }
     }
 
-    fn member(&mut self, name: &str) -> Result<(), PathError> {
+    pub(super) fn member(&mut self, name: &str) -> Result<(), PathError> {
         let here = self.here.clone();
         let Kind::Message(message) = &here.kind else {
             return Err(PathError {
@@ -316,7 +345,7 @@ impl Compiler {
         Ok(())
     }
 
-    fn scalar(self) -> Result<Program, PathError> {
+    pub(super) fn scalar(self) -> Result<Program, PathError> {
         let leaf = match &self.here.kind {
             Kind::Primitive(primitive) => Leaf::Primitive(*primitive),
             Kind::Text => Leaf::Text,
@@ -364,8 +393,12 @@ impl Compiler {
 }
 
 fn no_such_member(message: &Message, name: &str) -> PathError {
-    let distances =
-        message.members.iter().map(|(known, _)| (strsim::damerau_levenshtein(known, name), known));
+    // A word that is cut short is nearer than one with other letters: `percent` is no `present`.
+    let distance = |known: &str| match name.len() > 3 && known.starts_with(name) {
+        true => 0,
+        false => strsim::damerau_levenshtein(known, name),
+    };
+    let distances = message.members.iter().map(|(known, _)| (distance(known), known));
     let close = distances.filter(|(distance, known)| *distance <= 2.max(known.len() / 3)).min();
     let guess = close.map(|(_, known)| format!("did you mean `{known}`? ")).unwrap_or_default();
     PathError {

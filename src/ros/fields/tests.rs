@@ -1,9 +1,11 @@
+mod lists;
+
 use std::time::{Duration, UNIX_EPOCH};
 
 use proptest::prelude::*;
 
 use super::*;
-use crate::engine::sample::Pose;
+use crate::engine::sample::{POSITIONS_MAX, Pose, Position, Positions};
 use crate::ros::messages::encode::{self, Header, Motion, Transform};
 
 fn spec(type_name: &str, stamp: bool, fields: &[(&str, FieldKind)]) -> TopicSpec {
@@ -30,6 +32,11 @@ fn header(frame_id: &str) -> Header<'_> {
 
 fn at(x_m: f64, y_m: f64) -> Pose {
     Pose { x_m, y_m, z_m: 0.5, qw: 1.0, ..Pose::default() }
+}
+
+fn positions(places: &[(f64, f64)]) -> FieldValue {
+    let taken = places.iter().map(|&(x_m, y_m)| Position { x_m, y_m }).collect();
+    FieldValue::Positions(Arc::new(Positions { taken, count: places.len() as u32 }))
 }
 
 fn number(value: f64) -> FieldValue {
@@ -70,6 +77,7 @@ fn fields_of_what_a_shuttle_publishes() {
     };
     let pose = FieldKind::Pose;
     let scalar = FieldKind::Scalar;
+    let list = FieldKind::Positions;
     type Fields<'a> = Vec<(&'a str, FieldKind, FieldValue)>;
     let cases: Vec<(&str, Vec<u8>, bool, Fields<'_>)> = vec![
         (
@@ -105,6 +113,7 @@ fn fields_of_what_a_shuttle_publishes() {
                 ("transforms[header.frame_id=map].child_frame_id", scalar, text("odom")),
                 ("transforms[2].transform", pose, FieldValue::Pose(at(9.0, 1.0))),
                 ("transforms.length", scalar, number(3.0)),
+                ("transforms", list, positions(&[(7.0, 1.0), (8.0, 1.0), (9.0, 1.0)])),
             ],
         ),
         (
@@ -143,13 +152,19 @@ fn fields_of_what_a_shuttle_publishes() {
             vec![
                 ("poses[1].pose.position.x", scalar, number(3.0)),
                 ("poses[0]", pose, FieldValue::Pose(at(1.0, 2.0))),
+                ("poses", list, positions(&[(1.0, 2.0), (3.0, 4.0)])),
             ],
         ),
         (
             encode::POSE_ARRAY,
             encode::pose_array(header("map"), &[at(1.0, 2.0), at(3.0, 4.0)]),
             true,
-            vec![("poses[1].position.y", scalar, number(4.0)), ("poses.length", scalar, number(2.0))],
+            vec![
+                ("poses[1].position.y", scalar, number(4.0)),
+                ("poses.length", scalar, number(2.0)),
+                ("poses", list, positions(&[(1.0, 2.0), (3.0, 4.0)])),
+                ("poses[].position", list, positions(&[(1.0, 2.0), (3.0, 4.0)])),
+            ],
         ),
         (
             encode::POSE_WITH_COVARIANCE_STAMPED,
@@ -287,6 +302,9 @@ fn paths_that_cannot_be_read_are_refused() {
         assert!(error.text.contains(words) && error.help.contains(help), "{path}: {error:?}");
         assert_eq!(error.path.as_deref(), Some(path));
     }
+    let battery = spec("sensor_msgs/msg/BatteryState", false, &scalars(&["percent"]));
+    let FieldsError(errors) = Definitions::default().check(&battery).unwrap_err();
+    assert!(errors[0].help.starts_with("did you mean `percentage`?"), "{errors:?}");
     let FieldsError(errors) = Definitions::default()
         .check(&spec("std_msgs/msg/Float64", true, &scalars(&["dat", "data.x"])))
         .unwrap_err();

@@ -163,7 +163,9 @@ fn large_arrays_are_split_and_nothing_is_lost() {
 fn the_size_of_a_gid_is_told_by_its_message() {
     for size in [GidSize::Bytes16, GidSize::Bytes24] {
         for readers in 0..4 {
-            let body = encode_node([7; 16], "telltale", &vec![[9; 16]; readers], size);
+            let gids = vec![[9; 16]; readers];
+            let node = NodeEntities { name: "/ns/telltale", readers: &gids, writers: &gids };
+            let body = encode_nodes([7; 16], &[node], size);
             assert_eq!(GidSize::of_message(&body, Endian::Little), Some(size), "{readers} readers");
         }
     }

@@ -4,25 +4,32 @@
 use std::borrow::Cow;
 
 use crate::engine::input::StatusArray;
-use crate::engine::model::{GroupId, ModuleId, Stage};
-use crate::engine::snapshot::{ModuleView, NotRelevant, Reason, Snapshot};
+use crate::engine::model::{GroupId, ModuleId, NodeId, Stage};
+use crate::engine::snapshot::{GroupInfo, ModuleView, NotRelevant, Reason, Snapshot};
 use crate::engine::state::State;
+use crate::engine::time::Timestamp;
+use crate::engine::tree::{part, unique};
 
 /// The tree of the vehicle. Before a login it says nothing of what modules report.
 pub fn tree(snapshot: &Snapshot) -> StatusArray {
     let mut out = StatusArray::default();
-    let root = part(&snapshot.layout.vehicle_name.en);
-    let tops: Vec<GroupId> = (0..snapshot.layout.groups.len() as u32)
+    let mut root = part(&snapshot.layout.vehicle_name.en);
+    if root.is_empty() {
+        root = part(&snapshot.layout.vehicle_id);
+    }
+    let tops: Vec<NodeId> = (0..snapshot.layout.groups.len() as u32)
         .map(GroupId)
         .filter(|&id| snapshot.group(id).0.parent.is_none() && !is_idle(snapshot, id))
+        .map(NodeId::Group)
         .collect();
-    out.push_status(level(snapshot.overall), &format!("/{root}"), word(snapshot.overall), "");
-    for &id in &tops {
-        let (info, view) = snapshot.group(id);
-        out.push_value(&part(&info.name.en), word(view.state));
+    let named = named(snapshot, &tops);
+    let level = header(snapshot, snapshot.overall, tops.iter().copied());
+    out.push_status(level as u8, &format!("/{root}"), level.word(snapshot.overall), "");
+    for &(node, ref part) in &named {
+        out.push_value(part, word(snapshot, node));
     }
-    for id in tops {
-        group(snapshot, id, &format!("/{root}"), &mut out);
+    for (node, part) in named {
+        status(snapshot, node, &format!("/{root}/{part}"), &mut out);
     }
     out
 }
@@ -30,58 +37,115 @@ pub fn tree(snapshot: &Snapshot) -> StatusArray {
 /// The group of what nothing claims, while there is no such thing.
 fn is_idle(snapshot: &Snapshot, id: GroupId) -> bool {
     let (info, _) = snapshot.group(id);
-    info.is_other && info.groups.is_empty() && info.modules.is_empty()
+    !info.counted && info.groups.is_empty() && info.modules.is_empty()
 }
 
 /// The worst of the whole, in one status.
 pub fn top(snapshot: &Snapshot) -> StatusArray {
     let mut out = StatusArray::default();
-    out.push_status(level(snapshot.overall), "toplevel_state", word(snapshot.overall), "");
+    let level = top_level(snapshot);
+    out.push_status(level as u8, "toplevel_state", level.word(snapshot.overall), "");
     out.push_value("telltale_state", snapshot.overall.as_str());
     out.push_value("stage", snapshot.stage.as_str());
     out
 }
 
-fn group(snapshot: &Snapshot, id: GroupId, above: &str, out: &mut StatusArray) {
-    let (info, view) = snapshot.group(id);
-    let path = format!("{above}/{}", part(&info.name.en));
-    let said = message(snapshot, view.state, view.reason.as_ref(), "");
-    out.push_status(level(view.state), &path, &said, "");
-    for &inner in &info.groups {
-        let (info, view) = snapshot.group(inner);
-        out.push_value(&part(&info.name.en), word(view.state));
+/// The level of the whole: STALE only where nothing is known of any component.
+pub fn top_level(snapshot: &Snapshot) -> Level {
+    let mut in_tile: Vec<bool> = Vec::with_capacity(snapshot.layout.groups.len());
+    for group in &snapshot.layout.groups {
+        // Parents stand before their children.
+        in_tile.push(group.parent.map_or(group.is_tile(), |parent| in_tile[parent.0 as usize]));
     }
-    for &module in &info.modules {
-        out.push_value(&module_part(snapshot, module), word(snapshot.module(module).1.state));
+    let modules = snapshot.module_ids().filter(|&id| in_tile[snapshot.module(id).0.group.0 as usize]);
+    header(snapshot, snapshot.overall, modules.map(NodeId::Module))
+}
+
+fn status(snapshot: &Snapshot, node: NodeId, path: &str, out: &mut StatusArray) {
+    match node {
+        NodeId::Group(id) => group(snapshot, id, path, out),
+        NodeId::Module(id) => module(snapshot, id, path, out),
+    }
+}
+
+fn group(snapshot: &Snapshot, id: GroupId, path: &str, out: &mut StatusArray) {
+    let (info, view) = snapshot.group(id);
+    let level = group_level(snapshot, id);
+    let said = match view.reason {
+        None if view.state != State::Ignore => level.word(view.state).to_owned(),
+        _ => message(snapshot, view.state, view.reason.as_ref(), ""),
+    };
+    out.push_status(level as u8, path, &said, "");
+    let members = named(snapshot, &members(info));
+    for &(node, ref part) in &members {
+        out.push_value(part, word(snapshot, node));
     }
     own_values(snapshot, view.state, view.own, out);
-    for &inner in &info.groups {
-        group(snapshot, inner, &path, out);
+    for (node, part) in members {
+        status(snapshot, node, &format!("{path}/{part}"), out);
     }
-    for &module in &info.modules {
-        let (_, view) = snapshot.module(module);
-        let said = if snapshot.stage == Stage::Locked { Cow::default() } else { words(view) };
-        let said = message(snapshot, view.state, view.reason.as_ref(), &said);
-        let name = format!("{path}/{}", module_part(snapshot, module));
-        out.push_status(level(view.state), &name, &said, &view.report.hardware_id);
-        own_values(snapshot, view.state, view.own, out);
-        if snapshot.stage != Stage::Locked {
-            for (key, value) in &view.report.values {
-                out.push_value(key, value);
-            }
+}
+
+fn module(snapshot: &Snapshot, id: ModuleId, path: &str, out: &mut StatusArray) {
+    let (_, view) = snapshot.module(id);
+    let said = if snapshot.stage == Stage::Locked { Cow::default() } else { words(view, snapshot.now) };
+    let said = message(snapshot, view.state, view.reason.as_ref(), &said);
+    out.push_status(level(snapshot, view.state) as u8, path, &said, &view.report.hardware_id);
+    own_values(snapshot, view.state, view.own, out);
+    if snapshot.stage != Stage::Locked {
+        for (key, value) in &view.report.values {
+            out.push_value(key, value);
         }
     }
 }
 
-/// What a module says last; of one that is silent, that it is.
-fn words(view: &ModuleView) -> Cow<'_, str> {
-    let message = &*view.report.message;
-    match (view.silent, view.received) {
-        (true, None) => "nothing was received yet".into(),
-        (true, Some(_)) if message.is_empty() => "nothing is received any more".into(),
-        (true, Some(_)) => format!("nothing is received any more; the last was: {message}").into(),
-        (false, None) if message.is_empty() && view.own == State::Unknown => "nothing is known yet".into(),
-        (false, _) => message.into(),
+/// Groups inside, then modules.
+fn members(info: &GroupInfo) -> Vec<NodeId> {
+    let groups = info.groups.iter().map(|&id| NodeId::Group(id));
+    groups.chain(info.modules.iter().map(|&id| NodeId::Module(id))).collect()
+}
+
+/// What stands beside each other, each with its part of the path. Programs know a status by its path
+/// alone, so no two have the same: what comes later is called `NAME (2)`.
+fn named(snapshot: &Snapshot, nodes: &[NodeId]) -> Vec<(NodeId, String)> {
+    let name = |&node: &NodeId| match node {
+        NodeId::Group(id) => part(&snapshot.group(id).0.name.en),
+        NodeId::Module(id) => module_part(snapshot, id),
+    };
+    nodes.iter().copied().zip(unique(nodes.iter().map(name))).collect()
+}
+
+/// A header is STALE only where all below it are; where some are it is an error, as the aggregator of
+/// ROS 2 has it.
+fn header(snapshot: &Snapshot, state: State, mut below: impl Iterator<Item = NodeId>) -> Level {
+    let own = level(snapshot, state);
+    let mut known = || below.any(|node| node_level(snapshot, node) != Level::Stale);
+    if own == Level::Stale && known() { Level::Error } else { own }
+}
+
+fn group_level(snapshot: &Snapshot, id: GroupId) -> Level {
+    let (info, view) = snapshot.group(id);
+    header(snapshot, view.state, members(info).into_iter())
+}
+
+fn node_level(snapshot: &Snapshot, node: NodeId) -> Level {
+    match node {
+        NodeId::Group(id) => group_level(snapshot, id),
+        NodeId::Module(id) => level(snapshot, snapshot.module(id).1.state),
+    }
+}
+
+fn word(snapshot: &Snapshot, node: NodeId) -> &'static str {
+    node_level(snapshot, node).word(snapshot.shown(node).0)
+}
+
+/// What a module says last; of one that is silent, that it is and for how long.
+fn words(view: &ModuleView, now: Timestamp) -> Cow<'_, str> {
+    let is_new = view.received.is_none() && view.report.message.is_empty();
+    match view.own {
+        State::Unknown if is_new => "nothing is known yet".into(),
+        State::Warning | State::Error if is_new => "nothing was received yet".into(),
+        _ => view.says(now),
     }
 }
 
@@ -106,7 +170,7 @@ fn message(snapshot: &Snapshot, state: State, reason: Option<&Reason>, said: &st
             format!("not relevant while {name} is {value}")
         }
         None if state == State::Ignore => "nothing in it is relevant".to_owned(),
-        None if said.is_empty() => return word(state).to_owned(),
+        None if said.is_empty() => return level(snapshot, state).word(state).to_owned(),
         None => return said.to_owned(),
     };
     format!("Ignored: {why}")
@@ -119,30 +183,37 @@ fn module_part(snapshot: &Snapshot, id: ModuleId) -> String {
     part(info.id.get(group + 1..).unwrap_or(&info.id))
 }
 
-/// A `/` inside of a name would make another level of the tree.
-fn part(name: &str) -> String {
-    let part = name.replace('/', " ");
-    part.trim().to_owned()
+/// As `diagnostic_msgs/DiagnosticStatus` numbers it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Level {
+    Ok = 0,
+    Warning = 1,
+    Error = 2,
+    Stale = 3,
 }
 
-/// UNKNOWN is STALE. IGNORE has no level there and must not alarm.
-const fn level(state: State) -> u8 {
+/// UNKNOWN is STALE. IGNORE has no level there and must not alarm; but while the vehicle is locked
+/// nothing is diagnosed at all, and OK would be a claim.
+fn level(snapshot: &Snapshot, state: State) -> Level {
     match state {
-        State::Ok | State::Ignore => 0,
-        State::Warning => 1,
-        State::Error => 2,
-        State::Unknown => 3,
+        State::Ignore if snapshot.stage == Stage::Locked => Level::Stale,
+        State::Ok | State::Ignore => Level::Ok,
+        State::Warning => Level::Warning,
+        State::Error => Level::Error,
+        State::Unknown => Level::Stale,
     }
 }
 
-/// As the aggregator of ROS 2 words it.
-const fn word(state: State) -> &'static str {
-    match state {
-        State::Ok => "OK",
-        State::Warning => "Warning",
-        State::Error => "Error",
-        State::Unknown => "Stale",
-        State::Ignore => "Ignored",
+impl Level {
+    /// As the aggregator of ROS 2 words it.
+    const fn word(self, state: State) -> &'static str {
+        match (self, state) {
+            (_, State::Ignore) => "Ignored",
+            (Level::Ok, _) => "OK",
+            (Level::Warning, _) => "Warning",
+            (Level::Error, _) => "Error",
+            (Level::Stale, _) => "Stale",
+        }
     }
 }
 
@@ -155,7 +226,84 @@ mod tests {
     use crate::engine::input::Input;
     use crate::engine::model::{Driving, Limits, Model, Parts, Policy, StageModel, Text};
     use crate::engine::monitor::spec::Watched;
-    use crate::engine::time::Timestamp;
+
+    /// Levels of the tree by path, and of the whole, with these levels reported.
+    fn levels(config: &str, reported: &[(&str, u8)], locked: bool) -> (Vec<(String, u8, String)>, u8) {
+        let model = crate::config::parse("c", config).unwrap_or_else(|problems| panic!("{problems}")).model;
+        let mut engine = Engine::new(model, Timestamp::ZERO);
+        if !locked {
+            engine.start_in(Stage::Standby);
+        }
+        let mut array = StatusArray::default();
+        reported.iter().for_each(|(name, level)| array.push_status(*level, name, "", ""));
+        engine.handle(&Input::Diagnostics(array), Timestamp::from_millis(10));
+        let snapshot = engine.snapshot();
+        let told = |status: crate::engine::input::Status<'_>| {
+            (status.name().to_owned(), status.level(), status.message().to_owned())
+        };
+        let levels = tree(&snapshot).iter().map(told).collect();
+        (levels, top(&snapshot).get(0).level())
+    }
+
+    const TWO: &str = "
+vehicle: { id: v, name: V }
+groups:
+  - { id: a, name: A, modules: [{ id: m, status: m }, { id: n, status: n }] }
+  - { id: b, name: B, modules: [{ id: o, status: o }], when: { stages: [standby] } }
+  - { id: c, name: C, modules: [{ id: p, status: p }], when: { stages: [active] } }
+";
+
+    #[test]
+    fn what_is_stale_in_part_is_an_error_and_stale_only_as_a_whole() {
+        let level = |levels: &[(String, u8, String)], path: &str| {
+            levels.iter().find(|(name, ..)| name == path).map(|(_, level, said)| (*level, said.clone()))
+        };
+        let all = [("m", 0), ("n", 0), ("o", 0)];
+        let (levels_, top) = levels(TWO, &all, false);
+        assert_eq!((level(&levels_, "/V/A"), top), (Some((0, "OK".into())), 0));
+        let (levels_, top) = levels(TWO, &all[1..], false);
+        assert_eq!((level(&levels_, "/V"), top), (Some((2, "Error".into())), 2));
+        assert_eq!(level(&levels_, "/V/A"), Some((2, "Error".into())));
+        assert_eq!(level(&levels_, "/V/A/m").map(|it| it.0), Some(3));
+        let (levels_, top) = levels(TWO, &all[2..], false);
+        assert_eq!((level(&levels_, "/V/A"), top), (Some((3, "Stale".into())), 2));
+        let without = TWO.replace("  - { id: c", "  #");
+        assert_eq!(levels(&without, &[], false).1, 3, "nothing is known of any component");
+    }
+
+    #[test]
+    fn while_it_is_locked_nothing_is_said_to_be_well() {
+        let (levels, top) = levels(TWO, &[("m", 0), ("n", 0), ("o", 0)], true);
+        assert_eq!(top, 3);
+        assert!(levels.iter().all(|(_, level, _)| *level == 3), "{levels:?}");
+    }
+
+    #[test]
+    fn every_status_of_the_tree_has_a_path_of_its_own() {
+        let config = "
+vehicle: { id: v, name: V }
+groups:
+  - { id: a, name: Same, modules: [{ id: m, status: m }] }
+  - id: b
+    name: Same
+    match: [{ contains: x }]
+    modules: [{ id: inner, status: n }]
+    groups: [{ id: c, name: inner, modules: [{ id: m, status: o }] }]
+  - { id: d, name: S/a me }
+  - { id: e, name: S a me }
+  - { id: f, name: Telltale }
+";
+        let (levels, _) = levels(config, &[("m", 2), ("n", 0), ("o", 2), ("x/1", 2), ("x 1", 0)], false);
+        let mut paths: Vec<&str> = levels.iter().map(|(path, ..)| &**path).collect();
+        for path in ["/V/Same", "/V/Same (2)/inner", "/V/Same (2)/inner (2)", "/V/Same (2)/x 1 (2)"] {
+            assert!(paths.contains(&path), "{path} in {paths:?}");
+        }
+        assert!(paths.contains(&"/V/S a me (2)") && paths.contains(&"/V/Telltale (2)"), "{paths:?}");
+        let all = paths.len();
+        paths.sort_unstable();
+        paths.dedup();
+        assert_eq!(paths.len(), all);
+    }
 
     #[test]
     fn what_nothing_claims_is_there_only_when_it_is_and_silence_is_said() {
@@ -169,6 +317,7 @@ mod tests {
             watched: Watched::default(),
             driving: Driving::default(),
             discovered: Policy::default(),
+            other: Default::default(),
             limits: Limits::default(),
         };
         let model = Arc::new(Model::new(parts).expect("nothing depends on anything"));
@@ -184,6 +333,6 @@ mod tests {
         engine.handle(&Input::Diagnostics(array), Timestamp::from_millis(10));
         assert_eq!(others(&mut engine)[1].1, "fine");
         engine.handle(&Input::Tick, Timestamp::from_millis(60_000));
-        assert_eq!(others(&mut engine)[1].1, "nothing is received any more; the last was: fine");
+        assert_eq!(others(&mut engine)[1].1, "silent for 1 min; last: fine");
     }
 }

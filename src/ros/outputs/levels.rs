@@ -5,6 +5,9 @@ use crate::engine::model::Stage;
 use crate::engine::snapshot::{MapPose, Snapshot};
 use crate::engine::time::{Span, Timestamp};
 
+/// A request to stop is repeated this often while it is in force.
+const STOP_EVERY: Span = Span::from_secs(1);
+
 /// One message for the vehicle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Say {
@@ -35,7 +38,8 @@ pub struct Levels {
     /// A request that is in force is repeated.
     pub every: Span,
     deceleration: Option<(f64, Timestamp)>,
-    maneuver_stop: Option<bool>,
+    /// A reader that asks for no last value and comes late hears a stop only when it is said again.
+    maneuver_stop: Option<(bool, Timestamp)>,
     clearance: Option<bool>,
     stage: Option<Stage>,
     pose: u64,
@@ -75,7 +79,8 @@ impl Levels {
             due.push(Say::Deceleration(mps2));
         }
         let maneuver_stop = snapshot.maneuver_stop();
-        if self.maneuver_stop != Some(maneuver_stop) {
+        let stops_again = |at: Timestamp| maneuver_stop && now >= at + STOP_EVERY;
+        if self.maneuver_stop.is_none_or(|(said, at)| said != maneuver_stop || stops_again(at)) {
             due.push(Say::ManeuverStop(maneuver_stop));
         }
         if self.clearance != Some(snapshot.clearance) {
@@ -94,7 +99,7 @@ impl Levels {
     pub fn said(&mut self, say: Say, now: Timestamp) {
         match say {
             Say::Deceleration(mps2) => self.deceleration = Some((mps2, now)),
-            Say::ManeuverStop(on) => self.maneuver_stop = Some(on),
+            Say::ManeuverStop(on) => self.maneuver_stop = Some((on, now)),
             Say::Clearance(on) => self.clearance = Some(on),
             Say::Stage(stage) => self.stage = Some(stage),
             Say::Pose(number, _) => self.pose = number,
@@ -106,7 +111,9 @@ impl Levels {
         if snapshot.deceleration().is_none() {
             self.deceleration = None;
         }
-        self.deceleration.map(|(_, at)| at + self.every)
+        let stop = self.maneuver_stop.filter(|(on, _)| *on).map(|(_, at)| at + STOP_EVERY);
+        let deceleration = self.deceleration.map(|(_, at)| at + self.every);
+        stop.into_iter().chain(deceleration).min()
     }
 
     /// The vehicle was told that it may start.
@@ -141,6 +148,7 @@ mod tests {
             watched: Watched::default(),
             driving: Driving::default(),
             discovered: Policy::default(),
+            other: Default::default(),
             limits: Limits::default(),
         };
         let model = Arc::new(Model::new(parts).expect("nothing depends on anything"));
@@ -203,6 +211,19 @@ mod tests {
             Some(&Say::Deceleration(2.0)),
             "a new one, at once"
         );
+    }
+
+    #[test]
+    fn a_stop_is_said_again_for_readers_that_come_late() {
+        let mut levels = Levels::new(Span::from_millis(50), &calm());
+        say(&mut levels, &calm(), 0);
+        let asked = asking(&[Request::ManeuverStop]);
+        assert_eq!(say(&mut levels, &asked, 10), [Say::ManeuverStop(true)]);
+        assert_eq!(levels.repeat_at(&asked), Some(at(1010)));
+        assert_eq!(say(&mut levels, &asked, 1009), []);
+        assert_eq!(say(&mut levels, &asked, 1010), [Say::ManeuverStop(true)]);
+        assert_eq!(say(&mut levels, &calm(), 1500), [Say::ManeuverStop(false)]);
+        assert_eq!(levels.repeat_at(&calm()), None);
     }
 
     #[test]

@@ -4,9 +4,11 @@ use std::sync::Arc;
 
 use rusqlite::{Connection, OptionalExtension as _, Row, params};
 
-use super::write::{ACKNOWLEDGED, CLEARED, LOST, MOVED, RAISED, SIGNAL, STAGE, STARTED};
+use super::write::{ACKNOWLEDGED, CLEARED, LEFT, LOST, MOVED, RAISED, SIGNAL, STAGE, STARTED};
 use crate::engine::model::Stage;
+use crate::engine::record::{Said, Stretch};
 use crate::engine::state::State;
+use crate::engine::time::Span;
 
 /// Transitions of one node that are read; a picture holds no more.
 const STRETCHES_MAX: usize = 4000;
@@ -41,17 +43,6 @@ pub struct NodePast {
     pub stretches: Vec<Stretch>,
 }
 
-/// A node showed this for this long.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Stretch {
-    pub from_ms: i64,
-    pub to_ms: i64,
-    pub state: State,
-    pub own: State,
-    /// The root cause that masked it.
-    pub cause: Option<Arc<str>>,
-}
-
 /// The vehicle's stage, or a signal, was this for this long.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Held<T> {
@@ -62,13 +53,35 @@ pub struct Held<T> {
 
 #[derive(Debug, Clone, PartialEq)]
 pub enum Happened {
-    Started { anew: bool },
+    Started {
+        anew: bool,
+    },
     Stage(Stage),
-    Signal { name: String, value: Option<bool> },
-    AlarmRaised { id: i64, node: String },
-    AlarmMoved { id: i64, symptom: String, cause: String },
-    AlarmAcknowledged { id: i64, node: String },
-    AlarmCleared { id: i64, node: String },
+    Signal {
+        name: String,
+        value: Option<bool>,
+    },
+    AlarmRaised {
+        id: i64,
+        node: String,
+    },
+    AlarmMoved {
+        id: i64,
+        symptom: String,
+        cause: String,
+    },
+    AlarmAcknowledged {
+        id: i64,
+        node: String,
+    },
+    AlarmCleared {
+        id: i64,
+        node: String,
+    },
+    /// It was made at run time and silent for too long.
+    Left {
+        node: String,
+    },
     Lost(i64),
 }
 
@@ -112,6 +125,7 @@ struct Shown {
     state: State,
     own: State,
     cause: Option<Arc<str>>,
+    said: Option<Said>,
 }
 
 /// The last start before the span, all in it, and the next: it tells when the run before it ended.
@@ -143,22 +157,28 @@ fn starts(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<Vec
 
 /// What a node showed when the span began, and its transitions in it.
 fn shown(connection: &Connection, name: &str, query: &HistoryQuery) -> rusqlite::Result<Vec<Dated<Shown>>> {
-    const COLUMNS: &str = "SELECT records.id, at_ms, state, own, cause.name FROM records
+    // Who only reads finds a file of an earlier version as that wrote it.
+    let words = if has_words(connection)? { "said, silent_ms" } else { "NULL, NULL" };
+    let columns = format!(
+        "SELECT records.id, at_ms, state, own, cause.name, {words} FROM records
         LEFT JOIN nodes AS cause ON cause.id = other
-        WHERE kind = 1 AND node = (SELECT id FROM nodes WHERE name = ?)";
+        WHERE kind = 1 AND node = (SELECT id FROM nodes WHERE name = ?)"
+    );
     let shown = |row: &Row<'_>| {
+        let (message, silent_ms): (Option<String>, Option<i64>) = (row.get(5)?, row.get(6)?);
         let what = Shown {
             state: state(row.get(2)?),
             own: state(row.get(3)?),
             cause: row.get::<_, Option<String>>(4)?.map(Arc::from),
+            said: Said::of(&message.unwrap_or_default(), silent_ms.and_then(silence)),
         };
         Ok(Dated { id: row.get(0)?, at_ms: row.get(1)?, what })
     };
-    let before = format!("{COLUMNS} AND at_ms <= ? ORDER BY at_ms DESC, records.id DESC LIMIT 1");
+    let before = format!("{columns} AND at_ms <= ? ORDER BY at_ms DESC, records.id DESC LIMIT 1");
     let before =
         connection.prepare_cached(&before)?.query_row(params![name, query.from_ms], shown).optional()?;
     let mut rows: Vec<Dated<Shown>> = before.into_iter().collect();
-    let within = format!("{COLUMNS} AND at_ms > ? AND at_ms <= ? ORDER BY at_ms, records.id LIMIT ?");
+    let within = format!("{columns} AND at_ms > ? AND at_ms <= ? ORDER BY at_ms, records.id LIMIT ?");
     let mut within = connection.prepare_cached(&within)?;
     let limit = STRETCHES_MAX as i64;
     for found in within.query_map(params![name, query.from_ms, query.to_ms, limit], shown)? {
@@ -206,8 +226,10 @@ fn lasting<T>(rows: Vec<Dated<T>>, starts: &[Start], query: &HistoryQuery) -> Ve
 }
 
 fn stretches(rows: Vec<Dated<Shown>>, starts: &[Start], query: &HistoryQuery) -> Vec<Stretch> {
-    let stretch =
-        |(from_ms, to_ms, Shown { state, own, cause })| Stretch { from_ms, to_ms, state, own, cause };
+    let stretch = |(from_ms, to_ms, shown)| {
+        let Shown { state, own, cause, said } = shown;
+        Stretch { from_ms, to_ms, state, own, cause, said }
+    };
     lasting(rows, starts, query).into_iter().map(stretch).collect()
 }
 
@@ -239,6 +261,7 @@ fn happened(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<V
             MOVED => Some(Happened::AlarmMoved { id: number, symptom: name(2)?, cause: name(4)? }),
             ACKNOWLEDGED => Some(Happened::AlarmAcknowledged { id: number, node: name(2)? }),
             CLEARED => Some(Happened::AlarmCleared { id: number, node: name(2)? }),
+            LEFT => Some(Happened::Left { node: name(2)? }),
             LOST => Some(Happened::Lost(number)),
             // Of a newer program.
             _ => None,
@@ -250,9 +273,22 @@ fn happened(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<V
     Ok(happened)
 }
 
+/// Whether a file keeps what modules said: those of earlier versions do not.
+pub fn has_words(connection: &Connection) -> rusqlite::Result<bool> {
+    connection
+        .prepare_cached(
+            "SELECT count(*) = 2 FROM pragma_table_info('records') WHERE name IN ('said', 'silent_ms')",
+        )?
+        .query_row([], |row| row.get(0))
+}
+
 /// What no program of ours has written is unknown.
 fn state(number: i64) -> State {
     State::ALL.into_iter().find(|state| *state as i64 == number).unwrap_or(State::Unknown)
+}
+
+fn silence(ms: i64) -> Option<Span> {
+    u64::try_from(ms).ok().map(Span::from_millis)
 }
 
 fn stage(number: i64) -> Option<Stage> {

@@ -3,9 +3,9 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use super::write::Writer;
 use super::*;
 use crate::engine::model::Stage;
-use crate::engine::record::Recorded;
+use crate::engine::record::{Recorded, Said};
 use crate::engine::state::State;
-use crate::engine::time::Timestamp;
+use crate::engine::time::{Span, Timestamp};
 
 /// The wall clock at the start of the tests' time.
 const START_MS: i64 = 1_000_000;
@@ -18,7 +18,7 @@ struct Disk {
 impl Disk {
     fn new(rows_max: usize) -> Disk {
         let connection = Connection::open_in_memory().unwrap();
-        connection.execute_batch(SCHEMA).unwrap();
+        prepare(&connection).unwrap();
         let writer = Writer::new(&connection, rows_max).unwrap();
         Disk { connection, writer }
     }
@@ -59,7 +59,14 @@ impl Disk {
 }
 
 fn shown(node: &str, state: State, cause: Option<&str>) -> Recorded {
-    Recorded::Shown { node: node.into(), state, own: State::Error, cause: cause.map(Into::into) }
+    let cause = cause.map(Into::into);
+    Recorded::Shown { node: node.into(), state, own: State::Error, cause, said: None }
+}
+
+/// As shown without a cause, in these words.
+fn said(node: &str, state: State, message: &str, silent_s: Option<u64>) -> Recorded {
+    let said = Said::of(message, silent_s.map(Span::from_secs));
+    Recorded::Shown { node: node.into(), state, own: state, cause: None, said }
 }
 
 #[test]
@@ -129,6 +136,7 @@ fn all_else_that_happened_is_told_in_order() {
             Recorded::AlarmAcknowledged { id: 3, node: "b".into() },
             Happened::AlarmAcknowledged { id: 3, node: "b".into() },
         ),
+        (Recorded::Left { node: "a".into() }, Happened::Left { node: "a".into() }),
         (Recorded::Lost(7), Happened::Lost(7)),
     ];
     let records: Vec<Recorded> = all.iter().map(|(record, _)| record.clone()).collect();
@@ -196,4 +204,72 @@ fn the_stage_and_the_signals_are_known_for_any_span() {
     let (name, held) = &past.signals[0];
     let held: Vec<_> = held.iter().map(|it| (it.from_ms - START_MS, it.value)).collect();
     assert_eq!((&**name, held), ("active", vec![(1500, None), (2000, Some(true)), (2500, Some(false))]));
+}
+
+/// The file as it was before words were kept.
+const WITHOUT_WORDS: &str = "
+    CREATE TABLE nodes (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE) STRICT;
+    CREATE TABLE records (id INTEGER PRIMARY KEY, at_ms INTEGER NOT NULL, kind INTEGER NOT NULL, node INTEGER,
+        state INTEGER, own INTEGER, other INTEGER, number INTEGER) STRICT;
+    CREATE INDEX records_by_node ON records (node, at_ms) WHERE kind = 1;
+    CREATE INDEX records_by_time ON records (at_ms) WHERE kind <> 1;
+    CREATE TABLE alive (one INTEGER PRIMARY KEY CHECK (one = 1), at_ms INTEGER NOT NULL) STRICT;
+    INSERT INTO nodes (id, name) VALUES (1, 'a');
+    INSERT INTO records (at_ms, kind, state) VALUES (1000000, 2, 0);
+    INSERT INTO records (at_ms, kind, node, state, own) VALUES (1000000, 1, 1, 3, 3);
+";
+
+fn words(past: &Past) -> Vec<Option<String>> {
+    let words = |it: &Stretch| it.said.as_ref().map(|said| said.words().into_owned());
+    past.nodes[0].stretches.iter().map(words).collect()
+}
+
+#[test]
+fn a_silence_and_a_reported_error_are_told_apart() {
+    let mut disk = Disk::new(ROWS_MAX);
+    let error = State::Error;
+    disk.write(0, &[Recorded::Started { anew: false }, said("a", State::Ok, "Images arrive", None)]);
+    disk.write(1000, &[said("a", error, "Images arrive", Some(2))]);
+    disk.write(2000, &[said("a", State::Ok, "", None)]);
+    disk.write(3000, &[said("a", error, "no picture", None)]);
+    let told = words(&disk.past(&["a"], 0, 4000));
+    let told: Vec<_> = told.iter().map(|it| it.as_deref()).collect();
+    let silent = "silent for 2 s; last: Images arrive";
+    assert_eq!(told, [Some("Images arrive"), Some(silent), None, Some("no picture")]);
+}
+
+#[test]
+fn a_long_message_is_cut_between_letters() {
+    let cut = Said::of(&format!("a{}", "\u{e4}".repeat(150)), None).unwrap();
+    assert_eq!((cut.message.len(), cut.message.chars().count()), (199, 100));
+}
+
+#[test]
+fn a_file_of_an_earlier_version_is_read_as_it_is_and_goes_on_with_words() {
+    let folder = std::env::temp_dir().join(format!("telltale-history-before-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join(HISTORY_FILE);
+    Connection::open(&path).unwrap().execute_batch(WITHOUT_WORDS).unwrap();
+    let nodes = vec!["a".to_owned()];
+    let query = HistoryQuery { nodes, signals: Vec::new(), from_ms: START_MS, to_ms: START_MS + 9000 };
+
+    // Read beside whoever wrote it: nothing of the file changes.
+    let before = std::fs::read(&path).unwrap();
+    let past = past_in(&folder, &query).unwrap();
+    assert_eq!((past.nodes[0].stretches.len(), words(&past)), (1, vec![None]));
+    assert_eq!(std::fs::read(&path).unwrap(), before);
+
+    // Opened to be written, and once more: it is as any other.
+    for _ in 0..2 {
+        prepare(&Connection::open(&path).unwrap()).unwrap();
+    }
+    let mut connection = Connection::open(&path).unwrap();
+    let mut writer = Writer::new(&connection, ROWS_MAX).unwrap();
+    let at = Timestamp::from_millis(5000);
+    let wall = UNIX_EPOCH + Duration::from_millis(START_MS as u64 + 5000);
+    let batch = [Record { at, what: said("a", State::Error, "no picture", None) }];
+    writer.write(&mut connection, &batch, (wall, at)).unwrap();
+    let past = past_in(&folder, &query).unwrap();
+    assert_eq!(words(&past), [None, Some("no picture".to_owned())]);
+    std::fs::remove_dir_all(&folder).unwrap();
 }

@@ -6,7 +6,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use rusqlite::{Connection, Transaction, params};
 
 use crate::clock::wall_at;
-use crate::engine::record::{Record, Recorded};
+use crate::engine::record::{Record, Recorded, Said};
 use crate::engine::time::Timestamp;
 
 /// Kinds of rows. They are numbers on the disk: none is ever given to another.
@@ -19,6 +19,7 @@ pub const MOVED: i64 = 6;
 pub const CLEARED: i64 = 7;
 pub const LOST: i64 = 8;
 pub const ACKNOWLEDGED: i64 = 9;
+pub const LEFT: i64 = 10;
 
 /// Names whose row is known without asking; more are asked for again.
 const NAMES_MAX: usize = 65_536;
@@ -35,13 +36,14 @@ pub struct Writer {
 
 /// One row without its time.
 #[derive(Default)]
-struct Row {
+struct Row<'a> {
     kind: i64,
     node: Option<i64>,
     state: Option<i64>,
     own: Option<i64>,
     other: Option<i64>,
     number: Option<i64>,
+    said: Option<&'a Said>,
 }
 
 impl Writer {
@@ -108,16 +110,17 @@ impl Writer {
         Ok(rows)
     }
 
-    fn row(&mut self, transaction: &Transaction<'_>, what: &Recorded) -> rusqlite::Result<Row> {
+    fn row<'a>(&mut self, transaction: &Transaction<'_>, what: &'a Recorded) -> rusqlite::Result<Row<'a>> {
         let mut id = |name: &str| self.name(transaction, name);
         Ok(match what {
-            Recorded::Shown { node, state, own, cause } => Row {
+            Recorded::Shown { node, state, own, cause, said } => Row {
                 kind: SHOWN,
                 node: Some(id(node)?),
                 state: Some(*state as i64),
                 own: Some(*own as i64),
                 other: cause.as_ref().map(|cause| id(cause)).transpose()?,
                 number: None,
+                said: said.as_ref(),
             },
             Recorded::Started { anew } => Row {
                 kind: STARTED,
@@ -148,6 +151,7 @@ impl Writer {
             Recorded::AlarmCleared { id: number, node } => {
                 Row { kind: CLEARED, node: Some(id(node)?), number: Some(*number as i64), ..Row::default() }
             }
+            Recorded::Left { node } => Row { kind: LEFT, node: Some(id(node)?), ..Row::default() },
             Recorded::Lost(lost) => Row { kind: LOST, number: Some(*lost as i64), ..Row::default() },
         })
     }
@@ -168,13 +172,16 @@ impl Writer {
     }
 }
 
-fn insert(transaction: &Transaction<'_>, at_ms: i64, row: Row) -> rusqlite::Result<()> {
-    let Row { kind, node, state, own, other, number } = row;
+fn insert(transaction: &Transaction<'_>, at_ms: i64, row: Row<'_>) -> rusqlite::Result<()> {
+    let Row { kind, node, state, own, other, number, said } = row;
+    let silent_ms = said.and_then(|said| said.silent).map(|silent| silent.as_millis() as i64);
+    let said = said.map(|said| &*said.message);
     transaction
         .prepare_cached(
-            "INSERT INTO records (at_ms, kind, node, state, own, other, number) VALUES (?, ?, ?, ?, ?, ?, ?)",
+            "INSERT INTO records (at_ms, kind, node, state, own, other, number, said, silent_ms)
+                VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
         )?
-        .execute(params![at_ms, kind, node, state, own, other, number])?;
+        .execute(params![at_ms, kind, node, state, own, other, number, said, silent_ms])?;
     Ok(())
 }
 

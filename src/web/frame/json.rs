@@ -64,7 +64,7 @@ impl Serialize for Wire<'_> {
         let tops = || {
             let others = (0..snapshot.layout.groups.len() as u32).map(GroupId).filter(|&id| {
                 let (info, view) = snapshot.group(id);
-                info.is_other && !info.modules.is_empty() || info.is_system && view.state != State::Ok
+                !info.counted && !info.modules.is_empty() || info.is_system && view.state != State::Ok
             });
             snapshot.tiles().chain(others).map(|id| Group(context, id))
         };
@@ -163,13 +163,18 @@ impl Serialize for Module<'_> {
         let Module(context, id) = *self;
         let (info, view) = context.snapshot.module(id);
         let age_ms = view.received.map(|received| context.snapshot.now.since(received).as_millis());
-        let mut module = serializer.serialize_struct("module", 9)?;
+        let silent = view.silent_for(context.snapshot.now);
+        let mut module = serializer.serialize_struct("module", 9 + usize::from(silent.is_some()))?;
         module.serialize_field("id", &*info.id)?;
         module.serialize_field("state", view.state.as_str())?;
         module.serialize_field("own", view.own.as_str())?;
         module.serialize_field("since", &context.wall(view.since))?;
-        module.serialize_field("message", &*view.report.message)?;
+        module.serialize_field("message", &*view.says(context.snapshot.now))?;
         module.serialize_field("age_ms", &age_ms)?;
+        if let Some(silent) = silent {
+            // To the tenth: what is finer is in `age_ms`.
+            module.serialize_field("silent_s", &((silent.as_millis() / 100) as f64 / 10.0))?;
+        }
         module.serialize_field("reason", &view.reason.as_ref().map(|reason| Why(context, reason)))?;
         module.serialize_field("class", &ClassEntry(info.class))?;
         module.serialize_field("values", &Values(&view.report.values))?;

@@ -101,6 +101,7 @@ pub fn permitted(published: &Published) -> Published {
     let layout = Layout {
         vehicle_id: snapshot.layout.vehicle_id.clone(),
         vehicle_name: snapshot.layout.vehicle_name.clone(),
+        other: snapshot.layout.other,
         stops: Arc::new([]),
         groups: Vec::new(),
         modules: Vec::new(),
@@ -123,6 +124,8 @@ pub fn permitted(published: &Published) -> Published {
         localization: Localization::default(),
         clearance: snapshot.clearance,
         clearance_refusals: Arc::new([]),
+        unreached: Arc::new([]),
+        listened: Arc::new([]),
         signals: Arc::new([]),
         reception: Arc::new([]),
         counters: snapshot.counters,

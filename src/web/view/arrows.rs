@@ -335,6 +335,42 @@ mod tests {
         assert!((level(&arrows[0]) - level(&arrows[1])).abs() > 8.0);
     }
 
+    /// All dependencies of the paper's shuttle at once.
+    #[test]
+    fn the_lines_of_the_shuttle_lie_apart() {
+        let (sensors, localization, perception, prediction) = (0, 1, 2, 3);
+        let (can, mission, planning, execution) = (4, 5, 6, 7);
+        let edges = [
+            (sensors, localization),
+            (can, localization),
+            (sensors, perception),
+            (localization, perception),
+            (perception, prediction),
+            (localization, planning),
+            (prediction, planning),
+            (mission, planning),
+            (planning, execution),
+            (can, execution),
+        ];
+        let (_, arrows) = draw(&grid(4, 2), &edges);
+        let mut runs: Vec<(f64, f64, f64)> = Vec::new();
+        for arrow in &arrows {
+            for pair in points(&arrow.line).windows(2) {
+                let ((x1, y1), (x2, y2)) = (pair[0], pair[1]);
+                if (y1 - y2).abs() < 0.1 && (x1 - x2).abs() > 2.0 * CORNER {
+                    runs.push((y1, x1.min(x2), x1.max(x2)));
+                }
+            }
+        }
+        assert_eq!(runs.len(), edges.len(), "each has one way sideways: {runs:?}");
+        for (index, a) in runs.iter().enumerate() {
+            for b in &runs[..index] {
+                let beside = a.1 < b.2 && b.1 < a.2;
+                assert!(!beside || (a.0 - b.0).abs() > 8.0, "{a:?} lies on {b:?}");
+            }
+        }
+    }
+
     #[test]
     fn the_stylesheet_has_the_same_shares() {
         let css = include_str!("../../../static/telltale.css");

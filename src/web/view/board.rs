@@ -93,12 +93,19 @@ impl Board {
         let mut taken = BTreeSet::new();
         let mut places = Vec::with_capacity(self.tiles.len());
         for id in &self.tiles {
-            let (column, row) = layout.groups[id.0 as usize].tile?;
+            let group = &layout.groups[id.0 as usize];
+            if group.is_other {
+                continue;
+            }
+            let (column, row) = group.tile?;
             let place = (usize::from(column).checked_sub(1)?, usize::from(row).checked_sub(1)?);
             if place.0 >= COLUMNS_MAX || place.1 >= ROWS_MAX || !taken.insert(place) {
                 return None;
             }
             places.push(place);
+        }
+        if self.tiles.iter().any(|id| layout.groups[id.0 as usize].is_other) {
+            places.push(free_place(&taken)?);
         }
         Some(places)
     }
@@ -118,6 +125,17 @@ impl Default for Board {
     }
 }
 
+/// For what nothing claims, which no configuration gives a place: the first that is free among the
+/// others, from below, or else one below them or beside them.
+fn free_place(taken: &BTreeSet<(usize, usize)>) -> Option<(usize, usize)> {
+    let columns = taken.iter().map(|place| place.0 + 1).max()?;
+    let rows = taken.iter().map(|place| place.1 + 1).max()?;
+    let inside = (0..rows).rev().flat_map(|row| (0..columns).map(move |column| (column, row)));
+    let outside = [(0, rows), (columns, 0)];
+    let bounded = |&(column, row): &(usize, usize)| column < COLUMNS_MAX && row < ROWS_MAX;
+    inside.chain(outside).filter(bounded).find(|place| !taken.contains(place))
+}
+
 fn tops(layout: &Layout) -> (Vec<GroupId>, Vec<Option<Tile>>) {
     let mut tiles = Vec::new();
     let mut top: Vec<Option<Tile>> = Vec::with_capacity(layout.groups.len());
@@ -125,7 +143,7 @@ fn tops(layout: &Layout) -> (Vec<GroupId>, Vec<Option<Tile>>) {
         top.push(match group.parent {
             // Parents stand before their children, so theirs is known.
             Some(parent) => top[parent.0 as usize],
-            None if group.is_other || group.is_system => None,
+            None if !group.is_tile() => None,
             None => {
                 tiles.push(GroupId(index as u32));
                 Some(tiles.len() - 1)

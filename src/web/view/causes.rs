@@ -10,7 +10,8 @@ use crate::engine::state::State;
 use super::clean::{ID, address, clean};
 use super::entries::Entry;
 use super::fit::{LARGE, LARGE_EM, SMALL, SMALL_EM, lines};
-use super::{Fragment, View, html, measure};
+use super::node::Spoken;
+use super::{Fragment, View, html, measure, outside};
 use crate::web::steps::StepWords;
 use crate::web::text::Words;
 
@@ -20,6 +21,9 @@ const ROOM: usize = 512;
 const BUTTONS: usize = 88 + GAP;
 const BANNER: usize = 92;
 const GAP: usize = 12;
+/// A line of what stands below it, and how many letters' heights it is wide.
+const ASIDE: usize = 30;
+const ASIDE_EM: f64 = 10.5;
 /// Entries on the sheet; more are counted.
 const SHEET_MAX: usize = 40;
 
@@ -36,6 +40,8 @@ struct CausesHtml {
     more: Option<usize>,
     /// What to say where the list is empty, and whether that is good news.
     calm: Option<(bool, String)>,
+    /// What is not OK outside of the configuration.
+    aside: Option<String>,
     acknowledge: Option<AcknowledgeHtml>,
 }
 
@@ -60,7 +66,7 @@ struct EntryHtml {
     over: bool,
     masks: u32,
     title: String,
-    message: String,
+    spoken: Spoken,
     place: String,
     since: String,
     waits: String,
@@ -75,7 +81,9 @@ pub fn causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
     let calm = (all_over && !held).then(|| calm(view));
     let banner = if measure::has_banner(view) { BANNER } else { 0 };
     let said = calm.as_ref().map_or(0, |(_, text)| GAP + (LARGE + 1) * lines(text, LARGE_EM, 4));
-    let room = ROOM - banner - said;
+    let aside = outside::line(view);
+    let beside = aside.as_ref().map_or(0, |text| GAP + ASIDE * lines(text, ASIDE_EM, 3));
+    let room = ROOM - banner - said - beside;
     let mut entries = entries.to_vec();
     let mut fits = fitting(&entries, room, acknowledge.is_some());
     // What the button acts on is in sight.
@@ -89,9 +97,9 @@ pub fn causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
         let html = of_entry(view, entry);
         let behind = if index < fits.behinds { &*entry.behind } else { "" };
         let waits = html.waits + behind;
-        let message = if index < fits.messages { html.message } else { String::new() };
+        let spoken = if index < fits.messages { html.spoken } else { Spoken::default() };
         let help = if index < fits.helps { html.help } else { String::new() };
-        EntryHtml { waits, message, help, ..html }
+        EntryHtml { waits, spoken, help, ..html }
     };
     let html = html(&CausesHtml {
         words: view.words,
@@ -102,6 +110,7 @@ pub fn causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
         entries: entries[..fits.shown].iter().enumerate().map(entry).collect(),
         more: (more > 0).then_some(more),
         calm,
+        aside,
         acknowledge,
     });
     Fragment { id: "causes".to_owned(), html }
@@ -189,7 +198,7 @@ fn fitting(entries: &[Entry], room: usize, button: bool) -> Fitting {
         let both = format!("{}{}", entry.waits, entry.behind);
         lines(&both, SMALL_EM, 3) - lines(&entry.waits, SMALL_EM, 2)
     });
-    Fitting { shown, helps, behinds, messages: grown(|entry| lines(&entry.message, SMALL_EM, 2)) }
+    Fitting { shown, helps, behinds, messages: grown(|entry| lines(&entry.spoken.estimate(), SMALL_EM, 2)) }
 }
 
 fn height_brief(entry: &Entry) -> usize {
@@ -220,7 +229,7 @@ fn of_entry(view: &View<'_>, entry: &Entry) -> EntryHtml {
         over: entry.over,
         masks: entry.masks,
         title: entry.title.clone(),
-        message: entry.message.clone(),
+        spoken: entry.spoken.clone(),
         place: entry.place.clone(),
         since: view.wall(entry.since),
         waits: entry.waits.clone(),
@@ -260,8 +269,9 @@ mod tests {
             node: NodeId::Group(GroupId(0)),
             state: State::Error,
             title: title.to_owned(),
-            message: "m".repeat(200),
+            spoken: Spoken { message: "m".repeat(200), silent: None },
             place: "Localization".to_owned(),
+            places: Vec::new(),
             since: Timestamp::ZERO,
             waits: "Four others wait".to_owned(),
             behind: String::new(),

@@ -1,5 +1,7 @@
 //! Why a vehicle cannot be cleared, and why an action was refused, by the names that people know.
 
+use std::collections::HashSet;
+
 use crate::engine::input::Refusal;
 use crate::engine::model::{ModuleId, NodeId};
 use crate::engine::snapshot::Reason;
@@ -20,9 +22,9 @@ impl View<'_> {
     /// All checks that fail, each kind on one line with every name, then those that hold.
     pub(super) fn checks(&self) -> Vec<Check> {
         let mut checks = Vec::new();
-        let refusals = &self.snapshot.clearance_refusals;
+        let refusals = self.without_twins(&self.snapshot.clearance_refusals);
         for state in [State::Error, State::Unknown, State::Ignore, State::Warning] {
-            let of_state = refusals.iter().filter_map(|refusal| match refusal {
+            let of_state = refusals.iter().filter_map(|refusal| match *refusal {
                 Refusal::Group { group, state: of } if *of == state => Some(&**group),
                 _ => None,
             });
@@ -83,12 +85,24 @@ impl View<'_> {
             _ => None,
         });
         let ids: Vec<&str> = ids.collect();
+        let refusals = self.without_twins(refusals);
         let said = refusals.iter().filter(|it| !waits(it)).map(|it| self.sentence(it));
         let waiting = self.by_cause(&ids).into_iter().map(|(cause, ids)| {
             let names: Vec<String> = ids.iter().map(|id| self.called(id)).collect();
             self.lang.wait_for(&names, cause.as_deref())
         });
         said.chain(waiting).collect()
+    }
+
+    /// A WARNING that one status gives in several components is to be accepted once.
+    fn without_twins<'r>(&self, refusals: &'r [Refusal]) -> Vec<&'r Refusal> {
+        let mut seen: HashSet<&str> = HashSet::new();
+        let is_first = |refusal: &&Refusal| {
+            let Refusal::Warning { module } = refusal else { return true };
+            let status = self.snapshot.node(module).and_then(|node| self.snapshot.status_of(node));
+            status.is_none_or(|status| seen.insert(status))
+        };
+        refusals.iter().filter(is_first).collect()
     }
 
     fn fails(&self, text: String, nodes: &[&str]) -> Check {
@@ -132,10 +146,16 @@ impl View<'_> {
         }
     }
 
+    /// What a module shows, or what it reports behind its mask.
+    fn failing(&self, id: ModuleId) -> State {
+        let (_, module) = self.snapshot.module(id);
+        if module.state == State::Ignore { module.own } else { module.state }
+    }
+
     fn module_name(&self, id: ModuleId) -> String {
         let (info, _) = self.snapshot.module(id);
-        match &info.name {
-            Some(name) => self.lang.pick(name, NAME),
+        match self.name_of_fault(info, self.failing(id)) {
+            Some(name) => name,
             None => format!("{}, {}", self.tile_name(NodeId::Module(id)), self.label(info)),
         }
     }

@@ -8,7 +8,7 @@ use crate::engine::state::State;
 
 use super::board::Tile;
 use super::clean::{ID, VALUE, address, clean};
-use super::node::{icon, own_matters, reason_word};
+use super::node::{Spoken, icon, own_matters, reason_word};
 use super::trend::{POINTS_SMALL, Trend};
 use super::{DETAIL, Fragment, View, html};
 use crate::web::steps::StepWords;
@@ -39,7 +39,7 @@ struct Row {
     /// Why it is not what it reports itself.
     decided: String,
     since: String,
-    message: String,
+    spoken: Spoken,
     values: Vec<Value>,
     /// Its ERROR stays until somebody resets it.
     held: bool,
@@ -105,7 +105,10 @@ pub fn detail(view: &View<'_>, tile: Tile) -> Fragment {
         word: view.lang.state(group.state),
         because: view.reason(NodeId::Group(id), group.reason.as_ref()),
         since: view.wall(group.since),
-        count: if group.counted > 0 { view.lang.ok_of(group.ok, group.counted) } else { String::new() },
+        count: match group.counted {
+            0 => view.hint(id).unwrap_or_default(),
+            counted => view.lang.ok_of(group.ok, counted),
+        },
         behind: (behind > 0).then(|| view.lang.errors_behind(behind)),
         chain,
         root,
@@ -145,7 +148,7 @@ fn row(view: &View<'_>, tile: Tile, id: ModuleId, index: usize) -> Row {
     let own = own_matters(module);
     let failing = if own { module.own } else { module.state };
     let label = view.label(info);
-    let named = matches!(failing, State::Warning | State::Error) && info.name.is_some();
+    let named = !matches!(failing, State::Ok | State::Ignore) && view.name_of_fault(info, failing).is_some();
     Row {
         id: clean(&info.id, ID),
         title: if named { view.fault(id, failing) } else { label.clone() },
@@ -158,26 +161,20 @@ fn row(view: &View<'_>, tile: Tile, id: ModuleId, index: usize) -> Row {
         own: own.then(|| view.lang.state(module.own)),
         decided: decided(view, module),
         since: view.wall(module.since),
-        message: if module.received.is_none() {
-            view.words.no_report.to_owned()
-        } else {
-            view.said(&module.report)
-        },
+        spoken: view.words_of(module),
         values: values(view, id, index < ROWS_DRAWN),
         held: module.steps.latched,
         reset: reset(view, tile, id),
     }
 }
 
-/// The step that made another state of what a module reported: silence, or a fault that has to last.
+/// What made another state of what a module reported, where that is not its silence.
 fn decided(view: &View<'_>, module: &ModuleView) -> String {
     let steps = module.steps;
     let Some(reported) = steps.reported.filter(|&reported| reported != module.own) else {
         return String::new();
     };
-    if module.silent {
-        view.lang.steps().silent_since.to_owned()
-    } else if steps.debounced != steps.judged && !steps.latched {
+    if !module.silent && steps.debounced != steps.judged && !steps.latched {
         view.lang.reports_not_long(reported)
     } else {
         String::new()
@@ -214,6 +211,6 @@ fn reset(view: &View<'_>, tile: Tile, id: ModuleId) -> Option<ResetHtml> {
     module.steps.latched.then(|| ResetHtml {
         address: address(&info.id),
         version: view.seen.of(Matter::Component(view.board.tiles[tile])),
-        ready: module.steps.debounced != Some(State::Error),
+        ready: !module.steps.in_error,
     })
 }

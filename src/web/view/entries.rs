@@ -8,6 +8,7 @@ use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 
 use super::View;
+use super::node::Spoken;
 use crate::web::versions::Matter;
 
 /// WARNINGs of one component that are entries of their own; more of them are one.
@@ -19,8 +20,10 @@ pub struct Entry {
     pub node: NodeId,
     pub state: State,
     pub title: String,
-    pub message: String,
+    pub spoken: Spoken,
     pub place: String,
+    /// The components in which it shows.
+    pub places: Vec<String>,
     pub since: Timestamp,
     pub waits: String,
     /// How many errors hide behind it, as words that go on after `waits`.
@@ -49,14 +52,61 @@ pub fn entries(view: &View<'_>) -> Vec<Entry> {
     lesser(view, &mut entries);
     past(view, &mut entries);
     held(view, &mut entries);
-    entries
+    of_one_status(view, entries)
+}
+
+/// What one status says in several components is one entry, which names them all.
+fn of_one_status(view: &View<'_>, entries: Vec<Entry>) -> Vec<Entry> {
+    let mut first: HashMap<&str, usize> = HashMap::new();
+    let mut found: Vec<Entry> = Vec::with_capacity(entries.len());
+    for entry in entries {
+        let status = view.snapshot.status_of(entry.node);
+        match status.and_then(|status| first.insert(status, found.len())) {
+            None => found.push(entry),
+            Some(index) => {
+                first.extend(status.map(|status| (&**status, index)));
+                let known = found[index].clone();
+                found[index] = joined(view, known, entry);
+            }
+        }
+    }
+    found
+}
+
+/// The worse one, at all places, with what there is to acknowledge at any of them.
+fn joined(view: &View<'_>, a: Entry, b: Entry) -> Entry {
+    let (entry, other) = if (b.over, a.state) < (a.over, b.state) { (b, a) } else { (a, b) };
+    let mut places = entry.places;
+    places.extend(other.places.into_iter().filter(|place| !places.contains(place)).collect::<Vec<_>>());
+    let (title, place) = match entry.node {
+        NodeId::Module(id) => titled(view, id, entry.state, &places.join(", ")),
+        NodeId::Group(_) => (entry.title, entry.place),
+    };
+    let acknowledge = match (&entry.acknowledge, &other.acknowledge) {
+        (Some(_), Some(_)) => Some(by_name(view, entry.node)),
+        (one, another) => one.clone().or_else(|| another.clone()),
+    };
+    let masks_more = other.masks > entry.masks;
+    let (waits, behind) = if masks_more { (other.waits, other.behind) } else { (entry.waits, entry.behind) };
+    Entry {
+        title,
+        place,
+        places,
+        since: entry.since.min(other.since),
+        waits,
+        behind,
+        masks: entry.masks.max(other.masks),
+        calls: entry.calls || other.calls,
+        acknowledge,
+        ..entry
+    }
 }
 
 fn of_root(view: &View<'_>, root: &RootCause, behind: &HashMap<NodeId, usize>) -> Entry {
     let state = view.snapshot.shown(root.node).0;
     let entry = match root.node {
         NodeId::Module(id) => of_module(view, id, state),
-        NodeId::Group(id) => of_group(view, id, state, view.words.no_member.to_owned()),
+        NodeId::Group(id) => of_group(view, id, state, view.no_member(id)),
     };
     let alarm = view.snapshot.alarms.iter().find(|alarm| alarm.active && alarm.node == root.node);
     let target = alarm.filter(|alarm| !alarm.acknowledged);
@@ -103,19 +153,22 @@ fn behind(view: &View<'_>) -> HashMap<NodeId, usize> {
 }
 
 fn of_module(view: &View<'_>, id: ModuleId, state: State) -> Entry {
-    let (info, module) = view.snapshot.module(id);
-    let title = view.fault(id, state);
-    let message = view.said(&module.report);
+    let (_, module) = view.snapshot.module(id);
+    let component = view.tile_name(NodeId::Module(id));
+    let (title, place) = titled(view, id, state, &component);
+    let mut spoken = view.words_of(module);
+    // A judgement without a silence says nothing beside UNKNOWN; nothing is said twice.
+    if spoken.message == title || (state == State::Unknown && spoken.silent.is_none()) {
+        spoken.message.clear();
+    }
     let node = NodeId::Module(id);
-    // Without a name of its own a fault is called by its component, and then its place is its label.
-    let unnamed = state == State::Unknown || info.name.is_none();
     Entry {
         node,
         state,
-        // What was heard before the silence is no news.
-        message: if message == title || state == State::Unknown { String::new() } else { message },
+        spoken,
         title,
-        place: if unnamed { view.label(info) } else { view.tile_name(node) },
+        place,
+        places: vec![component],
         since: module.since,
         waits: String::new(),
         behind: String::new(),
@@ -127,24 +180,48 @@ fn of_module(view: &View<'_>, id: ModuleId, state: State) -> Entry {
     }
 }
 
-/// What to do. A fault without words of its own, while the vehicle drives, has these.
+/// What a fault is called, and where it is. Without a name of its own it is called by its component,
+/// and then its place is its label.
+fn titled(view: &View<'_>, id: ModuleId, state: State, components: &str) -> (String, String) {
+    let (info, _) = view.snapshot.module(id);
+    let named = view.name_of_fault(info, state).is_some();
+    let place = if named { components.to_owned() } else { view.label(info) };
+    (view.fault_at(id, state, components), place)
+}
+
+/// What to do: as the configuration says, or else what is right at this level in this stage.
 fn help(view: &View<'_>, node: NodeId, state: State) -> String {
     if is_held(view, node) {
         return view.lang.steps().reset_here.to_owned();
     }
-    let own = if state == State::Unknown { String::new() } else { view.help(node) };
-    let drives = view.snapshot.stage == Stage::Active;
-    if own.is_empty() && drives && matches!(state, State::Error | State::Unknown) {
-        return view.lang.steps().take_over_ready.to_owned();
+    view.help(node, state).unwrap_or_else(|| advice(view, node, state).to_owned())
+}
+
+/// Nobody is told to take over at a stop, nor on a machine that is no shuttle.
+fn advice(view: &View<'_>, node: NodeId, state: State) -> &'static str {
+    let steps = view.lang.steps();
+    let (drives, fails) = match (view.snapshot.stage, state) {
+        (_, State::Ok | State::Ignore) | (Stage::Locked, _) => return "",
+        (stage, state) => (matches!(stage, Stage::Cleared | Stage::Active), state != State::Warning),
+    };
+    match (view.has_stages(), drives, fails) {
+        (false, _, true) => steps.check_machine,
+        (false, _, false) => steps.keep_an_eye,
+        (true, true, true) => steps.take_over_ready,
+        (true, true, false) => steps.go_on_alert,
+        (true, false, true) if state == State::Unknown => steps.wait_for_report,
+        (true, false, true) => steps.stay,
+        (true, false, false) if view.snapshot.stage == Stage::Localizing => steps.nothing_to_do,
+        (true, false, false) if view.snapshot.accepted.contains(&node) => steps.nothing_to_do,
+        (true, false, false) => steps.acknowledge_first,
     }
-    own
 }
 
 /// The fault is over, and its ERROR stays until somebody resets it.
 fn is_held(view: &View<'_>, node: NodeId) -> bool {
     let NodeId::Module(id) = node else { return false };
     let steps = view.snapshot.module(id).1.steps;
-    steps.latched && steps.debounced != Some(State::Error) && view.board.tile_of(node).is_some()
+    steps.latched && !steps.in_error && view.board.tile_of(node).is_some()
 }
 
 fn of_group(view: &View<'_>, id: GroupId, state: State, place: String) -> Entry {
@@ -153,8 +230,9 @@ fn of_group(view: &View<'_>, id: GroupId, state: State, place: String) -> Entry 
         node,
         state,
         title: view.group_name(id),
-        message: String::new(),
+        spoken: Spoken::default(),
         place,
+        places: Vec::new(),
         since: view.snapshot.group(id).1.since,
         waits: String::new(),
         behind: String::new(),
@@ -241,9 +319,9 @@ fn past(view: &View<'_>, entries: &mut Vec<Entry>) {
             NodeId::Group(group) => of_group(view, group, State::Error, String::new()),
         };
         let acknowledge = Some(if count > 1 { by_name(view, node) } else { by_number(id) });
-        let message = view.lang.so_often(count);
+        let spoken = Spoken { message: view.lang.so_often(count), silent: None };
         let help = String::new();
-        found.push((id, Entry { since: raised, message, help, over: true, acknowledge, ..entry }));
+        found.push((id, Entry { since: raised, spoken, help, over: true, acknowledge, ..entry }));
     }
     found.sort_by_key(|(id, _)| *id);
     entries.extend(found.into_iter().map(|(_, entry)| entry));
@@ -263,8 +341,8 @@ fn held(view: &View<'_>, entries: &mut Vec<Entry>) {
             NodeId::Module(module) => of_module(view, module, State::Error),
             NodeId::Group(group) => of_group(view, group, State::Error, String::new()),
         };
-        let (message, help) = (String::new(), String::new());
-        entries.push(Entry { message, help, over: !cause.present, acknowledge: target, ..entry });
+        let (spoken, help) = (Spoken::default(), String::new());
+        entries.push(Entry { spoken, help, over: !cause.present, acknowledge: target, ..entry });
     }
 }
 

@@ -1,5 +1,7 @@
 //! The countermeasure: what is asked of the vehicle, because of what, and whether it does it.
 
+use std::collections::HashSet;
+
 use askama::Template;
 
 use crate::engine::countermeasure::Kind;
@@ -42,7 +44,13 @@ pub fn waits_for_note(view: &View<'_>) -> bool {
 
 fn of(view: &View<'_>, it: &Countermeasure) -> Measure {
     let steps = view.lang.steps();
-    let causes: Vec<String> = it.causes.iter().map(|cause| fault(view, cause.node)).collect();
+    let mut statuses: HashSet<&str> = HashSet::new();
+    // What one status says in several components is one cause.
+    let mut is_first =
+        |node: NodeId| view.snapshot.status_of(node).is_none_or(|status| statuses.insert(status));
+    let nodes: Vec<NodeId> =
+        it.causes.iter().map(|cause| cause.node).filter(|&node| is_first(node)).collect();
+    let causes: Vec<String> = nodes.into_iter().map(|node| fault(view, node)).collect();
     let because = match (causes.first(), it.by_operator) {
         (Some(first), _) => {
             let others = match causes.len() - 1 {
@@ -54,6 +62,8 @@ fn of(view: &View<'_>, it: &Countermeasure) -> Measure {
         (None, true) => steps.asked_by_operator.to_owned(),
         (None, false) => String::new(),
     };
+    let unheard = it.request.kind().output().is_some_and(|output| view.snapshot.unreached(output).is_some());
+    let is_received = it.request.kind().output().is_none_or(|output| view.snapshot.is_listened_to(output));
     Measure {
         request: it.request.as_str(),
         state: it.state.as_str(),
@@ -62,13 +72,20 @@ fn of(view: &View<'_>, it: &Countermeasure) -> Measure {
             (_, Kind::Decelerate) => "slow",
             _ => "stop",
         },
-        title: view.lang.measure(it.request, it.state),
+        title: match unheard {
+            true => view.lang.unheard(it.request).to_owned(),
+            false => view.lang.measure(it.request, it.state),
+        },
         because,
         confirmed: match it.state {
-            MeasureState::Unconfirmed => steps.unconfirmed,
+            MeasureState::Unconfirmed if unheard && view.drives() => steps.unheard,
+            MeasureState::Unconfirmed if unheard => steps.unheard_standing,
+            MeasureState::Unconfirmed if view.drives() => steps.unconfirmed,
+            MeasureState::Unconfirmed => steps.unconfirmed_standing,
             _ if it.latched => steps.held,
             MeasureState::Engaged => steps.engaged,
-            MeasureState::Requested => steps.asked,
+            MeasureState::Requested if is_received => steps.asked,
+            MeasureState::Requested => steps.not_received_yet,
         },
     }
 }

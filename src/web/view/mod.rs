@@ -14,6 +14,7 @@ mod entries;
 mod fit;
 mod measure;
 mod node;
+mod outside;
 mod pages;
 #[cfg(test)]
 pub(super) mod sample;
@@ -261,6 +262,16 @@ impl<'a> View<'a> {
         let board = Board::of(&snapshot.layout);
         let (words, seen) = (lang.words(), Seen::default());
         View { snapshot, at: published.at, lang, words, board, swap, seen, trends: None }
+    }
+
+    /// Whether this machine is led from stage to stage at all.
+    fn has_stages(&self) -> bool {
+        !self.snapshot.clearance_refusals.contains(&Refusal::NoStages)
+    }
+
+    /// Whether there is something to take over.
+    fn drives(&self) -> bool {
+        self.has_stages() && matches!(self.snapshot.stage, Stage::Cleared | Stage::Active)
     }
 
     /// When `then` was, by the wall clock, to the second: the page counts on from there. Finer

@@ -29,9 +29,47 @@ pub fn reason_word(reason: Option<&Reason>) -> &'static str {
     }
 }
 
+/// The words of a module: without the silence, those of before would be all that there is.
+#[derive(Debug, Clone, Default)]
+pub struct Spoken {
+    pub silent: Option<Silence>,
+    pub message: String,
+}
+
+/// Words around a time that counts on by itself.
+#[derive(Debug, Clone)]
+pub struct Silence {
+    pub before: &'static str,
+    pub since: String,
+    pub after: &'static str,
+}
+
+impl Spoken {
+    pub fn is_empty(&self) -> bool {
+        self.silent.is_none() && self.message.is_empty()
+    }
+
+    /// About as long as it is shown, for estimates of its room.
+    pub fn estimate(&self) -> String {
+        let silent = self.silent.as_ref().map(|it| format!("{}00 min{}; last: ", it.before, it.after));
+        silent.unwrap_or_default() + &self.message
+    }
+}
+
 impl View<'_> {
     pub(super) fn group_name(&self, id: GroupId) -> String {
         self.lang.pick(&self.snapshot.layout.groups[id.0 as usize].name, NAME)
+    }
+
+    /// Why a group has no member that counts.
+    pub(super) fn no_member(&self, id: GroupId) -> String {
+        self.hint(id).unwrap_or_else(|| self.words.no_member.to_owned())
+    }
+
+    /// What may be meant for a group to which nothing came.
+    pub(super) fn hint(&self, id: GroupId) -> Option<String> {
+        let hint = self.snapshot.layout.groups[id.0 as usize].hint.as_ref();
+        hint.map(|hint| self.lang.pick(hint, MESSAGE))
     }
 
     /// The name of the component in which a node stands, or of the group where it is in none.
@@ -60,18 +98,29 @@ impl View<'_> {
     /// What is wrong with a module, in the operator's words. The configuration's text names the
     /// fault ("Position jumped"), so it must not stand beside a state that is not one.
     pub(super) fn fault(&self, id: ModuleId, state: State) -> String {
+        self.fault_at(id, state, &self.tile_name(NodeId::Module(id)))
+    }
+
+    /// The same of a fault that shows at other places too: they are all named.
+    pub(super) fn fault_at(&self, id: ModuleId, state: State, place: &str) -> String {
         let (info, view) = self.snapshot.module(id);
-        match state {
-            State::Unknown if view.received.is_none() || view.silent => {
-                self.lang.no_news_from(&self.tile_name(NodeId::Module(id)))
-            }
-            State::Unknown => self.lang.state_unknown(&self.tile_name(NodeId::Module(id))),
-            _ => match &info.name {
-                Some(name) => self.lang.pick(name, NAME),
-                // What a publisher says is no headline: it may be anything.
-                None => format!("{}: {}", self.tile_name(NodeId::Module(id)), self.lang.state(state)),
-            },
+        if let Some(name) = self.name_of_fault(info, state) {
+            return name;
         }
+        match state {
+            State::Unknown if view.received.is_none() || view.silent => self.lang.no_news_from(place),
+            State::Unknown => self.lang.state_unknown(place),
+            // What a publisher says is no headline: it may be anything.
+            _ => format!("{place}: {}", self.lang.state(state)),
+        }
+    }
+
+    /// What the configuration calls the fault of a module in this state. A module that is well is
+    /// called by the fault that is over.
+    pub(super) fn name_of_fault(&self, info: &ModuleInfo, state: State) -> Option<String> {
+        let state = if matches!(state, State::Ok | State::Ignore) { State::Error } else { state };
+        let name = info.name.as_ref()?.of(state, self.snapshot.stage)?;
+        Some(self.lang.pick(name, NAME))
     }
 
     /// What was reported. Publishers have one language; the engine has that of the page.
@@ -80,14 +129,36 @@ impl View<'_> {
         clean(german.unwrap_or(&report.message), MESSAGE)
     }
 
-    pub(super) fn help(&self, node: NodeId) -> String {
-        match node {
-            NodeId::Group(_) => String::new(),
-            NodeId::Module(id) => {
-                let help = self.snapshot.module(id).0.help.as_ref();
-                help.map(|help| self.lang.pick(help, 120)).unwrap_or_default()
-            }
+    /// What a module said last, and since when it is silent, if it is: the page counts on from there.
+    pub(super) fn words_of(&self, module: &ModuleView) -> Spoken {
+        let (before, after) = self.lang.silent_around();
+        let silent = module.received.filter(|_| module.silent);
+        Spoken {
+            silent: silent.map(|since| Silence { before, since: self.wall(since), after }),
+            message: match module.received.is_none() && module.report.message.is_empty() {
+                true => self.words.no_report.to_owned(),
+                false => self.last_words(module),
+            },
         }
+    }
+
+    fn last_words(&self, module: &ModuleView) -> String {
+        match module.report.last_words(module.silent) {
+            "" => String::new(),
+            _ => self.said(&module.report),
+        }
+    }
+
+    /// The same as one text, for pages that count nothing.
+    pub(super) fn says(&self, module: &ModuleView) -> String {
+        self.lang.with_silence(self.last_words(module), module.silent_for(self.snapshot.now))
+    }
+
+    /// What the configuration says to do about a node in this state, now.
+    pub(super) fn help(&self, node: NodeId, state: State) -> Option<String> {
+        let NodeId::Module(id) = node else { return None };
+        let help = self.snapshot.module(id).0.help.as_ref()?.of(state, self.snapshot.stage)?;
+        Some(self.lang.pick(help, 120))
     }
 
     /// Why a node is ignored: `waits for Localization`, `not driving`. Empty where it is not.

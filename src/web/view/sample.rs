@@ -7,15 +7,16 @@ use std::time::{Duration, SystemTime};
 use crate::engine::Engine;
 use crate::engine::filter::Filter;
 use crate::engine::input::{
-    Input, OperatorAction, Place, ReceptionTrouble, Response, StatusArray, TroubleKind,
+    Input, ListenNews, OperatorAction, Output, Place, ReceptionTrouble, Response, StatusArray, TroubleKind,
 };
 use crate::engine::model::{
     Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleSpec,
-    MonitorSpec, NodeId, Parts, Policy, SignalSpec, StageModel, Stop, Text, When,
+    MonitorSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, StageModel, Stop, Text, When,
 };
 use crate::engine::monitor::spec::Watched;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
+use crate::engine::wording::Wording;
 use crate::runtime::Published;
 
 /// Path, names, place and dependencies of a component, and whether it matters only while driving.
@@ -24,7 +25,7 @@ type Component = (&'static str, &'static str, &'static str, (u8, u8), &'static [
 const COMPONENTS: [Component; 8] = [
     ("sensors", "Sensors", "Sensoren", (1, 1), &[], false),
     ("localization", "Localization", "Lokalisierung", (2, 1), &[0, 4], false),
-    ("perception", "Perception", "Wahrnehmung", (3, 1), &[1], false),
+    ("perception", "Perception", "Wahrnehmung", (3, 1), &[0, 1], false),
     ("prediction", "Prediction", "Vorhersage", (4, 1), &[2], false),
     ("can", "CAN", "Fahrzeugbus (CAN)", (1, 2), &[], false),
     ("mission", "Mission", "Mission", (2, 2), &[], false),
@@ -247,7 +248,7 @@ pub fn group(path: &str, name: Text) -> GroupSpec {
         combine: Combine::Worst,
         when: None,
         depends_on: Vec::new(),
-        filters: vec![Filter::Namespace(format!("/{path}").into())],
+        filters: vec![Filter::Namespace(format!("/{path}").into()).into()],
         tile: None,
     }
 }
@@ -279,8 +280,8 @@ pub fn parts() -> Parts {
         ..group(path, text(en, de))
     });
     let modules = MODULES.iter().map(|&(index, name, [en, de, help_en, help_de])| ModuleSpec {
-        name: Some(text(en, de)),
-        help: Some(text(help_en, help_de)),
+        name: Some(Wording::name(text(en, de))),
+        help: Some(Wording::help(text(help_en, help_de))),
         ..module(COMPONENTS[index].0, index as u32, name)
     });
     Parts {
@@ -289,11 +290,11 @@ pub fn parts() -> Parts {
         stages: StageModel::Shuttle,
         signals: vec![SignalSpec {
             name: "active".into(),
-            source: FieldSource {
+            source: SignalSource::Field(FieldSource {
                 topic: "/mission/active".into(),
                 type_name: "std_msgs/msg/Bool".into(),
                 field: "data".into(),
-            },
+            }),
             timeout: None,
             present_for: None,
         }],
@@ -308,6 +309,7 @@ pub fn parts() -> Parts {
             ..Driving::default()
         },
         discovered: Policy::default(),
+        other: Default::default(),
         limits: Limits::default(),
     }
 }
@@ -379,6 +381,12 @@ impl Sample {
     /// From now on the module says nothing.
     pub fn silence(mut self, status: &str) -> Sample {
         self.reports.remove(status);
+        self
+    }
+
+    /// From now on somebody listens, or nobody, to requests of this kind.
+    pub fn listeners(mut self, output: Output, heard: bool) -> Sample {
+        self.input(&Input::Listened(ListenNews { output, topic: "/stop".into(), heard }));
         self
     }
 

@@ -2,8 +2,9 @@
 
 use askama::Template;
 
-use crate::engine::input::Refusal;
+use crate::engine::input::Output;
 use crate::engine::model::{LOCALIZATION_GROUP, NodeId, Stage, Stop};
+use crate::engine::snapshot::Unreached;
 use crate::engine::state::State;
 
 use super::checks::Check;
@@ -60,14 +61,9 @@ pub fn step(view: &View<'_>) -> Fragment {
         version: view.seen.of(Matter::Stage),
         clearance_version: view.seen.of(Matter::Clearance),
         step: of_stage(view),
-        logout: snapshot.operator.is_some() && (snapshot.stage != Stage::Active || !has_stages(view)),
+        logout: snapshot.operator.is_some() && (snapshot.stage != Stage::Active || !view.has_stages()),
     });
     Fragment { id: "step".to_owned(), html }
-}
-
-/// Whether this machine is led from stage to stage at all.
-fn has_stages(view: &View<'_>) -> bool {
-    !view.snapshot.clearance_refusals.contains(&Refusal::NoStages)
 }
 
 fn of_stage(view: &View<'_>) -> Step {
@@ -84,15 +80,32 @@ fn of_stage(view: &View<'_>) -> Step {
         }
         Stage::Standby => clear(view),
         Stage::Cleared => Step::Watch { icon: "ready", title: steps.may_start, text: condition(view) },
-        // A machine without stages has no mission that could be asked to stop.
+        // A machine without stages is not driven, and has no mission that could be asked to stop.
+        Stage::Active if !view.has_stages() && !snapshot.stop_requested() => {
+            Step::Watch { icon: "ready", title: steps.runs, text: condition(view) }
+        }
         Stage::Active if snapshot.operator.is_none() => {
             Step::Watch { icon: "drive", title: steps.drives, text: condition(view) }
         }
-        Stage::Active => Step::Stop {
-            requested: snapshot.stop_requested(),
+        Stage::Active => stop(view),
+    }
+}
+
+/// A button that cannot work is not offered. What was asked for already can be taken back.
+fn stop(view: &View<'_>) -> Step {
+    let steps = view.lang.steps();
+    let requested = view.snapshot.stop_requested();
+    let deaf = view.snapshot.unreached(Output::ManeuverStop).map(|why| match why {
+        Unreached::Unheard => steps.no_listener.to_owned(),
+        Unreached::Unpublished => steps.not_stoppable.to_owned(),
+    });
+    match deaf {
+        Some(text) if !requested => Step::Watch { icon: "drive", title: steps.drives, text },
+        deaf => Step::Stop {
+            requested,
             icon: "drive",
-            title: if snapshot.stop_requested() { steps.stop_requested } else { steps.drives },
-            text: condition(view),
+            title: if requested { steps.stop_requested } else { steps.drives },
+            text: deaf.unwrap_or_else(|| condition(view)),
         },
     }
 }

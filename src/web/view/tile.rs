@@ -7,7 +7,7 @@ use crate::engine::state::State;
 
 use super::board::Tile;
 use super::node::{icon, reason_word};
-use super::{Fragment, View, arrows as lines, causes, html};
+use super::{Fragment, View, arrows as lines, causes, html, outside};
 use crate::web::text::Words;
 
 #[derive(Template)]
@@ -31,7 +31,8 @@ pub fn tile(view: &View<'_>, tile: Tile) -> Fragment {
     let (info, group) = view.snapshot.group(id);
     let line = match group.state {
         State::Ignore => view.reason(NodeId::Group(id), group.reason.as_ref()),
-        _ if group.counted == 0 => view.words.no_member.to_owned(),
+        State::Ok if group.counted == 0 => outside::none(view.lang).to_owned(),
+        _ if group.counted == 0 => view.no_member(id),
         State::Unknown if group.ok == 0 => view.words.no_news.to_owned(),
         _ => view.lang.ok_of(group.ok, group.counted),
     };

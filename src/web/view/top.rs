@@ -10,6 +10,7 @@ use crate::engine::model::Stage;
 use super::clean::{NAME, clean};
 use super::{Fragment, View, html};
 use crate::web::assets;
+use crate::web::steps::StepWords;
 use crate::web::text::Words;
 
 #[derive(Template)]
@@ -25,6 +26,9 @@ struct TopHtml {
     /// What the stage waits for, or where it leads.
     now: &'static str,
     operator: Option<String>,
+    steps: &'static StepWords,
+    /// The work can be ended wherever the vehicle does not drive.
+    shutdown: bool,
 }
 
 pub fn top(view: &View<'_>) -> Fragment {
@@ -40,6 +44,10 @@ pub fn top(view: &View<'_>) -> Fragment {
         word: view.lang.stage(snapshot.stage, snapshot.overall),
         now: now(view),
         operator: snapshot.operator.as_ref().map(|name| clean(name, 24)),
+        steps: view.lang.steps(),
+        shutdown: snapshot.operator.is_some()
+            && view.has_stages()
+            && !matches!(snapshot.stage, Stage::Locked | Stage::Active),
     });
     Fragment { id: "top".to_owned(), html }
 }

@@ -7,8 +7,9 @@ use telltale::engine::countermeasure::{Confirmation, ConfirmedBy, Request, Rule}
 use telltale::engine::filter::Filter;
 use telltale::engine::input::{AlarmRef, Input, OperatorAction, Place, StatusArray};
 use telltale::engine::model::{
-    Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleId,
-    ModuleSpec, MonitorSpec, NodeId, Parts, Policy, SignalSpec, Stage, StageModel, Text, When,
+    Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Match, Model, ModuleId,
+    ModuleSpec, MonitorSpec, NodeId, Other, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel, Text,
+    When,
 };
 use telltale::engine::monitor::spec::Watched;
 use telltale::engine::state::State;
@@ -50,11 +51,12 @@ pub fn parts(choices: &mut Choices<'_>) -> Parts {
             path: format!("{around}g{index}").into(),
             name: Text::plain(&format!("G{index}")),
             parent,
-            combine: if choices.one_in(4) { Combine::Any } else { Combine::Worst },
+            combine: if choices.one_in(3) { Combine::Any } else { Combine::Worst },
             when: when(choices),
             depends_on: Vec::new(),
-            filters: if choices.one_in(4) {
-                vec![Filter::Namespace(format!("/d{}", choices.below(2)).into())]
+            filters: if choices.one_in(2) {
+                let filter = Filter::Namespace(format!("/d{}", choices.below(2)).into());
+                vec![Match { filter, policy: choices.one_in(2).then(|| policy(choices)) }]
             } else {
                 Vec::new()
             },
@@ -108,11 +110,11 @@ fn rule(parts: &Parts, choices: &mut Choices<'_>) -> Rule {
 fn empty(choices: &mut Choices<'_>) -> Parts {
     let signal = |name: &str| SignalSpec {
         name: name.into(),
-        source: FieldSource {
+        source: SignalSource::Field(FieldSource {
             topic: format!("/{name}").into(),
             type_name: "std_msgs/msg/Bool".into(),
             field: "data".into(),
-        },
+        }),
         timeout: None,
         present_for: None,
     };
@@ -129,7 +131,8 @@ fn empty(choices: &mut Choices<'_>) -> Parts {
             ..Driving::default()
         },
         discovered: policy(choices),
-        limits: Limits { discovered_modules: choices.below(6), ..Limits::default() },
+        other: Other::ALL[choices.below(3)],
+        limits: Limits { discovered_modules: choices.below(5), ..Limits::default() },
     }
 }
 
@@ -153,8 +156,11 @@ fn policy(choices: &mut Choices<'_>) -> Policy {
         if choices.one_in(one_in) { Span::from_millis(choices.below(5) as u64 * 50) } else { Span::ZERO }
     };
     let (raise_after, clear_after, latch) = (span(4), span(4), span(5));
+    let timeout = Span::from_millis(200 + 100 * choices.below(3) as u64);
+    let later = Span::from_nanos(timeout.as_nanos() + Span::from_millis(150).as_nanos());
     Policy {
-        timeout: Span::from_millis(200 + 100 * choices.below(3) as u64),
+        forget_after: choices.one_in(3).then_some(later),
+        timeout,
         stale: [State::Unknown, State::Warning, State::Error][choices.below(3)],
         raise_after,
         clear_after,
@@ -198,8 +204,14 @@ fn add_dependency(parts: &mut Parts, choices: &mut Choices<'_>) {
 }
 
 pub fn model(choices: &mut Choices<'_>) -> Arc<Model> {
+    model_that(choices, |_| {})
+}
+
+/// With this done to its parts.
+pub fn model_that(choices: &mut Choices<'_>, change: impl FnOnce(&mut Parts)) -> Arc<Model> {
     let mut parts = parts(choices);
     monitors::watch(&mut parts, choices);
+    change(&mut parts);
     Arc::new(Model::new(parts).expect("dependencies that close a cycle were left out"))
 }
 
@@ -225,7 +237,7 @@ fn input(choices: &mut Choices<'_>) -> Input {
             for _ in 0..1 + choices.below(4) {
                 let name = match choices.below(12) {
                     known @ 0..9 => format!("s{known}"),
-                    9 => "/d0/x".into(),
+                    9 => format!("/d0/{}", ["x", "y"][choices.below(2)]),
                     10 => format!("/d1/{}", choices.below(4)),
                     _ => format!("stray{}", choices.below(3)),
                 };

@@ -157,7 +157,7 @@ fn all_well(model: &Model, seen: &Snapshot) -> Input {
             array.push_status(0, status, "", "");
         }
     }
-    for module in seen.layout.modules.iter().filter(|module| module.discovered) {
+    for module in seen.layout.modules.iter().filter(|module| module.discovered && !module.gone) {
         let path = &seen.layout.groups[module.group.0 as usize].path;
         array.push_status(0, &module.id[path.len() + 1..], "", "");
     }

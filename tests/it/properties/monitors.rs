@@ -10,7 +10,9 @@ use telltale::engine::monitor::spec::{
     AgreementRule, Bands, Condition, FieldKind, FieldSpec, ProbeTarget, TopicId, TopicSpec, ValueRule,
     ValueSource, WatchdogId, WatchdogSpec, Watched,
 };
-use telltale::engine::sample::{FieldValue, Pose, Probe, ProbeOutcome, Sample, TopicNews};
+use telltale::engine::sample::{
+    FieldValue, Pose, Position, Positions, Probe, ProbeOutcome, Sample, TopicNews,
+};
 use telltale::engine::snapshot::Class;
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
@@ -27,6 +29,7 @@ fn topic(index: usize) -> Arc<TopicSpec> {
         fields: vec![
             FieldSpec { path: "x".into(), kind: FieldKind::Scalar },
             FieldSpec { path: "pose".into(), kind: FieldKind::Pose },
+            FieldSpec { path: "objects".into(), kind: FieldKind::Positions },
         ],
     })
 }
@@ -38,7 +41,11 @@ fn watchdog() -> Arc<WatchdogSpec> {
 
 /// Gives some modules a monitor instead of a status.
 pub fn watch(parts: &mut Parts, choices: &mut Choices<'_>) {
-    parts.watched = Watched { topics: (0..TOPICS).map(topic).collect(), watchdogs: vec![watchdog()] };
+    parts.watched = Watched {
+        topics: (0..TOPICS).map(topic).collect(),
+        watchdogs: vec![watchdog()],
+        ..Watched::default()
+    };
     for module in &mut parts.modules {
         if choices.one_in(2) {
             module.monitor = monitor(choices);
@@ -53,14 +60,20 @@ fn monitor(choices: &mut Choices<'_>) -> MonitorSpec {
     let window = Span::from_millis(100 + 100 * choices.below(4) as u64);
     let any_topic = |choices: &mut Choices<'_>| TopicId(choices.below(TOPICS) as u32);
     let number = |choices: &mut Choices<'_>| match choices.below(4) {
-        3 => ValueSource::Key { status: format!("s{}", choices.below(9)).into(), key: "k".into() },
+        3 => {
+            ValueSource::Key { status: format!("s{}", choices.below(9)).into(), key: "k".into(), unit: None }
+        }
         topic => ValueSource::Field { topic: TopicId(topic as u32), field: 0 },
     };
-    match choices.below(8) {
+    match choices.below(9) {
         0 => MonitorSpec::Frequency { topic: any_topic(choices), window, bands: bands(choices, 10.0) },
         1 => MonitorSpec::Latency { topic: any_topic(choices), window, bands: bands(choices, 0.1) },
         2 => MonitorSpec::Value { source: number(choices), rule: ValueRule::Bands(bands(choices, 1.0)) },
-        3 => MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: choices.below(3) as u32 },
+        3 => MonitorSpec::Watchdog {
+            watchdog: WatchdogId(0),
+            misses: choices.below(3) as u32,
+            bands: bands(choices, 0.01),
+        },
         4 => MonitorSpec::RateRatio {
             input: any_topic(choices),
             output: any_topic(choices),
@@ -87,6 +100,12 @@ fn monitor(choices: &mut Choices<'_>) -> MonitorSpec {
             motion_over: None,
             rule: AgreementRule::Number(bands(choices, 1.0)),
         },
+        7 => {
+            let list = |choices: &mut Choices<'_>| ValueSource::Field { topic: any_topic(choices), field: 2 };
+            let rule = AgreementRule::Positions { count: bands(choices, 1.0), nearest: bands(choices, 1.0) };
+            let (a, b) = (list(choices), list(choices));
+            MonitorSpec::Agreement { a, b, max_age: window, motion_over: None, rule }
+        }
         _ => MonitorSpec::Expression {
             inputs: vec![("x".into(), number(choices)), ("y".into(), number(choices))],
             max_age: window,
@@ -121,7 +140,7 @@ pub fn input(choices: &mut Choices<'_>) -> Input {
         1 => Input::Probe(Probe {
             source: watchdog(),
             outcome: match choices.below(3) {
-                0 => ProbeOutcome::Answered { after: Span::from_millis(1) },
+                0 => ProbeOutcome::Answered { after: Span::from_millis(choices.below(20) as u64) },
                 1 => ProbeOutcome::Missed("refused".into()),
                 _ => ProbeOutcome::Impossible("no permission".into()),
             },
@@ -137,7 +156,7 @@ pub fn input(choices: &mut Choices<'_>) -> Input {
             let wall = 1_000_000_000_000_000_000;
             let age_ms = [0, 50, 100, 150, 200, 300, -60, 4_000_000][choices.below(8)];
             let number = FieldValue::Number([0.0, 0.5, 1.0, 2.0, 4.0, f64::NAN][choices.below(6)]);
-            let values = [number, pose(choices)];
+            let values = [number, pose(choices), positions(choices)];
             let stamp_ns = (!choices.one_in(8)).then_some(wall - age_ms * 1_000_000);
             let values = values.into();
             Input::Sample(Sample { source, stamp_ns, received_wall_ns: wall, late: false, values })
@@ -152,6 +171,14 @@ fn pose(choices: &mut Choices<'_>) -> FieldValue {
     let half = (choices.below(4) as f64 * 20.0).to_radians() / 2.0;
     let x_m = choices.below(4) as f64;
     FieldValue::Pose(Pose { x_m, qz: half.sin(), qw: half.cos(), ..Pose::default() })
+}
+
+fn positions(choices: &mut Choices<'_>) -> FieldValue {
+    let taken: Box<[Position]> = (0..choices.below(3))
+        .map(|_| Position { x_m: [0.0, 1.0, 3.0, f64::NAN][choices.below(4)], y_m: 0.0 })
+        .collect();
+    let more = if choices.one_in(6) { 300 } else { 0 };
+    FieldValue::Positions(Arc::new(Positions { count: taken.len() as u32 + more, taken }))
 }
 
 /// When a module became relevant, and how much had been received by then.
@@ -296,7 +323,7 @@ impl History<'_> {
                 };
                 Some((at, Some(number)))
             }
-            ValueSource::Key { status, key } => self.seen.iter().rev().find_map(|(at, input)| {
+            ValueSource::Key { status, key, .. } => self.seen.iter().rev().find_map(|(at, input)| {
                 let Input::Diagnostics(array) = input else { return None };
                 let mut named: Vec<_> = array.iter().filter(|it| it.name() == &**status).collect();
                 named.sort_by_key(|it| std::cmp::Reverse(it.state()));
@@ -314,7 +341,9 @@ impl History<'_> {
     fn samples(&self, topic: TopicId) -> impl Iterator<Item = (Timestamp, &Sample)> {
         let spec = &self.model.watched.topics[topic.0 as usize];
         self.seen.iter().filter_map(move |(at, input)| match input {
-            Input::Sample(sample) if sample.source == *spec && sample.values.len() == 2 => {
+            Input::Sample(sample)
+                if sample.source == *spec && sample.values.len() == sample.source.fields.len() =>
+            {
                 Some((*at, sample))
             }
             _ => None,
@@ -338,7 +367,11 @@ impl History<'_> {
     fn is_speechless(&self, topic: TopicId) -> bool {
         let spec = &self.model.watched.topics[topic.0 as usize];
         let said = self.seen.iter().rev().find_map(|(_, input)| match input {
-            Input::Sample(sample) if sample.source == *spec && sample.values.len() == 2 => Some(false),
+            Input::Sample(sample)
+                if sample.source == *spec && sample.values.len() == sample.source.fields.len() =>
+            {
+                Some(false)
+            }
             Input::Topic(news) if news.source == *spec && news.publishers == 0 => Some(true),
             _ => None,
         });

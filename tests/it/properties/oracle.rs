@@ -5,7 +5,7 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use telltale::engine::model::{
-    Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, Stage, When,
+    Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, Other, Stage, When,
 };
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State;
@@ -25,13 +25,23 @@ impl<'a> Oracle<'a> {
 
     pub fn nodes(&self) -> Vec<NodeId> {
         let groups = (0..self.snapshot.layout.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
-        let modules = (0..self.snapshot.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
-        groups.chain(modules).collect()
+        groups.chain(self.snapshot.module_ids().map(NodeId::Module)).collect()
+    }
+
+    /// What says that names were dropped is no member.
+    fn says_overflow(&self, id: ModuleId) -> bool {
+        self.snapshot.layout.modules[id.0 as usize].id.ends_with("/(names past the limit)")
+    }
+
+    pub fn overflowed(&self, id: GroupId) -> bool {
+        let info = &self.snapshot.layout.groups[id.0 as usize];
+        info.modules.iter().any(|&id| self.says_overflow(id))
     }
 
     pub fn members(&self, id: GroupId) -> Vec<NodeId> {
         let info = &self.snapshot.layout.groups[id.0 as usize];
-        let modules = info.modules.iter().map(|&id| NodeId::Module(id));
+        let modules = info.modules.iter().filter(|&&id| !self.says_overflow(id));
+        let modules = modules.map(|&id| NodeId::Module(id));
         info.groups.iter().map(|&id| NodeId::Group(id)).chain(modules).collect()
     }
 
@@ -42,12 +52,13 @@ impl<'a> Oracle<'a> {
         }
     }
 
-    pub fn is_other(&self, node: NodeId) -> bool {
+    /// Belongs to what nothing claims, where that is not counted.
+    pub fn is_aside(&self, node: NodeId) -> bool {
         let group = match node {
             NodeId::Group(id) => id,
             NodeId::Module(id) => self.snapshot.layout.modules[id.0 as usize].group,
         };
-        self.snapshot.layout.groups[group.0 as usize].is_other
+        self.snapshot.layout.groups[group.0 as usize].is_other && self.model.other != Other::Counted
     }
 
     fn when(&self, node: NodeId) -> Option<&'a When> {
@@ -161,17 +172,16 @@ impl<'a> Oracle<'a> {
             Some(Combine::Any) => counted.min(),
             _ => counted.max(),
         };
-        folded.unwrap_or(if members.is_empty() { State::Unknown } else { State::Ignore })
+        let counted =
+            self.snapshot.layout.groups[id.0 as usize].is_other && !self.is_aside(NodeId::Group(id));
+        let empty = if counted { State::Ok } else { State::Unknown };
+        folded.unwrap_or(if members.is_empty() { empty } else { State::Ignore })
     }
 
-    /// A group that dropped statuses is at least WARNING.
+    /// A relevant group that dropped statuses is at least WARNING.
     fn floor(&self, id: GroupId, state: State) -> State {
-        let info = &self.snapshot.layout.groups[id.0 as usize];
-        let overflowed = info
-            .modules
-            .iter()
-            .any(|id| self.snapshot.layout.modules[id.0 as usize].id.ends_with("/(names past the limit)"));
-        if overflowed && state == State::Ok { State::Warning } else { state }
+        let floored = self.overflowed(id) && self.relevant(NodeId::Group(id));
+        if floored && state == State::Ok { State::Warning } else { state }
     }
 
     pub fn shown(&mut self, node: NodeId) -> State {
@@ -254,11 +264,30 @@ impl<'a> Oracle<'a> {
         causes
     }
 
+    /// Root causes that have an alarm for sure: an ERROR, an UNKNOWN that is not given time any more, and
+    /// one that hides a module in ERROR.
+    pub fn calling(&mut self) -> BTreeSet<NodeId> {
+        let mut calling: BTreeSet<NodeId> = self.roots().into_keys().collect();
+        calling.retain(|&node| {
+            let NodeId::Module(id) = node else {
+                return !self.snapshot.roots.iter().any(|root| root.node == node && root.grace);
+            };
+            self.shown(node) == State::Error || !self.snapshot.modules[id.0 as usize].steps.grace
+        });
+        for node in self.nodes() {
+            let hides = matches!(node, NodeId::Module(_)) && self.own(node) == State::Error;
+            if hides && !self.is_aside(node) && self.masked(node) {
+                calling.extend(self.causes(node));
+            }
+        }
+        calling
+    }
+
     /// All root causes with how many nodes show IGNORE because of each.
     pub fn roots(&mut self) -> BTreeMap<NodeId, u32> {
         let mut roots = BTreeMap::new();
         for node in self.nodes() {
-            if self.is_other(node) {
+            if self.is_aside(node) {
                 continue;
             }
             if matches!(node, NodeId::Module(_)) && self.shown(node) == State::Error {

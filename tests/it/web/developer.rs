@@ -196,7 +196,7 @@ async fn who_had_a_configuration_taken_is_on_the_record_whatever_becomes_of_the_
         assert_eq!((take, shown.as_deref()), (true, Some("0123")));
         let log = fixture.store.audit_entries(None, 1).await.unwrap();
         assert_eq!((&*log[0].who, &*log[0].action, &*log[0].outcome), ("developer", "configuration", "done"));
-        assert_eq!(log[0].target, "1 differences: group `new` is new");
+        assert_eq!(log[0].target, "1 difference: group `new` is new");
         let is_first = log[0].number;
         reply.send(if is_same { reread("0123", true) } else { reread("4567", false) }).unwrap();
         // Whoever comes next finds it ended.

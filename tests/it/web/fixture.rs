@@ -7,10 +7,12 @@ use axum::body::{Body, to_bytes};
 use axum::http::header::{ACCEPT, CONTENT_TYPE, COOKIE, HOST, LOCATION, ORIGIN, SET_COOKIE};
 use axum::http::{HeaderMap, Method, Request, StatusCode};
 use telltale::clock::{Clock, ClockHand};
-use telltale::engine::input::{Input, Stamped, StatusArray};
+use telltale::engine::filter::Filter;
+use telltale::engine::input::{Input, ListenNews, Output, Stamped, StatusArray};
 use telltale::engine::model::{
-    Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleSpec,
-    MonitorSpec, NodeId, Parts, Policy, SignalSpec, Stage, StageModel, Stop, Text, When,
+    Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Match, Model,
+    ModuleSpec, MonitorSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel, Stop, Text,
+    When,
 };
 use telltale::engine::monitor::spec::Watched;
 use telltale::engine::snapshot::Snapshot;
@@ -189,6 +191,13 @@ impl Fixture {
         self.until(|snapshot| (snapshot.stage == Stage::Active) == active).await;
     }
 
+    /// From now on somebody listens, or nobody, to requests to stop.
+    pub async fn listeners(&self, heard: bool) {
+        let news = ListenNews { output: Output::ManeuverStop, topic: "/stop".into(), heard };
+        self.input(Input::Listened(news)).await;
+        self.until(|snapshot| snapshot.unreached.is_empty() == heard).await;
+    }
+
     async fn input(&self, input: Input) {
         self.link.inputs.send(Stamped { input, received: self.clock.now() }).await.unwrap();
     }
@@ -263,18 +272,19 @@ pub fn model() -> Model {
         stages: StageModel::Shuttle,
         signals: vec![SignalSpec {
             name: "active".into(),
-            source: FieldSource {
+            source: SignalSource::Field(FieldSource {
                 topic: "/mission/active".into(),
                 type_name: "std_msgs/msg/Bool".into(),
                 field: "data".into(),
-            },
+            }),
             timeout: None,
             present_for: None,
         }],
         groups: vec![
             group("sensors", "Sensors", None),
-            group("sensors/inside", "Inside", Some(GroupId(0))),
+            GroupSpec { filters: power(), ..group("sensors/inside", "Inside", Some(GroupId(0))) },
             GroupSpec {
+                filters: power(),
                 depends_on: vec![Dependency {
                     on: DependsOn::Node(NodeId::Group(GroupId(0))),
                     masks_unknown: false,
@@ -305,9 +315,15 @@ pub fn model() -> Model {
             ..Driving::default()
         },
         discovered: Policy::default(),
+        other: Default::default(),
         limits: Limits::default(),
     };
     Model::new(parts).unwrap()
+}
+
+/// A status that modules of two groups take, once it comes.
+fn power() -> Vec<Match> {
+    vec![Filter::Name("power".into()).into()]
 }
 
 fn group(path: &str, name: &str, parent: Option<GroupId>) -> GroupSpec {

@@ -4,6 +4,7 @@ use axum::http::StatusCode;
 use serde_json::Value;
 use telltale::engine::model::Stage;
 use telltale::engine::state::State;
+use telltale::engine::time::Span;
 use telltale::store::{Session, Token};
 
 use super::fixture::{Answer, Fixture, as_program, form_request};
@@ -291,4 +292,57 @@ async fn who_does_not_sit_in_the_seat_acts_on_nothing() {
     let answer = operator.fixture.post("/vehicle/shutdown", Some(&cookie), "").await;
     assert_eq!((answer.status, answer.leads_to()), (StatusCode::SEE_OTHER, Some("/login")));
     assert_eq!(operator.fixture.stage(), Stage::Locked);
+}
+
+#[tokio::test]
+async fn a_stop_that_nobody_hears_is_not_said_to_be_sent() {
+    let operator = Operator::standing().await;
+    operator.fixture.drive(true).await;
+    operator.fixture.listeners(false).await;
+    let answer = json(&operator.post("/vehicle/stop", "").await, StatusCode::SERVICE_UNAVAILABLE);
+    assert!(answer["error"].as_str().unwrap().contains("Nobody listens"), "{answer}");
+    let german = format!("{}; lang=de", operator.cookie);
+    let form = format!("version={}", operator.seq());
+    let page = operator.fixture.send(form_request("/vehicle/stop", Some(&german), &form)).await;
+    assert_eq!(page.status, StatusCode::SERVICE_UNAVAILABLE);
+    assert!(page.body.contains("Niemand hört zu"), "{}", page.body);
+    let snapshot = operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
+    assert_eq!(snapshot["countermeasures"][0]["state"], "unconfirmed", "it waits for who will listen");
+    operator.fixture.listeners(true).await;
+    assert_eq!(operator.post("/vehicle/stop", "").await.status, StatusCode::OK);
+}
+
+#[tokio::test]
+async fn a_silent_module_tells_programs_for_how_long() {
+    let (fixture, hand) = Fixture::with_hand().await;
+    let cookie = fixture.cookie_of("operator").await;
+    fixture.status("lidar", 0, "Points arrive").await;
+    fixture.until(|snapshot| snapshot.modules[0].received.is_some()).await;
+    let module = async || {
+        let snapshot = fixture.get_json("/api/v1/snapshot", &cookie).await;
+        snapshot["groups"][0]["modules"][0].clone()
+    };
+    let fresh = module().await;
+    assert_eq!((&fresh["message"], fresh.get("silent_s")), (&"Points arrive".into(), None));
+    hand.advance(Span::from_secs(30));
+    fixture.status("imu", 0, "fine").await;
+    fixture.until(|snapshot| snapshot.modules[0].silent).await;
+    let silent = module().await;
+    assert_eq!(silent["state"], "unknown");
+    assert!((30.0..35.0).contains(&silent["silent_s"].as_f64().unwrap()), "{silent}");
+    let message = silent["message"].as_str().unwrap();
+    assert!(message.starts_with("silent for 3") && message.ends_with(" s; last: Points arrive"), "{message}");
+}
+
+#[tokio::test]
+async fn an_acknowledgement_names_all_places_of_a_status_in_the_log() {
+    let operator = Operator::standing().await;
+    operator.fixture.status("power", 1, "12 V").await;
+    operator.fixture.until(|snapshot| snapshot.overall == State::Warning).await;
+    let answer = operator.post("/alarms/localization/power/acknowledge", "").await;
+    assert_eq!(answer.status, StatusCode::OK, "{}", answer.body);
+    let known = operator.fixture.until(|snapshot| snapshot.accepted.len() == 2).await;
+    assert_eq!(known.overall, State::Warning);
+    let log = operator.fixture.store.audit_entries(None, 1).await.unwrap();
+    assert_eq!(log[0].target, "localization/power: localization/power, sensors/inside/power");
 }

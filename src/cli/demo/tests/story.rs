@@ -19,7 +19,7 @@ use crate::ros::DIAGNOSTICS;
 use crate::ros::Nodes;
 use crate::ros::cdr::Endian;
 use crate::ros::fields::{BooleanReader, Definitions, Reader};
-use crate::ros::messages::{GidSize, diagnostic_array, encode_nodes};
+use crate::ros::messages::{GidSize, NodeEntities, diagnostic_array, encode_nodes};
 use crate::sim::shuttle::{Departure, Fault, Message, Order, Sent, Shuttle};
 
 const REPEAT_MS: u64 = 50;
@@ -188,7 +188,9 @@ impl Story {
 
     /// Asks for the nodes that watchdogs watch, as the shuttle announces them.
     fn probe(&mut self, now: Timestamp) {
-        let body = encode_nodes([1; 16], &self.shuttle.nodes(), GidSize::Bytes16);
+        let named = |name| NodeEntities { name, ..NodeEntities::default() };
+        let nodes: Vec<_> = self.shuttle.nodes().into_iter().map(named).collect();
+        let body = encode_nodes([1; 16], &nodes, GidSize::Bytes16);
         self.ears.nodes.announce([1; 16], &body, Endian::Little, None);
         for source in self.ears.watchdogs.clone() {
             if let ProbeTarget::Node { name } = &source.target
@@ -250,8 +252,8 @@ impl Ears {
             let reader = definitions.check(spec).unwrap_or_else(|error| panic!("{}: {error}", spec.topic));
             (spec.topic.clone(), (spec.clone(), reader))
         });
-        let signals = loaded.model.signals.iter().map(|signal| {
-            let source = &signal.source;
+        let fields = loaded.model.signals.iter().filter_map(|signal| Some((signal, signal.source.field()?)));
+        let signals = fields.map(|(signal, source)| {
             let level = signal.present_for.is_none();
             let reader = level.then(|| definitions.boolean(&source.type_name, &source.field).unwrap());
             (source.topic.clone(), signal.name.clone(), reader)

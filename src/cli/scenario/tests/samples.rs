@@ -31,16 +31,18 @@ fn samples_name_what_is_watched() {
   - { at: 1, publishers: { topic: /scam } }
   - { at: 1, probe: { node: /planer, answered: true } }
   - { at: 1, probe: { icmp: lidar, answered: true } }
+  - { at: 1, sample: { topic: /scan, fields: { y: 1 } } }
 ",
         &[
-            "12:31: no monitor watches the topic `/sped` (did you mean `/speed`?)",
-            "13:49: no monitor reads `y` of /speed (these are read: x)",
+            "12:31: nothing watches the topic `/sped` (did you mean `/speed`?)",
+            "13:49: nothing reads `y` of /speed (these are read: x)",
             "14:46: no monitor reads the stamp of /speed (remove it, or add a latency monitor)",
-            "14:62: `x` is read as one value, not a pose (for example `{ x: 1, y: 2, yaw_deg: 90 }` or `1.5`)",
-            "15:51: `p` is read as a pose, not one value (for example `{ x: 1, y: 2, yaw_deg: 90 }` or `1.5`)",
-            "16:35: no monitor watches the topic `/scam` (did you mean `/scan`?)",
+            "14:62: `x` is read as one value (for example `1.5`)",
+            "15:51: `p` is read as a pose (for example `{ x: 1, y: 2, yaw_deg: 90 }`)",
+            "16:35: nothing watches the topic `/scam` (did you mean `/scan`?)",
             "17:29: the configuration has no such watchdog (did you mean `/planner`?)",
             "18:29: the configuration has no such watchdog (add a monitor of the kind `watchdog`)",
+            "19:48: nothing reads `y` of /scan (its messages are only counted or timed: remove it from `fields`)",
         ],
     );
 }
@@ -55,17 +57,19 @@ fn samples_and_probes_are_written_in_one_way() {
   - { at: 1, probe: { node: /n, tcp: 'a:1', answered: true } }
   - { at: 1, probe: { node: /planner } }
   - { at: 1, clock_step: 1h }
+  - { at: 1, probe: { node: /planner, answered: true, after: 1 } }
 ",
         &[
-            "12:52: a field has one value (name the element in the path)",
+            "12:53: a list of a sample holds positions (write two numbers for each: `[[1.5, 2], [3, 4]]`; or name an element in the path)",
             "13:51: a rotation is either `yaw_deg` or a quaternion (remove one of the two)",
             "13:79: unknown key `w` in a pose of a sample (known here: x, y, z, yaw_deg, qx, qy, qz, qw)",
             "14:55: every one of these messages would have the same stamp (write how old each is when it comes: `delay: 0.05`)",
-            "15:21: a probe asks one of `icmp`, `tcp`, `node` (for example `probe: { node: /planner, answered: false }`)",
-            "16:21: a probe asks one of `icmp`, `tcp`, `node` (for example `probe: { node: /planner, answered: false }`)",
+            "15:21: a probe asks one of `icmp`, `tcp`, `node`, `service`, `qos` (for example `probe: { node: /planner, answered: false }`)",
+            "16:21: a probe asks one of `icmp`, `tcp`, `node`, `service`, `qos` (for example `probe: { node: /planner, answered: false }`)",
             "16:38: the configuration has no such watchdog (add a monitor of the kind `watchdog`)",
             "17:21: a probe needs either `answered` or `impossible` (write `answered: true`, `answered: false` or `impossible: WHY`)",
             "18:26: expected a number, found `1h` (write digits with a point, for example `12.5`)",
+            "19:62: only an answer of `icmp` or `tcp` takes a time (remove `after`, or write `answered: true` beside `icmp` or `tcp`)",
         ],
     );
 }
@@ -85,5 +89,27 @@ expect:
   - { at: 1.4, modules: { a/p: error, a/l: error } }
 ",
         &[],
+    );
+}
+
+#[test]
+fn listeners_are_of_a_request_that_is_published() {
+    check(
+        "name: n
+config:
+  groups: [{ id: a, match: [{ name: n }] }]
+  publish: { deceleration_request: false }
+steps:
+  - { at: 1, listeners: { request: brake, count: 0 } }
+  - { at: 1, listeners: { count: 0 } }
+  - { at: 1, listeners: { request: maneuver_stop } }
+  - { at: 1, listeners: { request: decelerate, count: 1 } }
+",
+        &[
+            "6:36: unknown request `brake` (one of: maneuver_stop, decelerate)",
+            "7:25: a step of listeners needs `request` (add `request: maneuver_stop`)",
+            "8:25: a step of listeners needs `count` (add `count: ...`)",
+            "9:36: the configuration does not publish `decelerate` (remove the step, or the line of `publish` that switches it off)",
+        ],
     );
 }

@@ -35,7 +35,7 @@ fn each_kind() -> Vec<(MonitorSpec, Policy)> {
         MonitorSpec::Frequency { topic: A, window, bands: at_least(8.0, 5.0) },
         MonitorSpec::Latency { topic: A, window, bands: at_most(0.05, 0.1) },
         MonitorSpec::Value { source: field(A, 0), rule: ValueRule::Bands(at_most(1.5, 2.0)) },
-        MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: 2 },
+        MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: 2, bands: Bands::default() },
         MonitorSpec::RateRatio { input: A, output: B, window, bands: at_least(0.8, 0.5) },
         MonitorSpec::Sequence {
             earlier: field(A, 0),

@@ -261,3 +261,87 @@ fn what_cannot_be_evaluated_hides_no_error() {
         assert_eq!(own(&engine.snapshot(), 0).0, state);
     }
 }
+
+fn objects(places: &[(f64, f64)]) -> Positions {
+    let taken = places.iter().map(|&(x_m, y_m)| Position { x_m, y_m }).collect();
+    Positions { taken, count: places.len() as u32 }
+}
+
+fn lists_agree(count: Bands, nearest: Bands) -> MonitorSpec {
+    MonitorSpec::Agreement {
+        a: field(A, 2),
+        b: field(B, 2),
+        max_age: millis(500),
+        motion_over: None,
+        rule: AgreementRule::Positions { count, nearest },
+    }
+}
+
+#[test]
+fn lists_agree_in_number_and_in_where_their_objects_are() {
+    let one = objects(&[(1.0, 1.0)]);
+    check(
+        lists_agree(at_most(1.0, 2.0), at_most(0.5, 2.0)),
+        &[
+            (0, Do::Objects(0, objects(&[])), Unknown, "nothing came yet of b (/b objects)"),
+            // Nothing is there, say both.
+            (
+                100,
+                Do::Objects(1, objects(&[])),
+                Ok,
+                "0 against 0 objects: 0, at most 1 wanted; apart by up to 0 m",
+            ),
+            // One sees what the other does not: further from a counterpart than any limit.
+            (200, Do::Objects(1, one.clone()), Error, "an empty list has no counterpart"),
+            (300, Do::Objects(0, objects(&[(1.3, 1.4)])), Ok, "1 against 1 objects"),
+            (
+                400,
+                Do::Objects(0, objects(&[(1.0, 1.6)])),
+                Warning,
+                "apart by up to 0.6 m, at most 0.5 wanted",
+            ),
+            (500, Do::Objects(0, objects(&[(1.0, 3.1)])), Error, "apart by up to 2.1 m"),
+            (
+                600,
+                Do::Objects(0, objects(&[(1.0, 1.0), (1.2, 1.0), (0.9, 1.0)])),
+                Warning,
+                "3 against 1 objects: 2, at most 1",
+            ),
+            (650, Do::Objects(1, one.clone()), Warning, ""),
+            (700, Do::Objects(0, objects(&[(1.0, 1.0); 4])), Error, "4 against 1 objects: 3, at most 1"),
+            (800, Do::Objects(0, objects(&[(1.0, f64::NAN)])), Unknown, ""),
+            (900, Do::Objects(0, one.clone()), Ok, ""),
+            (1150, Do::Nothing, Ok, ""),
+            (1151, Do::Nothing, Unknown, "b (/b objects) is older than 500 ms"),
+            (1300, Do::Number(1, 1.0), Unknown, ""),
+        ],
+    );
+}
+
+#[test]
+fn of_a_list_that_was_cut_only_the_number_is_known() {
+    let many = |count| Positions { taken: vec![Position::default(); POSITIONS_MAX].into(), count };
+    check(
+        lists_agree(at_most(10.0, 20.0), at_most(0.5, 2.0)),
+        &[
+            (0, Do::Objects(0, many(300)), Unknown, ""),
+            (10, Do::Objects(1, many(300)), Unknown, ""),
+            (300, Do::Nothing, Unknown, "of more than 256 the distances are not known"),
+            (400, Do::Objects(1, many(330)), Error, "300 against 330 objects: 30, at most 10 wanted"),
+            (450, Do::Objects(1, many(256)), Error, ""),
+        ],
+    );
+    check(
+        lists_agree(at_most(10.0, 20.0), Bands::default()),
+        &[(0, Do::Objects(0, many(300)), Unknown, ""), (10, Do::Objects(1, many(305)), Ok, "")],
+    );
+    // Without a limit for a warning nothing is worse than the one for an error, and the other way round.
+    let only = Bands { warning_above: Some(0.5), ..Bands::default() };
+    check(
+        lists_agree(Bands::default(), only),
+        &[
+            (0, Do::Objects(0, objects(&[])), Unknown, ""),
+            (10, Do::Objects(1, objects(&[(0.0, 0.0)])), Warning, ""),
+        ],
+    );
+}

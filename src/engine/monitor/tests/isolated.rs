@@ -115,6 +115,7 @@ fn latency_is_the_worst_of_the_window_and_a_doubtful_stamp_is_never_ok() {
             (5799, Do::Nothing, Unknown, ""),
         ],
     );
+    check(latency.clone(), &[(0, Do::NoClock, Unknown, "nothing was heard of /clock yet")]);
     check(
         latency,
         &[(0, Do::Age(600), Error, ""), (1500, Do::Nothing, Error, ""), (9000, Do::Nothing, Error, "")],
@@ -136,7 +137,12 @@ fn values_are_judged_by_bands_or_compared() {
             (50, Do::Number(0, 0.0), Ok, "0, at most 80"),
             (60, Do::Number(0, f64::NEG_INFINITY), Unknown, "/a x is infinite"),
             (600, Do::Value(0, unreadable), Unknown, "cannot be read: the message ends early"),
-            (900, Do::Value(0, FieldValue::Text("hot".into())), Unknown, "text where a number is wanted"),
+            (
+                900,
+                Do::Value(0, FieldValue::Text("hot".into())),
+                Unknown,
+                "/a x is \"hot\", text where a number",
+            ),
             (1200, Do::Value(0, FieldValue::Bool(true)), Unknown, "a boolean where a number is wanted"),
             (1210, Do::Number(0, 1.0), Ok, ""),
             // Messages of others say nothing, and keep nothing alive.
@@ -203,7 +209,7 @@ fn a_watchdog_counts_misses_in_a_row() {
     let missed = || Do::Probe(ProbeOutcome::Missed("connection refused".into()));
     let answered = || Do::Probe(ProbeOutcome::Answered { after: millis(3) });
     let impossible = || Do::Probe(ProbeOutcome::Impossible("no permission".into()));
-    let watchdog = MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: 3 };
+    let watchdog = MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: 3, bands: Bands::default() };
     check(
         watchdog,
         &[
@@ -226,6 +232,33 @@ fn a_watchdog_counts_misses_in_a_row() {
             (1600, Do::Nothing, Unknown, "nobody asked it for 500 ms"),
         ],
     );
-    let watchdog = MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: 0 };
+    let watchdog = MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: 0, bands: Bands::default() };
     check(watchdog, &[(0, missed(), Error, "1 of 1"), (9000, Do::Nothing, Error, "nobody asked")]);
+}
+
+#[test]
+fn a_watchdog_judges_how_long_an_answer_takes() {
+    let after = |ms| Do::Probe(ProbeOutcome::Answered { after: millis(ms) });
+    let missed = || Do::Probe(ProbeOutcome::Missed("connection refused".into()));
+    let bands = Bands { warning_above: Some(0.01), error_above: Some(0.05), ..Bands::default() };
+    check(
+        MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: 2, bands },
+        &[
+            (0, Do::Nothing, Unknown, "not asked yet"),
+            (100, after(3), Ok, "answers after 3 ms, at most 10 wanted"),
+            (200, after(10), Ok, ""),
+            (300, after(12), Warning, "answers after 12 ms, at most 10 wanted"),
+            (400, after(50), Warning, ""),
+            (500, after(51), Error, "answers after 51 ms, at most 10 wanted"),
+            // One miss alone does not say that it is well again.
+            (760, missed(), Error, ""),
+            (770, after(4), Ok, ""),
+            (800, missed(), Ok, ""),
+            (900, missed(), Error, "2 of 2"),
+            (1000, after(20), Warning, ""),
+        ],
+    );
+    let announced = Do::Probe(ProbeOutcome::Announced);
+    let watchdog = MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: 2, bands: Bands::default() };
+    check(watchdog, &[(0, announced, Ok, "it is announced")]);
 }

@@ -17,7 +17,9 @@ use crate::engine::model::{
     Combine, Driving, GroupId, GroupSpec, Limits, Model, ModuleId, ModuleSpec, Parts, Policy, StageModel,
     Text,
 };
-use crate::engine::sample::{FieldValue, Pose, Probe, ProbeOutcome, Sample, TopicNews};
+use crate::engine::sample::{
+    FieldValue, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, Sample, TopicNews,
+};
 use crate::engine::snapshot::{ModuleView, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
@@ -32,12 +34,15 @@ pub(super) enum Do {
     Number(usize, f64),
     Value(usize, FieldValue),
     Pose(usize, Pose),
+    Objects(usize, Positions),
     /// A message on topic A with a stamp this many milliseconds before its receipt.
     Age(i64),
     /// The same, from before our time.
     Late(i64),
     /// A message on topic A with this stamp.
     Stamp(Option<i64>),
+    /// A stamp that there is no time to compare with.
+    NoClock,
     Publishers(usize, u32),
     OtherType(usize),
     Probe(ProbeOutcome),
@@ -62,10 +67,10 @@ pub(super) fn field(topic: TopicId, field: u32) -> ValueSource {
 }
 
 pub(super) fn key(status: &str, key: &str) -> ValueSource {
-    ValueSource::Key { status: status.into(), key: key.into() }
+    ValueSource::Key { status: status.into(), key: key.into(), unit: None }
 }
 
-/// Two topics with a number and a pose each, and one probe.
+/// Two topics with a number, a pose and a list each, and one probe.
 pub(super) fn watched() -> Watched {
     let topic = |name: &str| TopicSpec {
         topic: name.into(),
@@ -74,10 +79,15 @@ pub(super) fn watched() -> Watched {
         fields: vec![
             FieldSpec { path: "x".into(), kind: FieldKind::Scalar },
             FieldSpec { path: "pose".into(), kind: FieldKind::Pose },
+            FieldSpec { path: "objects".into(), kind: FieldKind::Positions },
         ],
     };
     let probe = WatchdogSpec { target: ProbeTarget::Icmp { host: "lidar".into() }, every: millis(100) };
-    Watched { topics: vec![Arc::new(topic("/a")), Arc::new(topic("/b"))], watchdogs: vec![Arc::new(probe)] }
+    Watched {
+        topics: vec![Arc::new(topic("/a")), Arc::new(topic("/b"))],
+        watchdogs: vec![Arc::new(probe)],
+        ..Watched::default()
+    }
 }
 
 pub(super) fn parts(modules: Vec<(MonitorSpec, Policy)>) -> Parts {
@@ -111,6 +121,7 @@ pub(super) fn parts(modules: Vec<(MonitorSpec, Policy)>) -> Parts {
         watched: watched(),
         driving: Driving::default(),
         discovered: Policy::default(),
+        other: Default::default(),
         limits: Limits::default(),
     }
 }
@@ -125,9 +136,12 @@ const WALL: i64 = 1_700_000_000_000_000_000;
 pub(super) fn input(watched: &Watched, at_ms: u64, what: &Do) -> Input {
     let received_wall_ns = WALL + at_ms as i64 * 1_000_000;
     let none = || FieldValue::Unreadable("the message ends early".into());
-    let sample = |topic: usize, stamp_ns, values: [FieldValue; 2]| {
+    let whole = |topic: usize, stamp_ns, values: [FieldValue; 3]| {
         let source = watched.topics[topic].clone();
         Input::Sample(Sample { source, stamp_ns, received_wall_ns, late: false, values: values.into() })
+    };
+    let sample = |topic: usize, stamp_ns, [number, pose]: [FieldValue; 2]| {
+        whole(topic, stamp_ns, [number, pose, none()])
     };
     let news = |topic: usize, publishers, other_type: Option<&str>| {
         let source = watched.topics[topic].clone();
@@ -137,14 +151,22 @@ pub(super) fn input(watched: &Watched, at_ms: u64, what: &Do) -> Input {
         Do::Nothing => Input::Tick,
         Do::Number(topic, value) => sample(topic, None, [FieldValue::Number(value), none()]),
         Do::Value(topic, value) => sample(topic, None, [value, none()]),
+        Do::Objects(topic, positions) => {
+            let positions = FieldValue::Positions(Arc::new(positions));
+            whole(topic, None, [none(), none(), positions])
+        }
         Do::Pose(topic, pose) => sample(topic, None, [none(), FieldValue::Pose(pose)]),
         Do::Age(age_ms) => sample(0, Some(received_wall_ns - age_ms * 1_000_000), [none(), none()]),
         Do::Late(age_ms) => {
             let Input::Sample(old) = input(watched, at_ms, &Do::Age(age_ms)) else { unreachable!() };
-            let values = [FieldValue::Number(1.0), none()].into();
+            let values = [FieldValue::Number(1.0), none(), none()].into();
             Input::Sample(Sample { late: true, values, ..old })
         }
         Do::Stamp(stamp) => sample(0, stamp, [none(), none()]),
+        Do::NoClock => {
+            let Input::Sample(sample) = input(watched, at_ms, &Do::Age(0)) else { unreachable!() };
+            Input::Sample(Sample { received_wall_ns: Sample::NO_CLOCK, ..sample })
+        }
         Do::Publishers(topic, publishers) => news(topic, publishers, None),
         Do::OtherType(topic) => news(topic, 0, Some("other/msg/Type")),
         Do::Probe(outcome) => Input::Probe(Probe { source: watched.watchdogs[0].clone(), outcome }),

@@ -120,7 +120,7 @@ fn a_watched_status_feeds_its_module_and_what_claims_it_too() {
         (value(key("cpu", "t")), Policy::default()),
         (value(key("disc", "t")), Policy::default()),
     ]);
-    parts.groups[0].filters = vec![Filter::Namespace("disc".into())];
+    parts.groups[0].filters = vec![Filter::Namespace("disc".into()).into()];
     parts.limits.discovered_modules = 1;
     let model = model(parts);
     let mut engine = Engine::new(model, Timestamp::ZERO);

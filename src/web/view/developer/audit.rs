@@ -134,6 +134,8 @@ fn outcome(written: &str, lang: Lang) -> Cow<'_, str> {
 
 fn verdict(verdict: &Verdict, lang: Lang) -> String {
     match (&verdict.breach, lang) {
+        (None, Lang::En) if verdict.records == 1 => "The one record is as it was written.".to_owned(),
+        (None, Lang::De) if verdict.records == 1 => "Der eine Eintrag ist unverändert.".to_owned(),
         (None, Lang::En) => format!("All {} records are as they were written.", verdict.records),
         (None, Lang::De) => format!("Alle {} Einträge sind unverändert.", verdict.records),
         (Some(breach), Lang::En) => format!("Record {} {}.", breach.number, clean(&breach.what, MESSAGE)),

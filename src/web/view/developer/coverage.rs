@@ -1,9 +1,11 @@
 //! In which ways of the paper's classification (Sec. III-B, Fig. 3) each group is diagnosed.
 
+use std::collections::BTreeMap;
+
 use askama::Template;
 
 use crate::engine::model::{GroupId, ModuleId, NodeId};
-use crate::engine::snapshot::Class;
+use crate::engine::snapshot::ModuleInfo;
 use crate::web::view::clean::{NAME, clean};
 use crate::web::view::pages::Frame;
 use crate::web::view::{PageContext, View, html};
@@ -12,15 +14,11 @@ use super::pager::Pager;
 use super::words::DevWords;
 use super::{Asked, DevFrame, NodeLink, Page};
 
-/// The columns: location, information, flow. An isolated diagnosis has no flow.
-const CELLS: [(&str, &str, Option<&str>); 6] = [
-    ("isolated", "content", None),
-    ("isolated", "meta", None),
-    ("contextual", "content", Some("sequential")),
-    ("contextual", "content", Some("parallel")),
-    ("contextual", "meta", Some("sequential")),
-    ("contextual", "meta", Some("parallel")),
-];
+/// The columns of the paper's Fig. 3.
+const COLUMNS: usize = 5;
+/// Kinds of monitor whose technique is about a component: what it says of itself or is said of it,
+/// whether it answers, what it makes of its input. The others judge what is in a data stream.
+const OF_COMPONENTS: [&str; 4] = ["self_state", "external", "watchdog", "rate_ratio"];
 /// Groups of one page.
 const ROWS: usize = 120;
 /// Modules listed of one cell.
@@ -41,10 +39,23 @@ struct Row {
     sum: usize,
 }
 
+/// The kinds of monitor in each column, about components or about data streams, with their numbers.
+struct Technique {
+    name: &'static str,
+    columns: Vec<Vec<(&'static str, usize)>>,
+    sum: usize,
+}
+
 struct Listed {
     title: String,
-    modules: Vec<(NodeLink, &'static str, &'static str)>,
+    /// Components, then data streams; without those that have none.
+    parts: Vec<Part>,
     more: Option<String>,
+}
+
+struct Part {
+    name: &'static str,
+    modules: Vec<(NodeLink, &'static str, &'static str)>,
 }
 
 #[derive(Template)]
@@ -52,19 +63,20 @@ struct Listed {
 struct CoverageHtml {
     frame: Frame,
     dev: DevFrame,
-    /// A module stands in none of the six cells: there is a seventh.
+    /// A module stands in none of the five columns: there is a sixth.
     unstated: bool,
     pager: Pager,
     rows: Vec<Row>,
     total: Vec<usize>,
+    techniques: [Technique; 2],
     listed: Option<Listed>,
 }
 
 pub fn page(view: &View<'_>, context: &PageContext, asked: &Asked) -> String {
     let words = DevWords::of(context.lang);
     let layout = &view.snapshot.layout;
-    let unstated = layout.modules.iter().any(|module| cell(module.class) == CELLS.len());
-    let columns = CELLS.len() + usize::from(unstated);
+    let unstated = layout.modules.iter().any(|module| module.class.column().is_none());
+    let columns = COLUMNS + usize::from(unstated);
     let mut rows: Vec<Row> = ordered(view).into_iter().map(|id| row(view, id, columns, asked)).collect();
     let total = (0..columns).map(|column| rows.iter().map(|row| row.cells[column].count).sum()).collect();
     let (pager, shown) = Pager::of(asked, "matching", "page", rows.len(), ROWS);
@@ -77,17 +89,30 @@ pub fn page(view: &View<'_>, context: &PageContext, asked: &Asked) -> String {
         pager,
         rows,
         total,
+        techniques: [true, false].map(|of_components| technique(view, words, columns, of_components)),
         listed: listed(view, words, asked),
     })
 }
 
-/// The position among the columns; one past the six where none fits.
-fn cell(class: Class) -> usize {
-    let fits = |(location, information, flow): &(&str, &str, Option<&str>)| {
-        (class.location, class.information) == (*location, *information)
-            && (class.flow == *flow || class.location == "isolated")
-    };
-    CELLS.iter().position(fits).unwrap_or(CELLS.len())
+/// The position among the columns; one past the five where none fits.
+fn column(info: &ModuleInfo) -> usize {
+    info.class.column().unwrap_or(COLUMNS)
+}
+
+fn is_of_component(info: &ModuleInfo) -> bool {
+    OF_COMPONENTS.contains(&info.kind)
+}
+
+fn technique(view: &View<'_>, words: &'static DevWords, columns: usize, of_components: bool) -> Technique {
+    let mut kinds = vec![BTreeMap::<&'static str, usize>::new(); columns];
+    for info in view.snapshot.layout.modules.iter().filter(|info| is_of_component(info) == of_components) {
+        *kinds[column(info)].entry(info.kind).or_default() += 1;
+    }
+    Technique {
+        name: if of_components { words.components } else { words.data_streams },
+        sum: kinds.iter().flat_map(BTreeMap::values).sum(),
+        columns: kinds.into_iter().map(|kinds| kinds.into_iter().collect()).collect(),
+    }
 }
 
 /// Each group before what it contains. Empty groups that are built in are left out.
@@ -118,7 +143,7 @@ fn row(view: &View<'_>, id: GroupId, columns: usize, asked: &Asked) -> Row {
         })
         .collect();
     for &module in &group.modules {
-        cells[cell(view.snapshot.module(module).0.class)].count += 1;
+        cells[column(view.snapshot.module(module).0)].count += 1;
     }
     Row {
         name: view.group_name(id),
@@ -136,41 +161,62 @@ fn chosen(asked: &Asked) -> Option<(usize, &str)> {
 }
 
 fn listed(view: &View<'_>, words: &'static DevWords, asked: &Asked) -> Option<Listed> {
-    let (column, path) = chosen(asked)?;
+    let (asked_column, path) = chosen(asked)?;
     let Some(NodeId::Group(id)) = view.snapshot.node(path) else { return None };
-    let in_cell = |&&module: &&ModuleId| cell(view.snapshot.module(module).0.class) == column;
+    let in_cell = |&&module: &&ModuleId| column(view.snapshot.module(module).0) == asked_column;
     let (info, _) = view.snapshot.group(id);
-    let modules: Vec<ModuleId> = info.modules.iter().filter(in_cell).copied().collect();
-    let way = CELLS.get(column).map_or(words.unstated.to_owned(), |(location, information, flow)| {
-        [Some(*location), Some(*information), *flow].into_iter().flatten().collect::<Vec<_>>().join(" ")
-    });
+    let mut modules: Vec<ModuleId> = info.modules.iter().filter(in_cell).copied().collect();
+    let way = match asked_column {
+        0 => vec![words.isolated, words.meta],
+        1 => vec![words.isolated, words.content],
+        2 => vec![words.contextual, words.meta],
+        3 => vec![words.contextual, words.content, words.sequential],
+        4 => vec![words.contextual, words.content, words.parallel],
+        _ => vec![words.unstated],
+    };
     let more = modules.len().saturating_sub(LISTED);
+    modules.truncate(LISTED);
     let module = |&id: &ModuleId| {
         let state = view.snapshot.module(id).1.state;
         (NodeLink::of(view, NodeId::Module(id)), state.as_str(), view.lang.state(state))
     };
+    let part = |of_components: bool| Part {
+        name: if of_components { words.components } else { words.data_streams },
+        modules: modules
+            .iter()
+            .filter(|&&id| is_of_component(view.snapshot.module(id).0) == of_components)
+            .map(module)
+            .collect(),
+    };
     Some(Listed {
-        title: format!("{}: {way}", view.group_name(id)),
-        modules: modules.iter().take(LISTED).map(module).collect(),
+        title: format!("{}: {}", view.group_name(id), way.join(", ").to_lowercase()),
+        parts: [true, false].map(part).into_iter().filter(|part| !part.modules.is_empty()).collect(),
         more: (more > 0).then(|| view.lang.and_more(more)),
     })
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use crate::engine::snapshot::Class;
 
     #[test]
-    fn every_kind_of_monitor_has_its_cell() {
+    fn a_class_has_one_of_five_columns_or_none() {
         for (location, information, flow, column) in [
-            ("isolated", "content", None, 0),
-            ("isolated", "meta", Some("parallel"), 1),
-            ("contextual", "content", Some("sequential"), 2),
-            ("contextual", "content", Some("parallel"), 3),
-            ("contextual", "meta", Some("sequential"), 4),
-            ("contextual", "meta", None, 6),
+            ("isolated", "meta", None, Some(0)),
+            ("isolated", "content", None, Some(1)),
+            ("contextual", "meta", None, Some(2)),
+            ("contextual", "meta", Some("sequential"), Some(2)),
+            ("contextual", "content", Some("sequential"), Some(3)),
+            ("contextual", "content", Some("parallel"), Some(4)),
+            ("contextual", "content", None, None),
+            ("isolated", "content", Some("parallel"), None),
+            ("isolated", "meta", Some("sequential"), None),
         ] {
-            assert_eq!(cell(Class { location, information, flow }), column, "{location} {information}");
+            assert_eq!(
+                Class { location, information, flow }.column(),
+                column,
+                "{location} {information} {flow:?}"
+            );
         }
     }
 }

@@ -18,7 +18,8 @@ use super::{Asked, DevFrame, NodeLink, Page};
 const ROWS: usize = 40;
 /// Root causes named beside one node.
 const NAMED: usize = 6;
-const RENEW_MS: u32 = 0;
+/// For how long a module has been silent counts on.
+const RENEW_MS: u32 = 1000;
 
 struct Row {
     node: NodeLink,
@@ -135,7 +136,7 @@ fn row(view: &View<'_>, hidden: &Hidden) -> Row {
         _ => String::new(),
     };
     let message = match hidden.node {
-        NodeId::Module(id) => clean(&snapshot.module(id).1.report.message, MESSAGE),
+        NodeId::Module(id) => view.says(snapshot.module(id).1),
         NodeId::Group(_) => String::new(),
     };
     Row {

@@ -13,7 +13,7 @@ use crate::web::view::clean::{MESSAGE, NAME, VALUE, clean};
 use crate::web::view::node::reason_word;
 use crate::web::view::pages::Frame;
 use crate::web::view::trend::{POINTS_SMALL, Trend};
-use crate::web::view::{PageContext, Trends, View, html};
+use crate::web::view::{Lang, PageContext, Trends, View, html};
 
 use super::pager::Pager;
 use super::words::DevWords;
@@ -172,16 +172,23 @@ impl<'a> Wanted<'a> {
             "abnormal" => matches!(module.state, State::Error | State::Warning | State::Unknown),
             word => module.state.as_str() == word,
         };
-        level && (self.text.is_empty() || self.says(info, module))
+        level && (self.text.is_empty() || self.says(id, info, module))
     }
 
-    fn says(&self, info: &ModuleInfo, module: &ModuleView) -> bool {
+    /// Whether one of the words of its row, or what it said, holds the text.
+    fn says(&self, id: ModuleId, info: &ModuleInfo, module: &ModuleView) -> bool {
         let holds = |text: &str| contains(text, &self.text);
-        let report = &module.report;
+        let (view, report) = (self.view, &module.report);
         holds(&info.id)
             || holds(&report.message)
+            || report.german.as_ref().is_some_and(|german| view.lang == Lang::De && holds(german))
             || holds(&report.hardware_id)
             || report.values.iter().any(|(key, value)| holds(key) || holds(value))
+            || [module.state, module.own].iter().any(|state| holds(view.lang.state(*state)))
+            || holds(&class(info))
+            || module.received.is_none() && holds(DevWords::of(view.lang).never)
+            || module.silent && holds(&view.says(module))
+            || module.reason.is_some() && holds(&view.reason(NodeId::Module(id), module.reason.as_ref()))
     }
 }
 
@@ -314,7 +321,7 @@ fn row(view: &View<'_>, id: ModuleId, asked: &Asked, pins: &[&str], trends: &Tre
         age: module.received.map_or_else(|| DevWords::of(view.lang).never.to_owned(), |then| age(view, then)),
         silent: module.silent,
         class: class(info),
-        message: clean(&module.report.message, MESSAGE),
+        message: view.says(module),
         values: values.collect(),
         more_values: module.report.values.len().saturating_sub(VALUES),
     }

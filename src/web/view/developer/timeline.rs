@@ -235,6 +235,7 @@ fn events(view: &View<'_>, words: &'static DevWords, past: &Past) -> Vec<Event> 
             Happened::AlarmCleared { id, node } => {
                 (words.ev_cleared, format!("{id}: {}", name(node)), String::new())
             }
+            Happened::Left { node } => (words.ev_left, name(node), String::new()),
             Happened::Lost(count) => (words.history_lost, count.to_string(), String::new()),
         };
         Event { at: wall(*at_ms), what, detail, cause }

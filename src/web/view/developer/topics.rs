@@ -20,7 +20,7 @@ const RENEW_MS: u32 = 1000;
 
 struct Side {
     count: usize,
-    /// Participant and quality; or that it is ours.
+    /// Node, or participant where no node is announced, and quality; or that it is ours.
     listed: Vec<(String, &'static str, bool)>,
 }
 
@@ -57,7 +57,7 @@ pub fn page(view: &View<'_>, context: &PageContext, asked: &Asked, seen: &Discov
     };
     let mut topics: Vec<&TopicSeen> = seen.topics.iter().filter(wanted).collect();
     // What does not come together stands first.
-    topics.sort_by_key(|topic| topic.mismatches().is_empty());
+    topics.sort_by_key(|topic| topic.mismatches().is_empty() && !topic.is_published_beside_us());
     let (pager, shown) = Pager::of(asked, "matching", "page", topics.len(), ROWS);
     html(&TopicsHtml {
         frame: super::frame(context),
@@ -78,13 +78,19 @@ fn row(words: &'static DevWords, topic: &TopicSeen) -> Row {
         Mismatch::Type => words.mismatch_type,
         Mismatch::Reliability => words.mismatch_reliability,
         Mismatch::Durability => words.mismatch_durability,
+        Mismatch::Deadline => words.mismatch_deadline,
+        Mismatch::Liveliness => words.mismatch_liveliness,
     };
+    let twice = topic.is_published_beside_us().then_some(words.published_twice);
     Row {
         name: clean(&topic.name, 2 * NAME),
         types: topic.types().into_iter().map(|name| clean(name, 2 * NAME)).collect(),
-        sides: [side(&topic.publishers, false), side(&topic.subscribers, topic.rate_hz.is_some())],
+        sides: [
+            side(&topic.publishers, topic.publishers.iter().any(|it| it.ours)),
+            side(&topic.subscribers, topic.rate_hz.is_some()),
+        ],
         rate: topic.rate_hz.map(|rate| format!("{rate:.1} Hz")),
-        mismatches: topic.mismatches().into_iter().map(word).collect(),
+        mismatches: topic.mismatches().into_iter().map(word).chain(twice).collect(),
     }
 }
 
@@ -98,8 +104,8 @@ fn side(endpoints: &[Endpoint], ours: bool) -> Side {
             (false, false) => "best effort",
         };
         // The start of a participant is its maker and machine, the same for many.
-        let name = endpoint.participant.get(8..).unwrap_or(&endpoint.participant);
-        (clean(name, NAME), quality, false)
+        let participant = endpoint.participant.get(8..).unwrap_or(&endpoint.participant);
+        (clean(endpoint.node.as_deref().unwrap_or(participant), 2 * NAME), quality, false)
     });
     let own = ours.then(|| (String::new(), "", true));
     let others = endpoints.iter().filter(|endpoint| !endpoint.ours).count();

@@ -91,7 +91,7 @@ pub fn page(view: &View<'_>, node: NodeId, context: &PageContext, trends: &Trend
         NodeId::Module(id) => {
             let (info, module) = snapshot.module(id);
             page.since = view.wall(module.since);
-            page.message = clean(&module.report.message, MESSAGE);
+            page.message = view.says(module);
             page.hardware = clean(&module.report.hardware_id, NAME);
             page.class = super::statuses::class(info);
             let mut past = trends.of(id.0 as usize, &info.id, POINTS_WIDE);

@@ -110,10 +110,12 @@ words! {
     meta: "Meta", "Meta";
     sequential: "sequential", "sequenziell";
     parallel: "parallel", "parallel";
-    unstated: "no flow stated", "ohne Datenfluss";
+    unstated: "no such class", "keine Klasse";
+    components: "Components", "Komponenten";
+    data_streams: "Data streams", "Datenströme";
     sum: "All", "Alle";
     no_modules: "none", "keine";
-    coverage_text: "How many modules diagnose each group in which way. A way that nobody takes is hatched.", "Wie viele Module jede Gruppe auf welche Weise diagnostizieren. Was niemand abdeckt, ist schraffiert.";
+    coverage_text: "How many modules diagnose each group in which way, and below with which techniques: of components or of data streams. A way that nobody takes is hatched.", "Wie viele Module jede Gruppe auf welche Weise diagnostizieren, und darunter mit welchen Verfahren: für Komponenten oder für Datenströme. Was niemand abdeckt, ist schraffiert.";
 
     zoom_in: "Larger", "Größer";
     zoom_out: "Smaller", "Kleiner";
@@ -151,6 +153,7 @@ words! {
     ev_moved: "alarm moved to its cause", "Alarm zur Ursache gewandert";
     ev_acknowledged: "alarm acknowledged", "Alarm quittiert";
     ev_cleared: "alarm cleared", "Alarm beendet";
+    ev_left: "silent for too long, forgotten", "zu lange still, vergessen";
     ev_reloaded: "configuration replaced", "Konfiguration ersetzt";
     ev_started: "Telltale started", "Telltale gestartet";
     cause: "Cause", "Ursache";
@@ -163,6 +166,9 @@ words! {
     mismatch_type: "Types differ", "Typen verschieden";
     mismatch_reliability: "Reliability asked for, not offered", "Zuverlässigkeit verlangt, nicht geboten";
     mismatch_durability: "Last value asked for, not kept", "Letzter Wert verlangt, nicht behalten";
+    mismatch_deadline: "Deadline asked for, not offered", "Frist verlangt, nicht geboten";
+    mismatch_liveliness: "Liveliness asked for, not offered", "Lebenszeichen verlangt, nicht geboten";
+    published_twice: "Published by another too", "Auch von anderen veröffentlicht";
     nodes: "ROS nodes", "ROS-Knoten";
     participants: "other participants", "andere Teilnehmer";
     no_topics: "DDS discovery has seen nothing yet.", "Die DDS-Erkennung hat noch nichts gesehen.";

@@ -17,8 +17,10 @@ fn hot(published: &Published) -> Vec<(String, String)> {
 fn every_dependency_is_drawn() {
     let calm = Sample::shuttle(true).published();
     let html = fragment(&calm, Lang::En, "arrows");
-    assert_eq!(html.matches("<g ").count(), 9, "{html}");
-    assert!(html.contains(r#"data-from="localization" data-to="planning""#));
+    assert_eq!(html.matches("<g ").count(), 10, "{html}");
+    for (from, to) in [("sensors", "localization"), ("sensors", "perception"), ("localization", "planning")] {
+        assert!(html.contains(&format!("data-from=\"{from}\" data-to=\"{to}\"")), "{html}");
+    }
     assert!(hot(&calm).is_empty());
 }
 

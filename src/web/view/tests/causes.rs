@@ -79,3 +79,33 @@ fn an_empty_component_is_named_because_nothing_inside_explains_it() {
     check(&empty, Lang::En, "causes", &[r#"data-node="b""#, "Beta"], &["All", "The one"]);
     check(&empty, Lang::En, "tile-b", &[r#"data-state="unknown""#, "nothing to watch"], &[]);
 }
+
+#[test]
+fn what_is_outside_of_the_configuration_is_one_quiet_line_or_a_component() {
+    use crate::engine::model::Other;
+    let stray = |other| {
+        let standing = Sample::of(ModelParts { other, ..parts() }).login().signal("active", false).pass(5);
+        standing.localize("depot").pass(5).report("stray", 2, "gone mad", &[]).pass(3).published()
+    };
+    let line = r#"class="aside">1 error outside of the configuration<"#;
+    check(
+        &stray(Other::Shown),
+        Lang::En,
+        "causes",
+        &[line, "active components okay", "alarms=\"\""],
+        &["data-node"],
+    );
+    let line = "1 Fehler außerhalb der Konfiguration";
+    check(&stray(Other::Shown), Lang::De, "causes", &[line], &[]);
+    check(&stray(Other::Hidden), Lang::En, "causes", &["active components okay"], &["outside", "stray"]);
+    let counted = stray(Other::Counted);
+    check(&counted, Lang::En, "causes", &[r#"data-node="other/stray""#, r#"alarms="1""#], &["outside"]);
+    check(&counted, Lang::En, "tile-other", &[r#"data-state="error""#], &[]);
+    // The others stay where the configuration puts them.
+    let places = |published: &Published| Board::of(&published.snapshot.layout).places;
+    let (without, with) = (places(&stray(Other::Shown)), places(&counted));
+    assert_eq!(with[..without.len()], without);
+    assert!(!without.contains(with.last().expect("there are some")));
+    let quiet = Sample::of(ModelParts { other: Other::Counted, ..parts() }).login().pass(5).published();
+    check(&quiet, Lang::En, "tile-other", &[r#"data-state="ok""#, "none there"], &[]);
+}

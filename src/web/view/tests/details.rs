@@ -1,4 +1,5 @@
 use super::*;
+use crate::engine::filter::Filter;
 use crate::engine::time::Span;
 
 #[test]
@@ -85,4 +86,16 @@ fn numbers_of_the_last_minutes_are_drawn_within_bounds() {
     let battery = html.split("</li>").next().unwrap_or_default();
     assert_eq!(battery.matches("class=\"spark\"").count(), 3, "{battery}");
     assert!(html.matches("class=\"spark\"").count() <= 36, "{html}");
+}
+
+#[test]
+fn an_empty_tile_says_which_name_looks_as_if_it_should_match() {
+    let mut parts = parts();
+    let can = parts.groups.iter().position(|group| &*group.path == "can").expect("it is there");
+    parts.modules.retain(|module| module.group != GroupId(can as u32));
+    parts.groups[can].filters = vec![Filter::Contains("kamera".into()).into()];
+    let found = Sample::of(parts).login().report("Kamara: rate", 0, "fine", &[]).pass(3).published();
+    let said = "nothing matches; `Kamara: rate` in other looks alike";
+    check(&found, Lang::En, "tile-can", &[said], &["nothing to watch"]);
+    check(&found, Lang::De, "detail-can", &["nichts passt; `Kamara: rate`"], &[]);
 }

@@ -2,12 +2,19 @@
 
 use super::*;
 use crate::engine::discovery::{Discovery, Endpoint, TopicSeen};
-use crate::engine::model::NodeId;
+use crate::engine::model::{ModuleSpec, MonitorSpec, NodeId};
+use crate::engine::monitor::spec::{
+    AgreementRule, Bands, ProbeTarget, TopicId, TopicSpec, ValueRule, ValueSource, WatchdogId, WatchdogSpec,
+    Watched,
+};
+use crate::engine::record::Said;
+use crate::engine::snapshot::Class;
 use crate::engine::state::State;
+use crate::engine::time::Span;
 use crate::runtime::{ConfigurationText, Rereading};
 use crate::store::{Happened, Held, NodePast, Past, Stretch};
 
-fn asked(pairs: &[(&str, &str)]) -> Asked {
+pub fn asked(pairs: &[(&str, &str)]) -> Asked {
     Asked::of(pairs.iter().map(|&(key, value)| (key.to_owned(), value.to_owned())).collect())
 }
 
@@ -31,6 +38,7 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         state,
         own: State::Error,
         cause: cause.map(Into::into),
+        said: Said::of(text, Some(Span::from_secs(3))),
     };
     let stretches = vec![
         stretch(0, State::Ok, None),
@@ -84,6 +92,7 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
 fn discovery(text: &str) -> Discovery {
     let endpoint =
         Endpoint { participant: text.to_owned(), type_name: text.to_owned(), ..Endpoint::default() };
+    let endpoint = Endpoint { node: Some(format!("/{text}_driver")), ..endpoint };
     let other = Endpoint { type_name: "std_msgs/msg/Bool".to_owned(), reliable: true, ..endpoint.clone() };
     let topic = TopicSeen {
         name: format!("/{text}"),
@@ -184,9 +193,83 @@ fn the_audit_names_what_is_hidden_and_by_whom() {
 #[test]
 fn the_coverage_counts_every_module_once_and_marks_what_is_empty() {
     let published = Sample::shuttle(true).published();
-    let page = coverage_page(&published, &english(), &asked(&[("cell", "0 can")]));
+    let page = coverage_page(&published, &english(), &asked(&[("cell", "1 can")]));
     let all = published.snapshot.modules.len();
     holds(&page, &[&format!("<td class=\"sum\">{all}</td>"), "class=\"none\"", "can/battery"]);
+    // Five columns, and no sixth where every class is in one of them.
+    let row =
+        page.split("<tr data-row data-group=\"can\">").nth(1).and_then(|rest| rest.split("</tr>").next());
+    assert_eq!(row.map(|row| row.matches("<td").count()), Some(6), "{row:?}");
+}
+
+#[test]
+fn techniques_are_of_components_or_of_data_streams() {
+    let (topic, bands) = (TopicId(0), Bands { error_above: Some(9.0), ..Bands::default() });
+    let (window, class) =
+        (Span::from_secs(1), |location, information, flow| Class { location, information, flow });
+    let key = |key: &str| ValueSource::Key { status: "s".into(), key: key.into(), unit: None };
+    let status = || "s".into();
+    let monitors = [
+        MonitorSpec::Frequency { topic, window, bands },
+        MonitorSpec::Latency { topic, window, bands },
+        MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: 1, bands: Bands::default() },
+        MonitorSpec::SelfState { status: "t".into() },
+        MonitorSpec::Value { source: key("k"), rule: ValueRule::Bands(bands) },
+        MonitorSpec::RateRatio { input: topic, output: topic, window, bands },
+        MonitorSpec::External { status: status(), class: class("contextual", "content", Some("sequential")) },
+        MonitorSpec::Sequence { earlier: key("k"), later: key("l"), max_gap: window, bands },
+        MonitorSpec::Agreement {
+            a: key("k"),
+            b: key("l"),
+            max_age: window,
+            motion_over: None,
+            rule: AgreementRule::Number(bands),
+        },
+    ];
+    let target = ProbeTarget::Icmp { host: "lidar".into() };
+    let topic =
+        TopicSpec { topic: "/t".into(), type_name: "a/msg/B".into(), stamp: true, fields: Vec::new() };
+    let modules = monitors.into_iter().map(|monitor| {
+        let name = monitor.kind();
+        ModuleSpec { monitor, ..module("sensors", 0, name) }
+    });
+    let parts = ModelParts {
+        groups: vec![group("sensors", Text::plain("Sensors"))],
+        modules: modules.collect(),
+        signals: Vec::new(),
+        stages: StageModel::None,
+        watched: Watched {
+            topics: vec![topic.into()],
+            watchdogs: vec![WatchdogSpec { target, every: window }.into()],
+            ..Watched::default()
+        },
+        ..parts()
+    };
+    let published = Sample::of(parts).published();
+    let page = |cell: &str| coverage_page(&published, &english(), &asked(&[("cell", cell)]));
+    let whole = page("");
+    let rows: Vec<&str> = whole.split("<tr data-technique>").skip(1).collect();
+    let cells = |row: &str| -> Vec<String> {
+        let cells = row.split("</tr>").next().unwrap_or_default().split("<td").skip(1).take(5);
+        let words = |cell: &str| {
+            cell.split("<div>").skip(1).map(|it| it.split('<').next().unwrap()).collect::<Vec<_>>().join(", ")
+        };
+        cells.map(words).collect()
+    };
+    assert_eq!(rows.len(), 2);
+    let components = cells(rows[0]);
+    assert_eq!(
+        [&*components[0], &components[2], &components[3], &components[4]],
+        ["watchdog 1", "rate_ratio 1", "external 1", ""]
+    );
+    assert!(components[1].starts_with("self_state "), "{components:?}");
+    assert_eq!(cells(rows[1]), ["frequency 1, latency 1", "value 1", "", "sequence 1", "agreement 1"]);
+    let listed = page("0 sensors");
+    let listed = listed.split("id=\"listed\"").nth(1).unwrap();
+    let at = |text: &str| listed.find(text).unwrap_or_else(|| panic!("{text}: {listed}"));
+    let order =
+        ["Sensors: isolated, meta", "Components", "sensors/watchdog", "Data streams", "sensors/frequency"];
+    assert!(order.map(at).is_sorted(), "{listed}");
 }
 
 #[test]
@@ -254,6 +337,7 @@ fn the_timeline_draws_what_was_recorded_and_says_what_was_not() {
         state,
         own: State::Error,
         cause: cause.map(Into::into),
+        said: None,
     };
     let stretches = vec![
         stretch(900_000, 920_000, State::Error, None),
@@ -285,10 +369,43 @@ fn the_timeline_draws_what_was_recorded_and_says_what_was_not() {
         &["bar-stage bar-driving", "data-signal=\"active\"", "bar-true", "data-state=\"level\">true<"],
     );
     holds(&page, &["data-state=\"ignore\">Ignored</span> <small>a/root", "1970-01-01T00:15:50.000Z"]);
+    assert!(!page.contains("silent"), "nothing was said");
     let after = asked(&[asks[0], asks[1], asks[2]]);
     let window = Window::of(&published, &after);
     let page = timeline_page(&published, &english(), &after, &window, Some(&past));
     holds(&page, &["data-state=\"none\">no record<"]);
+}
+
+#[test]
+fn the_timeline_tells_a_silence_from_an_error_that_was_reported() {
+    let published = Sample::shuttle(true).published();
+    let asks = [("node", "a/b"), ("span", "100"), ("until", "1000000")];
+    let stretch =
+        |from_ms, to_ms, state, said| Stretch { from_ms, to_ms, state, own: state, cause: None, said };
+    let silent = Said::of("Images <arrive>", Some(Span::from_secs(2)));
+    let stretches = vec![
+        stretch(900_000, 920_000, State::Ok, Said::of("Images arrive", None)),
+        stretch(920_000, 940_000, State::Error, silent),
+        stretch(940_000, 960_000, State::Ok, None),
+        stretch(960_000, 980_000, State::Error, Said::of("no picture", None)),
+    ];
+    let past = Past { nodes: vec![NodePast { name: "a/b".to_owned(), stretches }], ..Past::default() };
+    let page = |lang, at| {
+        let asked = asked(&[asks[0], asks[1], asks[2], ("at", at)]);
+        let window = Window::of(&published, &asked);
+        timeline_page(&published, &context(lang, Palette::Day), &asked, &window, Some(&past))
+    };
+    let english = page(Lang::En, "300");
+    holds(&english, &[", \u{201c}silent for 2 s; last: Images &#60;arrive&#62;\u{201d}</title>"]);
+    holds(&english, &["data-state=\"error\">Error</span> <small>silent for 2 s; last: Images &#60;arrive"]);
+    holds(&english, &[", \u{201c}no picture\u{201d}</title>"]);
+    let german = page(Lang::De, "700");
+    holds(
+        &german,
+        &["seit 2 s still; zuletzt: Images", "data-state=\"error\">Fehler</span> <small>no picture<"],
+    );
+    // Where all is well the words stay behind the strip.
+    holds(&page(Lang::En, "100"), &["data-state=\"ok\">Okay</span> <small></small>"]);
 }
 
 #[test]
@@ -303,7 +420,18 @@ fn a_why_page_leads_to_what_it_names() {
 #[test]
 fn topics_show_types_rates_and_what_does_not_match() {
     let page = topics_page(&jump().published(), &english(), &Asked::default(), &discovery("front"));
-    holds(&page, &["/front", "std_msgs/msg/Bool", "10.0 Hz", "data-mismatch", "Types differ", "best effort"]);
+    holds(
+        &page,
+        &[
+            "/front",
+            "std_msgs/msg/Bool",
+            "10.0 Hz",
+            "data-mismatch",
+            "Types differ",
+            "best effort",
+            "/front_driver",
+        ],
+    );
     let page = topics_page(&jump().published(), &english(), &asked(&[("q", "rear")]), &discovery("front"));
     assert!(!page.contains("data-topic"), "{page}");
 }

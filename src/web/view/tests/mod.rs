@@ -8,6 +8,7 @@ mod hostile;
 mod pages;
 mod stages;
 mod states;
+mod words;
 
 use super::sample::{Sample, group, module, on_group, parts, text};
 use super::*;

@@ -4,10 +4,10 @@
 use crate::engine::model::Stage;
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
-use crate::picture::strips::{Look, Segment, class, merged, owe};
+use crate::picture::strips::{Look, Segment, class, recorded, stamp};
 use crate::store::{Held, NodePast, Past};
 use crate::web::view::Lang;
-use crate::web::view::clean::{NAME, clean};
+use crate::web::view::clean::{MESSAGE, NAME, clean};
 
 use super::super::asked::address;
 use super::super::words::DevWords;
@@ -68,11 +68,14 @@ impl Painter<'_> {
     }
 
     fn node(&self, past: &NodePast) -> Strip {
-        let segments = segments(past);
+        let segments = recorded(&past.stretches);
         let (state, word, because) = match self.at_moment(&segments, |it| (it.from, it.to)) {
             Some(segment) => {
-                let because =
-                    segment.cause.as_deref().map(|cause| clean(cause, 2 * NAME)).unwrap_or_default();
+                let because = match &segment.cause {
+                    Some(cause) => clean(cause, 2 * NAME),
+                    None if segment.look == Look::Ok => String::new(),
+                    None => self.said(segment),
+                };
                 (state_of(segment.look), look_word(self.lang, segment.look), because)
             }
             None => ("none", self.words.no_record, String::new()),
@@ -151,6 +154,10 @@ impl Painter<'_> {
         if let Some(own) = own {
             title += &format!(", {}: {}", self.words.says, self.lang.state(own));
         }
+        let said = self.said(segment);
+        if !said.is_empty() {
+            title += &format!(", \u{201c}{said}\u{201d}");
+        }
         Bar {
             class: class(segment.look),
             paint: match segment.look {
@@ -164,6 +171,12 @@ impl Painter<'_> {
             title,
             ..self.place(segment.from, segment.to, word)
         }
+    }
+
+    /// What the module said when the segment began.
+    fn said(&self, segment: &Segment) -> String {
+        let Some(said) = &segment.said else { return String::new() };
+        self.lang.with_silence(clean(&said.message, MESSAGE), said.silent)
     }
 
     /// A bar where it belongs, with its word if that fits.
@@ -184,26 +197,6 @@ impl Painter<'_> {
     }
 }
 
-fn segments(past: &NodePast) -> Vec<Segment> {
-    let segments = past.stretches.iter().map(|stretch| Segment {
-        from: stamp(stretch.from_ms),
-        to: stamp(stretch.to_ms),
-        look: match (stretch.state, &stretch.cause) {
-            (State::Ignore, Some(_)) => Look::Masked,
-            (State::Ignore, None) => Look::NotRelevant,
-            (State::Ok, _) => Look::Ok,
-            (State::Warning, _) => Look::Warning,
-            (State::Error, _) => Look::Error,
-            (State::Unknown, _) => Look::Unknown,
-        },
-        own: (stretch.state == State::Ignore).then_some(stretch.own),
-        cause: stretch.cause.clone(),
-    });
-    let mut segments: Vec<Segment> = segments.collect();
-    owe(&mut segments);
-    merged(segments)
-}
-
 fn look_word(lang: Lang, look: Look) -> &'static str {
     lang.state(match look {
         Look::Ok | Look::True | Look::False => State::Ok,
@@ -222,8 +215,4 @@ fn state_of(look: Look) -> &'static str {
         Look::Unknown | Look::NotKnown => "unknown",
         Look::Ok | Look::True | Look::False => "ok",
     }
-}
-
-fn stamp(ms: i64) -> Timestamp {
-    Timestamp::from_millis(u64::try_from(ms).unwrap_or(0))
 }

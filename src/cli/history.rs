@@ -1,0 +1,127 @@
+//! `telltale history`: what a vehicle showed, drawn from its history.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use anyhow::Context as _;
+
+use super::{EXIT_NO, data};
+use crate::picture::strips::{Look, Segment, Strip, merged, recorded, stamp};
+use crate::sim::figure;
+use crate::sim::strips::{Panel, arrow};
+use crate::store::{Happened, Held, HistoryQuery, NodePast, Past, past_in};
+
+/// Draw what a vehicle showed around a moment, as the figures of scenarios are drawn.
+///
+/// It reads `history.db` in the data folder and changes nothing, also while `serve` writes it.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example:\n  telltale history --data /var/lib/telltale --at 2026-11-22T03:50:00Z --before 2s --after 8s \\\n    \
+    --node sensors --node localization --node localization/tf_quality --signal active --figure outage.svg"
+)]
+pub struct Args {
+    /// Folder of the history [default: $XDG_DATA_HOME/telltale or ~/.local/share/telltale]
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// The moment that is drawn as zero, in UTC
+    #[arg(long, value_name = "TIME", value_parser = humantime::parse_rfc3339_weak)]
+    at: SystemTime,
+    /// How much of the time before it is drawn
+    #[arg(long, value_name = "TIME", default_value = "2s", value_parser = humantime::parse_duration)]
+    before: Duration,
+    /// How much of the time after it is drawn
+    #[arg(long, value_name = "TIME", default_value = "8s", value_parser = humantime::parse_duration)]
+    after: Duration,
+    /// A group or module by its whole name; may be repeated
+    #[arg(long = "node", value_name = "NAME", required = true)]
+    nodes: Vec<String>,
+    /// A signal; may be repeated
+    #[arg(long = "signal", value_name = "NAME")]
+    signals: Vec<String>,
+    /// What stands above the figure
+    #[arg(long, value_name = "TEXT", default_value = "from the history")]
+    title: String,
+    /// What happens at the moment
+    #[arg(long, value_name = "TEXT", default_value = "")]
+    event: String,
+    /// Where to draw it
+    #[arg(long, value_name = "OUT.svg")]
+    figure: PathBuf,
+}
+
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let folder = data::folder(args.data.clone())?;
+    let zero_ms = unix_ms(args.at);
+    let millis = |span: Duration| i64::try_from(span.as_millis()).unwrap_or(i64::MAX / 4);
+    let query = HistoryQuery {
+        nodes: args.nodes.clone(),
+        signals: args.signals.clone(),
+        from_ms: zero_ms - millis(args.before),
+        to_ms: zero_ms + millis(args.after),
+    };
+    let past = past_in(&folder, &query).context("the history cannot be read")?;
+    let panel = panel(args, &query, &past, zero_ms);
+    let unheard: Vec<&str> =
+        panel.strips.iter().filter(|strip| strip.segments.is_empty()).map(|strip| &*strip.name).collect();
+    if !unheard.is_empty() {
+        eprintln!(
+            "telltale: nothing is recorded at that time of {}: look at the names and at `--at`, which is in UTC",
+            unheard.join(", ")
+        );
+        return Ok(ExitCode::from(EXIT_NO));
+    }
+    std::fs::write(&args.figure, figure::draw(&[panel]))
+        .with_context(|| format!("the figure cannot be written to {}", args.figure.display()))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn panel(args: &Args, query: &HistoryQuery, past: &Past, zero_ms: i64) -> Panel {
+    let nodes = past.nodes.iter().map(|node| node_strip(node, &query.nodes));
+    let signals = past.signals.iter().map(|(name, held)| signal_strip(name, held));
+    let strips: Vec<Strip> = nodes.chain(signals).collect();
+    let moved = past.happened.iter().filter_map(|(at_ms, what)| match what {
+        Happened::AlarmMoved { symptom, cause, .. } => arrow(stamp(*at_ms), symptom, cause, &strips),
+        _ => None,
+    });
+    Panel {
+        title: args.title.clone(),
+        from: stamp(query.from_ms),
+        to: stamp(query.to_ms),
+        zero: Some((stamp(zero_ms), args.event.clone())),
+        moved: moved.collect(),
+        strips,
+    }
+}
+
+fn node_strip(past: &NodePast, names: &[String]) -> Strip {
+    let around = past.name.rsplit_once('/').filter(|(group, _)| names.iter().any(|name| name == group));
+    Strip {
+        name: past.name.clone(),
+        label: around.map_or(&*past.name, |(_, last)| last).to_owned(),
+        inner: around.is_some(),
+        segments: recorded(&past.stretches),
+    }
+}
+
+fn signal_strip(name: &str, held: &[Held<Option<bool>>]) -> Strip {
+    let segment = |held: &Held<Option<bool>>| Segment {
+        from: stamp(held.from_ms),
+        to: stamp(held.to_ms),
+        look: match held.value {
+            Some(true) => Look::True,
+            Some(false) => Look::False,
+            None => Look::NotKnown,
+        },
+        own: None,
+        cause: None,
+        said: None,
+    };
+    let segments = merged(held.iter().map(segment).collect());
+    Strip { name: name.to_owned(), label: name.to_owned(), inner: false, segments }
+}
+
+fn unix_ms(at: SystemTime) -> i64 {
+    let since = at.duration_since(UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_millis()).unwrap_or(i64::MAX / 4)
+}

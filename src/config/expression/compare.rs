@@ -1,0 +1,237 @@
+//! Comparisons within a condition: what is compared, with what, and what two of them say together.
+
+use cel::common::ast::{CallExpr, Expr, IdedExpr, LiteralValue, operators};
+
+/// A part of a condition that is true or false for itself.
+#[derive(Debug, Clone)]
+pub(super) struct Comparison {
+    pub id: u64,
+    /// What is compared, in one way of writing: an input, or anything that is computed of inputs.
+    pub of: String,
+    /// It is an input, and nothing is computed of it.
+    pub is_input: bool,
+    pub sign: &'static str,
+    pub with: With,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum With {
+    Number(f64),
+    Text(String),
+    /// It is a truth value: `==` is the part alone, `!=` its opposite.
+    True,
+    /// Another part, in one way of writing.
+    Part(String),
+}
+
+/// The parts that one operator joins, each as a comparison.
+pub(super) fn joined(part: &IdedExpr, operator: &str, found: &mut Vec<Comparison>) {
+    match &part.expr {
+        Expr::Call(call) if call.func_name == operator => {
+            call.args.iter().for_each(|part| joined(part, operator, found));
+        }
+        _ => found.push(comparison(part)),
+    }
+}
+
+/// All comparisons anywhere in a condition.
+pub(super) fn all(part: &IdedExpr, found: &mut Vec<Comparison>) {
+    let Expr::Call(call) = &part.expr else { return };
+    if sign(&call.func_name).is_some() {
+        found.push(comparison(part));
+    }
+    call.target.as_deref().into_iter().chain(&call.args).for_each(|part| all(part, found));
+}
+
+fn comparison(part: &IdedExpr) -> Comparison {
+    let whole = || Comparison {
+        id: part.id,
+        of: written(part),
+        is_input: matches!(part.expr, Expr::Ident(_)),
+        sign: "==",
+        with: With::True,
+    };
+    let Expr::Call(call) = &part.expr else { return whole() };
+    if let (operators::LOGICAL_NOT, [inner]) = (&*call.func_name, &call.args[..]) {
+        return comparison(inner).negated();
+    }
+    let (Some(sign), [a, b]) = (sign(&call.func_name), &call.args[..]) else { return whole() };
+    let (literal_a, literal_b) = (literal(a), literal(b));
+    let (of, sign, with) = match (literal_a, literal_b) {
+        (None, Some(with)) => (a, sign, with),
+        (Some(with), None) => (b, mirrored(sign), with),
+        // Of two parts that which comes first in the alphabet, so that `b < a` is `a > b`.
+        _ if written(b) < written(a) => (b, mirrored(sign), With::Part(written(a))),
+        _ => (a, sign, With::Part(written(b))),
+    };
+    let is_input = matches!(of.expr, Expr::Ident(_));
+    Comparison { id: a.id, of: written(of), is_input, sign, with }.plain(of)
+}
+
+impl Comparison {
+    /// `t == true` is `t`, `t != true` and `t == false` are `!t`.
+    fn plain(self, of: &IdedExpr) -> Comparison {
+        let is_true = match &self.with {
+            With::Part(part) if part == "true" => true,
+            With::Part(part) if part == "false" => false,
+            _ => return self,
+        };
+        let inner = comparison(of);
+        if is_true == (self.sign == "==") { inner } else { inner.negated() }
+    }
+
+    pub fn negated(&self) -> Comparison {
+        let sign = match self.sign {
+            "<" => ">=",
+            "<=" => ">",
+            ">" => "<=",
+            ">=" => "<",
+            "==" => "!=",
+            _ => "==",
+        };
+        Comparison { sign, ..self.clone() }
+    }
+
+    /// Whether it is written the same.
+    pub fn is(&self, other: &Comparison) -> bool {
+        self.of == other.of && self.sign == other.sign && self.with == other.with
+    }
+
+    /// Whether nothing meets both.
+    pub fn excludes(&self, other: &Comparison) -> bool {
+        if self.of != other.of {
+            return false;
+        }
+        let (a, b) = (self.sign, other.sign);
+        match (&self.with, &other.with) {
+            (With::Number(at), With::Number(other)) => {
+                // Where either could begin or end, and between: one of these meets both, if anything does.
+                let (low, high) = (at.min(*other), at.max(*other));
+                let tried = [f64::NEG_INFINITY, low, f64::midpoint(low, high), high, f64::INFINITY];
+                !tried.iter().any(|&value| meets(value, a, *at) && meets(value, b, *other))
+            }
+            (With::Text(one), With::Text(other)) => match (a, b) {
+                ("==", "==") => one != other,
+                ("==", "!=") | ("!=", "==") => one == other,
+                _ => false,
+            },
+            (With::True, With::True) => a != b,
+            // One is less than, equal to or greater than the other.
+            (With::Part(one), With::Part(other)) if one == other => {
+                ![-1.0, 0.0, 1.0].iter().any(|&value| meets(value, a, 0.0) && meets(value, b, 0.0))
+            }
+            _ => false,
+        }
+    }
+
+    pub fn words(&self) -> String {
+        let (of, sign) = (&self.of, self.sign);
+        match &self.with {
+            With::Number(value) => format!("{of} {sign} {value}"),
+            With::Text(text) => format!("{of} {sign} '{text}'"),
+            With::Part(part) => format!("{of} {sign} {part}"),
+            With::True if sign == "==" => of.clone(),
+            With::True if !of.contains(' ') => format!("!{of}"),
+            With::True => format!("!({of})"),
+        }
+    }
+}
+
+fn sign(function: &str) -> Option<&'static str> {
+    Some(match function {
+        operators::LESS => "<",
+        operators::LESS_EQUALS => "<=",
+        operators::GREATER => ">",
+        operators::GREATER_EQUALS => ">=",
+        operators::EQUALS => "==",
+        operators::NOT_EQUALS => "!=",
+        _ => return None,
+    })
+}
+
+fn mirrored(sign: &'static str) -> &'static str {
+    match sign {
+        "<" => ">",
+        "<=" => ">=",
+        ">" => "<",
+        ">=" => "<=",
+        same => same,
+    }
+}
+
+pub(super) fn meets(value: f64, sign: &str, limit: f64) -> bool {
+    match sign {
+        "<" => value < limit,
+        "<=" => value <= limit,
+        ">" => value > limit,
+        ">=" => value >= limit,
+        "==" => value.total_cmp(&limit).is_eq() || value.partial_cmp(&limit).is_some_and(|it| it.is_eq()),
+        _ => value.partial_cmp(&limit).is_some_and(|it| it.is_ne()),
+    }
+}
+
+fn literal(part: &IdedExpr) -> Option<With> {
+    match &part.expr {
+        Expr::Literal(LiteralValue::String(text)) => Some(With::Text(text.inner().to_owned())),
+        Expr::Literal(LiteralValue::Boolean(_)) => Some(With::Part(written(part))),
+        Expr::Literal(literal) => number(literal).map(With::Number),
+        Expr::Call(call) if call.func_name == operators::NEGATE => match literal(call.args.first()?)? {
+            With::Number(value) => Some(With::Number(-value)),
+            _ => None,
+        },
+        _ => None,
+    }
+}
+
+/// Every number is a double here, also one without a point.
+fn number(literal: &LiteralValue) -> Option<f64> {
+    match literal {
+        LiteralValue::Double(value) => Some(*value.inner()),
+        LiteralValue::Int(value) => Some(*value.inner() as f64),
+        LiteralValue::UInt(value) => Some(*value.inner() as f64),
+        _ => None,
+    }
+}
+
+/// A part in one way of writing, whatever spaces and brackets it has in the file.
+fn written(part: &IdedExpr) -> String {
+    let inner = |part: &IdedExpr| match &part.expr {
+        Expr::Call(call) if is_operator(call) => format!("({})", written(part)),
+        _ => written(part),
+    };
+    match &part.expr {
+        Expr::Ident(name) => name.clone(),
+        Expr::Literal(LiteralValue::Boolean(value)) => value.inner().to_string(),
+        Expr::Literal(LiteralValue::String(text)) => format!("'{}'", text.inner()),
+        Expr::Literal(literal) => {
+            number(literal).map_or_else(|| format!("{literal:?}"), |value| value.to_string())
+        }
+        Expr::List(list) => {
+            let elements: Vec<String> = list.elements.iter().map(written).collect();
+            format!("[{}]", elements.join(", "))
+        }
+        Expr::Call(call) => match (&*call.func_name, &call.args[..]) {
+            (operators::CONDITIONAL, [a, b, c]) => format!("{} ? {} : {}", inner(a), inner(b), inner(c)),
+            (operators::IN, [a, b]) => format!("{} in {}", inner(a), inner(b)),
+            (name, [a]) if is_operator(call) => format!("{}{}", name.trim_matches('_'), inner(a)),
+            (name, [a, b]) if is_operator(call) => {
+                format!("{} {} {}", inner(a), name.trim_matches('_'), inner(b))
+            }
+            (name, args) => {
+                let args: Vec<String> = args.iter().map(written).collect();
+                let target = call.target.as_deref().map(|target| format!("{}.", inner(target)));
+                let name = match name {
+                    "math.@max" => "math.greatest",
+                    "math.@min" => "math.least",
+                    name => name,
+                };
+                format!("{}{name}({})", target.unwrap_or_default(), args.join(", "))
+            }
+        },
+        other => format!("{other:?}"),
+    }
+}
+
+fn is_operator(call: &CallExpr) -> bool {
+    call.func_name.contains('_') && call.target.is_none() || call.func_name == operators::IN
+}

@@ -1,0 +1,72 @@
+//! Conditions that contradict themselves or each other: `x > 5 && x < 3` never holds, `x < 5 || x > 3`
+//! always does, and a WARNING at `x > 9` beside an ERROR at `x > 5` never comes.
+//!
+//! Looked at are the comparisons that stand side by side; what is computed is the same where it is
+//! written the same.
+
+use cel::common::ast::{Expr, IdedExpr, operators};
+
+use super::compare::{Comparison, joined};
+
+/// What is wrong, and the part that it is wrong in.
+pub(super) struct Contradiction {
+    pub id: u64,
+    pub text: String,
+}
+
+/// The first in a condition.
+pub(super) fn contradiction(part: &IdedExpr) -> Option<Contradiction> {
+    let Expr::Call(call) = &part.expr else { return None };
+    let is_and = match &*call.func_name {
+        operators::LOGICAL_AND => Some(true),
+        operators::LOGICAL_OR => Some(false),
+        _ => None,
+    };
+    if let Some(is_and) = is_and {
+        let mut comparisons = Vec::new();
+        joined(part, &call.func_name, &mut comparisons);
+        for (index, second) in comparisons.iter().enumerate() {
+            // Nothing meets both; or nothing fails both, as an `||` needs to fail.
+            let excluded = |first: &&Comparison| match is_and {
+                true => first.excludes(second),
+                false => first.negated().excludes(&second.negated()),
+            };
+            if let Some(first) = comparisons[..index].iter().find(excluded) {
+                let (first, second_words) = (first.words(), second.words());
+                let text = match is_and {
+                    true => {
+                        format!("`{first}` and `{second_words}` exclude each other: together they never hold")
+                    }
+                    false => {
+                        format!("whatever fails `{first}` meets `{second_words}`: together they always hold")
+                    }
+                };
+                return Some(Contradiction { id: second.id, text });
+            }
+        }
+    }
+    call.target.as_deref().into_iter().chain(&call.args).find_map(contradiction)
+}
+
+/// Whether the second holds wherever the first does, as far as that can be told from their parts.
+pub(super) fn covers(error: &IdedExpr, warning: &IdedExpr) -> bool {
+    let (warning, error) = (alternatives(warning), alternatives(error));
+    let implies = |all: &[Comparison], wanted: &Comparison| {
+        all.iter().any(|known| known.is(wanted) || known.excludes(&wanted.negated()))
+    };
+    warning.iter().all(|known| error.iter().any(|wanted| wanted.iter().all(|it| implies(known, it))))
+}
+
+/// What `||` joins on the outside, each as what `&&` joins in it.
+fn alternatives(part: &IdedExpr) -> Vec<Vec<Comparison>> {
+    match &part.expr {
+        Expr::Call(call) if call.func_name == operators::LOGICAL_OR => {
+            call.args.iter().flat_map(alternatives).collect()
+        }
+        _ => {
+            let mut all = Vec::new();
+            joined(part, operators::LOGICAL_AND, &mut all);
+            vec![all]
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! Lists of positions out of arrays of whatever holds one.
+
+use super::*;
+
+fn list(path: &str) -> Vec<(&str, FieldKind)> {
+    vec![(path, FieldKind::Positions)]
+}
+
+#[test]
+fn positions_are_read_wherever_an_element_has_them() {
+    let folder = std::env::temp_dir().join(format!("telltale-lists-{}", std::process::id()));
+    let write = |name: &str, text: &str| {
+        let file = folder.join("my_msgs/msg").join(format!("{name}.msg"));
+        std::fs::create_dir_all(file.parent().unwrap()).unwrap();
+        std::fs::write(file, text).unwrap();
+    };
+    // As in vision_msgs, and objects that have nothing but numbers.
+    write("Detections", "Detection[] detections\nFlat[] flat\nFlag[] flags\nfloat64[] numbers");
+    write("Detection", "string id\nBox bbox");
+    write("Box", "geometry_msgs/Pose center\nfloat64 size");
+    write("Flat", "bool sure\nfloat32 x\nfloat32 y");
+    write("Flag", "bool x\nbool y");
+    let definitions = Definitions::new(vec![folder.clone()]);
+    let check = |path: &str| definitions.check(&spec("my_msgs/msg/Detections", false, &list(path)));
+    let pose = |x: f64| [x, 2.0, 0.5, 0.0, 0.0, 0.0, 1.0].map(f64::to_le_bytes).concat();
+    let body = [
+        // Two detections.
+        &2_u32.to_le_bytes()[..],
+        &[2, 0, 0, 0, b'a', 0, 0, 0, 0, 0, 0, 0],
+        &pose(1.0),
+        &4.0_f64.to_le_bytes(),
+        &[3, 0, 0, 0, b'b', b'c', 0, 0],
+        &pose(-7.0),
+        &4.0_f64.to_le_bytes(),
+        // One flat object.
+        &[1, 0, 0, 0, 1, 0, 0, 0],
+        &3.5_f32.to_le_bytes(),
+        &4.5_f32.to_le_bytes(),
+        &[0; 8],
+    ]
+    .concat();
+    for (path, found) in [
+        ("detections[].bbox.center.position", positions(&[(1.0, 2.0), (-7.0, 2.0)])),
+        ("detections[].bbox", positions(&[(1.0, 2.0), (-7.0, 2.0)])),
+        ("flat", positions(&[(3.5, 4.5)])),
+    ] {
+        let reading = check(path).unwrap_or_else(|error| panic!("{error}")).read(&body, Endian::Little);
+        assert_eq!((&*reading.values, reading.fault), (&[found][..], None), "{path}");
+    }
+    for (path, words) in [
+        ("detections", "my_msgs/msg/Detection has no position"),
+        ("detections[].bbox.size", "a number has no position"),
+        ("flags[]", "my_msgs/msg/Flag has no position"),
+        ("numbers", "a number has no position"),
+        ("detections[0].bbox", "my_msgs/msg/Box is no array"),
+        ("detections[].bbox[]", "stands for all elements"),
+    ] {
+        let FieldsError(errors) = check(path).unwrap_err();
+        assert!(errors[0].text.contains(words), "{path}: {errors:?}");
+    }
+    let scalar = definitions.check(&spec("my_msgs/msg/Detections", false, &scalars(&["flat[].x"])));
+    assert!(scalar.unwrap_err().to_string().contains("belongs into a `list`"));
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn of_a_long_list_the_first_are_taken_and_all_are_counted() {
+    let poses: Vec<Pose> = (0..300).map(|index| at(f64::from(index), 0.0)).collect();
+    let reader = reader(encode::POSE_ARRAY, true, &list("poses"));
+    let reading = reader.read(&encode::pose_array(header("map"), &poses), Endian::Little);
+    let FieldValue::Positions(found) = &reading.values[0] else { panic!("{reading:?}") };
+    assert_eq!((found.taken.len(), found.count, found.is_cut()), (POSITIONS_MAX, 300, true));
+    assert_eq!(found.taken[255], Position { x_m: 255.0, y_m: 0.0 });
+    // Cut on the wire, or a length that lies: nothing is compared.
+    let whole = encode::pose_array(header("map"), &poses[..3]);
+    for body in [&whole[..whole.len() - 60], &[&whole[..24], &[0xff; 40][..]].concat()] {
+        let value = &reader.read(body, Endian::Little).values[0];
+        assert!(matches!(value, FieldValue::Unreadable(_)), "{value:?}");
+    }
+}

@@ -1,0 +1,123 @@
+//! Other programs that publish the aggregated diagnosis: who reads it would get two trees in turn.
+
+use std::sync::Arc;
+
+use tokio::sync::{mpsc, watch};
+
+use super::{OutputTopic, What};
+use crate::clock::Clock;
+use crate::engine::discovery::{Discovery, Endpoint};
+use crate::engine::input::{Input, Stamped};
+use crate::ros::Publisher;
+use crate::ros::outbox::stopped;
+
+/// The vendor of our DDS library, with which a participant's id begins (RTPS 2.5, 9.3.1.5): so does that
+/// of another Telltale.
+const OUR_VENDOR: &str = "0112";
+
+/// Who else publishes what we would.
+#[derive(Clone)]
+pub struct Rivals {
+    /// Topics and types of the aggregated diagnosis, and whether we publish beside others.
+    topics: Arc<[(Box<str>, &'static str, bool)]>,
+    own: String,
+    discovery: watch::Receiver<Arc<Discovery>>,
+}
+
+impl Rivals {
+    pub fn new(
+        publisher: &Publisher,
+        topics: &[OutputTopic],
+        discovery: watch::Receiver<Arc<Discovery>>,
+    ) -> Rivals {
+        let aggregated = topics.iter().filter(|it| !matches!(it.what, What::Vehicle(_)));
+        let topics = aggregated.map(|it| (it.topic.clone(), it.what.offer().0, it.beside_others));
+        Rivals { topics: topics.collect(), own: publisher.participant(), discovery }
+    }
+
+    /// Whether nothing is to be published on this topic now.
+    pub fn silence(&self, topic: &str) -> bool {
+        let seen = self.discovery.borrow();
+        let found = self.topics.iter().find(|(known, ..)| **known == *topic);
+        let Some((_, type_name, beside_others)) = found else { return false };
+        !beside_others && others(&seen, topic, type_name, &self.own).any(|it| yields_to(&self.own, it))
+    }
+
+    /// Where and who, for people; nothing where that is wanted.
+    fn words(&self) -> Option<String> {
+        let seen = self.discovery.borrow();
+        let unwanted = self.topics.iter().filter(|(.., beside_others)| !beside_others);
+        let who = unwanted.filter_map(|(topic, type_name, _)| {
+            let other = others(&seen, topic, type_name, &self.own).min()?;
+            let name = other.node.clone().unwrap_or_else(|| format!("participant {}", other.participant));
+            Some(format!("{topic} by {name}"))
+        });
+        Some(who.collect::<Vec<_>>().join(", ")).filter(|words| !words.is_empty())
+    }
+}
+
+fn others<'a>(
+    seen: &'a Discovery,
+    topic: &str,
+    type_name: &str,
+    own: &str,
+) -> impl Iterator<Item = &'a Endpoint> {
+    let topic = seen.topics.iter().find(|it| it.name == topic);
+    let publishers = topic.into_iter().flat_map(|it| &it.publishers);
+    publishers.filter(move |it| it.participant != own && it.type_name == type_name)
+}
+
+/// To every other aggregator, and of two Telltales to the one with the smaller id: they see one another
+/// while they are silent, and must not both be.
+fn yields_to(own: &str, other: &Endpoint) -> bool {
+    !other.participant.starts_with(OUR_VENDOR) || *other.participant < *own
+}
+
+/// Tells the log and the engine whenever it changes.
+pub async fn tell(
+    mut rivals: Rivals,
+    inputs: mpsc::Sender<Stamped>,
+    clock: Clock,
+    mut end: watch::Receiver<bool>,
+) {
+    // A participant before this one may have told of somebody who is gone.
+    let mut told = Some(Some(String::new()));
+    loop {
+        let words = rivals.words();
+        if told.as_ref() != Some(&words) {
+            if let Some(words) = &words {
+                tracing::warn!(
+                    "another program publishes the aggregated diagnosis: {words}. Telltale is silent there, or \
+                     one of two Telltales. Where the other is wanted, write `publish: {{ diagnostics_agg: false, \
+                     toplevel_state: false }}`; to publish beside it, `diagnostics_agg: {{ beside_others: true }}`"
+                );
+            }
+            let other = words.as_deref().map(Box::from);
+            let news = Stamped { input: Input::Aggregator { other }, received: clock.now() };
+            // A full queue is tried again with the next look of discovery, a second later.
+            told = inputs.try_send(news).is_ok().then_some(words);
+        }
+        tokio::select! {
+            () = stopped(&mut end) => return,
+            changed = rivals.discovery.changed() => if changed.is_err() { return },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_of_two_telltales_goes_on_and_every_other_aggregator_is_left_alone() {
+        let other = |participant: &str| Endpoint { participant: participant.into(), ..Endpoint::default() };
+        for (own, theirs, expected) in [
+            ("0112aa", "0112bb", false),
+            ("0112bb", "0112aa", true),
+            ("0112aa", "0110ff", true),
+            ("0112aa", "010f00", true),
+        ] {
+            assert_eq!(yields_to(own, &other(theirs)), expected, "{own} and {theirs}");
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! Whether anybody listens to the requests that are published for the vehicle: what discovery knows
+//! of readers that would match.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::time::MissedTickBehavior;
+
+use super::{Ground, What};
+use crate::engine::input::{Input, ListenNews, Output, Stamped};
+use crate::engine::time::{Span, Timestamp};
+use crate::ros::Publisher;
+use crate::ros::outbox::stopped;
+
+const LOOK: Duration = Duration::from_millis(250);
+
+/// Who is there already is discovered within this.
+const DISCOVERED_WITHIN: Span = Span::from_secs(3);
+
+/// Tells the engine whenever it changes, until this participant's life is over.
+pub async fn watch(publisher: Arc<Publisher>, mut ground: Ground) {
+    let requests: Vec<(Output, Box<str>)> = ground.topics.iter().filter_map(request).collect();
+    let opened = ground.clock.now();
+    let mut told: BTreeMap<Output, bool> = BTreeMap::new();
+    let mut looks = tokio::time::interval(LOOK);
+    looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        tokio::select! {
+            () = stopped(&mut ground.end) => return,
+            _ = looks.tick() => {}
+        }
+        for (output, topic) in &requests {
+            let (type_name, quality) = What::Vehicle(*output).offer();
+            let heard = publisher.has_reader(topic, type_name, quality);
+            if is_news(heard, told.get(output).copied(), opened, ground.clock.now())
+                && tell(&ground, ListenNews { output: *output, topic: topic.clone(), heard })
+            {
+                told.insert(*output, heard);
+            }
+        }
+    }
+}
+
+fn request(topic: &super::OutputTopic) -> Option<(Output, Box<str>)> {
+    match topic.what {
+        What::Vehicle(output @ (Output::ManeuverStop | Output::Deceleration)) => {
+            Some((output, topic.topic.clone()))
+        }
+        _ => None,
+    }
+}
+
+/// In the beginning nobody may have been discovered yet.
+fn is_news(heard: bool, told: Option<bool>, opened: Timestamp, now: Timestamp) -> bool {
+    match told {
+        Some(before) => before != heard,
+        None => heard || now >= opened + DISCOVERED_WITHIN,
+    }
+}
+
+/// A full queue is asked again with the next look.
+fn tell(ground: &Ground, news: ListenNews) -> bool {
+    let ListenNews { topic, heard, .. } = &news;
+    match heard {
+        true => tracing::info!("the vehicle listens to {topic}"),
+        false => tracing::warn!("nobody listens to {topic}"),
+    }
+    let stamped = Stamped { input: Input::Listened(news), received: ground.clock.now() };
+    ground.inputs.try_send(stamped).is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_is_missed_before_discovery_had_its_time() {
+        let at = Timestamp::from_millis;
+        for (heard, told, now, news) in [
+            (false, None, 2_999, false),
+            (false, None, 3_000, true),
+            (true, None, 10, true),
+            (true, Some(true), 10, false),
+            (false, Some(true), 10, true),
+            (false, Some(false), 9_000, false),
+            (true, Some(false), 9_000, true),
+        ] {
+            assert_eq!(is_news(heard, told, at(0), at(now)), news, "{heard} {told:?} {now}");
+        }
+    }
+}

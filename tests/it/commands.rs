@@ -1,0 +1,134 @@
+//! `check` and `user` as programs and shells use them.
+
+use std::io::Write as _;
+use std::path::PathBuf;
+use std::process::{Command, Output, Stdio};
+
+use serde_json::{Value, json};
+
+fn telltale(words: &[&str], input: &str) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
+    command.args(words).env_remove("AMENT_PREFIX_PATH");
+    let mut child = command
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program can be run");
+    // It may end before it reads.
+    let _ = child.stdin.take().expect("it is piped").write_all(input.as_bytes());
+    child.wait_with_output().expect("it ends")
+}
+
+fn said(output: &Output) -> (String, String, Option<i32>) {
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (text(&output.stdout), text(&output.stderr), output.status.code())
+}
+
+fn problems(input: &str) -> (Value, Option<i32>) {
+    let (out, err, code) = said(&telltale(&["check", "--json", "-"], input));
+    assert_eq!(err, "", "{out}");
+    (serde_json::from_str(&out).expect("it is JSON"), code)
+}
+
+const GOOD: &str = "vehicle: { stages: none }\ngroups: [{ id: a, modules: [{ id: m, status: s }] }]\n";
+
+#[test]
+fn check_reads_standard_input_and_is_quiet_when_asked() {
+    let (out, err, code) = said(&telltale(&["check", "-"], GOOD));
+    assert!(out.contains("1 group, 1 module, 0 stops. No errors.") && err.is_empty(), "{out}{err}");
+    assert_eq!(code, Some(0));
+    assert_eq!(said(&telltale(&["check", "-q", "-"], GOOD)), (String::new(), String::new(), Some(0)));
+    let (out, err, code) = said(&telltale(&["check", "--quiet", "-"], "groups: 1\n"));
+    assert!(out.is_empty() && err.contains("standard input:1:9"), "{out}{err}");
+    assert_eq!(code, Some(2));
+}
+
+#[test]
+fn check_tells_programs_where_what_is_wrong() {
+    assert_eq!(problems(GOOD), (json!({ "ok": true, "problems": [], "more": 0, "assumed": [] }), Some(0)));
+    let (found, code) =
+        problems("groups:\n- id: a\n  modules:\n  - { id: m, status: s }\n  - { id: m, status: t }\n");
+    let place = |line: u32, column: u32, message: &str| json!({ "file": "standard input", "line": line, "column": column, "message": message });
+    let problem = json!({
+        "severity": "error", "file": "standard input", "line": 5, "column": 11,
+        "message": "module `a/m` is declared twice", "help": "rename or remove one of the two",
+        "also": [place(4, 11, "first here")],
+    });
+    assert_eq!(found, json!({ "ok": false, "problems": [problem], "more": 0, "assumed": [] }));
+    assert_eq!(code, Some(2));
+    // Nothing can fail in a group without members: a warning, with which a vehicle runs.
+    let dead = "vehicle: { stages: none }\nsignals: { s: { topic: /s, type: std_msgs/msg/Bool } }\ngroups:\n- { id: b, when: { signals: { s: true } }, modules: [{ id: n, when: { signals: { s: false } }, status: t }] }\n";
+    let (found, code) = problems(dead);
+    assert_eq!(
+        (&found["ok"], &found["problems"][0]["severity"]),
+        (&json!(true), &json!("warning")),
+        "{found}"
+    );
+    assert_eq!(code, Some(0));
+    let (out, _, code) = said(&telltale(&["check", "--json", "/nowhere.yaml"], ""));
+    let found: Value = serde_json::from_str(&out).expect("it is JSON");
+    assert_eq!((&found["problems"][0]["line"], code), (&Value::Null, Some(2)), "{found}");
+    assert_eq!(found["problems"][0]["file"], "/nowhere.yaml");
+    let quietly = |input| said(&telltale(&["check", "--json", "-q", "-"], input));
+    assert_eq!(quietly(GOOD), (String::new(), String::new(), Some(0)), "nothing where nothing is wrong");
+    let (out, _, code) = quietly("groups: 1\n");
+    let found: Value = serde_json::from_str(&out).expect("it is JSON");
+    assert_eq!((found["problems"].as_array().map(Vec::len), code), (Some(1), Some(2)), "{found}");
+}
+
+#[test]
+fn check_says_what_it_assumes_of_a_type_that_is_left_out() {
+    let text = GOOD.replace("groups:", "signals: { s: { topic: /b, field: percentage, when: value < 0.2 }, t: { topic: /c, present_for: 1s } }\ngroups:");
+    let sentence =
+        "/b is read as the type that its publisher says; that it has `percentage` cannot be checked before";
+    let (out, _, code) = said(&telltale(&["check", "-"], &text));
+    assert!(out.contains(&format!("Assumed: {sentence}.\n")), "{out}");
+    assert!(
+        out.contains("signal s: true if `value < 0.2` with value = percentage of /b (type as published)\n"),
+        "{out}"
+    );
+    assert_eq!(code, Some(0));
+    assert_eq!(
+        problems(&text).0["assumed"],
+        json!([sentence, "/c is read as the type that its publisher says"])
+    );
+}
+
+#[test]
+fn types_that_are_not_known_are_said_with_all_else() {
+    let (found, _) = problems(
+        "signals: { s: { topic: /s, type: my_msgs/msg/Thing, field: x } }\ngroups:\n- id: a\n  colour: red\n  modules:\n  - { id: m, monitor: { value: { topic: /t, type: my_msgs/msg/Other, field: y, error_above: 1 } } }\n  - { id: n, monitor: { value: { topic: /u, type: Wrong, field: y, error_above: 1 } } }\n",
+    );
+    let found: Vec<String> = found["problems"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|it| format!("{}: {}", it["line"], it["message"].as_str().unwrap()))
+        .collect();
+    let expected = [
+        "1: topic /s: the type my_msgs/msg/Thing",
+        "4: unknown key `colour`",
+        "6: topic /t: the type my_msgs/msg/Other",
+        "7: `Wrong` is no message type",
+    ];
+    assert_eq!(found.len(), expected.len(), "{found:#?}");
+    for (found, expected) in found.iter().zip(expected) {
+        assert!(found.starts_with(expected), "{found} is not {expected}");
+    }
+}
+
+#[test]
+fn users_are_listed_for_programs() {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("commands-users");
+    let _ = std::fs::remove_dir_all(&folder);
+    let data = folder.to_str().expect("the path is text");
+    let secret = "a long enough secret\na long enough secret\n";
+    let added = telltale(&["user", "add", "dora", "--role", "developer", "--data", data], secret);
+    assert_eq!(added.status.code(), Some(0), "{added:?}");
+    let (out, _, code) = said(&telltale(&["user", "list", "--json", "--data", data], ""));
+    let users: Value = serde_json::from_str(&out).expect("it is JSON");
+    assert_eq!((&users[0]["name"], &users[0]["role"], code), (&json!("dora"), &json!("developer"), Some(0)));
+    let created = users[0]["created"].as_str().expect("it has a date");
+    assert!(users.as_array().is_some_and(|all| all.len() == 1) && created.ends_with('Z'), "{users}");
+}

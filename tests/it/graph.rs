@@ -1,0 +1,103 @@
+//! How this program stands in the graph of ROS 2, beside others who publish the same.
+
+use std::time::Duration;
+
+use serde_json::Value;
+use telltale::engine::input::Input;
+
+use crate::driving::Published;
+use crate::peer::{Domain, PATIENCE, Peer, Vendor};
+
+with_each_peer!(
+    what_is_published_belongs_to_a_node_that_its_participant_announces,
+    another_aggregator_is_told_of_and_left_alone_until_it_is_gone,
+    of_two_telltales_one_publishes,
+);
+
+async fn what_is_published_belongs_to_a_node_that_its_participant_announces(vendor: Vendor) {
+    let domain = Domain::of(vendor);
+    let mut listener = Peer::start(
+        &domain,
+        "--durability transient_local sub --topic ros_discovery_info=ParticipantEntitiesInfo",
+    );
+    let published = Published::start(&domain).await;
+    let ours = loop {
+        let line = listener.next().expect("our node is announced");
+        if line["value"]["nodes"][0]["name"] == "telltale_outputs" {
+            break line["value"].clone();
+        }
+    };
+    let prefix = &ours["gid"].as_str().expect("hexadecimal digits")[..24];
+    let writers = ours["nodes"][0]["writers"].as_array().expect("gids");
+    assert_eq!(writers.len(), 7, "one for each topic");
+    assert!(writers.iter().all(|gid| gid.as_str().is_some_and(|gid| gid.starts_with(prefix))), "{ours}");
+
+    // The page of topics names the node, too.
+    let mut discovery = published.bridge.discovery();
+    let named = discovery.wait_for(|seen| {
+        let clearance = seen.topics.iter().find(|topic| topic.name == "/telltale/clearance");
+        let publisher = clearance.and_then(|topic| topic.publishers.first());
+        publisher.is_some_and(|it| it.ours && it.node.as_deref() == Some("/telltale_outputs"))
+    });
+    tokio::time::timeout(PATIENCE, named).await.expect("in time").expect("the bridge lives");
+    let both = discovery.wait_for(|seen| seen.nodes == ["/telltale", "/telltale_outputs"]);
+    tokio::time::timeout(PATIENCE, both).await.expect("in time").expect("the bridge lives");
+    published.outputs.shutdown().await;
+    published.bridge.shutdown().await;
+}
+
+/// What the engine is told next of other aggregators.
+async fn told(published: &mut Published) -> Option<Box<str>> {
+    let told = async {
+        loop {
+            if let Input::Aggregator { other } = published.news.recv().await.expect("it lives").input {
+                return other;
+            }
+        }
+    };
+    tokio::time::timeout(PATIENCE, told).await.expect("the engine is told in time")
+}
+
+/// The trees that come in a while.
+async fn trees(listener: &mut Peer, seconds: u64) -> Vec<Value> {
+    listener.so_far();
+    tokio::time::sleep(Duration::from_secs(seconds)).await;
+    listener.so_far()
+}
+
+async fn another_aggregator_is_told_of_and_left_alone_until_it_is_gone(vendor: Vendor) {
+    let domain = Domain::of(vendor);
+    let mut published = Published::start(&domain).await;
+    assert_eq!(told(&mut published).await, None);
+    let mut listener = Peer::start(&domain, "sub --topic rt/diagnostics_agg=DiagnosticArray");
+    listener.expect("value");
+    let other = Peer::start(&domain, "pub --topic rt/diagnostics_agg");
+    let words = told(&mut published).await.expect("who it is");
+    assert!(words.starts_with("/diagnostics_agg by participant "), "{words}");
+    // One may have been on its way; three would have come.
+    let heard = trees(&mut listener, 3).await;
+    assert!(heard.len() <= 1, "{} in three seconds", heard.len());
+    // Another topic of the same name but of another type is no aggregator.
+    let stranger = Peer::start(&domain, "pub --topic rt/diagnostics_agg --type String");
+    other.end();
+    assert_eq!(told(&mut published).await, None);
+    listener.expect("value");
+    drop(stranger);
+    published.outputs.shutdown().await;
+    published.bridge.shutdown().await;
+}
+
+async fn of_two_telltales_one_publishes(vendor: Vendor) {
+    let domain = Domain::of(vendor);
+    let (mut first, mut second) = (Published::start(&domain).await, Published::start(&domain).await);
+    let mut listener = Peer::start(&domain, "sub --topic rt/diagnostics_agg=DiagnosticArray");
+    while told(&mut first).await.is_none() {}
+    while told(&mut second).await.is_none() {}
+    listener.expect("value");
+    let heard = trees(&mut listener, 4).await.len();
+    assert!((2..=6).contains(&heard), "{heard} in four seconds, at one a second");
+    for published in [first, second] {
+        published.outputs.shutdown().await;
+        published.bridge.shutdown().await;
+    }
+}

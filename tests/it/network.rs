@@ -1,0 +1,97 @@
+//! Two machines that multicast does not join: two network namespaces with a cable between them.
+
+use std::process::Command;
+use std::sync::Arc;
+use std::time::Duration;
+
+use telltale::engine::discovery::Discovery;
+use telltale::engine::input::StatusArray;
+use telltale::ros::{BridgeOptions, Interface, Publisher};
+
+use crate::dds::{Reading, one};
+use crate::peer::{Domain, PATIENCE, Peer};
+
+/// The process that holds the namespace of the other machine.
+const OTHER: &str = "TELLTALE_TEST_OTHER_MACHINE";
+
+/// After so long a peer that says nothing is gone.
+const LEASE_S: u64 = 2;
+
+/// Lays the cable and runs the test at its first end.
+const CABLE: &str = r#"
+set -e
+ip link set lo up
+unshare --net sleep 300 & other=$!
+trap 'kill $other' EXIT
+until [ "$(readlink /proc/$other/ns/net)" != "$(readlink /proc/self/ns/net)" ]; do sleep 0.05; done
+ip link add here type veth peer name there
+ip link set there netns $other
+ip addr add 10.77.0.1/24 dev here
+ip link set here multicast off up
+nsenter --target $other --net sh -c '
+    ip link set lo up
+    ip addr add 10.77.0.2/24 dev there
+    ip link set there multicast off up'
+TELLTALE_TEST_OTHER_MACHINE=$other "$1" network::a_host_without_multicast_is_reached_by_its_address_alone --exact --nocapture
+"#;
+
+/// Lays the cable and runs itself at one end of it.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_host_without_multicast_is_reached_by_its_address_alone() {
+    if let Ok(other) = std::env::var(OTHER) {
+        return of_the_two_machines(&other).await;
+    }
+    let this = std::env::current_exe().expect("it runs");
+    // Root may lay cables; others in a user namespace of their own.
+    let may = Command::new("unshare").args(["--net", "true"]).status().expect("unshare is there").success();
+    let own: &[&str] = if may { &["--net"] } else { &["--user", "--map-root-user", "--net"] };
+    let ran = Command::new("unshare").args(own).args(["sh", "-c", CABLE, "sh"]).arg(this).status();
+    assert!(ran.expect("unshare is there").success(), "see above; it needs iproute2 and network namespaces");
+}
+
+async fn of_the_two_machines(other: &str) {
+    let there = ["nsenter", "--target", other, "--net"];
+    let domain = Domain::take();
+    let without = BridgeOptions { interface: Interface::All, ..BridgeOptions::loopback(domain.id) };
+    let with = BridgeOptions { peers: vec!["10.77.0.2".into()], ..without.clone() };
+    let mut peer = Peer::start_by(&domain, &there, &format!("--interface there --lease-s {LEASE_S} pub"));
+    let is_found = |seen: &Arc<Discovery>| {
+        seen.topics.iter().any(|topic| topic.name == "/diagnostics" && !topic.publishers.is_empty())
+    };
+
+    let blind = Reading::with(without).await;
+    let mut reading = Reading::with(with.clone()).await;
+    peer.wait_matched(1);
+    peer.write(&one("first"));
+    reading.status("first").await;
+    let mut discovery = reading.bridge.discovery();
+    tokio::time::timeout(PATIENCE, discovery.wait_for(is_found)).await.expect("in time").expect("it lives");
+    // Longer than the lease of the peer: both go on to say that they live.
+    tokio::time::sleep(Duration::from_secs(2 * LEASE_S)).await;
+    peer.wait_matched(1);
+    peer.write(&one("later"));
+    reading.status("later").await;
+    reading.bridge.shutdown().await;
+    // It had as long as the other one, and multicast would have found the peer.
+    assert!(!is_found(&blind.bridge.discovery().borrow()), "it was found without its address");
+    blind.bridge.shutdown().await;
+
+    let mut listener =
+        Peer::start_by(&domain, &there, "--interface there sub --topic rt/diagnostics=DiagnosticArray");
+    let publisher = Publisher::open(&with, &[]).await.expect("the publisher starts");
+    let mut array = StatusArray::default();
+    array.push_status(0, "ours", "fine", "");
+    let published = async {
+        loop {
+            publisher.diagnostics(&array, std::time::UNIX_EPOCH).await.expect("nobody holds it back");
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+    };
+    tokio::select! {
+        heard = tokio::task::spawn_blocking(move || listener.expect("value")) => {
+            assert_eq!(heard.expect("it is heard")["value"]["statuses"][0]["name"], "ours");
+        }
+        () = published => {}
+    }
+    publisher.shutdown().await;
+}

@@ -1,0 +1,147 @@
+//! Requests that nobody hears: they are never said to be sent, and go out once somebody listens.
+
+use std::sync::Arc;
+
+use telltale::config::{self, Loaded};
+use telltale::engine::Engine;
+use telltale::engine::countermeasure::Kind;
+use telltale::engine::input::{Input, ListenNews, OperatorAction, Output, Refusal, Response, StatusArray};
+use telltale::engine::model::Stage;
+use telltale::engine::snapshot::{MeasureState, Snapshot, Unreached};
+use telltale::engine::state::State;
+use telltale::engine::time::{Span, Timestamp};
+
+const CONFIG: &str = "
+signals:
+  active: { topic: /mission/active, type: std_msgs/msg/Bool }
+  stopping: { topic: /stopping, type: std_msgs/msg/Bool }
+groups:
+  - { id: sensors, modules: [{ id: lidar, status: lidar, timeout: 1h }] }
+countermeasures:
+  - { request: maneuver_stop, when: { groups: [sensors] }, confirmed_by: { signal: stopping }, within: 1s }
+";
+const TOPIC: &str = "/telltale/maneuver_stop_request";
+
+struct Vehicle {
+    engine: Engine,
+    now: Timestamp,
+}
+
+impl Vehicle {
+    fn of(text: &str, stage: Stage) -> Vehicle {
+        let Loaded { model, .. } = config::parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
+        let mut engine = Engine::new(model, Timestamp::ZERO);
+        engine.start_in(stage);
+        let mut vehicle = Vehicle { engine, now: Timestamp::ZERO };
+        vehicle.report(0);
+        vehicle
+    }
+
+    fn driving() -> Vehicle {
+        Vehicle::of(CONFIG, Stage::Active)
+    }
+
+    fn input(&mut self, input: &Input) -> Response {
+        self.now = self.now + Span::from_millis(10);
+        self.engine.handle(input, self.now)
+    }
+
+    fn report(&mut self, level: u8) {
+        let mut array = StatusArray::default();
+        array.push_status(level, "lidar", "said so", "");
+        self.input(&Input::Diagnostics(array));
+    }
+
+    fn listeners(&mut self, heard: bool) -> Arc<Snapshot> {
+        let news = ListenNews { output: Output::ManeuverStop, topic: TOPIC.into(), heard };
+        self.input(&Input::Listened(news));
+        self.engine.snapshot()
+    }
+
+    fn pass(&mut self, seconds: u64) -> Arc<Snapshot> {
+        self.now = self.now + Span::from_secs(seconds);
+        self.engine.handle(&Input::Tick, self.now);
+        self.engine.snapshot()
+    }
+}
+
+/// What the diagnosis says of what it publishes.
+fn outputs(snapshot: &Snapshot) -> (State, String) {
+    let node = snapshot.node("telltale/outputs").unwrap();
+    let telltale::engine::model::NodeId::Module(id) = node else { panic!("{node:?}") };
+    let (_, module) = snapshot.module(id);
+    (module.state, module.says(snapshot.now).into_owned())
+}
+
+#[test]
+fn a_request_that_nobody_hears_is_an_error_of_its_own_until_somebody_does() {
+    for by_operator in [true, false] {
+        let mut vehicle = Vehicle::driving();
+        let calm = vehicle.listeners(false);
+        assert_eq!(calm.unreached(Output::ManeuverStop), Some(Unreached::Unheard));
+        assert_eq!((outputs(&calm).0, calm.alarms.len()), (State::Ok, 0), "nothing is asked for");
+        match by_operator {
+            true => assert_eq!(vehicle.input(&Input::Operator(OperatorAction::RequestStop)), Response::Done),
+            false => vehicle.report(2),
+        }
+        let asked = vehicle.pass(0);
+        assert_eq!(asked.countermeasure().unwrap().state, MeasureState::Unconfirmed);
+        assert_eq!(outputs(&asked), (State::Error, format!("nobody listens to {TOPIC}")));
+        let own = asked.node("telltale/countermeasure").unwrap();
+        assert_eq!(asked.shown(own).0, State::Ok, "that it is not confirmed follows");
+        assert!(asked.maneuver_stop(), "it is published all the same: the last value waits for a reader");
+        let later = vehicle.pass(60);
+        assert_eq!(
+            later.alarms.iter().filter(|it| it.node == later.node("telltale/outputs").unwrap()).count(),
+            1
+        );
+
+        let heard = vehicle.listeners(true);
+        assert_eq!((heard.unreached.len(), outputs(&heard).0), (0, State::Ok));
+        vehicle.input(&Input::Signal { name: "stopping".into(), value: true });
+        assert_eq!(vehicle.pass(0).countermeasure().unwrap().state, MeasureState::Engaged);
+        assert_eq!(outputs(&vehicle.listeners(false)).0, State::Error, "the reader went away");
+    }
+}
+
+#[test]
+fn a_vehicle_that_hears_no_stop_gets_no_clearance() {
+    let refusals = |text: &str, heard: bool| {
+        let mut vehicle = Vehicle::of(text, Stage::Standby);
+        let refusals = vehicle.listeners(heard).clearance_refusals.to_vec();
+        refusals.into_iter().filter(|it| matches!(it, Refusal::NobodyListens(_))).collect::<Vec<_>>()
+    };
+    assert_eq!(refusals(CONFIG, false), [Refusal::NobodyListens(Kind::ManeuverStop)]);
+    assert_eq!(refusals(CONFIG, true), []);
+    // The operator may ask for a stop where no rule does.
+    let without_rules = CONFIG.split("countermeasures").next().unwrap();
+    assert_eq!(refusals(without_rules, false), [Refusal::NobodyListens(Kind::ManeuverStop)]);
+    let off = format!("{without_rules}publish: {{ maneuver_stop_request: false }}\n");
+    assert_eq!(refusals(&off, false), [], "whoever switched it off stops it in another way");
+}
+
+#[test]
+fn a_stop_that_is_not_published_is_refused_and_check_warns_of_it() {
+    let without_rules = CONFIG.split("countermeasures").next().unwrap();
+    let text = format!("{without_rules}publish: {{ maneuver_stop_request: false }}\n");
+    let mut vehicle = Vehicle::of(&text, Stage::Active);
+    let refused = vehicle.input(&Input::Operator(OperatorAction::RequestStop));
+    assert_eq!(refused, Response::Refused(vec![Refusal::StopNotPublished]));
+    let shown = vehicle.pass(1);
+    assert_eq!(shown.unreached(Output::ManeuverStop), Some(Unreached::Unpublished));
+    assert_eq!((shown.countermeasures.len(), outputs(&shown).0), (0, State::Ok));
+
+    let warnings = |text: &str| {
+        let loaded = config::parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
+        loaded.soundness().1.map_or_else(Vec::new, |problems| problems.lines())
+    };
+    assert_eq!(
+        warnings(&text),
+        [
+            "c:7:35: the vehicle drives, and no request to stop is published: the operator's page offers no stop \
+          (remove the line, or make sure that it can be stopped in another way)"
+        ]
+    );
+    assert_eq!(warnings(without_rules), [""; 0]);
+    assert_eq!(warnings(&format!("vehicle: {{ stages: none }}{text}")), [""; 0]);
+}
