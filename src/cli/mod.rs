@@ -12,6 +12,7 @@ pub mod fields;
 mod graph;
 mod history;
 mod log;
+mod mend;
 mod outputs;
 pub mod reload;
 mod scenario;
@@ -48,6 +49,7 @@ enum Command {
     User(user::Args),
     History(history::Args),
     Audit(audit::Args),
+    Data(mend::Args),
     Tls(tls::Args),
 }
 
@@ -64,6 +66,7 @@ pub fn main() -> ExitCode {
         Command::User(args) => user::run(&args),
         Command::History(args) => history::run(&args),
         Command::Audit(args) => audit::run(&args),
+        Command::Data(args) => mend::run(&args),
         Command::Tls(args) => tls::run(&args),
     };
     result.unwrap_or_else(|error| {

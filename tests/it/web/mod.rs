@@ -3,6 +3,7 @@
 mod access;
 mod audit;
 mod bounds;
+mod broken;
 mod developer;
 mod durable;
 mod fixture;
