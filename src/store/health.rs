@@ -352,6 +352,8 @@ mod tests {
             let code = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_CORRUPT);
             Err::<(), _>(StoreError::Database(rusqlite::Error::SqliteFailure(code, None)))
         };
+        // The next one by itself is not due for a while.
+        assert_eq!(probe(&store).await, None);
         store.call(move |_| damage()).await.unwrap_err();
         assert!(store.fault.borrow().is_some());
         assert_eq!(probe(&store).await, None, "it was looked through and is whole");
