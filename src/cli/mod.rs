@@ -27,6 +27,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use crate::ros;
+
 /// The answer is no: an expectation fails, a chain is broken.
 pub const EXIT_NO: u8 = 1;
 /// Wrong usage or configuration. clap ends with the same code.
@@ -51,6 +53,12 @@ enum Command {
     Audit(audit::Args),
     Data(mend::Args),
     Tls(tls::Args),
+    /// The part of `serve`, `demo` and `sim` that speaks DDS; they start it.
+    #[command(hide = true)]
+    DdsProcess {
+        parent: u32,
+        megabytes: u64,
+    },
 }
 
 /// Runs the program with the arguments of the process. An error that no subcommand turned into
@@ -68,6 +76,10 @@ pub fn main() -> ExitCode {
         Command::Audit(args) => audit::run(&args),
         Command::Data(args) => mend::run(&args),
         Command::Tls(args) => tls::run(&args),
+        Command::DdsProcess { parent, megabytes } => {
+            log::start("warn");
+            Ok(ros::dds_process(parent, megabytes))
+        }
     };
     result.unwrap_or_else(|error| {
         eprintln!("telltale: {error:#}");
