@@ -24,6 +24,7 @@ mod raw;
 mod readers;
 mod ros_clock;
 mod session;
+mod speakers;
 mod step;
 mod subscription;
 mod topic;
