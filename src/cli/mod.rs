@@ -26,6 +26,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use crate::ros;
+
 /// The answer is no: an expectation fails, a chain is broken.
 pub const EXIT_NO: u8 = 1;
 /// Wrong usage or configuration. clap ends with the same code.
@@ -49,6 +51,12 @@ enum Command {
     History(history::Args),
     Audit(audit::Args),
     Tls(tls::Args),
+    /// The part of `serve`, `demo` and `sim` that speaks DDS; they start it.
+    #[command(hide = true)]
+    DdsProcess {
+        parent: u32,
+        megabytes: u64,
+    },
 }
 
 /// Runs the program with the arguments of the process. An error that no subcommand turned into
@@ -65,6 +73,10 @@ pub fn main() -> ExitCode {
         Command::History(args) => history::run(&args),
         Command::Audit(args) => audit::run(&args),
         Command::Tls(args) => tls::run(&args),
+        Command::DdsProcess { parent, megabytes } => {
+            log::start("warn");
+            Ok(ros::dds_process(parent, megabytes))
+        }
     };
     result.unwrap_or_else(|error| {
         eprintln!("telltale: {error:#}");

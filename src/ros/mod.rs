@@ -10,6 +10,7 @@ pub mod fields;
 mod graph;
 mod interfaces;
 mod learning;
+mod library;
 mod lookup;
 pub mod messages;
 mod nodes;
@@ -38,8 +39,9 @@ use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
 
 pub use interfaces::{Address, addresses};
+pub use library::process as dds_process;
 pub use nodes::Nodes;
-pub use options::{BridgeOptions, DOMAIN_MAX, Interface, OptionsError};
+pub use options::{BridgeOptions, DOMAIN_MAX, DdsProcess, Interface, OptionsError};
 pub use publisher::{PublishError, Publisher, Quality};
 pub use subscription::{DIAGNOSTICS, SubscriptionError};
 
@@ -50,6 +52,7 @@ use crate::engine::model::Model;
 use fields::Definitions;
 use futures_util::FutureExt as _;
 use graph::{Siblings, Tallies};
+use library::Participant;
 use messages::GidSize;
 use outbox::{End, stopped};
 use probe::Kennel;
@@ -115,7 +118,7 @@ pub async fn start(
     clock: Clock,
 ) -> Result<Bridge, BridgeError> {
     let (plan, planned) = watch::channel(Arc::new(Plan::of(model, &options.definitions)?));
-    let participant = session::open(&options).await?;
+    let participant = Participant::open(&options).await?;
     let (stop, stopping) = watch::channel(false);
     let (rebuild, rebuilding) = watch::channel(0);
     let definitions = options.definitions.clone();
@@ -195,19 +198,22 @@ impl Bridge {
     }
 }
 
-async fn run(mut participant: rustdds::DomainParticipant, ground: Ground) {
+async fn run(mut participant: Participant, ground: Ground) {
     let mut legacy = Legacy::default();
     loop {
         let started = ground.clock.now();
         let end = session::run(&participant, &ground, &mut legacy).await;
-        let closed = session::close(participant);
+        let closed = participant.close();
         match end {
-            End::Rebuild(reason) => tracing::warn!("the DDS participant is replaced: {reason}"),
-            End::Stopped | End::NobodyListens => {
-                // A panic there was in the library, and the participant is gone either way.
-                let _ = closed.await;
-                return;
+            End::Rebuild(reason) => {
+                tracing::warn!("the DDS participant is replaced: {reason}");
+                tokio::spawn(closed);
             }
+            End::Lost(reason) => {
+                tracing::error!("the DDS process is ill and is replaced: {reason}");
+                tokio::spawn(closed);
+            }
+            End::Stopped | End::NobodyListens => return closed.await,
         }
         let lived = Duration::from_nanos(ground.clock.now().since(started).as_nanos());
         match reopen(&ground, RETRY.saturating_sub(lived)).await {
@@ -218,7 +224,7 @@ async fn run(mut participant: rustdds::DomainParticipant, ground: Ground) {
 }
 
 /// Tries after `pause` until there is a participant again, or the bridge is to end.
-async fn reopen(ground: &Ground, mut pause: Duration) -> Option<rustdds::DomainParticipant> {
+async fn reopen(ground: &Ground, mut pause: Duration) -> Option<Participant> {
     let mut stop = ground.stop.clone();
     let mut told = false;
     loop {
@@ -227,7 +233,7 @@ async fn reopen(ground: &Ground, mut pause: Duration) -> Option<rustdds::DomainP
             () = stopped(&mut stop) => return None,
             () = tokio::time::sleep(pause) => {}
         }
-        match session::open(&ground.options).await {
+        match Participant::open(&ground.options).await {
             Ok(participant) => return Some(participant),
             Err(error) if !told => {
                 tracing::error!("no DDS for now, trying again: {error}");

@@ -159,7 +159,7 @@ async fn open(options: &BridgeOptions, topics: &Arc<[OutputTopic]>) -> Result<Pu
         let (type_name, quality) = what.offer();
         publisher.offer(topic, type_name, quality)?;
     }
-    publisher.offer_announcements()?;
+    publisher.offer_announcements();
     Ok(publisher)
 }
 
@@ -237,12 +237,12 @@ async fn look_after(
         tokio::select! {
             () = stopped(stop) => return,
             Ok(()) = wanted.changed() => return,
+            reason = publisher.stopped() => {
+                tracing::error!("the DDS process that publishes is ill and is replaced: {reason}");
+                return;
+            }
             _ = looks.tick() => {
                 look += 1;
-                if publisher.has_stopped() {
-                    tracing::warn!("the DDS participant that publishes is replaced: its threads have ended");
-                    return;
-                }
                 // An error to list the interfaces says nothing about them.
                 if look.is_multiple_of(4) && interfaces::addresses().is_ok_and(|now| addresses.look(&now)) {
                     tracing::warn!("the DDS participant that publishes is replaced: the addresses have changed");
