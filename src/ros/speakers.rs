@@ -5,9 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-use rustdds::DomainParticipant;
 use tokio::sync::{mpsc, watch};
 
+use super::library::Participant;
 use super::messages::{self, DIAGNOSTIC_ARRAY};
 use super::nodes::Nodes;
 use super::outbox::stopped;
@@ -79,7 +79,7 @@ impl Speakers {
 
 /// Looks until it is stopped, or nobody takes the inputs any more.
 pub async fn run(
-    participant: DomainParticipant,
+    participant: Participant,
     nodes: watch::Receiver<Nodes>,
     inputs: mpsc::Sender<Stamped>,
     clock: Clock,
@@ -105,10 +105,10 @@ pub async fn run(
     }
 }
 
-fn writers(participant: &DomainParticipant) -> BTreeSet<Guid> {
-    let found = participant.discovered_writers().into_iter().map(|found| found.publication_topic_data);
-    let speak = found.filter(|writer| messages::ros_type_name(&writer.type_name) == DIAGNOSTIC_ARRAY);
-    speak.map(|writer| writer.key.to_bytes()).collect()
+fn writers(participant: &Participant) -> BTreeSet<Guid> {
+    let seen = participant.seen();
+    let speak = seen.writers().filter(|found| messages::ros_type_name(&found.type_name) == DIAGNOSTIC_ARRAY);
+    speak.map(|found| found.guid).collect()
 }
 
 #[cfg(test)]

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use crate::dds::{Reading, one};
+use crate::peer::{Domain, Peer, Vendor};
 use telltale::config;
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, NodeOf, StatusArray, WriterId, WriterList};
@@ -291,3 +293,30 @@ fn a_reload_forgets_nobody() {
     assert_eq!(vehicle.dispute(3002), before);
     assert_eq!(vehicle.dispute(30_000), None);
 }
+
+async fn each_status_has_its_writer_and_discovery_knows_them(vendor: Vendor) {
+    let domain = Domain::of(vendor);
+    let mut reading = Reading::start(&domain).await;
+    let mut peers = [Peer::start(&domain, "pub"), Peer::start(&domain, "pub")];
+    let mut writers = Vec::new();
+    for (name, peer) in ["first", "second"].into_iter().zip(&mut peers) {
+        peer.wait_matched(1);
+        peer.write(&one(name));
+        writers.push(reading.status(name).await.writer());
+    }
+    assert_ne!(writers[0], writers[1]);
+    writers.sort_unstable();
+    let listed = |input: &Input, wanted: &[WriterId]| match input {
+        Input::Writers(list) => {
+            list.writers.keys().copied().eq(wanted.iter().copied()).then_some(list.complete)
+        }
+        _ => None,
+    };
+    reading.until("a list of both", |input| listed(input, &writers)).await;
+    peers.into_iter().for_each(Peer::end);
+    // In the first seconds others may be found still: then nobody is gone for good.
+    reading.until("that both are gone", |input| listed(input, &[]).filter(|complete| *complete)).await;
+    reading.bridge.shutdown().await;
+}
+
+with_each_peer!(each_status_has_its_writer_and_discovery_knows_them);
