@@ -137,7 +137,8 @@ impl Line {
             let (work, router) = (self.place.work(), self.router.clone());
             async move {
                 // Whoever gave the place away ends before this does.
-                let Some(_work) = work else { return std::future::pending().await };
+                let Some(work) = work else { return std::future::pending().await };
+                request.extensions_mut().insert(work.standing());
                 router.oneshot(request).await
             }
         });

@@ -29,6 +29,7 @@ mod seat;
 mod socket;
 mod state;
 mod steps;
+mod stops;
 pub mod text;
 mod throttle;
 mod tls;

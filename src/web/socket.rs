@@ -3,27 +3,31 @@
 //! Each connection holds at most the latest state and sends one message at a time, so a slow
 //! one skips what lies between and delays nobody. It ends with its session, at once.
 
+use std::net::IpAddr;
 use std::time::Duration;
 
 use axum::extract::rejection::QueryRejection;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{CloseFrame, Message, Utf8Bytes, WebSocket, WebSocketUpgrade, close_code};
-use axum::extract::{Query, State};
+use axum::extract::{Extension, Query, State};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use tokio::sync::watch;
+use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
 
 use super::answer::{Reader, refusal};
 use super::displays::Place;
 use super::frame;
 use super::guard::SignedIn;
+use super::login::{Peer, source_of};
 use super::pace::Pace;
 use super::state::{AppState, turned};
+use super::vehicle::{StopForm, Tap};
 use super::view::Lang;
 use super::wording::Trouble;
 use crate::runtime::Published;
-use crate::store::Session;
+use crate::store::{Role, Session};
 
 /// The largest message that a client may send.
 pub const INBOUND_BYTES_MAX: usize = 16 * 1024;
@@ -38,6 +42,8 @@ const SEND_TIMEOUT: Duration = Duration::from_secs(5);
 /// What stands behind the tiles has more time.
 const DETAILS_EVERY: Duration = Duration::from_millis(500);
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
+/// Taps on STOP of one page that may wait for their answer.
+const STOPS_AT_ONCE: usize = 4;
 
 #[derive(Debug, Deserialize)]
 pub struct PageQuery {
@@ -47,6 +53,7 @@ pub struct PageQuery {
 /// `GET /ws`
 pub async fn page(
     State(app): State<AppState>,
+    peer: Option<Extension<Peer>>,
     SignedIn(session): SignedIn,
     reader: Reader,
     query: Result<Query<PageQuery>, QueryRejection>,
@@ -54,7 +61,8 @@ pub async fn page(
 ) -> Response {
     let asked = query.ok().and_then(|Query(query)| query.lang);
     let lang = asked.as_deref().and_then(Lang::from_word).unwrap_or(reader.lang);
-    open(app, session, &reader, upgrade, Feed::Page { lang, shown: None, details: 0 })
+    let source = source_of(peer.map(|Extension(peer)| peer));
+    open(app, session, &reader, upgrade, Feed::Page { lang, source, shown: None, details: 0 })
 }
 
 /// `GET /api/v1/stream`
@@ -100,7 +108,7 @@ fn open(
     let upgrade = upgrade.max_message_size(INBOUND_BYTES_MAX).max_frame_size(INBOUND_BYTES_MAX);
     upgrade.on_upgrade(move |socket| async move {
         let line = Line { socket, session, pings_unanswered: 0 };
-        Connection { app, line, feed, place, seq: 0, beat: 0 }.run().await;
+        Connection { app, line, feed, place, seq: 0, beat: 0, stops: JoinSet::new() }.run().await;
     })
 }
 
@@ -109,7 +117,7 @@ fn open(
 enum Feed {
     /// Fragments of the operator's page: `shown` is the revision that was sent last, and `details`
     /// that of what stands behind the tiles.
-    Page { lang: Lang, shown: Option<u64>, details: u64 },
+    Page { lang: Lang, source: IpAddr, shown: Option<u64>, details: u64 },
     /// Whole snapshots as JSON.
     Snapshots,
     /// Beats alone, which say what there is to ask for.
@@ -132,6 +140,8 @@ struct Connection {
     seq: u64,
     /// The number of the beat that was sent last.
     beat: u64,
+    /// Taps on STOP that are not answered yet.
+    stops: JoinSet<Utf8Bytes>,
 }
 
 /// Why a connection ends.
@@ -191,6 +201,10 @@ impl Connection {
                     self.hear(received)?;
                     false
                 }
+                Some(Ok(answer)) = self.stops.join_next() => {
+                    self.line.send(Message::Text(answer)).await?;
+                    false
+                }
                 _ = details.tick(), if self.feed.is_paced() => {
                     details_due = is_paused;
                     if !is_paused {
@@ -220,7 +234,7 @@ impl Connection {
     /// Sends what this client does not have yet, if there is any.
     async fn show(&mut self, published: &Published) -> Result<bool, Ending> {
         match &mut self.feed {
-            Feed::Page { lang, shown, details } => {
+            Feed::Page { lang, shown, details, .. } => {
                 let frame = self.app.frames.html(published, *lang, &self.app.trends);
                 let message = match *shown {
                     Some(shown) => frame.since(shown),
@@ -244,7 +258,7 @@ impl Connection {
 
     /// What stands behind the tiles, and with it all else that is new.
     async fn show_details(&mut self, published: &Published) -> Result<bool, Ending> {
-        let Feed::Page { lang, shown: Some(shown), details } = &mut self.feed else { return Ok(false) };
+        let Feed::Page { lang, shown: Some(shown), details, .. } = &mut self.feed else { return Ok(false) };
         let frame = self.app.frames.html(published, *lang, &self.app.trends);
         let message = frame.since_with_details(*shown, *details);
         (*shown, *details) = (frame.revision(), frame.revision());
@@ -278,8 +292,11 @@ impl Connection {
         match (message, &self.feed) {
             (Message::Ping(_) | Message::Pong(_), _) => Ok(()),
             (Message::Close(_), _) => Err(Ending::Gone),
-            (Message::Text(text), Feed::Page { .. }) => {
-                let said: Shown = serde_json::from_str(&text).map_err(|_| Ending::Nonsense)?;
+            (Message::Text(text), Feed::Page { lang, source, .. }) => {
+                let said = match serde_json::from_str(&text).map_err(|_| Ending::Nonsense)? {
+                    Said::Stop { stop } => return self.stop(stop, *source, *lang),
+                    Said::Shown(said) => said,
+                };
                 if said.shown.is_some_and(|seq| seq > self.seq) {
                     return Err(Ending::Nonsense);
                 }
@@ -294,6 +311,31 @@ impl Connection {
             (Message::Text(_) | Message::Binary(_), _) => Err(Ending::Nonsense),
         }
     }
+
+    /// Requests a stop as a tap over HTTP does; the answer is what that would get. Stops past the bound
+    /// are left to that way.
+    fn stop(&mut self, form: StopForm, source: IpAddr, lang: Lang) -> Result<(), Ending> {
+        let session = &self.line.session;
+        let Some(name) = form.tap.clone().filter(|_| session.role == Role::Operator) else {
+            return Err(Ending::Nonsense);
+        };
+        if self.stops.len() < STOPS_AT_ONCE {
+            let tap = Tap::over_socket(&self.app, session, source, lang);
+            self.stops.spawn(async move { frame::answered(&name, tap.stop(form).await).await });
+        }
+        Ok(())
+    }
+}
+
+/// What a page says over its socket.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum Said {
+    /// The operator touched STOP.
+    Stop {
+        stop: StopForm,
+    },
+    Shown(Shown),
 }
 
 /// What a page answers once it shows a message: its `seq`, and of a beat its number too.

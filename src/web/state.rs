@@ -19,6 +19,7 @@ use super::origins::Origins;
 use super::owed::Owed;
 use super::pending::PendingClearance;
 use super::seat::has_idled_out;
+use super::stops::Stops;
 use super::throttle::Throttle;
 use super::view::Trends;
 use crate::clock::Clock;
@@ -70,6 +71,7 @@ pub struct Shared {
     pub farewells: Farewells,
     pub trends: Trends,
     pub pending: PendingClearance,
+    pub stops: Stops,
     pub throttle: Mutex<Throttle>,
     /// Makes numbers of names that are no user's, by a key of this run.
     pub(super) unknown_names: RandomState,
@@ -108,6 +110,7 @@ impl AppState {
             farewells: Farewells::default(),
             trends: Trends::default(),
             pending: PendingClearance::default(),
+            stops: Stops::default(),
             throttle: Mutex::default(),
             unknown_names: RandomState::new(),
             audit_limit: Mutex::default(),
