@@ -88,7 +88,7 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let folder = data::folder(args.data.clone())?;
     let _held = data::hold(&folder)?;
     let store = Store::open_or_read(&folder, clock, DemoSecrets::Refused)?;
-    say_if_nobody_can_log_in(&store, &folder).await?;
+    say_if_nobody_can_log_in(&store, &folder).await;
     let origins = args.origins.clone();
     let file = Some(args.config.clone());
     let enrolled = Enrolled::new(args.displays.clone());
@@ -136,13 +136,13 @@ fn is_local(host: &str) -> bool {
     host.eq_ignore_ascii_case("localhost") || ip.is_ok_and(|ip| ip.is_loopback())
 }
 
-async fn say_if_nobody_can_log_in(store: &Store, data: &Path) -> anyhow::Result<()> {
-    if store.users().await?.is_empty() {
+async fn say_if_nobody_can_log_in(store: &Store, data: &Path) {
+    // Of a damaged database it was said already what to do.
+    if matches!(store.has_users().await, Ok(false)) {
         tracing::warn!(
             "there are no users yet, so nobody can log in. Add one, while this runs: \
              telltale user add NAME --role operator --data {}",
             data.display()
         );
     }
-    Ok(())
 }

@@ -4,6 +4,7 @@ mod access;
 mod attacks;
 mod audit;
 mod bounds;
+mod broken;
 mod developer;
 mod durable;
 mod fixture;
