@@ -11,6 +11,7 @@ use super::station::{self, Station};
 use super::{EXIT_USAGE, check, data, dds, fields, log};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
+use crate::ros::BridgeOptions;
 use crate::store::{DemoSecrets, Store};
 use crate::web::{Display, Enrolled, Origins, Tls};
 
@@ -80,6 +81,7 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let ending = Ending::listen()?;
     let mut options = args.dds.resolve()?;
     options.definitions = options.definitions.with(&loaded.message_folders);
+    say_whom_dds_believes(&options);
     let clock = Clock::start();
     let tls = tls(args, clock)?;
     warn_of_proxy(args);
@@ -109,6 +111,15 @@ fn tls(args: &Args, clock: Clock) -> anyhow::Result<Option<Tls>> {
         }
     }
     Ok(Some(tls))
+}
+
+/// DDS Security is not spoken (`docs/security.md`): nobody should have to find that out.
+fn say_whom_dds_believes(options: &BridgeOptions) {
+    tracing::info!(
+        "DDS is not authenticated: whoever can send to domain {} can publish diagnostics and signals under any \
+         name. Keep its network apart, and name who may say a status with `writers`",
+        options.domain
+    );
 }
 
 /// Behind a proxy on this machine every browser comes from the loopback interface, and so looks like

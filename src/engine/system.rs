@@ -39,10 +39,12 @@ pub enum SystemCheck {
     Display,
     /// Nobody else publishes the aggregated diagnosis.
     Aggregator,
+    /// No two writers contradict each other, and nobody says what only others may.
+    Writers,
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 8] = [
+    pub const ALL: [SystemCheck; 9] = [
         SystemCheck::Invariants,
         SystemCheck::Reception,
         SystemCheck::Active,
@@ -51,6 +53,7 @@ impl SystemCheck {
         SystemCheck::Storage,
         SystemCheck::Display,
         SystemCheck::Aggregator,
+        SystemCheck::Writers,
     ];
 
     pub(super) fn id(self) -> &'static str {
@@ -63,6 +66,7 @@ impl SystemCheck {
             SystemCheck::Storage => "telltale/storage",
             SystemCheck::Display => "telltale/display",
             SystemCheck::Aggregator => "telltale/aggregator",
+            SystemCheck::Writers => "telltale/writers",
         }
     }
 
@@ -80,6 +84,7 @@ impl SystemCheck {
             SystemCheck::Aggregator => {
                 ("Diagnosis is published twice", "Diagnose wird doppelt veröffentlicht")
             }
+            SystemCheck::Writers => ("Senders contradict each other", "Sender widersprechen sich"),
         };
         Text { en: en.into(), de: de.into() }
     }
@@ -102,7 +107,7 @@ impl SystemCheck {
                     "Nicht auf diese Anzeige verlassen. Leitstelle rufen.",
                 );
             }
-            SystemCheck::Reception | SystemCheck::Aggregator => {
+            SystemCheck::Reception | SystemCheck::Aggregator | SystemCheck::Writers => {
                 help.warning = driving(
                     "You may drive. Report it.",
                     "Weiterfahren möglich. Melden.",

@@ -43,3 +43,4 @@ mod start;
 mod tidy;
 mod unheard;
 mod web;
+mod writers;
