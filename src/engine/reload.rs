@@ -31,6 +31,7 @@ impl Engine {
         next.reception = std::mem::take(&mut self.reception);
         next.take_storage(self.storage_fault.take());
         next.take_display(self.display_late.take());
+        let dds_fault = self.dds_fault.take();
         next.told = std::mem::take(&mut self.told);
         next.active_by = self.active_by;
         next.timers.arm(TimerKey::Active, next.active_by);
@@ -39,6 +40,9 @@ impl Engine {
         next.search_until((self.now + DISCOVERY).max(self.watching.searching_until.unwrap_or(self.now)));
         next.watching.keep_topics(&self.watching);
         next.take_modules(self);
+        if dds_fault.is_some() {
+            next.take_dds(dds_fault);
+        }
         if let Some(due) = next.reception.due() {
             next.timers.arm(TimerKey::Reception, due);
         }

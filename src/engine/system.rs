@@ -39,10 +39,12 @@ pub enum SystemCheck {
     Display,
     /// Nobody else publishes the aggregated diagnosis.
     Aggregator,
+    /// The vehicle can be heard.
+    Dds,
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 8] = [
+    pub const ALL: [SystemCheck; 9] = [
         SystemCheck::Invariants,
         SystemCheck::Reception,
         SystemCheck::Active,
@@ -51,6 +53,7 @@ impl SystemCheck {
         SystemCheck::Storage,
         SystemCheck::Display,
         SystemCheck::Aggregator,
+        SystemCheck::Dds,
     ];
 
     pub(super) fn id(self) -> &'static str {
@@ -63,6 +66,7 @@ impl SystemCheck {
             SystemCheck::Storage => "telltale/storage",
             SystemCheck::Display => "telltale/display",
             SystemCheck::Aggregator => "telltale/aggregator",
+            SystemCheck::Dds => "telltale/dds",
         }
     }
 
@@ -80,6 +84,7 @@ impl SystemCheck {
             SystemCheck::Aggregator => {
                 ("Diagnosis is published twice", "Diagnose wird doppelt veröffentlicht")
             }
+            SystemCheck::Dds => ("Nothing is heard of the vehicle", "Vom Fahrzeug kommt nichts an"),
         };
         Text { en: en.into(), de: de.into() }
     }
@@ -109,7 +114,7 @@ impl SystemCheck {
                     ("Nothing to do now. Report it.", "Jetzt ist nichts zu tun. Melden."),
                 );
             }
-            SystemCheck::Active | SystemCheck::Countermeasure => {
+            SystemCheck::Active | SystemCheck::Countermeasure | SystemCheck::Dds => {
                 let (en, de) =
                     ("Take over. Stop. Call the control room.", "Übernehmen. Anhalten. Leitstelle rufen.");
                 help.error = driving(en, de, STAY);
@@ -159,6 +164,15 @@ pub(super) fn other_aggregator(other: &str) -> Text {
         "another program publishes the diagnosis: {other}",
         "ein anderes Programm veröffentlicht die Diagnose: {other}",
         other = other
+    )
+}
+
+/// What is said while the part that speaks DDS is down.
+pub(super) fn dds_down(reason: &str) -> Text {
+    say!(
+        "the connection to the vehicle (DDS) failed and is being restarted: {reason}",
+        "die Verbindung zum Fahrzeug (DDS) ist ausgefallen und wird neu gestartet: {reason}",
+        reason = reason
     )
 }
 
