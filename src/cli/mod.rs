@@ -12,6 +12,7 @@ pub mod fields;
 mod graph;
 mod history;
 mod log;
+mod mend;
 mod outputs;
 pub mod reload;
 mod scenario;
@@ -50,6 +51,7 @@ enum Command {
     User(user::Args),
     History(history::Args),
     Audit(audit::Args),
+    Data(mend::Args),
     Tls(tls::Args),
     /// The part of `serve`, `demo` and `sim` that speaks DDS; they start it.
     #[command(hide = true)]
@@ -72,6 +74,7 @@ pub fn main() -> ExitCode {
         Command::User(args) => user::run(&args),
         Command::History(args) => history::run(&args),
         Command::Audit(args) => audit::run(&args),
+        Command::Data(args) => mend::run(&args),
         Command::Tls(args) => tls::run(&args),
         Command::DdsProcess { parent, megabytes } => {
             log::start("warn");

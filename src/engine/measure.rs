@@ -48,9 +48,10 @@ impl Engine {
     }
 
     /// Takes the KeyValues that monitors watch; the statuses have found their modules already.
-    pub(super) fn take_keys(&mut self, array: &StatusArray) {
+    pub(super) fn take_keys(&mut self, array: &StatusArray, number: u64) {
         let mut judge = std::mem::take(&mut self.watching.judge);
-        self.watching.take_keys(array, &self.model.limits, self.now, &mut judge);
+        let (names, limits) = (&self.names, &self.model.limits);
+        self.watching.take_keys(array, |name| names.counts(name, number), limits, self.now, &mut judge);
         for index in judge.drain(..) {
             self.judge_monitor(index, true);
         }

@@ -12,6 +12,7 @@ mod confirm;
 pub mod countermeasure;
 mod cut_off;
 pub mod discovery;
+mod disputes;
 mod drive;
 pub mod event;
 pub mod filter;
@@ -55,11 +56,13 @@ mod warnings;
 mod watching;
 pub mod why;
 pub mod wording;
+pub mod writers;
 
 use std::sync::Arc;
 
 use alarm::Alarms;
 use causes::Causes;
+use disputes::Disputes;
 use event::{Event, Events};
 use input::{Input, ReceptionTrouble, Response, Status, StatusArray};
 use lead::Told;
@@ -79,6 +82,7 @@ use vehicle::Vehicle;
 use views::Views;
 use warnings::Warnings;
 use watching::Watching;
+use writers::{Voice, WriterList};
 
 /// The aggregation engine of one vehicle.
 #[derive(Debug)]
@@ -106,6 +110,11 @@ pub struct Engine {
     departed: Departed,
     watching: Watching,
     reception: ReceptionCheck,
+    /// Whose the writers of statuses are.
+    writers: WriterList,
+    disputes: Disputes,
+    /// Some status may not be said by everybody.
+    restricted: bool,
     /// Why nothing can be written down.
     storage_fault: Option<Box<str>>,
     /// Whose display shows nothing.
@@ -151,6 +160,9 @@ impl Engine {
             departed: Departed::default(),
             watching: Watching::new(&model),
             reception: ReceptionCheck::default(),
+            writers: WriterList::default(),
+            disputes: Disputes::default(),
+            restricted: model.restricts_writers(),
             storage_fault: None,
             display_late: None,
             dds_fault: None,
@@ -176,6 +188,7 @@ impl Engine {
         let mut response = Response::Done;
         match input {
             Input::Diagnostics(array) => self.take_array(array),
+            Input::Writers(list) => self.writers.follow(list),
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
             Input::Aggregator { other } => self.take_aggregator(other.as_deref()),
@@ -245,6 +258,7 @@ impl Engine {
             TimerKey::Module(index) => self.net.mark_module(ModuleId(index)),
             TimerKey::Group(index) => self.net.mark_leave(GroupId(index)),
             TimerKey::Reception => self.judge_reception(),
+            TimerKey::Disputes => self.judge_disputes(),
             // Settling looks at them.
             TimerKey::Localization | TimerKey::Measures | TimerKey::Active | TimerKey::Searched => {
                 self.led = true;
@@ -282,6 +296,11 @@ impl Engine {
         for index in touched.drain(..) {
             let route = &self.names.routes[index as usize];
             let status = array.get(route.position as usize);
+            let voice = Voice { writer: array.writer(), state: status.state(), at: self.now };
+            if self.restricts(index) || !self.names.routes[index as usize].voices.hear_alone(voice) {
+                self.take_disputed(index, status, voice, number);
+                continue;
+            }
             let mut position = 0;
             while let Some(module) = self.names.routes[index as usize].module(position) {
                 self.take_status(module, status);
@@ -289,7 +308,7 @@ impl Engine {
             }
         }
         self.touched = touched;
-        self.take_keys(array);
+        self.take_keys(array, number);
     }
 
     fn take_status(&mut self, id: ModuleId, status: Status<'_>) {

@@ -41,10 +41,12 @@ pub enum SystemCheck {
     Aggregator,
     /// The vehicle can be heard.
     Dds,
+    /// No two writers contradict each other, and nobody says what only others may.
+    Writers,
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 9] = [
+    pub const ALL: [SystemCheck; 10] = [
         SystemCheck::Invariants,
         SystemCheck::Reception,
         SystemCheck::Active,
@@ -54,6 +56,7 @@ impl SystemCheck {
         SystemCheck::Display,
         SystemCheck::Aggregator,
         SystemCheck::Dds,
+        SystemCheck::Writers,
     ];
 
     pub(super) fn id(self) -> &'static str {
@@ -67,6 +70,7 @@ impl SystemCheck {
             SystemCheck::Display => "telltale/display",
             SystemCheck::Aggregator => "telltale/aggregator",
             SystemCheck::Dds => "telltale/dds",
+            SystemCheck::Writers => "telltale/writers",
         }
     }
 
@@ -85,6 +89,7 @@ impl SystemCheck {
                 ("Diagnosis is published twice", "Diagnose wird doppelt veröffentlicht")
             }
             SystemCheck::Dds => ("Nothing is heard of the vehicle", "Vom Fahrzeug kommt nichts an"),
+            SystemCheck::Writers => ("Senders contradict each other", "Sender widersprechen sich"),
         };
         Text { en: en.into(), de: de.into() }
     }
@@ -107,7 +112,7 @@ impl SystemCheck {
                     "Nicht auf diese Anzeige verlassen. Leitstelle rufen.",
                 );
             }
-            SystemCheck::Reception | SystemCheck::Aggregator => {
+            SystemCheck::Reception | SystemCheck::Aggregator | SystemCheck::Writers => {
                 help.warning = driving(
                     "You may drive. Report it.",
                     "Weiterfahren möglich. Melden.",

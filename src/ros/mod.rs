@@ -25,6 +25,7 @@ mod raw;
 mod readers;
 mod ros_clock;
 mod session;
+mod speakers;
 mod step;
 mod subscription;
 mod topic;

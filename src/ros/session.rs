@@ -18,6 +18,7 @@ use super::outbox::{End, stopped};
 use super::peers;
 use super::presence;
 use super::ros_clock::RosClock;
+use super::speakers;
 use super::step::StepWatch;
 use super::subscription::{Plan, Subscription};
 use super::topic::{Memory, Orders, Surroundings, Topic};
@@ -96,8 +97,10 @@ pub async fn run(participant: &Participant, ground: &Ground, legacy: &mut Legacy
         seen,
         (ground.nodes.subscribe(), ground.siblings.clone()),
         ground.clock,
-        stopping,
+        stopping.clone(),
     ));
+    let (nodes, inputs) = (ground.nodes.subscribe(), ground.inputs.clone());
+    let speaking = tokio::spawn(speakers::run(participant.clone(), nodes, inputs, ground.clock, stopping));
     let end = watch_over(participant, ground, plan, &mut topics, legacy).await;
     // The receivers live in the tasks; with none left there is nothing to stop.
     let _ = stop.send(true);
@@ -106,6 +109,7 @@ pub async fn run(participant: &Participant, ground: &Ground, legacy: &mut Legacy
     }
     // A panic was in the library; the participant is dropped all the same.
     let _ = looking.await;
+    let _ = speaking.await;
     let _ = presence.await;
     end
 }

@@ -168,7 +168,7 @@ impl Topic {
         }
         let Some((writer, body)) = self.memory.last_value.take() else { return Ok(()) };
         if self.memory.writers.keeps_last_value(&writer, &self.subscription.dds_type) {
-            self.hand_over(&body, When::Kept, self.around.clock.now()).await?;
+            self.hand_over(&body, writer, When::Kept, self.around.clock.now()).await?;
             self.memory.last_value = Some((writer, body));
         }
         Ok(())
@@ -227,11 +227,17 @@ impl Topic {
             Published::Before if keeps => When::Kept,
             Published::Before => When::Past,
         };
-        self.hand_over(&sample.body, when, received).await
+        self.hand_over(&sample.body, sample.writer, when, received).await
     }
 
     /// Sends what a message means.
-    async fn hand_over(&mut self, body: &RawBody, when: When, received: Timestamp) -> Result<(), End> {
+    async fn hand_over(
+        &mut self,
+        body: &RawBody,
+        writer: Guid,
+        when: When,
+        received: Timestamp,
+    ) -> Result<(), End> {
         let since_epoch = self.around.clock.wall().duration_since(UNIX_EPOCH).unwrap_or_default();
         let wall_ns = match self.subscription.stamps {
             StampClock::System => i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX),
@@ -242,7 +248,7 @@ impl Topic {
         {
             self.memory.troubles.add(TroubleKind::Malformed, 1, || fault.to_string());
         }
-        let (inputs, wrong) = self.subscription.decode(Received { body, wall_ns, when });
+        let (inputs, wrong) = self.subscription.decode(Received { body, writer, wall_ns, when });
         let bytes = body.as_ref().map_or(0, |(body, _)| body.len());
         if let Some(wrong) = wrong {
             let text = || match (&wrong, body) {

@@ -5,26 +5,26 @@
 //! the database in [`HEAD_FILE_NAME`] and in the log of the program: whoever can write the
 //! database alone cannot write a chain that fits.
 
-use std::path::{Path, PathBuf};
+mod action;
+mod log;
+
+use std::path::Path;
 use std::time::SystemTime;
 
 use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehavior, params};
 
 use super::chain::{self, Hash, Verifier};
 pub use super::head::HEAD_FILE_NAME;
-use super::head::{read_head, write_head};
+use super::head::read_head;
 use super::users::{from_unix_ms, to_unix_ms};
 use super::{Database, Head, Lane, Role, Store, StoreError, Verdict};
+pub use action::Action;
+pub(super) use log::Log;
 
 /// Records that are kept. Past this the oldest are taken away, which is a record itself.
 const RECORDS_MAX: u64 = 1_000_000;
 const PRUNE_AT_ONCE: u64 = 1000;
 pub(super) const PRUNED_UP_TO: &str = "up to ";
-
-/// The program's log notes the head after so many records, and at start and end.
-const LOG_HEAD_EVERY: u64 = 100;
-/// Records after which the head is noted even if more wait to be written.
-const HEAD_LAG_MAX: u64 = 64;
 
 /// A field that is longer is cut.
 const FIELD_CHARS_MAX: usize = 300;
@@ -36,53 +36,6 @@ const VERIFY_AT_ONCE: u32 = 1000;
 pub const COMMAND_LINE: &str = "command line";
 /// The source of what the program does by itself.
 pub const TELLTALE: &str = "telltale";
-
-macro_rules! actions {
-    ($($name:ident: $word:literal, $about:literal;)*) => {
-        /// What somebody did or tried to do.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-        pub enum Action { $(#[doc = $about] $name,)* }
-
-        impl Action {
-            pub const ALL: &[Action] = &[$(Action::$name,)*];
-
-            /// The word in the database.
-            pub const fn as_str(self) -> &'static str {
-                match self { $(Action::$name => $word,)* }
-            }
-        }
-    };
-}
-
-actions! {
-    Start: "start", "The server began.";
-    End: "end", "The server ended as it was asked to.";
-    Login: "login", "Somebody gave a name and a secret.";
-    Logout: "logout", "A session was ended by who held it.";
-    SessionEnded: "session ended", "A session was ended by its age, or by another login.";
-    HandOver: "hand-over", "An operator took the seat over from another.";
-    Request: "request", "A request was refused: foreign origin, wrong role, false token.";
-    Localize: "localize", "The operator gave the position of the vehicle.";
-    ClearanceAsked: "clearance asked", "The first step of the clearance.";
-    Clearance: "clearance", "The second step: the vehicle was cleared to drive.";
-    Stop: "stop", "The operator stopped the vehicle.";
-    Acknowledge: "acknowledge", "The operator acknowledged an alarm.";
-    Reset: "reset", "A latched error was forgotten.";
-    Stage: "stage", "The vehicle came into another stage.";
-    Countermeasure: "countermeasure", "A countermeasure was requested or ended.";
-    Configuration: "configuration", "The configuration was read again.";
-    Fault: "demo fault", "A fault of the simulated shuttle was switched.";
-    UserAdded: "user added", "A user was added.";
-    UserSecret: "user secret", "A user got another secret.";
-    UserRole: "user role", "A user got another role.";
-    UserRemoved: "user removed", "A user was removed.";
-    TokenAdded: "token added", "A token for a program was made.";
-    TokenRevoked: "token revoked", "A token of a program was taken back.";
-    Omitted: "omitted", "Records that were left out, because there were too many of their kind.";
-    Pruned: "pruned", "The oldest records were taken away.";
-    HeadMissing: "head missing", "The note of where the chain ended was gone: it may have been cut before this.";
-    ChainBroken: "chain broken", "The chain did not end where it had been noted to.";
-}
 
 /// What is to be written into the log.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -174,7 +127,7 @@ impl Store {
     /// # Errors
     /// If the database fails: what is to be recorded must not be acknowledged then.
     pub async fn audit(&self, record: Record) -> Result<(), StoreError> {
-        self.call(move |database| database.change(&[record], |_| Ok(()))).await
+        self.call(move |database| database.record(record)).await
     }
 
     /// [`Store::audit`] of what somebody caused who comes from there.
@@ -182,7 +135,7 @@ impl Store {
     /// # Errors
     /// As there.
     pub async fn audit_from(&self, lane: Lane, record: Record) -> Result<(), StoreError> {
-        self.call_from(lane, move |database| database.change(&[record], |_| Ok(()))).await
+        self.call_from(lane, move |database| database.record(record)).await
     }
 
     /// Records before number `before`, the newest first, at most `count`.
@@ -206,7 +159,12 @@ impl Store {
     /// # Errors
     /// If the database fails.
     pub async fn verify_audit(&self) -> Result<Verdict, StoreError> {
-        let mut verifier = self.call(|database| Ok(Verifier::new(database.log.noted()))).await?;
+        let begin = |database: &mut Database| {
+            // A log in memory is not the one that was asked for.
+            database.health.check_keeps()?;
+            Ok(Verifier::new(database.log.noted()))
+        };
+        let mut verifier = self.call(begin).await?;
         loop {
             let more;
             (verifier, more) = self
@@ -238,101 +196,42 @@ pub fn verify_audit_in(folder: &Path, heads: &[Head]) -> Result<(Verdict, bool),
     Ok((verifier.verdict(), noted.is_some()))
 }
 
-/// The head of the chain, as it is noted outside of the database.
-#[derive(Debug)]
-pub(super) struct Log {
-    /// `None` for a store that ends with the process.
-    head_file: Option<PathBuf>,
-    /// The record that was written last.
-    head: Head,
-    /// The one that [`HEAD_FILE_NAME`] names.
-    noted: Head,
-    logged: u64,
-    /// Why the head could not be noted last time.
-    fault: Option<String>,
-}
-
-impl Log {
-    /// Takes up the chain where it ends. If it does not reach what was noted, that becomes a record.
-    pub(super) fn open(
-        connection: &mut Connection,
-        folder: Option<&Path>,
-        wall: SystemTime,
-    ) -> Result<Log, StoreError> {
-        let head_file = folder.map(|folder| folder.join(HEAD_FILE_NAME));
-        let noted = head_file.as_deref().map_or(Ok(None), read_head)?.unwrap_or(Head::NONE);
-        let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        if noted.number > 0 && hash_of(&transaction, noted.number)? != Some(noted.hash) {
-            tracing::error!(%noted, "the audit log is not the one that was noted; `telltale audit verify` says more");
-            let record =
-                Record::of(Action::ChainBroken, TELLTALE).on(format!("{HEAD_FILE_NAME} said {noted}"));
-            append(&transaction, &record, wall)?;
-        } else if noted.number == 0 && head_file.is_some() && Head::of(&transaction)?.number > 0 {
-            tracing::warn!(
-                "{HEAD_FILE_NAME} is missing or no head: whether the audit log is whole cannot be proven"
-            );
-            let record = Record::of(Action::HeadMissing, TELLTALE);
-            append(&transaction, &record.on(format!("{HEAD_FILE_NAME} was gone or no head")), wall)?;
-        }
-        transaction.commit()?;
-        let head = Head::of(connection)?;
-        let mut log = Log { head_file, head, noted, logged: head.number, fault: None };
-        log.say();
-        log.note();
-        Ok(log)
-    }
-
-    /// Reads where the chain ends, of a database that cannot be written.
-    pub(super) fn read(connection: &Connection, folder: &Path) -> Result<Log, StoreError> {
-        let head_file = folder.join(HEAD_FILE_NAME);
-        // Where it cannot be read, that is why the database is not written.
-        let noted = read_head(&head_file).ok().flatten().unwrap_or(Head::NONE);
-        let head = Head::of(connection)?;
-        Ok(Log { head_file: Some(head_file), head, noted, logged: head.number, fault: None })
-    }
-
-    fn noted(&self) -> Vec<Head> {
-        vec![self.noted]
-    }
-
-    fn written(&mut self, head: Head) {
-        self.head = head;
-        if head.number >= self.logged + LOG_HEAD_EVERY {
-            self.say();
-        }
-        if head.number >= self.noted.number + HEAD_LAG_MAX {
-            self.note();
-        }
-    }
-
-    /// Notes the head in the log of the program.
-    pub(super) fn say(&mut self) {
-        self.logged = self.head.number;
-        if self.head_file.is_some() && self.head.number > 0 {
-            tracing::info!("audit head {}", self.head);
-        }
-    }
-
-    /// Notes the head beside the database.
-    pub(super) fn note(&mut self) {
-        if self.noted == self.head {
-            return;
-        }
-        let written = self.head_file.as_deref().map_or(Ok(()), |file| write_head(file, self.head));
-        match written {
-            Ok(()) => (self.noted, self.fault) = (self.head, None),
-            Err(error) => self.fault = Some(format!("{HEAD_FILE_NAME} cannot be written: {error}")),
-        }
-    }
-
-    pub(super) fn fault(&self) -> Option<&str> {
-        self.fault.as_deref()
-    }
-}
-
 impl Database {
+    /// Of what was refused nothing has to be kept for it to stay refused.
+    fn record(&mut self, record: Record) -> Result<(), StoreError> {
+        if record.refusal.is_some() {
+            return self.change_sessions(&[record], |_| Ok(()));
+        }
+        self.change(&[record], |_| Ok(()))
+    }
+
+    /// [`Database::change`] of who is logged in. Where the database is a copy in memory, because it is
+    /// damaged, people log in and out all the same: nobody needs to know of it after a restart.
+    pub(super) fn change_sessions<T>(
+        &mut self,
+        records: &[Record],
+        change: impl FnOnce(&Transaction<'_>) -> Result<T, StoreError>,
+    ) -> Result<T, StoreError> {
+        if self.health.check_keeps().is_err() {
+            for Record { who, source, action, target, refusal, .. } in records {
+                let action = action.as_str();
+                tracing::warn!(who, source, action, target, refusal, "in no audit log");
+            }
+        }
+        self.write(records, change)
+    }
+
     /// Makes a change and writes its records, whole or not at all. It is on the disk when this returns.
     pub(super) fn change<T>(
+        &mut self,
+        records: &[Record],
+        change: impl FnOnce(&Transaction<'_>) -> Result<T, StoreError>,
+    ) -> Result<T, StoreError> {
+        self.health.check_keeps()?;
+        self.write(records, change)
+    }
+
+    fn write<T>(
         &mut self,
         records: &[Record],
         change: impl FnOnce(&Transaction<'_>) -> Result<T, StoreError>,

@@ -131,7 +131,8 @@ impl Store {
         let user = user.clone();
         let session = self
             .call(move |database| {
-                database.change(&[], |transaction| insert_session(transaction, &user, key, created))?;
+                database
+                    .change_sessions(&[], |transaction| insert_session(transaction, &user, key, created))?;
                 database.reload_sessions()?;
                 database.sessions.find(&key).ok_or(StoreError::SessionEnded)
             })
@@ -170,7 +171,7 @@ impl Store {
         }
         self.call_surely(|database| {
             let (keys, records) = database.sessions.owed();
-            database.change(&records, |transaction| {
+            database.change_sessions(&records, |transaction| {
                 for key in keys {
                     transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [key])?;
                 }
@@ -189,7 +190,7 @@ impl Store {
     pub async fn note_used(&self, sessions: Vec<Session>) -> Result<(), StoreError> {
         let (wall, now) = (self.clock.wall(), self.clock.now());
         self.call(move |database| {
-            database.change(&[], |transaction| {
+            database.change_sessions(&[], |transaction| {
                 let mut update = transaction
                     .prepare_cached("UPDATE sessions SET used_ms = max(used_ms, ?2) WHERE token_hash = ?1")?;
                 for session in sessions {
@@ -209,7 +210,7 @@ impl Store {
     pub async fn end_session(&self, session: &Session, record: Record) -> Result<(), StoreError> {
         let key = session.key;
         self.call(move |database| {
-            database.change(&[record], |transaction| {
+            database.change_sessions(&[record], |transaction| {
                 transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [key])?;
                 Ok(())
             })?;

@@ -44,3 +44,4 @@ mod start;
 mod tidy;
 mod unheard;
 mod web;
+mod writers;

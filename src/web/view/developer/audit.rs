@@ -119,6 +119,8 @@ fn word(written: &str, lang: Lang) -> &str {
         "omitted" => "ausgelassen",
         "pruned" => "Älteste entfernt",
         "chain broken" => "Kette beschädigt",
+        "data repaired" => "Datenbank repariert",
+        "data restored" => "Sicherung eingespielt",
         "head missing" => "Kettenende fehlt",
         other => other,
     }
