@@ -1,5 +1,6 @@
 // The operator's taps: each is one POST with the version of the state it was shown with, sent at
-// once or not at all. Nothing waits in a queue, and nothing is sent while the display is not live.
+// once or not at all; a stop also goes over the socket. Nothing waits in a queue, and nothing is sent
+// while the display is not live.
 (() => {
   "use strict";
   const ANSWER_MS = 2000;
@@ -113,23 +114,59 @@
 
   // --- sending
 
-  const send = async (form, button) => {
-    const { act } = form.dataset;
-    const address = form.action;
-    const fields = new URLSearchParams(new FormData(form, button));
-    fields.set("beat", globalThis.telltale?.beatAt ?? "");
+  // The socket that brings the heartbeats, and who waits for an answer on it, by the name of the tap.
+  let socket = null;
+  const asked = new Map();
+
+  document.addEventListener("htmx:ws:after:connection", (event) => {
+    socket = event.detail.connection.socket;
+    socket.addEventListener("message", ({ data }) => {
+      if (typeof data !== "string" || !data.startsWith('{"tap":')) return;
+      const { tap, status, said } = JSON.parse(data);
+      asked.get(tap)?.({ status, said });
+    });
+  });
+
+  const bySocket = (fields) =>
+    new Promise((resolve, reject) => {
+      if (socket?.readyState !== WebSocket.OPEN) return reject(new Error("no socket is open"));
+      const tap = fields.get("tap");
+      const forget = (settle, value) => asked.delete(tap) && settle(value);
+      asked.set(tap, (answer) => forget(resolve, answer));
+      setTimeout(forget, ANSWER_MS, reject, new Error("no answer in time"));
+      const version = Number(fields.get("version"));
+      return socket.send(JSON.stringify({ stop: { version, beat: fields.get("beat"), tap } }));
+    });
+
+  const byPost = async (address, fields, priority) => {
     const answer = await fetch(address, {
       method: "POST",
       body: fields,
       headers: { Accept: "application/json" },
       redirect: "manual",
       cache: "no-store",
-      priority: act === "stop" ? "high" : "auto",
+      priority,
       signal: AbortSignal.timeout(ANSWER_MS),
     });
-    if (answer.status === 401 || answer.type === "opaqueredirect") return location.assign("/login");
-    const said = await answer.json();
-    if (answer.ok) {
+    if (answer.type === "opaqueredirect") return { status: 401 };
+    return { status: answer.status, said: await answer.json() };
+  };
+
+  // Where no other connection can be had, the open one takes the stop. The server does it once, and
+  // says the same on both ways.
+  const stopByBoth = (address, fields) => {
+    fields.set("tap", `${Date.now()}-${Math.random()}`);
+    return Promise.any([byPost(address, fields, "high"), bySocket(fields)]);
+  };
+
+  const send = async (form, button) => {
+    const { act } = form.dataset;
+    const address = form.action;
+    const fields = new URLSearchParams(new FormData(form, button));
+    fields.set("beat", globalThis.telltale?.beatAt ?? "");
+    const { status, said } = await (act === "stop" ? stopByBoth(address, fields) : byPost(address, fields, "auto"));
+    if (status === 401) return location.assign("/login");
+    if (status === 200) {
       if (noticeOf === address) hideNotice();
       if (bar.contains(form)) quiet(AFTER_ACTION_MS, "second");
       if (act === "clearance") askForConfirmation(said, fields.get("version"));

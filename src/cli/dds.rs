@@ -1,7 +1,7 @@
 //! The flags that say where on the network DDS is spoken.
 
 use super::fields::DefinitionFlags;
-use crate::ros::{BridgeOptions, Interface, OptionsError};
+use crate::ros::{BridgeOptions, DdsProcess, Interface, OptionsError};
 
 #[derive(Debug, Clone, clap::Args)]
 pub struct DdsFlags {
@@ -15,6 +15,9 @@ pub struct DdsFlags {
     /// A host that multicast does not reach, by address or name; may be repeated [default: `ROS_STATIC_PEERS`]
     #[arg(long = "peer", value_name = "HOST")]
     pub peers: Vec<String>,
+    /// Megabytes that each process of the DDS part may take; one that takes more is ended and replaced
+    #[arg(long, value_name = "MB", default_value_t = DdsProcess::MEGABYTES, value_parser = clap::value_parser!(u32).range(64..))]
+    pub dds_memory: u32,
     #[command(flatten)]
     pub definitions: DefinitionFlags,
 }
@@ -31,7 +34,15 @@ impl DdsFlags {
         for line in &options.unheeded {
             tracing::warn!("{line}");
         }
-        Ok(BridgeOptions { definitions: self.definitions.definitions(), ..options })
+        if options.interface != Interface::All {
+            tracing::warn!(
+                "the sockets of DDS are bound to all addresses, though only {} is spoken to: whoever reaches this \
+                 machine can send to them. Restrict them with a firewall, or as docs/kiosk.md has it for a service",
+                describe(&options)
+            );
+        }
+        let dds_process = DdsProcess::Child { megabytes: self.dds_memory };
+        Ok(BridgeOptions { definitions: self.definitions.definitions(), dds_process, ..options })
     }
 }
 

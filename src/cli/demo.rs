@@ -13,7 +13,7 @@ use super::vehicle::{SWITCHES, Vehicle};
 use super::{EXIT_USAGE, check, log};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
-use crate::ros::{BridgeOptions, DOMAIN_MAX};
+use crate::ros::{BridgeOptions, DOMAIN_MAX, DdsProcess};
 use crate::sim::shuttle::{Departure, Fault};
 use crate::store::{DEMO_USERS, DemoSecrets, Role, Store};
 use crate::web::{DemoFaults, Enrolled, FaultSwitch};
@@ -62,7 +62,8 @@ async fn demo(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let ending = Ending::listen()?;
     station::check_plain(args.listen, false, args.insecure_http)?;
     let listener = station::bind(args.listen).await?;
-    let options = BridgeOptions::loopback(domain(args.domain)?);
+    let dds_process = DdsProcess::Child { megabytes: DdsProcess::MEGABYTES };
+    let options = BridgeOptions { dds_process, ..BridgeOptions::loopback(domain(args.domain)?) };
     let clock = Clock::start();
     let store = Store::in_memory(clock, DemoSecrets::Accepted)?;
     store.add_demo_users().await?;

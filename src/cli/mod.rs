@@ -12,12 +12,14 @@ pub mod fields;
 mod graph;
 mod history;
 mod log;
+mod mend;
 mod outputs;
 pub mod reload;
 mod scenario;
 mod serve;
 mod sim;
 mod station;
+mod timekeeping;
 mod tls;
 mod user;
 mod vehicle;
@@ -25,6 +27,8 @@ mod vehicle;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+
+use crate::ros;
 
 /// The answer is no: an expectation fails, a chain is broken.
 pub const EXIT_NO: u8 = 1;
@@ -48,7 +52,14 @@ enum Command {
     User(user::Args),
     History(history::Args),
     Audit(audit::Args),
+    Data(mend::Args),
     Tls(tls::Args),
+    /// The part of `serve`, `demo` and `sim` that speaks DDS; they start it.
+    #[command(hide = true)]
+    DdsProcess {
+        parent: u32,
+        megabytes: u64,
+    },
 }
 
 /// Runs the program with the arguments of the process. An error that no subcommand turned into
@@ -64,7 +75,12 @@ pub fn main() -> ExitCode {
         Command::User(args) => user::run(&args),
         Command::History(args) => history::run(&args),
         Command::Audit(args) => audit::run(&args),
+        Command::Data(args) => mend::run(&args),
         Command::Tls(args) => tls::run(&args),
+        Command::DdsProcess { parent, megabytes } => {
+            log::start("warn");
+            Ok(ros::dds_process(parent, megabytes))
+        }
     };
     result.unwrap_or_else(|error| {
         eprintln!("telltale: {error:#}");

@@ -11,6 +11,7 @@ use super::station::{self, Station};
 use super::{EXIT_USAGE, check, data, dds, fields, log};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
+use crate::ros::BridgeOptions;
 use crate::store::{DemoSecrets, Store};
 use crate::web::{Display, Enrolled, Origins, Tls};
 
@@ -80,15 +81,16 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let ending = Ending::listen()?;
     let mut options = args.dds.resolve()?;
     options.definitions = options.definitions.with(&loaded.message_folders);
+    say_whom_dds_believes(&options);
     let clock = Clock::start();
-    let tls = tls(args, clock)?;
+    let tls = tls(args)?;
     warn_of_proxy(args);
     station::check_plain(args.listen, tls.is_some(), args.insecure_http)?;
     let listener = station::bind(args.listen).await?;
     let folder = data::folder(args.data.clone())?;
     let _held = data::hold(&folder)?;
     let store = Store::open_or_read(&folder, clock, DemoSecrets::Refused)?;
-    say_if_nobody_can_log_in(&store, &folder).await?;
+    say_if_nobody_can_log_in(&store, &folder).await;
     let origins = args.origins.clone();
     let file = Some(args.config.clone());
     let enrolled = Enrolled::new(args.displays.clone());
@@ -100,15 +102,24 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
 }
 
 /// Reads the certificate and its key, and holds them against the names by which browsers come.
-fn tls(args: &Args, clock: Clock) -> anyhow::Result<Option<Tls>> {
+fn tls(args: &Args) -> anyhow::Result<Option<Tls>> {
     let (Some(certificate), Some(key)) = (&args.tls_cert, &args.tls_key) else { return Ok(None) };
-    let tls = Tls::load(certificate, key, clock.wall())?;
+    let tls = Tls::load(certificate, key)?;
     for origin in &args.origins {
         if let Some(host) = Origins::secure_host(origin) {
             tls.check_name(&host).with_context(|| format!("--origin {origin}"))?;
         }
     }
     Ok(Some(tls))
+}
+
+/// DDS Security is not spoken (`docs/security.md`): nobody should have to find that out.
+fn say_whom_dds_believes(options: &BridgeOptions) {
+    tracing::info!(
+        "DDS is not authenticated: whoever can send to domain {} can publish diagnostics and signals under any \
+         name. Keep its network apart, and name who may say a status with `writers`",
+        options.domain
+    );
 }
 
 /// Behind a proxy on this machine every browser comes from the loopback interface, and so looks like
@@ -136,13 +147,13 @@ fn is_local(host: &str) -> bool {
     host.eq_ignore_ascii_case("localhost") || ip.is_ok_and(|ip| ip.is_loopback())
 }
 
-async fn say_if_nobody_can_log_in(store: &Store, data: &Path) -> anyhow::Result<()> {
-    if store.users().await?.is_empty() {
+async fn say_if_nobody_can_log_in(store: &Store, data: &Path) {
+    // Of a damaged database it was said already what to do.
+    if matches!(store.has_users().await, Ok(false)) {
         tracing::warn!(
             "there are no users yet, so nobody can log in. Add one, while this runs: \
              telltale user add NAME --role operator --data {}",
             data.display()
         );
     }
-    Ok(())
 }

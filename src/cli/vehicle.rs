@@ -129,7 +129,7 @@ async fn publisher(options: &BridgeOptions, wire: &Wire) -> Result<Publisher, Br
     for (topic, type_name, quality) in wire.offers() {
         publisher.offer(topic, type_name, quality)?;
     }
-    publisher.offer_announcements()?;
+    publisher.offer_announcements();
     Ok(publisher)
 }
 

@@ -42,7 +42,11 @@ pub(super) fn filters(raw: &[raw::Filter], names: &Names, defaults: &Policy, log
         }
         let raw::Policy { timeout, stale, forget_after, .. } = &filter.policy;
         let differs = timeout.is_some() || stale.is_some() || forget_after.is_some();
-        let policy = differs.then(|| super::resolve::policy(&filter.policy, defaults, log));
+        let writers = super::resolve::writers(filter.writers.as_ref(), log);
+        let policy = (differs || writers.is_some()).then(|| {
+            let policy = super::resolve::policy(&filter.policy, defaults, log);
+            Policy { writers, ..policy }
+        });
         matches.push(Match { filter: resolved.clone(), policy });
         filters.push((resolved, filter.span));
     }

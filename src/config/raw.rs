@@ -3,7 +3,9 @@
 
 use super::countermeasures::RawRule;
 use super::publishing::RawPublishing;
-pub(super) use super::raw_node::{Dependency, DependsOn, Filter, FilterKind, Group, Module, Tile, When};
+pub(super) use super::raw_node::{
+    Dependency, DependsOn, Filter, FilterKind, Group, Module, Tile, When, Writers,
+};
 pub(super) use super::raw_signal::{Signal, SignalFrom};
 use super::raw_source::RawDiagnostics;
 use crate::engine::model::{Other, StageModel, Text};

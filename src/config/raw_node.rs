@@ -71,7 +71,11 @@ pub(super) struct Filter {
     pub text: Spanned<String>,
     /// Of the modules that it makes.
     pub policy: Policy,
+    pub writers: Option<Writers>,
 }
+
+/// The nodes that may say a status.
+pub(super) type Writers = Spanned<All<Spanned<String>>>;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum FilterKind {
@@ -92,8 +96,12 @@ impl FromNode for Filter {
         let mut fields = Fields::of(node, "a filter", log)?;
         let found: Vec<_> = KINDS.into_iter().filter(|(key, _)| fields.node(key).is_some()).collect();
         let policy = Policy::of_filter(&mut fields);
+        let writers = fields.optional("writers");
         let filter = match found[..] {
-            [(key, kind)] => fields.optional(key).map(|text| Filter { span: node.span, kind, text, policy }),
+            [(key, kind)] => {
+                let text = fields.optional(key);
+                text.map(|text| Filter { span: node.span, kind, text, policy, writers })
+            }
             [] if let Some(problem) = unknown(&fields, node) => {
                 fields.log.push(problem);
                 return None;
@@ -231,6 +239,7 @@ pub(super) struct Module {
     pub name: Option<RawWording>,
     pub help: Option<RawWording>,
     pub policy: Policy,
+    pub writers: Option<Writers>,
     pub when: Option<When>,
     pub depends_on: Vec<Dependency>,
     pub monitor: Option<Monitor>,
@@ -246,6 +255,7 @@ impl FromNode for Module {
             name: fields.optional("name"),
             help: fields.optional("help"),
             policy: Policy::of_module(&mut fields),
+            writers: fields.optional("writers"),
             when: fields.optional("when"),
             depends_on: fields.or_default("depends_on"),
             monitor: fields.optional("monitor"),

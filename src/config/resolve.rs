@@ -12,11 +12,12 @@ use super::relations::{self, Signals};
 use super::topics::Topics;
 use super::{Loaded, countermeasures, monitors, publishing, words};
 use crate::engine::model::{
-    Combine, Driving, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, Parts, Policy, StageModel,
-    Stop, Text,
+    Combine, Driving, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, NodeNames, Parts, Policy,
+    StageModel, Stop, Text,
 };
 use crate::engine::time;
 use crate::engine::wording::Wording;
+use crate::yaml::decode::All;
 use crate::yaml::{Log, Problem, Sources, Span, Spanned};
 
 const LOCALIZED_AFTER: time::Span = time::Span::from_secs(2);
@@ -127,7 +128,33 @@ pub(super) fn policy(raw: &raw::Policy, around: &Policy, log: &mut Log) -> Polic
         no_publisher: raw.no_publisher.unwrap_or(around.no_publisher),
         latch: raw.latch.or(around.latch),
         forget_after,
+        writers: None,
     }
+}
+
+/// Whole names of nodes.
+pub(super) fn writers(raw: Option<&raw::Writers>, log: &mut Log) -> Option<NodeNames> {
+    let raw::Writers { value: All(written), span } = raw?;
+    if written.is_empty() {
+        let problem = Problem::at(*span, "without a node nobody could say it");
+        log.push(problem.help("name the nodes, or remove `writers`"));
+    }
+    let word = |word: &str| {
+        let first = word.chars().next().is_some_and(|first| first.is_ascii_alphabetic() || first == '_');
+        first && word.chars().all(|letter| letter.is_ascii_alphanumeric() || letter == '_')
+    };
+    let mut names = Vec::new();
+    for node in written {
+        let whole = node.value.strip_prefix('/');
+        if !whole.is_some_and(|whole| whole.split('/').all(word)) {
+            let problem = Problem::at(node.span, format!("`{}` is not the whole name of a node", node.value));
+            log.push(
+                problem.help("write it as `ros2 node list` does, with its namespace: `/sensors/driver`"),
+            );
+        }
+        names.push(node.value.as_str().into());
+    }
+    Some(names.into())
 }
 
 fn stops(file: &raw::File, log: &mut Log) -> Vec<Stop> {
@@ -223,6 +250,7 @@ fn modules(
     for (id, module) in names.modules() {
         let raw = module.raw;
         let policy = policy(&raw.policy, defaults, log);
+        let writers = writers(raw.writers.as_ref(), log);
         let when = raw.when.as_ref().and_then(|when| relations::when(when, signals, log));
         let depends_on = relations::depends_on(names, NodeId::Module(id), &raw.depends_on, log);
         // Without a monitor the model is not used; the module keeps its place so that cycles are found.
@@ -233,12 +261,17 @@ fn modules(
                 Problem::at(forget_after.span, "this monitor judges by the clock: it is never silent");
             log.push(problem.help("remove `forget_after`"));
         }
+        let takes_status = monitor.as_ref().is_none_or(|monitor| monitor.status().is_some());
+        if let Some(misplaced) = raw.writers.as_ref().filter(|_| !takes_status) {
+            let problem = Problem::at(misplaced.span, "`writers` is only for a module that takes a status");
+            log.push(problem.help("remove it, or put it beside the `status` of a module"));
+        }
         specs.push(ModuleSpec {
             id: module.path.clone(),
             name: raw.name.as_ref().map(|name| name.resolve(Wording::name)),
             help: raw.help.as_ref().map(|help| help.resolve(Wording::help)),
             group: module.group,
-            policy,
+            policy: Policy { writers, ..policy },
             when,
             depends_on,
             monitor: monitor.unwrap_or_else(|| MonitorSpec::SelfState { status: "".into() }),

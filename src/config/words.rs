@@ -59,8 +59,9 @@ pub fn policy_when_heard(policy: &Policy) -> impl Iterator<Item = String> {
     let after = |what: &str, after: Span| (!after.is_zero()).then(|| format!("{what} after {}", span(after)));
     let publisher = (policy.no_publisher == State::Error).then(|| "error without a publisher".to_owned());
     let latch = policy.latch.map(|latch| format!("an error of {} stays until reset", span(latch)));
+    let writers = policy.writers.as_ref().map(|writers| format!("said by {} alone", writers.join(" or ")));
     let delays = [after("worse", policy.raise_after), after("better", policy.clear_after)];
-    delays.into_iter().chain([publisher, latch]).flatten()
+    delays.into_iter().chain([publisher, latch, writers]).flatten()
 }
 
 /// `decelerate by 1 m/s² when planning or execution is error in active, confirmed by braking within 1s`

@@ -2,17 +2,21 @@
 //! simulation, scenarios, recordings and tests all feed this one type.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 pub use super::action::{AlarmRef, OperatorAction, Place, Refusal, Response};
 use super::sample::{Probe, Sample, TopicNews};
 use super::state::State;
 use super::time::Timestamp;
+pub use super::writers::{NodeOf, WriterId, WriterList};
 
 /// One thing that happened. Handled by [`Engine::handle`](super::Engine::handle), nowhere else.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Input {
     /// One `diagnostic_msgs/DiagnosticArray`.
     Diagnostics(StatusArray),
+    /// Which writers of diagnostics there are, and whose. Said whenever that changes.
+    Writers(Arc<WriterList>),
     /// A sample of a signal that the configuration names.
     Signal { name: Box<str>, value: bool },
     /// A message of a topic that monitors watch.
@@ -36,6 +40,12 @@ pub enum Input {
     },
     /// What must be kept can, or cannot, be written down. Said when that changes.
     Storage {
+        /// What is wrong, for a developer; `None`: nothing.
+        fault: Option<Box<str>>,
+    },
+    /// The part that speaks DDS is up, or down: nothing of the vehicle can be heard then. Said when that
+    /// changes, and each time it goes down.
+    Dds {
         /// What is wrong, for a developer; `None`: nothing.
         fault: Option<Box<str>>,
     },
@@ -116,6 +126,7 @@ pub struct StatusArray {
     text: String,
     statuses: Vec<StatusSpans>,
     values: Vec<(Range<u32>, Range<u32>)>,
+    writer: WriterId,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -133,7 +144,17 @@ impl StatusArray {
             text: String::with_capacity(text_bytes),
             statuses: Vec::with_capacity(statuses),
             values: Vec::new(),
+            writer: WriterId::default(),
         }
+    }
+
+    /// The same, as this writer said it.
+    pub fn said_by(self, writer: WriterId) -> StatusArray {
+        StatusArray { writer, ..self }
+    }
+
+    pub fn writer(&self) -> WriterId {
+        self.writer
     }
 
     /// Appends a status; the values pushed next belong to it.
@@ -187,7 +208,7 @@ impl StatusArray {
             out.push_status(status.level(), &name, status.message(), status.hardware_id());
             status.values().for_each(|(key, value)| out.push_value(key, value));
         }
-        out
+        out.said_by(self.writer)
     }
 
     /// Keeps the first `count` statuses.

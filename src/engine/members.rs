@@ -88,7 +88,8 @@ impl Engine {
         let slot = self.departed.named.remove(&name).or_else(|| self.free_slot());
         let id = self.net.discover(place, kind, slot, self.now);
         let number = self.net.modules[id.0 as usize].arrival;
-        self.views.discover(id, place.group, (name, number), status, self.now);
+        let writers = self.net.policy(id).writers.clone();
+        self.views.discover(id, place.group, (name, number), (status, writers), self.now);
         id
     }
 
@@ -151,7 +152,7 @@ impl Engine {
         }
         // What speaks of it comes later: no place is free before that is known.
         let id = self.net.discover(&Place::of(group), ModuleKind::Discovered, None, self.now);
-        self.views.discover(id, group, (name.clone(), 0), None, self.now);
+        self.views.discover(id, group, (name.clone(), 0), (None, None), self.now);
         self.net.remove(id);
         self.net.left.retain(|&left| left != id);
         self.views.leave(id);

@@ -10,7 +10,9 @@ mod calls;
 mod causes;
 mod confirm;
 pub mod countermeasure;
+mod cut_off;
 pub mod discovery;
+mod disputes;
 mod drive;
 pub mod event;
 pub mod filter;
@@ -54,11 +56,13 @@ mod warnings;
 mod watching;
 pub mod why;
 pub mod wording;
+pub mod writers;
 
 use std::sync::Arc;
 
 use alarm::Alarms;
 use causes::Causes;
+use disputes::Disputes;
 use event::{Event, Events};
 use input::{Input, ReceptionTrouble, Response, Status, StatusArray};
 use lead::Told;
@@ -78,6 +82,7 @@ use vehicle::Vehicle;
 use views::Views;
 use warnings::Warnings;
 use watching::Watching;
+use writers::{Voice, WriterList};
 
 /// The aggregation engine of one vehicle.
 #[derive(Debug)]
@@ -105,10 +110,17 @@ pub struct Engine {
     departed: Departed,
     watching: Watching,
     reception: ReceptionCheck,
+    /// Whose the writers of statuses are.
+    writers: WriterList,
+    disputes: Disputes,
+    /// Some status may not be said by everybody.
+    restricted: bool,
     /// Why nothing can be written down.
     storage_fault: Option<Box<str>>,
     /// Whose display shows nothing.
     display_late: Option<Box<str>>,
+    /// Why nothing of the vehicle can be heard.
+    dds_fault: Option<Box<str>>,
     counters: Counters,
     events: Events,
     views: Views,
@@ -148,8 +160,12 @@ impl Engine {
             departed: Departed::default(),
             watching: Watching::new(&model),
             reception: ReceptionCheck::default(),
+            writers: WriterList::default(),
+            disputes: Disputes::default(),
+            restricted: model.restricts_writers(),
             storage_fault: None,
             display_late: None,
+            dds_fault: None,
             counters: Counters::default(),
             events: Events::default(),
             views: Views::new(&model, now),
@@ -172,11 +188,13 @@ impl Engine {
         let mut response = Response::Done;
         match input {
             Input::Diagnostics(array) => self.take_array(array),
+            Input::Writers(list) => self.writers.follow(list),
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
             Input::Aggregator { other } => self.take_aggregator(other.as_deref()),
             Input::Storage { fault } => self.take_storage(fault.clone()),
             Input::Display { late } => self.take_display(late.clone()),
+            Input::Dds { fault } => self.take_dds(fault.clone()),
             Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {
                 // Nearly every message says what the one before said: then nothing is to be settled.
                 if !self.take_watched(input) {
@@ -240,6 +258,7 @@ impl Engine {
             TimerKey::Module(index) => self.net.mark_module(ModuleId(index)),
             TimerKey::Group(index) => self.net.mark_leave(GroupId(index)),
             TimerKey::Reception => self.judge_reception(),
+            TimerKey::Disputes => self.judge_disputes(),
             // Settling looks at them.
             TimerKey::Localization | TimerKey::Measures | TimerKey::Active | TimerKey::Searched => {
                 self.led = true;
@@ -277,6 +296,11 @@ impl Engine {
         for index in touched.drain(..) {
             let route = &self.names.routes[index as usize];
             let status = array.get(route.position as usize);
+            let voice = Voice { writer: array.writer(), state: status.state(), at: self.now };
+            if self.restricts(index) || !self.names.routes[index as usize].voices.hear_alone(voice) {
+                self.take_disputed(index, status, voice, number);
+                continue;
+            }
             let mut position = 0;
             while let Some(module) = self.names.routes[index as usize].module(position) {
                 self.take_status(module, status);
@@ -284,7 +308,7 @@ impl Engine {
             }
         }
         self.touched = touched;
-        self.take_keys(array);
+        self.take_keys(array, number);
     }
 
     fn take_status(&mut self, id: ModuleId, status: Status<'_>) {

@@ -249,6 +249,9 @@ impl Other {
     }
 }
 
+/// Whole names of nodes of ROS 2, `/ns/name`.
+pub type NodeNames = Arc<[Arc<str>]>;
+
 /// How a module's reports become its own state (`ENGINE.md` 2).
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Policy {
@@ -267,6 +270,8 @@ pub struct Policy {
     pub forget_after: Option<Span>,
     /// The state while nobody publishes a topic that the module watches: UNKNOWN or ERROR.
     pub no_publisher: State,
+    /// Whole names of the nodes that may say the status; `None`: all.
+    pub writers: Option<NodeNames>,
 }
 
 impl Default for Policy {
@@ -279,6 +284,7 @@ impl Default for Policy {
             latch: None,
             forget_after: None,
             no_publisher: State::Unknown,
+            writers: None,
         }
     }
 }
@@ -379,6 +385,14 @@ impl Model {
     pub fn new(parts: Parts) -> Result<Model, Cycle> {
         let order = Order::of(&parts)?;
         Ok(Model { parts, order })
+    }
+
+    /// Whether some status may be said by certain nodes alone.
+    pub(super) fn restricts_writers(&self) -> bool {
+        let filters = self.groups.iter().flat_map(|group| &group.filters);
+        let of_filters = filters.filter_map(|filter| filter.policy.as_ref());
+        let of_modules = self.modules.iter().map(|module| &module.policy);
+        of_modules.chain(of_filters).any(|policy| policy.writers.is_some())
     }
 
     /// All nodes in an order in which each can be judged after what it rests on.

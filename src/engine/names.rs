@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::members::Place;
 use super::model::{GroupId, Model, ModuleId};
+use super::writers::Voices;
 
 /// What is known of one status name.
 #[derive(Debug)]
@@ -21,11 +22,26 @@ pub(super) struct Route {
     pub(super) position: u32,
     /// Some group that would have a module of it has none.
     lacking: bool,
+    /// Who said it, and what.
+    pub(super) voices: Voices,
+    /// The array in which what was said of it does not count, as another writer says worse or this one may
+    /// not say it.
+    pub(super) overruled: u64,
 }
 
 impl Route {
     fn new(name: Arc<str>, number: u64, first: ModuleId) -> Route {
-        Route { name, number, first, more: Vec::new(), array: 0, position: 0, lacking: false }
+        Route {
+            name,
+            number,
+            first,
+            more: Vec::new(),
+            array: 0,
+            position: 0,
+            lacking: false,
+            voices: Voices::default(),
+            overruled: 0,
+        }
     }
 
     /// The modules that the name feeds, by position.
@@ -36,7 +52,7 @@ impl Route {
         }
     }
 
-    pub(super) fn modules(&self) -> impl Iterator<Item = ModuleId> {
+    pub(super) fn modules(&self) -> impl Iterator<Item = ModuleId> + Clone {
         std::iter::once(self.first).chain(self.more.iter().copied())
     }
 }
@@ -83,6 +99,24 @@ impl Names {
 
     pub(super) fn find(&self, name: &str) -> Option<u32> {
         self.index.get(name).copied()
+    }
+
+    pub(super) fn name(&self, route: u32) -> Arc<str> {
+        self.routes[route as usize].name.clone()
+    }
+
+    /// Whether what an array says of a name counts beyond the array.
+    pub(super) fn counts(&self, name: &str, array: u64) -> bool {
+        self.find(name).is_none_or(|route| self.routes[route as usize].overruled != array)
+    }
+
+    /// Goes on with who said what before a reload.
+    pub(super) fn keep_voices(&mut self, old: &Names) {
+        for (name, &route) in &self.index {
+            if let Some(before) = old.find(name) {
+                self.routes[route as usize].voices = old.routes[before as usize].voices.clone();
+            }
+        }
     }
 
     /// Where a name belongs, whether there is room or not.

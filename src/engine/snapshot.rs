@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::countermeasure::{Kind, Request};
 use super::input::{Output, Refusal, TroubleKind};
-use super::model::{DependsOn, GroupId, ModuleId, NodeId, Other, Stage, Stop, Text};
+use super::model::{DependsOn, GroupId, ModuleId, NodeId, NodeNames, Other, Stage, Stop, Text};
 use super::persistent::PersistentVec;
 use super::state::State;
 use super::time::Timestamp;
@@ -203,6 +203,8 @@ pub struct ModuleInfo {
     pub group: GroupId,
     /// The status that it takes, if it takes one: filters may overlap, so others may take the same.
     pub status: Option<Arc<str>>,
+    /// Whole names of the nodes that may say it; `None`: all.
+    pub writers: Option<NodeNames>,
     pub depends_on: Vec<DependsOn>,
     pub discovered: bool,
     /// It was silent for too long and is not there any more: what speaks of it finds its name here.

@@ -39,10 +39,14 @@ pub enum SystemCheck {
     Display,
     /// Nobody else publishes the aggregated diagnosis.
     Aggregator,
+    /// The vehicle can be heard.
+    Dds,
+    /// No two writers contradict each other, and nobody says what only others may.
+    Writers,
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 8] = [
+    pub const ALL: [SystemCheck; 10] = [
         SystemCheck::Invariants,
         SystemCheck::Reception,
         SystemCheck::Active,
@@ -51,6 +55,8 @@ impl SystemCheck {
         SystemCheck::Storage,
         SystemCheck::Display,
         SystemCheck::Aggregator,
+        SystemCheck::Dds,
+        SystemCheck::Writers,
     ];
 
     pub(super) fn id(self) -> &'static str {
@@ -63,6 +69,8 @@ impl SystemCheck {
             SystemCheck::Storage => "telltale/storage",
             SystemCheck::Display => "telltale/display",
             SystemCheck::Aggregator => "telltale/aggregator",
+            SystemCheck::Dds => "telltale/dds",
+            SystemCheck::Writers => "telltale/writers",
         }
     }
 
@@ -80,6 +88,8 @@ impl SystemCheck {
             SystemCheck::Aggregator => {
                 ("Diagnosis is published twice", "Diagnose wird doppelt veröffentlicht")
             }
+            SystemCheck::Dds => ("Nothing is heard of the vehicle", "Vom Fahrzeug kommt nichts an"),
+            SystemCheck::Writers => ("Senders contradict each other", "Sender widersprechen sich"),
         };
         Text { en: en.into(), de: de.into() }
     }
@@ -102,14 +112,14 @@ impl SystemCheck {
                     "Nicht auf diese Anzeige verlassen. Leitstelle rufen.",
                 );
             }
-            SystemCheck::Reception | SystemCheck::Aggregator => {
+            SystemCheck::Reception | SystemCheck::Aggregator | SystemCheck::Writers => {
                 help.warning = driving(
                     "You may drive. Report it.",
                     "Weiterfahren möglich. Melden.",
                     ("Nothing to do now. Report it.", "Jetzt ist nichts zu tun. Melden."),
                 );
             }
-            SystemCheck::Active | SystemCheck::Countermeasure => {
+            SystemCheck::Active | SystemCheck::Countermeasure | SystemCheck::Dds => {
                 let (en, de) =
                     ("Take over. Stop. Call the control room.", "Übernehmen. Anhalten. Leitstelle rufen.");
                 help.error = driving(en, de, STAY);
@@ -159,6 +169,15 @@ pub(super) fn other_aggregator(other: &str) -> Text {
         "another program publishes the diagnosis: {other}",
         "ein anderes Programm veröffentlicht die Diagnose: {other}",
         other = other
+    )
+}
+
+/// What is said while the part that speaks DDS is down.
+pub(super) fn dds_down(reason: &str) -> Text {
+    say!(
+        "the connection to the vehicle (DDS) failed and is being restarted: {reason}",
+        "die Verbindung zum Fahrzeug (DDS) ist ausgefallen und wird neu gestartet: {reason}",
+        reason = reason
     )
 }
 

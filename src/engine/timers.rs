@@ -14,6 +14,7 @@ const NEVER: Timestamp = Timestamp::from_nanos(u64::MAX);
 pub(super) enum TimerKey {
     Signal(u32),
     Reception,
+    Disputes,
     Localization,
     Measures,
     Active,
@@ -31,7 +32,7 @@ const SUPERSEDED_MAX: usize = 64;
 #[derive(Debug, Default)]
 pub(super) struct Timers {
     heap: BinaryHeap<Reverse<(Timestamp, TimerKey)>>,
-    queued: [Vec<Option<Timestamp>>; 9],
+    queued: [Vec<Option<Timestamp>>; 10],
     live: usize,
 }
 
@@ -92,6 +93,7 @@ impl Timers {
             TimerKey::Active => (6, 0),
             TimerKey::Searched => (7, 0),
             TimerKey::Group(index) => (8, index as usize),
+            TimerKey::Disputes => (9, 0),
         };
         let slots = &mut self.queued[kind];
         if slots.len() <= index {
@@ -113,6 +115,7 @@ fn key(kind: usize, index: usize) -> TimerKey {
         5 => TimerKey::Monitor(index),
         6 => TimerKey::Active,
         8 => TimerKey::Group(index),
+        9 => TimerKey::Disputes,
         _ => TimerKey::Searched,
     }
 }

@@ -140,7 +140,11 @@ impl Views {
     /// Sets what a monitor says of its module. Returns whether it said something else before.
     pub(super) fn set_words(&mut self, id: ModuleId, words: Words, aged: bool) -> bool {
         let values = words.values.into_iter().map(|(key, value)| (key.into(), value.into()));
-        let report = Report { aged, ..Report::of_engine(words.message, values.collect()) };
+        self.set_said(id, Report { aged, ..Report::of_engine(words.message, values.collect()) })
+    }
+
+    /// Sets a report that the engine made. Returns whether it said something else before.
+    pub(super) fn set_said(&mut self, id: ModuleId, report: Report) -> bool {
         let changed = *self.reports[id.0 as usize] != report;
         if changed {
             self.set_report(id, Arc::new(report));

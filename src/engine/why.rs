@@ -1,12 +1,14 @@
 //! Why a node shows what it shows: each step from what was reported to what is shown.
 
-use super::model::{DependsOn, NodeId};
+use super::model::{DependsOn, NodeId, NodeNames};
 use super::snapshot::{NotRelevant, Reason, Snapshot};
 use super::state::State;
 
 /// One step of an explanation, in the order of `ENGINE.md` 2 to 5. Programs and pages put it into words.
 #[derive(Debug, Clone, PartialEq)]
 pub enum WhyStep {
+    /// Only these nodes may say it.
+    OnlyFrom(NodeNames),
     /// No report ever came.
     NeverReported,
     /// The last report said this.
@@ -67,9 +69,10 @@ impl Snapshot {
 
     fn why_own(&self, node: NodeId) -> Vec<WhyStep> {
         let NodeId::Module(id) = node else { return Vec::new() };
-        let (_, view) = self.module(id);
+        let (info, view) = self.module(id);
         let how = view.steps;
-        let mut steps = vec![how.reported.map_or(WhyStep::NeverReported, WhyStep::Reported)];
+        let mut steps: Vec<WhyStep> = info.writers.iter().cloned().map(WhyStep::OnlyFrom).collect();
+        steps.push(how.reported.map_or(WhyStep::NeverReported, WhyStep::Reported));
         if let Some(judged) = how.judged.filter(|_| view.silent) {
             steps.push(WhyStep::Silent(judged));
         }

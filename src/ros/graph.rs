@@ -1,21 +1,18 @@
 //! What discovery sees of all topics, looked at once a second, for who develops.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use rustdds::policy::{self, Deadline, Durability, Reliability};
-use rustdds::{DomainParticipant, RTPSEntity};
 use tokio::sync::watch;
 
+use super::library::{Found, Participant};
 use super::messages;
 use super::nodes::Nodes;
 use super::outbox::stopped;
 use super::writers::Guid;
 use crate::clock::Clock;
-use crate::engine::discovery::{
-    Discovery, ENDPOINTS_MAX, Endpoint, Liveliness, LivelinessKind, TOPICS_MAX, TopicSeen,
-};
+use crate::engine::discovery::{Discovery, ENDPOINTS_MAX, Endpoint, TOPICS_MAX, TopicSeen};
 use crate::engine::time::Timestamp;
 
 const LOOK: Duration = Duration::from_secs(1);
@@ -40,21 +37,25 @@ impl Tallies {
     }
 }
 
-/// Participants of this process beside the bridge's own, in hexadecimal digits.
+/// Our participants beside the bridge's own, in hexadecimal digits, and the last ones that have ended: one
+/// that was killed said no goodbye, and discovery knows it for as long as its lease.
 #[derive(Debug, Clone, Default)]
-pub struct Siblings(Arc<Mutex<BTreeSet<String>>>);
+pub struct Siblings(Arc<Mutex<VecDeque<String>>>);
+
+/// Far more than end within a lease.
+const SIBLINGS_MAX: usize = 256;
 
 impl Siblings {
     pub fn add(&self, participant: String) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(participant);
-    }
-
-    pub fn remove(&self, participant: &str) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).remove(participant);
+        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        all.push_back(participant);
+        while all.len() > SIBLINGS_MAX {
+            all.pop_front();
+        }
     }
 
     fn all(&self) -> BTreeSet<String> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
     }
 }
 
@@ -65,7 +66,7 @@ pub fn participant_name(guid: &Guid) -> String {
 
 /// Looks until it is stopped.
 pub async fn run(
-    participant: DomainParticipant,
+    participant: Participant,
     tallies: Tallies,
     seen: Arc<watch::Sender<Arc<Discovery>>>,
     (nodes, siblings): (watch::Receiver<Nodes>, Siblings),
@@ -120,74 +121,38 @@ fn rates(
     now.1.iter().map(rate).collect()
 }
 
-fn look(participant: &DomainParticipant, nodes: &BTreeMap<Guid, &str>) -> Discovery {
-    let own = participant.guid().to_bytes();
-    let node = |guid: Guid| nodes.get(&guid).map(|name| (*name).to_owned());
+fn look(participant: &Participant, nodes: &BTreeMap<Guid, &str>) -> Discovery {
+    let own = participant.guid();
     let mut topics: BTreeMap<String, TopicSeen> = BTreeMap::new();
     let mut participants = BTreeSet::new();
-    for found in participant.discovered_writers() {
-        let data = found.publication_topic_data;
-        let endpoint = Endpoint {
-            // A writer that does not say is reliable and volatile (DDS 1.4, 2.2.3).
-            reliable: data.reliability != Some(Reliability::BestEffort),
-            node: node(data.key.to_bytes()),
-            deadline_ns: deadline(data.deadline),
-            liveliness: liveliness(data.liveliness),
-            ..endpoint(data.key.to_bytes(), own, &data.type_name, data.durability)
-        };
+    let seen = participant.seen();
+    for found in seen.writers() {
+        let endpoint = endpoint(found, &own, nodes);
         participants.insert(endpoint.participant.clone());
-        push(&mut topics, &data.topic_name, endpoint, |topic| &mut topic.publishers);
+        push(&mut topics, &found.topic, endpoint, |topic| &mut topic.publishers);
     }
-    for found in participant.discovered_readers() {
-        let data = found.subscription_topic_data;
-        let qos = data.qos();
-        let endpoint = Endpoint {
-            // A reader that does not say takes what comes.
-            reliable: matches!(qos.reliability(), Some(Reliability::Reliable { .. })),
-            node: node(data.key().to_bytes()),
-            deadline_ns: deadline(qos.deadline()),
-            liveliness: liveliness(qos.liveliness()),
-            ..endpoint(data.key().to_bytes(), own, data.type_name(), qos.durability())
-        };
+    for found in seen.readers() {
+        let endpoint = endpoint(found, &own, nodes);
         participants.insert(endpoint.participant.clone());
-        push(&mut topics, &data.topic_name, endpoint, |topic| &mut topic.subscribers);
+        push(&mut topics, &found.topic, endpoint, |topic| &mut topic.subscribers);
     }
-    participants.remove(&hex(&own[..PREFIX]));
+    participants.remove(&participant_name(&own));
     let more = topics.len().saturating_sub(TOPICS_MAX);
     let topics = topics.into_values().take(TOPICS_MAX);
     Discovery { topics: topics.collect(), more, participants: participants.len(), ..Discovery::default() }
 }
 
-fn endpoint(guid: [u8; 16], own: [u8; 16], type_name: &str, durability: Option<Durability>) -> Endpoint {
+fn endpoint(found: &Found, own: &Guid, nodes: &BTreeMap<Guid, &str>) -> Endpoint {
     Endpoint {
-        participant: hex(&guid[..PREFIX]),
-        type_name: messages::ros_type_name(type_name).to_string(),
-        reliable: false,
-        transient_local: durability.is_some_and(|kind| kind >= Durability::TransientLocal),
-        ours: guid[..PREFIX] == own[..PREFIX],
-        ..Endpoint::default()
+        participant: participant_name(&found.guid),
+        node: nodes.get(&found.guid).map(|name| (*name).to_owned()),
+        type_name: messages::ros_type_name(&found.type_name),
+        reliable: found.reliable,
+        transient_local: found.transient_local,
+        deadline_ns: found.deadline_ns,
+        liveliness: found.liveliness,
+        ours: found.guid[..PREFIX] == own[..PREFIX],
     }
-}
-
-fn deadline(deadline: Option<Deadline>) -> Option<u64> {
-    deadline.and_then(|Deadline(period)| nanos(period))
-}
-
-/// One that does not say is asserted by the library, without end (DDS 1.4, 2.2.3.11).
-fn liveliness(said: Option<policy::Liveliness>) -> Liveliness {
-    use policy::Liveliness::{Automatic, ManualByParticipant, ManualByTopic};
-    let (kind, lease) = match said {
-        None => return Liveliness::default(),
-        Some(Automatic { lease_duration }) => (LivelinessKind::Automatic, lease_duration),
-        Some(ManualByParticipant { lease_duration }) => (LivelinessKind::ManualByParticipant, lease_duration),
-        Some(ManualByTopic { lease_duration }) => (LivelinessKind::ManualByTopic, lease_duration),
-    };
-    Liveliness { kind, lease_ns: nanos(lease) }
-}
-
-/// `None` is without end.
-fn nanos(duration: rustdds::Duration) -> Option<u64> {
-    (duration != rustdds::Duration::INFINITE).then(|| u64::try_from(duration.to_nanoseconds()).unwrap_or(0))
 }
 
 fn push(

@@ -3,9 +3,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use rustdds::DomainParticipant;
 use tokio::sync::mpsc;
 
+use super::library::Participant;
 use super::messages;
 use super::subscription::{Learned, Subscription};
 use crate::clock::Clock;
@@ -35,10 +35,6 @@ impl Learning {
         Learning { waiting: BTreeMap::new(), inputs, clock }
     }
 
-    pub fn is_empty(&self) -> bool {
-        self.waiting.is_empty()
-    }
-
     /// Waits for the type of these topics and of no others.
     pub fn follow(&mut self, untyped: Vec<Arc<Subscription>>) {
         let searching_until = self.clock.now() + DISCOVERY;
@@ -50,18 +46,19 @@ impl Learning {
     }
 
     /// What can be read now that it could not be before.
-    pub fn look(&mut self, participant: &DomainParticipant) -> Vec<Arc<Subscription>> {
+    pub fn look(&mut self, participant: &Participant) -> Vec<Arc<Subscription>> {
         if self.waiting.is_empty() {
             return Vec::new();
         }
         let mut types: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
-        for found in participant.discovered_writers() {
-            let writer = found.publication_topic_data;
-            if self.waiting.contains_key(&writer.topic_name) {
+        let seen = participant.seen();
+        for topic in self.waiting.keys() {
+            for writer in seen.writers_of(topic) {
                 let type_name = messages::ros_type_name(&writer.type_name);
-                types.entry(writer.topic_name).or_default().insert(type_name);
+                types.entry(topic.clone()).or_default().insert(type_name);
             }
         }
+        drop(seen);
         self.take(&types)
     }
 
@@ -179,7 +176,7 @@ groups: [{ id: g, modules: [{ id: m, monitor: { value: { topic: /x, field: data,
         assert_eq!(news.other_type.as_deref(), Some("std_msgs/msg/Float64, std_msgs/msg/Int32"));
         assert!(received.try_recv().is_err(), "once");
         let learned = learning.take(&published(&["std_msgs/msg/Float64"]));
-        assert_eq!((&*learned[0].type_name, learning.is_empty()), ("std_msgs/msg/Float64", true));
+        assert_eq!((&*learned[0].type_name, learning.waiting.is_empty()), ("std_msgs/msg/Float64", true));
     }
 
     #[tokio::test]
@@ -196,7 +193,7 @@ groups: [{ id: g, modules: [{ id: m, monitor: { value: { topic: /x, field: data,
         assert_eq!(learning.take(&published(&["std_msgs/msg/Header"])).len(), 1);
         let Input::Reception(trouble) = received.try_recv().unwrap().input else { panic!() };
         assert_eq!(&*trouble.text, "std_msgs/msg/Header has no field `data`");
-        assert!(learning.is_empty() && received.try_recv().is_err());
+        assert!(learning.waiting.is_empty() && received.try_recv().is_err());
     }
 
     #[tokio::test]

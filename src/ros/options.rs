@@ -36,6 +36,17 @@ pub struct BridgeOptions {
     pub peers: Vec<Box<str>>,
     /// What the environment asks for in vain, a line each.
     pub unheeded: Vec<String>,
+    /// Where the DDS library runs.
+    pub dds_process: DdsProcess,
+}
+
+/// Where the DDS library runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DdsProcess {
+    /// In a child process of this program, which may take so much memory.
+    Child { megabytes: u32 },
+    /// In this process: for tests and benchmarks of the library, whose program is another.
+    Thread,
 }
 
 const NODE: &str = "telltale";
@@ -96,6 +107,7 @@ impl BridgeOptions {
     /// Loopback alone, as demonstrations and tests use it.
     pub fn loopback(domain: u16) -> BridgeOptions {
         BridgeOptions {
+            dds_process: DdsProcess::Thread,
             domain,
             interface: Interface::Loopback,
             gid_size: None,
@@ -143,7 +155,18 @@ impl BridgeOptions {
         let namespace = namespace(&env)?;
         let mut unheeded = environment::unheeded(&env)?;
         let peers = peers_of(peers, interface, &env, &mut unheeded)?;
-        Ok(BridgeOptions { domain, interface, gid_size, definitions, node: NODE, namespace, peers, unheeded })
+        let dds_process = DdsProcess::Child { megabytes: DdsProcess::MEGABYTES };
+        Ok(BridgeOptions {
+            domain,
+            interface,
+            gid_size,
+            definitions,
+            node: NODE,
+            namespace,
+            peers,
+            unheeded,
+            dds_process,
+        })
     }
 }
 

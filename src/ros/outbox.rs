@@ -21,6 +21,8 @@ pub enum End {
     NobodyListens,
     /// The participant has to be replaced.
     Rebuild(String),
+    /// The participant is gone, and nothing was heard of late.
+    Lost(String),
 }
 
 pub struct Outbox {

@@ -159,7 +159,7 @@ async fn open(options: &BridgeOptions, topics: &Arc<[OutputTopic]>) -> Result<Pu
         let (type_name, quality) = what.offer();
         publisher.offer(topic, type_name, quality)?;
     }
-    publisher.offer_announcements()?;
+    publisher.offer_announcements();
     Ok(publisher)
 }
 
@@ -182,6 +182,7 @@ async fn run(
             None => open(&options, &topics).await,
         };
         let (ends, ending) = watch::channel(false);
+        let opened_at = clock.now();
         let ground =
             Ground { topics, snapshots: snapshots.clone(), inputs: inputs.clone(), clock, end: ending };
         match opened {
@@ -201,11 +202,16 @@ async fn run(
                 let _ = ends.send(true);
                 levels = control.await.unwrap_or_else(|_| Levels::new(REPEAT, &snapshots.borrow()));
                 tasks.join_all().await;
-                graph.siblings.remove(&publisher.participant());
                 if let Some(publisher) = Arc::into_inner(publisher) {
                     publisher.shutdown().await;
                 }
                 levels.forget();
+                // Where one after the other is ill, not faster than the reading ones.
+                let lived = Duration::from_nanos(clock.now().since(opened_at).as_nanos());
+                tokio::select! {
+                    () = stopped(&mut stop) => {}
+                    () = tokio::time::sleep(RETRY.saturating_sub(lived)) => {}
+                }
             }
             Err(error) => {
                 tell_all(&ground, &error.to_string());
@@ -237,12 +243,12 @@ async fn look_after(
         tokio::select! {
             () = stopped(stop) => return,
             Ok(()) = wanted.changed() => return,
+            reason = publisher.stopped() => {
+                tracing::error!("the DDS process that publishes is ill and is replaced: {reason}");
+                return;
+            }
             _ = looks.tick() => {
                 look += 1;
-                if publisher.has_stopped() {
-                    tracing::warn!("the DDS participant that publishes is replaced: its threads have ended");
-                    return;
-                }
                 // An error to list the interfaces says nothing about them.
                 if look.is_multiple_of(4) && interfaces::addresses().is_ok_and(|now| addresses.look(&now)) {
                     tracing::warn!("the DDS participant that publishes is replaced: the addresses have changed");

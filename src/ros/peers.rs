@@ -7,12 +7,12 @@
 use std::net::{Ipv4Addr, SocketAddr};
 use std::time::Duration;
 
-use rustdds::{DomainParticipant, RTPSEntity as _};
 use tokio::net::UdpSocket;
 use tokio::task::AbortHandle;
 use tokio::time::MissedTickBehavior;
 
 use super::interfaces;
+use super::library::Participant;
 use super::lookup::Lookup;
 use super::options::{BridgeOptions, Interface};
 use crate::clock::Clock;
@@ -42,14 +42,14 @@ impl Drop for Announcer {
 }
 
 /// Nothing, where no peers are listed.
-pub fn announce(participant: &DomainParticipant, options: &BridgeOptions) -> Option<Announcer> {
+pub fn announce(participant: &Participant, options: &BridgeOptions) -> Option<Announcer> {
     if options.peers.is_empty() {
         return None;
     }
     let own = Own {
-        guid: participant.guid().to_bytes(),
+        guid: participant.guid(),
         domain: options.domain,
-        participant: participant.participant_id(),
+        participant: participant.id(),
         interface: options.interface,
     };
     let clock = Clock::start();

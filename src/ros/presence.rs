@@ -5,23 +5,16 @@
 
 use std::collections::BTreeSet;
 use std::future::poll_fn;
-use std::task::Poll;
 use std::time::Duration;
 
-use rustdds::bytes::Bytes;
-use rustdds::dds::CreateResult;
-use rustdds::no_key::DataWriter;
-use rustdds::policy::{Durability, History, Reliability};
-use rustdds::{DomainParticipant, QosPolicies, QosPolicyBuilder, RTPSEntity, Subscriber, Topic};
 use tokio::sync::watch;
 use tokio::time::MissedTickBehavior;
 
 use super::cdr::Endian;
+use super::library::{Heard, Participant, Quality, Seen, Writer};
 use super::messages::{self, GidSize, NodeEntities, PARTICIPANT_ENTITIES_INFO};
 use super::nodes::{self, Nodes};
 use super::outbox::stopped;
-use super::raw::{RawAdapter, RawBody};
-use super::readers::{create_topic, reader_qos};
 use super::writers::{Guid, Via};
 use crate::clock::Clock;
 
@@ -33,7 +26,6 @@ const DEPTH: usize = 512;
 const LOOK: Duration = Duration::from_secs(1);
 
 pub struct Surroundings {
-    pub own_readers: watch::Receiver<BTreeSet<Guid>>,
     pub nodes: watch::Sender<Nodes>,
     /// How long a gid is here, as soon as it is known.
     pub gid_size: watch::Sender<Option<GidSize>>,
@@ -43,64 +35,41 @@ pub struct Surroundings {
 }
 
 /// Announces the node and follows those of others until it is stopped.
-pub async fn run(
-    participant: DomainParticipant,
-    subscriber: Subscriber,
-    around: Surroundings,
-    mut stop: watch::Receiver<bool>,
-) {
+pub async fn run(participant: Participant, around: Surroundings, mut stop: watch::Receiver<bool>) {
     around.nodes.send_replace(Nodes::new(around.clock.now()));
-    let (nodes, own_readers) = (&around.nodes, around.own_readers);
-    let both = async {
-        let topic = discovery_topic(&participant)?;
-        tokio::try_join!(
-            announce(&participant, &topic, &around.node, around.gid_size.subscribe(), own_readers, nodes),
-            listen(&participant, &subscriber, &topic, &around.gid_size, nodes),
-        )
-    };
+    let nodes = &around.nodes;
     tokio::select! {
         () = stopped(&mut stop) => {}
-        done = both => {
-            if let Err(error) = done {
-                tracing::warn!("nodes cannot be exchanged with ROS 2: {error}");
-            }
-        }
+        () = announce(&participant, &around.node, around.gid_size.subscribe(), nodes) => {}
+        () = listen(&participant, &around.gid_size, nodes) => {}
     }
     around.nodes.send_replace(Nodes::default());
 }
 
-/// A writer of announcements, which keeps the last one for who comes later.
-///
-/// # Errors
-/// The library's own.
-pub fn announcer(participant: &DomainParticipant) -> CreateResult<DataWriter<Bytes, RawAdapter>> {
-    writer(participant, &discovery_topic(participant)?)
+/// A writer of announcements, which keeps the last one for who comes later, as every rmw has it.
+pub fn announcer(participant: &Participant) -> Writer {
+    participant.writer(TOPIC, &type_name(), Quality::LastValue)
 }
 
-fn writer(participant: &DomainParticipant, topic: &Topic) -> CreateResult<DataWriter<Bytes, RawAdapter>> {
-    participant.create_publisher(&qos())?.create_datawriter_no_key(topic, Some(qos()))
-}
-
+/// Without end.
 async fn announce(
-    participant: &DomainParticipant,
-    topic: &Topic,
+    participant: &Participant,
     node: &str,
     mut size: watch::Receiver<Option<GidSize>>,
-    mut own_readers: watch::Receiver<BTreeSet<Guid>>,
     nodes: &watch::Sender<Nodes>,
-) -> CreateResult<()> {
-    // While the threads of the library surely run: without them it would be waited for without end.
-    let writer = writer(participant, topic)?;
+) {
+    let writer = announcer(participant);
+    let mut own_readers = participant.own_readers();
     let known = size.wait_for(Option::is_some).await.ok().and_then(|size| *size);
-    let Some(size) = known else { return Ok(()) };
+    let Some(size) = known else { return std::future::pending().await };
+    let own = writer.guid().await;
     loop {
         let readers: Vec<Guid> = own_readers.borrow_and_update().iter().copied().collect();
         let node = NodeEntities { name: node, readers: &readers, writers: &[] };
-        let body = messages::encode_nodes(participant.guid().to_bytes(), &[node], size);
+        let body = messages::encode_nodes(participant.guid(), &[node], size);
         // Whether a participant hears itself is up to the network.
-        let own = writer.guid().to_bytes();
         nodes.send_modify(|nodes| nodes.announce(own, &body, Endian::Little, Some(size)));
-        if let Err(error) = writer.async_write(body.into(), None).await {
+        if let Err(error) = writer.write(body).await {
             tracing::warn!("the node was not announced to ROS 2: {error}");
         }
         if own_readers.changed().await.is_err() {
@@ -110,72 +79,45 @@ async fn announce(
     }
 }
 
-/// Takes the announcements of other participants; the first tells the size, if it is not known.
+/// Takes the announcements of other participants, without end; the first tells the size, if it is not known.
 async fn listen(
-    participant: &DomainParticipant,
-    subscriber: &Subscriber,
-    topic: &Topic,
+    participant: &Participant,
     learn: &watch::Sender<Option<GidSize>>,
     nodes: &watch::Sender<Nodes>,
-) -> CreateResult<()> {
-    let reader = subscriber
-        .create_simple_datareader_no_key::<RawBody, RawAdapter>(topic, Some(reader_qos(Via::LastValue)))?;
+) {
+    let mut reader = participant.reader(TOPIC, &type_name(), Via::LastValue, DEPTH);
     let mut looks = tokio::time::interval(LOOK);
     looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
-        let next = poll_fn(|context| {
-            reader.drain_read_notifications();
-            reader.set_waker(Some(context.waker().clone()));
-            let next = reader.try_take_one().ok().flatten();
-            next.map_or(Poll::Pending, Poll::Ready)
-        });
         tokio::select! {
             _ = looks.tick() => {
-                let (guids, services) = seen(participant);
-                let own = participant.guid().to_bytes();
-                nodes.send_modify(|nodes| nodes.update(&own, guids, services));
+                let (guids, services) = seen(&participant.seen());
+                nodes.send_modify(|nodes| nodes.update(&participant.guid(), guids, services));
             }
-            change = next => {
-                let writer = change.writer_guid.to_bytes();
-                let Ok((body, endian)) = change.into_value() else { continue };
+            heard = poll_fn(|context| reader.poll(context)) => {
+                let Heard::Sample(sample) = heard else { continue };
+                let Ok((body, endian)) = sample.body else { continue };
                 learn.send_if_modified(|size| {
                     let known = size.is_some();
                     *size = size.or_else(|| GidSize::of_message(&body, endian));
                     size.is_some() && !known
                 });
                 let size = *learn.borrow();
-                nodes.send_modify(|nodes| nodes.announce(writer, &body, endian, size));
+                nodes.send_modify(|nodes| nodes.announce(sample.writer, &body, endian, size));
             }
         }
     }
 }
 
 /// The writers of announcements that discovery knows, and the services that somebody serves.
-fn seen(participant: &DomainParticipant) -> (BTreeSet<Guid>, BTreeSet<Box<str>>) {
-    let (writers, readers) = (participant.discovered_writers(), participant.discovered_readers());
-    let writers = writers.iter().map(|found| {
-        let data = &found.publication_topic_data;
-        (&*data.topic_name, data.key.to_bytes())
-    });
-    let readers = readers.iter().map(|found| {
-        let data = &found.subscription_topic_data;
-        (&**data.topic_name(), data.key().to_bytes())
-    });
-    let announcing = writers.clone().filter(|(topic, _)| *topic == TOPIC).map(|(_, guid)| guid).collect();
+fn seen(seen: &Seen) -> (BTreeSet<Guid>, BTreeSet<Box<str>>) {
+    let announcing = seen.writers_of(TOPIC).map(|writer| writer.guid).collect();
+    let readers = seen.readers().map(|reader| (&*reader.topic, reader.guid));
+    let writers = seen.writers().map(|writer| (&*writer.topic, writer.guid));
     (announcing, nodes::services(readers, writers))
 }
 
-fn discovery_topic(participant: &DomainParticipant) -> CreateResult<Topic> {
-    // The name has three parts, so it has one on the wire.
-    let type_name = messages::dds_type_name(PARTICIPANT_ENTITIES_INFO).unwrap_or_default();
-    create_topic(participant, TOPIC, &type_name, DEPTH)
-}
-
-/// As every rmw has it.
-fn qos() -> QosPolicies {
-    QosPolicyBuilder::new()
-        .reliability(Reliability::Reliable { max_blocking_time: rustdds::Duration::from_millis(100) })
-        .durability(Durability::TransientLocal)
-        .history(History::KeepLast { depth: 1 })
-        .build()
+/// The name has three parts, so it has one on the wire.
+fn type_name() -> String {
+    messages::dds_type_name(PARTICIPANT_ENTITIES_INFO).unwrap_or_default()
 }

@@ -1,31 +1,18 @@
 //! A participant that publishes diagnostics and any other topic, as the nodes of a vehicle do.
 
-use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
 
-use rustdds::bytes::Bytes;
-use rustdds::dds::{CreateError, CreateResult};
-use rustdds::no_key::DataWriter;
-use rustdds::policy::{Durability, History, Reliability};
-use rustdds::{DomainParticipant, QosPolicies, QosPolicyBuilder, RTPSEntity, TopicKind};
-
 use super::graph::participant_name;
+use super::library::{Participant, Writer};
 use super::messages::{self, BOOL, DIAGNOSTIC_ARRAY, GidSize, NodeEntities};
 use super::options::BridgeOptions;
 use super::peers::{self, Announcer};
-use super::raw::RawAdapter;
-use super::session::Pulse;
 use super::writers::Guid;
-use super::{BridgeError, DIAGNOSTICS, presence, session};
+use super::{BridgeError, DIAGNOSTICS, presence};
 use crate::engine::input::StatusArray;
 
 /// Larger arrays travel as several messages: readers of other vendors were seen to lose large ones.
 const MESSAGE_BYTES_MAX: usize = 128 << 10;
-
-/// Writing waits for slow readers a tenth of that.
-const WRITING_MAX: std::time::Duration = std::time::Duration::from_secs(1);
-
-type Writer = DataWriter<Bytes, RawAdapter>;
 
 #[derive(Debug, thiserror::Error)]
 pub enum PublishError {
@@ -46,15 +33,23 @@ pub enum Quality {
     LastValue,
 }
 
+impl Quality {
+    pub const ALL: [Quality; 3] = [Quality::Reliable, Quality::BestEffort, Quality::LastValue];
+
+    /// Its place in [`Quality::ALL`].
+    pub const fn number(self) -> u8 {
+        self as u8
+    }
+}
+
 /// The writers of one participant of its own.
 pub struct Publisher {
     options: BridgeOptions,
-    participant: DomainParticipant,
+    participant: Participant,
     /// With the name as ROS has it.
     writers: Vec<(Box<str>, Writer)>,
     /// Of the nodes that this participant has, once there were any.
     announcer: Option<Writer>,
-    pulse: Mutex<Pulse>,
     /// To the hosts that multicast does not reach.
     peers: Option<Announcer>,
 }
@@ -78,21 +73,22 @@ impl Publisher {
     /// # Errors
     /// The interface is not there, or DDS gets no sockets.
     pub async fn empty(options: &BridgeOptions) -> Result<Publisher, BridgeError> {
-        let participant = session::open(options).await?;
+        let participant = Participant::open(options).await?;
         let peers = peers::announce(&participant, options);
-        let (options, writers, pulse) = (options.clone(), Vec::new(), Mutex::default());
-        Ok(Publisher { options, participant, writers, announcer: None, pulse, peers })
+        Ok(Publisher { options: options.clone(), participant, writers: Vec::new(), announcer: None, peers })
     }
 
     /// Offers one more topic of any type, `package/msg/Name`. One that is offered already stays as it is.
     ///
     /// # Errors
-    /// The type has no such name, or DDS gets no sockets.
+    /// No type has such a name.
     pub fn offer(&mut self, topic: &str, type_name: &str, quality: Quality) -> Result<(), BridgeError> {
         if self.writer(topic).is_err() {
             let topic = self.options.whole_name(topic);
-            let writer = writer(&self.participant, &topic, type_name, quality)
-                .map_err(|error| BridgeError::Participant(format!("{topic}: {error}")))?;
+            let dds_type = messages::dds_type_name(type_name).ok_or_else(|| {
+                BridgeError::Participant(format!("{topic}: {type_name:?} is no package/msg/Name"))
+            })?;
+            let writer = self.participant.writer(&format!("rt{topic}"), &dds_type, quality);
             self.writers.push((topic.into(), writer));
         }
         Ok(())
@@ -107,7 +103,8 @@ impl Publisher {
         let (topic, writer) = self.writer(topic)?;
         // Cyclone DDS drops fragmented messages that are not padded.
         body.resize(body.len().next_multiple_of(4), 0);
-        write(writer, body)
+        writer
+            .write(body)
             .await
             .map_err(|reason| PublishError::NotWritten { topic: topic.to_owned(), reason })
     }
@@ -136,15 +133,9 @@ impl Publisher {
         Ok(())
     }
 
-    /// Makes announcements possible. Where the threads of the library have ended, a new writer would be
-    /// waited for without end: it is made with the participant.
-    ///
-    /// # Errors
-    /// DDS gets no sockets.
-    pub fn offer_announcements(&mut self) -> Result<(), BridgeError> {
-        let failed = |error| BridgeError::Participant(format!("{}: {error}", presence::TOPIC));
-        self.announcer = Some(presence::announcer(&self.participant).map_err(failed)?);
-        Ok(())
+    /// Makes announcements possible.
+    pub fn offer_announcements(&mut self) {
+        self.announcer = Some(presence::announcer(&self.participant));
     }
 
     /// Announces which nodes of ROS 2 run in this participant, as an rmw does, each with the topics that
@@ -156,20 +147,25 @@ impl Publisher {
     pub async fn announce(&self, nodes: &[(&str, Vec<&str>)], size: GidSize) -> Result<(), PublishError> {
         let topic = || presence::TOPIC.to_owned();
         let writer = self.announcer.as_ref().ok_or_else(|| PublishError::NoSuchTopic(topic()))?;
-        let gid = |topic: &&str| self.writer(topic).ok().map(|(_, writer)| writer.guid().to_bytes());
-        let nodes = nodes.iter().map(|(name, topics)| {
-            (self.options.whole_name(name), topics.iter().filter_map(gid).collect::<Vec<_>>())
-        });
-        let nodes: Vec<(String, Vec<Guid>)> = nodes.collect();
-        let entities = nodes.iter().map(|(name, writers)| NodeEntities { name, readers: &[], writers });
+        let mut whole: Vec<(String, Vec<Guid>)> = Vec::with_capacity(nodes.len());
+        for (name, topics) in nodes {
+            let mut gids = Vec::with_capacity(topics.len());
+            for topic in topics {
+                if let Ok((_, writer)) = self.writer(topic) {
+                    gids.push(writer.guid().await);
+                }
+            }
+            whole.push((self.options.whole_name(name), gids));
+        }
+        let entities = whole.iter().map(|(name, writers)| NodeEntities { name, readers: &[], writers });
         let entities: Vec<NodeEntities<'_>> = entities.collect();
-        let body = messages::encode_nodes(self.participant.guid().to_bytes(), &entities, size);
-        write(writer, body).await.map_err(|reason| PublishError::NotWritten { topic: topic(), reason })
+        let body = messages::encode_nodes(self.participant.guid(), &entities, size);
+        writer.write(body).await.map_err(|reason| PublishError::NotWritten { topic: topic(), reason })
     }
 
     /// This participant, in hexadecimal digits.
     pub fn participant(&self) -> String {
-        participant_name(&self.participant.guid().to_bytes())
+        participant_name(&self.participant.guid())
     }
 
     /// The topics that are offered.
@@ -190,66 +186,28 @@ impl Publisher {
         Ok((topic, writer))
     }
 
-    /// Whether a reader is discovered that takes what is offered so on a topic. The library's news of
-    /// matches are dropped when four wait, so what it knows is asked for instead.
+    /// Whether a reader is discovered that takes what is offered so on a topic.
     pub fn has_reader(&self, topic: &str, type_name: &str, quality: Quality) -> bool {
-        let (topic, offered) = (format!("rt{}", self.options.whole_name(topic)), qos(quality));
+        let topic = format!("rt{}", self.options.whole_name(topic));
         let Some(type_name) = messages::dds_type_name(type_name) else { return false };
-        self.participant.discovered_readers().iter().any(|found| {
-            let reader = &found.subscription_topic_data;
-            *reader.topic_name() == topic
-                && *reader.type_name() == type_name
-                && offered.compliance_failure_wrt(&reader.qos()).is_none()
-        })
+        let seen = self.participant.seen();
+        seen.readers_of(&topic).any(|reader| reader.type_name == type_name && reader.takes(quality))
     }
 
-    /// Whether the threads of the DDS library have ended, as they do when a stopped process goes
-    /// on; a new publisher is due then. To be asked every now and then.
+    /// Whether the participant is beyond use: its process was ill or has died. A new publisher is due then.
     pub fn has_stopped(&self) -> bool {
-        self.pulse.lock().unwrap_or_else(PoisonError::into_inner).has_stopped(&self.participant)
+        self.participant.has_ended()
+    }
+
+    /// Waits until that is so, and says why.
+    pub async fn stopped(&self) -> Box<str> {
+        self.participant.ended().await.reason
     }
 
     /// Ends the writers, then the participant, and waits for its threads.
     pub async fn shutdown(self) {
         let Publisher { participant, writers, announcer, peers, .. } = self;
         drop((peers, writers, announcer));
-        // A panic there was in the library, and the participant is gone either way.
-        let _ = session::close(participant).await;
+        participant.close().await;
     }
-}
-
-/// Writes, unless the library has ended its threads and would never say so.
-async fn write(writer: &Writer, body: Vec<u8>) -> Result<(), String> {
-    match tokio::time::timeout(WRITING_MAX, writer.async_write(body.into(), None)).await {
-        Ok(written) => written.map_err(|error| error.to_string()),
-        Err(_) => Err(format!("the DDS library does not answer within {WRITING_MAX:?}")),
-    }
-}
-
-fn writer(
-    participant: &DomainParticipant,
-    topic: &str,
-    type_name: &str,
-    quality: Quality,
-) -> CreateResult<Writer> {
-    let qos = qos(quality);
-    let type_name = messages::dds_type_name(type_name).ok_or_else(|| CreateError::BadParameter {
-        reason: format!("{type_name:?} is no package/msg/Name"),
-    })?;
-    let topic = participant.create_topic(format!("rt{topic}"), type_name, &qos, TopicKind::NoKey)?;
-    participant.create_publisher(&qos)?.create_datawriter_no_key(&topic, Some(qos))
-}
-
-fn qos(quality: Quality) -> QosPolicies {
-    let reliable = Reliability::Reliable { max_blocking_time: rustdds::Duration::from_millis(100) };
-    let (reliability, durability, depth) = match quality {
-        Quality::Reliable => (reliable, Durability::Volatile, 10),
-        Quality::BestEffort => (Reliability::BestEffort, Durability::Volatile, 10),
-        Quality::LastValue => (reliable, Durability::TransientLocal, 1),
-    };
-    QosPolicyBuilder::new()
-        .reliability(reliability)
-        .durability(durability)
-        .history(History::KeepLast { depth })
-        .build()
 }

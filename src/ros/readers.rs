@@ -4,14 +4,8 @@ use std::collections::VecDeque;
 use std::task::{Context, Poll};
 use std::time::{Duration, SystemTime};
 
-use rustdds::dds::{CreateResult, ReadError};
-use rustdds::no_key::SimpleDataReader;
-use rustdds::policy::{Durability, History, Reliability, ResourceLimits};
-use rustdds::{
-    DomainParticipant, QosPolicies, QosPolicyBuilder, Subscriber, Topic, TopicDescription, TopicKind,
-};
-
-use super::raw::{RawAdapter, RawBody};
+use super::library::{Heard, Participant, RawSample, Reader};
+use super::raw::RawBody;
 use super::subscription::Subscription;
 use super::writers::{Guid, Via};
 use crate::engine::time::{Span, Timestamp};
@@ -46,20 +40,12 @@ pub struct Sample {
     pub body: RawBody,
 }
 
-/// What may go wrong in the library itself.
-#[derive(Debug)]
-pub enum ReadFault {
-    /// One sample was not handed over.
-    Sample(String),
-    /// The participant is beyond use.
-    Broken(String),
-}
-
 pub struct Readers {
-    participant: DomainParticipant,
-    subscriber: Subscriber,
-    topic: Topic,
-    readers: Vec<(Via, SimpleDataReader<RawBody, RawAdapter>)>,
+    participant: Participant,
+    topic: String,
+    type_name: String,
+    depth: usize,
+    readers: Vec<Reader>,
     /// The kind that is to stay, and since when it is there.
     fitting: (Via, Timestamp),
 }
@@ -68,34 +54,31 @@ impl Readers {
     /// Starts without a reader: a publisher that waits for one must not send its only message before the
     /// library knows whose it is.
     pub fn new(
-        participant: DomainParticipant,
-        subscriber: Subscriber,
+        participant: Participant,
         subscription: &Subscription,
         depth: usize,
         now: Timestamp,
-    ) -> CreateResult<Readers> {
-        let topic = create_topic(&participant, &subscription.dds_topic, &subscription.dds_type, depth)?;
+    ) -> Readers {
+        let (topic, type_name) = (subscription.dds_topic.clone(), subscription.dds_type.clone());
         let fitting = (Via::BestEffort, now);
-        Ok(Readers { participant, subscriber, topic, readers: Vec::with_capacity(2), fitting })
+        Readers { participant, topic, type_name, depth, readers: Vec::with_capacity(2), fitting }
     }
 
     /// Makes the reader that fits, and ends the others once it had time to be found. To be asked every
     /// now and then. Returns whether the readers are others now.
-    pub fn follow(&mut self, via: Via, now: Timestamp) -> CreateResult<bool> {
+    pub fn follow(&mut self, via: Via, now: Timestamp) -> bool {
         if self.fitting.0 != via {
             self.fitting = (via, now);
         }
-        if !self.readers.iter().any(|(known, _)| *known == via) {
-            let reader =
-                self.subscriber.create_simple_datareader_no_key(&self.topic, Some(reader_qos(via)))?;
-            self.readers.push((via, reader));
-            return Ok(true);
+        if !self.readers.iter().any(|known| known.via() == via) {
+            self.readers.push(self.participant.reader(&self.topic, &self.type_name, via, self.depth));
+            return true;
         }
         let before = self.readers.len();
         if now.since(self.fitting.1) >= OVERLAP {
-            self.readers.retain(|(known, _)| *known == via);
+            self.readers.retain(|known| known.via() == via);
         }
-        Ok(self.readers.len() != before)
+        self.readers.len() != before
     }
 
     /// The kind that is to stay, once there is one.
@@ -110,99 +93,47 @@ impl Readers {
 
     /// Whether one of them has what is lost sent again.
     pub fn any_reliable(&self) -> bool {
-        self.readers.iter().any(|(via, _)| *via != Via::BestEffort)
-    }
-
-    pub fn guids(&self) -> impl Iterator<Item = Guid> {
-        self.readers.iter().map(|(_, reader)| reader.guid().to_bytes())
+        self.readers.iter().any(|reader| reader.via() != Via::BestEffort)
     }
 
     /// Lets the library keep more samples from now on.
-    pub fn deepen(&self, depth: usize) -> CreateResult<()> {
-        let type_name = self.topic.get_type().name().to_owned();
-        create_topic(&self.participant, &self.topic.name(), &type_name, depth).map(drop)
+    pub fn deepen(&mut self, depth: usize) {
+        self.depth = depth;
+        self.participant.deepen(&self.topic, &self.type_name, depth);
     }
 
-    /// Ready once something was received; it is appended to `batch`.
+    /// Ready once something was received; it is appended to `batch`, or to `faults` where it was not handed over.
     pub fn poll(
         &mut self,
         context: &mut Context<'_>,
         batch: &mut Vec<Sample>,
-        faults: &mut Vec<ReadFault>,
+        faults: &mut Vec<String>,
     ) -> Poll<()> {
-        self.take(batch, faults);
-        if batch.is_empty() && faults.is_empty() {
-            for (_, reader) in &self.readers {
-                reader.set_waker(Some(context.waker().clone()));
-            }
-            // What came between the look and the waker would wake nobody.
-            self.take(batch, faults);
-        }
-        if batch.is_empty() && faults.is_empty() { Poll::Pending } else { Poll::Ready(()) }
-    }
-
-    fn take(&mut self, batch: &mut Vec<Sample>, faults: &mut Vec<ReadFault>) {
         let mut bytes = 0;
-        for (via, reader) in &self.readers {
-            reader.drain_read_notifications();
-            // Nothing is also said for a sample that is no data; the next may follow.
-            let mut nothing = 0;
-            while nothing < 2
-                && batch.len() < BATCH_MAX
+        for reader in &mut self.readers {
+            let via = reader.via();
+            while batch.len() + faults.len() < BATCH_MAX
                 && bytes < BATCH_BYTES_MAX
-                && faults.len() < BATCH_MAX
+                && let Poll::Ready(heard) = reader.poll(context)
             {
-                match reader.try_take_one() {
-                    Ok(Some(change)) => {
-                        let (writer, sequence) =
-                            (change.writer_guid.to_bytes(), i64::from(change.sequence_number));
-                        let source = change.source_timestamp().map(wall_time);
-                        let body = change.into_value();
+                match heard {
+                    Heard::Sample(RawSample { writer, sequence, source, body }) => {
                         bytes += body.as_ref().map_or(0, |(body, _)| body.len());
-                        batch.push(Sample { writer, sequence, via: *via, source, body });
+                        let source = source.map(wall_time);
+                        batch.push(Sample { writer, sequence, via, source, body });
                     }
-                    Ok(None) => nothing += 1,
-                    Err(ReadError::Poisoned { reason } | ReadError::Internal { reason }) => {
-                        faults.push(ReadFault::Broken(reason));
-                        return;
-                    }
-                    Err(error) => faults.push(ReadFault::Sample(error.to_string())),
+                    Heard::Fault(reason) => faults.push(reason),
                 }
             }
         }
+        if batch.is_empty() && faults.is_empty() { Poll::Pending } else { Poll::Ready(()) }
     }
 }
 
 /// Ticks are seconds in 32.32 bits since 1970.
-fn wall_time(stamp: rustdds::Timestamp) -> SystemTime {
-    let ticks = stamp.to_ticks();
+fn wall_time(ticks: u64) -> SystemTime {
     let nanos = ((ticks & 0xffff_ffff) * 1_000_000_000) >> 32;
     SystemTime::UNIX_EPOCH + Duration::new(ticks >> 32, nanos as u32)
-}
-
-/// Also tells the library how many samples of the topic it keeps, which can only grow.
-pub fn create_topic(
-    participant: &DomainParticipant,
-    name: &str,
-    type_name: &str,
-    depth: usize,
-) -> CreateResult<Topic> {
-    let depth = i32::try_from(depth).unwrap_or(i32::MAX);
-    let limits = ResourceLimits { max_samples: depth, max_instances: 1, max_samples_per_instance: depth };
-    let qos = QosPolicyBuilder::new().history(History::KeepLast { depth }).resource_limits(limits).build();
-    participant.create_topic(name.to_owned(), type_name.to_owned(), &qos, TopicKind::NoKey)
-}
-
-/// No deadline, no lifespan: whatever is asked for beyond what a writer offers breaks the match.
-pub fn reader_qos(via: Via) -> QosPolicies {
-    let qos = QosPolicyBuilder::new();
-    let reliable = Reliability::Reliable { max_blocking_time: rustdds::Duration::from_millis(100) };
-    match via {
-        Via::Reliable => qos.reliability(reliable).durability(Durability::Volatile),
-        Via::LastValue => qos.reliability(reliable).durability(Durability::TransientLocal),
-        Via::BestEffort => qos.best_effort().durability(Durability::Volatile),
-    }
-    .build()
 }
 
 /// Follows what the library keeps of a topic, and says which depth fits.

@@ -4,26 +4,21 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-use futures_util::StreamExt;
-use rustdds::dds::CreateResult;
-use rustdds::{
-    DomainParticipant, DomainParticipantBuilder, DomainParticipantStatusEvent as Event, QosPolicyBuilder,
-    StatusEvented,
-};
 use tokio::sync::{mpsc, watch};
-use tokio::task::{JoinError, JoinHandle, JoinSet};
+use tokio::task::{JoinError, JoinSet};
 
-use super::BridgeError;
 use super::graph::{self, Siblings, Tallies};
 use super::interfaces::{self, AddressWatch};
 use super::learning::Learning;
+use super::library::{Ended, Participant};
 use super::messages::{self, GidSize};
 use super::nodes::Nodes;
-use super::options::{self, BridgeOptions};
+use super::options::BridgeOptions;
 use super::outbox::{End, stopped};
 use super::peers;
 use super::presence;
 use super::ros_clock::RosClock;
+use super::speakers;
 use super::step::StepWatch;
 use super::subscription::{Plan, Subscription};
 use super::topic::{Memory, Orders, Surroundings, Topic};
@@ -33,9 +28,6 @@ use crate::engine::input::Stamped;
 
 /// How often the clocks are compared; the addresses are at every fourth look.
 const LOOK: Duration = Duration::from_millis(250);
-/// How often every topic asks discovery anew, should an event have been missed: they are dropped
-/// in a flood.
-const DISCOVERY_LOOKS: u64 = 20;
 
 /// What lasts as long as the bridge.
 pub struct Ground {
@@ -67,51 +59,19 @@ pub struct Legacy {
     memories: BTreeMap<Key, Memory>,
 }
 
-/// Makes a participant. It blocks for some milliseconds, so it runs aside.
-///
-/// # Errors
-/// The interface is not there, or no socket or port is to be had.
-pub async fn open(options: &BridgeOptions) -> Result<DomainParticipant, BridgeError> {
-    let networks = options::networks(options.interface)?;
-    let domain = options.domain;
-    let build = move || {
-        let mut builder = DomainParticipantBuilder::new(domain);
-        if let Some(addresses) = networks {
-            builder = builder.with_only_networks(addresses);
-        }
-        builder.build()
-    };
-    match tokio::task::spawn_blocking(build).await {
-        Ok(built) => built.map_err(|error| BridgeError::Participant(error.to_string())),
-        Err(panic) => Err(BridgeError::Participant(panic.to_string())),
-    }
-}
-
-/// Drops a participant aside: it waits for its threads.
-pub fn close(participant: DomainParticipant) -> JoinHandle<()> {
-    tokio::task::spawn_blocking(move || drop(participant))
-}
-
 /// Reads until the end. The readers are gone when it returns, and after them all else that holds
 /// the participant.
-pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut Legacy) -> End {
-    let subscriber = match participant.create_subscriber(&QosPolicyBuilder::new().build()) {
-        Ok(subscriber) => subscriber,
-        Err(error) => return End::Rebuild(error.to_string()),
-    };
+pub async fn run(participant: &Participant, ground: &Ground, legacy: &mut Legacy) -> End {
     let _announcer = peers::announce(participant, &ground.options);
     let (stop, stopping) = watch::channel(false);
     let around = Surroundings {
         participant: participant.clone(),
-        subscriber: subscriber.clone(),
         inputs: ground.inputs.clone(),
         clock: ground.clock,
         tallies: ground.tallies.clone(),
         ros_clock: ground.ros_clock.clone(),
-        own_readers: Arc::new(watch::channel(BTreeSet::new()).0),
         stop: stopping.clone(),
     };
-    let own_readers = around.own_readers.subscribe();
     let mut plan = ground.plan.clone();
     let first = plan.borrow_and_update().clone();
     let is_wanted = |known: &Key| {
@@ -119,15 +79,10 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
         first.subscriptions.iter().any(|wanted| same(wanted))
     };
     legacy.memories.retain(|known, _| is_wanted(known));
-    let mut topics = match Topics::start(around, &first, legacy) {
-        Ok(topics) => topics,
-        Err(error) => return End::Rebuild(error.to_string()),
-    };
+    let mut topics = Topics::start(around, &first, legacy);
     let presence = tokio::spawn(presence::run(
         participant.clone(),
-        subscriber,
         presence::Surroundings {
-            own_readers,
             nodes: ground.nodes.clone(),
             gid_size: ground.gid_size.clone(),
             clock: ground.clock,
@@ -142,8 +97,10 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
         seen,
         (ground.nodes.subscribe(), ground.siblings.clone()),
         ground.clock,
-        stopping,
+        stopping.clone(),
     ));
+    let (nodes, inputs) = (ground.nodes.subscribe(), ground.inputs.clone());
+    let speaking = tokio::spawn(speakers::run(participant.clone(), nodes, inputs, ground.clock, stopping));
     let end = watch_over(participant, ground, plan, &mut topics, legacy).await;
     // The receivers live in the tasks; with none left there is nothing to stop.
     let _ = stop.send(true);
@@ -152,6 +109,7 @@ pub async fn run(participant: &DomainParticipant, ground: &Ground, legacy: &mut 
     }
     // A panic was in the library; the participant is dropped all the same.
     let _ = looking.await;
+    let _ = speaking.await;
     let _ = presence.await;
     end
 }
@@ -171,13 +129,13 @@ struct Running {
 }
 
 impl Topics {
-    fn start(around: Surroundings, plan: &Plan, legacy: &mut Legacy) -> CreateResult<Topics> {
+    fn start(around: Surroundings, plan: &Plan, legacy: &mut Legacy) -> Topics {
         let learning = Learning::new(around.inputs.clone(), around.clock);
         let mut topics = Topics { tasks: JoinSet::new(), running: BTreeMap::new(), learning, around };
         for subscription in &topics.typed(plan) {
-            topics.add(subscription, legacy)?;
+            topics.add(subscription, legacy);
         }
-        Ok(topics)
+        topics
     }
 
     /// What can be read of a plan at once. The types of the rest have to be learned; what was learned
@@ -197,21 +155,16 @@ impl Topics {
     }
 
     /// Reads the topics whose type somebody says now.
-    ///
-    /// # Errors
-    /// Only a new participant can do that.
-    fn learn(&mut self, legacy: &mut Legacy) -> Result<(), End> {
+    fn learn(&mut self, legacy: &mut Legacy) {
         for subscription in &self.learning.look(&self.around.participant) {
-            self.add(subscription, legacy)
-                .map_err(|error| End::Rebuild(format!("the DDS library refused a reader: {error}")))?;
+            self.add(subscription, legacy);
         }
-        Ok(())
     }
 
-    fn add(&mut self, subscription: &Arc<Subscription>, legacy: &mut Legacy) -> CreateResult<()> {
+    fn add(&mut self, subscription: &Arc<Subscription>, legacy: &mut Legacy) {
         let key = key(subscription);
         let memory = legacy.memories.remove(&key).unwrap_or_else(Memory::new);
-        let topic = Topic::new(subscription.clone(), self.around.clone(), memory)?;
+        let topic = Topic::new(subscription.clone(), self.around.clone(), memory);
         let (news, discovered) = watch::channel(0);
         let (change, changed) = watch::channel(subscription.clone());
         self.running.insert(key.clone(), Running { news, subscription: change });
@@ -219,7 +172,6 @@ impl Topics {
             let (memory, end) = topic.run(Orders { discovered, subscription: changed }).await;
             (key, memory, end)
         });
-        Ok(())
     }
 
     /// Reads what another configuration needs: topics that stay are read on without a gap.
@@ -248,23 +200,10 @@ impl Topics {
             } else if gone.iter().any(|(topic, _)| *topic == subscription.dds_topic) {
                 return Err(End::Rebuild(format!("{} has another type now", subscription.topic)));
             } else {
-                self.add(subscription, legacy)
-                    .map_err(|error| End::Rebuild(format!("the DDS library refused a reader: {error}")))?;
+                self.add(subscription, legacy);
             }
         }
         Ok(())
-    }
-
-    /// Has the topic that an event concerns ask discovery, or all if it does not say which.
-    fn tell(&self, event: &Event) {
-        match event {
-            Event::WriterDetected { writer } => {
-                let concerned = self.running.iter().filter(|((topic, _), _)| *topic == writer.topic_name);
-                concerned.for_each(|(_, running)| running.news.send_modify(|count| *count += 1));
-            }
-            Event::WriterLost { .. } | Event::ParticipantLost { .. } => self.tell_all(),
-            _ => {}
-        }
     }
 
     fn tell_all(&self) {
@@ -275,16 +214,14 @@ impl Topics {
 }
 
 async fn watch_over(
-    participant: &DomainParticipant,
+    participant: &Participant,
     ground: &Ground,
     mut plan: watch::Receiver<Arc<Plan>>,
     topics: &mut Topics,
     legacy: &mut Legacy,
 ) -> End {
-    let listener = participant.status_listener();
-    let mut events = listener.as_async_status_stream();
+    let mut news = participant.news();
     let clock = ground.clock;
-    let mut pulse = Pulse::default();
     let mut steps = StepWatch::new(clock.wall(), clock.now());
     let now = interfaces::addresses().unwrap_or_default();
     let mut addresses = AddressWatch::new(ground.options.interface, &now);
@@ -302,22 +239,14 @@ async fn watch_over(
                 if let Err(end) = topics.follow(&next, legacy).await {
                     return end;
                 }
-                if let Err(end) = topics.learn(legacy) {
-                    return end;
-                }
+                topics.learn(legacy);
             }
+            ended = participant.ended() => return lost(ended),
             Some(ended) = topics.tasks.join_next() => return keep(legacy, ended),
-            Some(event) = events.next() => topics.tell(&event),
+            Ok(()) = news.changed() => topics.tell_all(),
             _ = looks.tick() => {
                 look += 1;
-                if !topics.learning.is_empty()
-                    && let Err(end) = topics.learn(legacy)
-                {
-                    return end;
-                }
-                if pulse.has_stopped(participant) {
-                    return End::Rebuild("the threads of the DDS library have ended".to_owned());
-                }
+                topics.learn(legacy);
                 if let Some(back) = steps.look(clock.wall(), clock.now()) {
                     return End::Rebuild(format!("the wall clock was set back by {back:?}"));
                 }
@@ -325,29 +254,15 @@ async fn watch_over(
                 if look.is_multiple_of(4) && interfaces::addresses().is_ok_and(|now| addresses.look(&now)) {
                     return End::Rebuild("the addresses of the network interfaces have changed".to_owned());
                 }
-                if look.is_multiple_of(DISCOVERY_LOOKS) {
-                    topics.tell_all();
-                }
             }
         }
     }
 }
 
-/// Notices that the threads of a participant have ended: they do, and say so only in the log, when
-/// a stopped process goes on (`SIGSTOP`, Ctrl-Z, a debugger) and their system call is interrupted.
-#[derive(Debug, Default)]
-pub struct Pulse {
-    misses: u32,
-}
-
-impl Pulse {
-    /// To be asked every now and then. One miss alone may be a full queue.
-    pub fn has_stopped(&mut self, participant: &DomainParticipant) -> bool {
-        // It has no effect but on writers that must assert their own liveliness; there are none.
-        let missed = participant.assert_liveliness().is_err();
-        self.misses = if missed { self.misses + 1 } else { 0 };
-        self.misses >= 2
-    }
+/// Why a participant is beyond use.
+fn lost(ended: Ended) -> End {
+    let reason = ended.reason.into_string();
+    if ended.ill { End::Lost(reason) } else { End::Rebuild(reason) }
 }
 
 /// Keeps what an ended topic remembers. One that panicked, in the library, remembers nothing.

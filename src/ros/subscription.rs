@@ -9,7 +9,8 @@ use super::fields::{BooleanReader, Definitions, EventReader, FieldError, FieldsE
 use super::messages::{self, DIAGNOSTIC_ARRAY};
 use super::raw::RawBody;
 use super::ros_clock;
-use crate::engine::input::Input;
+use super::writers::Guid;
+use crate::engine::input::{Input, WriterId};
 use crate::engine::model::{FieldSource, Limits, Model, SignalSpec};
 use crate::engine::monitor::spec::{DiagnosticsTopic, StampClock, TopicSpec, WatchdogSpec, Watched};
 use crate::engine::sample::{FieldValue, Sample};
@@ -98,6 +99,7 @@ pub enum When {
 #[derive(Debug, Clone, Copy)]
 pub struct Received<'a> {
     pub body: &'a RawBody,
+    pub writer: Guid,
     /// By this machine's wall clock, since 1970.
     pub wall_ns: i64,
     pub when: When,
@@ -228,7 +230,7 @@ impl Subscription {
         let readable = received.body.as_ref().ok().map(|(body, endian)| (&**body, *endian));
         if let Some((body, endian)) = readable {
             let history = received.when == When::Kept;
-            self.decode_readable(body, endian, history, &mut inputs, &mut wrong);
+            self.decode_readable((body, endian, received.writer), history, &mut inputs, &mut wrong);
         }
         if let Some(watch) = &self.watch {
             let sample = match received.when {
@@ -242,8 +244,7 @@ impl Subscription {
 
     fn decode_readable(
         &self,
-        body: &[u8],
-        endian: Endian,
+        (body, endian, writer): (&[u8], Endian, Guid),
         history: bool,
         inputs: &mut Vec<Input>,
         wrong: &mut Option<Miss>,
@@ -253,7 +254,7 @@ impl Subscription {
             let array = if prefix.is_empty() { array } else { array.prefixed(prefix) };
             // An empty array that is whole is a message too; a fault before the first status is none.
             if !array.is_empty() || fault.is_none() {
-                inputs.push(Input::Diagnostics(array));
+                inputs.push(Input::Diagnostics(array.said_by(WriterId(writer))));
             }
             *wrong = fault.map(Miss::Fault);
         }

@@ -5,16 +5,15 @@ use std::future::poll_fn;
 use std::sync::Arc;
 use std::time::UNIX_EPOCH;
 
-use rustdds::dds::CreateError;
-use rustdds::{DomainParticipant, Subscriber};
 use tokio::sync::{mpsc, watch};
 
 use super::fields::Miss;
 use super::graph::Tallies;
+use super::library::{Found, Participant};
 use super::messages;
 use super::outbox::{End, Outbox, stopped, waiting_bytes};
 use super::raw::RawBody;
-use super::readers::{Advice, ReadFault, Readers, Retention, Sample};
+use super::readers::{Advice, Readers, Retention, Sample};
 use super::ros_clock::RosClock;
 use super::subscription::{Received, Subscription, When};
 use super::trouble::Troubles;
@@ -34,17 +33,12 @@ const DISCOVERY: Span = Span::from_secs(5);
 /// A larger last value is not kept for monitors that are configured later.
 const KEPT_BYTES_MAX: usize = 64 << 10;
 
-/// Gids of the readers in use, for the announcement of our node.
-pub type OwnReaders = Arc<watch::Sender<BTreeSet<Guid>>>;
-
 /// What every topic of a participant's life shares.
 #[derive(Clone)]
 pub struct Surroundings {
-    pub participant: DomainParticipant,
-    pub subscriber: Subscriber,
+    pub participant: Participant,
     pub inputs: mpsc::Sender<Stamped>,
     pub clock: Clock,
-    pub own_readers: OwnReaders,
     /// Counts what is received.
     pub tallies: Tallies,
     pub ros_clock: RosClock,
@@ -97,17 +91,10 @@ pub struct Topic {
 }
 
 impl Topic {
-    /// # Errors
-    /// The library's own.
-    pub fn new(
-        subscription: Arc<Subscription>,
-        around: Surroundings,
-        mut memory: Memory,
-    ) -> Result<Topic, CreateError> {
+    pub fn new(subscription: Arc<Subscription>, around: Surroundings, mut memory: Memory) -> Topic {
         memory.writers.listen(around.clock.wall());
         let depth = memory.retention.depth();
-        let (participant, subscriber) = (around.participant.clone(), around.subscriber.clone());
-        let readers = Readers::new(participant, subscriber, &subscription, depth, around.clock.now())?;
+        let readers = Readers::new(around.participant.clone(), &subscription, depth, around.clock.now());
         let outbox = Outbox::new(around.inputs.clone(), around.stop.clone());
         let topic = Topic {
             subscription,
@@ -120,10 +107,9 @@ impl Topic {
             outbox,
             unknown: BTreeSet::new(),
         };
-        topic.tell_readers();
         // Nothing yet is a rate too.
         topic.around.tallies.add(&topic.subscription.dds_topic, 0);
-        Ok(topic)
+        topic
     }
 
     /// Reads until the end, or until nobody is left who gives orders.
@@ -132,15 +118,13 @@ impl Topic {
             Ok(never) => match never {},
             Err(end) => end,
         };
-        let ours: Vec<Guid> = self.readers.guids().collect();
-        self.around.own_readers.send_modify(|known| known.retain(|guid| !ours.contains(guid)));
         (self.memory, end)
     }
 
     async fn read(&mut self, orders: &mut Orders) -> Result<std::convert::Infallible, End> {
         let (mut batch, mut faults) = (Vec::new(), Vec::new());
         let mut stop = self.around.stop.clone();
-        self.follow_discovery()?;
+        self.follow_discovery();
         loop {
             let follow = self.follow_due();
             let due = [self.memory.troubles.due(), self.news_due(), follow].into_iter().flatten().min();
@@ -155,17 +139,17 @@ impl Topic {
                 }
                 news = orders.discovered.changed() => {
                     news.map_err(|_| End::Stopped)?;
-                    self.follow_discovery()?;
+                    self.follow_discovery();
                 }
                 () = until(due) => {}
                 () = poll_fn(|context| self.readers.poll(context, &mut batch, &mut faults)) => {
                     let received = self.around.clock.now();
-                    self.take_faults(&mut faults)?;
+                    self.take_faults(&mut faults);
                     self.take_batch(&mut batch, received).await?;
                 }
             }
             if follow.is_some_and(|due| due <= self.around.clock.now()) {
-                self.follow_discovery()?;
+                self.follow_discovery();
             }
             self.tell_troubles().await?;
             self.tell_news().await?;
@@ -177,14 +161,14 @@ impl Topic {
     async fn follow_configuration(&mut self, next: Arc<Subscription>) -> Result<(), End> {
         self.subscription = next;
         self.said = None;
-        self.follow_discovery()?;
+        self.follow_discovery();
         self.tell_news().await?;
         if !self.subscription.wants_last_value() {
             return Ok(());
         }
         let Some((writer, body)) = self.memory.last_value.take() else { return Ok(()) };
         if self.memory.writers.keeps_last_value(&writer, &self.subscription.dds_type) {
-            self.hand_over(&body, When::Kept, self.around.clock.now()).await?;
+            self.hand_over(&body, writer, When::Kept, self.around.clock.now()).await?;
             self.memory.last_value = Some((writer, body));
         }
         Ok(())
@@ -194,7 +178,7 @@ impl Topic {
         let sizes = batch.iter().map(|sample| sample.body.as_ref().map_or(0, |(body, _)| body.len()));
         match self.memory.retention.observe(sizes) {
             Advice::Fits => {}
-            Advice::Deepen(depth) => self.readers.deepen(depth).map_err(|error| broken(&error))?,
+            Advice::Deepen(depth) => self.readers.deepen(depth),
             Advice::Rebuild(depth) => {
                 self.memory.retention = Retention::with_depth(depth);
                 return Err(End::Rebuild(format!(
@@ -212,7 +196,7 @@ impl Topic {
 
     async fn take_sample(&mut self, sample: Sample, received: Timestamp) -> Result<(), End> {
         if !self.memory.writers.knows(&sample.writer) && !self.unknown.contains(&sample.writer) {
-            self.follow_discovery()?;
+            self.follow_discovery();
             if !self.memory.writers.knows(&sample.writer) && self.unknown.len() < UNKNOWN_MAX {
                 self.unknown.insert(sample.writer);
             }
@@ -243,11 +227,17 @@ impl Topic {
             Published::Before if keeps => When::Kept,
             Published::Before => When::Past,
         };
-        self.hand_over(&sample.body, when, received).await
+        self.hand_over(&sample.body, sample.writer, when, received).await
     }
 
     /// Sends what a message means.
-    async fn hand_over(&mut self, body: &RawBody, when: When, received: Timestamp) -> Result<(), End> {
+    async fn hand_over(
+        &mut self,
+        body: &RawBody,
+        writer: Guid,
+        when: When,
+        received: Timestamp,
+    ) -> Result<(), End> {
         let since_epoch = self.around.clock.wall().duration_since(UNIX_EPOCH).unwrap_or_default();
         let wall_ns = match self.subscription.stamps {
             StampClock::System => i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX),
@@ -258,7 +248,7 @@ impl Topic {
         {
             self.memory.troubles.add(TroubleKind::Malformed, 1, || fault.to_string());
         }
-        let (inputs, wrong) = self.subscription.decode(Received { body, wall_ns, when });
+        let (inputs, wrong) = self.subscription.decode(Received { body, writer, wall_ns, when });
         let bytes = body.as_ref().map_or(0, |(body, _)| body.len());
         if let Some(wrong) = wrong {
             let text = || match (&wrong, body) {
@@ -277,14 +267,10 @@ impl Topic {
         Ok(())
     }
 
-    fn take_faults(&mut self, faults: &mut Vec<ReadFault>) -> Result<(), End> {
-        for fault in faults.drain(..) {
-            match fault {
-                ReadFault::Sample(reason) => self.memory.troubles.add(TroubleKind::Malformed, 1, || reason),
-                ReadFault::Broken(reason) => return Err(End::Rebuild(reason)),
-            }
+    fn take_faults(&mut self, faults: &mut Vec<String>) {
+        for reason in faults.drain(..) {
+            self.memory.troubles.add(TroubleKind::Malformed, 1, || reason);
         }
-        Ok(())
     }
 
     async fn tell_troubles(&mut self) -> Result<(), End> {
@@ -324,7 +310,7 @@ impl Topic {
     }
 
     /// Takes over which writers there are, and reads them in the way that fits all of them.
-    fn follow_discovery(&mut self) -> Result<(), End> {
+    fn follow_discovery(&mut self) {
         let offers = offers(&self.around.participant, &self.subscription.dds_topic);
         let dds_type = &self.subscription.dds_type;
         self.unknown.clear();
@@ -336,19 +322,13 @@ impl Topic {
         let wants_last_value = self.subscription.wants_last_value();
         // While there is nobody, the reader stays what it was.
         let fitting = self.memory.writers.fitting(wants_last_value, dds_type, now.0);
-        let Some(via) = fitting.or_else(|| self.readers.fitting()) else { return Ok(()) };
-        let ours: Vec<Guid> = self.readers.guids().collect();
-        if self.readers.follow(via, now.0).map_err(|error| broken(&error))? {
-            if !self.readers.any_reliable() {
-                self.memory.writers.heard_by_best_effort_alone();
-            }
-            self.around.own_readers.send_modify(|known| known.retain(|guid| !ours.contains(guid)));
-            self.tell_readers();
+        let Some(via) = fitting.or_else(|| self.readers.fitting()) else { return };
+        if self.readers.follow(via, now.0) && !self.readers.any_reliable() {
+            self.memory.writers.heard_by_best_effort_alone();
         }
         if wants_last_value && via != Via::LastValue && self.memory.writers.any_keeps_last_value(dds_type) {
             self.tell_of_mix();
         }
-        Ok(())
     }
 
     /// Once: it can be the reason for a signal that stays unknown.
@@ -361,10 +341,6 @@ impl Topic {
             );
         }
     }
-
-    fn tell_readers(&self) {
-        self.around.own_readers.send_modify(|known| known.extend(self.readers.guids()));
-    }
 }
 
 async fn until(due: Option<std::time::Instant>) {
@@ -375,26 +351,17 @@ async fn until(due: Option<std::time::Instant>) {
 }
 
 /// What discovery knows of the writers of a topic.
-fn offers(participant: &DomainParticipant, dds_topic: &str) -> BTreeMap<Guid, Offer> {
-    use rustdds::policy::{Durability, Reliability};
-    let writers = participant.discovered_writers().into_iter().map(|found| found.publication_topic_data);
-    let ours = writers.filter(|writer| writer.topic_name == dds_topic).map(|writer| {
-        let offer = Offer {
-            // A writer that does not say is reliable and volatile (DDS 1.4, 2.2.3).
-            reliable: writer.reliability != Some(Reliability::BestEffort),
-            transient_local: writer.durability.is_some_and(|kind| kind >= Durability::TransientLocal),
-            type_name: writer.type_name,
-        };
-        (writer.key.to_bytes(), offer)
+fn offers(participant: &Participant, dds_topic: &str) -> BTreeMap<Guid, Offer> {
+    let seen = participant.seen();
+    let offers = seen.writers_of(dds_topic).map(|writer| {
+        let Found { type_name, reliable, transient_local, .. } = writer;
+        let (type_name, reliable, transient_local) = (type_name.clone(), *reliable, *transient_local);
+        (writer.guid, Offer { type_name, reliable, transient_local })
     });
-    ours.collect()
+    offers.collect()
 }
 
 fn wrong_type(theirs: &str, subscription: &Subscription) -> String {
     let theirs = messages::ros_type_name(theirs);
     format!("topic has type {theirs}, configuration says {}", subscription.type_name)
-}
-
-fn broken(error: &CreateError) -> End {
-    End::Rebuild(format!("the DDS library refused a reader: {error}"))
 }

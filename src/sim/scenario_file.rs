@@ -2,11 +2,12 @@
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::scenario::{Expectation, Figure, Repeat, Scenario, Step, What};
 use super::scenario_raw::{Action, Raw, RawExpect, RawFigure, RawStatus, RawStep};
 use super::scenario_sample;
-use crate::engine::input::{AlarmRef, Input, OperatorAction, StatusArray};
+use crate::engine::input::{AlarmRef, Input, NodeOf, OperatorAction, StatusArray, WriterId, WriterList};
 use crate::engine::model::Model;
 use crate::engine::time::Timestamp;
 use crate::yaml::decode::{Entries, did_you_mean};
@@ -86,9 +87,10 @@ impl File {
         let mut log = Log::default();
         let end = self.raw.end();
         let named = self.raw.named_statuses();
-        let bind = Bind { model, end, named, whole: self.wrong.is_empty() };
+        let writers = self.raw.writers();
+        let bind = Bind { model, end, named, writers, whole: self.wrong.is_empty() };
         let mut count = 0;
-        let mut steps = Vec::new();
+        let mut steps: Vec<Step> = bind.announcement(self.raw.span).into_iter().collect();
         for raw in &self.raw.steps {
             steps.extend(bind.step(raw, &mut count, &mut log));
         }
@@ -117,6 +119,7 @@ struct Bind<'a> {
     /// The last instant that the file names.
     end: Timestamp,
     named: HashSet<&'a str>,
+    writers: Vec<&'a str>,
     /// Nothing is wrong with the file by itself, so its times mean something.
     whole: bool,
 }
@@ -134,8 +137,8 @@ impl Bind<'_> {
             }
         }
         let inputs = match raw.action.as_ref()? {
-            Action::Statuses(statuses) => vec![Input::Diagnostics(array(statuses))],
-            Action::Others(level) => vec![Input::Diagnostics(self.others(*level))],
+            Action::Statuses(statuses) => vec![self.said(array(statuses), raw)],
+            Action::Others(level) => vec![self.said(self.others(*level), raw)],
             Action::Signals(signals) => self.signals(signals, log),
             Action::Operator(action) => {
                 self.check_action(action, raw.span, log);
@@ -155,6 +158,36 @@ impl Bind<'_> {
         };
         let clock_step_ns = if let Some(Action::ClockStep(nanos)) = raw.action { nanos } else { 0 };
         Some(Step { span: raw.span, at, repeat, inputs, stamp, clock_step_ns, refused: raw.refused })
+    }
+
+    /// Whose the writers are that steps name, known from the start.
+    fn announcement(&self, span: Span) -> Option<Step> {
+        if self.writers.is_empty() {
+            return None;
+        }
+        let named = |name: &&str| (self.writer(name), NodeOf::Named((*name).into()));
+        let list = WriterList { writers: self.writers.iter().map(named).collect(), ..WriterList::default() };
+        Some(Step {
+            span,
+            at: Timestamp::ZERO,
+            repeat: None,
+            inputs: vec![Input::Writers(Arc::new(list))],
+            stamp: None,
+            clock_step_ns: 0,
+            refused: None,
+        })
+    }
+
+    /// The number of a node in the file is the id of its writer; 0 is nobody's.
+    fn writer(&self, name: &str) -> WriterId {
+        let number =
+            self.writers.iter().position(|known| *known == name).map_or(0, |index| index as u128 + 1);
+        WriterId(number.to_be_bytes())
+    }
+
+    fn said(&self, array: StatusArray, step: &RawStep) -> Input {
+        let writer = step.writer.as_ref().map(|name| self.writer(name));
+        Input::Diagnostics(array.said_by(writer.unwrap_or_default()))
     }
 
     /// Every declared status that no step names.

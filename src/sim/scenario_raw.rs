@@ -33,6 +33,17 @@ impl Raw {
         judged || !self.expect.is_empty() || self.figure.is_some()
     }
 
+    /// The nodes that steps name as writers, in the order of their first naming.
+    pub fn writers(&self) -> Vec<&str> {
+        let mut writers = Vec::new();
+        for name in self.steps.iter().filter_map(|step| step.writer.as_deref()) {
+            if !writers.contains(&name) {
+                writers.push(name);
+            }
+        }
+        writers
+    }
+
     /// The last instant that is named.
     pub fn end(&self) -> Timestamp {
         let steps = self.steps.iter().flat_map(|step| [step.at, step.until]);
@@ -148,6 +159,8 @@ pub(super) struct RawStep {
     pub every: Option<Spanned<time::Span>>,
     pub until: Option<Timestamp>,
     pub action: Option<Action>,
+    /// The node that says the statuses.
+    pub writer: Option<String>,
     pub refused: Option<bool>,
 }
 
@@ -196,9 +209,16 @@ impl FromNode for RawStep {
             fields.log.push(problem.help("write how old each is when it comes: `delay: 0.05`"));
         }
         let refused = fields.optional("refused");
+        let writer: Option<Spanned<String>> = fields.optional("writer");
+        let says = matches!(action, None | Some(Action::Statuses(_) | Action::Others(_)));
+        if let Some(writer) = writer.as_ref().filter(|_| !says) {
+            let problem = Problem::at(writer.span, "only a `status`, or `others`, has a `writer`");
+            fields.log.push(problem.help("remove `writer`"));
+        }
+        let writer = writer.map(|writer| writer.value);
         let span = fields.span();
         fields.finish();
-        Some(RawStep { span, at, every, until: until.map(|until| until.value.0), action, refused })
+        Some(RawStep { span, at, every, until: until.map(|until| until.value.0), action, writer, refused })
     }
 }
 

@@ -1,33 +1,40 @@
 //! The audit log: who did what and what came of it, as a chain in which nothing can be changed,
 //! left out or cut off without being noticed.
 //!
-//! A record is on the disk before its caller is answered. The head of the chain is noted beside
-//! the database in [`HEAD_FILE_NAME`] and in the log of the program: whoever can write the
-//! database alone cannot write a chain that fits.
+//! A record is on the disk before its caller is answered. Its hash is made with a key that lies outside of
+//! the database ([`KEY_FILE_NAME`]), so whoever can write the database alone cannot write a chain that fits.
+//! The head of the chain is noted in [`HEAD_FILE_NAME`] and in the log of the program, so an end that was
+//! cut off is found.
 
-use std::path::{Path, PathBuf};
+mod action;
+mod key;
+mod log;
+
+use std::path::Path;
 use std::time::SystemTime;
 
 use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehavior, params};
 
 use super::chain::{self, Hash, Verifier};
 pub use super::head::HEAD_FILE_NAME;
-use super::head::{read_head, write_head};
+use super::head::read_head;
 use super::users::{from_unix_ms, to_unix_ms};
-use super::{Database, Head, Lane, Role, Store, StoreError, Verdict};
+use super::{Database, Head, Lane, Role, Store, StoreError, Verdict, Verified};
+pub use action::Action;
+pub use key::KEY_FILE_NAME;
+pub(super) use key::Key;
+pub(super) use log::Log;
 
 /// Records that are kept. Past this the oldest are taken away, which is a record itself.
 const RECORDS_MAX: u64 = 1_000_000;
 const PRUNE_AT_ONCE: u64 = 1000;
 pub(super) const PRUNED_UP_TO: &str = "up to ";
 
-/// The program's log notes the head after so many records, and at start and end.
-const LOG_HEAD_EVERY: u64 = 100;
-/// Records after which the head is noted even if more wait to be written.
-const HEAD_LAG_MAX: u64 = 64;
-
 /// A field that is longer is cut.
 const FIELD_CHARS_MAX: usize = 300;
+
+/// What is said of a breach that is acknowledged; what it is about has room behind it.
+const WHY_CHARS_MAX: usize = 200;
 
 /// Records that are read at once to verify the chain: others get their turn in between.
 const VERIFY_AT_ONCE: u32 = 1000;
@@ -36,53 +43,6 @@ const VERIFY_AT_ONCE: u32 = 1000;
 pub const COMMAND_LINE: &str = "command line";
 /// The source of what the program does by itself.
 pub const TELLTALE: &str = "telltale";
-
-macro_rules! actions {
-    ($($name:ident: $word:literal, $about:literal;)*) => {
-        /// What somebody did or tried to do.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-        pub enum Action { $(#[doc = $about] $name,)* }
-
-        impl Action {
-            pub const ALL: &[Action] = &[$(Action::$name,)*];
-
-            /// The word in the database.
-            pub const fn as_str(self) -> &'static str {
-                match self { $(Action::$name => $word,)* }
-            }
-        }
-    };
-}
-
-actions! {
-    Start: "start", "The server began.";
-    End: "end", "The server ended as it was asked to.";
-    Login: "login", "Somebody gave a name and a secret.";
-    Logout: "logout", "A session was ended by who held it.";
-    SessionEnded: "session ended", "A session was ended by its age, or by another login.";
-    HandOver: "hand-over", "An operator took the seat over from another.";
-    Request: "request", "A request was refused: foreign origin, wrong role, false token.";
-    Localize: "localize", "The operator gave the position of the vehicle.";
-    ClearanceAsked: "clearance asked", "The first step of the clearance.";
-    Clearance: "clearance", "The second step: the vehicle was cleared to drive.";
-    Stop: "stop", "The operator stopped the vehicle.";
-    Acknowledge: "acknowledge", "The operator acknowledged an alarm.";
-    Reset: "reset", "A latched error was forgotten.";
-    Stage: "stage", "The vehicle came into another stage.";
-    Countermeasure: "countermeasure", "A countermeasure was requested or ended.";
-    Configuration: "configuration", "The configuration was read again.";
-    Fault: "demo fault", "A fault of the simulated shuttle was switched.";
-    UserAdded: "user added", "A user was added.";
-    UserSecret: "user secret", "A user got another secret.";
-    UserRole: "user role", "A user got another role.";
-    UserRemoved: "user removed", "A user was removed.";
-    TokenAdded: "token added", "A token for a program was made.";
-    TokenRevoked: "token revoked", "A token of a program was taken back.";
-    Omitted: "omitted", "Records that were left out, because there were too many of their kind.";
-    Pruned: "pruned", "The oldest records were taken away.";
-    HeadMissing: "head missing", "The note of where the chain ended was gone: it may have been cut before this.";
-    ChainBroken: "chain broken", "The chain did not end where it had been noted to.";
-}
 
 /// What is to be written into the log.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -147,8 +107,21 @@ impl Entry {
         self.outcome != DONE
     }
 
-    pub(super) fn fields(&self) -> [&str; 6] {
+    fn fields(&self) -> [&str; 6] {
         [&self.who, &self.role, &self.source, &self.action, &self.target, &self.outcome]
+    }
+
+    /// The hash that it has to have, on the record with that hash.
+    pub(super) fn sealed(&self, key: Option<&Key>, previous: Hash) -> Hash {
+        chain::hash(key, previous, self.number, self.at_ms, self.fields())
+    }
+
+    /// All of it, whatever it stands on.
+    pub(super) fn content(&self) -> [u8; 64] {
+        let mut content = [0; 64];
+        content[..32].copy_from_slice(&self.sealed(None, Hash::NONE).0);
+        content[32..].copy_from_slice(&self.hash.0);
+        content
     }
 
     pub(super) fn read(row: &Row<'_>) -> rusqlite::Result<Entry> {
@@ -174,7 +147,7 @@ impl Store {
     /// # Errors
     /// If the database fails: what is to be recorded must not be acknowledged then.
     pub async fn audit(&self, record: Record) -> Result<(), StoreError> {
-        self.call(move |database| database.change(&[record], |_| Ok(()))).await
+        self.call(move |database| database.record(record)).await
     }
 
     /// [`Store::audit`] of what somebody caused who comes from there.
@@ -182,7 +155,7 @@ impl Store {
     /// # Errors
     /// As there.
     pub async fn audit_from(&self, lane: Lane, record: Record) -> Result<(), StoreError> {
-        self.call_from(lane, move |database| database.change(&[record], |_| Ok(()))).await
+        self.call_from(lane, move |database| database.record(record)).await
     }
 
     /// Records before number `before`, the newest first, at most `count`.
@@ -206,7 +179,12 @@ impl Store {
     /// # Errors
     /// If the database fails.
     pub async fn verify_audit(&self) -> Result<Verdict, StoreError> {
-        let mut verifier = self.call(|database| Ok(Verifier::new(database.log.noted()))).await?;
+        let begin = |database: &mut Database| {
+            // A log in memory is not the one that was asked for.
+            database.health.check_keeps()?;
+            Ok(Verifier::new(database.log.noted(), Some(database.log.key()?.clone())))
+        };
+        let mut verifier = self.call(begin).await?;
         loop {
             let more;
             (verifier, more) = self
@@ -216,123 +194,83 @@ impl Store {
                 })
                 .await?;
             if !more {
-                return Ok(verifier.verdict());
+                return Ok(verifier.verdict(true));
             }
         }
+    }
+
+    /// Records that an authority has looked into what is wrong with the log. Tells how many breaches that
+    /// were; none, if there is nothing to acknowledge.
+    ///
+    /// # Errors
+    /// If the user is no authority, or the database fails.
+    pub async fn acknowledge_breaches(&self, user: &Verified, why: &str) -> Result<u64, StoreError> {
+        if user.role() != Role::Authority {
+            return Err(StoreError::NoAuthority(user.name().to_owned()));
+        }
+        let verdict = self.verify_audit().await?;
+        if verdict.breaches > 0 {
+            let target = format!("{}: {}", cut_to(why, WHY_CHARS_MAX), verdict.evidence);
+            let record = Record::of(Action::BreachAcknowledged, COMMAND_LINE).by(user.name(), user.role());
+            self.audit(record.on(target)).await?;
+        }
+        Ok(verdict.breaches)
     }
 }
 
 /// Verifies the chain in a data folder and changes nothing there. Beside the head that lies there
-/// the chain must hold the `heads` that were noted elsewhere. Also tells whether there is one there.
+/// the chain must hold the `heads` that were noted elsewhere. The key is read from `key`, or from the folder.
 ///
 /// # Errors
-/// If there is no database, or it cannot be read.
-pub fn verify_audit_in(folder: &Path, heads: &[Head]) -> Result<(Verdict, bool), StoreError> {
+/// If there is no database, or it or the key cannot be read.
+pub fn verify_audit_in(folder: &Path, heads: &[Head], key: Option<&Path>) -> Result<Verdict, StoreError> {
     let (connection, _, _) = super::schema::read_only(folder)?;
     let mut known = heads.to_vec();
     // The head is never ahead of the database, so it is read first.
     let noted = read_head(&folder.join(HEAD_FILE_NAME))?;
     known.extend(noted);
-    let mut verifier = Verifier::new(known);
+    let in_folder = folder.join(KEY_FILE_NAME);
+    let mut verifier = Verifier::new(known, Key::read(key.unwrap_or(&in_folder))?);
     while verifier.read(&connection, VERIFY_AT_ONCE)? {}
-    Ok((verifier.verdict(), noted.is_some()))
-}
-
-/// The head of the chain, as it is noted outside of the database.
-#[derive(Debug)]
-pub(super) struct Log {
-    /// `None` for a store that ends with the process.
-    head_file: Option<PathBuf>,
-    /// The record that was written last.
-    head: Head,
-    /// The one that [`HEAD_FILE_NAME`] names.
-    noted: Head,
-    logged: u64,
-    /// Why the head could not be noted last time.
-    fault: Option<String>,
-}
-
-impl Log {
-    /// Takes up the chain where it ends. If it does not reach what was noted, that becomes a record.
-    pub(super) fn open(
-        connection: &mut Connection,
-        folder: Option<&Path>,
-        wall: SystemTime,
-    ) -> Result<Log, StoreError> {
-        let head_file = folder.map(|folder| folder.join(HEAD_FILE_NAME));
-        let noted = head_file.as_deref().map_or(Ok(None), read_head)?.unwrap_or(Head::NONE);
-        let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        if noted.number > 0 && hash_of(&transaction, noted.number)? != Some(noted.hash) {
-            tracing::error!(%noted, "the audit log is not the one that was noted; `telltale audit verify` says more");
-            let record =
-                Record::of(Action::ChainBroken, TELLTALE).on(format!("{HEAD_FILE_NAME} said {noted}"));
-            append(&transaction, &record, wall)?;
-        } else if noted.number == 0 && head_file.is_some() && Head::of(&transaction)?.number > 0 {
-            tracing::warn!(
-                "{HEAD_FILE_NAME} is missing or no head: whether the audit log is whole cannot be proven"
-            );
-            let record = Record::of(Action::HeadMissing, TELLTALE);
-            append(&transaction, &record.on(format!("{HEAD_FILE_NAME} was gone or no head")), wall)?;
-        }
-        transaction.commit()?;
-        let head = Head::of(connection)?;
-        let mut log = Log { head_file, head, noted, logged: head.number, fault: None };
-        log.say();
-        log.note();
-        Ok(log)
-    }
-
-    /// Reads where the chain ends, of a database that cannot be written.
-    pub(super) fn read(connection: &Connection, folder: &Path) -> Result<Log, StoreError> {
-        let head_file = folder.join(HEAD_FILE_NAME);
-        // Where it cannot be read, that is why the database is not written.
-        let noted = read_head(&head_file).ok().flatten().unwrap_or(Head::NONE);
-        let head = Head::of(connection)?;
-        Ok(Log { head_file: Some(head_file), head, noted, logged: head.number, fault: None })
-    }
-
-    fn noted(&self) -> Vec<Head> {
-        vec![self.noted]
-    }
-
-    fn written(&mut self, head: Head) {
-        self.head = head;
-        if head.number >= self.logged + LOG_HEAD_EVERY {
-            self.say();
-        }
-        if head.number >= self.noted.number + HEAD_LAG_MAX {
-            self.note();
-        }
-    }
-
-    /// Notes the head in the log of the program.
-    pub(super) fn say(&mut self) {
-        self.logged = self.head.number;
-        if self.head_file.is_some() && self.head.number > 0 {
-            tracing::info!("audit head {}", self.head);
-        }
-    }
-
-    /// Notes the head beside the database.
-    pub(super) fn note(&mut self) {
-        if self.noted == self.head {
-            return;
-        }
-        let written = self.head_file.as_deref().map_or(Ok(()), |file| write_head(file, self.head));
-        match written {
-            Ok(()) => (self.noted, self.fault) = (self.head, None),
-            Err(error) => self.fault = Some(format!("{HEAD_FILE_NAME} cannot be written: {error}")),
-        }
-    }
-
-    pub(super) fn fault(&self) -> Option<&str> {
-        self.fault.as_deref()
-    }
+    Ok(verifier.verdict(noted.is_some()))
 }
 
 impl Database {
+    /// Of what was refused nothing has to be kept for it to stay refused.
+    fn record(&mut self, record: Record) -> Result<(), StoreError> {
+        if record.refusal.is_some() {
+            return self.change_sessions(&[record], |_| Ok(()));
+        }
+        self.change(&[record], |_| Ok(()))
+    }
+
+    /// [`Database::change`] of who is logged in. Where the database is a copy in memory, because it is
+    /// damaged, people log in and out all the same: nobody needs to know of it after a restart.
+    pub(super) fn change_sessions<T>(
+        &mut self,
+        records: &[Record],
+        change: impl FnOnce(&Transaction<'_>) -> Result<T, StoreError>,
+    ) -> Result<T, StoreError> {
+        if self.health.check_keeps().is_err() {
+            for Record { who, source, action, target, refusal, .. } in records {
+                let action = action.as_str();
+                tracing::warn!(who, source, action, target, refusal, "in no audit log");
+            }
+        }
+        self.write(records, change)
+    }
+
     /// Makes a change and writes its records, whole or not at all. It is on the disk when this returns.
     pub(super) fn change<T>(
+        &mut self,
+        records: &[Record],
+        change: impl FnOnce(&Transaction<'_>) -> Result<T, StoreError>,
+    ) -> Result<T, StoreError> {
+        self.health.check_keeps()?;
+        self.write(records, change)
+    }
+
+    fn write<T>(
         &mut self,
         records: &[Record],
         change: impl FnOnce(&Transaction<'_>) -> Result<T, StoreError>,
@@ -340,13 +278,14 @@ impl Database {
         let wall = self.clock.wall();
         // The end of the chain is read under the lock: another process may write too.
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let news = if records.is_empty() { None } else { self.log.check(&transaction)? };
         let value = change(&transaction)?;
         let mut head = None;
-        for record in records {
-            head = Some(append(&transaction, record, wall)?);
+        for record in news.iter().chain(records) {
+            head = Some(append(&transaction, self.log.key()?, record, wall)?);
         }
         if let Some(last) = head {
-            head = prune(&transaction, last, RECORDS_MAX, wall)?.or(head);
+            head = prune(&transaction, self.log.key()?, last, RECORDS_MAX, wall)?.or(head);
         }
         if let Err(fault) = self.health.check_files() {
             transaction.rollback()?;
@@ -358,13 +297,14 @@ impl Database {
         // A log that was emptied under the server shows once it is written.
         self.check_files()?;
         if let Some(head) = head {
-            self.log.written(head);
+            let matters = |record: &Record| record.refusal.is_none() && record.action.matters();
+            self.log.written(head, records.iter().any(matters), news.as_ref());
         }
         Ok(value)
     }
 }
 
-fn append(connection: &Connection, record: &Record, wall: SystemTime) -> Result<Head, StoreError> {
+fn append(connection: &Connection, key: &Key, record: &Record, wall: SystemTime) -> Result<Head, StoreError> {
     let last = Head::of(connection)?;
     let number = last.number + 1;
     let at_ms = to_unix_ms(wall);
@@ -373,7 +313,8 @@ fn append(connection: &Connection, record: &Record, wall: SystemTime) -> Result<
         [&record.who, &record.source, &record.target, &outcome].map(|it| cut(it));
     let role = record.role.map_or("", Role::as_str);
     let action = record.action.as_str();
-    let hash = chain::hash(last.hash, number, at_ms, [who, role, source, action, target, outcome]);
+    let fields = [who, role, source, action, target, outcome];
+    let hash = chain::hash(Some(key), last.hash, number, at_ms, fields);
     connection
         .prepare_cached(
             "INSERT INTO audit (number, at_ms, who, role, source, action, target, outcome, hash)
@@ -385,6 +326,7 @@ fn append(connection: &Connection, record: &Record, wall: SystemTime) -> Result<
 
 fn prune(
     connection: &Connection,
+    key: &Key,
     last: Head,
     records_max: u64,
     wall: SystemTime,
@@ -398,7 +340,7 @@ fn prune(
     let Some(hash) = hash_of(connection, number)? else { return Ok(None) };
     connection.execute("DELETE FROM audit WHERE number <= ?1", [number as i64])?;
     let target = format!("{PRUNED_UP_TO}{}", Head { number, hash });
-    append(connection, &Record::of(Action::Pruned, TELLTALE).on(target), wall).map(Some)
+    append(connection, key, &Record::of(Action::Pruned, TELLTALE).on(target), wall).map(Some)
 }
 
 fn hash_of(connection: &Connection, number: u64) -> Result<Option<Hash>, StoreError> {
@@ -407,7 +349,11 @@ fn hash_of(connection: &Connection, number: u64) -> Result<Option<Hash>, StoreEr
 }
 
 fn cut(text: &str) -> &str {
-    text.char_indices().nth(FIELD_CHARS_MAX).map_or(text, |(end, _)| &text[..end])
+    cut_to(text, FIELD_CHARS_MAX)
+}
+
+fn cut_to(text: &str, chars_max: usize) -> &str {
+    text.char_indices().nth(chars_max).map_or(text, |(end, _)| &text[..end])
 }
 
 #[cfg(test)]

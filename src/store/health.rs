@@ -34,12 +34,55 @@ pub(super) struct Health {
     is_reading: bool,
     /// A job found the database damaged, and it was not looked through since.
     is_suspect: bool,
+    /// What no restart of the disk mends: the database is damaged.
+    broken: Option<Arc<str>>,
+    /// The database is a copy in memory of what could be read of the broken one.
+    is_salvaged: bool,
 }
 
 impl Health {
     pub(super) fn new(folder: Option<&Path>) -> Health {
         let (place, fault) = (folder.map(Place::new), watch::channel(None).0);
-        Health { place, fault, probed: None, is_reading: false, is_suspect: false }
+        Health {
+            place,
+            fault,
+            probed: None,
+            is_reading: false,
+            is_suspect: false,
+            broken: None,
+            is_salvaged: false,
+        }
+    }
+
+    /// The database is damaged, and somebody has to repair it.
+    pub(super) fn is_broken(&mut self, why: &str) {
+        self.broken = Some(Arc::from(why));
+        self.say(Some(why));
+    }
+
+    /// The database is a copy in memory of what could be read of a broken one: nothing is kept.
+    pub(super) fn is_salvaged(&mut self, why: &str) {
+        self.is_salvaged = true;
+        self.place = None;
+        self.is_broken(why);
+    }
+
+    /// Whether what is written is there after a restart.
+    pub(super) fn check_keeps(&self) -> Result<(), StoreError> {
+        match &self.broken {
+            Some(broken) if self.is_salvaged => Err(StoreError::Files(broken.to_string())),
+            _ => Ok(()),
+        }
+    }
+
+    /// Where the files lie; `None` for a database in memory.
+    pub(super) fn folder(&self) -> Option<&Path> {
+        self.place.as_ref().map(Place::folder)
+    }
+
+    /// Whether nothing is wrong as far as is known.
+    pub(super) fn is_well(&self) -> bool {
+        self.fault.borrow().is_none() && !self.is_reading && !self.is_suspect
     }
 
     /// The database could be opened for reading alone.
@@ -153,6 +196,9 @@ impl Database {
     }
 
     fn check(&mut self) -> Result<(), String> {
+        if let Err(broken) = self.health.check_keeps() {
+            return Err(broken.to_string());
+        }
         self.check_files().map_err(|fault| fault.to_string())?;
         if let Some(place) = &self.health.place {
             place.check_room()?;
@@ -166,7 +212,8 @@ impl Database {
         // A log that was emptied under it shows now, by its start.
         self.check_files().map_err(|fault| fault.to_string())?;
         self.check_size()?;
-        self.look_through()
+        self.look_through()?;
+        self.health.broken.as_ref().map_or(Ok(()), |broken| Err(broken.to_string()))
     }
 
     /// Checks that the files are those that were opened. If not, what was acknowledged is saved as far
@@ -204,7 +251,8 @@ impl Database {
                 self.health.is_suspect = false;
                 Ok(())
             }
-            Ok(found) | Err(found) => Err(format!("the database is damaged: {found}")),
+            // Whoever wants to log in would find it damaged again and again.
+            Ok(found) | Err(found) => Err(self.go_on_in_memory(&found)),
         }
     }
 }
@@ -304,6 +352,8 @@ mod tests {
             let code = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_CORRUPT);
             Err::<(), _>(StoreError::Database(rusqlite::Error::SqliteFailure(code, None)))
         };
+        // The next one by itself is not due for a while.
+        assert_eq!(probe(&store).await, None);
         store.call(move |_| damage()).await.unwrap_err();
         assert!(store.fault.borrow().is_some());
         assert_eq!(probe(&store).await, None, "it was looked through and is whole");

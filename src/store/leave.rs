@@ -64,13 +64,13 @@ impl Store {
     ) -> Result<(Token, Written), StoreError> {
         let token = Token::random()?;
         let key = token.key();
-        let created = self.clock.wall();
         let Entering { user, before, seat, from } = entering;
         let (user, from) = (user.clone(), from.map(str::to_owned));
         let ends = before.map(Session::key);
         let written = self.call(move |database| {
+            let created = database.judged();
             let remembered = seat.as_ref().map(|memory| memory.seq);
-            let (before, goes) = database.change(&records, |transaction| {
+            let (before, goes) = database.change_sessions(&records, |transaction| {
                 let before = Before::of(transaction, [Some(user.name()), from.as_deref()], ends)?;
                 if let Some(ends) = ends {
                     transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [ends])?;
@@ -112,7 +112,7 @@ impl Store {
     pub async fn leave(&self, user: &str, record: Record) -> Result<Written, StoreError> {
         let user = user.to_owned();
         self.call(move |database| {
-            let (before, goes) = database.change(&[record], |transaction| {
+            let (before, goes) = database.change_sessions(&[record], |transaction| {
                 let before = Before::of(transaction, [Some(user.as_str()), None], None)?;
                 end_all(transaction, &user)?;
                 let sql = "DELETE FROM seat WHERE user = (SELECT id FROM users WHERE name = ?1)";
@@ -141,7 +141,7 @@ impl Store {
         record: Record,
     ) -> Result<(), StoreError> {
         self.call_surely(move |database| {
-            database.change(&[record], |transaction| {
+            database.change_sessions(&[record], |transaction| {
                 if let Some(Row { key, .. }) = written.comes {
                     transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [key])?;
                 }

@@ -6,15 +6,19 @@
 //! (`synchronous=FULL`) before its caller is answered.
 
 pub mod audit;
+mod backup;
 mod chain;
+mod floor;
 mod head;
 mod health;
 mod history;
 mod leave;
+mod mend;
 mod open;
 mod place;
 mod queue;
 mod role;
+mod salvage;
 mod schema;
 mod secret;
 mod seen;
@@ -27,15 +31,16 @@ mod vehicle;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use rusqlite::Connection;
 use tokio::sync::{oneshot, watch};
 
-pub use chain::{Breach, Hash, Head, Verdict};
+pub use chain::{Acknowledged, Breach, Hash, Head, Verdict};
 pub use health::Fault;
 pub use history::{HISTORY_FILE, Happened, Held, History, HistoryQuery, NodePast, Past, Stretch, past_in};
 pub use leave::{Entering, Written};
+pub use mend::{BackupState, DataState, Mended, check_data, repair, restore};
 pub use role::Role;
 pub use schema::{FILE_NAME, make_folder};
 pub use secret::{DEMO_USERS, DemoSecrets, Lane, SecretError, is_pin};
@@ -60,8 +65,25 @@ const FOREIGN_CHANGE_POLL: Duration = Duration::from_millis(500);
 pub enum StoreError {
     #[error("the data folder {} cannot be used: {reason}. Make it writable or name another one with --data", path.display())]
     Folder { path: PathBuf, reason: std::io::Error },
-    #[error("the database {} cannot be opened: {reason}. Check its permissions and the free space, put a copy in its place, move it away to begin with an empty one, or name another folder with --data", path.display())]
+    #[error("the database {} cannot be opened: {reason}. Check its permissions and the free space; `telltale data check` looks for damage; another folder is named with --data", path.display())]
     Open { path: PathBuf, reason: rusqlite::Error },
+    #[error(
+        "the database {} is damaged: {what}. Stop `telltale serve`; then `telltale data repair` saves what can be \
+         read, or `telltale data restore` takes the last backup. To begin with an empty one, name another \
+         folder with --data",
+        path.display()
+    )]
+    Damaged { path: PathBuf, what: String },
+    #[error("there is no backup in {} that is whole", folder.join(backup::BACKUPS).display())]
+    NoBackup { folder: PathBuf },
+    #[error(
+        "no user can be read of the database in {}, nor of a backup: nothing was changed. Put a copy of \
+         telltale.db in its place, or begin with an empty folder and `telltale user add`",
+        folder.display()
+    )]
+    NothingToSave { folder: PathBuf },
+    #[error("the backup {} is damaged: {what}", path.display())]
+    Backup { path: PathBuf, what: String },
     #[error(
         "the database {} has schema {found}, this telltale knows {known}: use the newer telltale that made it, or name another folder with --data",
         path.display()
@@ -73,6 +95,14 @@ pub enum StoreError {
         path.display()
     )]
     Head { path: PathBuf, whose: String, reason: std::io::Error },
+    #[error(
+        "the audit log is written with the key in {}, which cannot be read: {reason}{whose}. Give it to the user \
+         whose database lies beside it",
+        path.display()
+    )]
+    Key { path: PathBuf, whose: String, reason: std::io::Error },
+    #[error("{0} is no authority: what is wrong with the audit log is acknowledged by one")]
+    NoAuthority(String),
     #[error("there is no database {}: name the data folder of the vehicle with --data", path.display())]
     NoDatabase { path: PathBuf },
     #[error("the database failed: {0}")]
@@ -119,13 +149,28 @@ impl StoreError {
 
     /// Whether it is that the disk takes nothing, or what lies beside the database cannot be read.
     fn is_of_disk(&self) -> bool {
-        use rusqlite::ErrorCode::{CannotOpen, DiskFull, ReadOnly, SystemIoFailure};
+        use rusqlite::ErrorCode::{CannotOpen, DatabaseBusy, DiskFull, ReadOnly, SystemIoFailure};
         match self {
-            StoreError::Open { reason, .. } | StoreError::Database(reason) => {
-                matches!(reason.sqlite_error_code(), Some(CannotOpen | DiskFull | ReadOnly | SystemIoFailure))
-            }
-            StoreError::Folder { .. } | StoreError::Head { .. } => true,
+            StoreError::Open { reason, .. } | StoreError::Database(reason) => matches!(
+                reason.sqlite_error_code(),
+                Some(CannotOpen | DatabaseBusy | DiskFull | ReadOnly | SystemIoFailure)
+            ),
+            StoreError::Folder { .. } | StoreError::Head { .. } | StoreError::Key { .. } => true,
             _ => false,
+        }
+    }
+
+    /// What is broken of a database that can be reached; `None` if it is something else.
+    fn damage(&self) -> Option<String> {
+        use rusqlite::ErrorCode::{CannotOpen, DatabaseBusy, DiskFull, ReadOnly};
+        match self {
+            StoreError::Damaged { what, .. } => Some(what.clone()),
+            StoreError::Open { reason, .. } | StoreError::Database(reason) => {
+                let code = reason.sqlite_error_code();
+                let is_other = matches!(code, Some(CannotOpen | DatabaseBusy | DiskFull | ReadOnly));
+                (!is_other).then(|| reason.to_string())
+            }
+            _ => None,
         }
     }
 }
@@ -139,6 +184,7 @@ pub struct Store {
     fault: watch::Receiver<Fault>,
     folder: Option<Arc<Path>>,
     clock: Clock,
+    floor: SystemTime,
 }
 
 /// What the thread owns.
@@ -147,9 +193,12 @@ struct Database {
     connection: Connection,
     sessions: Arc<Sessions>,
     clock: Clock,
+    /// Nothing is judged by a time before it.
+    floor: SystemTime,
     log: Log,
     health: Health,
     pace: Arc<Pace>,
+    backups: backup::Schedule,
     /// Of the vehicle's memory that was written last by this process.
     remembered_seq: u64,
     /// SQLite's count of changes by others, as last seen.
@@ -173,15 +222,36 @@ impl Store {
     /// be read and not written is opened too. It is written as soon as that is possible; until then
     /// [`Store::fault`] says why not.
     ///
+    /// Of a database that is damaged, what can be read is copied into memory: with that people log in
+    /// and look at the diagnosis. Nothing is kept then, and [`Store::fault`] says so until a restart.
+    ///
     /// # Errors
-    /// If there is no database and none can be made, it cannot be read, or a newer telltale made it.
+    /// If there is no database and none can be made, it may not be read, or a newer telltale made it.
     pub fn open_or_read(folder: &Path, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
         let open = || Store::start(schema::open(folder)?, Some(folder), clock, demo, true);
-        let error = match open() {
-            Err(error) if error.is_of_disk() => error,
-            opened => return opened,
+        let mut error = match open() {
+            Ok(store) => return Ok(store),
+            Err(error) => error,
         };
-        Store::read(folder, &error.to_string(), clock, demo).map_err(|_| error)
+        if error.is_of_disk() {
+            match Store::read(folder, &error.to_string(), clock, demo) {
+                Ok(store) => return Ok(store),
+                Err(damaged) if damaged.damage().is_some() => error = damaged,
+                Err(_) => return Err(error),
+            }
+        }
+        match error.damage() {
+            Some(damage) => Store::salvage(folder, &damage, clock, demo),
+            None => Err(error),
+        }
+    }
+
+    fn salvage(folder: &Path, damage: &str, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
+        let mut connection = salvage::into_memory(folder)?;
+        let log = Log::open(&mut connection, None, clock.wall())?;
+        let mut health = Health::new(None);
+        health.is_salvaged(&salvage::fault(folder, damage));
+        Store::run(connection, log, health, Some(folder), clock, demo, true)
     }
 
     fn read(folder: &Path, why: &str, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
@@ -233,13 +303,16 @@ impl Store {
         let fault = health.watch();
         let no_thread = |reason| StoreError::Folder { path: PathBuf::from("(a new thread)"), reason };
         let pace = Pace::watch(health.voice(), folder, clock).map_err(no_thread)?;
+        let floor = floor::of(&connection)?;
         let mut database = Database {
             connection,
             sessions: sessions.clone(),
             clock,
+            floor,
             log,
             health,
             pace,
+            backups: backup::Schedule::default(),
             remembered_seq: 0,
             data_version: 0,
             serves,
@@ -262,6 +335,7 @@ impl Store {
             fault,
             folder: folder.map(Arc::from),
             clock,
+            floor,
         })
     }
 
@@ -321,6 +395,7 @@ impl Database {
             }
             self.step();
             self.probe_if_due();
+            self.back_up_if_due();
             if let Err(error) = self.notice_foreign_changes() {
                 tracing::warn!(%error, "the database cannot be read; sessions stay as they are");
                 self.health.judge(&error);

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use rusqlite::{Connection, OpenFlags, TransactionBehavior, ffi};
 
-use super::StoreError;
+use super::{StoreError, backup};
 
 /// The database in the data folder.
 pub const FILE_NAME: &str = "telltale.db";
@@ -99,6 +99,13 @@ const MIGRATIONS: &[&str] = &[
     ) STRICT;
     INSERT INTO user_changes VALUES (1, 0, 0);
 ",
+    // By which key the audit log is written.
+    "
+    CREATE TABLE audit_key (
+        one INTEGER PRIMARY KEY CHECK (one = 1),
+        id BLOB NOT NULL CHECK (length(id) = 32)
+    ) STRICT;
+",
 ];
 
 /// From this schema on everything is there that a server needs which may not write.
@@ -108,6 +115,13 @@ pub(super) fn open(folder: &Path) -> Result<Connection, StoreError> {
     let folder_error = |reason| StoreError::Folder { path: folder.to_owned(), reason };
     make_folder(folder).map_err(folder_error)?;
     let path = folder.join(FILE_NAME);
+    // SQLite would make an empty database of it, and nobody could log in any more.
+    let trace = backup::trace_of_database(folder);
+    if !backup::holds_something(folder)
+        && let Some(trace) = &trace
+    {
+        return Err(gone(path, trace));
+    }
     make_private_file(&path).map_err(folder_error)?;
     let open_error = |reason| StoreError::Open { path: path.clone(), reason };
     let mut connection = Connection::open(&path).map_err(open_error)?;
@@ -116,8 +130,47 @@ pub(super) fn open(folder: &Path) -> Result<Connection, StoreError> {
         return Err(open_error(rusqlite::Error::SqliteFailure(ffi::Error::new(ffi::SQLITE_READONLY), None)));
     }
     configure(&connection).map_err(open_error)?;
-    migrate(&mut connection, &path)?;
-    Ok(connection)
+    migrate(&mut connection, &path, trace.as_deref())?;
+    // A damage that shows now keeps nobody from the display; one that shows later would.
+    match damage_of_state(&connection) {
+        Some(what) => Err(StoreError::Damaged { path, what }),
+        None => Ok(connection),
+    }
+}
+
+fn gone(path: PathBuf, trace: &str) -> StoreError {
+    StoreError::Damaged { path, what: format!("it is gone or empty, and {trace} shows that there was one") }
+}
+
+/// What is wrong with all tables but the audit log, which may be large; `None` if nothing is.
+fn damage_of_state(connection: &Connection) -> Option<String> {
+    let sql =
+        "SELECT name FROM sqlite_schema WHERE type = 'table' AND name NOT IN ('audit', 'sqlite_sequence')";
+    let names = |query: &mut rusqlite::Statement<'_>| {
+        query.query_map([], |row| row.get(0))?.collect::<rusqlite::Result<Vec<String>>>()
+    };
+    let tables = match connection.prepare(sql).and_then(|mut query| names(&mut query)) {
+        Ok(tables) => tables,
+        Err(error) => return Some(error.to_string()),
+    };
+    tables.iter().find_map(|table| found_by(connection, &format!("PRAGMA integrity_check('{table}')")))
+}
+
+/// What is wrong with a database, also one of an earlier schema; `None` if nothing is.
+pub(super) fn damage_of(connection: &Connection) -> Option<String> {
+    let has_users = connection.query_row("SELECT count(*) FROM users", [], |_| Ok(()));
+    has_users
+        .err()
+        .map(|error| error.to_string())
+        .or_else(|| found_by(connection, "PRAGMA integrity_check(10)"))
+}
+
+fn found_by(connection: &Connection, check: &str) -> Option<String> {
+    match connection.query_row(check, [], |row| row.get::<_, String>(0)) {
+        Ok(found) if found == "ok" => None,
+        Ok(found) => Some(found),
+        Err(error) => Some(error.to_string()),
+    }
 }
 
 /// The database of a folder, which is there.
@@ -145,10 +198,7 @@ pub(super) fn open_reading(folder: &Path) -> Result<Connection, StoreError> {
 pub(super) fn read_only(folder: &Path) -> Result<(Connection, PathBuf, u32), StoreError> {
     let path = existing(folder)?;
     let open = |parameter: &str| {
-        let flags =
-            OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-        let connection = Connection::open_with_flags(uri(&path, parameter), flags)?;
-        connection.busy_timeout(LOCK_WAIT)?;
+        let connection = connect_reading(&path, parameter)?;
         let found: u32 = connection.pragma_query_value(None, "user_version", |row| row.get(0))?;
         connection.query_row("SELECT count(*) FROM users", [], |_| Ok(()))?;
         Ok((connection, found))
@@ -161,6 +211,16 @@ pub(super) fn read_only(folder: &Path) -> Result<(Connection, PathBuf, u32), Sto
         Ok((connection, found)) => Ok((connection, path, found)),
         Err(reason) => Err(StoreError::Open { path, reason }),
     }
+}
+
+/// A connection that reads alone, with a parameter of SQLite's: `mode=ro`, or `immutable=1` for a file
+/// that nobody writes.
+pub(super) fn connect_reading(path: &Path, parameter: &str) -> rusqlite::Result<Connection> {
+    let flags =
+        OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let connection = Connection::open_with_flags(uri(path, parameter), flags)?;
+    connection.busy_timeout(LOCK_WAIT)?;
+    Ok(connection)
 }
 
 /// A path as SQLite reads it with a parameter behind it.
@@ -180,7 +240,7 @@ fn uri(path: &Path, parameter: &str) -> String {
 pub(super) fn open_in_memory() -> Result<Connection, StoreError> {
     let mut connection = Connection::open_in_memory()?;
     configure(&connection)?;
-    migrate(&mut connection, Path::new(":memory:"))?;
+    migrate(&mut connection, Path::new(":memory:"), None)?;
     Ok(connection)
 }
 
@@ -192,7 +252,17 @@ fn configure(connection: &Connection) -> rusqlite::Result<()> {
     connection.pragma_update(None, "trusted_schema", false)
 }
 
-fn migrate(connection: &mut Connection, path: &Path) -> Result<(), StoreError> {
+/// An empty database of today's schema in a new file, all of which is in that file.
+pub(super) fn make_new(path: &Path) -> Result<Connection, StoreError> {
+    let open_error = |reason| StoreError::Open { path: path.to_owned(), reason };
+    make_private_file(path).map_err(|reason| StoreError::Folder { path: path.to_owned(), reason })?;
+    let mut connection = Connection::open(path).map_err(open_error)?;
+    migrate(&mut connection, path, None)?;
+    Ok(connection)
+}
+
+/// With the `trace` of a database that was here, an empty one is not begun.
+fn migrate(connection: &mut Connection, path: &Path, trace: Option<&str>) -> Result<(), StoreError> {
     let open_error = |reason| StoreError::Open { path: path.to_owned(), reason };
     let known = MIGRATIONS.len() as u32;
     // The lock is taken before the version is read: two processes may start at once.
@@ -206,6 +276,9 @@ fn migrate(connection: &mut Connection, path: &Path) -> Result<(), StoreError> {
     if found == known {
         // Nothing is written: a disk that is full must not keep the display from starting.
         return Ok(());
+    }
+    if let (0, Some(trace)) = (found, trace) {
+        return Err(gone(path.to_owned(), trace));
     }
     for step in &MIGRATIONS[found as usize..] {
         transaction.execute_batch(step).map_err(open_error)?;

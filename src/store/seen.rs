@@ -45,6 +45,7 @@ impl Database {
         self.reload_sessions()?;
         if let Some((made, taken_in)) = changes.filter(|(made, taken_in)| made != taken_in) {
             tracing::debug!(made, taken_in, "users or tokens were changed");
+            self.backups.hasten(self.clock.now());
             self.connection.execute("UPDATE user_changes SET taken_in = ?1", [made])?;
         }
         self.data_version = version;

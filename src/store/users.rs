@@ -107,11 +107,12 @@ impl Store {
     /// Whether there is any user. Anybody may ask.
     ///
     /// # Errors
-    /// If the database fails.
+    /// If the database fails, or is damaged so that there may be users whom nobody can read.
     pub async fn has_users(&self) -> Result<bool, StoreError> {
         let sql = "SELECT EXISTS (SELECT 1 FROM users)";
         self.call_from(Lane::Elsewhere, |database| {
-            Ok(database.connection.query_row(sql, [], |row| row.get(0))?)
+            let has_users = database.connection.query_row(sql, [], |row| row.get(0))?;
+            if has_users { Ok(true) } else { database.health.check_keeps().map(|()| false) }
         })
         .await
     }

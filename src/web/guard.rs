@@ -6,16 +6,20 @@
 use std::collections::HashMap;
 use std::net::IpAddr;
 use std::sync::Arc;
+use std::time::Duration;
 
-use axum::extract::{FromRequestParts, MatchedPath, Request, State};
+use axum::body::{Body, Bytes};
+use axum::extract::{FromRequest, FromRequestParts, MatchedPath, Request, State};
 use axum::http::header::{AUTHORIZATION, HOST, ORIGIN, UPGRADE, WWW_AUTHENTICATE};
 use axum::http::request::Parts;
-use axum::http::{HeaderMap, HeaderValue, Method};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Redirect, Response};
+use tokio::time::timeout;
 
-use super::answer::{Reader, Speaks, cookie, header, refusal};
+use super::answer::{Reader, Speaks, cookies, header, refusal};
 use super::assets;
+use super::lines::Standing;
 use super::login::{Peer, source_of};
 use super::state::AppState;
 use super::view::Lang;
@@ -44,6 +48,9 @@ pub const fn cookie_name(secure: bool) -> &'static str {
     if secure { "__Host-telltale" } else { "telltale" }
 }
 
+/// For the body of a request without a session.
+const ANONYMOUS_BODY_TIMEOUT: Duration = Duration::from_secs(2);
+
 /// A page that renews itself says so: nobody did anything.
 const RENEWAL: &str = "telltale-renewal";
 
@@ -63,7 +70,7 @@ impl<S: Sync> FromRequestParts<S> for SignedIn {
 /// The middleware around all routes and around what is none.
 pub async fn guard(
     State((app, table)): State<(AppState, Arc<AccessTable>)>,
-    mut request: Request,
+    request: Request,
     next: Next,
 ) -> Response {
     let reader = Reader::of(request.uri(), request.headers());
@@ -99,6 +106,10 @@ pub async fn guard(
         app.audit_refusal(source, record).await;
         return refusal(&reader, trouble);
     }
+    let mut request = match admitted(request, caller.session.as_ref()).await {
+        Ok(request) => request,
+        Err(trouble) => return refusal(&reader, trouble),
+    };
     if let Some(session) = caller.session {
         if !request.headers().contains_key(RENEWAL) {
             session.touch(app.clock.now());
@@ -106,6 +117,28 @@ pub async fn guard(
         request.extensions_mut().insert(SignedIn(session));
     }
     next.run(request).await
+}
+
+/// The request as it is answered. Without a session it has to be here whole first, soon, and a place
+/// among the few of its kind: whoever begins a request and does not end it makes nobody wait.
+async fn admitted(request: Request, session: Option<&Session>) -> Result<Request, Trouble> {
+    let standing = request.extensions().get::<Standing>().cloned();
+    if standing.as_ref().is_some_and(|standing| standing.hold(session)) {
+        return Ok(request);
+    }
+    let (parts, body) = request.into_parts();
+    let body = match timeout(ANONYMOUS_BODY_TIMEOUT, Bytes::from_request(Request::new(body), &())).await {
+        Ok(Ok(body)) => body,
+        Ok(Err(rejection)) if rejection.status() == StatusCode::PAYLOAD_TOO_LARGE => {
+            return Err(Trouble::TooLarge);
+        }
+        Ok(Err(_)) => return Err(Trouble::BadRequest),
+        Err(_) => return Err(Trouble::TooSlow),
+    };
+    if standing.is_some_and(|standing| !standing.answer()) {
+        return Err(Trouble::Busy);
+    }
+    Ok(Request::from_parts(parts, Body::from(body)))
 }
 
 /// What is recorded of a refused request, and whence it came.
@@ -153,11 +186,15 @@ pub fn bearer(headers: &HeaderMap) -> Option<&str> {
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim_start())
 }
 
-/// The session of the cookie, if there is one.
+/// The session of the cookie, if there is one. Of several cookies one may be of an open session: a
+/// second such session was put there by somebody else, and then nobody knows whose request it is.
 pub fn cookie_session(app: &AppState, headers: &HeaderMap) -> Option<Session> {
-    let token = cookie(headers, cookie_name(app.settings.secure)).and_then(Token::parse)?;
+    let tokens = cookies(headers, cookie_name(app.settings.secure)).filter_map(Token::parse);
+    let mut sessions = tokens.filter_map(|token| app.session(&token));
+    let session = sessions.next()?;
     // A program's token in a cookie would be a session that no login made.
-    app.session(&token).filter(|session| session.kind == SessionKind::Person)
+    let is_one = sessions.all(|other| other.is(&session)) && session.kind == SessionKind::Person;
+    is_one.then_some(session)
 }
 
 /// Whether a request may change something, or opens a socket.

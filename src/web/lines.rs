@@ -1,7 +1,9 @@
 //! Which connections there are, and which of them goes when there is no place for another.
 //!
-//! To open a connection and say nothing costs nobody anything, so the silent ones must not keep
-//! others out: where there is no place, the one that has been silent longest gives its own.
+//! A connection is anonymous until a request with an open session comes on it. To open one and say
+//! nothing, or to begin a request and not end it, costs nobody anything, so the anonymous must not
+//! keep others out: where there is no place, the oldest of them that is not being answered gives its
+//! own. Those that have a session have places of their own, which no anonymous one takes.
 
 use std::collections::HashMap;
 use std::net::IpAddr;
@@ -10,13 +12,27 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::oneshot;
 
 use super::throttle::network;
+use crate::store::{Role, Session};
+
+/// How many anonymous connections there may be, and how many of them may be answered at once. The rest
+/// takes in new ones: whoever has a session begins there too.
+#[derive(Debug)]
+struct Bounds {
+    open: usize,
+    answered: usize,
+}
 
 /// From the vehicle's own displays. Sockets, once upgraded, are counted elsewhere.
-const NEAR_MAX: usize = 128;
+const NEAR: Bounds = Bounds { open: 96, answered: 64 };
 /// From all others: they never take the places of those.
-const FAR_MAX: usize = 256;
+const FAR: Bounds = Bounds { open: 128, answered: 96 };
 /// From one network among the others.
-const PER_NETWORK_MAX: usize = 64;
+const PER_NETWORK: Bounds = Bounds { open: 64, answered: 48 };
+
+/// Connections with a session of an operator, of anybody else, and of one user.
+const OPERATORS_MAX: usize = 64;
+const OTHERS_MAX: usize = 96;
+const PER_USER_MAX: usize = 48;
 
 /// All open connections.
 #[derive(Debug, Default, Clone)]
@@ -33,10 +49,18 @@ struct Table {
 struct Open {
     network: IpAddr,
     is_near: bool,
+    /// Who holds the place; `None` for an anonymous one.
+    holder: Option<Holder>,
     /// When it was opened or its last answer was made, in order; `None` while it is answered.
     silent_since: Option<u64>,
     /// Its end tells the connection that it has to go.
     _stay: oneshot::Sender<()>,
+}
+
+#[derive(Debug, PartialEq, Eq)]
+struct Holder {
+    user: Arc<str>,
+    is_operator: bool,
 }
 
 /// The place of one connection; it is free again when this is dropped.
@@ -46,9 +70,16 @@ pub struct Place {
     number: u64,
 }
 
-/// A request that is being answered: its connection is not silent.
+/// A request that came on a connection. The connection is silent again when this is dropped.
 #[derive(Debug)]
-pub struct Work(Lines, u64);
+pub struct Work(Standing);
+
+/// The connection on which a request came. The guard says who asks; until then it is anonymous.
+#[derive(Debug, Clone)]
+pub struct Standing {
+    lines: Lines,
+    number: u64,
+}
 
 impl Lines {
     /// A place for one more connection, and what ends when it has to give it to another. `None` if
@@ -61,7 +92,8 @@ impl Lines {
         }
         let number = table.tick();
         let (stay, gone) = oneshot::channel();
-        table.open.insert(number, Open { network, is_near, silent_since: Some(number), _stay: stay });
+        let open = Open { network, is_near, holder: None, silent_since: Some(number), _stay: stay };
+        table.open.insert(number, open);
         Some((Place { lines: self.clone(), number }, gone))
     }
 
@@ -77,14 +109,17 @@ impl Table {
     }
 
     fn make_room(&mut self, network: IpAddr, is_near: bool) -> bool {
-        let alike = |open: &&Open| open.is_near == is_near;
-        let all = self.open.values().filter(alike).count();
-        let same = self.open.values().filter(alike).filter(|open| open.network == network).count();
-        if !is_near && same >= PER_NETWORK_MAX {
-            return self.send_away(|open| !open.is_near && open.network == network);
+        let alike = |open: &Open| open.holder.is_none() && open.is_near == is_near;
+        let of_network = |open: &Open| alike(open) && open.network == network;
+        if !is_near && self.count(of_network) >= PER_NETWORK.open {
+            return self.send_away(of_network);
         }
-        let all_max = if is_near { NEAR_MAX } else { FAR_MAX };
-        all < all_max || self.send_away(|open| open.is_near == is_near)
+        let all_max = if is_near { NEAR.open } else { FAR.open };
+        self.count(alike) < all_max || self.send_away(alike)
+    }
+
+    fn count(&self, of: impl Fn(&Open) -> bool) -> usize {
+        self.open.values().filter(|open| of(open)).count()
     }
 
     /// Ends the one of these that has been silent longest, if any is.
@@ -93,21 +128,85 @@ impl Table {
         let longest = silent.filter_map(|(number, open)| Some((open.silent_since?, *number))).min();
         longest.is_some_and(|(_, number)| self.open.remove(&number).is_some())
     }
+
+    /// Gives an anonymous connection a place among those of its session's user.
+    fn hold(&mut self, number: u64, holder: Holder) -> bool {
+        let Some(open) = self.open.get(&number) else { return false };
+        if open.holder.as_ref() == Some(&holder) {
+            return true;
+        }
+        let of_user = |open: &Open| open.holder.as_ref() == Some(&holder);
+        let alike = |open: &Open| open.holder.as_ref().is_some_and(|it| it.is_operator == holder.is_operator);
+        let all_max = if holder.is_operator { OPERATORS_MAX } else { OTHERS_MAX };
+        let has_room = match () {
+            () if self.count(of_user) >= PER_USER_MAX => self.send_away(of_user),
+            () => self.count(alike) < all_max || self.send_away(alike),
+        };
+        if let Some(open) = self.open.get_mut(&number) {
+            open.holder = has_room.then_some(holder);
+        }
+        has_room
+    }
+
+    /// Whether one more anonymous request from there may be answered.
+    fn may_answer(&self, number: u64) -> bool {
+        let Some(asked) = self.open.get(&number) else { return false };
+        let alike = |open: &Open| {
+            open.holder.is_none() && open.is_near == asked.is_near && open.silent_since.is_none()
+        };
+        let of_network = |open: &Open| alike(open) && open.network == asked.network;
+        let all_max = if asked.is_near { NEAR.answered } else { FAR.answered };
+        self.count(alike) < all_max && (asked.is_near || self.count(of_network) < PER_NETWORK.answered)
+    }
 }
 
 impl Place {
-    /// Marks the connection as being answered. `None` if it gave its place away a moment before.
+    /// A request came. `None` if the connection gave its place away a moment before.
     pub fn work(&self) -> Option<Work> {
-        self.lines.table().open.get_mut(&self.number)?.silent_since = None;
-        Some(Work(self.lines.clone(), self.number))
+        let is_open = self.lines.table().open.contains_key(&self.number);
+        is_open.then(|| Work(Standing { lines: self.lines.clone(), number: self.number }))
+    }
+}
+
+impl Work {
+    pub fn standing(&self) -> Standing {
+        self.0.clone()
+    }
+}
+
+impl Standing {
+    /// The request has this session, or none: with one the connection has a place that no anonymous
+    /// one takes, and stays while it is answered. Returns whether it has.
+    pub fn hold(&self, session: Option<&Session>) -> bool {
+        let mut table = self.lines.table();
+        let holder = session.map(|session| Holder {
+            user: session.user.clone(),
+            is_operator: session.role == Role::Operator,
+        });
+        let holds = holder.is_some_and(|holder| table.hold(self.number, holder));
+        if let Some(open) = table.open.get_mut(&self.number) {
+            if holds { open.silent_since = None } else { open.holder = None }
+        }
+        holds
+    }
+
+    /// An anonymous request has come whole: its connection stays while it is answered. Returns whether
+    /// that may be; too many others are answered if not.
+    pub fn answer(&self) -> bool {
+        let mut table = self.lines.table();
+        let may = table.may_answer(self.number);
+        if let Some(open) = table.open.get_mut(&self.number).filter(|_| may) {
+            open.silent_since = None;
+        }
+        may
     }
 }
 
 impl Drop for Work {
     fn drop(&mut self) {
-        let mut table = self.0.table();
+        let mut table = self.0.lines.table();
         let now = table.tick();
-        if let Some(open) = table.open.get_mut(&self.1) {
+        if let Some(open) = table.open.get_mut(&self.0.number) {
             open.silent_since = Some(now);
         }
     }
@@ -122,49 +221,114 @@ impl Drop for Place {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::clock::Clock;
+    use crate::store::{DemoSecrets, Store};
+
+    type Line = (Place, oneshot::Receiver<()>);
 
     fn ip(text: &str) -> IpAddr {
         text.parse().unwrap()
     }
 
-    #[test]
-    fn whoever_opens_many_loses_their_own_oldest_and_nobody_elses() {
-        let lines = Lines::default();
-        let (_display, mut display_goes) = lines.enter(ip("127.0.0.1"), true).unwrap();
-        let (_other, mut other_goes) = lines.enter(ip("fd00:0:0:1::1"), false).unwrap();
-        // One who has an IPv6 network has many addresses in it.
-        let flood: Vec<_> = (0..600)
-            .map(|number| lines.enter(ip(&format!("fd00:0:0:2::{number:x}")), false).unwrap())
-            .collect();
-        assert!(display_goes.try_recv().is_err_and(|why| why == oneshot::error::TryRecvError::Empty));
-        assert!(other_goes.try_recv().is_err_and(|why| why == oneshot::error::TryRecvError::Empty));
-        assert_eq!(lines.table().open.len(), 2 + PER_NETWORK_MAX);
-        let stayed = |(_, mut goes): (Place, oneshot::Receiver<()>)| {
-            goes.try_recv() == Err(oneshot::error::TryRecvError::Empty)
-        };
-        let stayed: Vec<bool> = flood.into_iter().map(stayed).collect();
-        assert!(stayed[600 - PER_NETWORK_MAX..].iter().all(|stays| *stays), "the newest have their places");
+    fn stays((_, goes): &mut Line) -> bool {
+        goes.try_recv() == Err(oneshot::error::TryRecvError::Empty)
+    }
+
+    async fn session_of(store: &Store, name: &str, secret: &str) -> Session {
+        let user = store.authenticate(name, secret).await.unwrap().unwrap();
+        store.open_session(&user).await.unwrap().1
+    }
+
+    /// A connection on which somebody with a session asks for something.
+    fn hold(lines: &Lines, from: &str, session: &Session) -> (Line, Work, bool) {
+        let line = lines.enter(ip(from), from == "127.0.0.1").unwrap();
+        let work = line.0.work().unwrap();
+        let holds = work.standing().hold(Some(session));
+        (line, work, holds)
     }
 
     #[test]
-    fn those_who_are_answered_stay_and_places_of_the_vehicles_displays_are_their_own() {
+    fn whoever_opens_many_loses_their_own_oldest_and_nobody_elses() {
         let lines = Lines::default();
-        let far: Vec<_> = (0..FAR_MAX)
-            .map(|number| {
-                let (place, goes) =
-                    lines.enter(ip(&format!("10.0.{}.{}", number / 64, number % 64)), false).unwrap();
-                let work = place.work().unwrap();
-                (place, goes, work)
+        let mut display = lines.enter(ip("127.0.0.1"), true).unwrap();
+        let mut other = lines.enter(ip("fd00:0:0:1::1"), false).unwrap();
+        // One who has an IPv6 network has many addresses in it.
+        let mut flood: Vec<_> = (0..600)
+            .map(|number| lines.enter(ip(&format!("fd00:0:0:2::{number:x}")), false).unwrap())
+            .collect();
+        assert!(stays(&mut display) && stays(&mut other));
+        assert_eq!(lines.table().open.len(), 2 + PER_NETWORK.open);
+        let stayed: Vec<bool> = flood.iter_mut().map(stays).collect();
+        assert!(stayed[600 - PER_NETWORK.open..].iter().all(|stays| *stays), "the newest have their places");
+    }
+
+    #[test]
+    fn requests_that_are_not_whole_keep_nobody_out() {
+        let lines = Lines::default();
+        let mut begun: Vec<_> = (0..NEAR.open)
+            .map(|_| {
+                let line = lines.enter(ip("127.0.0.1"), true).unwrap();
+                let work = line.0.work().unwrap();
+                assert!(!work.standing().hold(None));
+                (line, work)
             })
             .collect();
-        assert!(lines.enter(ip("10.1.0.1"), false).is_none(), "each is being answered");
-        let near: Vec<_> = (0..NEAR_MAX).map(|_| lines.enter(ip("127.0.0.1"), true).unwrap()).collect();
-        let work = near[0].0.work().unwrap();
-        let (newest, _goes) = lines.enter(ip("::ffff:127.0.0.1"), true).unwrap();
-        assert!(near[1].0.work().is_none(), "the one that was silent longest is gone");
-        drop(work);
-        assert!(near[0].0.work().is_some() && newest.work().is_some());
-        drop((far, near, newest));
+        let mut newest = lines.enter(ip("::ffff:127.0.0.1"), true).unwrap();
+        assert!(!stays(&mut begun[0].0) && stays(&mut begun[1].0) && stays(&mut newest));
+        assert!(begun[0].0.0.work().is_none() && newest.0.work().is_some());
+    }
+
+    #[test]
+    fn anonymous_ones_that_are_answered_stay_and_leave_room_for_others() {
+        let lines = Lines::default();
+        for (source, is_near, bounds) in
+            [("127.0.0.1", true, NEAR), ("10.0.0.1", false, PER_NETWORK), ("10", false, FAR)]
+        {
+            let mut answered = Vec::new();
+            for number in 0..bounds.open {
+                let source = if source == "10" { &format!("10.1.{number}.1") } else { source };
+                let line = lines.enter(ip(source), is_near).unwrap();
+                let work = line.0.work().unwrap();
+                if work.standing().answer() {
+                    answered.push((line, work));
+                }
+            }
+            assert_eq!(answered.len(), bounds.answered, "{source}");
+            let (other, _goes) = lines.enter(ip("10.2.0.1"), is_near).unwrap();
+            assert!(other.work().is_some() && answered.iter_mut().all(|(line, _)| stays(line)), "{source}");
+        }
         assert!(lines.table().open.is_empty(), "nothing is kept of who has gone");
+    }
+
+    #[tokio::test]
+    async fn whoever_has_a_session_has_a_place_that_no_stranger_and_no_other_user_takes() {
+        let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
+        store.add_demo_users().await.unwrap();
+        let operator = session_of(&store, "operator", "246810").await;
+        let lines = Lines::default();
+        let (mut display, work, holds) = hold(&lines, "127.0.0.1", &operator);
+        assert!(holds);
+        drop(work);
+        let strangers: Vec<_> = (0..500).map(|_| lines.enter(ip("127.0.0.1"), true).unwrap()).collect();
+        assert!(stays(&mut display), "it is silent, and older than all of them");
+        let mut held = 0;
+        let mut others = Vec::new();
+        for (name, secret) in [("authority", "demo-authority"), ("developer", "demo-developer")] {
+            let session = session_of(&store, name, secret).await;
+            for _ in 0..100 {
+                let (line, work, holds) = hold(&lines, "127.0.0.1", &session);
+                held += usize::from(holds);
+                others.push((line, work));
+            }
+        }
+        assert_eq!(held, 2 * PER_USER_MAX, "each of them is being answered");
+        assert!(stays(&mut display));
+        let (mut newest, _work, holds) = hold(&lines, "127.0.0.1", &operator);
+        assert!(holds && stays(&mut newest));
+        // Without the session it is one of many again.
+        display.0.work().unwrap().standing().hold(None);
+        let flood: Vec<_> = (0..500).map(|_| lines.enter(ip("127.0.0.1"), true).unwrap()).collect();
+        assert!(!stays(&mut display) && stays(&mut newest));
+        drop((strangers, others, flood));
     }
 }

@@ -56,9 +56,13 @@ pub async fn page(State(app): State<AppState>, headers: HeaderMap, reader: Reade
     if !locked && cookie_session(&app, &headers).is_some() {
         return Redirect::to("/").into_response();
     }
-    let nobody = matches!(app.store.has_users().await, Ok(false));
+    let nobody = match app.store.has_users().await {
+        Ok(false) => Some(no_users(&app)),
+        Err(error) if error.is_of_storage() => Some(LoginFailure::Storage),
+        _ => None,
+    };
     let farewell = farewell::of(&app, &headers).await;
-    login_page(&app, &reader, StatusCode::OK, "", nobody.then(|| no_users(&app)), farewell)
+    login_page(&app, &reader, StatusCode::OK, "", nobody, farewell)
 }
 
 /// A folder with a blank in its name is quoted, as a shell has to be told it.

@@ -3,30 +3,39 @@
 //! Each connection holds at most the latest state and sends one message at a time, so a slow
 //! one skips what lies between and delays nobody. It ends with its session, at once.
 
+use std::net::IpAddr;
 use std::time::Duration;
 
 use axum::extract::rejection::QueryRejection;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{CloseFrame, Message, Utf8Bytes, WebSocket, WebSocketUpgrade, close_code};
-use axum::extract::{Query, State};
+use axum::extract::{Extension, Query, State};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use tokio::sync::watch;
+use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
 
 use super::answer::{Reader, refusal};
+use super::audit::record_of;
 use super::displays::Place;
 use super::frame;
 use super::guard::SignedIn;
+use super::login::{Peer, source_of};
+use super::meter::Meter;
 use super::pace::Pace;
 use super::state::{AppState, turned};
+use super::vehicle::{StopForm, Tap};
 use super::view::Lang;
 use super::wording::Trouble;
 use crate::runtime::Published;
-use crate::store::Session;
+use crate::store::audit::Action;
+use crate::store::{Role, Session};
 
 /// The largest message that a client may send.
 pub const INBOUND_BYTES_MAX: usize = 16 * 1024;
+/// What is read of a socket at a time, so that one that sends without an end keeps nobody waiting.
+const READ_BYTES: usize = 4 * 1024;
 /// A page that hears nothing for 1 s says that it is not live.
 const BEAT_EVERY: Duration = Duration::from_millis(250);
 /// A ping goes out with every fourth beat.
@@ -38,6 +47,8 @@ const SEND_TIMEOUT: Duration = Duration::from_secs(5);
 /// What stands behind the tiles has more time.
 const DETAILS_EVERY: Duration = Duration::from_millis(500);
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
+/// Taps on STOP of one page that may wait for their answer.
+const STOPS_AT_ONCE: usize = 4;
 
 #[derive(Debug, Deserialize)]
 pub struct PageQuery {
@@ -47,6 +58,7 @@ pub struct PageQuery {
 /// `GET /ws`
 pub async fn page(
     State(app): State<AppState>,
+    from: From,
     SignedIn(session): SignedIn,
     reader: Reader,
     query: Result<Query<PageQuery>, QueryRejection>,
@@ -54,22 +66,24 @@ pub async fn page(
 ) -> Response {
     let asked = query.ok().and_then(|Query(query)| query.lang);
     let lang = asked.as_deref().and_then(Lang::from_word).unwrap_or(reader.lang);
-    open(app, session, &reader, upgrade, Feed::Page { lang, shown: None, details: 0 })
+    open(app, from, session, &reader, upgrade, Feed::Page { lang, shown: None, details: 0 })
 }
 
 /// `GET /api/v1/stream`
 pub async fn stream(
     State(app): State<AppState>,
+    from: From,
     SignedIn(session): SignedIn,
     reader: Reader,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Response {
-    open(app, session, &reader, upgrade, Feed::Snapshots)
+    open(app, from, session, &reader, upgrade, Feed::Snapshots)
 }
 
 /// `GET /developer/live`
 pub async fn pulse(
     State(app): State<AppState>,
+    from: From,
     SignedIn(session): SignedIn,
     reader: Reader,
     query: Result<Query<PageQuery>, QueryRejection>,
@@ -77,11 +91,15 @@ pub async fn pulse(
 ) -> Response {
     let asked = query.ok().and_then(|Query(query)| query.lang);
     let lang = asked.as_deref().and_then(Lang::from_word).unwrap_or(reader.lang);
-    open(app, session, &reader, upgrade, Feed::Pulse { lang })
+    open(app, from, session, &reader, upgrade, Feed::Pulse { lang })
 }
+
+/// The connection that is to become a socket.
+type From = (Option<Extension<Peer>>, Option<Extension<Meter>>);
 
 fn open(
     app: AppState,
+    (peer, meter): From,
     session: Session,
     reader: &Reader,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
@@ -97,10 +115,15 @@ fn open(
     };
     let Some(place) = place else { return refusal(reader, Trouble::TooManySockets) };
     app.farewells.meet(&session);
+    let meter = meter.map(|Extension(meter)| meter).unwrap_or_default();
+    let over = meter.begin(&app.accounts, &session.user, app.clock);
+    let source = source_of(peer.map(|Extension(peer)| peer));
     let upgrade = upgrade.max_message_size(INBOUND_BYTES_MAX).max_frame_size(INBOUND_BYTES_MAX);
+    let upgrade = upgrade.read_buffer_size(READ_BYTES);
     upgrade.on_upgrade(move |socket| async move {
         let line = Line { socket, session, pings_unanswered: 0 };
-        Connection { app, line, feed, place, seq: 0, beat: 0 }.run().await;
+        let stops = JoinSet::new();
+        Connection { app, source, over, line, feed, place, seq: 0, beat: 0, stops }.run().await;
     })
 }
 
@@ -125,6 +148,9 @@ impl Feed {
 
 struct Connection {
     app: AppState,
+    source: IpAddr,
+    /// Turns true once the client has sent too much.
+    over: watch::Receiver<bool>,
     line: Line,
     feed: Feed,
     place: Place,
@@ -132,6 +158,8 @@ struct Connection {
     seq: u64,
     /// The number of the beat that was sent last.
     beat: u64,
+    /// Taps on STOP that are not answered yet.
+    stops: JoinSet<Utf8Bytes>,
 }
 
 /// Why a connection ends.
@@ -145,6 +173,8 @@ enum Ending {
     NoEngine,
     /// The client said something that is no answer.
     Nonsense,
+    /// The client sends more than it may.
+    Flood,
     /// The client does not read.
     Unread,
     /// The client went away.
@@ -158,6 +188,10 @@ impl Connection {
             Err(ending) => ending,
         };
         tracing::debug!(?ending, user = &*self.line.session.user, "socket closed");
+        if ending == Ending::Flood {
+            let record = record_of(&self.line.session, Action::Request, self.source).on("socket");
+            self.app.audit_refusal(self.source, record.refused("it sent more than a socket may")).await;
+        }
         // The place is free before the farewell: a client may take its time for that.
         let Connection { line, place, .. } = self;
         drop(place);
@@ -182,6 +216,7 @@ impl Connection {
             let shows = tokio::select! {
                 () = self.line.session.ended() => return Err(Ending::Revoked),
                 () = turned(&mut closing) => return Err(Ending::Closing),
+                () = turned(&mut self.over) => return Err(Ending::Flood),
                 () = &mut pause, if is_paused => details_due,
                 changed = snapshots.changed(), if !is_paused => {
                     changed.map_err(|_| Ending::NoEngine)?;
@@ -189,6 +224,10 @@ impl Connection {
                 }
                 received = self.line.socket.recv() => {
                     self.hear(received)?;
+                    false
+                }
+                Some(Ok(answer)) = self.stops.join_next() => {
+                    self.line.send(Message::Text(answer)).await?;
                     false
                 }
                 _ = details.tick(), if self.feed.is_paced() => {
@@ -220,7 +259,7 @@ impl Connection {
     /// Sends what this client does not have yet, if there is any.
     async fn show(&mut self, published: &Published) -> Result<bool, Ending> {
         match &mut self.feed {
-            Feed::Page { lang, shown, details } => {
+            Feed::Page { lang, shown, details, .. } => {
                 let frame = self.app.frames.html(published, *lang, &self.app.trends);
                 let message = match *shown {
                     Some(shown) => frame.since(shown),
@@ -244,7 +283,7 @@ impl Connection {
 
     /// What stands behind the tiles, and with it all else that is new.
     async fn show_details(&mut self, published: &Published) -> Result<bool, Ending> {
-        let Feed::Page { lang, shown: Some(shown), details } = &mut self.feed else { return Ok(false) };
+        let Feed::Page { lang, shown: Some(shown), details, .. } = &mut self.feed else { return Ok(false) };
         let frame = self.app.frames.html(published, *lang, &self.app.trends);
         let message = frame.since_with_details(*shown, *details);
         (*shown, *details) = (frame.revision(), frame.revision());
@@ -274,12 +313,19 @@ impl Connection {
 
     fn hear(&mut self, received: Option<Result<Message, axum::Error>>) -> Result<(), Ending> {
         let Some(Ok(message)) = received else { return Err(Ending::Gone) };
-        self.line.pings_unanswered = 0;
         match (message, &self.feed) {
-            (Message::Ping(_) | Message::Pong(_), _) => Ok(()),
+            // Whoever only asks has not read anything.
+            (Message::Ping(_), _) => Ok(()),
+            (Message::Pong(_), _) => {
+                self.line.pings_unanswered = 0;
+                Ok(())
+            }
             (Message::Close(_), _) => Err(Ending::Gone),
-            (Message::Text(text), Feed::Page { .. }) => {
-                let said: Shown = serde_json::from_str(&text).map_err(|_| Ending::Nonsense)?;
+            (Message::Text(text), Feed::Page { lang, .. }) => {
+                let said = match serde_json::from_str(&text).map_err(|_| Ending::Nonsense)? {
+                    Said::Stop { stop } => return self.stop(stop, *lang),
+                    Said::Shown(said) => said,
+                };
                 if said.shown.is_some_and(|seq| seq > self.seq) {
                     return Err(Ending::Nonsense);
                 }
@@ -294,6 +340,31 @@ impl Connection {
             (Message::Text(_) | Message::Binary(_), _) => Err(Ending::Nonsense),
         }
     }
+
+    /// Requests a stop as a tap over HTTP does; the answer is what that would get. Stops past the bound
+    /// are left to that way.
+    fn stop(&mut self, form: StopForm, lang: Lang) -> Result<(), Ending> {
+        let session = &self.line.session;
+        let Some(name) = form.tap.clone().filter(|_| session.role == Role::Operator) else {
+            return Err(Ending::Nonsense);
+        };
+        if self.stops.len() < STOPS_AT_ONCE {
+            let tap = Tap::over_socket(&self.app, session, self.source, lang);
+            self.stops.spawn(async move { frame::answered(&name, tap.stop(form).await).await });
+        }
+        Ok(())
+    }
+}
+
+/// What a page says over its socket.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum Said {
+    /// The operator touched STOP.
+    Stop {
+        stop: StopForm,
+    },
+    Shown(Shown),
 }
 
 /// What a page answers once it shows a message: its `seq`, and of a beat its number too.
@@ -352,6 +423,7 @@ impl Line {
             Ending::Closing => (close_code::RESTART, "the server ends"),
             Ending::NoEngine => (close_code::ERROR, "the engine has ended"),
             Ending::Nonsense => (close_code::UNSUPPORTED, "not understood"),
+            Ending::Flood => (close_code::POLICY, "too much was sent"),
             Ending::Unread => (close_code::AGAIN, "nobody reads"),
             Ending::Gone => return,
         };

@@ -15,10 +15,12 @@ use super::displays::Displays;
 use super::enrolled::Enrolled;
 use super::farewell::{Farewell, Farewells};
 use super::frame::Frames;
+use super::meter::Accounts;
 use super::origins::Origins;
 use super::owed::Owed;
 use super::pending::PendingClearance;
 use super::seat::has_idled_out;
+use super::stops::Stops;
 use super::throttle::Throttle;
 use super::view::Trends;
 use crate::clock::Clock;
@@ -67,9 +69,12 @@ pub struct Shared {
     pub settings: Settings,
     pub frames: Frames,
     pub displays: Displays,
+    /// What the accounts may still send over their sockets.
+    pub(super) accounts: Accounts,
     pub farewells: Farewells,
     pub trends: Trends,
     pub pending: PendingClearance,
+    pub stops: Stops,
     pub throttle: Mutex<Throttle>,
     /// Makes numbers of names that are no user's, by a key of this run.
     pub(super) unknown_names: RandomState,
@@ -105,9 +110,11 @@ impl AppState {
             settings,
             frames: Frames::default(),
             displays: Displays::default(),
+            accounts: Accounts::default(),
             farewells: Farewells::default(),
             trends: Trends::default(),
             pending: PendingClearance::default(),
+            stops: Stops::default(),
             throttle: Mutex::default(),
             unknown_names: RandomState::new(),
             audit_limit: Mutex::default(),

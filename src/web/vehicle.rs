@@ -18,7 +18,7 @@ use super::login::{Peer, source_of};
 use super::pending::{CONFIRM_WITHIN, NotPending};
 use super::state::{AppState, is_seated};
 use super::versions::Matter;
-use super::view::{self, Lang};
+use super::view::{self, Lang, Palette, Part};
 use super::wording::Trouble;
 use crate::clock::wall_at;
 use crate::engine::input::{AlarmRef, OperatorAction, Output, Place};
@@ -39,8 +39,20 @@ pub struct Versioned {
     beat: Option<String>,
 }
 
+/// Longer names of taps are no page's.
+const TAP_BYTES_MAX: usize = 64;
+
 /// Twice the time after which a page without heartbeats covers itself.
 const TAP_LATE_MAX: Span = Span::from_secs(4);
+
+/// A stop, over HTTP or over the socket of the page.
+#[derive(Debug, Deserialize)]
+pub struct StopForm {
+    version: u64,
+    beat: Option<String>,
+    /// The tap's own name: what comes with the same one again is the same tap.
+    pub tap: Option<Box<str>>,
+}
 
 #[derive(Debug, Deserialize)]
 pub struct LocalizeForm {
@@ -82,13 +94,11 @@ pub async fn localize(tap: Tap, form: FormOf<LocalizeForm>) -> Response {
 }
 
 /// `POST /vehicle/stop`
-pub async fn stop(tap: Tap, form: FormOf<Versioned>) -> Response {
-    let shown = match form {
-        Ok(Form(shown)) => shown,
-        Err(rejection) => return bad_form(&tap.reader, &rejection),
-    };
-    let record = tap.record(Action::Stop);
-    tap.act(tap.grounds(&shown, Matter::Stage), OperatorAction::RequestStop, record).await
+pub async fn stop(tap: Tap, form: FormOf<StopForm>) -> Response {
+    match form {
+        Ok(Form(form)) => tap.stop(form).await,
+        Err(rejection) => bad_form(&tap.reader, &rejection),
+    }
 }
 
 /// `POST /vehicle/clearance`: the first step; the answer holds the token for the second.
@@ -235,7 +245,8 @@ impl FromRequestParts<AppState> for Tap {
 }
 
 /// Why a tap is not acknowledged. It changed nothing; a stop that cannot be kept is requested.
-enum NotDone {
+#[derive(Debug, Clone)]
+pub enum NotDone {
     /// In words.
     Refused(Vec<String>),
     Void(Void),
@@ -243,6 +254,30 @@ enum NotDone {
 }
 
 impl Tap {
+    /// Somebody touched a button, and the socket of their page says so.
+    pub fn over_socket(app: &AppState, session: &Session, source: IpAddr, lang: Lang) -> Tap {
+        let reader =
+            Reader { speaks: Speaks::Json, lang, palette: Palette::default(), part: Part::default() };
+        Tap { app: app.clone(), session: session.clone(), source, reader, arrived: app.clock.now() }
+    }
+
+    /// Requests a stop, once for each tap.
+    pub async fn stop(&self, form: StopForm) -> Response {
+        let shown = Versioned { version: form.version, beat: form.beat };
+        let (tap, grounds) = (self.clone(), self.grounds(&shown, Matter::Stage));
+        let record = self.record(Action::Stop);
+        let stopping = async move { tap.command(grounds, OperatorAction::RequestStop, record).await };
+        let done = match form.tap {
+            Some(name) if name.len() > TAP_BYTES_MAX => return bad_field(&self.reader, "tap"),
+            Some(name) => self.app.stops.once(&self.session, name, stopping).await,
+            None => stopping.await,
+        };
+        match done {
+            Ok(()) => self.done(&json!({})),
+            Err(refused) => self.refuse(refused),
+        }
+    }
+
     async fn act(&self, grounds: Grounds, action: OperatorAction, record: Record) -> Response {
         match self.command(grounds, action, record).await {
             Ok(()) => self.done(&json!({})),

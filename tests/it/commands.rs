@@ -132,3 +132,65 @@ fn users_are_listed_for_programs() {
     let created = users[0]["created"].as_str().expect("it has a date");
     assert!(users.as_array().is_some_and(|all| all.len() == 1) && created.ends_with('Z'), "{users}");
 }
+
+#[test]
+fn data_is_checked_repaired_and_restored_while_nobody_serves() {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("commands-data");
+    let _ = std::fs::remove_dir_all(&folder);
+    let data = folder.to_str().expect("the path is text");
+    let run = |words: &[&str], input: &str| said(&telltale(&[words, &["--data", data]].concat(), input));
+    let (_, err, code) = run(&["data", "check"], "");
+    assert!(code == Some(2) && err.contains("there is no database") && err.contains("--data"), "{err}");
+    assert!(!folder.exists(), "a folder that is misspelt is not made");
+    let (_, err, code) = run(&["data", "repair"], "");
+    assert!(code == Some(2) && err.contains(data) && !folder.exists(), "{err}");
+    run(&["user", "add", "anna", "--role", "operator"], "975310\n975310\n");
+    let (out, _, code) = run(&["data", "check"], "");
+    assert!(code == Some(0) && out.starts_with("ok") && out.contains("users: 1"), "{out}");
+    let (_, err, code) = run(&["data", "restore"], "");
+    assert!(code == Some(2) && err.contains("no backup"), "{err}");
+
+    let database = folder.join("telltale.db");
+    std::fs::create_dir(folder.join("backups")).expect("the folder is there");
+    std::fs::copy(&database, folder.join("backups/telltale-2026-01-01.db")).expect("it is one file");
+    std::fs::write(&database, "x".repeat(9000)).expect("the folder is there");
+    let (out, _, code) = run(&["data", "check", "--json"], "");
+    let state: Value = serde_json::from_str(&out).expect("it is JSON");
+    assert_eq!((code, &state["ok"], &state["backups"][0]["users"]), (Some(1), &json!(false), &json!(1)));
+    let (_, err, _) = run(&["user", "list"], "");
+    assert!(err.contains("telltale data check") || err.contains("telltale data repair"), "{err}");
+
+    let held = std::fs::File::open(&folder).expect("it is there");
+    held.try_lock().expect("nobody else has it");
+    for words in [["data", "repair"], ["data", "restore"]] {
+        let (_, err, code) = run(&words, "");
+        assert!(code == Some(2) && err.contains("another `telltale serve`"), "{err}");
+    }
+    assert_eq!(run(&["data", "check"], "").2, Some(1), "it changes nothing");
+    drop(held);
+    let (out, err, code) = run(&["data", "repair"], "");
+    assert!(code == Some(0) && out.contains("1 user;") && out.contains("damaged-"), "{out}{err}");
+    assert!(run(&["user", "list"], "").0.contains("anna"));
+    let (out, _, code) = run(&["data", "repair"], "");
+    assert!(code == Some(0) && out.contains("nothing was changed"), "{out}");
+
+    std::fs::remove_file(&database).expect("it is there");
+    let (_, err, code) = run(&["user", "add", "bert", "--role", "operator"], "975310\n975310\n");
+    assert!(code == Some(2) && err.contains("gone or empty") && !database.exists(), "{err}");
+    let (out, err, code) = run(&["data", "restore"], "");
+    assert!(code == Some(0) && out.contains("telltale-2026-01-01.db"), "{out}{err}");
+    assert!(run(&["user", "list"], "").0.contains("anna"));
+
+    // An authority looks into it.
+    let (out, _, code) = run(&["audit", "verify"], "");
+    assert!(code == Some(1) && out.starts_with("BAD") && out.contains("acknowledge"), "{out}");
+    let secret = "correct horse battery\n";
+    run(&["user", "add", "carl", "--role", "authority"], &secret.repeat(2));
+    let acknowledge = ["audit", "acknowledge", "--by", "carl", "--why", "restored"];
+    let (_, err, code) = run(&acknowledge, "wrong\n");
+    assert!(code == Some(2) && err.contains("nothing was acknowledged"), "{err}");
+    let (out, err, code) = run(&acknowledge, secret);
+    assert!(code == Some(0) && out.starts_with("acknowledged"), "{out}{err}");
+    let (out, _, code) = run(&["audit", "verify"], "");
+    assert!(code == Some(0) && out.starts_with("ok") && out.contains("carl has acknowledged"), "{out}");
+}

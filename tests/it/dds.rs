@@ -37,7 +37,10 @@ impl Reading {
             loop {
                 let input = self.inputs.recv().await.expect("the bridge lives").input;
                 let found = fits(&input);
-                self.received.push(input);
+                // Who could say something is said by the clock.
+                if !matches!(input, Input::Writers(_)) {
+                    self.received.push(input);
+                }
                 if let Some(found) = found {
                     return found;
                 }
@@ -220,13 +223,14 @@ async fn what_a_slow_engine_loses_is_counted(vendor: Vendor) {
     peer.wait_matched(1);
     // Gaps count from the first message that is received of a publisher.
     peer.write(&one("first"));
-    assert!(matches!(inputs.recv().await.expect("the bridge lives").input, Input::Diagnostics(_)));
+    while !matches!(inputs.recv().await.expect("the bridge lives").input, Input::Diagnostics(_)) {}
     peer.write(&json!({"statuses": [{"name": "many"}], "times": 20_000}));
     let (mut arrays, mut lost) = (0, 0);
     let all = async {
         while arrays + lost < 20_000 {
             match inputs.recv().await.expect("the bridge lives").input {
                 Input::Diagnostics(_) => arrays += 1,
+                Input::Writers(_) => {}
                 Input::Reception(trouble) if trouble.kind == TroubleKind::Lost => lost += trouble.count,
                 other => panic!("{other:?}"),
             }

@@ -204,3 +204,15 @@ fn other_words_at_one_level_are_a_difference() {
         ],
     );
 }
+
+#[test]
+fn who_may_say_a_status_can_be_different() {
+    check(
+        "groups: [{ id: a, match: [{ namespace: /a }], modules: [{ id: m, status: s, writers: [/x] }] }]",
+        "groups: [{ id: a, match: [{ namespace: /a, writers: [/x] }], modules: [{ id: m, status: s, writers: [/x, /y] }] }]",
+        &[
+            "group `a`: match from [the namespace '/a'] to [the namespace '/a' (unknown after 2s of silence, said by /x alone)]",
+            "module `a/m`: policy from unknown after 2s of silence, said by /x alone to unknown after 2s of silence, said by /x or /y alone",
+        ],
+    );
+}

@@ -109,7 +109,7 @@ fn filters_can_take_something() {
         &filters("{ zzzz: x }"),
         &[
             "1:60: a filter needs one of `name`, `namespace`, `contains`, `regex` (write one filter for each: `- { namespace: /sensors }`)",
-            "1:62: unknown key `zzzz` in a filter (known here: name, namespace, contains, regex, forget_after, stale, timeout)",
+            "1:62: unknown key `zzzz` in a filter (known here: name, namespace, contains, regex, forget_after, stale, timeout, writers)",
         ],
     );
     check(&filters("{ contains: '' }"), &["1:72: expected a text, found nothing (write a value)"]);
@@ -266,7 +266,7 @@ fn what_is_forgotten_was_silent_before() {
     check(
         "groups:\n  - { id: a, match: [{ name: n, latch: 1s }] }\n",
         &[
-            "2:33: unknown key `latch` in a filter (known here: name, namespace, contains, regex, forget_after, stale, timeout)",
+            "2:33: unknown key `latch` in a filter (known here: name, namespace, contains, regex, forget_after, stale, timeout, writers)",
         ],
     );
     check_beside_group(
@@ -338,4 +338,30 @@ fn words_are_written_for_all_or_for_each_level_and_stage() {
         &module("name: [a], help: { warning: { en: W } }"),
         &["1:55: expected a text, found a list (quote it with '...' if it is meant as a text)"],
     );
+}
+
+#[test]
+fn who_may_say_a_status_is_named_as_ros_names_it() {
+    let module = |module: &str| format!("groups: [{{ id: a, modules: [{{ id: m, {module} }}] }}]\n");
+    check(
+        &module("status: s, writers: []"),
+        &["1:58: without a node nobody could say it (name the nodes, or remove `writers`)"],
+    );
+    check(
+        &module("status: s, writers: [/a/b_1, lidar, /x/, '/9']"),
+        &[
+            "1:67: `lidar` is not the whole name of a node (write it as `ros2 node list` does, with its namespace: `/sensors/driver`)",
+            "1:74: `/x/` is not the whole name of a node (write it as `ros2 node list` does, with its namespace: `/sensors/driver`)",
+            "1:79: `/9` is not the whole name of a node (write it as `ros2 node list` does, with its namespace: `/sensors/driver`)",
+        ],
+    );
+    check(
+        &module("monitor: { frequency: { topic: /t, error_below: 1 } }, writers: [/a]"),
+        &[
+            "1:102: `writers` is only for a module that takes a status (remove it, or put it beside the `status` of a module)",
+        ],
+    );
+    let loaded = parse("c", &module("status: s, writers: [/a, /b/c]")).unwrap();
+    let writers = loaded.model.modules[0].policy.writers.as_ref().unwrap();
+    assert_eq!(writers.iter().map(|name| &**name).collect::<Vec<_>>(), ["/a", "/b/c"]);
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::Views;
 use crate::engine::layout::SELF_STATE;
-use crate::engine::model::{GroupId, ModuleId, Text};
+use crate::engine::model::{GroupId, ModuleId, NodeNames, Text};
 use crate::engine::snapshot::{ModuleInfo, ModuleView};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
@@ -25,7 +25,7 @@ impl Views {
         id: ModuleId,
         group: GroupId,
         (name, number): (Arc<str>, u64),
-        status: Option<Arc<str>>,
+        (status, writers): (Option<Arc<str>>, Option<NodeNames>),
         now: Timestamp,
     ) {
         let layout = Arc::make_mut(&mut self.layout);
@@ -36,6 +36,7 @@ impl Views {
             help: None,
             group,
             status,
+            writers,
             depends_on: Vec::new(),
             discovered: true,
             gone: false,

@@ -15,10 +15,12 @@ fn bare<'t>(text: &'t str, unit: Option<&str>) -> &'t str {
 }
 
 impl Watching {
-    /// Takes the KeyValues of an array. Of two statuses with one name the worse one counts.
+    /// Takes the KeyValues of an array. Of two statuses with one name the worse one counts, and none of a
+    /// name that does not count.
     pub(in crate::engine) fn take_keys(
         &mut self,
         array: &StatusArray,
+        counts: impl Fn(&str) -> bool,
         limits: &Limits,
         now: Timestamp,
         judge: &mut Vec<u32>,
@@ -43,7 +45,7 @@ impl Watching {
         let mut taken = Vec::new();
         for name in touched.drain(..) {
             let Some(keyed) = self.statuses.get_mut(&name) else { continue };
-            let Some(position) = keyed.position.take() else { continue };
+            let Some(position) = keyed.position.take().filter(|_| counts(&name)) else { continue };
             let status = array.get(position);
             for reader in &keyed.keys {
                 let text = status.values().find(|(key, _)| **key == *reader.key).map(|(_, text)| text);

@@ -69,7 +69,7 @@ fn messages_become_inputs() {
     let signal = |name: &str, value| Input::Signal { name: name.into(), value };
     let decode = |index: usize, body: &[u8]| {
         let body = Ok((body.to_vec(), Endian::Little));
-        all[index].decode(Received { body: &body, wall_ns: 0, when: When::Now })
+        all[index].decode(Received { body: &body, writer: [0; 16], wall_ns: 0, when: When::Now })
     };
     assert_eq!(decode(1, &[1, 0, 0, 0]), (vec![signal("active", true), signal("moving", true)], None));
     assert_eq!(decode(1, &[0]), (vec![signal("active", false), signal("moving", false)], None));
@@ -122,7 +122,7 @@ fn a_signal_and_monitors_share_one_topic() {
 
     let header = encode::Header { stamp: std::time::UNIX_EPOCH, frame_id: "" };
     let body = Ok((encode::point_cloud(header, 3), Endian::Little));
-    let decode = |when| all[1].decode(Received { body: &body, wall_ns: 7, when });
+    let decode = |when| all[1].decode(Received { body: &body, writer: [0; 16], wall_ns: 7, when });
     let signal = Input::Signal { name: "dense".into(), value: true };
     let sample = |stamp_ns, late, value| {
         let source = all[1].watched().unwrap().clone();
@@ -136,10 +136,15 @@ fn a_signal_and_monitors_share_one_topic() {
     assert_eq!(decode(When::Past), (vec![past], None));
 
     let unreadable: RawBody = Err(Fault { at: 0, what: FaultKind::Encoding([0, 7]) });
-    let (inputs, wrong) = all[2].decode(Received { body: &unreadable, wall_ns: 7, when: When::Now });
+    let (inputs, wrong) =
+        all[2].decode(Received { body: &unreadable, writer: [0; 16], wall_ns: 7, when: When::Now });
     let Input::Sample(sample) = &inputs[0] else { panic!("{inputs:?}") };
     assert!(matches!(&sample.values[..], [FieldValue::Unreadable(_)]) && wrong.is_some());
-    let (inputs, wrong) =
-        all[3].decode(Received { body: &Ok((vec![], Endian::Big)), wall_ns: 7, when: When::Now });
+    let (inputs, wrong) = all[3].decode(Received {
+        body: &Ok((vec![], Endian::Big)),
+        writer: [0; 16],
+        wall_ns: 7,
+        when: When::Now,
+    });
     assert!(matches!(&inputs[..], [Input::Sample(sample)] if sample.values.is_empty()) && wrong.is_none());
 }

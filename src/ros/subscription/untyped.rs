@@ -133,7 +133,8 @@ groups: [{ id: g, modules: [{ id: rate, monitor: { frequency: { topic: /lamp, er
         let lamp = untyped[0].learn("std_msgs/msg/Bool").unwrap().subscription;
         assert_eq!((&*lamp.dds_type, lamp.is_untyped()), ("std_msgs::msg::dds_::Bool_", false));
         let body = Ok((vec![1], Endian::Little));
-        let (inputs, wrong) = lamp.decode(Received { body: &body, wall_ns: 0, when: When::Now });
+        let (inputs, wrong) =
+            lamp.decode(Received { body: &body, writer: [0; 16], wall_ns: 0, when: When::Now });
         assert!(inputs.len() == 2 && wrong.is_none(), "{inputs:?} {wrong:?}");
         let number = untyped[1].learn("std_msgs/msg/Float64").unwrap().subscription;
         assert_eq!(
@@ -179,8 +180,12 @@ groups:
             ]
         );
         let body = Ok((2.5_f64.to_le_bytes().to_vec(), Endian::Little));
-        let (inputs, wrong) =
-            number.subscription.decode(Received { body: &body, wall_ns: 0, when: When::Now });
+        let (inputs, wrong) = number.subscription.decode(Received {
+            body: &body,
+            writer: [0; 16],
+            wall_ns: 0,
+            when: When::Now,
+        });
         let [Input::Sample(sample)] = &inputs[..] else { panic!("{inputs:?}") };
         let typo =
             FieldValue::Unreadable("std_msgs/msg/Float64 has no field `dat`; did you mean `data`?".into());

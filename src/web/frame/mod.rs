@@ -9,7 +9,9 @@ mod json;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::SystemTime;
 
+use axum::body::to_bytes;
 use axum::extract::ws::Utf8Bytes;
+use axum::response::Response;
 
 pub use html::Frame;
 
@@ -78,6 +80,20 @@ pub fn beat(number: u64, seq: u64, now: Timestamp, at: SystemTime) -> Utf8Bytes 
     let (ms, at) = (now.as_nanos() / 1_000_000, json::rfc3339(at));
     Utf8Bytes::from(format!("{{\"beat\":{number},\"seq\":{seq},\"ms\":{ms},\"at\":\"{at}\"}}"))
 }
+
+/// What became of a tap that came over the socket, as HTTP would have answered it:
+/// `{"tap": NAME, "status": 200, "said": {...}}`.
+pub async fn answered(tap: &str, answer: Response) -> Utf8Bytes {
+    let status = answer.status().as_u16();
+    // What was made a moment ago in memory can be read.
+    let said = to_bytes(answer.into_body(), ANSWER_BYTES_MAX).await.unwrap_or_default();
+    let said: serde_json::Value = serde_json::from_slice(&said).unwrap_or_default();
+    let tap = serde_json::Value::from(tap);
+    Utf8Bytes::from(format!("{{\"tap\":{tap},\"status\":{status},\"said\":{said}}}"))
+}
+
+/// The words of a refusal are few.
+const ANSWER_BYTES_MAX: usize = 64 * 1024;
 
 /// A sign of life for a page that asks for what it shows: what there is to ask for, and the stage.
 pub fn pulse(number: u64, published: &Published, now: Timestamp, lang: Lang) -> Utf8Bytes {

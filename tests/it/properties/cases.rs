@@ -5,7 +5,9 @@ use std::sync::Arc;
 
 use telltale::engine::countermeasure::{Confirmation, ConfirmedBy, Request, Rule};
 use telltale::engine::filter::Filter;
-use telltale::engine::input::{AlarmRef, Input, OperatorAction, Place, StatusArray};
+use telltale::engine::input::{
+    AlarmRef, Input, NodeOf, OperatorAction, Place, StatusArray, WriterId, WriterList,
+};
 use telltale::engine::model::{
     Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Match, Model, ModuleId,
     ModuleSpec, MonitorSpec, NodeId, Other, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel, Text,
@@ -37,6 +39,9 @@ impl<'a> Choices<'a> {
         self.0.len() == 0
     }
 }
+
+/// Nodes that say statuses; the last is announced late.
+pub const WRITERS: [&str; 3] = ["/w1", "/w2", "/w3"];
 
 pub const SIGNALS: [&str; 2] = ["active", "doors"];
 
@@ -166,6 +171,7 @@ fn policy(choices: &mut Choices<'_>) -> Policy {
         clear_after,
         latch: Some(latch).filter(|latch| !latch.is_zero()),
         no_publisher: State::Unknown,
+        writers: choices.one_in(6).then(|| Arc::from([WRITERS[choices.below(2)].into()])),
     }
 }
 
@@ -227,11 +233,12 @@ pub fn history(choices: &mut Choices<'_>) -> Vec<(Timestamp, Input)> {
 }
 
 fn input(choices: &mut Choices<'_>) -> Input {
-    match choices.below(12) {
+    match choices.below(13) {
+        12 => Input::Writers(Arc::new(writers(choices))),
         0 => Input::Tick,
         1 => Input::Signal { name: SIGNALS[choices.below(SIGNALS.len())].into(), value: choices.one_in(2) },
         2 => Input::Operator(action(choices)),
-        8.. => monitors::input(choices),
+        8..12 => monitors::input(choices),
         _ => {
             let mut array = StatusArray::default();
             for _ in 0..1 + choices.below(4) {
@@ -246,9 +253,31 @@ fn input(choices: &mut Choices<'_>) -> Input {
                     array.push_value("k", ["0.5", "1", "2", "4", "nan"][choices.below(5)]);
                 }
             }
-            Input::Diagnostics(array)
+            Input::Diagnostics(array.said_by(writer(choices.below(WRITERS.len() + 2))))
         }
     }
+}
+
+/// The id of a writer; 0 and 1 say nothing of themselves.
+pub fn writer(number: usize) -> WriterId {
+    let mut id = WriterId::default();
+    id.0[0] = number.saturating_sub(1) as u8;
+    id
+}
+
+fn writers(choices: &mut Choices<'_>) -> WriterList {
+    let mut list = WriterList { complete: choices.one_in(2), ..WriterList::default() };
+    for (index, name) in WRITERS.iter().enumerate() {
+        let node = match choices.below(4) {
+            0 => continue,
+            1 => NodeOf::Pending,
+            2 if index == 2 => NodeOf::Unannounced,
+            _ => NodeOf::Named((*name).into()),
+        };
+        list.writers.insert(writer(index + 2), node);
+    }
+    list.as_of = Timestamp::from_millis(choices.below(40) as u64 * 50);
+    list
 }
 
 fn action(choices: &mut Choices<'_>) -> OperatorAction {

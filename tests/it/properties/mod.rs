@@ -6,6 +6,7 @@ mod driving;
 mod monitors;
 mod oracle;
 mod soundness;
+mod writers;
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -59,9 +60,11 @@ proptest! {
     fn monitors_say_what_follows_from_all_that_was_received(numbers in numbers()) {
         let mut choices = Choices::new(&numbers);
         let model = cases::model_that(&mut choices, |parts| {
-            parts.modules.iter_mut().for_each(|module| module.policy.forget_after = None);
+            parts.modules.iter_mut().for_each(|module| {
+                (module.policy.forget_after, module.policy.writers) = (None, None);
+            });
         });
-        let history = history(&mut choices);
+        let history = writers::said_by_one(history(&mut choices));
         let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
         let mut since = vec![None; model.modules.len()];
         for (index, (at, input)) in history.iter().enumerate() {

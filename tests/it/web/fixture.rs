@@ -89,6 +89,16 @@ impl Fixture {
         Fixture::on(store, clock, ADDRESS, false, DemoSecrets::Accepted).await
     }
 
+    /// As `serve` opens the database of a folder, which may be damaged.
+    pub async fn serving(folder: &std::path::Path) -> Fixture {
+        let clock = Clock::start();
+        let store = Store::open_or_read(folder, clock, DemoSecrets::Accepted).unwrap();
+        let fault = store.fault().borrow().as_deref().map(Box::from);
+        let fixture = Fixture::on(store, clock, ADDRESS, false, DemoSecrets::Accepted).await;
+        fixture.input(Input::Storage { fault }).await;
+        fixture
+    }
+
     async fn at(clock: Clock, address: &str, secure: bool, demo: DemoSecrets) -> Fixture {
         Fixture::on(Store::in_memory(clock, demo).unwrap(), clock, address, secure, demo).await
     }
@@ -99,7 +109,9 @@ impl Fixture {
             Some(restored) => runtime::resume(Arc::new(model()), &restored, clock, Some(records)),
             None => runtime::start_recorded(Arc::new(model()), clock, Some(records)),
         };
-        store.add_demo_users().await.unwrap();
+        if store.fault().borrow().is_none() {
+            store.add_demo_users().await.unwrap();
+        }
         let (switch, faults) = mpsc::channel(4);
         let origins = Origins::of_listener(address.parse().unwrap(), secure);
         let faulty = DemoFaults::new(vec!["sensor_outage", "can_loss"], switch);

@@ -1,8 +1,10 @@
 //! The HTTP server: the router without a socket, and sockets on a free port.
 
 mod access;
+mod attacks;
 mod audit;
 mod bounds;
+mod broken;
 mod developer;
 mod durable;
 mod fixture;

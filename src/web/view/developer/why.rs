@@ -129,6 +129,10 @@ fn say(view: &View<'_>, step: &WhyStep) -> (String, Vec<NodeId>) {
         Lang::De => de.to_owned(),
     };
     match step {
+        WhyStep::OnlyFrom(writers) => {
+            let only = text("It counts only from", "Es zählt nur von");
+            (format!("{only} {}.", clean(&writers.join(", "), 2 * NAME)), Vec::new())
+        }
         WhyStep::NeverReported => (text("It has never reported.", "Es hat sich nie gemeldet."), Vec::new()),
         WhyStep::Reported(is) => (format!("{}: {}", text("It reports", "Es meldet"), state(*is)), Vec::new()),
         WhyStep::Silent(is) => {

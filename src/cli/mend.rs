@@ -1,0 +1,144 @@
+//! `telltale data`: whether the database of a vehicle is whole, and what to do if it is not.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+use clap::Subcommand;
+use serde_json::json;
+
+use super::{EXIT_NO, data};
+use crate::clock::Clock;
+use crate::store::{DataState, Mended, check_data, repair, restore};
+
+/// Look through the database of a vehicle, repair it, or take a backup.
+///
+/// `serve` backs its database up once a day into `backups` in the data folder, looks the copy through,
+/// and keeps seven. If it finds its database damaged at a start, it shows the diagnosis all the same, lets
+/// people log in as far as users can be read, and gives no clearance: then repair or restore it.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  telltale data check --data /var/lib/telltale\n  \
+    systemctl stop telltale\n  telltale data repair --data /var/lib/telltale\n  systemctl start telltale")]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+    /// Folder of the database [default: $XDG_DATA_HOME/telltale or ~/.local/share/telltale]
+    #[arg(long, value_name = "DIR", global = true)]
+    data: Option<PathBuf>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Say whether the database and its backups are whole; exit code 1 if the database is not
+    ///
+    /// It changes nothing, and a server may run meanwhile. `--json` prints an object with `ok`, `database`
+    /// (its path), `damage` (text or null), `users` (a number or null) and `backups`, the newest first,
+    /// each with `file`, `damage` and `users`.
+    Check {
+        /// Print it for programs
+        #[arg(long)]
+        json: bool,
+    },
+    /// Make the database anew of all that can be read of it; no server may run on the folder
+    ///
+    /// Users and records of the audit log that cannot be read come from the newest backup. The old
+    /// files are moved into a folder `damaged-TIME` beside it, and the audit log says what was done.
+    Repair,
+    /// Put a backup in the place of the database; no server may run on the folder
+    ///
+    /// All sessions end. Users and tokens are as they were then: who was removed since is there again. The
+    /// old files are moved into a folder `damaged-TIME` beside it, and the audit log says what was done.
+    Restore {
+        /// The backup [default: the newest that is whole]
+        #[arg(value_name = "FILE")]
+        file: Option<PathBuf>,
+    },
+}
+
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let folder = data::folder(args.data.clone())?;
+    match &args.command {
+        Command::Check { json } => check(&folder, *json),
+        Command::Repair => {
+            let _held = hold(&folder)?;
+            let state = check_data(&folder)?;
+            if state.damage.is_none() {
+                println!("{} is whole; nothing was changed", state.database.display());
+                return Ok(ExitCode::SUCCESS);
+            }
+            let mended = repair(&folder, Clock::start()).context("the database cannot be repaired")?;
+            println!("repaired {}", state.database.display());
+            tell(&mended);
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Restore { file } => {
+            let _held = hold(&folder)?;
+            let (file, mended) = restore(&folder, file.as_deref(), Clock::start())
+                .context("no backup was put in the place of the database")?;
+            println!("restored {}", file.display());
+            tell(&mended);
+            Ok(ExitCode::SUCCESS)
+        }
+    }
+}
+
+/// A folder that is misspelt must not become one.
+fn hold(folder: &Path) -> anyhow::Result<Option<std::fs::File>> {
+    std::fs::metadata(folder).with_context(|| format!("the data folder {}", folder.display()))?;
+    data::hold(folder)
+}
+
+fn tell(mended: &Mended) {
+    let users = match mended.users {
+        1 => "1 user".to_owned(),
+        users => format!("{users} users"),
+    };
+    println!("         {users}; look at them with `telltale user list`");
+    for loss in &mended.losses {
+        println!("         {loss}");
+    }
+    println!("         the old files are in {}", mended.kept.display());
+}
+
+fn check(folder: &Path, as_json: bool) -> anyhow::Result<ExitCode> {
+    let state = check_data(folder)?;
+    let code = if state.damage.is_none() { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) };
+    if as_json {
+        println!("{}", report(&state));
+        return Ok(code);
+    }
+    line(&state.database, state.damage.as_deref(), state.users);
+    for backup in &state.backups {
+        line(&backup.file, backup.damage.as_deref(), backup.users);
+    }
+    if state.backups.is_empty() {
+        println!("      there is no backup yet; `serve` makes one a day");
+    }
+    if state.damage.is_some() {
+        println!(
+            "      stop `telltale serve`, then `telltale data repair`, or `telltale data restore` for the"
+        );
+        println!("      newest backup that is whole");
+    }
+    Ok(code)
+}
+
+fn line(file: &Path, damage: Option<&str>, users: Option<u64>) {
+    let users = users.map_or(String::new(), |users| format!(", users: {users}"));
+    match damage {
+        None => println!("ok    {}{users}", file.display()),
+        Some(damage) => println!("BAD   {}: {}{users}", file.display(), damage.replace('\n', "; ")),
+    }
+}
+
+fn report(state: &DataState) -> serde_json::Value {
+    let backups =
+        state.backups.iter().map(|it| json!({ "file": it.file, "damage": it.damage, "users": it.users }));
+    json!({
+        "ok": state.damage.is_none(),
+        "database": state.database,
+        "damage": state.damage,
+        "users": state.users,
+        "backups": backups.collect::<Vec<_>>(),
+    })
+}

@@ -1,0 +1,440 @@
+//! The DDS process: the only place that touches the DDS library. It makes what it is ordered to, and hands
+//! up what it receives and discovers, as bytes.
+//!
+//! A packet from the network can make the library take all memory or hang. So it runs where that ends
+//! nothing else, and `watch` looks at it from outside.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::future::poll_fn;
+use std::io::{Read as _, Write as _};
+use std::net::Ipv4Addr;
+use std::os::fd::AsFd as _;
+use std::os::unix::net::UnixStream;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::task::{Context, Poll};
+use std::time::Duration;
+
+use futures_util::StreamExt as _;
+use rustdds::dds::ReadError;
+use rustdds::no_key::SimpleDataReader;
+use rustdds::{
+    DomainParticipant, DomainParticipantBuilder, QosPolicyBuilder, RTPSEntity as _, StatusEvented as _,
+    Subscriber, Topic,
+};
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::mpsc;
+use tokio::task::JoinSet;
+use tokio::time::MissedTickBehavior;
+
+use super::discovered;
+use super::qos::{self, RawWriter};
+use super::wire::{self, Frame, News, Order};
+use super::{BEAT, RawSample, SAMPLE_BYTES, WINDOW_BYTES, WRITING_MAX};
+use crate::clock::Clock;
+use crate::engine::time::Span;
+use crate::ros::raw::{RawAdapter, RawBody};
+use crate::ros::writers::{Guid, Via};
+
+/// Orders that may wait. The program gives far fewer: more mean that this process hangs.
+const ORDERS_MAX: usize = 4096;
+/// How often the library's discovery is asked whether it still takes orders; it holds 64 of them.
+const ASK: Duration = Duration::from_millis(25);
+/// So many refusals in a row, and it does not.
+const REFUSALS_MAX: u32 = 20;
+/// The least time between two looks at what is discovered, and how often without any news.
+const LOOK_MIN: Span = Span::from_millis(5);
+const LOOK_MAX: Span = Span::from_secs(1);
+/// Writers that discovery does not know are looked for again only after it has news.
+const UNKNOWN_MAX: usize = 1024;
+/// So long the library has to end its threads.
+const ENDING: Duration = Duration::from_secs(1);
+
+/// `telltale dds-process PARENT MEGABYTES`, with the socket to its parent as standard input.
+pub fn process(parent: u32, megabytes: u64) -> ExitCode {
+    if let Err(error) = confine(parent, megabytes) {
+        eprintln!("telltale dds-process: {error}");
+        return ExitCode::FAILURE;
+    }
+    match std::io::stdin().as_fd().try_clone_to_owned() {
+        Ok(socket) => serve(UnixStream::from(socket), true),
+        Err(error) => eprintln!("telltale dds-process: {error}"),
+    }
+    // Threads of the library that do not end are left behind.
+    std::process::exit(0)
+}
+
+/// No more memory than `megabytes`, no longer life than the parent's, and the first to go where the
+/// machine has no memory left.
+fn confine(parent: u32, megabytes: u64) -> std::io::Result<()> {
+    use rustix::process::{Resource, Rlimit, Signal};
+    rustix::process::set_parent_process_death_signal(Some(Signal::KILL))?;
+    if std::os::unix::process::parent_id() != parent {
+        return Err(std::io::Error::other("it is started by `telltale serve`, `demo` and `sim` alone"));
+    }
+    let limit = |bytes| Rlimit { current: Some(bytes), maximum: Some(bytes) };
+    rustix::process::setrlimit(Resource::Data, limit(megabytes << 20))?;
+    rustix::process::setrlimit(Resource::Core, limit(0))?;
+    // Where that cannot be written the limit above still holds.
+    let _ = std::fs::write("/proc/self/oom_score_adj", "500");
+    Ok(())
+}
+
+/// Does what comes over the socket until that ends. A process of its own (`alone`) ends with it, also while
+/// the library hangs.
+pub fn serve(socket: UnixStream, alone: bool) {
+    let (sender, orders) = mpsc::channel(ORDERS_MAX);
+    let served = socket.try_clone().and_then(|reading| {
+        std::thread::Builder::new().name("orders".to_owned()).spawn(move || {
+            listen(reading, &sender);
+            if alone {
+                std::process::exit(0);
+            }
+        })?;
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        runtime.block_on(live(socket, orders, alone));
+        runtime.shutdown_background();
+        Ok(())
+    });
+    if let Err(error) = served {
+        tracing::error!("the DDS process cannot be started: {error}");
+    }
+}
+
+/// Reads orders until the other side is gone, or they are not done any more.
+fn listen(mut socket: UnixStream, orders: &mpsc::Sender<Order>) {
+    let mut length = [0; 4];
+    while socket.read_exact(&mut length).is_ok() {
+        let length = u32::from_le_bytes(length) as usize;
+        if length > wire::FRAME_BYTES_MAX {
+            return;
+        }
+        let mut frame = vec![0; length];
+        if socket.read_exact(&mut frame).is_err() {
+            return;
+        }
+        for order in wire::orders(&frame).unwrap_or_default() {
+            if orders.try_send(order).is_err() {
+                return;
+            }
+        }
+    }
+}
+
+async fn live(socket: UnixStream, mut orders: mpsc::Receiver<Order>, alone: bool) {
+    if alone {
+        // The parent decides when to end: a signal for all processes of a service must not end this one
+        // before the vehicle was told. Once asked for, signals do nothing else for good.
+        let _ = [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup()].map(signal);
+    }
+    let Some(Order::Open { domain, networks }) = orders.recv().await else { return };
+    let mut out = Out { socket, frame: Frame::new(), samples: Frame::new() };
+    let ended = match Child::open(domain, networks, &mut out) {
+        Ok(mut child) => {
+            let ended = child.run(&mut orders, &mut out).await;
+            child.close().await;
+            ended
+        }
+        Err(reason) => Err(reason),
+    };
+    if let Err(reason) = ended {
+        out.frame.news(&News::Broken { reason: wire::cut(&reason) });
+        let _ = out.send();
+    }
+}
+
+/// The way to the parent. Where that does not read, this waits.
+struct Out {
+    socket: UnixStream,
+    frame: Frame,
+    /// Samples, which follow what is told of their writers.
+    samples: Frame,
+}
+
+impl Out {
+    fn send(&mut self) -> Result<(), String> {
+        for frame in [&mut self.frame, &mut self.samples] {
+            if !frame.is_empty() {
+                self.socket.write_all(&frame.take()).map_err(|error| error.to_string())?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A reader, and what was handed up of it and is not taken yet.
+struct Hearing {
+    id: u32,
+    reader: SimpleDataReader<RawBody, RawAdapter>,
+    in_flight: usize,
+}
+
+struct Child {
+    participant: DomainParticipant,
+    subscriber: Subscriber,
+    topics: BTreeMap<(String, String), Topic>,
+    hearings: Hearings,
+    writers: BTreeMap<u32, Arc<RawWriter>>,
+    writing: JoinSet<(u32, Option<String>)>,
+    canary: Canary,
+    refusals: u32,
+}
+
+/// What this participant says to itself, through the network and all threads of the library.
+struct Canary {
+    writer: Arc<RawWriter>,
+    reader: SimpleDataReader<RawBody, RawAdapter>,
+    writing: bool,
+    heard: u64,
+}
+
+impl Canary {
+    fn open(participant: &DomainParticipant, subscriber: &Subscriber) -> Result<Canary, String> {
+        let name = discovered::canary_topic(&participant.guid().to_bytes());
+        let topic = qos::create_topic(participant, &name, "telltale::Alive", 1).map_err(refused)?;
+        let reader = qos::reader(subscriber, &topic, Via::BestEffort).map_err(refused)?;
+        let writer = qos::writer(participant, &topic, super::Quality::BestEffort).map_err(refused)?;
+        Ok(Canary { writer: Arc::new(writer), reader, writing: false, heard: 0 })
+    }
+
+    fn listen(&mut self) {
+        self.reader.drain_read_notifications();
+        while let Ok(Some(heard)) = self.reader.try_take_one() {
+            self.heard += u64::from(heard.writer_guid == self.writer.guid());
+        }
+    }
+}
+
+fn refused(error: impl std::fmt::Display) -> String {
+    format!("the DDS library refused a reader or writer: {error}")
+}
+
+impl Child {
+    fn open(domain: u16, networks: Option<Vec<Ipv4Addr>>, out: &mut Out) -> Result<Child, String> {
+        let mut builder = DomainParticipantBuilder::new(domain);
+        if let Some(addresses) = networks {
+            builder = builder.with_only_networks(addresses);
+        }
+        let participant = builder.build().map_err(|error| error.to_string())?;
+        let subscriber = participant.create_subscriber(&QosPolicyBuilder::new().build()).map_err(refused)?;
+        let canary = Canary::open(&participant, &subscriber)?;
+        let (guid, id) = (participant.guid().to_bytes(), participant.participant_id());
+        out.frame.news(&News::Ready { guid, participant: id });
+        out.send()?;
+        Ok(Child {
+            participant,
+            subscriber,
+            topics: BTreeMap::new(),
+            hearings: Hearings { readers: Vec::new(), told: BTreeMap::new(), unknown: BTreeSet::new() },
+            writers: BTreeMap::new(),
+            writing: JoinSet::new(),
+            canary,
+            refusals: 0,
+        })
+    }
+
+    async fn run(&mut self, orders: &mut mpsc::Receiver<Order>, out: &mut Out) -> Result<(), String> {
+        let listener = self.participant.clone();
+        let listener = listener.status_listener();
+        let mut events = listener.as_async_status_stream();
+        let mut asks = every(ASK);
+        let mut beats = every(BEAT);
+        let clock = Clock::start();
+        let mut looked = clock.now();
+        let mut look_at = looked;
+        loop {
+            tokio::select! {
+                order = orders.recv() => match order {
+                    None | Some(Order::Close) => return Ok(()),
+                    Some(order) => self.obey(order, out)?,
+                },
+                Some(done) = self.writing.join_next() => {
+                    let (number, error) = done.map_err(|panic| panic.to_string())?;
+                    match number {
+                        0 => self.canary.writing = false,
+                        _ => out.frame.news(&News::Written { number, error }),
+                    }
+                }
+                Some(_) = events.next() => look_at = look_at.min(looked + LOOK_MIN),
+                () = tokio::time::sleep_until(clock.instant(look_at).into()) => {
+                    let started = clock.now();
+                    self.tell_discovered(out);
+                    // A large graph is looked at less often than it changes.
+                    let now = clock.now();
+                    looked = now + Span::from_nanos(4 * now.since(started).as_nanos());
+                    look_at = looked + LOOK_MAX;
+                }
+                _ = asks.tick() => self.ask()?,
+                _ = beats.tick() => self.beat(out),
+                taken = poll_fn(|context| self.hearings.poll(context, &mut out.samples)) => {
+                    if taken? {
+                        self.tell_discovered(out);
+                    }
+                }
+            }
+            out.send()?;
+        }
+    }
+
+    fn obey(&mut self, order: Order, out: &mut Out) -> Result<(), String> {
+        match order {
+            Order::Reader { id, topic, type_name, via, depth } => {
+                let topic = self.topic(topic, type_name, depth as usize)?;
+                let reader = qos::reader(&self.subscriber, &topic, via).map_err(refused)?;
+                out.frame.news(&News::Made { id, guid: reader.guid().to_bytes() });
+                self.hearings.readers.push(Hearing { id, reader, in_flight: 0 });
+            }
+            Order::EndReader { id } => self.hearings.readers.retain(|known| known.id != id),
+            Order::Taken { id, bytes } => {
+                if let Some(known) = self.hearings.readers.iter_mut().find(|known| known.id == id) {
+                    known.in_flight = known.in_flight.saturating_sub(bytes as usize);
+                }
+            }
+            Order::Deepen { topic, type_name, depth } => {
+                qos::create_topic(&self.participant, &topic, &type_name, depth as usize).map_err(refused)?;
+            }
+            Order::Writer { id, topic, type_name, quality } => {
+                let topic = qos::offered_topic(&self.participant, &topic, &type_name, quality);
+                let writer = topic.and_then(|topic| qos::writer(&self.participant, &topic, quality));
+                let writer = writer.map_err(refused)?;
+                out.frame.news(&News::Made { id, guid: writer.guid().to_bytes() });
+                self.writers.insert(id, Arc::new(writer));
+            }
+            Order::Write { id, number, body } => {
+                if let Some(writer) = self.writers.get(&id) {
+                    self.writing.spawn(write(writer.clone(), number, body));
+                }
+            }
+            Order::Open { .. } | Order::Close => {}
+        }
+        Ok(())
+    }
+
+    fn topic(&mut self, name: String, type_name: String, depth: usize) -> Result<Topic, String> {
+        let key = (name, type_name);
+        if let Some(known) = self.topics.get(&key) {
+            return Ok(known.clone());
+        }
+        let topic = qos::create_topic(&self.participant, &key.0, &key.1, depth).map_err(refused)?;
+        self.topics.insert(key, topic.clone());
+        Ok(topic)
+    }
+
+    /// Tells what discovery knows otherwise than before.
+    fn tell_discovered(&mut self, out: &mut Out) {
+        let now = discovered::all(&self.participant);
+        for (guid, found) in &now {
+            if self.hearings.told.get(guid) != Some(found) {
+                out.frame.news(&News::Found(found.clone()));
+                self.hearings.unknown.clear();
+            }
+        }
+        for guid in self.hearings.told.keys().filter(|guid| !now.contains_key(*guid)) {
+            out.frame.news(&News::Gone { guid: *guid });
+        }
+        self.hearings.told = now;
+    }
+
+    /// Where the threads of the library have ended, or discovery is busy for seconds with a flood, it
+    /// takes no orders. It has no effect but on writers that must assert their own liveliness; there are
+    /// none.
+    fn ask(&mut self) -> Result<(), String> {
+        let refused = self.participant.assert_liveliness().is_err();
+        self.refusals = if refused { self.refusals + 1 } else { 0 };
+        if self.refusals > REFUSALS_MAX {
+            return Err("the threads of the DDS library have ended, or are busy without end".to_owned());
+        }
+        Ok(())
+    }
+
+    fn beat(&mut self, out: &mut Out) {
+        self.canary.listen();
+        out.frame.news(&News::Beat { heard: self.canary.heard });
+        if !std::mem::replace(&mut self.canary.writing, true) {
+            self.writing.spawn(write(self.canary.writer.clone(), 0, vec![0; 4]));
+        }
+    }
+
+    /// Readers and writers first: they hold the participant.
+    async fn close(self) {
+        let Child { participant, subscriber, topics, hearings, writers, mut writing, canary, .. } = self;
+        writing.shutdown().await;
+        drop((hearings, writers, canary, topics, subscriber));
+        let closed = tokio::task::spawn_blocking(move || drop(participant));
+        let _ = tokio::time::timeout(ENDING, closed).await;
+    }
+}
+
+/// What is received, and of whom.
+struct Hearings {
+    readers: Vec<Hearing>,
+    /// Endpoints as the parent knows them.
+    told: BTreeMap<Guid, super::Found>,
+    unknown: BTreeSet<Guid>,
+}
+
+impl Hearings {
+    /// Ready once something was received; it is in `samples` then. True, where a writer of it is not known.
+    fn poll(&mut self, context: &mut Context<'_>, samples: &mut Frame) -> Poll<Result<bool, String>> {
+        let mut strangers = self.take(samples)?;
+        if samples.is_empty() {
+            for known in self.readers.iter().filter(|known| known.in_flight < WINDOW_BYTES) {
+                known.reader.set_waker(Some(context.waker().clone()));
+            }
+            // What came between the look and the waker would wake nobody.
+            strangers = self.take(samples)?;
+        }
+        if samples.is_empty() { Poll::Pending } else { Poll::Ready(Ok(strangers)) }
+    }
+
+    fn take(&mut self, samples: &mut Frame) -> Result<bool, String> {
+        let mut strangers = false;
+        for hearing in &mut self.readers {
+            hearing.reader.drain_read_notifications();
+            // Nothing is also said for a sample that is no data; the next may follow.
+            let mut nothing = 0;
+            while nothing < 2 && hearing.in_flight < WINDOW_BYTES && !samples.is_full() {
+                match hearing.reader.try_take_one() {
+                    Ok(Some(change)) => {
+                        let sample = RawSample {
+                            writer: change.writer_guid.to_bytes(),
+                            sequence: i64::from(change.sequence_number),
+                            source: change.source_timestamp().map(|stamp| stamp.to_ticks()),
+                            body: change.into_value(),
+                        };
+                        hearing.in_flight += sample.weight();
+                        let writer = sample.writer;
+                        if !self.told.contains_key(&writer) && self.unknown.len() < UNKNOWN_MAX {
+                            strangers |= self.unknown.insert(writer);
+                        }
+                        samples.news(&News::Sample { reader: hearing.id, sample });
+                    }
+                    Ok(None) => nothing += 1,
+                    Err(ReadError::Poisoned { reason } | ReadError::Internal { reason }) => {
+                        return Err(reason);
+                    }
+                    Err(error) => {
+                        hearing.in_flight += SAMPLE_BYTES;
+                        samples.news(&News::Fault { reader: hearing.id, reason: wire::cut(&error) });
+                    }
+                }
+            }
+        }
+        Ok(strangers)
+    }
+}
+
+/// Writes, unless the library has ended its threads and would never say so.
+async fn write(writer: Arc<RawWriter>, number: u32, body: Vec<u8>) -> (u32, Option<String>) {
+    let written = match tokio::time::timeout(WRITING_MAX, writer.async_write(body.into(), None)).await {
+        Ok(written) => written.map_err(|error| wire::cut(&error)),
+        Err(_) => Err(format!("the DDS library does not answer within {WRITING_MAX:?}")),
+    };
+    (number, written.err())
+}
+
+fn every(period: Duration) -> tokio::time::Interval {
+    let mut interval = tokio::time::interval(period);
+    interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    interval
+}

@@ -1,0 +1,86 @@
+//! What the discovery of the DDS library knows of the endpoints of others.
+
+use std::collections::BTreeMap;
+
+use rustdds::DomainParticipant;
+use rustdds::policy::{self, Deadline, Durability, Reliability};
+
+use super::wire::NAME_BYTES_MAX;
+use super::{ENDPOINTS_MAX, Found, Quality, qos};
+use crate::engine::discovery::{Liveliness, LivelinessKind};
+use crate::ros::writers::Guid;
+
+/// Topics on which participants hear themselves; none of ROS begins so.
+const CANARY: &str = "telltale_alive/";
+
+/// The topic on which one participant hears itself.
+pub fn canary_topic(guid: &Guid) -> String {
+    format!("{CANARY}{}", crate::ros::graph::participant_name(guid))
+}
+
+/// All endpoints that can be of ROS, at most as many as the parent takes.
+pub fn all(participant: &DomainParticipant) -> BTreeMap<Guid, Found> {
+    let writers = participant.discovered_writers().into_iter().map(|found| {
+        let data = found.publication_topic_data;
+        Found {
+            guid: data.key.to_bytes(),
+            writes: true,
+            // A writer that does not say is reliable and volatile (DDS 1.4, 2.2.3).
+            reliable: data.reliability != Some(Reliability::BestEffort),
+            transient_local: keeps(data.durability),
+            deadline_ns: deadline(data.deadline),
+            liveliness: liveliness(data.liveliness),
+            takes: 0,
+            topic: data.topic_name,
+            type_name: data.type_name,
+        }
+    });
+    let readers = participant.discovered_readers().into_iter().map(|found| {
+        let data = found.subscription_topic_data;
+        let qos = data.qos();
+        let takes = Quality::ALL.map(|quality| qos::offered(quality).compliance_failure_wrt(&qos).is_none());
+        Found {
+            guid: data.key().to_bytes(),
+            writes: false,
+            // A reader that does not say takes what comes.
+            reliable: matches!(qos.reliability(), Some(Reliability::Reliable { .. })),
+            transient_local: keeps(qos.durability()),
+            deadline_ns: deadline(qos.deadline()),
+            liveliness: liveliness(qos.liveliness()),
+            takes: takes.iter().rev().fold(0, |bits, takes| bits << 1 | u8::from(*takes)),
+            topic: data.topic_name().clone(),
+            type_name: data.type_name().clone(),
+        }
+    });
+    let is_ours_to_tell = |found: &Found| {
+        let fits = |name: &str| name.len() <= NAME_BYTES_MAX;
+        fits(&found.topic) && fits(&found.type_name) && !found.topic.starts_with(CANARY)
+    };
+    let all = writers.chain(readers).filter(is_ours_to_tell);
+    all.take(ENDPOINTS_MAX).map(|found| (found.guid, found)).collect()
+}
+
+fn keeps(durability: Option<Durability>) -> bool {
+    durability.is_some_and(|kind| kind >= Durability::TransientLocal)
+}
+
+fn deadline(deadline: Option<Deadline>) -> Option<u64> {
+    deadline.and_then(|Deadline(period)| nanos(period))
+}
+
+/// One that does not say is asserted by the library, without end (DDS 1.4, 2.2.3.11).
+fn liveliness(said: Option<policy::Liveliness>) -> Liveliness {
+    use policy::Liveliness::{Automatic, ManualByParticipant, ManualByTopic};
+    let (kind, lease) = match said {
+        None => return Liveliness::default(),
+        Some(Automatic { lease_duration }) => (LivelinessKind::Automatic, lease_duration),
+        Some(ManualByParticipant { lease_duration }) => (LivelinessKind::ManualByParticipant, lease_duration),
+        Some(ManualByTopic { lease_duration }) => (LivelinessKind::ManualByTopic, lease_duration),
+    };
+    Liveliness { kind, lease_ns: nanos(lease) }
+}
+
+/// `None` is without end.
+fn nanos(duration: rustdds::Duration) -> Option<u64> {
+    (duration != rustdds::Duration::INFINITE).then(|| u64::try_from(duration.to_nanoseconds()).unwrap_or(0))
+}

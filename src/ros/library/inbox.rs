@@ -1,0 +1,304 @@
+//! What a DDS process says, handed to those who wait for it: readers, writers and discovery.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll};
+
+use tokio::io::AsyncReadExt as _;
+use tokio::net::unix::OwnedReadHalf;
+use tokio::sync::{mpsc, oneshot, watch};
+
+use super::watch::Ended;
+use super::wire::{self, News, Order};
+use super::{Participant, RawSample, SAMPLE_BYTES, Seen, WINDOW_BYTES};
+use crate::ros::raw::BODY_BYTES_MAX;
+use crate::ros::writers::{Guid, Via};
+
+/// The window, and one message that began within it, and the frame that was under way.
+const UNTAKEN_MAX: usize = WINDOW_BYTES + BODY_BYTES_MAX + 2 * SAMPLE_BYTES;
+
+/// What a reader gets.
+pub enum Heard {
+    Sample(RawSample),
+    /// One was not handed over.
+    Fault(String),
+}
+
+impl Heard {
+    fn weight(&self) -> usize {
+        match self {
+            Heard::Sample(sample) => sample.weight(),
+            Heard::Fault(_) => SAMPLE_BYTES,
+        }
+    }
+}
+
+/// Where the samples of one reader wait. The window bounds it.
+#[derive(Debug)]
+struct Hearing {
+    samples: mpsc::UnboundedSender<Heard>,
+    untaken: Arc<AtomicUsize>,
+    /// It belongs to our node in the graph of ROS 2.
+    of_node: bool,
+}
+
+/// What the task that receives shares with the participant, and both with the watch.
+#[derive(Debug)]
+pub struct Shared {
+    seen: Mutex<Seen>,
+    readers: Mutex<BTreeMap<u32, Hearing>>,
+    written: Mutex<BTreeMap<u32, oneshot::Sender<Option<String>>>>,
+    made: Mutex<BTreeMap<u32, watch::Sender<Option<Guid>>>>,
+    made_readers: Mutex<BTreeMap<u32, Guid>>,
+    pub news: watch::Sender<u64>,
+    pub own_readers: watch::Sender<BTreeSet<Guid>>,
+    ended: watch::Sender<Option<Ended>>,
+    /// The process is gone.
+    over: watch::Sender<bool>,
+    /// How often it said that it lives, how often it heard itself, and how many samples it handed over.
+    pub beats: AtomicU64,
+    pub heard: AtomicU64,
+    pub samples: AtomicU64,
+}
+
+impl Default for Shared {
+    fn default() -> Shared {
+        Shared {
+            seen: Mutex::default(),
+            readers: Mutex::default(),
+            written: Mutex::default(),
+            made: Mutex::default(),
+            made_readers: Mutex::default(),
+            news: watch::channel(0).0,
+            own_readers: watch::channel(BTreeSet::new()).0,
+            ended: watch::channel(None).0,
+            over: watch::channel(false).0,
+            beats: AtomicU64::new(0),
+            heard: AtomicU64::new(0),
+            samples: AtomicU64::new(0),
+        }
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Shared {
+    pub fn seen(&self) -> MutexGuard<'_, Seen> {
+        lock(&self.seen)
+    }
+
+    /// The participant is beyond use. The first reason counts.
+    pub fn end(&self, reason: &str, ill: bool) {
+        self.ended.send_if_modified(|ended| {
+            let first = ended.is_none();
+            if first {
+                *ended = Some(Ended { reason: reason.into(), ill });
+            }
+            first
+        });
+    }
+
+    pub fn has_ended(&self) -> bool {
+        self.ended.borrow().is_some()
+    }
+
+    pub async fn ended(&self) -> Ended {
+        let mut ended = self.ended.subscribe();
+        let known = ended.wait_for(Option::is_some).await.ok().and_then(|ended| ended.clone());
+        // The sender lives as long as `self`.
+        known.unwrap_or_else(|| Ended { reason: "it is gone".into(), ill: true })
+    }
+
+    pub fn set_over(&self) {
+        self.end("it was ended", false);
+        self.over.send_replace(true);
+    }
+
+    pub async fn over(&self) {
+        let _ = self.over.subscribe().wait_for(|over| *over).await;
+    }
+
+    /// For what waits to be made.
+    pub fn make(&self, id: u32) -> watch::Receiver<Option<Guid>> {
+        let (sender, receiver) = watch::channel(None);
+        lock(&self.made).insert(id, sender);
+        receiver
+    }
+
+    pub fn expect_written(&self, number: u32) -> oneshot::Receiver<Option<String>> {
+        let (sender, receiver) = oneshot::channel();
+        if !self.has_ended() {
+            lock(&self.written).insert(number, sender);
+        }
+        receiver
+    }
+
+    pub fn forget_written(&self, number: u32) {
+        lock(&self.written).remove(&number);
+    }
+
+    /// Takes one message.
+    ///
+    /// # Errors
+    /// It is one that no sound process sends.
+    fn take(&self, news: News) -> Result<(), &'static str> {
+        match news {
+            News::Ready { .. } => return Err("it starts twice"),
+            News::Made { id, guid } => match lock(&self.made).remove(&id) {
+                Some(made) => drop(made.send_replace(Some(guid))),
+                None if lock(&self.readers).get(&id).is_some_and(|hearing| hearing.of_node) => {
+                    lock(&self.made_readers).insert(id, guid);
+                    self.own_readers.send_if_modified(|known| known.insert(guid));
+                }
+                None => {}
+            },
+            News::Found(found) => {
+                if !self.seen().add(found) {
+                    return Err("it tells of more endpoints than it may");
+                }
+                self.news.send_modify(|count| *count += 1);
+            }
+            News::Gone { guid } => {
+                self.seen().remove(&guid);
+                self.news.send_modify(|count| *count += 1);
+            }
+            News::Sample { reader, sample } => return self.hear(reader, Heard::Sample(sample)),
+            News::Fault { reader, reason } => return self.hear(reader, Heard::Fault(reason)),
+            News::Written { number, error } => {
+                if let Some(waiting) = lock(&self.written).remove(&number) {
+                    // Nobody waits for it any more.
+                    let _ = waiting.send(error);
+                }
+            }
+            News::Beat { heard } => {
+                self.beats.fetch_add(1, Ordering::Relaxed);
+                self.heard.store(heard, Ordering::Relaxed);
+            }
+            News::Broken { reason } => self.end(&reason, true),
+        }
+        Ok(())
+    }
+
+    fn hear(&self, reader: u32, heard: Heard) -> Result<(), &'static str> {
+        self.samples.fetch_add(1, Ordering::Relaxed);
+        let readers = lock(&self.readers);
+        // One that was ended may have been heard still.
+        let Some(hearing) = readers.get(&reader) else { return Ok(()) };
+        let weight = heard.weight();
+        if hearing.untaken.fetch_add(weight, Ordering::Relaxed) + weight > UNTAKEN_MAX {
+            return Err("it hands over more than it may");
+        }
+        // Its reader is gone.
+        let _ = hearing.samples.send(heard);
+        Ok(())
+    }
+
+    /// Nothing comes any more: nobody is to wait for it.
+    fn hang_up(&self) {
+        lock(&self.written).clear();
+        lock(&self.made).clear();
+    }
+}
+
+/// Receives until the process is gone or says what makes no sense.
+pub async fn receive(mut socket: OwnedReadHalf, shared: Arc<Shared>, ready: oneshot::Sender<(Guid, u16)>) {
+    let mut ready = Some(ready);
+    loop {
+        let frame = tokio::select! {
+            frame = frame(&mut socket) => frame,
+            _ = shared.ended() => break,
+        };
+        let frame = match frame {
+            Ok(Some(frame)) => frame,
+            Ok(None) => break,
+            Err(reason) => {
+                shared.end(reason, true);
+                break;
+            }
+        };
+        let taken = wire::news(&frame).map_err(|_| "it says what makes no sense").and_then(|all| {
+            all.into_iter().try_for_each(|news| match (news, &mut ready) {
+                (News::Ready { guid, participant }, ready @ Some(_)) => {
+                    // Whoever opened it may have no patience left.
+                    let _ = ready.take().map(|ready| ready.send((guid, participant)));
+                    Ok(())
+                }
+                (news, _) => shared.take(news),
+            })
+        });
+        if let Err(reason) = taken {
+            shared.end(reason, true);
+        }
+    }
+    shared.hang_up();
+    // The watch says why, where the process has ended by itself.
+    drop((socket, ready));
+}
+
+/// The next frame; nothing, where the process is gone.
+async fn frame(socket: &mut OwnedReadHalf) -> Result<Option<Vec<u8>>, &'static str> {
+    let Ok(length) = socket.read_u32_le().await else { return Ok(None) };
+    let length = length as usize;
+    if length > wire::FRAME_BYTES_MAX {
+        return Err("it says more at once than it may");
+    }
+    // What was claimed is believed as it comes.
+    let mut frame = Vec::with_capacity(length.min(2 * wire::FRAME_BYTES));
+    let read = socket.take(length as u64).read_to_end(&mut frame).await;
+    Ok(read.is_ok_and(|read| read == length).then_some(frame))
+}
+
+/// A reader in a DDS process.
+#[derive(Debug)]
+pub struct Reader {
+    id: u32,
+    via: Via,
+    samples: mpsc::UnboundedReceiver<Heard>,
+    untaken: Arc<AtomicUsize>,
+    /// What was taken and the process was not told yet.
+    taken: usize,
+    participant: Participant,
+}
+
+impl Reader {
+    pub(super) fn new(id: u32, via: Via, of_node: bool, participant: Participant) -> Reader {
+        let (sender, samples) = mpsc::unbounded_channel();
+        let untaken = Arc::new(AtomicUsize::new(0));
+        let hearing = Hearing { samples: sender, untaken: untaken.clone(), of_node };
+        lock(&participant.0.shared.readers).insert(id, hearing);
+        Reader { id, via, samples, untaken, taken: 0, participant }
+    }
+
+    pub fn via(&self) -> Via {
+        self.via
+    }
+
+    /// The next that was received. Where there is none, the context is woken when there is.
+    pub fn poll(&mut self, context: &mut Context<'_>) -> Poll<Heard> {
+        // Its sender lives until the reader is dropped.
+        let Poll::Ready(Some(heard)) = self.samples.poll_recv(context) else { return Poll::Pending };
+        let weight = heard.weight();
+        self.untaken.fetch_sub(weight, Ordering::Relaxed);
+        self.taken += weight;
+        // In large steps: each is a message.
+        if self.taken >= WINDOW_BYTES / 4 {
+            let bytes = u32::try_from(std::mem::take(&mut self.taken)).unwrap_or(u32::MAX);
+            self.participant.order(Order::Taken { id: self.id, bytes });
+        }
+        Poll::Ready(heard)
+    }
+}
+
+impl Drop for Reader {
+    fn drop(&mut self) {
+        let shared = &self.participant.0.shared;
+        lock(&shared.readers).remove(&self.id);
+        if let Some(guid) = lock(&shared.made_readers).remove(&self.id) {
+            shared.own_readers.send_if_modified(|known| known.remove(&guid));
+        }
+        self.participant.order(Order::EndReader { id: self.id });
+    }
+}

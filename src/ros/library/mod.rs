@@ -1,0 +1,243 @@
+//! The DDS library, in a process of its own: one for each participant.
+//!
+//! One forged packet can make the library take all memory or hang for ever. So it runs in a child process of
+//! the same program (`child`), which has a limit on its memory, is looked at from outside (`watch`) and is
+//! ended when it is ill; a new participant then takes its place, as after any other fault of one. Samples and
+//! what is discovered come over a socket (`wire`) and are decoded here, by the same code as ever.
+
+mod child;
+mod discovered;
+mod inbox;
+mod qos;
+mod seen;
+mod watch;
+mod wire;
+
+use std::collections::BTreeSet;
+use std::os::unix::net::UnixStream as StdStream;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, MutexGuard};
+use std::time::Duration;
+
+use tokio::net::UnixStream;
+use tokio::sync::{mpsc, oneshot};
+
+pub use child::process;
+pub use inbox::{Heard, Reader};
+pub use seen::{Found, Seen};
+use tokio::io::AsyncWriteExt as _;
+pub use watch::Ended;
+use wire::{Frame, Order};
+
+use super::options::{self, BridgeOptions};
+pub use super::publisher::Quality;
+use super::raw::RawBody;
+use super::writers::{Guid, Via};
+use super::{BridgeError, DdsProcess, presence};
+use inbox::Shared;
+
+/// How often the DDS process says that it lives.
+const BEAT: Duration = Duration::from_millis(250);
+/// Bytes of samples of one reader that are under way or wait to be taken here. The library keeps the rest,
+/// and drops the oldest where that is too much.
+const WINDOW_BYTES: usize = 4 << 20;
+/// What a sample counts beside its body.
+const SAMPLE_BYTES: usize = 128;
+/// Endpoints of others that are remembered.
+const ENDPOINTS_MAX: usize = 16_384;
+/// Orders that wait for the DDS process; where there are more, it does not take them.
+const ORDERS_MAX: usize = 1024;
+/// A participant is made within this, or not at all.
+const OPENING: Duration = Duration::from_secs(10);
+/// Writing waits for slow readers a tenth of that.
+const WRITING_MAX: Duration = Duration::from_secs(1);
+
+/// A sample as the DDS process received it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RawSample {
+    pub writer: Guid,
+    pub sequence: i64,
+    /// The publisher's clock, if it says: seconds since 1970 in 32.32 bits.
+    pub source: Option<u64>,
+    pub body: RawBody,
+}
+
+impl RawSample {
+    fn weight(&self) -> usize {
+        SAMPLE_BYTES + self.body.as_ref().map_or(0, |(body, _)| body.len())
+    }
+}
+
+/// A participant in a DDS process. The process ends when all clones and all readers and writers are gone.
+#[derive(Debug, Clone)]
+pub struct Participant(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    guid: Guid,
+    id: u16,
+    shared: Arc<Shared>,
+    orders: mpsc::Sender<Order>,
+    next: AtomicU32,
+    watch: watch::Watch,
+}
+
+impl Participant {
+    /// Starts a DDS process, and in it a participant.
+    ///
+    /// # Errors
+    /// The interface is not there, the process cannot be started, or no socket or port is to be had.
+    pub async fn open(options: &BridgeOptions) -> Result<Participant, BridgeError> {
+        let networks = options::networks(options.interface)?;
+        let failed = |error: std::io::Error| BridgeError::Participant(error.to_string());
+        let (ours, theirs) = StdStream::pair().map_err(failed)?;
+        ours.set_nonblocking(true).map_err(failed)?;
+        let (reading, mut writing) = UnixStream::from_std(ours).map_err(failed)?.into_split();
+        let shared = Arc::new(Shared::default());
+        let watch = watch::start(options.dds_process, theirs, shared.clone()).map_err(failed)?;
+        let (orders, mut given) = mpsc::channel(ORDERS_MAX);
+        let (ready, opened) = oneshot::channel();
+        tokio::spawn(inbox::receive(reading, shared.clone(), ready));
+        tokio::spawn(async move {
+            let mut frame = Frame::new();
+            while let Some(order) = given.recv().await {
+                frame.order(&order);
+                while let Some(order) = (!frame.is_full()).then(|| given.try_recv().ok()).flatten() {
+                    frame.order(&order);
+                }
+                if writing.write_all(&frame.take()).await.is_err() {
+                    return;
+                }
+            }
+        });
+        let open = Order::Open { domain: options.domain, networks };
+        // The channel is new and empty.
+        let _ = orders.try_send(open);
+        let opened = tokio::time::timeout(OPENING, opened).await;
+        match opened {
+            Ok(Ok((guid, id))) => {
+                let next = AtomicU32::new(1);
+                Ok(Participant(Arc::new(Inner { guid, id, shared, orders, next, watch })))
+            }
+            Ok(Err(_)) => Err(BridgeError::Participant(shared.ended().await.reason.to_string())),
+            Err(_) => Err(BridgeError::Participant(format!("it does not start within {OPENING:?}"))),
+        }
+    }
+
+    pub fn guid(&self) -> Guid {
+        self.0.guid
+    }
+
+    /// Its number on this machine, which tells its ports.
+    pub fn id(&self) -> u16 {
+        self.0.id
+    }
+
+    /// What discovery knows of others.
+    pub fn seen(&self) -> MutexGuard<'_, Seen> {
+        self.0.shared.seen()
+    }
+
+    /// Changes whenever discovery has news.
+    pub fn news(&self) -> tokio::sync::watch::Receiver<u64> {
+        self.0.shared.news.subscribe()
+    }
+
+    /// The readers that it has, as far as they are made.
+    pub fn own_readers(&self) -> tokio::sync::watch::Receiver<BTreeSet<Guid>> {
+        self.0.shared.own_readers.subscribe()
+    }
+
+    /// Waits until the participant is beyond use, and says why.
+    pub async fn ended(&self) -> Ended {
+        self.0.shared.ended().await
+    }
+
+    pub fn has_ended(&self) -> bool {
+        self.0.shared.has_ended()
+    }
+
+    /// Lets the library keep so many samples of a topic from now on. It can only grow.
+    pub fn deepen(&self, topic: &str, type_name: &str, depth: usize) {
+        let (topic, type_name) = (topic.to_owned(), type_name.to_owned());
+        self.order(Order::Deepen { topic, type_name, depth: depth as u32 });
+    }
+
+    /// A reader of a topic, of which the library keeps `depth` samples. Where it cannot be made, the
+    /// participant ends.
+    pub fn reader(&self, topic: &str, type_name: &str, via: Via, depth: usize) -> Reader {
+        let id = self.next();
+        // What a participant needs for itself is of none of its nodes.
+        let reader = Reader::new(id, via, topic != presence::TOPIC, self.clone());
+        let (topic, type_name) = (topic.to_owned(), type_name.to_owned());
+        self.order(Order::Reader { id, topic, type_name, via, depth: depth as u32 });
+        reader
+    }
+
+    /// A writer of a topic. Where it cannot be made, the participant ends.
+    pub fn writer(&self, topic: &str, type_name: &str, quality: Quality) -> Writer {
+        let id = self.next();
+        let (topic, type_name) = (topic.to_owned(), type_name.to_owned());
+        let made = self.0.shared.make(id);
+        self.order(Order::Writer { id, topic, type_name, quality });
+        Writer { id, made, participant: self.clone() }
+    }
+
+    /// Ends the process and waits for that.
+    pub async fn close(self) {
+        self.order(Order::Close);
+        self.0.watch.close();
+        self.0.shared.over().await;
+    }
+
+    fn next(&self) -> u32 {
+        self.0.next.fetch_add(1, Ordering::Relaxed)
+    }
+
+    fn order(&self, order: Order) {
+        if self.0.orders.try_send(order).is_err() {
+            self.0.shared.end("it takes no orders any more", true);
+        }
+    }
+}
+
+/// A writer in a DDS process.
+#[derive(Debug)]
+pub struct Writer {
+    id: u32,
+    made: tokio::sync::watch::Receiver<Option<Guid>>,
+    participant: Participant,
+}
+
+impl Writer {
+    /// Waits until it is made. Never, where the participant has ended.
+    pub async fn guid(&self) -> Guid {
+        match self.made.clone().wait_for(Option::is_some).await.map(|guid| *guid) {
+            Ok(Some(guid)) => guid,
+            _ => std::future::pending().await,
+        }
+    }
+
+    /// Publishes the CDR of a body in little endian, without its encapsulation.
+    ///
+    /// # Errors
+    /// A reader holds it back for too long, or the process does not answer.
+    pub async fn write(&self, body: Vec<u8>) -> Result<(), String> {
+        let number = self.participant.next();
+        let written = self.participant.0.shared.expect_written(number);
+        self.participant.order(Order::Write { id: self.id, number, body });
+        let answer = tokio::time::timeout(WRITING_MAX, written).await;
+        self.participant.0.shared.forget_written(number);
+        match answer {
+            Ok(Ok(None)) => Ok(()),
+            Ok(Ok(Some(error))) => Err(error),
+            Ok(Err(_)) => Err("the DDS process has ended".to_owned()),
+            Err(_) => Err(format!("the DDS process does not answer within {WRITING_MAX:?}")),
+        }
+    }
+}
+
+impl DdsProcess {
+    /// No sensible use of DDS was seen to need more.
+    pub const MEGABYTES: u32 = 1024;
+}

@@ -1,0 +1,77 @@
+//! Topics, readers and writers of the DDS library, with the quality of service that Telltale uses.
+
+use rustdds::bytes::Bytes;
+use rustdds::dds::CreateResult;
+use rustdds::no_key::{DataWriter, SimpleDataReader};
+use rustdds::policy::{Durability, History, Reliability, ResourceLimits};
+use rustdds::{DomainParticipant, QosPolicies, QosPolicyBuilder, Subscriber, Topic, TopicKind};
+
+use super::Quality;
+use crate::ros::raw::{RawAdapter, RawBody};
+use crate::ros::writers::Via;
+
+pub type RawWriter = DataWriter<Bytes, RawAdapter>;
+
+/// Also tells the library how many samples of the topic it keeps, which can only grow.
+pub fn create_topic(
+    participant: &DomainParticipant,
+    name: &str,
+    type_name: &str,
+    depth: usize,
+) -> CreateResult<Topic> {
+    let depth = i32::try_from(depth).unwrap_or(i32::MAX);
+    let limits = ResourceLimits { max_samples: depth, max_instances: 1, max_samples_per_instance: depth };
+    let qos = QosPolicyBuilder::new().history(History::KeepLast { depth }).resource_limits(limits).build();
+    participant.create_topic(name.to_owned(), type_name.to_owned(), &qos, TopicKind::NoKey)
+}
+
+pub fn reader(
+    subscriber: &Subscriber,
+    topic: &Topic,
+    via: Via,
+) -> CreateResult<SimpleDataReader<RawBody, RawAdapter>> {
+    subscriber.create_simple_datareader_no_key(topic, Some(asked(via)))
+}
+
+/// A topic that is published.
+pub fn offered_topic(
+    participant: &DomainParticipant,
+    name: &str,
+    type_name: &str,
+    quality: Quality,
+) -> CreateResult<Topic> {
+    participant.create_topic(name.to_owned(), type_name.to_owned(), &offered(quality), TopicKind::NoKey)
+}
+
+pub fn writer(participant: &DomainParticipant, topic: &Topic, quality: Quality) -> CreateResult<RawWriter> {
+    let qos = offered(quality);
+    participant.create_publisher(&qos)?.create_datawriter_no_key(topic, Some(qos))
+}
+
+/// No deadline, no lifespan: whatever is asked for beyond what a writer offers breaks the match.
+fn asked(via: Via) -> QosPolicies {
+    let qos = QosPolicyBuilder::new();
+    match via {
+        Via::Reliable => qos.reliability(reliable()).durability(Durability::Volatile),
+        Via::LastValue => qos.reliability(reliable()).durability(Durability::TransientLocal),
+        Via::BestEffort => qos.best_effort().durability(Durability::Volatile),
+    }
+    .build()
+}
+
+pub fn offered(quality: Quality) -> QosPolicies {
+    let (reliability, durability, depth) = match quality {
+        Quality::Reliable => (reliable(), Durability::Volatile, 10),
+        Quality::BestEffort => (Reliability::BestEffort, Durability::Volatile, 10),
+        Quality::LastValue => (reliable(), Durability::TransientLocal, 1),
+    };
+    QosPolicyBuilder::new()
+        .reliability(reliability)
+        .durability(durability)
+        .history(History::KeepLast { depth })
+        .build()
+}
+
+fn reliable() -> Reliability {
+    Reliability::Reliable { max_blocking_time: rustdds::Duration::from_millis(100) }
+}

@@ -1,0 +1,252 @@
+//! Looks at a DDS process from outside: whether it says that it lives, hears itself through the network, and
+//! keeps to its memory. What is ill is ended.
+
+use std::io;
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixStream;
+use std::os::unix::process::{CommandExt as _, ExitStatusExt as _};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
+use std::time::Duration;
+
+use super::child;
+use super::inbox::Shared;
+use crate::ros::DdsProcess;
+
+/// How often it is looked at.
+const LOOK: Duration = Duration::from_millis(250);
+/// So many looks in a row without a word of it, and it is ended. Looks are counted and not time, so that a
+/// program that was stopped itself does not blame it.
+const SILENT_MAX: u32 = 8;
+/// So many in which it heard neither itself nor anybody else, though it did before.
+const DEAF_MAX: u32 = 8;
+/// The same from its beginning, where one before it heard itself here.
+const NEVER_HEARD_MAX: u32 = 12;
+/// A participant here has heard itself. Whether that is so, is up to the network.
+static HEARS_ITSELF: AtomicBool = AtomicBool::new(false);
+/// So many looks it has to end by itself.
+const ENDING_MAX: u32 = 5;
+
+/// Why a participant is beyond use.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Ended {
+    pub reason: Box<str>,
+    /// The process was ill or died: nothing came from DDS any more.
+    pub ill: bool,
+}
+
+/// Ends the process when it is dropped.
+#[derive(Debug)]
+pub struct Watch {
+    close: mpsc::Sender<()>,
+}
+
+impl Watch {
+    /// Lets it end by itself, if it does so soon.
+    pub fn close(&self) {
+        // An error means that it is gone.
+        let _ = self.close.send(());
+    }
+}
+
+/// What runs the DDS library.
+enum Runner {
+    Process(Child),
+    Thread(std::thread::JoinHandle<()>),
+}
+
+/// Starts the DDS process at the other end of `socket`, and a thread that looks at it. The thread that
+/// starts a process must live as long as that: else the kernel takes the parent for dead.
+///
+/// # Errors
+/// Neither thread nor process can be started.
+pub fn start(how: DdsProcess, socket: UnixStream, shared: Arc<Shared>) -> io::Result<Watch> {
+    let (close, closing) = mpsc::channel();
+    let (started, starting) = mpsc::channel();
+    std::thread::Builder::new().name("dds-watch".to_owned()).spawn(move || {
+        let mut runner = match run(how, socket) {
+            Ok(runner) => runner,
+            Err(error) => return drop(started.send(Err(error))),
+        };
+        let _ = started.send(Ok(()));
+        look_after(&mut runner, how, &shared, &closing);
+        runner.end();
+        shared.set_over();
+    })?;
+    let gone = |_| Err(io::Error::other("the thread that starts the DDS process has failed"));
+    starting.recv().unwrap_or_else(gone)?;
+    Ok(Watch { close })
+}
+
+fn run(how: DdsProcess, socket: UnixStream) -> io::Result<Runner> {
+    let DdsProcess::Child { megabytes } = how else {
+        let thread = std::thread::Builder::new().name("dds".to_owned());
+        return thread.spawn(move || child::serve(socket, false)).map(Runner::Thread);
+    };
+    // As it was started, though another version may lie there now.
+    let mut command = Command::new("/proc/self/exe");
+    command.arg0("telltale").arg("dds-process");
+    command.arg(std::process::id().to_string()).arg(megabytes.to_string());
+    command.stdin(Stdio::from(OwnedFd::from(socket))).stdout(Stdio::null());
+    // What a terminal sends to all processes is for the program.
+    command.process_group(0).spawn().map(Runner::Process)
+}
+
+/// Until it has ended, is ill, or is to end.
+fn look_after(runner: &mut Runner, how: DdsProcess, shared: &Shared, closing: &mpsc::Receiver<()>) {
+    let mut health = Health::default();
+    loop {
+        if health.last.heard > 0 {
+            HEARS_ITSELF.store(true, Ordering::Relaxed);
+        }
+        let closed = match closing.recv_timeout(LOOK) {
+            Err(mpsc::RecvTimeoutError::Timeout) => false,
+            Ok(()) | Err(mpsc::RecvTimeoutError::Disconnected) => true,
+        };
+        if let Some(reason) = runner.has_ended() {
+            return shared.end(&reason, true);
+        }
+        if closed {
+            for _ in 0..ENDING_MAX * 10 {
+                if runner.has_ended().is_some() {
+                    return;
+                }
+                std::thread::sleep(LOOK / 10);
+            }
+            return;
+        }
+        if shared.has_ended() {
+            return;
+        }
+        let told = Told {
+            beats: shared.beats.load(Ordering::Relaxed),
+            heard: shared.heard.load(Ordering::Relaxed),
+            samples: shared.samples.load(Ordering::Relaxed),
+            megabytes: runner.megabytes(),
+        };
+        if let Some(reason) = health.look(told, how, HEARS_ITSELF.load(Ordering::Relaxed)) {
+            return shared.end(&reason, true);
+        }
+    }
+}
+
+impl Runner {
+    fn has_ended(&mut self) -> Option<String> {
+        match self {
+            Runner::Process(child) => match child.try_wait() {
+                Ok(Some(status)) => Some(describe(status)),
+                Ok(None) => None,
+                Err(error) => Some(format!("nothing is known of it: {error}")),
+            },
+            Runner::Thread(thread) => thread.is_finished().then(|| "its thread has ended".to_owned()),
+        }
+    }
+
+    /// A thread cannot be ended; it sees that its socket is closed.
+    fn end(&mut self) {
+        if let Runner::Process(child) = self {
+            // It may be gone already.
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+
+    /// What is in memory of it.
+    fn megabytes(&self) -> u64 {
+        let Runner::Process(child) = self else { return 0 };
+        let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap_or_default();
+        let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+        let kilobytes = resident.and_then(|rest| rest.trim().strip_suffix(" kB")?.parse::<u64>().ok());
+        kilobytes.unwrap_or(0) >> 10
+    }
+}
+
+fn describe(status: ExitStatus) -> String {
+    match status.signal() {
+        // SIGABRT, as when memory is refused.
+        Some(6) => "it was aborted, as when its memory is used up".to_owned(),
+        Some(signal) => format!("it was ended by signal {signal}"),
+        None => "it has ended".to_owned(),
+    }
+}
+
+/// What is known of a process at one look.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Told {
+    beats: u64,
+    heard: u64,
+    samples: u64,
+    megabytes: u64,
+}
+
+/// Judges a process by what it tells, look by look.
+#[derive(Debug, Default)]
+struct Health {
+    last: Told,
+    silent: u32,
+    deaf: u32,
+}
+
+impl Health {
+    fn look(&mut self, told: Told, how: DdsProcess, hears_itself: bool) -> Option<String> {
+        let last = std::mem::replace(&mut self.last, told);
+        if let DdsProcess::Child { megabytes } = how
+            && told.megabytes > u64::from(megabytes)
+        {
+            return Some(format!("it takes {} MB of memory; its limit is {megabytes}", told.megabytes));
+        }
+        // Until the first word it makes its participant, and whoever waits for that has no patience without end.
+        let begun = told.beats > 0;
+        self.silent = if told.beats != last.beats || !begun { 0 } else { self.silent + 1 };
+        let hears = told.heard != last.heard || told.samples != last.samples;
+        self.deaf = if hears || !begun { 0 } else { self.deaf + 1 };
+        if self.silent >= SILENT_MAX {
+            return Some("it does not answer".to_owned());
+        }
+        let patience = if told.heard > 0 { DEAF_MAX } else { NEVER_HEARD_MAX };
+        (hears_itself && self.deaf >= patience).then(|| "it hears nothing, not even itself".to_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HOW: DdsProcess = DdsProcess::Child { megabytes: 100 };
+
+    /// At which look it is found ill, and why; nothing within 30 looks.
+    fn found_ill(hears_itself: bool, told: impl Fn(u64) -> Told) -> Option<(u64, String)> {
+        let mut health = Health::default();
+        (0..30).find_map(|look| Some((look, health.look(told(look), HOW, hears_itself)?)))
+    }
+
+    #[test]
+    fn a_process_that_is_well_is_left_alone() {
+        assert_eq!(found_ill(true, |look| Told { beats: look, heard: look, ..Told::default() }), None);
+        // Still making its participant.
+        assert_eq!(found_ill(true, |_| Told::default()), None);
+        // On a network on which nobody ever heard itself.
+        assert_eq!(found_ill(false, |look| Told { beats: look, ..Told::default() }), None);
+        // In a flood what it says to itself is lost, and others are heard.
+        let flooded = |look| Told { beats: look, heard: 1, samples: look, megabytes: 100 };
+        assert_eq!(found_ill(true, flooded), None);
+    }
+
+    #[test]
+    fn what_is_silent_deaf_or_too_large_is_found() {
+        let silent = found_ill(true, |look| Told { beats: look.min(4), heard: look, ..Told::default() });
+        assert_eq!(silent, Some((12, "it does not answer".to_owned())));
+        let deaf =
+            |heard: u64| move |look: u64| Told { beats: look, heard: look.min(heard), ..Told::default() };
+        let nothing = "it hears nothing, not even itself";
+        assert_eq!(found_ill(true, deaf(4)), Some((12, nothing.to_owned())));
+        assert_eq!(found_ill(true, deaf(0)), Some((12, nothing.to_owned())), "from its beginning");
+        let large = |look| Told { beats: look, heard: look, megabytes: 99 + look, ..Told::default() };
+        assert_eq!(
+            found_ill(true, large),
+            Some((2, "it takes 101 MB of memory; its limit is 100".to_owned()))
+        );
+    }
+}

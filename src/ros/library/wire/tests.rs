@@ -1,0 +1,111 @@
+//! What is said over the socket is heard as it was said, and garbage is refused.
+
+use proptest::prelude::*;
+
+use super::*;
+
+fn some_orders() -> Vec<Order> {
+    let (topic, type_name) = ("rt/x".to_owned(), "std_msgs::msg::dds_::Bool_".to_owned());
+    vec![
+        Order::Open { domain: 7, networks: Some(vec![Ipv4Addr::LOCALHOST]) },
+        Order::Open { domain: 232, networks: None },
+        Order::Reader {
+            id: 1,
+            topic: topic.clone(),
+            type_name: type_name.clone(),
+            via: Via::LastValue,
+            depth: 8,
+        },
+        Order::Deepen { topic: topic.clone(), type_name: type_name.clone(), depth: 512 },
+        Order::Taken { id: 1, bytes: 4096 },
+        Order::Writer { id: 2, topic, type_name, quality: Quality::BestEffort },
+        Order::Write { id: 2, number: 9, body: vec![1, 2, 3, 4] },
+        Order::EndReader { id: 1 },
+        Order::Close,
+    ]
+}
+
+fn some_news() -> Vec<News> {
+    let liveliness = Liveliness { kind: LivelinessKind::ManualByTopic, lease_ns: Some(5) };
+    let found = Found {
+        guid: [3; 16],
+        writes: true,
+        topic: "rt/ü".to_owned(),
+        type_name: String::new(),
+        reliable: true,
+        transient_local: false,
+        deadline_ns: None,
+        liveliness,
+        takes: 5,
+    };
+    let fault = |what| Err(Fault { at: 0, what });
+    let sample = |body| News::Sample {
+        reader: 4,
+        sample: RawSample { writer: [9; 16], sequence: -1, source: Some(77), body },
+    };
+    vec![
+        News::Ready { guid: [1; 16], participant: 3 },
+        News::Made { id: 5, guid: [2; 16] },
+        News::Found(found),
+        News::Gone { guid: [3; 16] },
+        sample(Ok((vec![1, 2, 3], Endian::Big))),
+        sample(Ok((Vec::new(), Endian::Little))),
+        sample(fault(FaultKind::Encoding([0, 7]))),
+        sample(fault(FaultKind::TooLarge { bytes: 1 << 30, limit: BODY_BYTES_MAX })),
+        News::Fault { reader: 4, reason: "no".to_owned() },
+        News::Written { number: 9, error: Some("late".to_owned()) },
+        News::Written { number: 10, error: None },
+        News::Beat { heard: 12 },
+        News::Broken { reason: "over".to_owned() },
+    ]
+}
+
+fn frame(write: impl FnOnce(&mut Frame)) -> Vec<u8> {
+    let mut frame = Frame::new();
+    write(&mut frame);
+    frame.take().split_off(4)
+}
+
+#[test]
+fn what_is_said_is_heard_as_it_was_said() {
+    let (orders, news) = (some_orders(), some_news());
+    let said = frame(|frame| orders.iter().for_each(|order| frame.order(order)));
+    assert_eq!(super::orders(&said), Ok(orders));
+    let said = frame(|frame| news.iter().for_each(|one| frame.news(one)));
+    assert_eq!(super::news(&said), Ok(news));
+}
+
+#[test]
+fn what_is_cut_or_too_long_is_refused_and_never_taken_in_part() {
+    for news in some_news() {
+        let whole = frame(|frame| frame.news(&news));
+        for length in 1..whole.len() {
+            assert!(super::news(&whole[..length]).is_err(), "{news:?} cut to {length}");
+        }
+    }
+    let name = "x".repeat(NAME_BYTES_MAX + 1);
+    assert!(super::news(&frame(|frame| frame.news(&News::Broken { reason: name.clone() }))).is_err());
+    assert_eq!(cut(&name).len(), NAME_BYTES_MAX);
+    // A body that claims to be larger than any.
+    let mut claim = frame(|frame| frame.order(&Order::Write { id: 1, number: 1, body: vec![0; 8] }));
+    claim[9..13].copy_from_slice(&u32::MAX.to_le_bytes());
+    assert!(super::orders(&claim).is_err());
+}
+
+proptest! {
+    #[test]
+    fn garbage_is_refused_or_harmless(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+        let heard = (super::news(&bytes), super::orders(&bytes));
+        let count = |parts: usize| parts <= bytes.len();
+        prop_assert!(heard.0.is_err() || count(heard.0.unwrap().len()));
+        prop_assert!(heard.1.is_err() || count(heard.1.unwrap().len()));
+    }
+
+    #[test]
+    fn one_changed_byte_is_refused_or_changes_one_message(at in 0_usize..2000, value in any::<u8>()) {
+        let mut said = frame(|frame| some_news().iter().for_each(|one| frame.news(one)));
+        let at = at % said.len();
+        said[at] = value;
+        let _ = super::news(&said);
+    }
+}

@@ -1,0 +1,60 @@
+//! The actions that the audit log knows, with their words in the database.
+
+macro_rules! actions {
+    ($($name:ident: $word:literal, $about:literal;)*) => {
+        /// What somebody did or tried to do.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+        pub enum Action { $(#[doc = $about] $name,)* }
+
+        impl Action {
+            pub const ALL: &[Action] = &[$(Action::$name,)*];
+
+            /// The word in the database.
+            pub const fn as_str(self) -> &'static str {
+                match self { $(Action::$name => $word,)* }
+            }
+        }
+    };
+}
+
+actions! {
+    Start: "start", "The server began.";
+    End: "end", "The server ended as it was asked to.";
+    Login: "login", "Somebody gave a name and a secret.";
+    Logout: "logout", "A session was ended by who held it.";
+    SessionEnded: "session ended", "A session was ended by its age, or by another login.";
+    HandOver: "hand-over", "An operator took the seat over from another.";
+    Request: "request", "A request was refused: foreign origin, wrong role, false token.";
+    Localize: "localize", "The operator gave the position of the vehicle.";
+    ClearanceAsked: "clearance asked", "The first step of the clearance.";
+    Clearance: "clearance", "The second step: the vehicle was cleared to drive.";
+    Stop: "stop", "The operator stopped the vehicle.";
+    Acknowledge: "acknowledge", "The operator acknowledged an alarm.";
+    Reset: "reset", "A latched error was forgotten.";
+    Stage: "stage", "The vehicle came into another stage.";
+    Countermeasure: "countermeasure", "A countermeasure was requested or ended.";
+    Configuration: "configuration", "The configuration was read again.";
+    Fault: "demo fault", "A fault of the simulated shuttle was switched.";
+    UserAdded: "user added", "A user was added.";
+    UserSecret: "user secret", "A user got another secret.";
+    UserRole: "user role", "A user got another role.";
+    UserRemoved: "user removed", "A user was removed.";
+    TokenAdded: "token added", "A token for a program was made.";
+    TokenRevoked: "token revoked", "A token of a program was taken back.";
+    DataRepaired: "data repaired", "A database was made anew of what could be read of a damaged one.";
+    DataRestored: "data restored", "A backup was put in the place of the database.";
+    Omitted: "omitted", "Records that were left out, because there were too many of their kind.";
+    Pruned: "pruned", "The oldest records were taken away.";
+    HeadMissing: "head missing", "The note of where the chain ended was gone: it may have been cut before this.";
+    Keyed: "log keyed", "From here on records are written with the key; those before it are of an earlier version.";
+    BreachAcknowledged: "breach acknowledged", "An authority has looked into what was wrong with the log before.";
+    ChainBroken: "chain broken", "The chain did not end where it had been noted to.";
+}
+
+impl Action {
+    /// Whether the head of the log is told elsewhere as soon as this is written. What strangers can cause
+    /// is not among it.
+    pub(super) const fn matters(self) -> bool {
+        !matches!(self, Action::Request | Action::Omitted | Action::Pruned)
+    }
+}

@@ -1,0 +1,142 @@
+"""STOP is answered within a second, whatever strangers do to the server."""
+
+import socket
+import time
+
+import pytest
+from playwright.sync_api import expect
+
+from operating import step
+from test_operator import expect_standing, log_in
+from vehicle import OPERATOR, Client
+
+pytestmark = pytest.mark.alone
+
+STOPS = 10
+STOP_EVERY_S = 0.5
+ANSWERED_WITHIN_S = 1.0
+
+
+@pytest.fixture
+def driving(server, vehicle, page, trouble):
+    log_in(page, server)
+    expect_standing(page)
+    vehicle.drive(True)
+    expect(page.locator("body")).to_have_attribute("data-stage", "active")
+    return page
+
+
+class Attack:
+    """So many connections that begin a request and do not go on; those that the server ends begin anew."""
+
+    def __init__(self, server, count, begin):
+        self.server, self.begin = server, begin
+        self.open = [self.connect() for _ in range(count)]
+
+    def connect(self):
+        it = socket.create_connection(("127.0.0.1", self.server.port), timeout=5)
+        it.sendall(self.begin)
+        it.setblocking(False)
+        return it
+
+    def renew(self):
+        for number, it in enumerate(self.open):
+            try:
+                ended = it.recv(4096) is not None
+            except BlockingIOError:
+                ended = False
+            except OSError:
+                ended = True
+            if ended:
+                it.close()
+                self.open[number] = self.connect()
+
+    def close(self):
+        for it in self.open:
+            it.close()
+
+
+def unfinished_login(server):
+    head = f"POST /login HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nOrigin: {server.url}\r\n"
+    form = "Content-Type: application/x-www-form-urlencoded\r\nContent-Length: 100\r\n\r\nname=a"
+    return (head + form).encode()
+
+
+def stop_during(client, attack):
+    """Asks for a stop again and again; returns how long each answer took."""
+    took = []
+    for _ in range(STOPS):
+        attack.renew()
+        version = client.snapshot()["seq"]
+        asked = time.monotonic()
+        client.post("/vehicle/stop", version=version)
+        took.append(time.monotonic() - asked)
+        time.sleep(STOP_EVERY_S)
+    return took
+
+
+def test_stops_are_answered_beside_logins_that_are_not_ended(server, driving, trouble):
+    client = Client(server, *OPERATOR)
+    client.stop()
+    attack = Attack(server, 128, unfinished_login(server))
+    try:
+        took = stop_during(client, attack)
+    finally:
+        attack.close()
+    assert max(took) < ANSWERED_WITHIN_S, took
+    expect(driving.locator("body")).to_have_attribute("data-live", "live")
+
+
+FRAGMENTS = b"\x01\x80\0\0\0\0" + b"\0\x80\0\0\0\0" * 20_000
+
+
+class Flood(Attack):
+    """Sockets of somebody who may only read, which send empty fragments without an end."""
+
+    def connect(self):
+        it = super().connect()
+        it.setblocking(True)
+        it.recv(4096)
+        it.setblocking(False)
+        try:
+            it.send(FRAGMENTS)
+        except OSError:
+            pass
+        return it
+
+
+def test_stops_are_answered_beside_sockets_that_send_without_an_end(server, driving, trouble):
+    server.add_user("carl", "a long password", role="authority")
+    reader, client = Client(server, "carl", "a long password"), Client(server, *OPERATOR)
+    client.stop()
+    upgrade = (
+        f"GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nOrigin: {server.url}\r\nCookie: {reader.cookie()}\r\n"
+        "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+    )
+    # As many as one login may have.
+    attack = Flood(server, 16, upgrade.encode())
+    try:
+        took = stop_during(client, attack)
+    finally:
+        attack.close()
+    assert max(took) < ANSWERED_WITHIN_S, took
+    expect(driving.locator("body")).to_have_attribute("data-live", "live")
+
+
+def test_a_stop_goes_over_the_socket_where_no_request_gets_through(driving, trouble):
+    driving.route("**/vehicle/stop", lambda route: route.abort())
+    step(driving, "stop").click()
+    expect(driving.locator("#countermeasure[data-request=maneuver_stop]")).to_be_visible()
+    expect(driving.locator("body")).not_to_have_attribute("data-unanswered", "")
+    expect(driving.locator("#notice")).to_be_hidden()
+    trouble.expect("ERR_FAILED")
+
+
+def test_a_stop_goes_over_http_where_the_socket_does_not_bring_it(driving, trouble):
+    # What the page says over its socket is held back.
+    driving.evaluate("() => { WebSocket.prototype.send = () => {}; }")
+    with driving.expect_response("**/vehicle/stop") as stopped:
+        step(driving, "stop").click()
+    assert stopped.value.status == 200
+    expect(driving.locator("#countermeasure[data-request=maneuver_stop]")).to_be_visible()

@@ -1,0 +1,118 @@
+//! What counts where several writers say one name, against the definition: the worst of what each said
+//! last (`ENGINE.md` 1), of those that may say it.
+
+use std::collections::BTreeMap;
+
+use proptest::prelude::*;
+use telltale::engine::Engine;
+use telltale::engine::input::{Input, NodeOf, WriterId, WriterList};
+use telltale::engine::model::{Model, ModuleId, Policy};
+use telltale::engine::state::State;
+use telltale::engine::time::Timestamp;
+
+use super::cases::{self, Choices};
+
+/// The same history with one writer.
+pub fn said_by_one(history: Vec<(Timestamp, Input)>) -> Vec<(Timestamp, Input)> {
+    let one = |input| match input {
+        Input::Diagnostics(array) => Input::Diagnostics(array.said_by(WriterId::default())),
+        other => other,
+    };
+    history.into_iter().map(|(at, input)| (at, one(input))).collect()
+}
+
+/// What was said of one name.
+type Words = BTreeMap<WriterId, (State, Timestamp)>;
+
+#[derive(Default)]
+struct Reference {
+    list: WriterList,
+    words: BTreeMap<String, Words>,
+    reported: BTreeMap<ModuleId, State>,
+}
+
+fn admitted(policy: &Policy, list: &WriterList, writer: WriterId, state: State) -> bool {
+    let Some(writers) = &policy.writers else { return true };
+    match list.writers.get(&writer) {
+        Some(NodeOf::Named(name)) => writers.contains(name),
+        Some(NodeOf::Unannounced) => false,
+        Some(NodeOf::Pending) | None => state > State::Ok,
+    }
+}
+
+impl Reference {
+    fn take(&mut self, model: &Model, input: &Input, now: Timestamp) {
+        match input {
+            Input::Writers(list) => {
+                let before = std::mem::replace(&mut self.list, (**list).clone());
+                if !list.complete {
+                    for (writer, node) in before.writers {
+                        let known = self.list.writers.entry(writer).or_insert(NodeOf::Pending);
+                        if *known == NodeOf::Pending {
+                            *known = node;
+                        }
+                    }
+                }
+            }
+            Input::Diagnostics(array) => {
+                let mut said: BTreeMap<&str, State> = BTreeMap::new();
+                for status in array.iter() {
+                    let state = said.entry(status.name()).or_insert(status.state());
+                    *state = (*state).max(status.state());
+                }
+                for (name, state) in said {
+                    self.word(model, name, array.writer(), state, now);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn word(&mut self, model: &Model, name: &str, writer: WriterId, state: State, now: Timestamp) {
+        let list = &self.list;
+        let declared = (0..).map(ModuleId).zip(&model.modules);
+        let fed = declared.filter(|(_, it)| it.monitor.status().is_some_and(|status| **status == *name));
+        let fed: Vec<_> = fed.filter(|(_, it)| admitted(&it.policy, list, writer, state)).collect();
+        if fed.is_empty() {
+            return;
+        }
+        let words = self.words.entry(name.to_owned()).or_default();
+        let left = |other: &WriterId, at: Timestamp| {
+            list.complete && at < list.as_of && !list.writers.contains_key(other)
+        };
+        words.retain(|other, (_, at)| *other == writer || !left(other, *at));
+        words.insert(writer, (state, now));
+        for (id, module) in fed {
+            let counts = |(other, (state, at)): (&WriterId, &(State, Timestamp))| {
+                let fresh = *at + module.policy.timeout > now;
+                (fresh && admitted(&module.policy, list, *other, *state)).then_some(*state)
+            };
+            self.reported.extend(words.iter().filter_map(counts).max().map(|worst| (id, worst)));
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(super::config())]
+
+    #[test]
+    fn the_worst_of_all_writers_counts(numbers in super::numbers()) {
+        let mut choices = Choices::new(&numbers);
+        let model = cases::model_that(&mut choices, |parts| {
+            parts.modules.iter_mut().for_each(|module| module.policy.forget_after = None);
+        });
+        let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+        let mut reference = Reference::default();
+        for (at, input) in cases::history(&mut choices) {
+            engine.handle(&input, at);
+            reference.take(&model, &input, at);
+            let snapshot = engine.snapshot();
+            for (id, module) in (0..).map(ModuleId).zip(&model.modules) {
+                if module.monitor.status().is_some() {
+                    let reported = snapshot.module(id).1.steps.reported;
+                    prop_assert_eq!(reported, reference.reported.get(&id).copied(), "{} at {:?}", module.id, at);
+                }
+            }
+        }
+    }
+}
