@@ -99,6 +99,14 @@ const MIGRATIONS: &[&str] = &[
     ) STRICT;
     INSERT INTO user_changes VALUES (1, 0, 0);
 ",
+    "
+    CREATE TABLE devices (
+        token_hash BLOB PRIMARY KEY CHECK (length(token_hash) = 32),
+        user INTEGER NOT NULL REFERENCES users(id) ON DELETE CASCADE,
+        created_ms INTEGER NOT NULL
+    ) STRICT, WITHOUT ROWID;
+    CREATE INDEX devices_by_user ON devices(user);
+",
 ];
 
 /// From this schema on everything is there that a server needs which may not write.
