@@ -99,6 +99,14 @@ const MIGRATIONS: &[&str] = &[
     ) STRICT;
     INSERT INTO user_changes VALUES (1, 0, 0);
 ",
+    // By which key the audit log is written.
+    "
+    CREATE TABLE audit_key (
+        one INTEGER PRIMARY KEY CHECK (one = 1),
+        id BLOB NOT NULL CHECK (length(id) = 32)
+    ) STRICT;
+",
+    // Browsers from which a user logged in before.
     "
     CREATE TABLE devices (
         token_hash BLOB PRIMARY KEY CHECK (length(token_hash) = 32),
