@@ -68,7 +68,6 @@ impl Store {
         until: Timestamp,
     ) -> impl Future<Output = Result<(Token, Written), StoreError>> + Send + use<> {
         let store = self.clone();
-        let created = self.clock.wall();
         let Entering { user, before, seat, from, stay } = entering;
         let stay: Vec<Key> = stay.iter().map(Session::key).collect();
         let (user, from) = (user.clone(), from.map(str::to_owned));
@@ -80,6 +79,7 @@ impl Store {
                 if database.clock.now() >= until {
                     return Err(StoreError::TooLate);
                 }
+                let created = database.judged();
                 let remembered = seat.as_ref().map(|memory| memory.seq);
                 let (before, goes) = database.change_sessions(&records, |transaction| {
                     let before = Before::of(transaction, [Some(user.name()), from.as_deref()], ends)?;
