@@ -161,17 +161,16 @@ impl Entrance {
         Ok((token, session))
     }
 
-    /// Too many sessions of one user end the oldest, but none at whose display the driver looks.
+    /// Too many sessions of one user end the oldest, but none of the driver's with an open page.
     fn entering<'a>(
         &'a self,
         app: &AppState,
         seat: Option<VehicleMemory>,
         from: Option<&'a str>,
     ) -> Entering<'a> {
-        let now = app.clock.now();
         let is_driver = app.published().snapshot.operator.as_deref() == Some(self.user.name());
         let mut stay = app.store.sessions();
-        stay.retain(|it| is_driver && *it.user == *self.user.name() && app.displays.is_live(it, now));
+        stay.retain(|it| is_driver && *it.user == *self.user.name() && app.displays.has(it));
         Entering { user: &self.user, before: self.before.as_ref(), seat, from, stay }
     }
 
