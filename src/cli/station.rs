@@ -51,7 +51,7 @@ pub fn address(text: &str) -> Result<SocketAddr, String> {
 pub const LISTEN: &str = "127.0.0.1:8080";
 
 /// At the end a disk has this long to answer.
-const LAST_WITHIN: Duration = Duration::from_secs(2);
+const LAST_WITHIN: Duration = Duration::from_secs(1);
 
 /// Everything that a running display is made of.
 pub struct Station {

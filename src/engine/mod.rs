@@ -10,6 +10,7 @@ mod calls;
 mod causes;
 mod confirm;
 pub mod countermeasure;
+mod cut_off;
 pub mod discovery;
 mod disputes;
 mod drive;
@@ -118,6 +119,8 @@ pub struct Engine {
     storage_fault: Option<Box<str>>,
     /// Whose display shows nothing.
     display_late: Option<Box<str>>,
+    /// Why nothing of the vehicle can be heard.
+    dds_fault: Option<Box<str>>,
     counters: Counters,
     events: Events,
     views: Views,
@@ -162,6 +165,7 @@ impl Engine {
             restricted: model.restricts_writers(),
             storage_fault: None,
             display_late: None,
+            dds_fault: None,
             counters: Counters::default(),
             events: Events::default(),
             views: Views::new(&model, now),
@@ -190,6 +194,7 @@ impl Engine {
             Input::Aggregator { other } => self.take_aggregator(other.as_deref()),
             Input::Storage { fault } => self.take_storage(fault.clone()),
             Input::Display { late } => self.take_display(late.clone()),
+            Input::Dds { fault } => self.take_dds(fault.clone()),
             Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {
                 // Nearly every message says what the one before said: then nothing is to be settled.
                 if !self.take_watched(input) {

@@ -39,12 +39,14 @@ pub enum SystemCheck {
     Display,
     /// Nobody else publishes the aggregated diagnosis.
     Aggregator,
+    /// The vehicle can be heard.
+    Dds,
     /// No two writers contradict each other, and nobody says what only others may.
     Writers,
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 9] = [
+    pub const ALL: [SystemCheck; 10] = [
         SystemCheck::Invariants,
         SystemCheck::Reception,
         SystemCheck::Active,
@@ -53,6 +55,7 @@ impl SystemCheck {
         SystemCheck::Storage,
         SystemCheck::Display,
         SystemCheck::Aggregator,
+        SystemCheck::Dds,
         SystemCheck::Writers,
     ];
 
@@ -66,6 +69,7 @@ impl SystemCheck {
             SystemCheck::Storage => "telltale/storage",
             SystemCheck::Display => "telltale/display",
             SystemCheck::Aggregator => "telltale/aggregator",
+            SystemCheck::Dds => "telltale/dds",
             SystemCheck::Writers => "telltale/writers",
         }
     }
@@ -84,6 +88,7 @@ impl SystemCheck {
             SystemCheck::Aggregator => {
                 ("Diagnosis is published twice", "Diagnose wird doppelt veröffentlicht")
             }
+            SystemCheck::Dds => ("Nothing is heard of the vehicle", "Vom Fahrzeug kommt nichts an"),
             SystemCheck::Writers => ("Senders contradict each other", "Sender widersprechen sich"),
         };
         Text { en: en.into(), de: de.into() }
@@ -114,7 +119,7 @@ impl SystemCheck {
                     ("Nothing to do now. Report it.", "Jetzt ist nichts zu tun. Melden."),
                 );
             }
-            SystemCheck::Active | SystemCheck::Countermeasure => {
+            SystemCheck::Active | SystemCheck::Countermeasure | SystemCheck::Dds => {
                 let (en, de) =
                     ("Take over. Stop. Call the control room.", "Übernehmen. Anhalten. Leitstelle rufen.");
                 help.error = driving(en, de, STAY);
@@ -164,6 +169,15 @@ pub(super) fn other_aggregator(other: &str) -> Text {
         "another program publishes the diagnosis: {other}",
         "ein anderes Programm veröffentlicht die Diagnose: {other}",
         other = other
+    )
+}
+
+/// What is said while the part that speaks DDS is down.
+pub(super) fn dds_down(reason: &str) -> Text {
+    say!(
+        "the connection to the vehicle (DDS) failed and is being restarted: {reason}",
+        "die Verbindung zum Fahrzeug (DDS) ist ausgefallen und wird neu gestartet: {reason}",
+        reason = reason
     )
 }
 
