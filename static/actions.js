@@ -121,11 +121,19 @@
   document.addEventListener("htmx:ws:after:connection", (event) => {
     socket = event.detail.connection.socket;
     socket.addEventListener("message", ({ data }) => {
-      if (typeof data !== "string" || !data.startsWith('{"tap":')) return;
+      if (typeof data !== "string") return;
+      if (data.startsWith('{"hand_over":')) return sayHandOver(JSON.parse(data).hand_over);
+      if (!data.startsWith('{"tap":')) return;
       const { tap, status, said } = JSON.parse(data);
       asked.get(tap)?.({ status, said });
     });
   });
+
+  // Somebody takes the seat of a vehicle that drives.
+  const sayHandOver = (words) => {
+    if (words) show("handover", "hand-over", [words]);
+    else if (noticeOf === "hand-over") hideNotice();
+  };
 
   const bySocket = (fields) =>
     new Promise((resolve, reject) => {

@@ -13,7 +13,7 @@ use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::ros::BridgeOptions;
 use crate::store::{DemoSecrets, Store};
-use crate::web::{Display, Enrolled, Origins, Tls};
+use crate::web::{Display, Enrolled, Network, Origins, Proxies, Tls};
 
 /// Listen to a vehicle's diagnostics and show them in browsers.
 ///
@@ -57,6 +57,11 @@ pub struct Args {
     /// elsewhere, also this machine.
     #[arg(long = "display", value_name = "IP")]
     displays: Vec<Display>,
+    /// A proxy, or a network of them, that is believed in `X-Forwarded-For`; may be repeated
+    ///
+    /// Behind it browsers are told apart by the last address in that header that is no such proxy's.
+    #[arg(long = "trusted-proxy", value_name = "CIDR")]
+    proxies: Vec<Network>,
     #[command(flatten)]
     dds: dds::DdsFlags,
 }
@@ -93,7 +98,7 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     say_if_nobody_can_log_in(&store, &folder).await;
     let origins = args.origins.clone();
     let file = Some(args.config.clone());
-    let enrolled = Enrolled::new(args.displays.clone());
+    let enrolled = Enrolled::new(args.displays.clone()).behind(Proxies::new(args.proxies.clone()));
     let folder = Some(folder);
     Station { loaded, file, store, folder, options, listener, tls, enrolled, origins, demo: None, clock }
         .run(ending)
@@ -133,11 +138,12 @@ fn warn_of_proxy(args: &Args) {
     };
     if let Some(origin) =
         args.origins.iter().find(is_proxied).filter(|_| enrolled.is_near(Ipv4Addr::LOCALHOST.into()))
+        && args.proxies.is_empty()
     {
         tracing::warn!(
             "{origin} is reached through a proxy: if that runs on this machine, every browser behind it looks \
-             like the display in the vehicle, and a PIN will do there. Give --display none, or the address of \
-             the display"
+             like the display in the vehicle, and a PIN will do there. Give --trusted-proxy with the address of \
+             the proxy, or --display none, or the address of the display"
         );
     }
 }

@@ -8,6 +8,7 @@ use super::open::Row;
 use super::sessions::{Key, insert_session};
 use super::vehicle::write as write_vehicle;
 use super::{Session, Store, StoreError, Token, VehicleMemory, Verified};
+use crate::engine::time::Timestamp;
 
 /// A change that is written and has not happened yet: the sessions go on as they were until it does.
 #[derive(Debug)]
@@ -48,49 +49,60 @@ pub struct Entering<'a> {
     pub seat: Option<VehicleMemory>,
     /// Who sat there, and leaves all displays.
     pub from: Option<&'a str>,
+    /// Sessions of this user that do not end because there are too many.
+    pub stay: Vec<Session>,
 }
 
 impl Store {
     /// Writes down that somebody comes in, with the records of it. When this returns, it is on the
-    /// disk; then [`Store::entered`] makes it happen, or [`Store::take_back`] undoes it.
+    /// disk; then [`Store::entered`] makes it happen, or [`Store::take_back`] undoes it. What comes to
+    /// the disk's turn after `until` is not written.
     ///
     /// # Errors
-    /// [`StoreError::NoSuchUser`] if the user was removed or got another secret meanwhile; else what
+    /// [`StoreError::TooLate`]; [`StoreError::NoSuchUser`] if the user was removed or got another secret meanwhile; else what
     /// the database says. Nothing is changed then.
-    pub async fn enter(
+    pub fn enter(
         &self,
         entering: Entering<'_>,
         records: Vec<Record>,
-    ) -> Result<(Token, Written), StoreError> {
-        let token = Token::random()?;
-        let key = token.key();
-        let Entering { user, before, seat, from } = entering;
+        until: Timestamp,
+    ) -> impl Future<Output = Result<(Token, Written), StoreError>> + Send + use<> {
+        let store = self.clone();
+        let Entering { user, before, seat, from, stay } = entering;
+        let stay: Vec<Key> = stay.iter().map(Session::key).collect();
         let (user, from) = (user.clone(), from.map(str::to_owned));
         let ends = before.map(Session::key);
-        let written = self.call(move |database| {
-            let created = database.judged();
-            let remembered = seat.as_ref().map(|memory| memory.seq);
-            let (before, goes) = database.change_sessions(&records, |transaction| {
-                let before = Before::of(transaction, [Some(user.name()), from.as_deref()], ends)?;
-                if let Some(ends) = ends {
-                    transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [ends])?;
+        async move {
+            let token = Token::random()?;
+            let key = token.key();
+            let written = store.call(move |database| {
+                if database.clock.now() >= until {
+                    return Err(StoreError::TooLate);
                 }
-                insert_session(transaction, &user, key, created)?;
-                if let Some(from) = &from {
-                    end_all(transaction, from)?;
-                }
-                if let Some(memory) = &seat {
-                    take_seat(transaction, user.id)?;
-                    write_vehicle(transaction, memory)?;
-                }
-                let goes = before.ended(transaction)?;
-                Ok((before, goes))
-            })?;
-            database.remembered_seq = database.remembered_seq.max(remembered.unwrap_or(0));
-            let comes = Some(Row::of_login(key, &user, database.clock.now()));
-            Ok(Written { comes, goes, alignment: database.sessions.alignment(), before })
-        });
-        Ok((token, written.await?))
+                let created = database.judged();
+                let remembered = seat.as_ref().map(|memory| memory.seq);
+                let (before, goes) = database.change_sessions(&records, |transaction| {
+                    let before = Before::of(transaction, [Some(user.name()), from.as_deref()], ends)?;
+                    if let Some(ends) = ends {
+                        transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [ends])?;
+                    }
+                    insert_session(transaction, &user, key, created, &stay)?;
+                    if let Some(from) = &from {
+                        end_all(transaction, from)?;
+                    }
+                    if let Some(memory) = &seat {
+                        take_seat(transaction, user.id)?;
+                        write_vehicle(transaction, memory)?;
+                    }
+                    let goes = before.ended(transaction)?;
+                    Ok((before, goes))
+                })?;
+                database.remembered_seq = database.remembered_seq.max(remembered.unwrap_or(0));
+                let comes = Some(Row::of_login(key, &user, database.clock.now()));
+                Ok(Written { comes, goes, alignment: database.sessions.alignment(), before })
+            });
+            Ok((token, written.await?))
+        }
     }
 
     /// Opens the session of who has come in, and ends those that it ends. It waits for no disk.
@@ -101,6 +113,44 @@ impl Store {
         let key = written.comes.as_ref().map(|row| row.key);
         self.left(written);
         key.and_then(|key| self.sessions.find(&key)).ok_or(StoreError::SessionEnded)
+    }
+
+    /// Writes down that an operator who is logged in takes the seat of another, who leaves all displays.
+    /// When this returns, it is on the disk; then [`Store::left`] makes it happen, or
+    /// [`Store::take_back`] undoes it. What comes to the disk's turn after `until` is not written.
+    ///
+    /// # Errors
+    /// [`StoreError::TooLate`]; [`StoreError::SessionEnded`] if the user was removed; else what the
+    /// database says. Nothing is changed then.
+    pub fn take_over(
+        &self,
+        session: &Session,
+        from: &str,
+        memory: VehicleMemory,
+        record: Record,
+        until: Timestamp,
+    ) -> impl Future<Output = Result<Written, StoreError>> + Send + use<> {
+        let (store, user, from) = (self.clone(), session.user.clone(), from.to_owned());
+        async move {
+            let writing = store.call(move |database| {
+                if database.clock.now() >= until {
+                    return Err(StoreError::TooLate);
+                }
+                let (before, goes) = database.change_sessions(&[record], |transaction| {
+                    let before = Before::of(transaction, [Some(&*user), Some(from.as_str())], None)?;
+                    let sql = "SELECT id FROM users WHERE name = ?1 AND role = 'operator'";
+                    let id = transaction.query_row(sql, [&*user], |row| row.get(0)).optional()?;
+                    take_seat(transaction, id.ok_or(StoreError::SessionEnded)?)?;
+                    end_all(transaction, &from)?;
+                    write_vehicle(transaction, &memory)?;
+                    let goes = before.ended(transaction)?;
+                    Ok((before, goes))
+                })?;
+                database.remembered_seq = database.remembered_seq.max(memory.seq);
+                Ok(Written { comes: None, goes, alignment: database.sessions.alignment(), before })
+            });
+            writing.await
+        }
     }
 
     /// Writes down that an operator leaves the seat and all displays, with the record of it. When
@@ -240,6 +290,8 @@ mod tests {
         VehicleMemory { seq, at: store.clock.wall(), vehicle: Restored::default() }
     }
 
+    const LATE: Timestamp = Timestamp::from_millis(u32::MAX as u64);
+
     fn record() -> Record {
         Record::of(Action::Logout, TELLTALE).by("anna", Role::Operator)
     }
@@ -281,8 +333,9 @@ mod tests {
         let bert = user(&store, "bert", "246802").await;
         let enter = || {
             let seat = Some(memory(&store, 1));
-            let entering = Entering { user: &bert, before: Some(&session), seat, from: Some("anna") };
-            store.enter(entering, vec![record()])
+            let entering =
+                Entering { user: &bert, before: Some(&session), seat, from: Some("anna"), stay: Vec::new() };
+            store.enter(entering, vec![record()], LATE)
         };
 
         let (theirs, written) = enter().await.unwrap();
@@ -304,8 +357,9 @@ mod tests {
         let (_, session) = store.open_session(&user(&store, "anna", "135791").await).await.unwrap();
         let bert = user(&store, "bert", "246802").await;
         for is_removed in [false, true] {
-            let entering = Entering { user: &bert, before: None, seat: None, from: Some("anna") };
-            let (token, written) = store.enter(entering, vec![record()]).await.unwrap();
+            let entering =
+                Entering { user: &bert, before: None, seat: None, from: Some("anna"), stay: Vec::new() };
+            let (token, written) = store.enter(entering, vec![record()], LATE).await.unwrap();
             if is_removed {
                 store.remove_user("bert").await.unwrap();
                 assert!(matches!(store.entered(written), Err(StoreError::SessionEnded)));

@@ -8,6 +8,7 @@
 pub mod audit;
 mod backup;
 mod chain;
+mod devices;
 mod floor;
 mod head;
 mod health;

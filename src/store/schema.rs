@@ -106,6 +106,15 @@ const MIGRATIONS: &[&str] = &[
         id BLOB NOT NULL CHECK (length(id) = 32)
     ) STRICT;
 ",
+    // Browsers from which a user logged in before.
+    "
+    CREATE TABLE devices (
+        token_hash BLOB PRIMARY KEY CHECK (length(token_hash) = 32),
+        user INTEGER NOT NULL REFERENCES users(id) ON DELETE CASCADE,
+        created_ms INTEGER NOT NULL
+    ) STRICT, WITHOUT ROWID;
+    CREATE INDEX devices_by_user ON devices(user);
+",
 ];
 
 /// From this schema on everything is there that a server needs which may not write.

@@ -23,7 +23,7 @@ pub const SESSION_LIFE: Duration = Duration::from_secs(12 * 3600);
 const SESSIONS_PER_USER: usize = 16;
 
 /// The secret half of a session, as the cookie carries it. Its 256 bits are never stored.
-#[derive(Clone)]
+#[derive(Clone, PartialEq, Eq, Hash)]
 pub struct Token(String);
 
 /// SHA-256 of a token: what is stored, and what a session is found by. An attacker who
@@ -131,8 +131,9 @@ impl Store {
         let session = self
             .call(move |database| {
                 let created = database.judged();
-                database
-                    .change_sessions(&[], |transaction| insert_session(transaction, &user, key, created))?;
+                database.change_sessions(&[], |transaction| {
+                    insert_session(transaction, &user, key, created, &[])
+                })?;
                 database.reload_sessions()?;
                 database.sessions.find(&key).ok_or(StoreError::SessionEnded)
             })
@@ -257,12 +258,14 @@ impl Store {
     }
 }
 
-/// Writes a new session of somebody who just proved to be this user; the oldest ends that is too many.
+/// Writes a new session of somebody who just proved to be this user; the oldest ends that is too many,
+/// unless it is one of those that stay.
 pub(super) fn insert_session(
     connection: &Connection,
     user: &Verified,
     key: Key,
     created: SystemTime,
+    stay: &[Key],
 ) -> Result<(), StoreError> {
     let opened = connection.execute(
         "INSERT INTO sessions (token_hash, user, created_ms, expires_ms)
@@ -272,12 +275,16 @@ pub(super) fn insert_session(
     if opened == 0 {
         return Err(StoreError::NoSuchUser(user.name.clone()));
     }
-    connection.execute(
-        "DELETE FROM sessions WHERE user = ?1 AND token_hash NOT IN (
-             SELECT token_hash FROM sessions WHERE user = ?1
-             ORDER BY token_hash = ?2 DESC, created_ms DESC LIMIT ?3)",
-        params![user.id, key, SESSIONS_PER_USER as i64],
+    let mut query = connection.prepare_cached(
+        "SELECT token_hash FROM sessions WHERE user = ?1
+         ORDER BY token_hash = ?2 DESC, created_ms DESC LIMIT -1 OFFSET ?3",
     )?;
+    let too_many = query.query_map(params![user.id, key, SESSIONS_PER_USER as i64], |row| row.get(0))?;
+    for old in too_many.collect::<Result<Vec<Key>, _>>()? {
+        if !stay.contains(&old) {
+            connection.execute("DELETE FROM sessions WHERE token_hash = ?1", [old])?;
+        }
+    }
     Ok(())
 }
 

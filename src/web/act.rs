@@ -211,7 +211,7 @@ impl AppState {
     }
 
     /// Waits until then at most.
-    async fn by<T>(&self, until: Timestamp, what: impl Future<Output = T>) -> Option<T> {
+    pub(super) async fn by<T>(&self, until: Timestamp, what: impl Future<Output = T>) -> Option<T> {
         timeout_at(Instant::from_std(self.clock.instant(until)), what).await.ok()
     }
 

@@ -124,6 +124,12 @@ impl Displays {
         self.shows_as_of(session).is_some_and(|shown| now.since(shown) < LIVE_WITHIN)
     }
 
+    /// Whether a page of a login is open, live or not.
+    pub fn has(&self, session: &Session) -> bool {
+        let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        table.open.values().any(|display| !display.is_stream && display.session.is(session))
+    }
+
     /// Whether whoever logged in sees the vehicle as it is: on a display of this login, or
     /// on another one of theirs where this login has none.
     pub fn is_live_for(&self, session: &Session, now: Timestamp) -> bool {

@@ -4,6 +4,10 @@
 use std::net::IpAddr;
 use std::str::FromStr;
 
+use axum::http::HeaderMap;
+
+use super::proxies::Proxies;
+
 /// One entry of the list, as the command line takes it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Display {
@@ -33,25 +37,45 @@ impl FromStr for Display {
 
 /// The enrolled displays: this machine's own, unless others are named.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Enrolled(Vec<Display>);
+pub struct Enrolled {
+    displays: Vec<Display>,
+    proxies: Proxies,
+}
 
 impl Default for Enrolled {
     fn default() -> Enrolled {
-        Enrolled(vec![Display::Loopback])
+        Enrolled { displays: vec![Display::Loopback], proxies: Proxies::default() }
     }
 }
 
 impl Enrolled {
     /// Those of the list; without one, this machine's own.
     pub fn new(displays: Vec<Display>) -> Enrolled {
-        if displays.is_empty() { Enrolled::default() } else { Enrolled(displays) }
+        let default = Enrolled::default();
+        if displays.is_empty() { default } else { Enrolled { displays, ..default } }
+    }
+
+    /// The same, where these proxies say whence a request comes.
+    #[must_use]
+    pub fn behind(self, proxies: Proxies) -> Enrolled {
+        Enrolled { proxies, ..self }
+    }
+
+    /// Whence a request comes that arrived from there.
+    pub fn source(&self, peer: IpAddr, headers: &HeaderMap) -> IpAddr {
+        self.proxies.source(peer, headers)
+    }
+
+    /// Whether a connection from there is one of many browsers'.
+    pub fn is_proxy(&self, peer: IpAddr) -> bool {
+        self.proxies.has(peer)
     }
 
     /// Whether it is one of the vehicle's own displays. Where others are named this machine is none:
     /// a proxy may run on it, and whoever comes through that looks alike.
     pub fn is_near(&self, source: IpAddr) -> bool {
         let source = source.to_canonical();
-        self.0.iter().any(|display| match display {
+        self.displays.iter().any(|display| match display {
             Display::Loopback => source.is_loopback(),
             Display::At(ip) => ip.to_canonical() == source,
             Display::None => false,

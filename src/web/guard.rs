@@ -4,7 +4,7 @@
 //! A path that no route claims needs a session too: nobody learns from outside what there is.
 
 use std::collections::HashMap;
-use std::net::IpAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -51,6 +51,11 @@ pub const fn cookie_name(secure: bool) -> &'static str {
 /// For the body of a request without a session.
 const ANONYMOUS_BODY_TIMEOUT: Duration = Duration::from_secs(2);
 
+/// The cookie of a browser from which somebody logged in before.
+pub const fn device_cookie_name(secure: bool) -> &'static str {
+    if secure { "__Host-telltale-device" } else { "telltale-device" }
+}
+
 /// A page that renews itself says so: nobody did anything.
 const RENEWAL: &str = "telltale-renewal";
 
@@ -70,9 +75,13 @@ impl<S: Sync> FromRequestParts<S> for SignedIn {
 /// The middleware around all routes and around what is none.
 pub async fn guard(
     State((app, table)): State<(AppState, Arc<AccessTable>)>,
-    request: Request,
+    mut request: Request,
     next: Next,
 ) -> Response {
+    if let Some(Peer(peer)) = request.extensions().get::<Peer>().copied() {
+        let source = app.settings.enrolled.source(peer.ip(), request.headers());
+        request.extensions_mut().insert(Peer(SocketAddr::new(source, peer.port())));
+    }
     let reader = Reader::of(request.uri(), request.headers());
     let headers = request.headers();
     if !header(headers, HOST.as_str()).is_some_and(|host| app.settings.origins.has_host(host)) {

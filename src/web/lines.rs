@@ -47,7 +47,8 @@ struct Table {
 
 #[derive(Debug)]
 struct Open {
-    network: IpAddr,
+    /// `None` for a proxy.
+    network: Option<IpAddr>,
     is_near: bool,
     /// Who holds the place; `None` for an anonymous one.
     holder: Option<Holder>,
@@ -85,7 +86,15 @@ impl Lines {
     /// A place for one more connection, and what ends when it has to give it to another. `None` if
     /// all places are of connections that are being answered.
     pub fn enter(&self, source: IpAddr, is_near: bool) -> Option<(Place, oneshot::Receiver<()>)> {
-        let network = network(source.to_canonical());
+        self.enter_as(Some(network(source.to_canonical())), is_near)
+    }
+
+    /// The same for a connection from a proxy, which brings many browsers.
+    pub fn enter_proxied(&self) -> Option<(Place, oneshot::Receiver<()>)> {
+        self.enter_as(None, false)
+    }
+
+    fn enter_as(&self, network: Option<IpAddr>, is_near: bool) -> Option<(Place, oneshot::Receiver<()>)> {
         let mut table = self.table();
         if !table.make_room(network, is_near) {
             return None;
@@ -108,10 +117,10 @@ impl Table {
         self.next
     }
 
-    fn make_room(&mut self, network: IpAddr, is_near: bool) -> bool {
+    fn make_room(&mut self, network: Option<IpAddr>, is_near: bool) -> bool {
         let alike = |open: &Open| open.holder.is_none() && open.is_near == is_near;
         let of_network = |open: &Open| alike(open) && open.network == network;
-        if !is_near && self.count(of_network) >= PER_NETWORK.open {
+        if !is_near && network.is_some() && self.count(of_network) >= PER_NETWORK.open {
             return self.send_away(of_network);
         }
         let all_max = if is_near { NEAR.open } else { FAR.open };
@@ -156,7 +165,8 @@ impl Table {
         };
         let of_network = |open: &Open| alike(open) && open.network == asked.network;
         let all_max = if asked.is_near { NEAR.answered } else { FAR.answered };
-        self.count(alike) < all_max && (asked.is_near || self.count(of_network) < PER_NETWORK.answered)
+        let is_shared = asked.is_near || asked.network.is_none();
+        self.count(alike) < all_max && (is_shared || self.count(of_network) < PER_NETWORK.answered)
     }
 }
 

@@ -71,8 +71,12 @@ pub async fn serve(
             () = &mut shutdown => break,
             accepted = listener.accept() => match accepted {
                 Ok((stream, peer)) => {
-                    let is_near = app.settings.enrolled.is_near(peer.ip());
-                    let Some((place, gone)) = lines.enter(peer.ip(), is_near) else { continue };
+                    let enrolled = &app.settings.enrolled;
+                    let entered = match enrolled.is_proxy(peer.ip()) {
+                        true => lines.enter_proxied(),
+                        false => lines.enter(peer.ip(), enrolled.is_near(peer.ip())),
+                    };
+                    let Some((place, gone)) = entered else { continue };
                     let closing = app.closing.subscribe();
                     let line = Line { peer, router: router.clone(), secure: app.settings.secure, closing, place };
                     let open = line.open(stream, tls.clone());

@@ -8,19 +8,21 @@ use std::time::Duration;
 
 use axum::extract::rejection::QueryRejection;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
-use axum::extract::ws::{CloseFrame, Message, Utf8Bytes, WebSocket, WebSocketUpgrade, close_code};
+use axum::extract::ws::{Message, Utf8Bytes, WebSocketUpgrade};
 use axum::extract::{Extension, Query, State};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use tokio::sync::watch;
 use tokio::task::JoinSet;
-use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
+use tokio::time::{MissedTickBehavior, interval, sleep};
 
 use super::answer::{Reader, refusal};
 use super::audit::record_of;
+use super::client::{Ending, Line};
 use super::displays::Place;
 use super::frame;
 use super::guard::SignedIn;
+use super::handover::HandOver;
 use super::login::{Peer, source_of};
 use super::meter::Meter;
 use super::pace::Pace;
@@ -40,13 +42,8 @@ const READ_BYTES: usize = 4 * 1024;
 const BEAT_EVERY: Duration = Duration::from_millis(250);
 /// A ping goes out with every fourth beat.
 const BEATS_PER_PING: u64 = 4;
-/// A client that answers none of so many pings in a row does not read.
-const PINGS_UNANSWERED_MAX: u32 = 5;
-/// A message that the socket does not take for this long finds nobody who reads.
-const SEND_TIMEOUT: Duration = Duration::from_secs(5);
 /// What stands behind the tiles has more time.
 const DETAILS_EVERY: Duration = Duration::from_millis(500);
-const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 /// Taps on STOP of one page that may wait for their answer.
 const STOPS_AT_ONCE: usize = 4;
 
@@ -162,25 +159,6 @@ struct Connection {
     stops: JoinSet<Utf8Bytes>,
 }
 
-/// Why a connection ends.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Ending {
-    /// The session ended: whoever it was must log in again.
-    Revoked,
-    /// The server ends; a new one may come.
-    Closing,
-    /// The engine ended; there is nothing to show.
-    NoEngine,
-    /// The client said something that is no answer.
-    Nonsense,
-    /// The client sends more than it may.
-    Flood,
-    /// The client does not read.
-    Unread,
-    /// The client went away.
-    Gone,
-}
-
 impl Connection {
     async fn run(mut self) {
         let ending = match self.serve().await {
@@ -209,7 +187,9 @@ impl Connection {
         let mut pause = std::pin::pin!(sleep(Duration::ZERO));
         let mut pace = Pace::default();
         let mut details_due = false;
+        let mut hand_overs = self.app.hand_overs.subscribe();
         self.show(&latest(&mut snapshots)).await?;
+        self.say(&mut hand_overs, false).await?;
         loop {
             let is_paused = !pause.is_elapsed();
             // In a pause the details wait too, and then go with the next state.
@@ -224,6 +204,11 @@ impl Connection {
                 }
                 received = self.line.socket.recv() => {
                     self.hear(received)?;
+                    false
+                }
+                // The sender lives as long as the server.
+                Ok(()) = hand_overs.changed() => {
+                    self.say(&mut hand_overs, true).await?;
                     false
                 }
                 Some(Ok(answer)) = self.stops.join_next() => {
@@ -279,6 +264,18 @@ impl Connection {
                 self.line.send_some(Some(json)).await
             }
         }
+    }
+
+    /// Tells a page who takes the seat, or that nobody does any more if it was told before.
+    async fn say(
+        &mut self,
+        said: &mut watch::Receiver<Option<HandOver>>,
+        was_told: bool,
+    ) -> Result<(), Ending> {
+        let Feed::Page { lang, .. } = self.feed else { return Ok(()) };
+        let words = said.borrow_and_update().as_ref().map(|said| lang.hand_over(said));
+        let message = (was_told || words.is_some()).then(|| frame::hand_over(words.as_deref()));
+        self.line.send_some(message).await.map(|_| ())
     }
 
     /// What stands behind the tiles, and with it all else that is new.
@@ -376,64 +373,4 @@ struct Shown {
 
 fn latest(snapshots: &mut watch::Receiver<Published>) -> Published {
     snapshots.borrow_and_update().clone()
-}
-
-/// A socket and the session that it lives by.
-struct Line {
-    socket: WebSocket,
-    session: Session,
-    pings_unanswered: u32,
-}
-
-impl Line {
-    /// Sends what there is, and says whether there was anything.
-    async fn send_some(&mut self, text: Option<Utf8Bytes>) -> Result<bool, Ending> {
-        let Some(text) = text else { return Ok(false) };
-        self.send(Message::Text(text)).await.map(|()| true)
-    }
-
-    /// Sends one message, unless the session ends first.
-    async fn send(&mut self, message: Message) -> Result<(), Ending> {
-        if !self.session.is_open() {
-            return Err(Ending::Revoked);
-        }
-        tokio::select! {
-            biased;
-            () = self.session.ended() => Err(Ending::Revoked),
-            sent = timeout(SEND_TIMEOUT, self.socket.send(message)) => match sent {
-                Ok(Ok(())) => Ok(()),
-                Ok(Err(_)) => Err(Ending::Gone),
-                Err(_) => Err(Ending::Unread),
-            },
-        }
-    }
-
-    async fn ping(&mut self) -> Result<(), Ending> {
-        if self.pings_unanswered >= PINGS_UNANSWERED_MAX {
-            return Err(Ending::Unread);
-        }
-        self.pings_unanswered += 1;
-        self.send(Message::Ping(axum::body::Bytes::new())).await
-    }
-
-    /// Says why and waits a little for the answer, so that the client reads the reason.
-    async fn close(mut self, ending: Ending) {
-        let (code, reason) = match ending {
-            Ending::Revoked => (close_code::POLICY, "the session has ended"),
-            Ending::Closing => (close_code::RESTART, "the server ends"),
-            Ending::NoEngine => (close_code::ERROR, "the engine has ended"),
-            Ending::Nonsense => (close_code::UNSUPPORTED, "not understood"),
-            Ending::Flood => (close_code::POLICY, "too much was sent"),
-            Ending::Unread => (close_code::AGAIN, "nobody reads"),
-            Ending::Gone => return,
-        };
-        let farewell = Message::Close(Some(CloseFrame { code, reason: Utf8Bytes::from_static(reason) }));
-        let goodbye = async {
-            if self.socket.send(farewell).await.is_ok() {
-                while let Some(Ok(_)) = self.socket.recv().await {}
-            }
-        };
-        // Whoever does not answer in time is left without a farewell.
-        let _ = timeout(CLOSE_TIMEOUT, goodbye).await;
-    }
 }

@@ -15,6 +15,7 @@ use super::displays::Displays;
 use super::enrolled::Enrolled;
 use super::farewell::{Farewell, Farewells};
 use super::frame::Frames;
+use super::handover::HandOvers;
 use super::meter::Accounts;
 use super::origins::Origins;
 use super::owed::Owed;
@@ -75,6 +76,7 @@ pub struct Shared {
     pub trends: Trends,
     pub pending: PendingClearance,
     pub stops: Stops,
+    pub hand_overs: HandOvers,
     pub throttle: Mutex<Throttle>,
     /// Makes numbers of names that are no user's, by a key of this run.
     pub(super) unknown_names: RandomState,
@@ -115,6 +117,7 @@ impl AppState {
             trends: Trends::default(),
             pending: PendingClearance::default(),
             stops: Stops::default(),
+            hand_overs: HandOvers::default(),
             throttle: Mutex::default(),
             unknown_names: RandomState::new(),
             audit_limit: Mutex::default(),

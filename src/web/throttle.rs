@@ -1,12 +1,14 @@
 //! How long a login must wait after failures, per account and per source.
 //!
 //! No account is ever locked: what fails elsewhere delays what comes from elsewhere alone, so a
-//! stranger cannot keep the operator at one of the vehicle's own displays out.
+//! stranger cannot keep the operator at one of the vehicle's own displays out. A display waits for what
+//! failed at that display, and a browser from which its user logged in before for what failed there.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv6Addr};
 
 use crate::engine::time::{Span, Timestamp};
+use crate::store::Token;
 
 /// Failures before the first delay: typing errors are no attack.
 const FREE_FAILURES: u32 = 3;
@@ -24,11 +26,13 @@ pub struct Throttle(HashMap<Key, Failures>);
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 enum Key {
     Source(IpAddr),
-    /// An account as tried at the vehicle's own displays, or from anywhere else.
+    /// An account as tried at one of the vehicle's own displays, or from anywhere else.
     Account {
         name: Box<str>,
-        is_near: bool,
+        near: Option<IpAddr>,
     },
+    /// A browser from which its user logged in before.
+    Device(Token),
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -40,11 +44,13 @@ struct Failures {
 }
 
 /// Whence a login comes.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Source {
     pub ip: IpAddr,
     /// One of the vehicle's own displays.
     pub is_near: bool,
+    /// The cookie of a browser from which this user logged in before.
+    pub device: Option<Token>,
 }
 
 impl Throttle {
@@ -53,7 +59,7 @@ impl Throttle {
     ///
     /// # Errors
     /// How long to wait. A refused try makes the wait no longer.
-    pub fn attempt(&mut self, now: Timestamp, name: &str, source: Source) -> Result<(), Span> {
+    pub fn attempt(&mut self, now: Timestamp, name: &str, source: &Source) -> Result<(), Span> {
         let keys = keys(name, source);
         let wait = keys.iter().map(|key| self.wait(now, key)).max().unwrap_or_default();
         if !wait.is_zero() {
@@ -66,15 +72,19 @@ impl Throttle {
     }
 
     /// The login that was tried last for this account and source was right.
-    pub fn succeeded(&mut self, name: &str, source: Source) {
-        let [source, account] = keys(name, source);
-        self.0.remove(&account);
-        // The others that failed from there stay: whoever has an account must not clear them.
-        if let Some(failures) = self.0.get_mut(&source) {
-            failures.count = failures.count.saturating_sub(1);
-            failures.last = failures.before;
-            if failures.count == 0 {
-                self.0.remove(&source);
+    pub fn succeeded(&mut self, name: &str, source: &Source) {
+        for key in keys(name, source) {
+            if !matches!(key, Key::Source(_)) {
+                self.0.remove(&key);
+                continue;
+            }
+            // The others that failed from there stay: whoever has an account must not clear them.
+            if let Some(failures) = self.0.get_mut(&key) {
+                failures.count = failures.count.saturating_sub(1);
+                failures.last = failures.before;
+                if failures.count == 0 {
+                    self.0.remove(&key);
+                }
             }
         }
     }
@@ -103,9 +113,14 @@ impl Throttle {
     }
 }
 
-fn keys(name: &str, source: Source) -> [Key; 2] {
-    let account = Key::Account { name: name.chars().take(64).collect(), is_near: source.is_near };
-    [Key::Source(network(source.ip.to_canonical())), account]
+/// Whoever comes from a known browser waits for what failed there alone.
+fn keys(name: &str, source: &Source) -> Vec<Key> {
+    if let Some(device) = &source.device {
+        return vec![Key::Device(device.clone())];
+    }
+    let ip = source.ip.to_canonical();
+    let account = Key::Account { name: name.chars().take(64).collect(), near: source.is_near.then_some(ip) };
+    vec![Key::Source(network(ip)), account]
 }
 
 /// Where an address counts: whoever has an IPv6 address has 2^64 of them.
@@ -123,7 +138,7 @@ mod tests {
     #[test]
     fn a_right_login_makes_nobody_else_wait() {
         let mut throttle = Throttle::default();
-        let source = Source { ip: IpAddr::from([127, 0, 0, 1]), is_near: true };
+        let source = &Source { ip: IpAddr::from([127, 0, 0, 1]), is_near: true, device: None };
         let at = |seconds: u64| Timestamp::ZERO + Span::from_secs(seconds);
         for _ in 0..3 {
             throttle.attempt(at(100), "dora", source).unwrap();
@@ -138,11 +153,11 @@ mod tests {
     const STRANGER: &str = "10.0.0.66";
 
     fn source(text: &str) -> Source {
-        Source { ip: text.parse().unwrap(), is_near: [LOCAL, ENROLLED].contains(&text) }
+        Source { ip: text.parse().unwrap(), is_near: [LOCAL, ENROLLED].contains(&text), device: None }
     }
 
     fn failed(throttle: &mut Throttle, at_s: u64, name: &str, from: &str) -> Result<(), Span> {
-        throttle.attempt(Timestamp::from_millis(at_s * 1000), name, source(from))
+        throttle.attempt(Timestamp::from_millis(at_s * 1000), name, &source(from))
     }
 
     #[test]
@@ -173,7 +188,7 @@ mod tests {
             }
             assert!(failed(&mut throttle, 100, "anna", STRANGER).is_err(), "one account, many sources");
             assert_eq!(failed(&mut throttle, 100, "anna", display), Ok(()));
-            throttle.succeeded("anna", source(display));
+            throttle.succeeded("anna", &source(display));
             for _ in 0..3 {
                 assert_eq!(failed(&mut throttle, 100, "anna", display), Ok(()), "a success forgets");
             }
@@ -181,10 +196,26 @@ mod tests {
     }
 
     #[test]
+    fn a_known_browser_and_another_display_wait_for_nobody_else() {
+        let mut throttle = Throttle::default();
+        for _ in 0..4 {
+            let _ = failed(&mut throttle, 100, "anna", LOCAL);
+        }
+        assert!(failed(&mut throttle, 100, "anna", LOCAL).is_err());
+        assert_eq!(failed(&mut throttle, 100, "anna", ENROLLED), Ok(()), "another display");
+        let known = Source { device: Token::parse(&"a".repeat(64)), ..source(LOCAL) };
+        let at = Timestamp::from_millis(100_000);
+        for _ in 0..3 {
+            assert_eq!(throttle.attempt(at, "anna", &known), Ok(()));
+        }
+        assert!(throttle.attempt(at, "anna", &known).is_err(), "its own failures count");
+    }
+
+    #[test]
     fn what_is_remembered_is_bounded() {
         let mut throttle = Throttle::default();
         for source in 0..20_000_u32 {
-            let stranger = Source { ip: IpAddr::from(source.to_be_bytes()), is_near: false };
+            let stranger = &Source { ip: IpAddr::from(source.to_be_bytes()), is_near: false, device: None };
             let _ = throttle.attempt(Timestamp::from_millis(u64::from(source)), "anna", stranger);
         }
         assert!(throttle.0.len() <= ENTRIES_MAX);

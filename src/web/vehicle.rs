@@ -230,6 +230,8 @@ struct Grounds {
     until: Timestamp,
     /// Of a second step: after this the first one counts no more.
     confirmed_until: Timestamp,
+    /// It is a stop, which counts from whoever takes the seat next too.
+    is_stop: bool,
 }
 
 impl FromRequestParts<AppState> for Tap {
@@ -264,7 +266,8 @@ impl Tap {
     /// Requests a stop, once for each tap.
     pub async fn stop(&self, form: StopForm) -> Response {
         let shown = Versioned { version: form.version, beat: form.beat };
-        let (tap, grounds) = (self.clone(), self.grounds(&shown, Matter::Stage));
+        let grounds = Grounds { is_stop: true, ..self.grounds(&shown, Matter::Stage) };
+        let tap = self.clone();
         let record = self.record(Action::Stop);
         let stopping = async move { tap.command(grounds, OperatorAction::RequestStop, record).await };
         let done = match form.tap {
@@ -303,7 +306,7 @@ impl Tap {
     fn grounds(&self, shown: &Versioned, matter: Matter) -> Grounds {
         let age = shown.beat.as_deref().map_or(Span::ZERO, |beat| self.age(beat));
         let until = self.arrived + (TAP_LATE_MAX - age);
-        Grounds { matter, version: shown.version, until, confirmed_until: until }
+        Grounds { matter, version: shown.version, until, confirmed_until: until, is_stop: false }
     }
 
     /// How old a heartbeat was when the tap arrived. What cannot be read is as old as can be.
@@ -322,7 +325,8 @@ impl Tap {
             return Err(Void::SessionEnded);
         }
         let published = app.published();
-        if !is_seated(&self.session, &published.snapshot) {
+        let is_next = grounds.is_stop && app.hand_overs.is_successor(&self.session);
+        if !is_next && !is_seated(&self.session, &published.snapshot) {
             return Err(Void::NotSeated);
         }
         if now >= grounds.until {

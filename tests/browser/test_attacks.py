@@ -1,5 +1,6 @@
 """STOP is answered within a second, whatever strangers do to the server."""
 
+import os
 import socket
 import time
 
@@ -12,6 +13,8 @@ from vehicle import OPERATOR, Client
 
 pytestmark = pytest.mark.alone
 
+# Where pictures of the page are put, for people to look at.
+SCREENS = os.environ.get("TELLTALE_SCREENS")
 STOPS = 10
 STOP_EVERY_S = 0.5
 ANSWERED_WITHIN_S = 1.0
@@ -140,3 +143,23 @@ def test_a_stop_goes_over_http_where_the_socket_does_not_bring_it(driving, troub
         step(driving, "stop").click()
     assert stopped.value.status == 200
     expect(driving.locator("#countermeasure[data-request=maneuver_stop]")).to_be_visible()
+
+
+SIZES = [(1024, 600), (1280, 800), (1920, 1080), (800, 1280)]
+
+
+def test_the_drivers_page_says_that_somebody_takes_over_and_lets_them_stop(server, driving, trouble):
+    server.add_user("bert", "864209")
+    Client(server, "bert", "864209", take_over=1)
+    said = time.monotonic()
+    notice = driving.locator("#notice")
+    expect(notice).to_contain_text("bert takes over in 5 s. Until then both of you can stop the vehicle.")
+    for width, height in SIZES:
+        driving.set_viewport_size({"width": width, "height": height})
+        assert step(driving, "stop").is_visible()
+        fits = "it => it.scrollHeight <= it.clientHeight && it.getBoundingClientRect().bottom <= innerHeight"
+        assert notice.evaluate(fits), (width, height)
+        if SCREENS:
+            driving.screenshot(path=f"{SCREENS}/handover-{width}x{height}.png")
+    expect(driving).to_have_url(server.url + "/login", timeout=10_000)
+    assert time.monotonic() - said > 3.5

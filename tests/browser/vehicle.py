@@ -165,11 +165,11 @@ def serving(folder, **options):
 class Client:
     """A program with a session, as the HTTP interface offers it."""
 
-    def __init__(self, server, name, secret):
+    def __init__(self, server, name, secret, **more):
         self.server = server
         self.jar = http.cookiejar.CookieJar()
         self.opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(self.jar))
-        self.post("/login", name=name, secret=secret)
+        self.post("/login", name=name, secret=secret, **more)
         assert self.cookie(), f"no session for {name}"
 
     def cookie(self):

@@ -3,9 +3,11 @@ use std::time::UNIX_EPOCH;
 
 use super::*;
 use crate::engine::resume::Restored;
+use crate::engine::time::Timestamp;
 use crate::store::{Database, Entering, Role, VehicleMemory};
 
 const USERS: u64 = 300;
+const LATE: Timestamp = Timestamp::from_millis(u32::MAX as u64);
 
 /// A data folder with users, a vehicle and some pages of audit log, which nobody has open.
 struct Folder(PathBuf);
@@ -68,9 +70,9 @@ impl Drop for Folder {
 async fn can_log_in(store: &Store) -> bool {
     let Ok(Some(user)) = store.authenticate("anna", "135791").await else { return false };
     let seat = Some(VehicleMemory { seq: 2, at: UNIX_EPOCH, vehicle: Restored::default() });
-    let entering = Entering { user: &user, before: None, seat, from: None };
+    let entering = Entering { user: &user, before: None, seat, from: None, stay: Vec::new() };
     let record = Record::of(Action::Login, "here");
-    let Ok((token, written)) = store.enter(entering, vec![record]).await else { return false };
+    let Ok((token, written)) = store.enter(entering, vec![record], LATE).await else { return false };
     store.entered(written).unwrap();
     store.session(&token).is_some()
 }

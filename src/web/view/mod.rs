@@ -181,22 +181,18 @@ pub enum LoginFailure {
     /// It is a PIN, and this is no display at which one will do.
     PinElsewhere,
     /// Too many failures: this many seconds until the next try is looked at.
-    Wait {
-        seconds: u64,
-    },
+    Wait { seconds: u64 },
     /// Another operator has the vehicle; who just proved to be one may take it over.
-    SeatTaken {
-        by: String,
-    },
-    /// The server can not check logins now.
+    SeatTaken { by: String },
+    /// The vehicle drives; it is taken over at one of its own displays alone.
+    Drives,
     /// It cannot be written down: the disk is full, or the database broken.
     Storage,
+    /// The server can not check logins now.
     Unavailable,
     /// No user exists yet; `telltale user add` makes one.
     /// `data` is the folder that `telltale user` has to be given.
-    NoUsers {
-        data: Option<String>,
-    },
+    NoUsers { data: Option<String> },
 }
 
 impl LoginFailure {
@@ -207,6 +203,7 @@ impl LoginFailure {
             LoginFailure::PinElsewhere => "a PIN will do at the vehicle's own displays only; give a password",
             LoginFailure::Wait { .. } => "too many failures; wait",
             LoginFailure::SeatTaken { .. } => "another operator has the vehicle",
+            LoginFailure::Drives => "the vehicle drives; take it over at one of its own displays",
             LoginFailure::Storage => {
                 "nothing can be written: the disk is full or the database broken; nothing was changed"
             }

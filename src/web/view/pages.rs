@@ -137,6 +137,7 @@ pub fn login_page(context: &LoginContext) -> String {
         LoginFailure::PinElsewhere => words.login_pin_elsewhere.to_owned(),
         LoginFailure::Wait { seconds } => context.lang.login_wait(*seconds),
         LoginFailure::SeatTaken { by } => context.lang.login_seat_taken(&clean(by, NAME)),
+        LoginFailure::Drives => words.login_drives.to_owned(),
         LoginFailure::Storage => words.login_storage.to_owned(),
         LoginFailure::Unavailable => words.login_unavailable.to_owned(),
         LoginFailure::NoUsers { data } => {

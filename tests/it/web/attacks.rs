@@ -13,7 +13,7 @@ use tokio_tungstenite::MaybeTlsStream;
 use tokio_tungstenite::tungstenite::Message;
 use tokio_tungstenite::tungstenite::protocol::frame::coding::CloseCode;
 
-use super::fixture::{Fixture, as_program, form_request};
+use super::fixture::{Fixture, as_program, form_request, until};
 use super::sockets::{Server, Socket, closed, next_json};
 
 /// How long a busy machine may take for what takes a moment.
@@ -217,13 +217,34 @@ async fn whoever_pings_and_reads_nothing_is_closed() {
     assert_eq!(floods_recorded(&server.fixture).await, 0);
 }
 
-/// Asks again and again, for as long as a busy machine may take.
-async fn until(mut condition: impl AsyncFnMut() -> bool) {
-    for _ in 0..300 {
-        if condition().await {
-            return;
-        }
-        tokio::time::sleep(Duration::from_millis(100)).await;
+#[tokio::test]
+async fn before_the_seat_of_a_driving_vehicle_changes_its_page_says_so_and_both_can_stop_it() {
+    let (fixture, hand) = Fixture::with_hand().await;
+    let store = fixture.store.clone();
+    store.add_user("bert", Role::Operator, "975310").await.unwrap();
+    let server = Server::with(fixture, store).await;
+    let driver = server.fixture.cookie_of("operator").await;
+    server.fixture.drive(true).await;
+    let mut page = server.connect("/ws", &driver).await;
+    let form = "name=bert&secret=975310&take_over=1";
+    let mut stream = TcpStream::connect(server.address).await.unwrap();
+    stream.write_all((post(&server, "/login", None, form.len()) + form).as_bytes()).await.unwrap();
+    let said = rest(stream).await;
+    let next = said.split("set-cookie: ").nth(1).and_then(|it| it.split(';').next()).unwrap().to_owned();
+    let told = next_json(&mut page, |value| value.get("hand_over").is_some()).await;
+    assert!(told["hand_over"].as_str().unwrap().starts_with("bert takes over in 5 s."), "{told}");
+    // A page that opens now says so too.
+    let mut new = server.connect("/ws?lang=de", &next).await;
+    let told = next_json(&mut new, |value| value.get("hand_over").is_some()).await;
+    assert!(told["hand_over"].as_str().unwrap().starts_with("bert übernimmt in 5 s."), "{told}");
+    for cookie in [&next, &driver] {
+        let said = stop(&server, cookie).await;
+        assert!(said.starts_with("HTTP/1.1 200"), "{said}");
     }
-    panic!("it does not come to that");
+    hand.advance(telltale::engine::time::Span::from_secs(5));
+    server.fixture.until(|snapshot| snapshot.operator.as_deref() == Some("bert")).await;
+    assert_eq!(closed(&mut page).await, CloseCode::Policy);
+    let told = next_json(&mut new, |value| value.get("hand_over").is_some()).await;
+    assert_eq!(told["hand_over"], Value::Null);
+    assert!(stop(&server, &next).await.starts_with("HTTP/1.1 200"));
 }

@@ -240,6 +240,17 @@ pub async fn settled() {
     }
 }
 
+/// Asks again and again, for as long as a busy machine may take.
+pub async fn until(mut condition: impl AsyncFnMut() -> bool) {
+    for _ in 0..300 {
+        if condition().await {
+            return;
+        }
+        tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+    }
+    panic!("it does not come to that");
+}
+
 /// Of a vehicle without history, simulation and reloads.
 pub fn settings(origins: Origins, secure: bool) -> Settings {
     Settings {

@@ -13,7 +13,7 @@ use telltale::store::{Role, Session, Token};
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
-use super::fixture::{Answer, Fixture, as_program, form_request, settled};
+use super::fixture::{Answer, Fixture, as_program, form_request, settled, until};
 
 /// An operator at a vehicle that stands, whose taps wait between their judgement and the disk.
 struct Scene {
@@ -270,4 +270,34 @@ async fn only_so_many_wait_and_none_longer_than_it_counts() {
     let again = scene.tap(scene.version().await, "/vehicle/localize", "stop=depot");
     scene.judged().await.go_on();
     assert_eq!(again.await.unwrap().status, StatusCode::OK, "the places are free again");
+}
+
+#[tokio::test]
+async fn a_login_that_waits_too_long_or_for_nobody_changes_nothing() {
+    for is_late in [true, false] {
+        let mut scene = Scene::standing().await;
+        scene.fixture.store.add_user("bert", Role::Operator, "975310").await.unwrap();
+        let login = form_request("/login", None, "name=bert&secret=975310&take_over=1");
+        let hand_over = scene.fixture.start(as_program(login));
+        let judged = scene.judged().await;
+        if is_late {
+            scene.hand.advance(Span::from_secs(5));
+            judged.go_on();
+            let answer = hand_over.await.unwrap();
+            assert_eq!((answer.status, answer.cookie()), (StatusCode::SERVICE_UNAVAILABLE, None));
+        } else {
+            // The browser goes away.
+            hand_over.abort();
+            assert!(hand_over.await.is_err_and(|why| why.is_cancelled()));
+            judged.go_on();
+            let owed = || scene.fixture.app.owed().all();
+            until(async || {
+                owed().iter().any(|it| it.refusal.as_deref() == Some("nobody waited for it any more"))
+            })
+            .await;
+        }
+        assert_eq!(scene.fixture.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
+        assert!(!scene.fixture.store.sessions().iter().any(|session| &*session.user == "bert"));
+        assert!(scene.session().is_open());
+    }
 }

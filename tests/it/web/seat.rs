@@ -4,11 +4,15 @@ use std::net::SocketAddr;
 
 use axum::http::header::{AUTHORIZATION, COOKIE, ORIGIN};
 use axum::http::{Method, StatusCode};
+use telltale::engine::model::Stage;
 use telltale::engine::time::Span;
 use telltale::store::Role;
-use telltale::web::{AppState, DEVELOPER_IDLE_MAX, Display, Enrolled, Origins, Peer, Settings, router};
+use telltale::store::Token;
+use telltale::web::{
+    AppState, DEVELOPER_IDLE_MAX, Display, Enrolled, Origins, Peer, Proxies, Settings, router,
+};
 
-use super::fixture::{ADDRESS, Answer, Fixture, as_program, form_request, request};
+use super::fixture::{ADDRESS, Answer, Fixture, as_program, form_request, request, settled, until};
 
 async fn log_in_from(fixture: &Fixture, source: &str, form: &str) -> Answer {
     let mut login = form_request("/login", None, form);
@@ -76,7 +80,7 @@ async fn strangers_do_not_delay_the_right_pin_at_an_enrolled_display() {
 
 #[tokio::test]
 async fn the_seat_is_one_and_is_handed_over_in_so_many_words() {
-    let fixture = Fixture::new().await;
+    let (fixture, hand) = Fixture::with_hand().await;
     fixture.store.add_user("bert", Role::Operator, "975310").await.unwrap();
     let first = fixture.cookie_of("operator").await;
     for active in [false, true] {
@@ -92,13 +96,18 @@ async fn the_seat_is_one_and_is_handed_over_in_so_many_words() {
     let taken = fixture.log_in("bert", "975310&take_over=1").await;
     assert_eq!(taken.leads_to(), Some("/"));
     let second = taken.cookie().unwrap();
+    settled().await;
+    assert_eq!(fixture.stage(), Stage::Active);
+    assert_eq!(fixture.get("/", Some(&first)).await.status, StatusCode::OK, "it is said before it happens");
+    hand.advance(Span::from_secs(5));
     fixture.until(|snapshot| snapshot.operator.as_deref() == Some("bert")).await;
+    until(async || fixture.get("/", Some(&first)).await.status != StatusCode::OK).await;
     assert_eq!(fixture.store.seated_operator().await.unwrap().as_deref(), Some("bert"));
     assert_eq!(fixture.get("/", Some(&first)).await.leads_to(), Some("/login"), "its sessions ended");
     assert_eq!(fixture.get("/", Some(&second)).await.status, StatusCode::OK);
     let entries = fixture.store.audit_entries(None, 2).await.unwrap();
     let actions = entries.iter().map(|it| (&*it.action, &*it.who, &*it.target)).collect::<Vec<_>>();
-    assert_eq!(actions, [("login", "bert", "bert"), ("hand-over", "bert", "from operator")]);
+    assert_eq!(actions, [("hand-over", "bert", "from operator"), ("login", "bert", "bert")]);
 
     let program = as_program(form_request("/login", None, "name=operator&secret=246810"));
     let answer = fixture.send(program).await;
@@ -200,4 +209,98 @@ async fn without_users_the_page_says_how_to_make_the_first_one() {
     }
     let page = fixture.get("/login", None).await;
     assert!(page.body.contains("telltale user add"), "{}", page.body);
+}
+
+#[tokio::test]
+async fn while_it_drives_the_seat_is_taken_at_the_vehicles_displays_alone() {
+    let (fixture, hand) = Fixture::with_hand().await;
+    fixture.store.add_user("bert", Role::Operator, "a long password").await.unwrap();
+    let driver = fixture.cookie_of("operator").await;
+    fixture.drive(true).await;
+    let form = "name=bert&secret=a+long+password&take_over=1";
+    let refused = log_in_from(&fixture, "10.0.0.9", form).await;
+    assert_eq!((refused.status, refused.cookie()), (StatusCode::CONFLICT, None), "{}", refused.body);
+    assert!(refused.body.contains("the vehicle drives"), "{}", refused.body);
+    hand.advance(Span::from_secs(6));
+    settled().await;
+    assert_eq!(fixture.get("/", Some(&driver)).await.status, StatusCode::OK);
+    fixture.drive(false).await;
+    assert_eq!(log_in_from(&fixture, "10.0.0.9", form).await.status, StatusCode::OK);
+}
+
+#[tokio::test]
+async fn whoever_takes_a_driving_vehicle_over_and_logs_out_again_takes_nothing() {
+    let (fixture, hand) = Fixture::with_hand().await;
+    fixture.store.add_user("bert", Role::Operator, "975310").await.unwrap();
+    let driver = fixture.cookie_of("operator").await;
+    fixture.drive(true).await;
+    let next = fixture.log_in("bert", "975310&take_over=1").await.cookie().unwrap();
+    let third = fixture.log_in("bert", "975310&take_over=1").await;
+    assert_eq!(third.status, StatusCode::SERVICE_UNAVAILABLE, "one at a time");
+    assert_eq!(fixture.post("/logout", Some(&next), "").await.status, StatusCode::SEE_OTHER);
+    hand.advance(Span::from_secs(6));
+    until(async || !fixture.app.hand_overs.is_said()).await;
+    assert_eq!(fixture.get("/", Some(&driver)).await.status, StatusCode::OK);
+    assert_eq!(fixture.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
+}
+
+#[tokio::test]
+async fn logins_of_the_same_account_do_not_end_the_session_of_who_drives() {
+    let fixture = Fixture::new().await;
+    fixture.store.add_user("anna", Role::Operator, "a long password").await.unwrap();
+    let form = "name=anna&secret=a+long+password";
+    let driver = log_in_from(&fixture, "127.0.0.1", form).await.cookie().unwrap();
+    let token = Token::parse(driver.split_once('=').unwrap().1).unwrap();
+    let place = fixture.app.displays.enter(&fixture.app.session(&token).unwrap()).unwrap();
+    fixture.drive(true).await;
+    for _ in 0..20 {
+        let other = log_in_from(&fixture, "10.0.0.9", form).await;
+        assert_eq!(other.status, StatusCode::OK, "{}", other.body);
+    }
+    assert_eq!(fixture.get("/", Some(&driver)).await.status, StatusCode::OK);
+    assert!(fixture.store.sessions().len() <= 17);
+    drop(place);
+}
+
+#[tokio::test]
+async fn strangers_never_delay_the_right_secret_on_a_known_browser_nor_behind_a_proxy() {
+    let (mut fixture, hand) = Fixture::with_hand().await;
+    for name in ["anna", "bert"] {
+        fixture.store.add_user(name, Role::Authority, "a long password").await.unwrap();
+    }
+    let proxies = Proxies::new(vec!["127.0.0.1".parse().unwrap()]);
+    let settings = Settings {
+        enrolled: Enrolled::default().behind(proxies),
+        ..super::fixture::settings(Origins::of_listener(ADDRESS.parse().unwrap(), false), false)
+    };
+    let (link, store) = (fixture.link.clone(), fixture.store.clone());
+    fixture.router = router(AppState::new(link, store, fixture.clock, settings));
+    let log_in = async |from: &str, name: &str, secret: &str, device: &str| {
+        let mut login =
+            as_program(form_request("/login", Some(device), &format!("name={name}&secret={secret}")));
+        login.extensions_mut().insert(Peer(SocketAddr::from(([127, 0, 0, 1], 40_000))));
+        login.headers_mut().insert("x-forwarded-for", format!("10.0.0.7, {from}").parse().unwrap());
+        fixture.send(login).await
+    };
+    let (own, other) = ("203.0.113.5", "203.0.113.6");
+    let pin = log_in(own, "anna", "135791", "").await;
+    assert_eq!(pin.status, StatusCode::FORBIDDEN, "nobody behind the proxy is a display of the vehicle");
+    let first = log_in(own, "anna", "a+long+password", "").await;
+    let set = first.headers.get_all("set-cookie").iter().map(|line| line.to_str().unwrap());
+    let device = set.filter_map(|line| line.split(';').next()).find(|it| it.starts_with("telltale-device="));
+    let device = device.expect("the browser is known from now on").to_owned();
+    for round in 0..8 {
+        // Each guess as soon as it is looked at, from the same address.
+        hand.advance(Span::from_secs(60));
+        let guess = log_in(own, "anna", "a+wrong+password", "").await;
+        assert_eq!(guess.status, StatusCode::UNAUTHORIZED, "round {round}");
+        let right = log_in(own, "anna", "a+long+password", &device).await;
+        assert_eq!(right.status, StatusCode::OK, "round {round}: {}", right.body);
+        assert_eq!(right.headers.get_all("set-cookie").iter().count(), 1, "it is known already");
+    }
+    let stranger = log_in(own, "anna", "a+long+password", "").await;
+    assert_eq!(stranger.status, StatusCode::TOO_MANY_REQUESTS);
+    // The cookie is good for its user alone, and others behind the proxy are others.
+    assert_eq!(log_in(own, "bert", "a+long+password", &device).await.status, StatusCode::TOO_MANY_REQUESTS);
+    assert_eq!(log_in(other, "bert", "a+long+password", "").await.status, StatusCode::OK);
 }
