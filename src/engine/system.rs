@@ -1,7 +1,7 @@
 //! The group `telltale`: what the diagnosis says of itself (`ENGINE.md` 6 and 8). Nothing masks it.
 
 use super::input::ReceptionTrouble;
-use super::model::{Policy, Stage, Text};
+use super::model::{Limits, Policy, Stage, Text};
 use super::monitor::say;
 use super::state::State;
 use super::time::{Span, Timestamp};
@@ -39,12 +39,14 @@ pub enum SystemCheck {
     Display,
     /// Nobody else publishes the aggregated diagnosis.
     Aggregator,
+    /// What statuses say fits into memory.
+    Memory,
     /// No two writers contradict each other, and nobody says what only others may.
     Writers,
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 9] = [
+    pub const ALL: [SystemCheck; 10] = [
         SystemCheck::Invariants,
         SystemCheck::Reception,
         SystemCheck::Active,
@@ -53,6 +55,7 @@ impl SystemCheck {
         SystemCheck::Storage,
         SystemCheck::Display,
         SystemCheck::Aggregator,
+        SystemCheck::Memory,
         SystemCheck::Writers,
     ];
 
@@ -67,6 +70,7 @@ impl SystemCheck {
             SystemCheck::Display => "telltale/display",
             SystemCheck::Aggregator => "telltale/aggregator",
             SystemCheck::Writers => "telltale/writers",
+            SystemCheck::Memory => "telltale/memory",
         }
     }
 
@@ -84,6 +88,7 @@ impl SystemCheck {
             SystemCheck::Aggregator => {
                 ("Diagnosis is published twice", "Diagnose wird doppelt veröffentlicht")
             }
+            SystemCheck::Memory => ("Messages are shortened", "Meldungen sind gekürzt"),
             SystemCheck::Writers => ("Senders contradict each other", "Sender widersprechen sich"),
         };
         Text { en: en.into(), de: de.into() }
@@ -107,7 +112,7 @@ impl SystemCheck {
                     "Nicht auf diese Anzeige verlassen. Leitstelle rufen.",
                 );
             }
-            SystemCheck::Reception | SystemCheck::Aggregator | SystemCheck::Writers => {
+            SystemCheck::Reception | SystemCheck::Aggregator | SystemCheck::Writers | SystemCheck::Memory => {
                 help.warning = driving(
                     "You may drive. Report it.",
                     "Weiterfahren möglich. Melden.",
@@ -158,6 +163,16 @@ pub(super) fn display_late(whose: &str) -> Text {
     )
 }
 
+/// What is said while words of statuses are cut.
+pub(super) fn words_cut(limits: &Limits) -> Text {
+    say!(
+        "statuses say more than is kept: limits.status_bytes is {all}, limits.source_bytes {one}; the longest are cut, their states hold",
+        "Meldungen sind länger, als behalten wird: limits.status_bytes ist {all}, limits.source_bytes {one}; die längsten sind gekürzt, ihre Zustände gelten",
+        all = limits.status_bytes.to_string(),
+        one = limits.source_bytes.to_string()
+    )
+}
+
 /// What is said while another program publishes the aggregated diagnosis.
 pub(super) fn other_aggregator(other: &str) -> Text {
     say!(
@@ -195,5 +210,15 @@ impl ReceptionCheck {
 
     pub(super) fn due(&self) -> Option<Timestamp> {
         self.last.map(|last| last + RECEPTION_HOLD)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_modules_stand_in_the_order_of_their_numbers() {
+        assert!((0..).zip(SystemCheck::ALL).all(|(number, check)| check as u32 == number));
     }
 }
