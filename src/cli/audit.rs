@@ -1,19 +1,23 @@
 //! `telltale audit`: the audit log, without a server.
 
-use std::path::PathBuf;
+use std::io::{BufRead as _, IsTerminal as _, stdin};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::{Duration, UNIX_EPOCH};
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use clap::Subcommand;
 
 use super::{EXIT_NO, data};
-use crate::store::Head;
+use crate::clock::Clock;
 use crate::store::audit::verify_audit_in;
+use crate::store::{Acknowledged, DemoSecrets, Head, Store};
 
 /// Look after the audit log of a vehicle.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  telltale audit verify --data /var/lib/telltale\n  \
-    telltale audit verify --data /var/lib/telltale --head 1200:5f0c...   # as the log of `serve` noted it")]
+    telltale audit verify --data /var/lib/telltale --head 1200:5f0c...   # as the log of `serve` noted it\n  \
+    telltale audit acknowledge --by carl --why 'restored from the backup of Monday' --data /var/lib/telltale")]
 pub struct Args {
     #[command(subcommand)]
     command: Command,
@@ -24,8 +28,9 @@ enum Command {
     /// Say whether every record is as it was written and none is missing; exit code 1 if not, or if
     /// nothing proves that none is missing at the end
     ///
-    /// It reads the database and `audit.head` beside it and changes neither. Whoever can write both
-    /// can write another log: give the heads that were noted elsewhere, such as by `serve` in its log.
+    /// It reads the database, with `audit.key` and `audit.head` beside it, and changes nothing. Whoever can
+    /// read and write all three can write another log: give the heads that `serve` noted in its log, and a
+    /// copy of the key.
     Verify {
         /// Folder of the database [default: $XDG_DATA_HOME/telltale or ~/.local/share/telltale]
         #[arg(long, value_name = "DIR")]
@@ -33,6 +38,24 @@ enum Command {
         /// A head that was noted elsewhere; may be repeated
         #[arg(long = "head", value_name = "NUMBER:HASH", value_parser = head)]
         heads: Vec<Head>,
+        /// A copy of the key that was kept elsewhere [default: audit.key in the folder]
+        #[arg(long, value_name = "FILE")]
+        key: Option<PathBuf>,
+    },
+    /// Record that an authority has looked into what is wrong with the log: `verify` is content with it then
+    ///
+    /// It asks for the secret on the terminal, or reads a line of standard input. What is wrong afterwards,
+    /// or is changed in what was acknowledged, is a breach again.
+    Acknowledge {
+        /// Folder of the database [default: $XDG_DATA_HOME/telltale or ~/.local/share/telltale]
+        #[arg(long, value_name = "DIR")]
+        data: Option<PathBuf>,
+        /// The name of a user with the role of an authority
+        #[arg(long, value_name = "NAME")]
+        by: String,
+        /// What was found out, for those who read the log later
+        #[arg(long, value_name = "WORDS")]
+        why: String,
     },
 }
 
@@ -41,30 +64,63 @@ fn head(text: &str) -> Result<Head, String> {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let Command::Verify { data, heads } = &args.command;
-    let folder = data::folder(data.clone())?;
-    let (verdict, is_noted) = verify_audit_in(&folder, heads).context("the audit log cannot be verified")?;
-    if let Some(breach) = verdict.breach {
-        println!("BAD   record {} {}", breach.number, breach.what);
-        match verdict.records {
-            1 => println!("      the 1 record before it is whole"),
-            count => println!("      the {count} records before it are whole"),
+    match &args.command {
+        Command::Verify { data, heads, key } => verify(&data::folder(data.clone())?, heads, key.as_deref()),
+        Command::Acknowledge { data, by, why } => acknowledge(&data::folder(data.clone())?, by, why),
+    }
+}
+
+fn verify(folder: &Path, heads: &[Head], key: Option<&Path>) -> anyhow::Result<ExitCode> {
+    let verdict = verify_audit_in(folder, heads, key).context("the audit log cannot be verified")?;
+    let code = match &verdict.breach {
+        Some(breach) => {
+            println!("BAD   record {} {}", breach.number, breach.what);
+            if verdict.breaches > 1 {
+                println!("      there are {} more such places", verdict.breaches - 1);
+            }
+            println!("      {}", as_written(verdict.records));
+            println!(
+                "      the log of `serve` has an `audit head` for each record that matters: give the last with --head"
+            );
+            println!("      `telltale audit acknowledge` records that an authority has looked into it");
+            ExitCode::from(EXIT_NO)
         }
-        return Ok(ExitCode::from(EXIT_NO));
+        None => {
+            println!("ok    {}", as_written(verdict.records));
+            ExitCode::SUCCESS
+        }
+    };
+    if let Some(Acknowledged { number, by, at_ms, count }) = &verdict.acknowledged {
+        let at = UNIX_EPOCH + Duration::from_millis(u64::try_from(*at_ms).unwrap_or(0));
+        let at = humantime::format_rfc3339_seconds(at);
+        println!("      {by} has acknowledged {count} breaches before record {number}, at {at}");
     }
-    if !is_noted && verdict.proven < verdict.head.number {
-        println!("OPEN  {}, and nothing proves that there were no more", as_written(verdict.records));
-        println!(
-            "      audit.head is missing or no head, and no --head is given for what follows record {}",
-            verdict.proven
-        );
-        println!("      look into the log of `serve` for the last `audit head` and give it with --head");
-        println!("head  {}", verdict.head);
-        return Ok(ExitCode::from(EXIT_NO));
-    }
-    println!("ok    {}", as_written(verdict.records));
     println!("head  {}", verdict.head);
-    Ok(ExitCode::SUCCESS)
+    Ok(code)
+}
+
+fn acknowledge(folder: &Path, by: &str, why: &str) -> anyhow::Result<ExitCode> {
+    let store = Store::open_existing(folder, Clock::start(), DemoSecrets::Refused)?;
+    let secret = if stdin().is_terminal() {
+        rpassword::prompt_password("Secret: ")?
+    } else {
+        stdin().lock().lines().next().context("standard input ends before a line with the secret")??
+    };
+    let runtime =
+        tokio::runtime::Builder::new_current_thread().enable_time().build().context("no async runtime")?;
+    runtime.block_on(async {
+        let Some(user) = store.authenticate(by, &secret).await? else {
+            bail!("the name or the secret is wrong; nothing was acknowledged");
+        };
+        let count = store.acknowledge_breaches(&user, why).await?;
+        store.close().await;
+        match count {
+            0 => println!("there is nothing to acknowledge"),
+            1 => println!("acknowledged 1 breach"),
+            _ => println!("acknowledged {count} breaches"),
+        }
+        Ok(ExitCode::SUCCESS)
+    })
 }
 
 fn as_written(records: u64) -> String {

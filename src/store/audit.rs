@@ -1,11 +1,13 @@
 //! The audit log: who did what and what came of it, as a chain in which nothing can be changed,
 //! left out or cut off without being noticed.
 //!
-//! A record is on the disk before its caller is answered. The head of the chain is noted beside
-//! the database in [`HEAD_FILE_NAME`] and in the log of the program: whoever can write the
-//! database alone cannot write a chain that fits.
+//! A record is on the disk before its caller is answered. Its hash is made with a key that lies outside of
+//! the database ([`KEY_FILE_NAME`]), so whoever can write the database alone cannot write a chain that fits.
+//! The head of the chain is noted in [`HEAD_FILE_NAME`] and in the log of the program, so an end that was
+//! cut off is found.
 
 mod action;
+mod key;
 mod log;
 
 use std::path::Path;
@@ -17,8 +19,10 @@ use super::chain::{self, Hash, Verifier};
 pub use super::head::HEAD_FILE_NAME;
 use super::head::read_head;
 use super::users::{from_unix_ms, to_unix_ms};
-use super::{Database, Head, Lane, Role, Store, StoreError, Verdict};
+use super::{Database, Head, Lane, Role, Store, StoreError, Verdict, Verified};
 pub use action::Action;
+pub use key::KEY_FILE_NAME;
+pub(super) use key::Key;
 pub(super) use log::Log;
 
 /// Records that are kept. Past this the oldest are taken away, which is a record itself.
@@ -28,6 +32,9 @@ pub(super) const PRUNED_UP_TO: &str = "up to ";
 
 /// A field that is longer is cut.
 const FIELD_CHARS_MAX: usize = 300;
+
+/// What is said of a breach that is acknowledged; what it is about has room behind it.
+const WHY_CHARS_MAX: usize = 200;
 
 /// Records that are read at once to verify the chain: others get their turn in between.
 const VERIFY_AT_ONCE: u32 = 1000;
@@ -100,8 +107,21 @@ impl Entry {
         self.outcome != DONE
     }
 
-    pub(super) fn fields(&self) -> [&str; 6] {
+    fn fields(&self) -> [&str; 6] {
         [&self.who, &self.role, &self.source, &self.action, &self.target, &self.outcome]
+    }
+
+    /// The hash that it has to have, on the record with that hash.
+    pub(super) fn sealed(&self, key: Option<&Key>, previous: Hash) -> Hash {
+        chain::hash(key, previous, self.number, self.at_ms, self.fields())
+    }
+
+    /// All of it, whatever it stands on.
+    pub(super) fn content(&self) -> [u8; 64] {
+        let mut content = [0; 64];
+        content[..32].copy_from_slice(&self.sealed(None, Hash::NONE).0);
+        content[32..].copy_from_slice(&self.hash.0);
+        content
     }
 
     pub(super) fn read(row: &Row<'_>) -> rusqlite::Result<Entry> {
@@ -162,7 +182,7 @@ impl Store {
         let begin = |database: &mut Database| {
             // A log in memory is not the one that was asked for.
             database.health.check_keeps()?;
-            Ok(Verifier::new(database.log.noted()))
+            Ok(Verifier::new(database.log.noted(), Some(database.log.key()?.clone())))
         };
         let mut verifier = self.call(begin).await?;
         loop {
@@ -174,26 +194,45 @@ impl Store {
                 })
                 .await?;
             if !more {
-                return Ok(verifier.verdict());
+                return Ok(verifier.verdict(true));
             }
         }
+    }
+
+    /// Records that an authority has looked into what is wrong with the log. Tells how many breaches that
+    /// were; none, if there is nothing to acknowledge.
+    ///
+    /// # Errors
+    /// If the user is no authority, or the database fails.
+    pub async fn acknowledge_breaches(&self, user: &Verified, why: &str) -> Result<u64, StoreError> {
+        if user.role() != Role::Authority {
+            return Err(StoreError::NoAuthority(user.name().to_owned()));
+        }
+        let verdict = self.verify_audit().await?;
+        if verdict.breaches > 0 {
+            let target = format!("{}: {}", cut_to(why, WHY_CHARS_MAX), verdict.evidence);
+            let record = Record::of(Action::BreachAcknowledged, COMMAND_LINE).by(user.name(), user.role());
+            self.audit(record.on(target)).await?;
+        }
+        Ok(verdict.breaches)
     }
 }
 
 /// Verifies the chain in a data folder and changes nothing there. Beside the head that lies there
-/// the chain must hold the `heads` that were noted elsewhere. Also tells whether there is one there.
+/// the chain must hold the `heads` that were noted elsewhere. The key is read from `key`, or from the folder.
 ///
 /// # Errors
-/// If there is no database, or it cannot be read.
-pub fn verify_audit_in(folder: &Path, heads: &[Head]) -> Result<(Verdict, bool), StoreError> {
+/// If there is no database, or it or the key cannot be read.
+pub fn verify_audit_in(folder: &Path, heads: &[Head], key: Option<&Path>) -> Result<Verdict, StoreError> {
     let (connection, _, _) = super::schema::read_only(folder)?;
     let mut known = heads.to_vec();
     // The head is never ahead of the database, so it is read first.
     let noted = read_head(&folder.join(HEAD_FILE_NAME))?;
     known.extend(noted);
-    let mut verifier = Verifier::new(known);
+    let in_folder = folder.join(KEY_FILE_NAME);
+    let mut verifier = Verifier::new(known, Key::read(key.unwrap_or(&in_folder))?);
     while verifier.read(&connection, VERIFY_AT_ONCE)? {}
-    Ok((verifier.verdict(), noted.is_some()))
+    Ok(verifier.verdict(noted.is_some()))
 }
 
 impl Database {
@@ -239,13 +278,14 @@ impl Database {
         let wall = self.clock.wall();
         // The end of the chain is read under the lock: another process may write too.
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let news = if records.is_empty() { None } else { self.log.check(&transaction)? };
         let value = change(&transaction)?;
         let mut head = None;
-        for record in records {
-            head = Some(append(&transaction, record, wall)?);
+        for record in news.iter().chain(records) {
+            head = Some(append(&transaction, self.log.key()?, record, wall)?);
         }
         if let Some(last) = head {
-            head = prune(&transaction, last, RECORDS_MAX, wall)?.or(head);
+            head = prune(&transaction, self.log.key()?, last, RECORDS_MAX, wall)?.or(head);
         }
         if let Err(fault) = self.health.check_files() {
             transaction.rollback()?;
@@ -257,13 +297,14 @@ impl Database {
         // A log that was emptied under the server shows once it is written.
         self.check_files()?;
         if let Some(head) = head {
-            self.log.written(head);
+            let matters = |record: &Record| record.refusal.is_none() && record.action.matters();
+            self.log.written(head, records.iter().any(matters), news.as_ref());
         }
         Ok(value)
     }
 }
 
-fn append(connection: &Connection, record: &Record, wall: SystemTime) -> Result<Head, StoreError> {
+fn append(connection: &Connection, key: &Key, record: &Record, wall: SystemTime) -> Result<Head, StoreError> {
     let last = Head::of(connection)?;
     let number = last.number + 1;
     let at_ms = to_unix_ms(wall);
@@ -272,7 +313,8 @@ fn append(connection: &Connection, record: &Record, wall: SystemTime) -> Result<
         [&record.who, &record.source, &record.target, &outcome].map(|it| cut(it));
     let role = record.role.map_or("", Role::as_str);
     let action = record.action.as_str();
-    let hash = chain::hash(last.hash, number, at_ms, [who, role, source, action, target, outcome]);
+    let fields = [who, role, source, action, target, outcome];
+    let hash = chain::hash(Some(key), last.hash, number, at_ms, fields);
     connection
         .prepare_cached(
             "INSERT INTO audit (number, at_ms, who, role, source, action, target, outcome, hash)
@@ -284,6 +326,7 @@ fn append(connection: &Connection, record: &Record, wall: SystemTime) -> Result<
 
 fn prune(
     connection: &Connection,
+    key: &Key,
     last: Head,
     records_max: u64,
     wall: SystemTime,
@@ -297,7 +340,7 @@ fn prune(
     let Some(hash) = hash_of(connection, number)? else { return Ok(None) };
     connection.execute("DELETE FROM audit WHERE number <= ?1", [number as i64])?;
     let target = format!("{PRUNED_UP_TO}{}", Head { number, hash });
-    append(connection, &Record::of(Action::Pruned, TELLTALE).on(target), wall).map(Some)
+    append(connection, key, &Record::of(Action::Pruned, TELLTALE).on(target), wall).map(Some)
 }
 
 fn hash_of(connection: &Connection, number: u64) -> Result<Option<Hash>, StoreError> {
@@ -306,7 +349,11 @@ fn hash_of(connection: &Connection, number: u64) -> Result<Option<Hash>, StoreEr
 }
 
 fn cut(text: &str) -> &str {
-    text.char_indices().nth(FIELD_CHARS_MAX).map_or(text, |(end, _)| &text[..end])
+    cut_to(text, FIELD_CHARS_MAX)
+}
+
+fn cut_to(text: &str, chars_max: usize) -> &str {
+    text.char_indices().nth(chars_max).map_or(text, |(end, _)| &text[..end])
 }
 
 #[cfg(test)]

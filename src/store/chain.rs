@@ -5,10 +5,13 @@ use std::fmt;
 use rusqlite::{Connection, OptionalExtension, Row};
 use sha2::{Digest, Sha256};
 
-use super::StoreError;
-use super::audit::{Action, Entry, PRUNED_UP_TO};
+use super::audit::{Action, Entry, Key, PRUNED_UP_TO};
+use super::{Role, StoreError};
 
-/// SHA-256 of a record and of the hash before it.
+/// Breaches that are told one by one; the rest is counted with the last.
+const BREACHES_MAX: usize = 1000;
+
+/// Made of a record and of the hash before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Hash(pub(super) [u8; 32]);
 
@@ -16,7 +19,7 @@ impl Hash {
     /// What stands before the first record.
     pub(super) const NONE: Hash = Hash([0; 32]);
 
-    fn parse(text: &str) -> Option<Hash> {
+    pub(super) fn parse(text: &str) -> Option<Hash> {
         let digits = text.as_bytes();
         if digits.len() != 64 || !digits.iter().all(u8::is_ascii_hexdigit) {
             return None;
@@ -67,27 +70,38 @@ impl fmt::Display for Head {
     }
 }
 
-/// The hash of a record: every field with its length before it, so that no two records are
-/// written alike.
-pub(super) fn hash(previous: Hash, number: u64, at_ms: i64, fields: [&str; 6]) -> Hash {
-    let mut digest = Sha256::new();
-    digest.update(b"telltale audit 1\0");
-    digest.update(previous.0);
-    digest.update(number.to_be_bytes());
-    digest.update(at_ms.to_be_bytes());
+/// The hash of a record: every field with its length before it, so that no two records are written alike.
+/// With a key it is an HMAC-SHA-256; records of earlier versions have a SHA-256.
+pub(super) fn hash(key: Option<&Key>, previous: Hash, number: u64, at_ms: i64, fields: [&str; 6]) -> Hash {
+    let mut message = Vec::with_capacity(256);
+    message.extend(if key.is_some() { b"telltale audit 2\0" } else { b"telltale audit 1\0" });
+    message.extend(previous.0);
+    message.extend(number.to_be_bytes());
+    message.extend(at_ms.to_be_bytes());
     for field in fields {
-        digest.update((field.len() as u64).to_be_bytes());
-        digest.update(field);
+        message.extend((field.len() as u64).to_be_bytes());
+        message.extend(field.as_bytes());
     }
-    Hash(digest.finalize().into())
+    Hash(key.map_or_else(|| Sha256::digest(&message).into(), |key| key.sign(&message)))
 }
 
 /// What is wrong with a chain, and where.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Breach {
-    /// The first record that is not as it was written.
+    /// The first record that is not as it was written, and the last in a row.
     pub number: u64,
+    pub to: u64,
     pub what: String,
+}
+
+/// Who has looked into the breaches before a record.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Acknowledged {
+    pub number: u64,
+    pub by: String,
+    pub at_ms: i64,
+    /// How many breaches.
+    pub count: u64,
 }
 
 /// What a whole chain is worth.
@@ -96,25 +110,61 @@ pub struct Verdict {
     /// How many records are there and whole.
     pub records: u64,
     pub head: Head,
+    /// The first breach that nobody has acknowledged.
     pub breach: Option<Breach>,
+    /// How many there are of those.
+    pub breaches: u64,
+    pub acknowledged: Option<Acknowledged>,
     /// The last record that was noted elsewhere: that there were others after it, nobody would know.
     pub proven: u64,
+    /// What an authority acknowledges: stands for all breaches within the chain, and changes with each.
+    pub(super) evidence: Hash,
 }
 
-/// Goes through a chain from its first record to its last and stops at the first bad one.
+/// Kinds of breaches, as [`Verdict::evidence`] tells them apart: never renumbered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Missing = 1,
+    Changed = 2,
+    Found = 3,
+    Unreadable = 4,
+    Extra = 5,
+}
+
+/// Goes through a chain from its first record to its last.
 #[derive(Debug)]
 pub(super) struct Verifier {
     /// Noted elsewhere: the chain must hold these.
     known: Vec<Head>,
+    key: Option<Key>,
+    /// A record was written with the key: all that follow have to be.
+    is_keyed: bool,
     records: u64,
     last: Option<Head>,
-    breach: Option<Breach>,
+    /// Within the chain: what an authority can acknowledge.
+    open: Vec<Breach>,
+    last_kind: Option<Kind>,
+    evidence: Sha256,
+    acknowledged: Option<Acknowledged>,
+    /// Against what was noted elsewhere.
+    against: Option<Breach>,
 }
 
 impl Verifier {
-    pub(super) fn new(mut known: Vec<Head>) -> Verifier {
+    pub(super) fn new(mut known: Vec<Head>, key: Option<Key>) -> Verifier {
         known.retain(|head| head.number > 0);
-        Verifier { known, records: 0, last: None, breach: None }
+        Verifier {
+            known,
+            key,
+            is_keyed: false,
+            records: 0,
+            last: None,
+            open: Vec::new(),
+            last_kind: None,
+            evidence: Sha256::new(),
+            acknowledged: None,
+            against: None,
+        }
     }
 
     /// Reads the next records, at most `count`; tells whether there may be more.
@@ -131,52 +181,137 @@ impl Verifier {
         let mut read = 0;
         while let Some(row) = rows.next()? {
             read += 1;
-            if let Err(breach) = self.take(row, &mut last) {
-                self.breach = Some(breach);
-                return Ok(false);
-            }
-            self.records += 1;
+            self.take(row, &mut last);
         }
         self.last = Some(last);
         Ok(read == count)
     }
 
-    fn take(&self, row: &Row<'_>, last: &mut Head) -> Result<(), Breach> {
+    fn take(&mut self, row: &Row<'_>, last: &mut Head) {
         let number = last.number + 1;
-        let breach = |what: String| Breach { number, what };
-        let entry = Entry::read(row).map_err(|error| breach(format!("cannot be read: {error}")))?;
-        if entry.number != number {
-            return Err(breach(format!("is missing; the next one is {}", entry.number)));
+        let entry = match Entry::read(row) {
+            Ok(entry) => entry,
+            Err(error) => {
+                self.breach(Kind::Unreadable, number, number, &[], format!("cannot be read: {error}"));
+                last.number = number;
+                return;
+            }
+        };
+        if entry.number < number {
+            let what = format!("is preceded by a record {}", entry.number);
+            return self.breach(Kind::Extra, number, number, &entry.content(), what);
         }
-        let hash = hash(last.hash, number, entry.at_ms, entry.fields());
-        if hash != entry.hash {
-            return Err(breach("is not as it was written, or another one before it was changed".to_owned()));
+        if entry.number > number {
+            let what = format!("is missing; the next one is {}", entry.number);
+            self.breach(Kind::Missing, number, entry.number - 1, &entry.hash.0, what);
+        } else if self.is_as_written(&entry, last.hash) {
+            self.records += 1;
+            self.judge(&entry);
+        } else {
+            let what = match self.key {
+                None => "cannot be checked without its key, or is not as it was written",
+                Some(_) => "is not as it was written, or another one before it was changed",
+            };
+            self.breach(Kind::Changed, number, number, &entry.content(), what.to_owned());
         }
-        if let Some(known) = self.known.iter().find(|known| known.number == number)
-            && known.hash != hash
+        if let Some(known) = self.known.iter().find(|known| known.number == entry.number)
+            && known.hash != entry.hash
         {
-            return Err(breach(format!("is another one than was noted: {known}")));
+            let (number, what) = (entry.number, format!("is another one than was noted: {known}"));
+            self.against.get_or_insert(Breach { number, to: number, what });
         }
-        if entry.action == Action::ChainBroken.as_str() {
-            return Err(breach(format!(
-                "was written after the log had been found damaged: {}",
-                entry.target
-            )));
-        }
-        *last = Head { number, hash };
-        Ok(())
+        *last = Head { number: entry.number, hash: entry.hash };
     }
 
-    pub(super) fn verdict(mut self) -> Verdict {
+    /// Before the first record with a key there may be those of an earlier version: its hash is of them too.
+    fn is_as_written(&mut self, entry: &Entry, previous: Hash) -> bool {
+        if self.key.is_some() && entry.sealed(self.key.as_ref(), previous) == entry.hash {
+            self.is_keyed = true;
+            return true;
+        }
+        !self.is_keyed && entry.sealed(None, previous) == entry.hash
+    }
+
+    /// What a record says of the chain that is as it was written.
+    fn judge(&mut self, entry: &Entry) {
+        let number = entry.number;
+        if entry.action == Action::ChainBroken.as_str() {
+            let what = format!("was written after the log had been found damaged: {}", entry.target);
+            self.breach(Kind::Found, number, number, &entry.content(), what);
+        }
+        if entry.action == Action::HeadMissing.as_str() {
+            // A head that was noted elsewhere may say that nothing was cut off there.
+            if self.known.iter().any(|known| known.number == number - 1) {
+                self.witness(Kind::Found, number, number, &entry.content());
+            } else {
+                let what = format!(
+                    "was written when nobody could tell whether the end was cut off: {}",
+                    entry.target
+                );
+                self.breach(Kind::Found, number, number, &entry.content(), what);
+            }
+        }
+        let evidence = self.evidence();
+        let is_acknowledged = entry.action == Action::BreachAcknowledged.as_str()
+            && entry.role == Role::Authority.as_str()
+            && self.is_keyed
+            && entry.target.ends_with(&evidence.to_string());
+        if is_acknowledged {
+            let count = self.open.len() as u64 + self.acknowledged.as_ref().map_or(0, |it| it.count);
+            self.open.clear();
+            self.last_kind = None;
+            let Entry { who, at_ms, .. } = entry;
+            self.acknowledged = Some(Acknowledged { number, by: who.clone(), at_ms: *at_ms, count });
+        }
+    }
+
+    fn witness(&mut self, kind: Kind, number: u64, to: u64, content: &[u8]) {
+        self.evidence.update([kind as u8]);
+        self.evidence.update(number.to_be_bytes());
+        self.evidence.update(to.to_be_bytes());
+        self.evidence.update(content);
+    }
+
+    fn breach(&mut self, kind: Kind, number: u64, to: u64, content: &[u8], what: String) {
+        self.witness(kind, number, to, content);
+        let is_next = |last: &Breach| last.to + 1 == number && self.last_kind == Some(kind);
+        let is_full = self.open.len() >= BREACHES_MAX;
+        match self.open.last_mut() {
+            Some(last) if is_full || kind != Kind::Found && is_next(last) => last.to = to,
+            _ => self.open.push(Breach { number, to, what }),
+        }
+        self.last_kind = Some(kind);
+    }
+
+    fn evidence(&self) -> Hash {
+        Hash(self.evidence.clone().finalize().into())
+    }
+
+    pub(super) fn verdict(mut self, has_head_file: bool) -> Verdict {
         let head = self.last.unwrap_or(Head::NONE);
+        let evidence = self.evidence();
+        let proven = self.known.iter().map(|known| known.number).filter(|&number| number <= head.number);
+        let proven = proven.max().unwrap_or(0);
+        let mut against: Vec<Breach> = self.against.take().into_iter().collect();
         let cut = self.known.iter().filter(|known| known.number > head.number).max_by_key(|it| it.number);
-        if let (None, Some(known)) = (&self.breach, cut) {
+        let after = |number, what| Breach { number, to: number, what };
+        if let Some(known) = cut {
             let what =
                 format!("is missing: the log was cut here; it was noted to reach record {}", known.number);
-            self.breach = Some(Breach { number: head.number + 1, what });
+            against.push(after(head.number + 1, what));
         }
-        let proven = self.known.iter().map(|known| known.number).filter(|&number| number <= head.number);
-        Verdict { records: self.records, head, breach: self.breach, proven: proven.max().unwrap_or(0) }
+        if self.key.is_some() && !self.is_keyed && head.number > 0 {
+            against.push(after(head.number, "was written without the key, as all before it".to_owned()));
+        }
+        if !has_head_file && proven < head.number {
+            let what = "may be missing: there is no audit.head that says where the log ends, and no head that was \
+                        noted elsewhere is that of the last record";
+            against.push(after(head.number + 1, what.to_owned()));
+        }
+        let breaches = (self.open.len() + against.len()) as u64;
+        let breach = self.open.into_iter().chain(against).min_by_key(|breach| breach.number);
+        let Verifier { records, acknowledged, .. } = Verifier { open: Vec::new(), ..self };
+        Verdict { records, head, breach, breaches, acknowledged, proven, evidence }
     }
 }
 

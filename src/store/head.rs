@@ -21,7 +21,7 @@ pub(super) fn read_head(file: &Path) -> Result<Option<Head>, StoreError> {
 }
 
 /// To whom a file belongs, and to whom it would have to.
-fn whose(file: &Path) -> String {
+pub(super) fn whose(file: &Path) -> String {
     let user = rustix::process::geteuid().as_raw();
     fs::metadata(file).map_or(String::new(), |it| {
         let (owner, mode) = (it.uid(), it.mode() & 0o777);
@@ -29,20 +29,41 @@ fn whose(file: &Path) -> String {
     })
 }
 
+/// Removes what a process left behind that ended while it wrote the head.
+pub(super) fn remove_leftovers(file: &Path) {
+    let entries = file.parent().and_then(|folder| fs::read_dir(folder).ok()).into_iter().flatten().flatten();
+    for entry in entries {
+        let name = entry.file_name();
+        let process = name.to_str().and_then(|name| name.strip_prefix(HEAD_FILE_NAME)?.strip_prefix('.'));
+        let Some(process) = process.and_then(|it| it.parse::<u32>().ok()) else { continue };
+        // One that runs may be writing it now.
+        if !Path::new("/proc").join(process.to_string()).exists() {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
 /// Whole or not at all, whenever the power goes.
 pub(super) fn write_head(file: &Path, head: Head) -> io::Result<()> {
     let new = file.with_extension(format!("head.{}", std::process::id()));
     let mut options = OpenOptions::new();
     options.write(true).create(true).truncate(true).mode(0o600);
-    let mut writer = options.open(&new)?;
-    writer.write_all(format!("{head}\n").as_bytes())?;
-    give_to_owner(file, &writer);
-    writer.sync_data()?;
-    fs::rename(&new, file)
+    let write = || {
+        let mut writer = options.open(&new)?;
+        writer.write_all(format!("{head}\n").as_bytes())?;
+        give_to_owner(file, &writer);
+        writer.sync_data()?;
+        fs::rename(&new, file)
+    };
+    let written = write();
+    if written.is_err() {
+        let _ = fs::remove_file(&new);
+    }
+    written
 }
 
 /// Root on the command line notes the head for those whose database it is: they have to read it.
-fn give_to_owner(file: &Path, new: &File) {
+pub(super) fn give_to_owner(file: &Path, new: &File) {
     let database = file.with_file_name(FILE_NAME);
     if let (Ok(theirs), Ok(ours)) = (database.metadata(), new.metadata())
         && theirs.uid() != ours.uid()

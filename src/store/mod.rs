@@ -35,7 +35,7 @@ use std::time::Duration;
 use rusqlite::Connection;
 use tokio::sync::{oneshot, watch};
 
-pub use chain::{Breach, Hash, Head, Verdict};
+pub use chain::{Acknowledged, Breach, Hash, Head, Verdict};
 pub use health::Fault;
 pub use history::{HISTORY_FILE, Happened, Held, History, HistoryQuery, NodePast, Past, Stretch, past_in};
 pub use leave::{Entering, Written};
@@ -94,6 +94,14 @@ pub enum StoreError {
         path.display()
     )]
     Head { path: PathBuf, whose: String, reason: std::io::Error },
+    #[error(
+        "the audit log is written with the key in {}, which cannot be read: {reason}{whose}. Give it to the user \
+         whose database lies beside it",
+        path.display()
+    )]
+    Key { path: PathBuf, whose: String, reason: std::io::Error },
+    #[error("{0} is no authority: what is wrong with the audit log is acknowledged by one")]
+    NoAuthority(String),
     #[error("there is no database {}: name the data folder of the vehicle with --data", path.display())]
     NoDatabase { path: PathBuf },
     #[error("the database failed: {0}")]
@@ -146,7 +154,7 @@ impl StoreError {
                 reason.sqlite_error_code(),
                 Some(CannotOpen | DatabaseBusy | DiskFull | ReadOnly | SystemIoFailure)
             ),
-            StoreError::Folder { .. } | StoreError::Head { .. } => true,
+            StoreError::Folder { .. } | StoreError::Head { .. } | StoreError::Key { .. } => true,
             _ => false,
         }
     }

@@ -130,7 +130,9 @@ fn salvage(
     }
     // Users are needed to log in, and the audit log has to be as whole as it can be. Sessions, tokens
     // and the vehicle of yesterday would only mislead.
-    for table in ["users", "audit"].into_iter().filter(|it| unread.iter().any(|table| table == it)) {
+    for table in
+        ["users", "audit", "audit_key"].into_iter().filter(|it| unread.iter().any(|table| table == it))
+    {
         match backup::newest(folder) {
             Some((file, from)) => {
                 copy(&from, &transaction, table, Keep::Present, rows_max)?;

@@ -99,6 +99,13 @@ const MIGRATIONS: &[&str] = &[
     ) STRICT;
     INSERT INTO user_changes VALUES (1, 0, 0);
 ",
+    // By which key the audit log is written.
+    "
+    CREATE TABLE audit_key (
+        one INTEGER PRIMARY KEY CHECK (one = 1),
+        id BLOB NOT NULL CHECK (length(id) = 32)
+    ) STRICT;
+",
 ];
 
 /// From this schema on everything is there that a server needs which may not write.

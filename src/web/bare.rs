@@ -15,14 +15,15 @@ use super::headers;
 pub struct Dressed<S> {
     stream: S,
     is_asked: Arc<AtomicBool>,
+    secure: bool,
     /// What is still to be written of a refusal.
     rest: Vec<u8>,
 }
 
 impl<S> Dressed<S> {
-    /// `is_asked` turns true with the first request that comes to the router.
-    pub fn new(stream: S, is_asked: Arc<AtomicBool>) -> Dressed<S> {
-        Dressed { stream, is_asked, rest: Vec::new() }
+    /// `is_asked` turns true with the first request that comes to the router; `secure` tells of TLS.
+    pub fn new(stream: S, is_asked: Arc<AtomicBool>, secure: bool) -> Dressed<S> {
+        Dressed { stream, is_asked, secure, rest: Vec::new() }
     }
 }
 
@@ -38,12 +39,12 @@ impl<S: AsyncRead + Unpin> AsyncRead for Dressed<S> {
 
 impl<S: AsyncWrite + Unpin> AsyncWrite for Dressed<S> {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
-        let Dressed { stream, is_asked, rest } = &mut *self;
+        let Dressed { stream, is_asked, secure, rest } = &mut *self;
         if is_asked.load(Ordering::Relaxed) {
             return Pin::new(stream).poll_write(cx, bytes);
         }
         if rest.is_empty() {
-            *rest = headers::dressed(bytes);
+            *rest = headers::dressed(bytes, *secure);
         }
         while !rest.is_empty() {
             let written = ready!(Pin::new(&mut *stream).poll_write(cx, rest))?;

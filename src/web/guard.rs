@@ -17,7 +17,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Redirect, Response};
 use tokio::time::timeout;
 
-use super::answer::{Reader, Speaks, cookie, header, refusal};
+use super::answer::{Reader, Speaks, cookies, header, refusal};
 use super::assets;
 use super::lines::Standing;
 use super::login::{Peer, source_of};
@@ -186,11 +186,15 @@ pub fn bearer(headers: &HeaderMap) -> Option<&str> {
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim_start())
 }
 
-/// The session of the cookie, if there is one.
+/// The session of the cookie, if there is one. Of several cookies one may be of an open session: a
+/// second such session was put there by somebody else, and then nobody knows whose request it is.
 pub fn cookie_session(app: &AppState, headers: &HeaderMap) -> Option<Session> {
-    let token = cookie(headers, cookie_name(app.settings.secure)).and_then(Token::parse)?;
+    let tokens = cookies(headers, cookie_name(app.settings.secure)).filter_map(Token::parse);
+    let mut sessions = tokens.filter_map(|token| app.session(&token));
+    let session = sessions.next()?;
     // A program's token in a cookie would be a session that no login made.
-    app.session(&token).filter(|session| session.kind == SessionKind::Person)
+    let is_one = sessions.all(|other| other.is(&session)) && session.kind == SessionKind::Person;
+    is_one.then_some(session)
 }
 
 /// Whether a request may change something, or opens a socket.

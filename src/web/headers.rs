@@ -1,10 +1,11 @@
 //! Headers that every answer has.
 
-use axum::extract::Request;
+use axum::extract::{Request, State};
+use axum::http::HeaderValue;
 use axum::http::header::{
-    CACHE_CONTROL, CONTENT_SECURITY_POLICY, HeaderName, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
+    CACHE_CONTROL, CONTENT_SECURITY_POLICY, HeaderName, REFERRER_POLICY, STRICT_TRANSPORT_SECURITY,
+    X_CONTENT_TYPE_OPTIONS,
 };
-use axum::http::{HeaderMap, HeaderValue};
 use axum::middleware::Next;
 use axum::response::Response;
 
@@ -12,35 +13,45 @@ use axum::response::Response;
 const POLICY: &str = "default-src 'self'; script-src 'self'; style-src 'self'; connect-src 'self'; \
     img-src 'self'; object-src 'none'; base-uri 'none'; frame-ancestors 'none'; form-action 'self'";
 
-const ALWAYS: [(HeaderName, &str); 5] = [
+/// What no page here uses, and no page that somebody smuggles in shall.
+const PERMISSIONS: &str = "accelerometer=(), camera=(), display-capture=(), geolocation=(), gyroscope=(), \
+    hid=(), magnetometer=(), microphone=(), midi=(), payment=(), serial=(), usb=()";
+
+const ALWAYS: [(HeaderName, &str); 7] = [
     (CONTENT_SECURITY_POLICY, POLICY),
     (X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (REFERRER_POLICY, "no-referrer"),
     (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
+    (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+    (HeaderName::from_static("permissions-policy"), PERMISSIONS),
     (CACHE_CONTROL, "no-store"),
 ];
 
-/// The middleware around everything else.
-pub async fn secure(request: Request, next: Next) -> Response {
+/// A browser that came over TLS once comes over nothing else for a year.
+const OVER_TLS: (HeaderName, &str) = (STRICT_TRANSPORT_SECURITY, "max-age=31536000");
+
+/// What every answer has, over TLS or without it.
+fn all(secure: bool) -> impl Iterator<Item = (HeaderName, &'static str)> {
+    ALWAYS.into_iter().chain(secure.then_some(OVER_TLS))
+}
+
+/// The middleware around everything else; the state tells of TLS.
+pub async fn secure(State(secure): State<bool>, request: Request, next: Next) -> Response {
     let mut answer = next.run(request).await;
-    set(answer.headers_mut());
+    for (name, value) in all(secure) {
+        answer.headers_mut().insert(name, HeaderValue::from_static(value));
+    }
     answer
 }
 
 /// The same for an answer that no router made, from its bytes: the headers follow its first line.
-pub fn dressed(answer: &[u8]) -> Vec<u8> {
+pub fn dressed(answer: &[u8], secure: bool) -> Vec<u8> {
     let end = answer.windows(2).position(|pair| pair == b"\r\n");
     let (line, rest) = answer.split_at(end.map_or(0, |end| end + 2));
     let mut dressed = line.to_vec();
-    for (name, value) in ALWAYS.into_iter().filter(|_| end.is_some()) {
+    for (name, value) in all(secure).filter(|_| end.is_some()) {
         dressed.extend_from_slice(format!("{name}: {value}\r\n").as_bytes());
     }
     dressed.extend_from_slice(rest);
     dressed
-}
-
-fn set(headers: &mut HeaderMap) {
-    for (name, value) in ALWAYS {
-        headers.insert(name, HeaderValue::from_static(value));
-    }
 }

@@ -24,6 +24,7 @@ use super::bare::Dressed;
 use super::keep::Keeper;
 use super::lines::{Lines, Place};
 use super::login::Peer;
+use super::meter::{Meter, Metered};
 use super::router::router;
 use super::state::{AppState, turned};
 use super::tls::Tls;
@@ -33,6 +34,8 @@ use super::{displays, seat, trends};
 const HEADER_TIMEOUT: Duration = Duration::from_secs(10);
 /// What the kernel may hold of an answer that nobody reads; it doubles the figure that it is given.
 const SEND_BUFFER_BYTES: usize = 256 * 1024;
+/// And of what somebody sends faster than it is read. A request has 16 KiB.
+const RECEIVE_BUFFER_BYTES: usize = 32 * 1024;
 /// Requests that run when the server ends may take this long.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(3);
 /// Without free file descriptors accepting fails until some are free.
@@ -70,7 +73,8 @@ pub async fn serve(
                 Ok((stream, peer)) => {
                     let is_near = app.settings.enrolled.is_near(peer.ip());
                     let Some((place, gone)) = lines.enter(peer.ip(), is_near) else { continue };
-                    let line = Line { peer, router: router.clone(), closing: app.closing.subscribe(), place };
+                    let closing = app.closing.subscribe();
+                    let line = Line { peer, router: router.clone(), secure: app.settings.secure, closing, place };
                     let open = line.open(stream, tls.clone());
                     connections.spawn(async move {
                         tokio::select! {
@@ -106,6 +110,7 @@ pub async fn serve(
 struct Line {
     peer: SocketAddr,
     router: Router,
+    secure: bool,
     closing: watch::Receiver<bool>,
     place: Place,
 }
@@ -114,7 +119,8 @@ impl Line {
     async fn open(self, stream: TcpStream, tls: Option<Tls>) {
         // A frame is one small write: it must not wait for an acknowledgement of the one before.
         let prepared = stream.set_nodelay(true).is_ok()
-            && rustix::net::sockopt::set_socket_send_buffer_size(&stream, SEND_BUFFER_BYTES).is_ok();
+            && rustix::net::sockopt::set_socket_send_buffer_size(&stream, SEND_BUFFER_BYTES).is_ok()
+            && rustix::net::sockopt::set_socket_recv_buffer_size(&stream, RECEIVE_BUFFER_BYTES).is_ok();
         if !prepared {
             return;
         }
@@ -130,10 +136,12 @@ impl Line {
         let mut http = http1::Builder::new();
         http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(64 * 1024);
         let is_asked = Arc::new(AtomicBool::new(false));
-        let stream = Dressed::new(stream, is_asked.clone());
+        let meter = Meter::default();
+        let stream = Metered::new(Dressed::new(stream, is_asked.clone(), self.secure), meter.clone());
         let service = service_fn(|mut request: Request<Incoming>| {
             is_asked.store(true, Ordering::Relaxed);
             request.extensions_mut().insert(Peer(self.peer));
+            request.extensions_mut().insert(meter.clone());
             let (work, router) = (self.place.work(), self.router.clone());
             async move {
                 // Whoever gave the place away ends before this does.

@@ -17,6 +17,7 @@ mod keep;
 mod lines;
 mod listen;
 mod login;
+mod meter;
 mod origins;
 mod owed;
 mod pace;

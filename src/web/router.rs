@@ -90,7 +90,7 @@ pub fn router(app: AppState) -> Router {
         .layer(RequestBodyLimitLayer::new(BODY_BYTES_MAX))
         .layer(TimeoutLayer::with_status_code(StatusCode::REQUEST_TIMEOUT, REQUEST_TIMEOUT))
         .layer(from_fn(plain::in_words))
-        .layer(from_fn(headers::secure))
+        .layer(from_fn_with_state(app.settings.secure, headers::secure))
         .layer(CompressionLayer::new())
         .with_state(app)
 }

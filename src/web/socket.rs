@@ -17,20 +17,25 @@ use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
 
 use super::answer::{Reader, refusal};
+use super::audit::record_of;
 use super::displays::Place;
 use super::frame;
 use super::guard::SignedIn;
 use super::login::{Peer, source_of};
+use super::meter::Meter;
 use super::pace::Pace;
 use super::state::{AppState, turned};
 use super::vehicle::{StopForm, Tap};
 use super::view::Lang;
 use super::wording::Trouble;
 use crate::runtime::Published;
+use crate::store::audit::Action;
 use crate::store::{Role, Session};
 
 /// The largest message that a client may send.
 pub const INBOUND_BYTES_MAX: usize = 16 * 1024;
+/// What is read of a socket at a time, so that one that sends without an end keeps nobody waiting.
+const READ_BYTES: usize = 4 * 1024;
 /// A page that hears nothing for 1 s says that it is not live.
 const BEAT_EVERY: Duration = Duration::from_millis(250);
 /// A ping goes out with every fourth beat.
@@ -53,7 +58,7 @@ pub struct PageQuery {
 /// `GET /ws`
 pub async fn page(
     State(app): State<AppState>,
-    peer: Option<Extension<Peer>>,
+    from: From,
     SignedIn(session): SignedIn,
     reader: Reader,
     query: Result<Query<PageQuery>, QueryRejection>,
@@ -61,23 +66,24 @@ pub async fn page(
 ) -> Response {
     let asked = query.ok().and_then(|Query(query)| query.lang);
     let lang = asked.as_deref().and_then(Lang::from_word).unwrap_or(reader.lang);
-    let source = source_of(peer.map(|Extension(peer)| peer));
-    open(app, session, &reader, upgrade, Feed::Page { lang, source, shown: None, details: 0 })
+    open(app, from, session, &reader, upgrade, Feed::Page { lang, shown: None, details: 0 })
 }
 
 /// `GET /api/v1/stream`
 pub async fn stream(
     State(app): State<AppState>,
+    from: From,
     SignedIn(session): SignedIn,
     reader: Reader,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Response {
-    open(app, session, &reader, upgrade, Feed::Snapshots)
+    open(app, from, session, &reader, upgrade, Feed::Snapshots)
 }
 
 /// `GET /developer/live`
 pub async fn pulse(
     State(app): State<AppState>,
+    from: From,
     SignedIn(session): SignedIn,
     reader: Reader,
     query: Result<Query<PageQuery>, QueryRejection>,
@@ -85,11 +91,15 @@ pub async fn pulse(
 ) -> Response {
     let asked = query.ok().and_then(|Query(query)| query.lang);
     let lang = asked.as_deref().and_then(Lang::from_word).unwrap_or(reader.lang);
-    open(app, session, &reader, upgrade, Feed::Pulse { lang })
+    open(app, from, session, &reader, upgrade, Feed::Pulse { lang })
 }
+
+/// The connection that is to become a socket.
+type From = (Option<Extension<Peer>>, Option<Extension<Meter>>);
 
 fn open(
     app: AppState,
+    (peer, meter): From,
     session: Session,
     reader: &Reader,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
@@ -105,10 +115,15 @@ fn open(
     };
     let Some(place) = place else { return refusal(reader, Trouble::TooManySockets) };
     app.farewells.meet(&session);
+    let meter = meter.map(|Extension(meter)| meter).unwrap_or_default();
+    let over = meter.begin(&app.accounts, &session.user, app.clock);
+    let source = source_of(peer.map(|Extension(peer)| peer));
     let upgrade = upgrade.max_message_size(INBOUND_BYTES_MAX).max_frame_size(INBOUND_BYTES_MAX);
+    let upgrade = upgrade.read_buffer_size(READ_BYTES);
     upgrade.on_upgrade(move |socket| async move {
         let line = Line { socket, session, pings_unanswered: 0 };
-        Connection { app, line, feed, place, seq: 0, beat: 0, stops: JoinSet::new() }.run().await;
+        let stops = JoinSet::new();
+        Connection { app, source, over, line, feed, place, seq: 0, beat: 0, stops }.run().await;
     })
 }
 
@@ -117,7 +132,7 @@ fn open(
 enum Feed {
     /// Fragments of the operator's page: `shown` is the revision that was sent last, and `details`
     /// that of what stands behind the tiles.
-    Page { lang: Lang, source: IpAddr, shown: Option<u64>, details: u64 },
+    Page { lang: Lang, shown: Option<u64>, details: u64 },
     /// Whole snapshots as JSON.
     Snapshots,
     /// Beats alone, which say what there is to ask for.
@@ -133,6 +148,9 @@ impl Feed {
 
 struct Connection {
     app: AppState,
+    source: IpAddr,
+    /// Turns true once the client has sent too much.
+    over: watch::Receiver<bool>,
     line: Line,
     feed: Feed,
     place: Place,
@@ -155,6 +173,8 @@ enum Ending {
     NoEngine,
     /// The client said something that is no answer.
     Nonsense,
+    /// The client sends more than it may.
+    Flood,
     /// The client does not read.
     Unread,
     /// The client went away.
@@ -168,6 +188,10 @@ impl Connection {
             Err(ending) => ending,
         };
         tracing::debug!(?ending, user = &*self.line.session.user, "socket closed");
+        if ending == Ending::Flood {
+            let record = record_of(&self.line.session, Action::Request, self.source).on("socket");
+            self.app.audit_refusal(self.source, record.refused("it sent more than a socket may")).await;
+        }
         // The place is free before the farewell: a client may take its time for that.
         let Connection { line, place, .. } = self;
         drop(place);
@@ -192,6 +216,7 @@ impl Connection {
             let shows = tokio::select! {
                 () = self.line.session.ended() => return Err(Ending::Revoked),
                 () = turned(&mut closing) => return Err(Ending::Closing),
+                () = turned(&mut self.over) => return Err(Ending::Flood),
                 () = &mut pause, if is_paused => details_due,
                 changed = snapshots.changed(), if !is_paused => {
                     changed.map_err(|_| Ending::NoEngine)?;
@@ -288,13 +313,17 @@ impl Connection {
 
     fn hear(&mut self, received: Option<Result<Message, axum::Error>>) -> Result<(), Ending> {
         let Some(Ok(message)) = received else { return Err(Ending::Gone) };
-        self.line.pings_unanswered = 0;
         match (message, &self.feed) {
-            (Message::Ping(_) | Message::Pong(_), _) => Ok(()),
+            // Whoever only asks has not read anything.
+            (Message::Ping(_), _) => Ok(()),
+            (Message::Pong(_), _) => {
+                self.line.pings_unanswered = 0;
+                Ok(())
+            }
             (Message::Close(_), _) => Err(Ending::Gone),
-            (Message::Text(text), Feed::Page { lang, source, .. }) => {
+            (Message::Text(text), Feed::Page { lang, .. }) => {
                 let said = match serde_json::from_str(&text).map_err(|_| Ending::Nonsense)? {
-                    Said::Stop { stop } => return self.stop(stop, *source, *lang),
+                    Said::Stop { stop } => return self.stop(stop, *lang),
                     Said::Shown(said) => said,
                 };
                 if said.shown.is_some_and(|seq| seq > self.seq) {
@@ -314,13 +343,13 @@ impl Connection {
 
     /// Requests a stop as a tap over HTTP does; the answer is what that would get. Stops past the bound
     /// are left to that way.
-    fn stop(&mut self, form: StopForm, source: IpAddr, lang: Lang) -> Result<(), Ending> {
+    fn stop(&mut self, form: StopForm, lang: Lang) -> Result<(), Ending> {
         let session = &self.line.session;
         let Some(name) = form.tap.clone().filter(|_| session.role == Role::Operator) else {
             return Err(Ending::Nonsense);
         };
         if self.stops.len() < STOPS_AT_ONCE {
-            let tap = Tap::over_socket(&self.app, session, source, lang);
+            let tap = Tap::over_socket(&self.app, session, self.source, lang);
             self.stops.spawn(async move { frame::answered(&name, tap.stop(form).await).await });
         }
         Ok(())
@@ -394,6 +423,7 @@ impl Line {
             Ending::Closing => (close_code::RESTART, "the server ends"),
             Ending::NoEngine => (close_code::ERROR, "the engine has ended"),
             Ending::Nonsense => (close_code::UNSUPPORTED, "not understood"),
+            Ending::Flood => (close_code::POLICY, "too much was sent"),
             Ending::Unread => (close_code::AGAIN, "nobody reads"),
             Ending::Gone => return,
         };

@@ -15,6 +15,7 @@ use super::displays::Displays;
 use super::enrolled::Enrolled;
 use super::farewell::{Farewell, Farewells};
 use super::frame::Frames;
+use super::meter::Accounts;
 use super::origins::Origins;
 use super::owed::Owed;
 use super::pending::PendingClearance;
@@ -68,6 +69,8 @@ pub struct Shared {
     pub settings: Settings,
     pub frames: Frames,
     pub displays: Displays,
+    /// What the accounts may still send over their sockets.
+    pub(super) accounts: Accounts,
     pub farewells: Farewells,
     pub trends: Trends,
     pub pending: PendingClearance,
@@ -107,6 +110,7 @@ impl AppState {
             settings,
             frames: Frames::default(),
             displays: Displays::default(),
+            accounts: Accounts::default(),
             farewells: Farewells::default(),
             trends: Trends::default(),
             pending: PendingClearance::default(),

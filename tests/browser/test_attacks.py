@@ -87,6 +87,43 @@ def test_stops_are_answered_beside_logins_that_are_not_ended(server, driving, tr
     expect(driving.locator("body")).to_have_attribute("data-live", "live")
 
 
+FRAGMENTS = b"\x01\x80\0\0\0\0" + b"\0\x80\0\0\0\0" * 20_000
+
+
+class Flood(Attack):
+    """Sockets of somebody who may only read, which send empty fragments without an end."""
+
+    def connect(self):
+        it = super().connect()
+        it.setblocking(True)
+        it.recv(4096)
+        it.setblocking(False)
+        try:
+            it.send(FRAGMENTS)
+        except OSError:
+            pass
+        return it
+
+
+def test_stops_are_answered_beside_sockets_that_send_without_an_end(server, driving, trouble):
+    server.add_user("carl", "a long password", role="authority")
+    reader, client = Client(server, "carl", "a long password"), Client(server, *OPERATOR)
+    client.stop()
+    upgrade = (
+        f"GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nOrigin: {server.url}\r\nCookie: {reader.cookie()}\r\n"
+        "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+    )
+    # As many as one login may have.
+    attack = Flood(server, 16, upgrade.encode())
+    try:
+        took = stop_during(client, attack)
+    finally:
+        attack.close()
+    assert max(took) < ANSWERED_WITHIN_S, took
+    expect(driving.locator("body")).to_have_attribute("data-live", "live")
+
+
 def test_a_stop_goes_over_the_socket_where_no_request_gets_through(driving, trouble):
     driving.route("**/vehicle/stop", lambda route: route.abort())
     step(driving, "stop").click()

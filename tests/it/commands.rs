@@ -180,4 +180,17 @@ fn data_is_checked_repaired_and_restored_while_nobody_serves() {
     let (out, err, code) = run(&["data", "restore"], "");
     assert!(code == Some(0) && out.contains("telltale-2026-01-01.db"), "{out}{err}");
     assert!(run(&["user", "list"], "").0.contains("anna"));
+
+    // An authority looks into it.
+    let (out, _, code) = run(&["audit", "verify"], "");
+    assert!(code == Some(1) && out.starts_with("BAD") && out.contains("acknowledge"), "{out}");
+    let secret = "correct horse battery\n";
+    run(&["user", "add", "carl", "--role", "authority"], &secret.repeat(2));
+    let acknowledge = ["audit", "acknowledge", "--by", "carl", "--why", "restored"];
+    let (_, err, code) = run(&acknowledge, "wrong\n");
+    assert!(code == Some(2) && err.contains("nothing was acknowledged"), "{err}");
+    let (out, err, code) = run(&acknowledge, secret);
+    assert!(code == Some(0) && out.starts_with("acknowledged"), "{out}{err}");
+    let (out, _, code) = run(&["audit", "verify"], "");
+    assert!(code == Some(0) && out.starts_with("ok") && out.contains("carl has acknowledged"), "{out}");
 }

@@ -256,7 +256,13 @@ fn users_and_tokens_are_made_on_the_command_line_and_recorded() {
     std::fs::remove_file(folder.join("audit.head")).expect("it is there");
     let open = telltale(&["audit", "verify", "--data", data]);
     let said = String::from_utf8_lossy(&open.stdout).into_owned();
-    assert!(open.status.code() == Some(1) && said.starts_with("OPEN") && said.contains("--head"), "{said}");
+    assert!(
+        open.status.code() == Some(1)
+            && said.starts_with("BAD")
+            && said.contains("audit.head")
+            && said.contains("--head"),
+        "{said}"
+    );
     let proven = telltale(&["audit", "verify", "--data", data, "--head", noted.trim()]);
     assert!(proven.status.success(), "{proven:?}");
     assert!(telltale(&["user", "list", "--data", data]).status.success());

@@ -46,5 +46,15 @@ actions! {
     Omitted: "omitted", "Records that were left out, because there were too many of their kind.";
     Pruned: "pruned", "The oldest records were taken away.";
     HeadMissing: "head missing", "The note of where the chain ended was gone: it may have been cut before this.";
+    Keyed: "log keyed", "From here on records are written with the key; those before it are of an earlier version.";
+    BreachAcknowledged: "breach acknowledged", "An authority has looked into what was wrong with the log before.";
     ChainBroken: "chain broken", "The chain did not end where it had been noted to.";
+}
+
+impl Action {
+    /// Whether the head of the log is told elsewhere as soon as this is written. What strangers can cause
+    /// is not among it.
+    pub(super) const fn matters(self) -> bool {
+        !matches!(self, Action::Request | Action::Omitted | Action::Pruned)
+    }
 }

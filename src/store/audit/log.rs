@@ -1,16 +1,17 @@
-//! Where the chain ends, as it is noted outside of the database: in a file beside it, and in the log of the
-//! program.
+//! Where the chain ends, as it is known outside of the database: in memory, in a file beside it, and in the
+//! log of the program. What is appended must stand on that.
 
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use rusqlite::{Connection, TransactionBehavior};
+use rusqlite::{Connection, OptionalExtension as _, Transaction, TransactionBehavior};
 
-use super::{Action, Record, TELLTALE, append, hash_of};
-use crate::store::head::{HEAD_FILE_NAME, read_head, write_head};
+use super::key::{self, KEY_FILE_NAME, Key, KeyId};
+use super::{Action, Entry, Record, TELLTALE, append, hash_of};
+use crate::store::head::{HEAD_FILE_NAME, read_head, remove_leftovers, write_head};
 use crate::store::{Head, StoreError};
 
-/// The program's log notes the head after so many records, and at start and end.
+/// The program's log notes the head after so many records that do not matter by themselves.
 const LOG_HEAD_EVERY: u64 = 100;
 /// Records after which the head is noted even if more wait to be written.
 const HEAD_LAG_MAX: u64 = 64;
@@ -20,6 +21,8 @@ const HEAD_LAG_MAX: u64 = 64;
 pub(in crate::store) struct Log {
     /// `None` for a store that ends with the process.
     head_file: Option<PathBuf>,
+    /// `None` where it cannot be read: nothing is written then.
+    key: Option<Key>,
     /// The record that was written last.
     head: Head,
     /// The one that [`HEAD_FILE_NAME`] names.
@@ -30,7 +33,8 @@ pub(in crate::store) struct Log {
 }
 
 impl Log {
-    /// Takes up the chain where it ends. If it does not reach what was noted, that becomes a record.
+    /// Takes up the chain where it ends. If it does not reach what was noted, or was written without the
+    /// key, that becomes a record.
     pub(in crate::store) fn open(
         connection: &mut Connection,
         folder: Option<&Path>,
@@ -38,22 +42,38 @@ impl Log {
     ) -> Result<Log, StoreError> {
         let head_file = folder.map(|folder| folder.join(HEAD_FILE_NAME));
         let noted = head_file.as_deref().map_or(Ok(None), read_head)?.unwrap_or(Head::NONE);
+        if let Some(file) = &head_file {
+            remove_leftovers(file);
+        }
         let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let last = Head::of(&transaction)?;
+        let Keyed { key, news, is_new } = match folder {
+            Some(folder) => take_key(&transaction, &folder.join(KEY_FILE_NAME), last)?,
+            None => Keyed { key: Key::random()?, news: None, is_new: false },
+        };
+        let mut news: Vec<Record> = news.into_iter().collect();
         if noted.number > 0 && hash_of(&transaction, noted.number)? != Some(noted.hash) {
-            tracing::error!(%noted, "the audit log is not the one that was noted; `telltale audit verify` says more");
-            let record =
-                Record::of(Action::ChainBroken, TELLTALE).on(format!("{HEAD_FILE_NAME} said {noted}"));
-            append(&transaction, &record, wall)?;
-        } else if noted.number == 0 && head_file.is_some() && Head::of(&transaction)?.number > 0 {
-            tracing::warn!(
-                "{HEAD_FILE_NAME} is missing or no head: whether the audit log is whole cannot be proven"
-            );
-            let record = Record::of(Action::HeadMissing, TELLTALE);
-            append(&transaction, &record.on(format!("{HEAD_FILE_NAME} was gone or no head")), wall)?;
+            news.push(broken(format!("{HEAD_FILE_NAME} said {noted}")));
+        } else if noted.number == 0 && head_file.is_some() && last.number > 0 {
+            news.push(head_missing());
+        }
+        if let (Some(folder), true) = (folder, last.number > 0 && news.is_empty()) {
+            // Whoever wrote another chain, with a head that fits, has no key.
+            if !is_sealed(&transaction, &key, last.number)? {
+                let file = folder.join(KEY_FILE_NAME);
+                news.push(broken(format!("record {last} was not written with {}", file.display())));
+            }
+        }
+        for record in &news {
+            say_news(record);
+            append(&transaction, &key, record, wall)?;
         }
         transaction.commit()?;
+        if let (Some(folder), true) = (folder, is_new) {
+            key::put_in_place(&folder.join(KEY_FILE_NAME))?;
+        }
         let head = Head::of(connection)?;
-        let mut log = Log { head_file, head, noted, logged: head.number, fault: None };
+        let mut log = Log { head_file, key: Some(key), head, noted, logged: head.number, fault: None };
         log.say();
         log.note();
         Ok(log)
@@ -62,19 +82,65 @@ impl Log {
     /// Reads where the chain ends, of a database that cannot be written.
     pub(in crate::store) fn read(connection: &Connection, folder: &Path) -> Result<Log, StoreError> {
         let head_file = folder.join(HEAD_FILE_NAME);
-        // Where it cannot be read, that is why the database is not written.
+        // Where they cannot be read, that is why the database is not written.
         let noted = read_head(&head_file).ok().flatten().unwrap_or(Head::NONE);
+        let key = Key::read(&folder.join(KEY_FILE_NAME)).ok().flatten();
         let head = Head::of(connection)?;
-        Ok(Log { head_file: Some(head_file), head, noted, logged: head.number, fault: None })
+        Ok(Log { head_file: Some(head_file), key, head, noted, logged: head.number, fault: None })
     }
 
     pub(super) fn noted(&self) -> Vec<Head> {
         vec![self.noted]
     }
 
-    pub(super) fn written(&mut self, head: Head) {
+    pub(super) fn key(&self) -> Result<&Key, StoreError> {
+        self.key.as_ref().ok_or_else(|| StoreError::Files(format!("{KEY_FILE_NAME} cannot be read")))
+    }
+
+    /// Holds the end of the chain in the database, before something is appended, against the one that was
+    /// written last and the one that is noted. Others may have appended, with the key. Returns what is
+    /// wrong, to be recorded first.
+    pub(super) fn check(&self, transaction: &Transaction<'_>) -> Result<Option<Record>, StoreError> {
+        let (key, last) = (self.key()?, Head::of(transaction)?);
+        if last != self.head && !self.is_continued(transaction, key, last)? {
+            return Ok(Some(broken(format!("this program had written up to {}", self.head))));
+        }
+        let noted = self.head_file.as_deref().map(read_head).transpose();
+        Ok(match noted {
+            Ok(Some(None)) if self.noted.number > 0 => Some(head_missing()),
+            Ok(Some(Some(noted)))
+                if noted != self.noted && hash_of(transaction, noted.number)? != Some(noted.hash) =>
+            {
+                Some(broken(format!("{HEAD_FILE_NAME} said {noted}")))
+            }
+            // That it cannot be read shows when it is written.
+            _ => None,
+        })
+    }
+
+    fn is_continued(&self, transaction: &Transaction<'_>, key: &Key, last: Head) -> Result<bool, StoreError> {
+        let is_same =
+            self.head.number == 0 || hash_of(transaction, self.head.number)? == Some(self.head.hash);
+        if !is_same || last.number < self.head.number {
+            return Ok(false);
+        }
+        for number in self.head.number + 1..=last.number {
+            if !is_sealed(transaction, key, number)? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// The chain ends there now. What `matters` is noted in the log of the program at once, and what was
+    /// wrong (`news`) beside the database too, so that it is said once.
+    pub(super) fn written(&mut self, head: Head, matters: bool, news: Option<&Record>) {
         self.head = head;
-        if head.number >= self.logged + LOG_HEAD_EVERY {
+        if let Some(news) = news {
+            say_news(news);
+            self.note();
+        }
+        if matters || news.is_some() || head.number >= self.logged + LOG_HEAD_EVERY {
             self.say();
         }
         if head.number >= self.noted.number + HEAD_LAG_MAX {
@@ -104,5 +170,77 @@ impl Log {
 
     pub(in crate::store) fn fault(&self) -> Option<&str> {
         self.fault.as_deref()
+    }
+}
+
+/// The key of a log, and what is to be recorded of it.
+struct Keyed {
+    key: Key,
+    news: Option<Record>,
+    /// It lies beside its place still.
+    is_new: bool,
+}
+
+/// Finds the key that the database names. A log of an earlier version has none yet.
+fn take_key(transaction: &Transaction<'_>, file: &Path, last: Head) -> Result<Keyed, StoreError> {
+    let sql = "SELECT id FROM audit_key";
+    let named: Option<KeyId> = transaction.query_row(sql, [], |row| row.get(0)).optional()?;
+    let found = Key::read(file)?;
+    let path = file.display();
+    if let Some(key) = &found
+        && named == Some(key.id())
+    {
+        return Ok(Keyed { key: key.clone(), news: None, is_new: false });
+    }
+    let left = key::left_beside(file)?;
+    if let (None, Some(key)) = (&found, left)
+        && named == Some(key.id())
+    {
+        return Ok(Keyed { key, news: None, is_new: true });
+    }
+    let (key, is_new) = match found {
+        Some(key) => (key, false),
+        None => {
+            let key = Key::random()?;
+            key.write_beside(file)?;
+            (key, true)
+        }
+    };
+    let news = match named {
+        _ if last.number == 0 => None,
+        None if is_new => Some(Record::of(Action::Keyed, TELLTALE).on(path.to_string())),
+        None => Some(broken(format!("{path} was there, and the log was not written with it"))),
+        Some(_) if is_new => Some(broken(format!("{path} was gone"))),
+        Some(_) => Some(broken(format!("{path} is another than the log was written with"))),
+    };
+    transaction.execute("INSERT OR REPLACE INTO audit_key (one, id) VALUES (1, ?1)", [key.id()])?;
+    Ok(Keyed { key, news, is_new })
+}
+
+/// Whether a record was written with this key, on the one before it.
+fn is_sealed(connection: &Connection, key: &Key, number: u64) -> Result<bool, StoreError> {
+    let sql = "SELECT number, at_ms, who, role, source, action, target, outcome, hash
+               FROM audit WHERE number = ?1";
+    let entry = connection.prepare_cached(sql)?.query_row([number as i64], Entry::read).optional()?;
+    let before = if number == 1 { Some(Head::NONE.hash) } else { hash_of(connection, number - 1)? };
+    Ok(entry.zip(before).is_some_and(|(entry, before)| entry.sealed(Some(key), before) == entry.hash))
+}
+
+fn broken(how: String) -> Record {
+    Record::of(Action::ChainBroken, TELLTALE).on(how)
+}
+
+fn head_missing() -> Record {
+    Record::of(Action::HeadMissing, TELLTALE).on(format!("{HEAD_FILE_NAME} was gone or no head"))
+}
+
+fn say_news(record: &Record) {
+    let Record { action, target, .. } = record;
+    match action {
+        Action::Keyed => tracing::info!("from now on the audit log is written with the key in {target}"),
+        _ => tracing::error!(
+            "the audit log is not as it was left: {target}; `telltale audit verify` says more, `telltale audit \
+             acknowledge` is for an authority who has looked into it"
+        ),
     }
 }

@@ -3,7 +3,7 @@ use std::path::PathBuf;
 use super::*;
 use crate::clock::Clock;
 use crate::engine::time::Span;
-use crate::store::{Breach, DemoSecrets, FILE_NAME};
+use crate::store::{Breach, DemoSecrets, FILE_NAME, Head};
 
 /// A data folder with some records, and without the store that wrote them.
 struct Folder(PathBuf);
@@ -45,8 +45,35 @@ impl Folder {
         self.database(|connection| connection.execute_batch(sql).unwrap());
     }
 
+    fn verdict(&self) -> Verdict {
+        verify_audit_in(&self.0, &[], None).unwrap()
+    }
+
+    fn key(&self) -> Key {
+        Key::read(&self.0.join(KEY_FILE_NAME)).unwrap().unwrap()
+    }
+
+    /// Writes the chain anew as somebody does who has no key, with other people in it.
+    fn forge(&self, records: u64) {
+        let (mut last, mut sql) = (Hash::NONE, String::new());
+        for number in 1..=records {
+            last = chain::hash(None, last, number, 1, ["eve", "", "", "login", "", "done"]);
+            sql += &format!(
+                "UPDATE audit SET at_ms = 1, who = 'eve', role = '', source = '', target = '', hash = x'{last}'
+                 WHERE number = {number};"
+            );
+        }
+        self.run(&sql);
+    }
+
+    /// Notes the end of the chain, as it is now, beside the database.
+    fn note(&self) {
+        let head = self.database(|connection| Head::of(connection).unwrap());
+        std::fs::write(self.0.join(HEAD_FILE_NAME), head.to_string()).unwrap();
+    }
+
     fn breach(&self) -> Option<Breach> {
-        verify_audit_in(&self.0, &[]).unwrap().0.breach
+        self.verdict().breach
     }
 }
 
@@ -59,20 +86,6 @@ impl Drop for Folder {
 
 #[tokio::test]
 async fn the_verifier_names_the_first_record_that_was_tampered_with() {
-    // Whoever writes a whole chain anew is found by the head alone.
-    let forged = {
-        let mut sql = String::new();
-        let mut last = Hash::NONE;
-        for number in 1..=20 {
-            let hash = chain::hash(last, number, 1, ["eve", "", "", "login", "", "done"]);
-            sql += &format!(
-                "UPDATE audit SET at_ms = 1, who = 'eve', role = '', source = '', target = '', hash = x'{hash}'
-                 WHERE number = {number};"
-            );
-            last = hash;
-        }
-        sql
-    };
     let cases = [
         ("", None),
         ("UPDATE audit SET who = 'eve' WHERE number = 7", Some(7)),
@@ -95,7 +108,6 @@ async fn the_verifier_names_the_first_record_that_was_tampered_with() {
              FROM audit WHERE number = 4",
             Some(1),
         ),
-        (&forged, Some(20)),
     ];
     for (sql, expected) in cases {
         let folder = Folder::with_records("tampered", 20).await;
@@ -121,11 +133,11 @@ async fn a_log_that_was_cut_stays_found_out_when_it_goes_on() {
 #[tokio::test]
 async fn a_head_that_was_noted_elsewhere_finds_a_chain_that_was_written_anew() {
     let folder = Folder::with_records("elsewhere", 5).await;
-    let head = verify_audit_in(&folder.0, &[]).unwrap().0.head;
-    let (verdict, _) = verify_audit_in(&folder.0, &[Head::parse(&head.to_string()).unwrap()]).unwrap();
+    let head = folder.verdict().head;
+    let verdict = verify_audit_in(&folder.0, &[Head::parse(&head.to_string()).unwrap()], None).unwrap();
     assert_eq!((verdict.records, verdict.breach), (5, None));
     let other = Folder::with_records("anew", 5).await;
-    let breach = verify_audit_in(&other.0, &[head]).unwrap().0.breach.unwrap();
+    let breach = verify_audit_in(&other.0, &[head], None).unwrap().breach.unwrap();
     assert_eq!(breach.number, 5);
     for text in ["", "5", "5:", "x:00", &format!("5:{}", "0".repeat(63)), &format!("-1:{}", "0".repeat(64))] {
         assert_eq!(Head::parse(text), None, "{text}");
@@ -151,19 +163,34 @@ async fn the_store_itself_shows_and_verifies_its_log() {
 async fn the_oldest_records_are_taken_away_and_the_chain_still_holds() {
     const KEPT: u64 = 500;
     let folder = Folder::with_records("pruned", 1).await;
+    let key = folder.key();
     let mut connection = Connection::open(folder.0.join(FILE_NAME)).unwrap();
     let transaction = connection.transaction().unwrap();
     for _ in 0..3 * PRUNE_AT_ONCE {
-        let last = append(&transaction, &Record::of(Action::Stop, TELLTALE), SystemTime::UNIX_EPOCH).unwrap();
-        prune(&transaction, last, KEPT, SystemTime::UNIX_EPOCH).unwrap();
+        let (stop, wall) = (Record::of(Action::Stop, TELLTALE), SystemTime::UNIX_EPOCH);
+        let last = append(&transaction, &key, &stop, wall).unwrap();
+        prune(&transaction, &key, last, KEPT, wall).unwrap();
     }
     transaction.commit().unwrap();
-    let (verdict, _) = verify_audit_in(&folder.0, &[]).unwrap();
+    let verdict = folder.verdict();
     assert_eq!(verdict.breach, None);
     assert!(verdict.records < KEPT + PRUNE_AT_ONCE + 2 && verdict.head.number > 3000, "{verdict:?}");
     let first = verdict.head.number - verdict.records + 1;
     folder.run(&format!("DELETE FROM audit WHERE number = {first}"));
     assert_eq!(folder.breach().map(|breach| breach.number), Some(first), "it was kept");
+    // Somebody takes more away and says so in the words of the program, but without the key.
+    let base = folder.database(|connection| hash_of(connection, first + 99).unwrap().unwrap());
+    let last = folder.verdict().head;
+    let target = format!("{PRUNED_UP_TO}{}", Head { number: first + 99, hash: base });
+    let fields = ["", "", TELLTALE, "pruned", &target, "done"];
+    let hash = chain::hash(None, last.hash, last.number + 1, 1, fields);
+    folder.run(&format!(
+        "DELETE FROM audit WHERE number < {first} + 100;
+         INSERT INTO audit VALUES ({} + 1, 1, '', '', 'telltale', 'pruned', '{target}', 'done', x'{hash}')",
+        last.number
+    ));
+    folder.note();
+    assert_eq!(folder.breach().map(|breach| breach.number), Some(last.number + 1));
 }
 
 #[tokio::test]
@@ -179,7 +206,7 @@ async fn a_head_that_cannot_be_read_is_not_called_missing() {
         assert!(error.contains("it belongs to the user") && error.contains("Give it to"), "{error}");
     };
     names(Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap_err().to_string());
-    names(verify_audit_in(&folder.0, &[]).unwrap_err().to_string());
+    names(verify_audit_in(&folder.0, &[], None).unwrap_err().to_string());
     // The display starts, says so, and writes nothing until it can.
     let (clock, hand) = Clock::with_hand();
     let store = Store::open_or_read(&folder.0, clock, DemoSecrets::Refused).unwrap();
@@ -195,7 +222,7 @@ async fn a_head_that_cannot_be_read_is_not_called_missing() {
     store.fault().wait_for(Option::is_none).await.unwrap();
     store.audit(Record::of(Action::Start, TELLTALE)).await.unwrap();
     folder.closed(store);
-    let (verdict, _) = verify_audit_in(&folder.0, &[]).unwrap();
+    let verdict = folder.verdict();
     assert_eq!((verdict.records, verdict.breach), (4, None), "nothing was lost, so nothing says so");
 }
 
@@ -205,15 +232,172 @@ async fn a_file_that_holds_no_head_is_as_good_as_none() {
         let folder = Folder::with_records("none", 3).await;
         std::fs::write(folder.0.join(HEAD_FILE_NAME), text).unwrap();
         folder.closed(folder.store());
-        let (verdict, _) = verify_audit_in(&folder.0, &[]).unwrap();
-        assert_eq!((verdict.records, verdict.breach), (4, None), "its loss is a record");
+        let verdict = folder.verdict();
+        let breach = verdict.breach.map(|breach| breach.number);
+        assert_eq!((verdict.records, breach), (4, Some(4)), "its loss is a record, and a breach");
     }
+}
+
+#[tokio::test]
+async fn what_is_done_to_the_log_while_it_is_written_is_found_with_the_next_record() {
+    type Attack = fn(&Folder);
+    let attacks: [(&str, Attack, u64); 6] = [
+        ("cut", |folder| folder.run("DELETE FROM audit WHERE number > 8"), 9),
+        ("emptied", |folder| folder.run("DELETE FROM audit"), 1),
+        ("rebuilt", |folder| folder.forge(10), 11),
+        ("rebuilt and noted", |folder| (folder.forge(10), folder.note()).1, 11),
+        ("head removed", |folder| std::fs::remove_file(folder.0.join(HEAD_FILE_NAME)).unwrap(), 11),
+        (
+            "went on without the key",
+            |folder| {
+                let last = folder.database(|connection| Head::of(connection).unwrap());
+                let hash = chain::hash(None, last.hash, 11, 1, ["eve", "", "", "login", "", "done"]);
+                folder.run(&format!(
+                    "INSERT INTO audit VALUES (11, 1, 'eve', '', '', 'login', '', 'done', x'{hash}')"
+                ));
+            },
+            11,
+        ),
+    ];
+    for (how, attack, expected) in attacks {
+        let folder = Folder::with_records("running", 10).await;
+        let store = folder.store();
+        let record = || Record::of(Action::Stop, "127.0.0.1");
+        // One that is in order, and the note of it.
+        let note = |database: &mut Database| {
+            database.log.note();
+            Ok(())
+        };
+        store.call(note).await.unwrap();
+        attack(&folder);
+        for _ in 0..3 {
+            store.audit(record()).await.unwrap();
+        }
+        let said: Vec<_> =
+            store.audit_entries(None, 5).await.unwrap().into_iter().map(|it| it.action).collect();
+        let found = if how == "head removed" { "head missing" } else { "chain broken" };
+        assert_eq!(said[..4], ["stop", "stop", "stop", found], "{how}: once, before what comes next");
+        assert_eq!(store.verify_audit().await.unwrap().breach.map(|it| it.number), Some(expected), "{how}");
+        folder.closed(store);
+        assert_eq!(folder.breach().map(|it| it.number), Some(expected), "{how}");
+    }
+}
+
+#[tokio::test]
+async fn what_another_program_of_ours_writes_is_no_breach() {
+    let folder = Folder::with_records("beside", 3).await;
+    let [server, command] = [folder.store(), folder.store()];
+    for _ in 0..3 {
+        server.audit(Record::of(Action::Stop, "127.0.0.1")).await.unwrap();
+        command.audit(Record::of(Action::UserAdded, COMMAND_LINE)).await.unwrap();
+        command.audit(Record::of(Action::UserAdded, COMMAND_LINE)).await.unwrap();
+    }
+    command.close().await;
+    folder.closed(server);
+    let verdict = folder.verdict();
+    assert_eq!((verdict.records, verdict.breach), (12, None));
+}
+
+#[tokio::test]
+async fn a_chain_that_was_written_anew_while_nobody_served_needs_the_key() {
+    let folder = Folder::with_records("anew", 10).await;
+    let copy = folder.0.join("copy of the key");
+    std::fs::copy(folder.0.join(KEY_FILE_NAME), &copy).unwrap();
+    folder.forge(10);
+    folder.note();
+    let breach = folder.breach().unwrap();
+    assert!(breach.what.contains("without the key"), "{breach:?}");
+    folder.closed(folder.store());
+    let breach = folder.breach().unwrap();
+    assert_eq!(breach.number, 11, "{breach:?}");
+    // Without the key nothing of it can be proven, and the next start says so for good.
+    for gone in [true, false] {
+        let folder = Folder::with_records("keyless", 10).await;
+        let key = folder.0.join(KEY_FILE_NAME);
+        match gone {
+            true => std::fs::remove_file(&key).unwrap(),
+            false => std::fs::write(&key, format!("{}\n", "ab".repeat(32))).unwrap(),
+        }
+        assert_eq!(folder.breach().map(|it| it.number), Some(1));
+        folder.closed(folder.store());
+        let verdict = folder.verdict();
+        assert!(verdict.breach.is_some() && verdict.records == 1, "{verdict:?}");
+        let newest = folder.store().audit_entries(None, 1).await.unwrap();
+        assert!(newest[0].action == "chain broken" && newest[0].target.contains("audit.key"), "{newest:?}");
+    }
+}
+
+#[tokio::test]
+async fn the_log_of_an_earlier_version_is_kept_and_goes_on_with_a_key() {
+    let folder = Folder::with_records("earlier", 5).await;
+    folder.forge(5);
+    folder.run("DROP TABLE audit_key; PRAGMA user_version = 4");
+    std::fs::remove_file(folder.0.join(KEY_FILE_NAME)).unwrap();
+    folder.note();
+    assert_eq!(folder.breach(), None, "it can be verified as before");
+    let store = folder.store();
+    store.audit(Record::of(Action::Stop, "127.0.0.1")).await.unwrap();
+    folder.closed(store);
+    let verdict = folder.verdict();
+    assert_eq!((verdict.records, verdict.breach), (7, None));
+    let mode = std::os::unix::fs::PermissionsExt::mode(
+        &std::fs::metadata(folder.0.join(KEY_FILE_NAME)).unwrap().permissions(),
+    );
+    assert_eq!(mode & 0o777, 0o600);
+    folder.run("UPDATE audit SET who = 'anna' WHERE number = 2");
+    assert_eq!(folder.breach().map(|it| it.number), Some(2));
+    // Without the records that have the key it is no log of an earlier version any more.
+    folder.run("UPDATE audit SET who = 'eve' WHERE number = 2; DELETE FROM audit WHERE number > 5");
+    folder.note();
+    assert!(folder.breach().unwrap().what.contains("without the key"));
+}
+
+#[tokio::test]
+async fn a_breach_is_one_until_an_authority_acknowledges_it_and_another_is_another() {
+    let folder = Folder::with_records("acknowledged", 10).await;
+    let store = folder.store();
+    store.add_user("carl", Role::Authority, "a long password").await.unwrap();
+    store.add_user("dora", Role::Developer, "a long password").await.unwrap();
+    let carl = store.authenticate("carl", "a long password").await.unwrap().unwrap();
+    let dora = store.authenticate("dora", "a long password").await.unwrap().unwrap();
+    assert_eq!(store.acknowledge_breaches(&carl, "nothing").await.unwrap(), 0);
+    folder.run("UPDATE audit SET who = 'eve' WHERE number = 3; DELETE FROM audit WHERE number = 6");
+    std::fs::remove_file(folder.0.join(HEAD_FILE_NAME)).unwrap();
+    store.audit(Record::of(Action::Stop, "127.0.0.1")).await.unwrap();
+    let refused = store.acknowledge_breaches(&dora, "mine").await.unwrap_err().to_string();
+    assert!(refused.contains("dora is no authority"), "{refused}");
+    assert_eq!(store.acknowledge_breaches(&carl, "the disk was changed").await.unwrap(), 3);
+    folder.closed(store);
+    let verdict = folder.verdict();
+    assert_eq!((verdict.breach, verdict.breaches), (None, 0));
+    let known = verdict.acknowledged.unwrap();
+    assert_eq!((&*known.by, known.count), ("carl", 3));
+    // What was acknowledged is not changed again behind it.
+    folder.run("UPDATE audit SET who = 'mallory' WHERE number = 3");
+    let verdict = folder.verdict();
+    assert_eq!((verdict.breach.map(|it| it.number), verdict.breaches), (Some(3), 3));
+    folder.run("UPDATE audit SET who = 'eve' WHERE number = 3");
+    assert_eq!(folder.breach(), None);
+    folder.run("UPDATE audit SET who = 'eve' WHERE number = 9");
+    assert!(folder.breach().is_some());
+}
+
+#[tokio::test]
+async fn what_a_process_left_behind_that_was_killed_is_removed() {
+    let folder = Folder::with_records("leftover", 3).await;
+    // No process has this number.
+    let (left, mine) = (folder.0.join("audit.head.4194305"), folder.0.join("audit.head.old"));
+    for file in [&left, &mine] {
+        std::fs::write(file, "3:").unwrap();
+    }
+    folder.closed(folder.store());
+    assert!(!left.exists() && mine.exists());
 }
 
 #[test]
 fn what_is_not_there_is_not_made() {
     let folder = std::env::temp_dir().join(format!("telltale-audit-none-{}", std::process::id()));
-    let error = verify_audit_in(&folder, &[]).unwrap_err().to_string();
+    let error = verify_audit_in(&folder, &[], None).unwrap_err().to_string();
     assert!(error.contains("there is no database") && error.contains("--data"), "{error}");
     assert!(!folder.exists());
 }

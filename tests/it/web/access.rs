@@ -236,7 +236,7 @@ async fn a_foreign_name_for_this_machine_is_not_served() {
     }
 }
 
-pub const HEADERS: [(&str, &str); 5] = [
+pub const HEADERS: [(&str, &str); 7] = [
     (
         "content-security-policy",
         "default-src 'self'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'; \
@@ -245,6 +245,12 @@ pub const HEADERS: [(&str, &str); 5] = [
     ("x-content-type-options", "nosniff"),
     ("referrer-policy", "no-referrer"),
     ("cross-origin-opener-policy", "same-origin"),
+    ("cross-origin-resource-policy", "same-origin"),
+    (
+        "permissions-policy",
+        "accelerometer=(), camera=(), display-capture=(), geolocation=(), gyroscope=(), hid=(), \
+         magnetometer=(), microphone=(), midi=(), payment=(), serial=(), usb=()",
+    ),
     ("cache-control", "no-store"),
 ];
 

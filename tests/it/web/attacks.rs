@@ -9,6 +9,7 @@ use telltale::store::Role;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
+use tokio_tungstenite::MaybeTlsStream;
 use tokio_tungstenite::tungstenite::Message;
 use tokio_tungstenite::tungstenite::protocol::frame::coding::CloseCode;
 
@@ -159,4 +160,70 @@ async fn whoever_does_not_lead_the_vehicle_stops_nothing_over_a_socket() {
     let _ = page.send(Message::text(stop.to_string())).await;
     assert_eq!(closed(&mut page).await, CloseCode::Policy);
     assert!(stops_recorded(&server.fixture).await.is_empty());
+}
+
+/// Writes bytes past the client's own library.
+async fn write_raw(socket: &mut Socket, bytes: &[u8]) -> std::io::Result<()> {
+    let MaybeTlsStream::Plain(stream) = socket.get_mut() else { panic!("it is plain") };
+    stream.write_all(bytes).await
+}
+
+/// A masked frame of a client.
+fn frame(first: u8, payload: &[u8]) -> Vec<u8> {
+    let length = 0x80 | u8::try_from(payload.len()).unwrap();
+    [&[first, length, 0, 0, 0, 0], payload].concat()
+}
+
+async fn floods_recorded(fixture: &Fixture) -> usize {
+    let entries = fixture.store.audit_entries(None, 100).await.unwrap();
+    entries.iter().filter(|entry| entry.target == "socket" && entry.outcome.contains("more than")).count()
+}
+
+#[tokio::test]
+async fn whoever_sends_empty_fragments_without_an_end_is_closed_and_delays_nobody() {
+    const FLOODS: usize = 12;
+    let (server, operator) = driving().await;
+    let mut page = server.connect("/ws", &operator).await;
+    let authority = server.fixture.cookie_of("authority").await;
+    let mut floods: Vec<Socket> = Vec::new();
+    for _ in 0..FLOODS {
+        floods.push(server.connect("/ws", &authority).await);
+    }
+    assert_eq!(server.app.displays.count(), FLOODS + 1);
+    let fragments = frame(0x00, b"").repeat(20_000);
+    for flood in &mut floods {
+        write_raw(flood, &frame(0x01, b"")).await.unwrap();
+        // The server may be done with it before it has read all.
+        let _ = write_raw(flood, &fragments).await;
+    }
+    assert!(stop(&server, &operator).await.starts_with("HTTP/1.1 200"));
+    until(async || server.app.displays.count() == 1).await;
+    until(async || floods_recorded(&server.fixture).await == FLOODS).await;
+    next_json(&mut page, |value| value.get("beat").is_some()).await;
+}
+
+#[tokio::test]
+async fn whoever_pings_and_reads_nothing_is_closed() {
+    let (server, _) = driving().await;
+    let authority = server.fixture.cookie_of("authority").await;
+    let mut silent = server.connect("/ws", &authority).await;
+    // Little enough for its budget.
+    let ping = frame(0x89, &[b'x'; 125]);
+    until(async || {
+        let _ = write_raw(&mut silent, &ping).await;
+        server.app.displays.count() == 0
+    })
+    .await;
+    assert_eq!(floods_recorded(&server.fixture).await, 0);
+}
+
+/// Asks again and again, for as long as a busy machine may take.
+async fn until(mut condition: impl AsyncFnMut() -> bool) {
+    for _ in 0..300 {
+        if condition().await {
+            return;
+        }
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+    panic!("it does not come to that");
 }

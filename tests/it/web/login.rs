@@ -57,6 +57,24 @@ async fn a_cookie_is_for_this_server_alone() {
         assert!(token.len() == 64 && token.bytes().all(|byte| byte.is_ascii_hexdigit()), "{token}");
         let attributes = format!("; Path=/; Max-Age=86400; HttpOnly; SameSite=Strict{suffix}");
         assert_eq!(line, format!("{prefix}{token}{attributes}"));
+        let transport = answer.header("strict-transport-security");
+        assert_eq!(transport, secure.then_some("max-age=31536000"));
+    }
+}
+
+#[tokio::test]
+async fn of_two_session_cookies_none_is_taken_for_the_others() {
+    let fixture = Fixture::new().await;
+    let (own, planted) = (fixture.cookie_of("operator").await, fixture.cookie_of("authority").await);
+    let forged = format!("telltale={}", "0".repeat(64));
+    for (cookies, status) in [
+        (format!("{own}; {forged}"), StatusCode::OK),
+        (format!("{forged}; {own}"), StatusCode::OK),
+        (format!("telltale=; {own}; {own}"), StatusCode::OK),
+        (format!("{planted}; {own}"), StatusCode::UNAUTHORIZED),
+        (format!("{own}; {planted}"), StatusCode::UNAUTHORIZED),
+    ] {
+        assert_eq!(fixture.get("/api/v1/snapshot", Some(&cookies)).await.status, status, "{cookies}");
     }
 }
 

@@ -4,8 +4,8 @@ use std::borrow::Cow;
 
 use askama::Template;
 
-use crate::store::Verdict;
 use crate::store::audit::Entry;
+use crate::store::{Acknowledged, Verdict};
 
 use crate::web::view::clean::{MESSAGE, NAME, clean};
 use crate::web::view::pages::Frame;
@@ -118,6 +118,8 @@ fn word(written: &str, lang: Lang) -> &str {
         "token revoked" => "Token entzogen",
         "omitted" => "ausgelassen",
         "pruned" => "Älteste entfernt",
+        "log keyed" => "Schlüssel eingeführt",
+        "breach acknowledged" => "Bruch zur Kenntnis genommen",
         "chain broken" => "Kette beschädigt",
         "data repaired" => "Datenbank repariert",
         "data restored" => "Sicherung eingespielt",
@@ -135,7 +137,7 @@ fn outcome(written: &str, lang: Lang) -> Cow<'_, str> {
 }
 
 fn verdict(verdict: &Verdict, lang: Lang) -> String {
-    match (&verdict.breach, lang) {
+    let mut said = match (&verdict.breach, lang) {
         (None, Lang::En) if verdict.records == 1 => "The one record is as it was written.".to_owned(),
         (None, Lang::De) if verdict.records == 1 => "Der eine Eintrag ist unverändert.".to_owned(),
         (None, Lang::En) => format!("All {} records are as they were written.", verdict.records),
@@ -144,7 +146,21 @@ fn verdict(verdict: &Verdict, lang: Lang) -> String {
         (Some(breach), Lang::De) => {
             format!("Die Kette ist beschädigt. Eintrag {}: {}.", breach.number, clean(&breach.what, MESSAGE))
         }
+    };
+    if let (more @ 1.., lang) = (verdict.breaches.saturating_sub(1), lang) {
+        said += &match lang {
+            Lang::En => format!(" There are {more} more such places."),
+            Lang::De => format!(" Es gibt {more} weitere solche Stellen."),
+        };
     }
+    if let Some(Acknowledged { number, by, count, .. }) = &verdict.acknowledged {
+        let by = clean(by, NAME);
+        said += &match lang {
+            Lang::En => format!(" {by} has acknowledged {count} earlier ones, in record {number}."),
+            Lang::De => format!(" {by} hat {count} frühere zur Kenntnis genommen, in Eintrag {number}."),
+        };
+    }
+    said
 }
 
 #[cfg(test)]
