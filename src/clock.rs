@@ -1,9 +1,18 @@
 //! The only place that reads a clock.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crate::engine::time::{Span, Timestamp};
+
+/// The first of May 2026, before which this version was not there. A constant, so that two builds of the
+/// same source are the same.
+const EARLIEST_UNIX_S: u64 = 1_777_593_600;
+
+/// A wall clock that shows less than this is wrong.
+pub fn earliest() -> SystemTime {
+    UNIX_EPOCH + Duration::from_secs(EARLIEST_UNIX_S)
+}
 
 /// The monotonic clock of receipt, counted from the start of the process, with the wall clock
 /// beside it for what people read. Copies agree.
@@ -12,6 +21,8 @@ pub struct Clock {
     start: Instant,
     /// How far it was set ahead, in nanoseconds; a clock of a test alone has this.
     ahead: Option<&'static AtomicU64>,
+    /// What the wall clock showed at the start, if it is not that of the system.
+    wall: Option<SystemTime>,
 }
 
 /// Sets a clock ahead, so that a test need not wait for what takes long.
@@ -27,13 +38,18 @@ impl ClockHand {
 impl Clock {
     #[expect(clippy::disallowed_methods, reason = "the one clock of the process")]
     pub fn start() -> Clock {
-        Clock { start: Instant::now(), ahead: None }
+        Clock { start: Instant::now(), ahead: None, wall: None }
     }
 
     /// A clock that can be set ahead. Its hand lives as long as the process: it is for tests.
     pub fn with_hand() -> (Clock, ClockHand) {
         let ahead: &'static AtomicU64 = Box::leak(Box::default());
         (Clock { ahead: Some(ahead), ..Clock::start() }, ClockHand(ahead))
+    }
+
+    /// A clock that began with this wall time: for tests.
+    pub fn with_wall(wall: SystemTime) -> Clock {
+        Clock { wall: Some(wall), ..Clock::start() }
     }
 
     /// Monotonic: never stepped, never back.
@@ -45,7 +61,7 @@ impl Clock {
     /// What the wall clock says now. It may be stepped at any time: for display only.
     #[expect(clippy::disallowed_methods, reason = "the one clock of the process")]
     pub fn wall(&self) -> SystemTime {
-        SystemTime::now()
+        self.wall.map_or_else(SystemTime::now, |wall| wall + Duration::from_nanos(self.now().as_nanos()))
     }
 
     /// The monotonic instant as tokio's timers take it.

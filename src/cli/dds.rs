@@ -34,6 +34,13 @@ impl DdsFlags {
         for line in &options.unheeded {
             tracing::warn!("{line}");
         }
+        if options.interface != Interface::All {
+            tracing::warn!(
+                "the sockets of DDS are bound to all addresses, though only {} is spoken to: whoever reaches this \
+                 machine can send to them. Restrict them with a firewall, or as docs/kiosk.md has it for a service",
+                describe(&options)
+            );
+        }
         let dds_process = DdsProcess::Child { megabytes: self.dds_memory };
         Ok(BridgeOptions { definitions: self.definitions.definitions(), dds_process, ..options })
     }

@@ -19,6 +19,7 @@ mod scenario;
 mod serve;
 mod sim;
 mod station;
+mod timekeeping;
 mod tls;
 mod user;
 mod vehicle;

@@ -83,7 +83,7 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     options.definitions = options.definitions.with(&loaded.message_folders);
     say_whom_dds_believes(&options);
     let clock = Clock::start();
-    let tls = tls(args, clock)?;
+    let tls = tls(args)?;
     warn_of_proxy(args);
     station::check_plain(args.listen, tls.is_some(), args.insecure_http)?;
     let listener = station::bind(args.listen).await?;
@@ -102,9 +102,9 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
 }
 
 /// Reads the certificate and its key, and holds them against the names by which browsers come.
-fn tls(args: &Args, clock: Clock) -> anyhow::Result<Option<Tls>> {
+fn tls(args: &Args) -> anyhow::Result<Option<Tls>> {
     let (Some(certificate), Some(key)) = (&args.tls_cert, &args.tls_key) else { return Ok(None) };
-    let tls = Tls::load(certificate, key, clock.wall())?;
+    let tls = Tls::load(certificate, key)?;
     for origin in &args.origins {
         if let Some(host) = Origins::secure_host(origin) {
             tls.check_name(&host).with_context(|| format!("--origin {origin}"))?;

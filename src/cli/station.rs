@@ -13,7 +13,7 @@ use tokio::sync::{mpsc, watch};
 use tokio::time::timeout;
 
 use super::ending::Ending;
-use super::{dds, outputs, reload};
+use super::{dds, outputs, reload, timekeeping};
 use crate::clock::Clock;
 use crate::config::Loaded;
 use crate::engine::input::{Input, Stamped};
@@ -51,7 +51,7 @@ pub fn address(text: &str) -> Result<SocketAddr, String> {
 pub const LISTEN: &str = "127.0.0.1:8080";
 
 /// At the end a disk has this long to answer.
-const LAST_WITHIN: Duration = Duration::from_secs(2);
+const LAST_WITHIN: Duration = Duration::from_secs(1);
 
 /// Everything that a running display is made of.
 pub struct Station {
@@ -93,6 +93,7 @@ impl Station {
             .transpose()?;
         let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
         let secure = tls.is_some();
+        let hosts = origins.iter().filter_map(|origin| Origins::secure_host(origin)).collect();
         let origins = known_origins(address, secure, &origins)?;
         let bridge = ros::start(options.clone(), &loaded.model, link.inputs.clone(), clock).await?;
         let outputs = outputs::start(&options, &loaded.publishing, &link, &bridge, clock).await?;
@@ -103,6 +104,7 @@ impl Station {
             tracing::error!(%error, "the start cannot be recorded");
         }
         let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
+        let time = tokio::spawn(timekeeping::watch(tls.clone(), hosts, store.floor(), clock));
         tracing::info!("the display is on {}; it listens to {listens_to}", url(address, secure));
         let end = store.clone();
         let engine = link.inputs.clone();
@@ -120,6 +122,7 @@ impl Station {
         }
         tracing::info!("ending");
         storage.abort();
+        time.abort();
         match timeout(LAST_WITHIN, end.audit(Record::of(Action::End, TELLTALE))).await {
             Ok(Ok(())) => {}
             Ok(Err(error)) => tracing::error!(%error, "the end cannot be recorded"),

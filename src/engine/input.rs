@@ -43,6 +43,12 @@ pub enum Input {
         /// What is wrong, for a developer; `None`: nothing.
         fault: Option<Box<str>>,
     },
+    /// The part that speaks DDS is up, or down: nothing of the vehicle can be heard then. Said when that
+    /// changes, and each time it goes down.
+    Dds {
+        /// What is wrong, for a developer; `None`: nothing.
+        fault: Option<Box<str>>,
+    },
     /// The operator's display shows, or does not show, what is. Said when that changes.
     Display {
         /// Whose display it is; `None`: nothing is wrong.

@@ -23,6 +23,9 @@ pub(super) fn policies(model: &Model) -> Vec<Policy> {
 impl Engine {
     /// Takes what was received for monitors. Returns whether anything changed but what was counted.
     pub(super) fn take_watched(&mut self, input: &Input) -> bool {
+        if self.asks_in_vain(input) {
+            return false;
+        }
         let mut judge = std::mem::take(&mut self.watching.judge);
         let taken = match input {
             Input::Sample(sample) => {
@@ -62,6 +65,10 @@ impl Engine {
             Purpose::Module(id) => id,
             Purpose::Signal(signal) => return heard && self.judge_condition(index, signal),
         };
+        if self.dds_fault.is_some() && !heard && self.watching.hears_dds(id) {
+            // That nothing comes says nothing of the vehicle.
+            return false;
+        }
         let by_the_clock = self.watching.by_the_clock(index);
         let Told { state, changed, words, aged, due } =
             self.watching.judge(index, self.net.policy(id), self.now);

@@ -12,6 +12,7 @@ mod causes;
 mod confirm;
 pub mod countermeasure;
 mod counters;
+mod cut_off;
 pub mod discovery;
 mod disputes;
 mod drive;
@@ -66,10 +67,10 @@ use causes::Causes;
 use disputes::Disputes;
 use event::{Event, Events};
 use input::{Input, ReceptionTrouble, Response, Status, StatusArray};
-use lead::Told;
+use lead::{Told, localization_group};
 use measures::Measures;
 use members::Departed;
-use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, LOCALIZATION_GROUP, Model, ModuleId, NodeId, Text};
+use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, Model, ModuleId, NodeId, Text};
 use names::Names;
 use net::Net;
 use overflow::Overflow;
@@ -122,6 +123,8 @@ pub struct Engine {
     storage_fault: Option<Box<str>>,
     /// Whose display shows nothing.
     display_late: Option<Box<str>>,
+    /// Why nothing of the vehicle can be heard.
+    dds_fault: Option<Box<str>>,
     counters: Counters,
     events: Events,
     views: Views,
@@ -167,6 +170,7 @@ impl Engine {
             said_cut: false,
             storage_fault: None,
             display_late: None,
+            dds_fault: None,
             counters: Counters::default(),
             events: Events::default(),
             views: Views::new(&model, now),
@@ -195,6 +199,7 @@ impl Engine {
             Input::Aggregator { other } => self.take_aggregator(other.as_deref()),
             Input::Storage { fault } => self.take_storage(fault.clone()),
             Input::Display { late } => self.take_display(late.clone()),
+            Input::Dds { fault } => self.take_dds(fault.clone()),
             Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {
                 // Nearly every message says what the one before said: then nothing is to be settled.
                 if !self.take_watched(input) {
@@ -439,9 +444,4 @@ impl Engine {
             count => format!("{count} modules are in ERROR and none is shown"),
         })
     }
-}
-
-fn localization_group(model: &Model) -> Option<GroupId> {
-    let position = model.groups.iter().position(|group| &*group.path == LOCALIZATION_GROUP)?;
-    Some(GroupId(position as u32))
 }

@@ -21,6 +21,8 @@ pub(super) struct OwnState {
     /// Since when it is judged to be in ERROR by what it reported.
     error_since: Option<Timestamp>,
     latched: bool,
+    /// Since it was heard, nothing can be heard any more of anybody.
+    cut_off: bool,
     relevant_since: Option<Timestamp>,
     /// Of a module that was made at run time: it leaves if nothing is heard from then on.
     made: Option<Timestamp>,
@@ -38,6 +40,7 @@ impl OwnState {
             spoken_for: false,
             debounce: Debounce::default(),
             latched: false,
+            cut_off: false,
             relevant_since: None,
         }
     }
@@ -72,7 +75,7 @@ impl OwnState {
     /// A report arrived. Returns whether the own state may have changed: a repeated report
     /// from a module that is not silent moves nothing but its age.
     pub(super) fn report(&mut self, state: State, policy: &Policy, now: Timestamp) -> bool {
-        let heard = self.heard();
+        let heard = self.heard() && !std::mem::take(&mut self.cut_off);
         self.received = Some(now);
         if self.reported == Some(state) && heard {
             return false;
@@ -113,9 +116,17 @@ impl OwnState {
     /// There is nothing to judge any more: as if it had never reported. What latched stays.
     pub(super) fn forget(&mut self, policy: &Policy, now: Timestamp) {
         (self.reported, self.received) = (None, None);
-        (self.silent, self.spoken_for) = (false, false);
+        (self.silent, self.spoken_for, self.cut_off) = (false, false, false);
         self.debounce = Debounce::default();
         self.judge(policy, now);
+    }
+
+    /// Nothing can be heard any more, of nobody: UNKNOWN at once and until it is heard again, unless it is
+    /// in ERROR. Returns whether that is news.
+    pub(super) fn cut_off(&mut self) -> bool {
+        let is_news = self.heard() && !self.cut_off;
+        self.cut_off |= is_news;
+        is_news
     }
 
     fn heard(&self) -> bool {
@@ -169,7 +180,8 @@ impl OwnState {
 
     /// The state after debounce and grace.
     fn judged(&self, policy: &Policy) -> State {
-        if self.grace { State::Unknown } else { self.debounce.state.unwrap_or(policy.stale) }
+        let state = if self.grace { State::Unknown } else { self.debounce.state.unwrap_or(policy.stale) };
+        if self.cut_off { state.max(State::Unknown) } else { state }
     }
 
     /// How [`OwnState::state`] came about.

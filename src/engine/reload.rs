@@ -31,6 +31,7 @@ impl Engine {
         next.reception = std::mem::take(&mut self.reception);
         next.take_storage(self.storage_fault.take());
         next.take_display(self.display_late.take());
+        let dds_fault = self.dds_fault.take();
         next.told = std::mem::take(&mut self.told);
         next.said_cut = self.said_cut;
         next.active_by = self.active_by;
@@ -41,6 +42,9 @@ impl Engine {
         next.watching.keep_topics(&self.watching);
         next.writers = std::mem::take(&mut self.writers);
         next.take_modules(self);
+        if dds_fault.is_some() {
+            next.take_dds(dds_fault);
+        }
         next.names.keep_voices(&self.names);
         next.keep_disputes(self);
         if let Some(due) = next.reception.due() {

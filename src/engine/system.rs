@@ -39,6 +39,8 @@ pub enum SystemCheck {
     Display,
     /// Nobody else publishes the aggregated diagnosis.
     Aggregator,
+    /// The vehicle can be heard.
+    Dds,
     /// What statuses say fits into memory.
     Memory,
     /// No two writers contradict each other, and nobody says what only others may.
@@ -46,7 +48,7 @@ pub enum SystemCheck {
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 10] = [
+    pub const ALL: [SystemCheck; 11] = [
         SystemCheck::Invariants,
         SystemCheck::Reception,
         SystemCheck::Active,
@@ -55,6 +57,7 @@ impl SystemCheck {
         SystemCheck::Storage,
         SystemCheck::Display,
         SystemCheck::Aggregator,
+        SystemCheck::Dds,
         SystemCheck::Memory,
         SystemCheck::Writers,
     ];
@@ -69,6 +72,7 @@ impl SystemCheck {
             SystemCheck::Storage => "telltale/storage",
             SystemCheck::Display => "telltale/display",
             SystemCheck::Aggregator => "telltale/aggregator",
+            SystemCheck::Dds => "telltale/dds",
             SystemCheck::Writers => "telltale/writers",
             SystemCheck::Memory => "telltale/memory",
         }
@@ -88,6 +92,7 @@ impl SystemCheck {
             SystemCheck::Aggregator => {
                 ("Diagnosis is published twice", "Diagnose wird doppelt veröffentlicht")
             }
+            SystemCheck::Dds => ("Nothing is heard of the vehicle", "Vom Fahrzeug kommt nichts an"),
             SystemCheck::Memory => ("Messages are shortened", "Meldungen sind gekürzt"),
             SystemCheck::Writers => ("Senders contradict each other", "Sender widersprechen sich"),
         };
@@ -119,7 +124,7 @@ impl SystemCheck {
                     ("Nothing to do now. Report it.", "Jetzt ist nichts zu tun. Melden."),
                 );
             }
-            SystemCheck::Active | SystemCheck::Countermeasure => {
+            SystemCheck::Active | SystemCheck::Countermeasure | SystemCheck::Dds => {
                 let (en, de) =
                     ("Take over. Stop. Call the control room.", "Übernehmen. Anhalten. Leitstelle rufen.");
                 help.error = driving(en, de, STAY);
@@ -179,6 +184,15 @@ pub(super) fn other_aggregator(other: &str) -> Text {
         "another program publishes the diagnosis: {other}",
         "ein anderes Programm veröffentlicht die Diagnose: {other}",
         other = other
+    )
+}
+
+/// What is said while the part that speaks DDS is down.
+pub(super) fn dds_down(reason: &str) -> Text {
+    say!(
+        "the connection to the vehicle (DDS) failed and is being restarted: {reason}",
+        "die Verbindung zum Fahrzeug (DDS) ist ausgefallen und wird neu gestartet: {reason}",
+        reason = reason
     )
 }
 

@@ -6,6 +6,7 @@ mod keys;
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use super::cut_off::asks_dds;
 use super::model::{Model, ModuleId, Policy};
 use super::monitor::spec::{MonitorSpec, TopicId, TopicSpec, ValueSource, WatchdogSpec};
 use super::monitor::{Feed, Monitor, Taken, WORDS_EVERY, Words, feeds};
@@ -52,6 +53,8 @@ pub(super) struct Watch {
     monitor: Monitor,
     topics: Box<[TopicId]>,
     by_the_clock: bool,
+    /// What it judges comes from the vehicle by DDS.
+    from_dds: bool,
     said: Option<State>,
     /// When time alone changes its state, or somewhat before.
     due: Option<Timestamp>,
@@ -194,14 +197,18 @@ impl Watching {
             self.topics[topic.0 as usize].readers.push(Reader { watch, slot, field });
             topics.push(topic);
         }
+        let mut from_dds = true;
         if let MonitorSpec::Watchdog { watchdog, .. } = spec {
-            self.probes[watchdog.0 as usize].1.push(watch);
+            let (spec, readers) = &mut self.probes[watchdog.0 as usize];
+            from_dds = asks_dds(&spec.target);
+            readers.push(watch);
         }
         self.watches.push(Watch {
             purpose,
             monitor,
             topics: topics.into(),
             by_the_clock: spec.by_the_clock(),
+            from_dds,
             said: None,
             due: None,
             worded: None,
@@ -369,6 +376,24 @@ impl Watching {
 
     pub(super) fn by_the_clock(&self, index: u32) -> bool {
         self.watches[index as usize].by_the_clock
+    }
+
+    /// Whether what is said of a module comes by DDS; a status does.
+    pub(super) fn hears_dds(&self, id: ModuleId) -> bool {
+        let index = self.of_module.get(id.0 as usize).copied().flatten();
+        index.is_none_or(|index| self.watches[index as usize].from_dds)
+    }
+
+    /// Measures anew what is judged by the clock, as when it becomes relevant, unless it is in ERROR.
+    /// Discovery looks for who publishes until `searched`.
+    pub(super) fn begin_anew(&mut self, index: u32, searched: Timestamp, now: Timestamp) {
+        let watch = &mut self.watches[index as usize];
+        if watch.by_the_clock && watch.running && watch.said != Some(State::Error) {
+            watch.monitor.set_relevant(false, now);
+            watch.monitor.set_relevant(true, now);
+            watch.monitor.search(searched);
+            (watch.due, watch.worded, watch.pending) = (None, None, true);
+        }
     }
 
     /// Goes on with a monitor of before a reload that means the same.

@@ -1,6 +1,6 @@
 //! What discovery sees of all topics, looked at once a second, for who develops.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -37,21 +37,25 @@ impl Tallies {
     }
 }
 
-/// Participants of this process beside the bridge's own, in hexadecimal digits.
+/// Our participants beside the bridge's own, in hexadecimal digits, and the last ones that have ended: one
+/// that was killed said no goodbye, and discovery knows it for as long as its lease.
 #[derive(Debug, Clone, Default)]
-pub struct Siblings(Arc<Mutex<BTreeSet<String>>>);
+pub struct Siblings(Arc<Mutex<VecDeque<String>>>);
+
+/// Far more than end within a lease.
+const SIBLINGS_MAX: usize = 256;
 
 impl Siblings {
     pub fn add(&self, participant: String) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(participant);
-    }
-
-    pub fn remove(&self, participant: &str) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).remove(participant);
+        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        all.push_back(participant);
+        while all.len() > SIBLINGS_MAX {
+            all.pop_front();
+        }
     }
 
     fn all(&self) -> BTreeSet<String> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
     }
 }
 

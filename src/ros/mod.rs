@@ -47,7 +47,7 @@ pub use subscription::{DIAGNOSTICS, SubscriptionError};
 
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
-use crate::engine::input::Stamped;
+use crate::engine::input::{Input, Stamped};
 use crate::engine::model::Model;
 use fields::Definitions;
 use futures_util::FutureExt as _;
@@ -60,15 +60,15 @@ use ros_clock::RosClock;
 use session::{Ground, Legacy};
 use subscription::Plan;
 
-/// For the log's filter: below an error the library floods, and a log that nobody drains stalls it.
-/// Its listener calls it an error to leave a multicast group on an interface that has none, and each
-/// range of more than 256 missing numbers is one to it, thousands in a second under large messages;
-/// what is lost is counted here.
-pub const LOG_FILTER: &str =
-    "rustdds=error,rustdds::network::udp_listener=off,rustdds::structure::sequence_number=off";
+/// For the log's filter: the library has a line for each forged packet, so anybody could fill the disk with
+/// them. What matters of it is said here.
+pub const LOG_FILTER: &str = "rustdds=off";
 
 /// Time between two tries to make a participant, and the least that one lives.
 const RETRY: Duration = Duration::from_secs(1);
+
+/// One that lives for so long after another was ill is taken for sound.
+const SETTLED: Duration = Duration::from_secs(2);
 
 #[derive(Debug, thiserror::Error)]
 pub enum BridgeError {
@@ -200,9 +200,23 @@ impl Bridge {
 
 async fn run(mut participant: Participant, ground: Ground) {
     let mut legacy = Legacy::default();
+    let mut down = false;
     loop {
         let started = ground.clock.now();
-        let end = session::run(&participant, &ground, &mut legacy).await;
+        let end = {
+            let mut session = std::pin::pin!(session::run(&participant, &ground, &mut legacy));
+            let over = tokio::select! {
+                end = &mut session => Some(end),
+                () = tokio::time::sleep(SETTLED), if down => None,
+            };
+            match over {
+                Some(end) => end,
+                None => {
+                    down = !tell_of_dds(&ground, None).await;
+                    session.await
+                }
+            }
+        };
         let closed = participant.close();
         match end {
             End::Rebuild(reason) => {
@@ -211,20 +225,32 @@ async fn run(mut participant: Participant, ground: Ground) {
             }
             End::Lost(reason) => {
                 tracing::error!("the DDS process is ill and is replaced: {reason}");
+                down |= tell_of_dds(&ground, Some(&reason)).await;
                 tokio::spawn(closed);
             }
             End::Stopped | End::NobodyListens => return closed.await,
         }
         let lived = Duration::from_nanos(ground.clock.now().since(started).as_nanos());
-        match reopen(&ground, RETRY.saturating_sub(lived)).await {
+        match reopen(&ground, RETRY.saturating_sub(lived), &mut down).await {
             Some(next) => participant = next,
             None => return,
         }
     }
 }
 
+/// Says whether the vehicle can be heard. Returns whether somebody took it.
+async fn tell_of_dds(ground: &Ground, fault: Option<&str>) -> bool {
+    let input = Input::Dds { fault: fault.map(Box::from) };
+    let said = ground.inputs.send(Stamped { input, received: ground.clock.now() });
+    let mut stop = ground.stop.clone();
+    tokio::select! {
+        said = said => said.is_ok(),
+        () = stopped(&mut stop) => false,
+    }
+}
+
 /// Tries after `pause` until there is a participant again, or the bridge is to end.
-async fn reopen(ground: &Ground, mut pause: Duration) -> Option<Participant> {
+async fn reopen(ground: &Ground, mut pause: Duration, down: &mut bool) -> Option<Participant> {
     let mut stop = ground.stop.clone();
     let mut told = false;
     loop {
@@ -237,6 +263,7 @@ async fn reopen(ground: &Ground, mut pause: Duration) -> Option<Participant> {
             Ok(participant) => return Some(participant),
             Err(error) if !told => {
                 tracing::error!("no DDS for now, trying again: {error}");
+                *down |= tell_of_dds(ground, Some(&error.to_string())).await;
                 told = true;
             }
             Err(_) => {}

@@ -182,6 +182,7 @@ async fn run(
             None => open(&options, &topics).await,
         };
         let (ends, ending) = watch::channel(false);
+        let opened_at = clock.now();
         let ground =
             Ground { topics, snapshots: snapshots.clone(), inputs: inputs.clone(), clock, end: ending };
         match opened {
@@ -201,11 +202,16 @@ async fn run(
                 let _ = ends.send(true);
                 levels = control.await.unwrap_or_else(|_| Levels::new(REPEAT, &snapshots.borrow()));
                 tasks.join_all().await;
-                graph.siblings.remove(&publisher.participant());
                 if let Some(publisher) = Arc::into_inner(publisher) {
                     publisher.shutdown().await;
                 }
                 levels.forget();
+                // Where one after the other is ill, not faster than the reading ones.
+                let lived = Duration::from_nanos(clock.now().since(opened_at).as_nanos());
+                tokio::select! {
+                    () = stopped(&mut stop) => {}
+                    () = tokio::time::sleep(RETRY.saturating_sub(lived)) => {}
+                }
             }
             Err(error) => {
                 tell_all(&ground, &error.to_string());

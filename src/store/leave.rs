@@ -64,11 +64,11 @@ impl Store {
     ) -> Result<(Token, Written), StoreError> {
         let token = Token::random()?;
         let key = token.key();
-        let created = self.clock.wall();
         let Entering { user, before, seat, from } = entering;
         let (user, from) = (user.clone(), from.map(str::to_owned));
         let ends = before.map(Session::key);
         let written = self.call(move |database| {
+            let created = database.judged();
             let remembered = seat.as_ref().map(|memory| memory.seq);
             let (before, goes) = database.change_sessions(&records, |transaction| {
                 let before = Before::of(transaction, [Some(user.name()), from.as_deref()], ends)?;

@@ -8,6 +8,7 @@
 pub mod audit;
 mod backup;
 mod chain;
+mod floor;
 mod head;
 mod health;
 mod history;
@@ -30,7 +31,7 @@ mod vehicle;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use rusqlite::Connection;
 use tokio::sync::{oneshot, watch};
@@ -183,6 +184,7 @@ pub struct Store {
     fault: watch::Receiver<Fault>,
     folder: Option<Arc<Path>>,
     clock: Clock,
+    floor: SystemTime,
 }
 
 /// What the thread owns.
@@ -191,6 +193,8 @@ struct Database {
     connection: Connection,
     sessions: Arc<Sessions>,
     clock: Clock,
+    /// Nothing is judged by a time before it.
+    floor: SystemTime,
     log: Log,
     health: Health,
     pace: Arc<Pace>,
@@ -299,10 +303,12 @@ impl Store {
         let fault = health.watch();
         let no_thread = |reason| StoreError::Folder { path: PathBuf::from("(a new thread)"), reason };
         let pace = Pace::watch(health.voice(), folder, clock).map_err(no_thread)?;
+        let floor = floor::of(&connection)?;
         let mut database = Database {
             connection,
             sessions: sessions.clone(),
             clock,
+            floor,
             log,
             health,
             pace,
@@ -329,6 +335,7 @@ impl Store {
             fault,
             folder: folder.map(Arc::from),
             clock,
+            floor,
         })
     }
 

@@ -127,10 +127,10 @@ impl Store {
     pub async fn open_session(&self, user: &Verified) -> Result<(Token, Session), StoreError> {
         let token = Token::random()?;
         let key = token.key();
-        let created = self.clock.wall();
         let user = user.clone();
         let session = self
             .call(move |database| {
+                let created = database.judged();
                 database
                     .change_sessions(&[], |transaction| insert_session(transaction, &user, key, created))?;
                 database.reload_sessions()?;
@@ -188,8 +188,9 @@ impl Store {
     /// # Errors
     /// If the database fails.
     pub async fn note_used(&self, sessions: Vec<Session>) -> Result<(), StoreError> {
-        let (wall, now) = (self.clock.wall(), self.clock.now());
+        let now = self.clock.now();
         self.call(move |database| {
+            let wall = database.judged();
             database.change_sessions(&[], |transaction| {
                 let mut update = transaction
                     .prepare_cached("UPDATE sessions SET used_ms = max(used_ms, ?2) WHERE token_hash = ?1")?;
@@ -240,8 +241,8 @@ impl Store {
     /// # Errors
     /// If the database fails.
     pub async fn seated_operator(&self) -> Result<Option<String>, StoreError> {
-        let now_ms = to_unix_ms(self.clock.wall());
         self.call(move |database| {
+            let now_ms = to_unix_ms(database.judged());
             let name = database.connection.query_row(
                 "SELECT name FROM users JOIN seat ON seat.user = users.id
                  WHERE role = 'operator' AND EXISTS (
@@ -283,7 +284,7 @@ pub(super) fn insert_session(
 impl Database {
     /// Brings the table of open sessions in line with the database.
     pub(super) fn reload_sessions(&mut self) -> Result<(), StoreError> {
-        let wall = self.clock.wall();
+        let wall = self.judged();
         let now = self.clock.now();
         let mut query = self.connection.prepare_cached(
             "SELECT token_hash, name, role, 0, expires_ms, max(sessions.created_ms, used_ms)

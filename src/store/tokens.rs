@@ -33,11 +33,11 @@ impl Store {
     pub async fn add_token(&self, name: &str, label: &str, days: u32) -> Result<Token, StoreError> {
         let token = Token::random()?;
         let key = token.key();
-        let created = self.clock.wall();
-        let expires = created + Duration::from_secs(u64::from(days) * 24 * 3600);
         let label: String = label.chars().filter(|it| !it.is_control()).take(LABEL_CHARS_MAX).collect();
         let name = name.to_owned();
         self.call(move |database| {
+            let created = database.judged();
+            let expires = created + Duration::from_secs(u64::from(days) * 24 * 3600);
             let record = Record::of(Action::TokenAdded, COMMAND_LINE).on(format!("{name} {label}"));
             database.change(&[record], |transaction| {
                 seen::count(transaction)?;

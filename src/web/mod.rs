@@ -49,4 +49,4 @@ pub use origins::{NoOrigin, Origins};
 pub use router::{BODY_BYTES_MAX, Route, router, routes};
 pub use seat::DEVELOPER_IDLE_MAX;
 pub use state::{AppState, Settings};
-pub use tls::{Tls, TlsError};
+pub use tls::{RENEW_BEFORE, Tls, TlsError, Validity};

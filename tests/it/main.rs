@@ -22,6 +22,7 @@ mod alike;
 mod coming;
 mod commands;
 mod countermeasures;
+mod cut_off;
 mod dds;
 mod driving;
 mod evaluation;

@@ -56,6 +56,7 @@ impl Rivals {
     }
 }
 
+/// One of ours that was killed is seen for a while still.
 fn others<'a>(
     seen: &'a Discovery,
     topic: &str,
@@ -64,7 +65,7 @@ fn others<'a>(
 ) -> impl Iterator<Item = &'a Endpoint> {
     let topic = seen.topics.iter().find(|it| it.name == topic);
     let publishers = topic.into_iter().flat_map(|it| &it.publishers);
-    publishers.filter(move |it| it.participant != own && it.type_name == type_name)
+    publishers.filter(move |it| it.participant != own && !it.ours && it.type_name == type_name)
 }
 
 /// To every other aggregator, and of two Telltales to the one with the smaller id: they see one another

@@ -1,0 +1,214 @@
+"""Forged DDS packets, and a DDS process that is killed, stopped or takes all memory: the rest lives on, says so, and
+data are back soon."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from websockets.sync.client import connect
+
+from vehicle import OPERATOR, PYTHON, ROOT, STOP, Client, Writer, own_domain, serving, until
+
+pytestmark = pytest.mark.alone
+
+BACK_S = 5
+SILENT_S = 2
+MEMORY_MB = 400
+# The processes, what they share and what is counted late.
+TOGETHER_MB = 2 * MEMORY_MB + 600
+STATUS = "velodyne_packet_alive"
+
+
+class Watched:
+    """A server with a vehicle that says its time ten times a second, and an eye on the stream and the memory."""
+
+    def __init__(self, server, folder):
+        self.server, self.client = server, Client(server, *OPERATOR)
+        self.diagnostics = Writer(server.domain, "rt/diagnostics", "DiagnosticArray", folder / "diagnostics.log")
+        self.signal = Writer(server.domain, "rt/mission/active", "Bool", folder / "active.log")
+        self.drives = False
+        self.ended = threading.Event()
+        self.silent_s, self.memory_mb, self.troubles = 0.0, 0.0, []
+        self.parts = [threading.Thread(target=self.guarded, args=[part]) for part in (self.speak, self.listen, self.weigh)]
+        for part in self.parts:
+            part.start()
+        self.wait_for_data(20)
+
+    def guarded(self, part):
+        try:
+            part()
+        except Exception as error:  # noqa: BLE001: told at the end
+            self.troubles.append(f"{part.__name__}: {error!r}")
+
+    def speak(self):
+        while not self.ended.wait(0.1):
+            status = {"level": 0, "name": STATUS, "message": f"at {time.monotonic():.3f}"}
+            self.diagnostics.write(statuses=[status])
+            self.signal.write(bool=self.drives)
+
+    def listen(self):
+        url = self.server.url.replace("http", "ws", 1) + "/ws?lang=en"
+        headers = {"Cookie": self.client.cookie()}
+        with connect(url, origin=self.server.url, additional_headers=headers, max_size=None) as stream:
+            last = time.monotonic()
+            while not self.ended.is_set():
+                with contextlib.suppress(TimeoutError):
+                    stream.recv(timeout=0.2)
+                    self.silent_s, last = max(self.silent_s, time.monotonic() - last), time.monotonic()
+                self.silent_s = max(self.silent_s, time.monotonic() - last)
+
+    def weigh(self):
+        while not self.ended.wait(0.1):
+            self.memory_mb = max(self.memory_mb, sum(map(megabytes, [self.server.process.pid, *self.children()])))
+
+    def children(self):
+        """The DDS processes."""
+        task = Path(f"/proc/{self.server.process.pid}/task")
+        with contextlib.suppress(OSError):
+            return [int(pid) for part in task.iterdir() for pid in (part / "children").read_text().split()]
+        return []
+
+    def module(self, name):
+        groups = self.client.snapshot()["groups"]
+        return next((it for group in groups for it in group["modules"] if it["id"].split("/")[-1] == name), None)
+
+    def is_down(self):
+        """Whether the fault is shown; where nothing is wrong, its group is not there."""
+        module = self.module("dds")
+        return module is not None and module["own"] == "error"
+
+    def age_s(self):
+        """How old what is shown is, where it is shown."""
+        module = self.module(STATUS)
+        message = module["message"]
+        if not message.startswith("at ") or module["own"] == "unknown":
+            return float("inf")
+        return time.monotonic() - float(message.split()[1])
+
+    def wait_for_data(self, seconds=BACK_S):
+        until(lambda: self.age_s() < 0.5, seconds, lambda: f"data are back:\n{self.server.read_log()[-3000:]}")
+
+    def wait_for_fault(self):
+        until(self.is_down, 10, lambda: f"the fault is shown:\n{self.server.read_log()[-3000:]}")
+
+    def close(self):
+        self.ended.set()
+        for part in self.parts:
+            part.join(timeout=10)
+        self.diagnostics.close()
+        self.signal.close()
+
+    def check(self):
+        assert not self.troubles, self.troubles
+        assert self.silent_s < SILENT_S, f"the page was silent for {self.silent_s:.1f} s"
+        assert self.memory_mb < TOGETHER_MB, f"{self.memory_mb:.0f} MB"
+
+
+def megabytes(pid):
+    with contextlib.suppress(OSError):
+        for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+            if line.startswith("VmRSS:"):
+                return int(line.split()[1]) / 1024
+    return 0
+
+
+@pytest.fixture
+def watched(tmp_path):
+    with serving(tmp_path, flags=["--dds-memory", str(MEMORY_MB)]) as server:
+        with contextlib.closing(Watched(server, tmp_path)) as watched:
+            yield watched
+        watched.check()
+
+
+def attack(*words, seconds):
+    words = [PYTHON, str(ROOT / "tests/dds/rtps.py"), "--domain", str(own_domain()), *words, "--seconds", str(seconds)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=seconds + 30)
+    assert done.returncode == 0 and json.loads(done.stdout)["sent"] > 0, done.stderr
+
+
+def test_one_heartbeat_that_claims_all_numbers_costs_a_moment(watched):
+    attack("heartbeat", "--once", seconds=5)
+    watched.wait_for_fault()
+    assert watched.module(STATUS)["own"] == "unknown", "nothing is known while nothing is heard"
+    watched.wait_for_data()
+
+
+@pytest.mark.parametrize(
+    ("words", "seconds"),
+    [(["heartbeat"], 3), (["gap"], 3), (["builtin"], 3), (["fuzz", "--rate", "1000"], 15)],
+    ids=lambda value: value[0] if isinstance(value, list) else str(value),
+)
+def test_data_are_back_five_seconds_after_the_last_forged_packet(watched, words, seconds, tmp_path):
+    attack(*words, seconds=seconds)
+    watched.wait_for_data()
+    # Who comes new is found, too.
+    writer = Writer(watched.server.domain, "rt/diagnostics", "DiagnosticArray", tmp_path / "new.log")
+    with contextlib.closing(writer):
+        def heard():
+            writer.write(statuses=[{"level": 1, "name": "tf_quality", "message": "new"}])
+            return "new" in json.dumps(watched.client.snapshot())
+        until(heard, BACK_S, "a new publisher is heard")
+
+
+def test_sigterm_ends_all_within_three_seconds_in_the_middle_of_it(tmp_path):
+    with serving(tmp_path) as server, contextlib.closing(Watched(server, tmp_path)) as watched:
+        attacker = threading.Thread(target=attack, args=["fuzz"], kwargs={"seconds": 6})
+        attacker.start()
+        time.sleep(2)
+        processes = [server.process.pid, *watched.children()]
+        watched.ended.set()
+        started = time.monotonic()
+        server.send(signal.SIGTERM)
+        server.process.wait(timeout=10)
+        took_s = time.monotonic() - started
+        assert took_s < 3, f"{took_s:.1f} s"
+        until(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in processes[1:]), 1, "the DDS processes ended")
+        attacker.join()
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
+def test_a_dds_process_that_is_gone_or_hangs_is_replaced(watched, number):
+    before = watched.children()
+    for pid in before:
+        os.kill(pid, number)
+    watched.wait_for_fault()
+    assert watched.module(STATUS)["own"] == "unknown", "nothing is known while nothing is heard"
+    watched.wait_for_data()
+    assert not set(before) & set(watched.children())
+
+
+def test_what_is_asked_of_the_vehicle_is_said_again(watched, tmp_path):
+    words = [PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(own_domain()), "sub", "--topic", f"{STOP}=Bool"]
+    with contextlib.ExitStack() as stack:
+        listener = stack.enter_context(subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True))
+        stack.callback(listener.terminate)
+        said = []
+        reading = threading.Thread(target=lambda: said.extend(json.loads(line) for line in listener.stdout), daemon=True)
+        reading.start()
+        watched.drives = True
+        until(lambda: watched.client.snapshot()["stage"] == "active", 10, "it drives")
+        watched.client.stop()
+        until(lambda: any(line.get("value") == {"data": True} for line in said), 10, lambda: f"the stop is heard: {said}")
+        for pid in watched.children():
+            os.kill(pid, signal.SIGKILL)
+        before = len(said)
+        until(lambda: any(line.get("value") == {"data": True} for line in said[before:]), BACK_S, lambda: f"and again: {said}")
+
+
+def test_the_dds_processes_end_with_a_server_that_is_killed(tmp_path):
+    with contextlib.closing(contextlib.ExitStack()) as stack:
+        server = stack.enter_context(serving(tmp_path))
+        watched = stack.enter_context(contextlib.closing(Watched(server, tmp_path)))
+        children = watched.children()
+        assert children
+        os.kill(children[0], signal.SIGSTOP)
+        watched.ended.set()
+        server.kill()
+        until(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in children), 5, "the DDS processes ended")
+        server.start()
