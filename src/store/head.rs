@@ -48,18 +48,11 @@ pub(super) fn write_head(file: &Path, head: Head) -> io::Result<()> {
     let new = file.with_extension(format!("head.{}", std::process::id()));
     let mut options = OpenOptions::new();
     options.write(true).create(true).truncate(true).mode(0o600);
-    let write = || {
-        let mut writer = options.open(&new)?;
-        writer.write_all(format!("{head}\n").as_bytes())?;
-        give_to_owner(file, &writer);
-        writer.sync_data()?;
-        fs::rename(&new, file)
-    };
-    let written = write();
-    if written.is_err() {
-        let _ = fs::remove_file(&new);
-    }
-    written
+    let mut writer = options.open(&new)?;
+    writer.write_all(format!("{head}\n").as_bytes())?;
+    give_to_owner(file, &writer);
+    writer.sync_data()?;
+    fs::rename(&new, file)
 }
 
 /// Root on the command line notes the head for those whose database it is: they have to read it.
