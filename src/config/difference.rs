@@ -77,7 +77,8 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
             watched: _,
             driving,
         } = &**loaded.model;
-        let Limits { discovered_modules, values_per_status, string_bytes } = limits;
+        let Limits { discovered_modules, values_per_status, string_bytes, status_bytes, source_bytes } =
+            limits;
         let folders: Vec<String> =
             loaded.message_folders.iter().map(|folder| folder.display().to_string()).collect();
         let mut facts = vec![
@@ -89,6 +90,8 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
             ("limits.discovered_modules", discovered_modules.to_string()),
             ("limits.values_per_status", values_per_status.to_string()),
             ("limits.string_bytes", string_bytes.to_string()),
+            ("limits.status_bytes", status_bytes.to_string()),
+            ("limits.source_bytes", source_bytes.to_string()),
             ("localized_after", words::span(driving.localized_after)),
             ("message_folders", listed(&folders)),
         ];

@@ -198,6 +198,8 @@ pub(super) struct Limits {
     pub discovered_modules: Option<Spanned<u64>>,
     pub values_per_status: Option<Spanned<u64>>,
     pub string_bytes: Option<Spanned<u64>>,
+    pub status_bytes: Option<Spanned<u64>>,
+    pub source_bytes: Option<Spanned<u64>>,
 }
 
 impl FromNode for Limits {
@@ -207,6 +209,8 @@ impl FromNode for Limits {
             discovered_modules: fields.optional("discovered_modules"),
             values_per_status: fields.optional("values_per_status"),
             string_bytes: fields.optional("string_bytes"),
+            status_bytes: fields.optional("status_bytes"),
+            source_bytes: fields.optional("source_bytes"),
         };
         fields.finish();
         Some(limits)

@@ -186,7 +186,11 @@ fn limits(raw: Option<&raw::Limits>, log: &mut Log) -> Limits {
         }
         value.value as usize
     };
+    let status_bytes = limit(raw.status_bytes, default.status_bytes, 65_536, 1 << 30);
+    let source_bytes = limit(raw.source_bytes, status_bytes / 2, 16_384, status_bytes as u64);
     Limits {
+        status_bytes,
+        source_bytes,
         discovered_modules: limit(raw.discovered_modules, default.discovered_modules, 0, 1_000_000),
         values_per_status: limit(raw.values_per_status, default.values_per_status, 0, 65_536),
         string_bytes: limit(raw.string_bytes, default.string_bytes, 16, 1 << 20),

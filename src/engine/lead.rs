@@ -6,7 +6,7 @@ use super::Engine;
 use super::drive::ARRIVAL;
 use super::event::What;
 use super::input::{Output, OutputNews, Refusal};
-use super::model::{NodeId, Stage, StageModel, Text};
+use super::model::{GroupId, LOCALIZATION_GROUP, Model, NodeId, Stage, StageModel, Text};
 use super::monitor::say;
 use super::snapshot::{Countermeasure, Localization, Unreached};
 use super::state::State;
@@ -217,4 +217,10 @@ fn unsent(all: &[&OutputNews]) -> Option<String> {
         format!("{} cannot be sent on {}: {error}", about(news.output), news.topic)
     };
     (!all.is_empty()).then(|| all.iter().map(words).collect::<Vec<_>>().join("; "))
+}
+
+/// The group that says whether the vehicle knows where it is.
+pub(super) fn localization_group(model: &Model) -> Option<GroupId> {
+    let position = model.groups.iter().position(|group| &*group.path == LOCALIZATION_GROUP)?;
+    Some(GroupId(position as u32))
 }

@@ -6,10 +6,12 @@
 pub mod action;
 mod alarm;
 mod alike;
+mod budget;
 mod calls;
 mod causes;
 mod confirm;
 pub mod countermeasure;
+mod counters;
 mod cut_off;
 pub mod discovery;
 mod disputes;
@@ -65,10 +67,10 @@ use causes::Causes;
 use disputes::Disputes;
 use event::{Event, Events};
 use input::{Input, ReceptionTrouble, Response, Status, StatusArray};
-use lead::Told;
+use lead::{Told, localization_group};
 use measures::Measures;
 use members::Departed;
-use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, LOCALIZATION_GROUP, Model, ModuleId, NodeId, Text};
+use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, Model, ModuleId, NodeId, Text};
 use names::Names;
 use net::Net;
 use overflow::Overflow;
@@ -82,7 +84,7 @@ use vehicle::Vehicle;
 use views::Views;
 use warnings::Warnings;
 use watching::Watching;
-use writers::{Voice, WriterList};
+use writers::{Voice, WriterId, WriterList};
 
 /// The aggregation engine of one vehicle.
 #[derive(Debug)]
@@ -115,6 +117,8 @@ pub struct Engine {
     disputes: Disputes,
     /// Some status may not be said by everybody.
     restricted: bool,
+    /// It was said that words are cut.
+    said_cut: bool,
     /// Why nothing can be written down.
     storage_fault: Option<Box<str>>,
     /// Whose display shows nothing.
@@ -163,6 +167,7 @@ impl Engine {
             writers: WriterList::default(),
             disputes: Disputes::default(),
             restricted: model.restricts_writers(),
+            said_cut: false,
             storage_fault: None,
             display_late: None,
             dds_fault: None,
@@ -213,7 +218,12 @@ impl Engine {
     /// What everything shows now. Parts that did not change are shared with the snapshot before.
     pub fn snapshot(&mut self) -> Arc<Snapshot> {
         self.views.refresh_ages(&self.net);
-        Arc::new(self.views.snapshot(self.now, &self.vehicle, self.counters))
+        let counters = Counters {
+            cut_statuses: self.views.budget.cut() as u64,
+            status_bytes: self.views.budget.total(),
+            ..self.counters
+        };
+        Arc::new(self.views.snapshot(self.now, &self.vehicle, counters))
     }
 
     /// Grows with every change of a state, a reason, a root cause, an alarm or the stage.
@@ -303,7 +313,7 @@ impl Engine {
             }
             let mut position = 0;
             while let Some(module) = self.names.routes[index as usize].module(position) {
-                self.take_status(module, status);
+                self.take_status(module, status, voice.writer);
                 position += 1;
             }
         }
@@ -311,11 +321,11 @@ impl Engine {
         self.take_keys(array, number);
     }
 
-    fn take_status(&mut self, id: ModuleId, status: Status<'_>) {
+    fn take_status(&mut self, id: ModuleId, status: Status<'_>, source: WriterId) {
         if self.net.report(id, status.state(), self.now) {
             self.net.mark_module(id);
         }
-        self.views.take_report(id, status, &self.model.limits);
+        self.views.take_report(id, status, source, &self.model.limits);
     }
 
     fn take_trouble(&mut self, trouble: &ReceptionTrouble) {
@@ -364,6 +374,7 @@ impl Engine {
 
     /// Brings everything to what follows from what was marked, at the present instant.
     fn settle(&mut self) {
+        self.say_cut();
         self.follow_changes();
         while self.turn_monitors() || self.lead() {
             self.follow_changes();
@@ -433,9 +444,4 @@ impl Engine {
             count => format!("{count} modules are in ERROR and none is shown"),
         })
     }
-}
-
-fn localization_group(model: &Model) -> Option<GroupId> {
-    let position = model.groups.iter().position(|group| &*group.path == LOCALIZATION_GROUP)?;
-    Some(GroupId(position as u32))
 }

@@ -311,11 +311,21 @@ pub struct Limits {
     pub discovered_modules: usize,
     pub values_per_status: usize,
     pub string_bytes: usize,
+    /// What messages, hardware ids, keys and values of all statuses may take together, and those of one
+    /// writer: beyond it the longest are cut.
+    pub status_bytes: usize,
+    pub source_bytes: usize,
 }
 
 impl Default for Limits {
     fn default() -> Limits {
-        Limits { discovered_modules: 4096, values_per_status: 256, string_bytes: 4096 }
+        Limits {
+            discovered_modules: 4096,
+            values_per_status: 256,
+            string_bytes: 4096,
+            status_bytes: 64 << 20,
+            source_bytes: 32 << 20,
+        }
     }
 }
 

@@ -33,6 +33,7 @@ impl Engine {
         next.take_display(self.display_late.take());
         let dds_fault = self.dds_fault.take();
         next.told = std::mem::take(&mut self.told);
+        next.said_cut = self.said_cut;
         next.active_by = self.active_by;
         next.timers.arm(TimerKey::Active, next.active_by);
         next.take_signals(self);
@@ -216,7 +217,7 @@ impl Views {
     /// Takes over the words of a module from before a reload.
     pub(super) fn copy_report(&mut self, id: ModuleId, old: &Views, from: ModuleId) {
         let before = &old.modules[from.0 as usize];
-        self.set_report(id, before.report.clone());
+        self.keep_report(id, before.report.clone(), old.budget.source(from));
         if let Some(view) = self.modules.get_mut(id.0 as usize) {
             view.received = before.received;
         }

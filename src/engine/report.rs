@@ -8,6 +8,9 @@ use super::record::Said;
 use super::snapshot::{ModuleView, Report};
 use super::time::{Span, Timestamp};
 
+/// What a KeyValue takes beside its text: two strings, each on its own.
+const VALUE_BYTES: usize = 64;
+
 impl Report {
     /// Whether the status says the same in the same words. Longer than the limits, it is compared
     /// as cut by whoever received it.
@@ -42,7 +45,37 @@ impl Report {
             hardware_id: cut(status.hardware_id()),
             aged: false,
             values: values.map(|(key, value)| (cut(key), cut(value))).collect(),
+            cut: 0,
         }
+    }
+
+    /// The bytes that its words take in memory, about. What the engine says itself is bounded elsewhere.
+    pub(super) fn weight(&self) -> usize {
+        if self.german.is_some() {
+            return 0;
+        }
+        let values = self.values.iter().map(|(key, value)| VALUE_BYTES + key.len() + value.len());
+        self.message.len() + self.hardware_id.len() + values.sum::<usize>()
+    }
+
+    /// The same with at most so many bytes: values go first, from the end, then the hardware id, then the
+    /// end of the message.
+    pub(super) fn cut_to(&self, bytes: usize) -> Report {
+        let before = self.weight();
+        let keep = |text: &str, bytes: usize| -> Box<str> { text[..text.floor_char_boundary(bytes)].into() };
+        let message = keep(&self.message, bytes);
+        let hardware_id = keep(&self.hardware_id, bytes - message.len());
+        let mut left = bytes - message.len() - hardware_id.len();
+        let fits = |(key, value): &&(Box<str>, Box<str>)| {
+            let size = VALUE_BYTES + key.len() + value.len();
+            let fits = size <= left;
+            left = left.saturating_sub(size);
+            fits
+        };
+        let values = self.values.iter().take_while(fits).cloned().collect();
+        let shorter = Report { message, hardware_id, values, aged: self.aged, german: None, cut: 0 };
+        let cut = self.cut + before.saturating_sub(shorter.weight());
+        Report { cut, ..shorter }
     }
 }
 

@@ -5,7 +5,8 @@
 use std::sync::Arc;
 
 use super::countermeasure::{Kind, Request};
-use super::input::{Output, Refusal, TroubleKind};
+pub use super::counters::{Counters, Reception};
+use super::input::{Output, Refusal};
 use super::model::{DependsOn, GroupId, ModuleId, NodeId, NodeNames, Other, Stage, Stop, Text};
 use super::persistent::PersistentVec;
 use super::state::State;
@@ -287,6 +288,8 @@ pub struct Report {
     /// The message is only that an input is too old: of a silent module it says nothing more.
     pub aged: bool,
     pub values: Vec<(Box<str>, Box<str>)>,
+    /// Bytes that are left out for want of room ([`Limits::status_bytes`](super::model::Limits)).
+    pub cut: usize,
 }
 
 /// Why a node shows IGNORE.
@@ -416,33 +419,4 @@ pub struct MapPose {
     pub x_m: f64,
     pub y_m: f64,
     pub yaw_deg: f64,
-}
-
-/// Faults of one kind on one topic, counted.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Reception {
-    pub topic: Box<str>,
-    pub kind: TroubleKind,
-    pub count: u64,
-    pub last: Timestamp,
-    pub last_text: Box<str>,
-}
-
-/// What was counted since the start; for developers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Counters {
-    pub arrays: u64,
-    pub statuses: u64,
-    /// Statuses of new names past the limit of discovered modules.
-    pub dropped_names: u64,
-    /// Alarms that are over and not acknowledged of which a later one of the same node keeps the count.
-    pub merged_alarms: u64,
-    /// Those that are gone without one, past what is kept.
-    pub dropped_alarms: u64,
-    /// Signals that the model does not name.
-    pub unknown_signals: u64,
-    /// Messages of topics that monitors watch.
-    pub samples: u64,
-    /// Messages, news of topics and probes that were asked for by another configuration.
-    pub dropped_samples: u64,
 }

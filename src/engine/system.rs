@@ -1,7 +1,7 @@
 //! The group `telltale`: what the diagnosis says of itself (`ENGINE.md` 6 and 8). Nothing masks it.
 
 use super::input::ReceptionTrouble;
-use super::model::{Policy, Stage, Text};
+use super::model::{Limits, Policy, Stage, Text};
 use super::monitor::say;
 use super::state::State;
 use super::time::{Span, Timestamp};
@@ -41,12 +41,14 @@ pub enum SystemCheck {
     Aggregator,
     /// The vehicle can be heard.
     Dds,
+    /// What statuses say fits into memory.
+    Memory,
     /// No two writers contradict each other, and nobody says what only others may.
     Writers,
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 10] = [
+    pub const ALL: [SystemCheck; 11] = [
         SystemCheck::Invariants,
         SystemCheck::Reception,
         SystemCheck::Active,
@@ -56,6 +58,7 @@ impl SystemCheck {
         SystemCheck::Display,
         SystemCheck::Aggregator,
         SystemCheck::Dds,
+        SystemCheck::Memory,
         SystemCheck::Writers,
     ];
 
@@ -71,6 +74,7 @@ impl SystemCheck {
             SystemCheck::Aggregator => "telltale/aggregator",
             SystemCheck::Dds => "telltale/dds",
             SystemCheck::Writers => "telltale/writers",
+            SystemCheck::Memory => "telltale/memory",
         }
     }
 
@@ -89,6 +93,7 @@ impl SystemCheck {
                 ("Diagnosis is published twice", "Diagnose wird doppelt veröffentlicht")
             }
             SystemCheck::Dds => ("Nothing is heard of the vehicle", "Vom Fahrzeug kommt nichts an"),
+            SystemCheck::Memory => ("Messages are shortened", "Meldungen sind gekürzt"),
             SystemCheck::Writers => ("Senders contradict each other", "Sender widersprechen sich"),
         };
         Text { en: en.into(), de: de.into() }
@@ -112,7 +117,7 @@ impl SystemCheck {
                     "Nicht auf diese Anzeige verlassen. Leitstelle rufen.",
                 );
             }
-            SystemCheck::Reception | SystemCheck::Aggregator | SystemCheck::Writers => {
+            SystemCheck::Reception | SystemCheck::Aggregator | SystemCheck::Writers | SystemCheck::Memory => {
                 help.warning = driving(
                     "You may drive. Report it.",
                     "Weiterfahren möglich. Melden.",
@@ -163,6 +168,16 @@ pub(super) fn display_late(whose: &str) -> Text {
     )
 }
 
+/// What is said while words of statuses are cut.
+pub(super) fn words_cut(limits: &Limits) -> Text {
+    say!(
+        "statuses say more than is kept: limits.status_bytes is {all}, limits.source_bytes {one}; the longest are cut, their states hold",
+        "Meldungen sind länger, als behalten wird: limits.status_bytes ist {all}, limits.source_bytes {one}; die längsten sind gekürzt, ihre Zustände gelten",
+        all = limits.status_bytes.to_string(),
+        one = limits.source_bytes.to_string()
+    )
+}
+
 /// What is said while another program publishes the aggregated diagnosis.
 pub(super) fn other_aggregator(other: &str) -> Text {
     say!(
@@ -209,5 +224,15 @@ impl ReceptionCheck {
 
     pub(super) fn due(&self) -> Option<Timestamp> {
         self.last.map(|last| last + RECEPTION_HOLD)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_modules_stand_in_the_order_of_their_numbers() {
+        assert!((0..).zip(SystemCheck::ALL).all(|(number, check)| check as u32 == number));
     }
 }

@@ -6,6 +6,7 @@ mod questions;
 use std::collections::HashSet;
 use std::sync::Arc;
 
+use super::budget::Budget;
 use super::causes::Explained;
 use super::input::{ReceptionTrouble, Status};
 use super::layout::layout;
@@ -21,6 +22,7 @@ use super::snapshot::{
 use super::state::State;
 use super::time::Timestamp;
 use super::vehicle::Vehicle;
+use super::writers::WriterId;
 
 /// Topics whose faults are remembered, for each kind of fault: past this new ones are not.
 const RECEPTION_MAX: usize = 256;
@@ -47,6 +49,7 @@ pub(super) struct Views {
     pub(super) is_heard: Vec<bool>,
     /// The words of each module once more, in one row: every status is compared with them.
     reports: Vec<Arc<Report>>,
+    pub(super) budget: Budget,
     /// A masked node for which the last search found no cause.
     unexplained: Option<NodeId>,
     /// A root cause that was masked itself after the last search.
@@ -78,6 +81,7 @@ impl Views {
             heard: Vec::new(),
             is_heard: Vec::new(),
             reports: Vec::new(),
+            budget: Budget::new(&model.limits),
             unexplained: None,
             masked_root: None,
             seq_changed: true,
@@ -160,19 +164,46 @@ impl Views {
     }
 
     /// Keeps the words of a status, if they differ from those before.
-    pub(super) fn take_report(&mut self, id: ModuleId, status: Status<'_>, limits: &Limits) {
+    pub(super) fn take_report(
+        &mut self,
+        id: ModuleId,
+        status: Status<'_>,
+        source: WriterId,
+        limits: &Limits,
+    ) {
         let index = id.0 as usize;
         self.note_heard(id);
         if self.reports[index].says(status) {
             return;
         }
-        let report = Report::of(status, limits);
+        let mut report = Report::of(status, limits);
+        // What was cut stays as it is until there is room again.
+        let room = self.budget.room(id, source);
+        if self.reports[index].cut > 0 && report.weight() > room {
+            report = report.cut_to(room);
+        }
         if *self.reports[index] != report {
-            self.set_report(id, Arc::new(report));
+            self.keep_report(id, Arc::new(report), source);
         }
     }
 
     pub(super) fn set_report(&mut self, id: ModuleId, report: Arc<Report>) {
+        self.keep_report(id, report, WriterId::default());
+    }
+
+    /// Keeps what a writer said. Where that is too much, the longest are cut.
+    pub(super) fn keep_report(&mut self, id: ModuleId, report: Arc<Report>, source: WriterId) {
+        self.budget.store(id, source, report.weight(), report.cut > 0);
+        self.put_report(id, report);
+        while let Some((longest, bytes)) = self.budget.over(source) {
+            let shorter = Arc::new(self.reports[longest.0 as usize].cut_to(bytes));
+            let its_source = self.budget.source(longest);
+            self.budget.store(longest, its_source, shorter.weight(), true);
+            self.put_report(longest, shorter);
+        }
+    }
+
+    fn put_report(&mut self, id: ModuleId, report: Arc<Report>) {
         self.reports[id.0 as usize] = report.clone();
         if let Some(view) = self.modules.get_mut(id.0 as usize) {
             view.report = report;

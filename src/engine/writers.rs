@@ -281,7 +281,7 @@ impl Engine {
             self.net.mark_module(id);
         }
         if speaks && !held {
-            self.views.take_report(id, status, &self.model.limits);
+            self.views.take_report(id, status, voice.writer, &self.model.limits);
         } else {
             self.views.note_heard(id);
         }

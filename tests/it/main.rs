@@ -32,6 +32,7 @@ mod graph;
 mod held;
 mod hostile;
 mod learned;
+mod memory;
 mod monitoring;
 mod network;
 mod observed;

@@ -9,6 +9,7 @@ use crate::engine::snapshot::{ModuleInfo, ModuleView};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use crate::engine::why::Steps;
+use crate::engine::writers::WriterId;
 
 impl Views {
     /// The name of a module that a status makes: it may be called as another one is that is declared.
@@ -101,6 +102,7 @@ impl Views {
 
     fn clear(&mut self, id: ModuleId, since: Timestamp) {
         self.reports[id.0 as usize] = Arc::default();
+        self.budget.store(id, WriterId::default(), 0, false);
         if let Some(view) = self.modules.get_mut(id.0 as usize) {
             *view = unheard(since);
         }

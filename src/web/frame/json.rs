@@ -17,9 +17,13 @@ use crate::runtime::Published;
 
 /// More values than this in one status are searched for double keys by hash.
 const VALUES_SCANNED_MAX: usize = 16;
+/// Where statuses hold more than this, an answer leaves out their KeyValues: it would be too large to be
+/// made and sent four times a second.
+const VALUES_BYTES_MAX: u64 = 16 << 20;
 
 pub(super) fn encode(published: &Published) -> String {
-    let wire = Wire(&Context { snapshot: &published.snapshot, at: published.at });
+    let values = published.snapshot.counters.status_bytes <= VALUES_BYTES_MAX;
+    let wire = Wire(&Context { snapshot: &published.snapshot, at: published.at, values });
     serde_json::to_string(&wire).expect("maps have string keys and nothing here fails by itself")
 }
 
@@ -27,6 +31,8 @@ pub(super) fn encode(published: &Published) -> String {
 struct Context<'a> {
     snapshot: &'a Snapshot,
     at: SystemTime,
+    /// Whether KeyValues are told; otherwise there are too many.
+    values: bool,
 }
 
 impl Context<'_> {
@@ -68,7 +74,7 @@ impl Serialize for Wire<'_> {
             });
             snapshot.tiles().chain(others).map(|id| Group(context, id))
         };
-        let mut wire = serializer.serialize_struct("snapshot", 11)?;
+        let mut wire = serializer.serialize_struct("snapshot", 11 + usize::from(!context.values))?;
         wire.serialize_field("seq", &snapshot.seq)?;
         wire.serialize_field("at", &rfc3339(context.at))?;
         wire.serialize_field("stage", snapshot.stage.as_str())?;
@@ -82,6 +88,9 @@ impl Serialize for Wire<'_> {
         let measures = || snapshot.countermeasures.iter().map(|measure| Measure(context, measure));
         wire.serialize_field("countermeasures", &List(measures))?;
         wire.serialize_field("counters", &Counts(context))?;
+        if !context.values {
+            wire.serialize_field("left_out", "values")?;
+        }
         wire.end()
     }
 }
@@ -164,7 +173,10 @@ impl Serialize for Module<'_> {
         let (info, view) = context.snapshot.module(id);
         let age_ms = view.received.map(|received| context.snapshot.now.since(received).as_millis());
         let silent = view.silent_for(context.snapshot.now);
-        let mut module = serializer.serialize_struct("module", 9 + usize::from(silent.is_some()))?;
+        let mut module = serializer.serialize_struct(
+            "module",
+            9 + usize::from(silent.is_some()) + usize::from(view.report.cut > 0),
+        )?;
         module.serialize_field("id", &*info.id)?;
         module.serialize_field("state", view.state.as_str())?;
         module.serialize_field("own", view.own.as_str())?;
@@ -177,7 +189,10 @@ impl Serialize for Module<'_> {
         }
         module.serialize_field("reason", &view.reason.as_ref().map(|reason| Why(context, reason)))?;
         module.serialize_field("class", &ClassEntry(info.class))?;
-        module.serialize_field("values", &Values(&view.report.values))?;
+        module.serialize_field("values", &Values(if context.values { &view.report.values } else { &[] }))?;
+        if view.report.cut > 0 {
+            module.serialize_field("cut", &view.report.cut)?;
+        }
         module.end()
     }
 }

@@ -81,6 +81,7 @@ words! {
     arrays: "arrays", "Arrays";
     received: "statuses", "Status";
     dropped: "dropped names", "verworfene Namen";
+    shortened: "shortened statuses", "gekürzte Status";
     merged_alarms: "repeated alarms", "wiederholte Alarme";
     dropped_alarms: "dropped alarms", "verworfene Alarme";
     unknown_signals: "unknown signals", "unbekannte Signale";
