@@ -6,7 +6,8 @@
 A foreign DDS peer publishes the diagnostics of a shuttle, another one a load of them; publishers come
 and go, statuses fail, the mission starts and ends. Meanwhile programs and displays connect, read, stop
 reading and leave, people log in rightly and wrongly, the configuration is read again, other programs
-open the database, and strangers hold connections open. The operator requests a stop every second.
+open the database, strangers hold connections open and forge DDS packets. The operator requests a stop
+every second; while the DDS process is being replaced it is answered that nobody hears it.
 
 A line each twentieth of the time has, summed over the program and its child processes:
     rss_mb, fds, threads      what they hold
@@ -52,7 +53,7 @@ class Soak:
 
     def __init__(self, seconds, folder):
         self.seconds, self.folder = seconds, folder
-        self.server = Server(folder, own_domain())
+        self.server = Server(folder, own_domain(), flags=["--dds-memory", "300"])
         self.server.add_user(*OPERATOR)
         self.server.add_user(*DEVELOPER, role="developer")
         self.server.start()
@@ -94,6 +95,8 @@ class Soak:
                 self.operator.post("/vehicle/stop", version=shown["seq"])
                 break
             except urllib.error.HTTPError as error:
+                if error.code == 503:
+                    break
                 # The stage changed between the look and the tap.
                 if error.code != 409:
                     raise
@@ -128,10 +131,17 @@ class Soak:
             peer.kill()
         peer.wait(timeout=60)
 
+    def forged_packets(self):
+        attack = random.choice(["heartbeat", "builtin", "gap", "fuzz"])
+        self.program("rtps.py", attack, "--seconds", "5", "--seed", str(random.randrange(10**6))).wait(timeout=60)
+
     def peer(self, *words):
-        log = open(self.folder / "peers.log", "ab")
-        command = [PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(self.server.domain), *words]
-        return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+        return self.program("peer.py", *words)
+
+    def program(self, name, *words):
+        command = [PYTHON, str(ROOT / "tests/dds" / name), "--domain", str(self.server.domain), *words]
+        with open(self.folder / "peers.log", "ab") as log:
+            return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
 
     # What others do.
 
@@ -290,6 +300,7 @@ class Soak:
             (20, self.unfinished_logins),
             (15, self.empty_frames),
             (4, self.silent_reader),
+            (50, self.forged_packets),
         ):
             self.every(seconds, what)
         rows = []
