@@ -151,11 +151,13 @@ fn statuses_are_filtered_sorted_and_pinned_as_the_address_says() {
     assert!(listed(&published, &[("group", "can")]).iter().all(|name| name.starts_with("can/")));
     let by_state = listed(&published, &[("sort", "state")]);
     assert_eq!(by_state[..2], ["localization/tf_quality", "can/battery"]);
-    assert_eq!(listed(&published, &[("sort", "state"), ("desc", "1")]).last(), by_state.first());
+    let backwards = listed(&published, &[("sort", "state"), ("desc", "1"), ("page", "99")]);
+    assert_eq!(backwards.last(), by_state.first());
     let pinned = listed(&published, &[("q", "volt"), ("pin", "mission/server"), ("pin", "gone")]);
     assert_eq!(pinned, ["mission/server", "can/battery"]);
     assert!(listed(&published, &[("q", "nothing like this")]).is_empty());
-    assert_eq!(listed(&published, &[("page", "99")]).len(), published.snapshot.modules.len());
+    let pages = [listed(&published, &[]), listed(&published, &[("page", "99")])];
+    assert_eq!(pages.concat().len(), published.snapshot.modules.len(), "the last page is the second");
 }
 
 #[test]
