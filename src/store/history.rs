@@ -6,6 +6,7 @@
 //! every moment that is kept knows what everything showed.
 
 mod read;
+mod reader;
 mod write;
 
 use std::path::Path;
@@ -17,6 +18,7 @@ use rusqlite::{Connection, OpenFlags};
 
 pub use crate::engine::record::Stretch;
 pub use read::{Happened, Held, HistoryQuery, NodePast, Past};
+use reader::Reader;
 
 use super::StoreError;
 use super::schema::make_private_file;
@@ -52,10 +54,14 @@ const SCHEMA: &str = "
     CREATE TABLE IF NOT EXISTS alive (one INTEGER PRIMARY KEY CHECK (one = 1), at_ms INTEGER NOT NULL) STRICT;
 ";
 
+/// A page that waits longer has no use for the answer any more.
+const READ_WITHIN: Duration = Duration::from_secs(5);
+
 /// The handle of the history. Clones use the same one.
 #[derive(Debug, Clone)]
 pub struct History {
     connection: Arc<Mutex<Connection>>,
+    reader: Arc<Reader>,
     clock: Clock,
 }
 
@@ -82,19 +88,27 @@ impl History {
         // It tells where and when the vehicle failed: for nobody else's eyes.
         make_private_file(&path).map_err(|reason| StoreError::Folder { path: folder.to_owned(), reason })?;
         let connection = Connection::open(&path).map_err(error)?;
-        History::start(connection, clock, ROWS_MAX).map_err(error)
+        let reading = || {
+            let reading = Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+            reading.busy_timeout(Duration::from_secs(2))?;
+            Ok(Arc::new(Mutex::new(reading)))
+        };
+        History::start(connection, |_| reading(), clock, ROWS_MAX).map_err(error)
     }
 
-    /// A history that ends with the process.
+    /// A history that ends with the process. It has one connection for all.
     ///
     /// # Errors
     /// If SQLite fails.
     pub fn in_memory(clock: Clock) -> Result<(History, SyncSender<Vec<Record>>), StoreError> {
-        Ok(History::start(Connection::open_in_memory()?, clock, ROWS_MAX)?)
+        let shared = |writing: &Arc<Mutex<Connection>>| Ok(writing.clone());
+        Ok(History::start(Connection::open_in_memory()?, shared, clock, ROWS_MAX)?)
     }
 
+    /// `reading` makes the connection for readers, once the tables are there.
     fn start(
         connection: Connection,
+        reading: impl FnOnce(&Arc<Mutex<Connection>>) -> rusqlite::Result<Arc<Mutex<Connection>>>,
         clock: Clock,
         rows_max: usize,
     ) -> rusqlite::Result<(History, SyncSender<Vec<Record>>)> {
@@ -105,7 +119,9 @@ impl History {
         connection.pragma_update(None, "trusted_schema", false)?;
         prepare(&connection)?;
         let writer = write::Writer::new(&connection, rows_max)?;
-        let history = History { connection: Arc::new(Mutex::new(connection)), clock };
+        let connection = Arc::new(Mutex::new(connection));
+        let reader = Arc::new(Reader::new(reading(&connection)?));
+        let history = History { connection, reader, clock };
         let (queue, records) = sync_channel(QUEUE);
         let shared = history.clone();
         // Without a thread the queue fills and records are counted as lost: no reason to end.
@@ -121,11 +137,9 @@ impl History {
     /// What is recorded of some nodes and of everything else in a span of time.
     ///
     /// # Errors
-    /// What the database says.
+    /// What the database says, or that it took too long.
     pub async fn past(&self, query: HistoryQuery) -> Result<Past, StoreError> {
-        let history = self.clone();
-        let read = tokio::task::spawn_blocking(move || read::past(&history.lock(), &query));
-        Ok(read.await.map_err(|_| StoreError::Ended)??)
+        self.reader.read(READ_WITHIN, move |connection| read::past(connection, &query)).await
     }
 
     fn lock(&self) -> MutexGuard<'_, Connection> {

@@ -114,6 +114,8 @@ pub enum StoreError {
     Busy,
     #[error("the disk did not answer in time")]
     TooLate,
+    #[error("the history was not read in {} s: ask for a shorter span of time", .within.as_secs())]
+    TooLong { within: std::time::Duration },
     #[error("the store has ended")]
     Ended,
     #[error("the operating system gives no random numbers: {0}")]

@@ -6,6 +6,7 @@ use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
 use argon2::password_hash::phc::PasswordHash;
 use argon2::{Algorithm, Argon2, Params, PasswordHasher, PasswordVerifier, Version};
 use tokio::sync::oneshot;
+use zxcvbn::{Score, zxcvbn};
 
 use super::{Role, StoreError};
 
@@ -30,8 +31,14 @@ pub enum SecretError {
         "a PIN needs {PIN_DIGITS_MIN} digits or more, a password {PASSWORD_CHARS_MIN} characters or more"
     )]
     ShortOperator,
-    #[error("a PIN of one digit, or of digits in a row, is guessed first: choose another")]
-    Guessable,
+    #[error(
+        "a PIN of one or two digits, of digits in a row, or of a part that repeats is guessed first: choose another"
+    )]
+    GuessablePin,
+    #[error(
+        "this password is guessed within a million attempts: take several words that do not belong together"
+    )]
+    GuessablePassword,
     #[error("a password needs {PASSWORD_CHARS_MIN} characters or more")]
     Short,
     #[error("a secret has at most {SECRET_BYTES_MAX} bytes")]
@@ -57,8 +64,8 @@ const HASHES_WAITING: usize = 64;
 const NOBODY: &str =
     "$argon2id$v=19$m=19456,t=2,p=1$dGVsbHRhbGUtbm9ib2R5$Zm9yIHVua25vd24gdXNlcnMgb25seSwgbm8gc2VjcmU";
 
-/// Checks `secret` against what `role` demands.
-pub(super) fn check_policy(role: Role, secret: &str) -> Result<(), SecretError> {
+/// Checks the `secret` of the user `name` against what `role` demands.
+pub(super) fn check_policy(role: Role, name: &str, secret: &str) -> Result<(), SecretError> {
     if secret.len() > SECRET_BYTES_MAX {
         return Err(SecretError::Long);
     }
@@ -69,18 +76,25 @@ pub(super) fn check_policy(role: Role, secret: &str) -> Result<(), SecretError> 
     let is_pin = chars >= PIN_DIGITS_MIN && secret.bytes().all(|byte| byte.is_ascii_digit());
     match role {
         Role::Operator if !is_pin && chars < PASSWORD_CHARS_MIN => Err(SecretError::ShortOperator),
-        Role::Operator if is_pin && is_guessed_first(secret) => Err(SecretError::Guessable),
+        Role::Operator if is_pin && is_guessed_first(secret) => Err(SecretError::GuessablePin),
         Role::Developer | Role::Authority if chars < PASSWORD_CHARS_MIN => Err(SecretError::Short),
+        _ if !(is_pin && role == Role::Operator) && zxcvbn(secret, &[name]).score() < Score::Two => {
+            Err(SecretError::GuessablePassword)
+        }
         _ => Ok(()),
     }
 }
 
-/// Whether all digits are the same, or each is the next of the one before, up or down.
+/// Whether a PIN has at most two different digits, repeats its beginning, or each digit is the next of the
+/// one before, up or down.
 fn is_guessed_first(pin: &str) -> bool {
-    let steps = [0, 1, 9];
-    steps
-        .iter()
-        .any(|step| pin.as_bytes().windows(2).all(|pair| (pair[0] - b'0' + step) % 10 == pair[1] - b'0'))
+    let digits = pin.as_bytes();
+    let different = (b'0'..=b'9').filter(|digit| digits.contains(digit)).count();
+    let repeats = (1..=digits.len() / 2)
+        .filter(|part| digits.len() % part == 0)
+        .any(|part| digits.chunks(part).all(|it| it == &digits[..part]));
+    let in_a_row = |step: u8| digits.windows(2).all(|pair| (pair[0] - b'0' + step) % 10 == pair[1] - b'0');
+    different <= 2 || repeats || in_a_row(1) || in_a_row(9)
 }
 
 /// Whether a secret is a PIN: digits, and fewer than a password needs. Anybody can see that of what
@@ -197,11 +211,19 @@ mod tests {
         let twelve = "correct horse".get(..12).unwrap();
         let cases = [
             (Role::Operator, "135791", Ok(())),
-            (Role::Operator, "123456", Err(SecretError::Guessable)),
-            (Role::Operator, "98765432", Err(SecretError::Guessable)),
-            (Role::Operator, "111111", Err(SecretError::Guessable)),
-            (Role::Operator, "567890", Err(SecretError::Guessable)),
-            (Role::Operator, "111112", Ok(())),
+            (Role::Operator, "123456", Err(SecretError::GuessablePin)),
+            (Role::Operator, "98765432", Err(SecretError::GuessablePin)),
+            (Role::Operator, "111111", Err(SecretError::GuessablePin)),
+            (Role::Operator, "567890", Err(SecretError::GuessablePin)),
+            (Role::Operator, "111112", Err(SecretError::GuessablePin)),
+            (Role::Operator, "121212", Err(SecretError::GuessablePin)),
+            (Role::Operator, "193193", Err(SecretError::GuessablePin)),
+            (Role::Operator, "111923", Ok(())),
+            (Role::Operator, "aaaaaaaaaaaa", Err(SecretError::GuessablePassword)),
+            (Role::Authority, "passwordpassword", Err(SecretError::GuessablePassword)),
+            (Role::Developer, "qwertyuiop123", Err(SecretError::GuessablePassword)),
+            (Role::Developer, "annikaannikaannika", Err(SecretError::GuessablePassword)),
+            (Role::Developer, "a long password", Ok(())),
             (Role::Operator, "13579", Err(SecretError::ShortOperator)),
             (Role::Operator, "13579a", Err(SecretError::ShortOperator)),
             (Role::Operator, twelve, Ok(())),
@@ -209,7 +231,8 @@ mod tests {
             (Role::Developer, "135791", Err(SecretError::Short)),
             (Role::Developer, "elevenchars", Err(SecretError::Short)),
             (Role::Developer, twelve, Ok(())),
-            (Role::Authority, "ääääääääääää", Ok(())),
+            (Role::Authority, "ääääääääääää", Err(SecretError::GuessablePassword)),
+            (Role::Authority, "grüße öfter üben", Ok(())),
             (Role::Authority, "ääääää", Err(SecretError::Short)),
             (Role::Developer, "demo-authority", Err(SecretError::Demo)),
         ];
@@ -220,9 +243,9 @@ mod tests {
             assert!(!is_pin(password), "{password}");
         }
         for (role, secret, expected) in cases {
-            assert_eq!(check_policy(role, secret), expected, "{role:?} {secret}");
+            assert_eq!(check_policy(role, "annika", secret), expected, "{role:?} {secret}");
         }
-        assert_eq!(check_policy(Role::Operator, &"1".repeat(257)), Err(SecretError::Long));
+        assert_eq!(check_policy(Role::Operator, "annika", &"1".repeat(257)), Err(SecretError::Long));
     }
 
     #[test]

@@ -51,7 +51,7 @@ impl Store {
     /// If the name or the secret is not acceptable, the name is taken, or the database fails.
     pub async fn add_user(&self, name: &str, role: Role, secret: &str) -> Result<(), StoreError> {
         check_name(name)?;
-        check_policy(role, secret)?;
+        check_policy(role, name, secret)?;
         self.insert_user(name, role, secret).await
     }
 
@@ -135,7 +135,7 @@ impl Store {
             .await?
             .ok_or_else(|| StoreError::NoSuchUser(name.to_owned()))?;
         let record = Record::of(Action::UserSecret, COMMAND_LINE).on(name);
-        self.change_user(user.id, user.role, secret, record).await
+        self.change_user((user.id, name), user.role, secret, record).await
     }
 
     /// Gives a user another role with a secret that fits it, and ends all of its sessions and tokens.
@@ -150,11 +150,17 @@ impl Store {
         let was = user.role.as_str();
         let record =
             Record::of(Action::UserRole, COMMAND_LINE).on(format!("{name}: {was} -> {}", role.as_str()));
-        self.change_user(user.id, role, secret, record).await
+        self.change_user((user.id, name), role, secret, record).await
     }
 
-    async fn change_user(&self, id: i64, role: Role, secret: &str, record: Record) -> Result<(), StoreError> {
-        check_policy(role, secret)?;
+    async fn change_user(
+        &self,
+        (id, name): (i64, &str),
+        role: Role,
+        secret: &str,
+        record: Record,
+    ) -> Result<(), StoreError> {
+        check_policy(role, name, secret)?;
         let hash = self.hashing.hash(secret.to_owned()).await?;
         self.call(move |database| {
             database.change(&[record], |transaction| {

@@ -273,3 +273,39 @@ fn a_file_of_an_earlier_version_is_read_as_it_is_and_goes_on_with_words() {
     assert_eq!(words(&past), [None, Some("no picture".to_owned())]);
     std::fs::remove_dir_all(&folder).unwrap();
 }
+
+#[tokio::test]
+async fn a_long_look_into_the_past_keeps_nothing_from_being_recorded() {
+    let folder = std::env::temp_dir().join(format!("telltale-history-beside-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let clock = Clock::start();
+    let (history, queue) = History::open(&folder, clock).unwrap();
+    let (began, begins) = std::sync::mpsc::channel();
+    let (end, ends) = std::sync::mpsc::channel::<()>();
+    let reader = history.reader.clone();
+    let long = tokio::spawn(async move {
+        let wait = move |connection: &Connection| {
+            let seen = connection.unchecked_transaction()?;
+            let rows: i64 = seen.query_row("SELECT count(*) FROM records", [], |row| row.get(0))?;
+            began.send(()).unwrap();
+            ends.recv().unwrap();
+            Ok(rows)
+        };
+        reader.read(Duration::from_secs(60), wait).await
+    });
+    tokio::task::spawn_blocking(move || begins.recv().unwrap()).await.unwrap();
+    let what = Recorded::Started { anew: false };
+    queue.send(vec![Record { at: clock.now(), what }]).unwrap();
+    // Another program sees it on the disk while that query goes on.
+    let other = Connection::open(folder.join(HISTORY_FILE)).unwrap();
+    let recorded =
+        || other.query_row("SELECT count(*) FROM records", [], |row| row.get::<_, i64>(0)).unwrap();
+    let start = clock.now();
+    while recorded() == 0 {
+        assert!(clock.now().since(start) < Span::from_secs(20), "nothing is recorded");
+        tokio::task::yield_now().await;
+    }
+    end.send(()).unwrap();
+    assert_eq!(long.await.unwrap().unwrap(), 0);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
