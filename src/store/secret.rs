@@ -91,7 +91,7 @@ fn is_guessed_first(pin: &str) -> bool {
     let digits = pin.as_bytes();
     let different = (b'0'..=b'9').filter(|digit| digits.contains(digit)).count();
     let repeats = (1..=digits.len() / 2)
-        .filter(|part| digits.len() % part == 0)
+        .filter(|part| digits.len().is_multiple_of(*part))
         .any(|part| digits.chunks(part).all(|it| it == &digits[..part]));
     let in_a_row = |step: u8| digits.windows(2).all(|pair| (pair[0] - b'0' + step) % 10 == pair[1] - b'0');
     different <= 2 || repeats || in_a_row(1) || in_a_row(9)

@@ -56,6 +56,11 @@ pub fn process(parent: u32, megabytes: u64) -> ExitCode {
         eprintln!("telltale dds-process: {error}");
         return ExitCode::FAILURE;
     }
+    // A thread of the library that fails tells nobody: the process would go on deaf.
+    std::panic::set_hook(Box::new(|panic| {
+        eprintln!("telltale dds-process: {panic}");
+        std::process::abort();
+    }));
     match std::io::stdin().as_fd().try_clone_to_owned() {
         Ok(socket) => serve(UnixStream::from(socket), true),
         Err(error) => eprintln!("telltale dds-process: {error}"),

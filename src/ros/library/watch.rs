@@ -166,7 +166,7 @@ impl Runner {
 fn describe(status: ExitStatus) -> String {
     match status.signal() {
         // SIGABRT, as when memory is refused.
-        Some(6) => "it was aborted, as when its memory is used up".to_owned(),
+        Some(6) => "it was aborted: its memory is used up, or the DDS library failed".to_owned(),
         Some(signal) => format!("it was ended by signal {signal}"),
         None => "it has ended".to_owned(),
     }
