@@ -65,13 +65,13 @@ impl HandOvers {
         self.0.borrow().is_some()
     }
 
-    /// Whether this session is of whoever takes the seat next.
+    /// Whether the operator with this login takes the seat next.
     pub fn is_successor(&self, session: &Session) -> bool {
         self.0.borrow().as_ref().is_some_and(|said| said.session.is(session))
     }
 }
 
-/// Says that whoever has this session takes the seat, and lets it happen when it is due.
+/// Announces that the operator with this login takes the seat, and hands it over when that is due.
 pub fn begin(app: &AppState, session: &Session, source: IpAddr, from: &str) {
     let due = app.clock.now() + SAID_BEFORE;
     let said = HandOver { session: session.clone(), source, from: from.into(), due };

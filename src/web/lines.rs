@@ -185,8 +185,9 @@ impl Work {
 }
 
 impl Standing {
-    /// The request has this session, or none: with one the connection has a place that no anonymous
-    /// one takes, and stays while it is answered. Returns whether it has.
+    /// Takes a place for a logged-in user's request: no anonymous connection takes that place, and the
+    /// connection stays while the request is answered. Returns false without a login, or where all such
+    /// places are taken.
     pub fn hold(&self, session: Option<&Session>) -> bool {
         let mut table = self.lines.table();
         let holder = session.map(|session| Holder {

@@ -27,8 +27,8 @@ struct Tapped {
 }
 
 impl Stops {
-    /// Does what a tap of this session asks for, or waits for what became of it where it came before.
-    /// It is done whoever still listens.
+    /// Carries out an operator's tap on STOP once. The same tap on the other way waits for the answer to
+    /// the first. It is carried out even where the page has gone meanwhile.
     pub async fn once(
         &self,
         session: &Session,
