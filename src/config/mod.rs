@@ -88,7 +88,7 @@ impl Loaded {
     }
 }
 
-/// A configuration as far as it can be read, for whoever reports all that is wrong with it at once.
+/// A configuration as far as it can be read, for a caller that reports everything wrong with it at once.
 #[derive(Debug)]
 pub struct Examined {
     /// Where there are problems, no vehicle runs by it.

@@ -15,7 +15,7 @@ pub(super) const COMPARISONS_MAX: u32 = 20_000;
 const PART_MIN: usize = 3;
 
 impl Engine {
-    /// A name is heard for the first time: whoever was never heard and may have meant it says so.
+    /// A name is heard for the first time: each status or filter that was never heard and resembles it is told.
     pub(super) fn compare_new_name(&mut self, heard: &str, unclaimed: bool) {
         let model = self.model.clone();
         for (id, module) in (0..).map(ModuleId).zip(&model.modules) {

@@ -19,7 +19,7 @@ pub(super) struct Budget {
     total: u64,
     /// By [`ModuleId`].
     held: Vec<Held>,
-    /// Writers of which something is held, so never more than modules.
+    /// Writers with something held: never more than modules.
     sources: HashMap<WriterId, Source>,
     /// Modules whose words are cut.
     cut: usize,

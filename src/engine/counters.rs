@@ -20,7 +20,7 @@ pub struct Counters {
     pub statuses: u64,
     /// Statuses of new names past the limit of discovered modules.
     pub dropped_names: u64,
-    /// Alarms that are over and not acknowledged of which a later one of the same node keeps the count.
+    /// Alarms that are over and not acknowledged, counted by a later alarm of the same node.
     pub merged_alarms: u64,
     /// Those that are gone without one, past what is kept.
     pub dropped_alarms: u64,

@@ -93,7 +93,7 @@ impl Engine {
         id
     }
 
-    /// The place of a module that left and of which nothing speaks any more.
+    /// The place of a module that left and that nothing refers to any more.
     fn free_slot(&mut self) -> Option<ModuleId> {
         if self.departed.free.is_empty() && !self.departed.named.is_empty() {
             let spoken_of: HashSet<NodeId> = self

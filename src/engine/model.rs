@@ -154,7 +154,7 @@ impl SignalSource {
 pub struct FieldSource {
     /// As ROS names it: `/mission/active`.
     pub topic: Box<str>,
-    /// `package/msg/Name`; empty: as whoever publishes it says.
+    /// `package/msg/Name`; empty: the type that the publisher offers.
     pub type_name: Box<str>,
     /// Path of the field, `data`.
     pub field: Box<str>,

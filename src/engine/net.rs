@@ -56,7 +56,7 @@ pub(super) struct Net {
     pub(super) arrivals: u64,
     /// Modules that left since it was last taken.
     pub(super) left: Vec<ModuleId>,
-    /// Modules of which what was heard counts no more, since it was last taken.
+    /// Modules whose reports count no more, since this list was last taken.
     pub(super) forgotten: Vec<ModuleId>,
     /// What changed since it was last taken, in order.
     pub(super) changes: Vec<Change>,

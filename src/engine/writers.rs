@@ -40,7 +40,7 @@ pub enum NodeOf {
 pub struct WriterList {
     /// When discovery was asked.
     pub as_of: Timestamp,
-    /// Discovery had time to find everybody: whoever is not in it, and was not heard since, has left.
+    /// Discovery had time to find everybody: a writer that it lacks, and that was not heard since, has left.
     pub complete: bool,
     pub writers: BTreeMap<WriterId, NodeOf>,
 }

@@ -145,7 +145,7 @@ fn matching(topic: &str, seen: &Discovery) -> ProbeOutcome {
     if why.is_empty() { ProbeOutcome::Announced } else { ProbeOutcome::Missed(why.join(", ").into()) }
 }
 
-/// How long the target took: the time of whoever resolves its name is not its own.
+/// How long the target took: resolving its name is not part of that.
 async fn tcp(lookup: &mut Lookup, clock: Clock) -> Result<Span, ProbeOutcome> {
     let addresses = lookup.addresses().await.map_err(|error| unresolved(&error))?;
     let start = clock.now();

@@ -2,7 +2,7 @@
 //! left out or cut off without being noticed.
 //!
 //! A record is on the disk before its caller is answered. Its hash is made with a key that lies outside of
-//! the database ([`KEY_FILE_NAME`]), so whoever can write the database alone cannot write a chain that fits.
+//! the database ([`KEY_FILE_NAME`]), so an attacker who can write the database alone cannot write a chain that fits.
 //! The head of the chain is noted in [`HEAD_FILE_NAME`] and in the log of the program, so an end that was
 //! cut off is found.
 

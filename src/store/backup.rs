@@ -98,7 +98,7 @@ impl Database {
 }
 
 /// Makes the copy of today, in place of one that was made earlier today. It reads by a connection of its
-/// own, so whoever writes does not wait.
+/// own, so writers do not wait.
 pub(super) fn make(folder: &Path, wall: SystemTime) -> Result<PathBuf, BackupError> {
     let (from, _, _) = schema::read_only(folder)?;
     let backups = folder.join(BACKUPS);

@@ -251,7 +251,7 @@ impl Database {
                 self.health.is_suspect = false;
                 Ok(())
             }
-            // Whoever wants to log in would find it damaged again and again.
+            // Each login would find it damaged again.
             Ok(found) | Err(found) => Err(self.go_on_in_memory(&found)),
         }
     }

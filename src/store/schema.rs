@@ -261,7 +261,7 @@ fn configure(connection: &Connection) -> rusqlite::Result<()> {
     connection.pragma_update(None, "trusted_schema", false)
 }
 
-/// An empty database of today's schema in a new file, all of which is in that file.
+/// An empty database of today's schema in one new file, without a write-ahead log beside it.
 pub(super) fn make_new(path: &Path) -> Result<Connection, StoreError> {
     let open_error = |reason| StoreError::Open { path: path.to_owned(), reason };
     make_private_file(path).map_err(|reason| StoreError::Folder { path: path.to_owned(), reason })?;

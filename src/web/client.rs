@@ -68,7 +68,7 @@ impl Line {
                 while let Some(Ok(_)) = self.socket.recv().await {}
             }
         };
-        // Whoever does not answer in time is left without a farewell.
+        // A client that does not answer in time is left without a farewell.
         let _ = timeout(CLOSE_TIMEOUT, goodbye).await;
     }
 }
@@ -76,7 +76,7 @@ impl Line {
 /// Why a connection ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ending {
-    /// The session ended: whoever it was must log in again.
+    /// The session ended: its user must log in again.
     Revoked,
     /// The server ends; a new one may come.
     Closing,

@@ -51,7 +51,7 @@ impl From<NoAnswer> for NotOpened {
 /// A login or a logout waits no longer than this for others and for the disk; then it is not done.
 pub const DONE_WITHIN: Span = Span::from_secs(4);
 
-/// Opens a session. It runs to its end whoever still listens, and what nobody listens to is undone: a
+/// Opens a session. It runs to its end even where the browser has gone, and what nobody listens to is undone: a
 /// browser that was told nothing holds no session.
 ///
 /// # Errors
@@ -70,7 +70,7 @@ pub async fn enter(app: &AppState, entrance: Entrance) -> Result<(Token, Session
     answer.await.unwrap_or(Err(NotOpened::Unavailable))
 }
 
-/// Ends a session. It runs to its end whoever still listens: a browser that goes on to another page drops
+/// Ends a session. It runs to its end even where the browser has gone: a browser that goes on to another page drops
 /// its request, and half a logout would leave a session open behind a locked vehicle.
 ///
 /// # Errors
@@ -123,7 +123,7 @@ impl Entrance {
             .await?;
             return Err(NotOpened::Drives);
         }
-        // At the display of whoever drives nobody has to be told.
+        // At the driver's own display nobody has to be told.
         let is_here = self.before.as_ref().is_some_and(|before| is_seated(before, &snapshot));
         let said = other.as_deref().filter(|_| drives && !is_here);
         if said.is_some() && app.hand_overs.is_said() {
@@ -190,7 +190,7 @@ impl Entrance {
         self.before.as_ref().map(record).map(|record| record.on(target)).into_iter()
     }
 
-    /// Written first: while nothing can be written, whoever has the vehicle keeps it.
+    /// Written first: while nothing can be written, the driver keeps the vehicle.
     async fn take_seat(
         &self,
         app: &AppState,

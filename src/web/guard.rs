@@ -129,7 +129,7 @@ pub async fn guard(
 }
 
 /// The request as it is answered. Without a session it has to be here whole first, soon, and a place
-/// among the few of its kind: whoever begins a request and does not end it makes nobody wait.
+/// among the few of its kind: a request that is begun and not ended makes nobody wait.
 async fn admitted(request: Request, session: Option<&Session>) -> Result<Request, Trouble> {
     let standing = request.extensions().get::<Standing>().cloned();
     if standing.as_ref().is_some_and(|standing| standing.hold(session)) {

@@ -27,7 +27,7 @@ const CHECK_EVERY: Duration = Duration::from_millis(100);
 /// A change of the seat that has been said and not happened yet.
 #[derive(Debug, Clone)]
 pub struct HandOver {
-    /// Of whoever takes the seat.
+    /// Of the operator who takes the seat.
     session: Session,
     source: IpAddr,
     from: Arc<str>,

@@ -15,7 +15,7 @@ use super::throttle::network;
 use crate::store::{Role, Session};
 
 /// How many anonymous connections there may be, and how many of them may be answered at once. The rest
-/// takes in new ones: whoever has a session begins there too.
+/// takes in new ones: the connections of logged-in users begin there too.
 #[derive(Debug)]
 struct Bounds {
     open: usize,

@@ -186,7 +186,7 @@ async fn leave(
 /// The cookie of a browser from which this user logged in before.
 async fn known_device(app: &AppState, headers: &HeaderMap, source: IpAddr, name: &str) -> Option<Token> {
     let token = cookie(headers, device_cookie_name(app.settings.secure)).and_then(Token::parse)?;
-    // Whoever cannot be looked up is not known.
+    // A user who cannot be looked up is not known.
     let is_known = app.store.is_device_of(app.lane(source), &token, name).await.unwrap_or(false);
     is_known.then_some(token)
 }
@@ -211,7 +211,7 @@ async fn prove(
         return Err(LoginFailure::PinElsewhere);
     }
     let is_near = app.lane(source) == Lane::Vehicle;
-    // Whoever comes from a known browser waits in no queue with strangers.
+    // A known browser waits in no queue with strangers.
     let lane = if device.is_some() { Lane::Vehicle } else { app.lane(source) };
     let from = Source { ip: source, is_near, device };
     let throttle = || app.throttle.lock().unwrap_or_else(PoisonError::into_inner);

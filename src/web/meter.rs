@@ -107,7 +107,7 @@ impl Meter {
     }
 }
 
-/// A connection of which no more is read once it has sent too much.
+/// A connection that is read no more once it has sent too much.
 #[derive(Debug)]
 pub struct Metered<S> {
     stream: S,
@@ -126,7 +126,7 @@ impl<S: AsyncRead + Unpin> AsyncRead for Metered<S> {
         cx: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        // Whoever serves the socket is told by the meter, and ends it.
+        // The task of the socket is told by the meter, and ends it.
         if self.meter.is_over() {
             return Poll::Pending;
         }

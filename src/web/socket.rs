@@ -311,7 +311,7 @@ impl Connection {
     fn hear(&mut self, received: Option<Result<Message, axum::Error>>) -> Result<(), Ending> {
         let Some(Ok(message)) = received else { return Err(Ending::Gone) };
         match (message, &self.feed) {
-            // Whoever only asks has not read anything.
+            // A client that only asks has not read anything.
             (Message::Ping(_), _) => Ok(()),
             (Message::Pong(_), _) => {
                 self.line.pings_unanswered = 0;

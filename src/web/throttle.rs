@@ -78,7 +78,7 @@ impl Throttle {
                 self.0.remove(&key);
                 continue;
             }
-            // The others that failed from there stay: whoever has an account must not clear them.
+            // The others that failed from there stay: somebody with an account must not clear them.
             if let Some(failures) = self.0.get_mut(&key) {
                 failures.count = failures.count.saturating_sub(1);
                 failures.last = failures.before;
@@ -113,7 +113,7 @@ impl Throttle {
     }
 }
 
-/// Whoever comes from a known browser waits for what failed there alone.
+/// A known browser waits for its own failures alone.
 fn keys(name: &str, source: &Source) -> Vec<Key> {
     if let Some(device) = &source.device {
         return vec![Key::Device(device.clone())];

@@ -204,7 +204,7 @@ fn check(chain: &[CertificateDer<'_>], path: &Path) -> Result<(), TlsError> {
     }
 }
 
-/// Whoever signed it is for browsers to judge: an issuer that this machine does not know is no fault.
+/// Who signed it is for browsers to judge: an issuer that this machine does not know is no fault.
 fn verify(chain: &[CertificateDer<'_>], at: SystemTime) -> Result<(), webpki::Error> {
     let Some((first, rest)) = chain.split_first() else { return Ok(()) };
     let parsed = EndEntityCert::try_from(first)?;

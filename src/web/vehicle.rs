@@ -230,7 +230,7 @@ struct Grounds {
     until: Timestamp,
     /// Of a second step: after this the first one counts no more.
     confirmed_until: Timestamp,
-    /// It is a stop, which counts from whoever takes the seat next too.
+    /// It is a stop, which counts from the next operator too.
     is_stop: bool,
 }
 

@@ -51,7 +51,7 @@ pub enum StampClock {
 pub struct TopicSpec {
     /// As ROS names it: `/odometry`.
     pub topic: Box<str>,
-    /// `package/msg/Name`; empty: as whoever publishes it says.
+    /// `package/msg/Name`; empty: the type that the publisher offers.
     pub type_name: Box<str>,
     /// Whether the stamp of the message's header is wanted.
     pub stamp: bool,

@@ -222,7 +222,7 @@ pub async fn receive(mut socket: OwnedReadHalf, shared: Arc<Shared>, ready: ones
         let taken = wire::news(&frame).map_err(|_| "it says what makes no sense").and_then(|all| {
             all.into_iter().try_for_each(|news| match (news, &mut ready) {
                 (News::Ready { guid, participant }, ready @ Some(_)) => {
-                    // Whoever opened it may have no patience left.
+                    // The task that opened it may have given up.
                     let _ = ready.take().map(|ready| ready.send((guid, participant)));
                     Ok(())
                 }

@@ -197,7 +197,7 @@ impl Health {
         {
             return Some(format!("it takes {} MB of memory; its limit is {megabytes}", told.megabytes));
         }
-        // Until the first word it makes its participant, and whoever waits for that has no patience without end.
+        // Until the first word it makes its participant, and the caller does not wait for that for ever.
         let begun = told.beats > 0;
         self.silent = if told.beats != last.beats || !begun { 0 } else { self.silent + 1 };
         let hears = told.heard != last.heard || told.samples != last.samples;

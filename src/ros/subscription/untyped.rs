@@ -1,4 +1,4 @@
-//! Topics whose type the configuration leaves out: whoever publishes them says it.
+//! Topics whose type the configuration leaves out: their publishers say it.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -58,7 +58,7 @@ impl Log {
             news.push(head_missing());
         }
         if let (Some(folder), true) = (folder, last.number > 0 && news.is_empty()) {
-            // Whoever wrote another chain, with a head that fits, has no key.
+            // An attacker who wrote another chain, with a head that fits, has no key.
             if !is_sealed(&transaction, &key, last.number)? {
                 let file = folder.join(KEY_FILE_NAME);
                 news.push(broken(format!("record {last} was not written with {}", file.display())));

@@ -15,7 +15,7 @@ const LOOK_EVERY: i32 = 10_000;
 #[derive(Debug)]
 pub struct Reader {
     connection: Arc<Mutex<Connection>>,
-    /// Whoever waits for it holds no thread.
+    /// A query that waits for it holds no thread.
     turn: Arc<Semaphore>,
 }
 

@@ -253,7 +253,7 @@ fn a_file_of_an_earlier_version_is_read_as_it_is_and_goes_on_with_words() {
     let nodes = vec!["a".to_owned()];
     let query = HistoryQuery { nodes, signals: Vec::new(), from_ms: START_MS, to_ms: START_MS + 9000 };
 
-    // Read beside whoever wrote it: nothing of the file changes.
+    // Read beside its writer: nothing of the file changes.
     let before = std::fs::read(&path).unwrap();
     let past = past_in(&folder, &query).unwrap();
     assert_eq!((past.nodes[0].stretches.len(), words(&past)), (1, vec![None]));
