@@ -289,9 +289,10 @@ impl Loop {
 mod tests {
     use super::*;
     use crate::engine::input::{Input, StatusArray};
-    use crate::engine::model::{Driving, Limits, NodeId, Parts, Policy, StageModel, Text};
+    use crate::engine::model::{Driving, Limits, NodeId, Parts, Policy, StageModel};
     use crate::engine::monitor::spec::Watched;
     use crate::engine::state::State;
+    use crate::engine::text::Text;
 
     fn empty_model() -> Arc<Model> {
         let parts = Parts {

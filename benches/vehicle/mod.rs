@@ -7,9 +7,10 @@ use telltale::engine::Engine;
 use telltale::engine::input::{Input, OperatorAction, StatusArray};
 use telltale::engine::model::{
     Combine, Dependency, DependsOn, Driving, GroupId, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec,
-    NodeId, Parts, Policy, StageModel, Text,
+    NodeId, Parts, Policy, StageModel,
 };
 use telltale::engine::monitor::spec::Watched;
+use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};
 
 pub const MODULES_PER_GROUP: usize = 100;

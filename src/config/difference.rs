@@ -5,11 +5,11 @@ use std::fmt;
 
 use super::{Loaded, words};
 use crate::engine::model::{
-    Combine, Dependency, GroupSpec, Limits, Model, ModuleSpec, Parts, SignalSpec, StageModel, Stop, Text,
-    When,
+    Combine, Dependency, GroupSpec, Limits, Model, ModuleSpec, Parts, SignalSpec, StageModel, Stop, When,
 };
 use crate::engine::monitor::spec::StampClock;
 use crate::engine::state::State;
+use crate::engine::text::Text;
 use crate::engine::time::Span;
 use crate::engine::wording::{ByStage, Wording};
 

@@ -8,9 +8,10 @@ pub(super) use super::raw_node::{
 };
 pub(super) use super::raw_signal::{Signal, SignalFrom};
 use super::raw_source::RawDiagnostics;
-use crate::engine::model::{Other, StageModel, Text};
+use crate::engine::model::{Other, StageModel};
 use crate::engine::monitor::spec::StampClock;
 use crate::engine::state::State;
+use crate::engine::text::Text;
 use crate::engine::time;
 use crate::yaml::decode::{Entries, scalar, word};
 use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Span, Spanned};

@@ -4,8 +4,9 @@ use super::glob::{self, is_glob};
 use super::raw::Policy;
 use super::raw_monitor::Monitor;
 use super::raw_wording::RawWording;
-use crate::engine::model::{Combine, Stage, Text};
+use crate::engine::model::{Combine, Stage};
 use crate::engine::state::State;
+use crate::engine::text::Text;
 use crate::yaml::decode::{All, Entries, did_you_mean, scalar, word};
 use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Span, Spanned, suggest};
 

@@ -13,8 +13,9 @@ use super::topics::Topics;
 use super::{Loaded, countermeasures, monitors, publishing, words};
 use crate::engine::model::{
     Combine, Driving, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, NodeNames, Parts, Policy,
-    StageModel, Stop, Text,
+    StageModel, Stop,
 };
+use crate::engine::text::Text;
 use crate::engine::time;
 use crate::engine::wording::Wording;
 use crate::yaml::decode::All;

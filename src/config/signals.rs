@@ -9,7 +9,7 @@ use super::resolve::twice;
 use super::topics::{self, Topics};
 use super::{expression, monitors};
 use crate::engine::model::{FieldSource, MonitorSpec, POSED_SIGNAL, SignalSource, SignalSpec};
-use crate::engine::snapshot::Class;
+use crate::engine::monitor::spec::Class;
 use crate::engine::time;
 use crate::yaml::tree::Key;
 use crate::yaml::{Log, Problem, Span, Spanned};

@@ -18,9 +18,9 @@ use std::path::PathBuf;
 
 use super::*;
 use crate::engine::filter::Filter;
-use crate::engine::model::Text;
 use crate::engine::model::{Combine, DependsOn, GroupId, ModuleId, ModuleSpec, NodeId, Policy, Stage};
 use crate::engine::state::State;
+use crate::engine::text::Text;
 use crate::engine::time;
 use crate::engine::wording::Wording;
 

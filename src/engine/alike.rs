@@ -2,9 +2,11 @@
 
 use super::Engine;
 use super::filter::Filter;
-use super::model::{GroupId, ModuleId, MonitorSpec, Text};
+use super::model::{GroupId, ModuleId, MonitorSpec};
 use super::monitor::spec::ValueSource;
-use super::monitor::{Feed, cut, feeds, say};
+use super::monitor::{Feed, cut, feeds};
+use super::text::Text;
+use super::text::say;
 
 /// Letters of a name that are compared.
 const LETTERS_MAX: usize = 96;

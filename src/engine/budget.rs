@@ -5,10 +5,11 @@ use std::cmp::Reverse;
 use std::collections::{BTreeSet, HashMap};
 
 use super::Engine;
-use super::model::{Limits, ModuleId, Text};
+use super::discovery::WriterId;
+use super::model::{Limits, ModuleId};
 use super::state::State;
 use super::system::{self, SystemCheck};
-use super::writers::WriterId;
+use super::text::Text;
 
 /// Kept up to date with each report that changes, at the cost of a few lookups.
 #[derive(Debug, Default)]

@@ -3,13 +3,14 @@
 
 use super::countermeasure::{Confirmation, ConfirmedBy, Kind, Request};
 use super::measures::{By, Held, Measures};
-use super::model::{Model, Text};
-use super::monitor::say;
+use super::model::Model;
 use super::names::Names;
 use super::net::Net;
 use super::signals::Signals;
 use super::snapshot::MeasureState;
 use super::state::State;
+use super::text::Text;
+use super::text::say;
 use super::time::Timestamp;
 
 /// One kind of request, while it is made.

@@ -1,10 +1,11 @@
 //! Countermeasures: what the vehicle is asked to do when something fails (`ENGINE.md` 10; paper,
 //! Sec. IV-D).
 
-use super::input::Output;
-use super::model::{NodeId, Stage, Text};
-use super::monitor::say;
+use super::model::{NodeId, Stage};
+use super::output::Output;
 use super::state::State;
+use super::text::Text;
+use super::text::say;
 use super::time::Span;
 
 /// What is asked of the vehicle, weakest first.

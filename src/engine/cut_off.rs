@@ -1,11 +1,10 @@
 //! While the part that speaks DDS is down, nothing of the vehicle can be heard: what came from there is UNKNOWN
 //! at once, and the silence says nothing of who is silent.
 
+use super::discovery::DISCOVERY;
 use super::input::Input;
 use super::model::ModuleId;
-use super::monitor::spec::ProbeTarget;
 use super::node::ModuleKind;
-use super::resume::DISCOVERY;
 use super::state::State;
 use super::watching::Purpose;
 use super::{Engine, SystemCheck, system};
@@ -50,11 +49,6 @@ impl Engine {
     /// Whether a probe asked what nobody can know now.
     pub(super) fn asks_in_vain(&self, input: &Input) -> bool {
         let Input::Probe(probe) = input else { return false };
-        self.dds_fault.is_some() && asks_dds(&probe.source.target)
+        self.dds_fault.is_some() && probe.source.target.asks_dds()
     }
-}
-
-/// Whether the answer comes from DDS.
-pub(super) fn asks_dds(target: &ProbeTarget) -> bool {
-    !matches!(target, ProbeTarget::Icmp { .. } | ProbeTarget::Tcp { .. })
 }

@@ -1,6 +1,10 @@
 //! What DDS discovery sees, as plain data that the bridge fills and pages show.
 
+use super::time::Span;
 use super::time::Timestamp;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::sync::Arc;
 
 /// Topics that are told of; the rest is counted.
 pub const TOPICS_MAX: usize = 2000;
@@ -193,3 +197,71 @@ mod tests {
         }
     }
 }
+
+/// Writers whose nodes are remembered. More of them are no vehicle.
+const WRITERS_MAX: usize = 2048;
+
+/// A DDS writer by its GUID (RTPS 2.5, 9.3.1); all zero where nobody says who it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+pub struct WriterId(pub [u8; 16]);
+
+/// The node of ROS 2 that a writer belongs to.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NodeOf {
+    /// Its participant may announce it still.
+    Pending,
+    /// It was not announced in time, as by programs that use DDS without ROS 2.
+    Unannounced,
+    /// The whole name, `/ns/name`.
+    Named(Arc<str>),
+}
+
+/// The writers of diagnostics that discovery knows, as a whole.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct WriterList {
+    /// When discovery was asked.
+    pub as_of: Timestamp,
+    /// Discovery had time to find everybody: a writer that it lacks, and that was not heard since, has left.
+    pub complete: bool,
+    pub writers: BTreeMap<WriterId, NodeOf>,
+}
+
+impl WriterList {
+    pub(super) fn node(&self, writer: WriterId) -> &NodeOf {
+        self.writers.get(&writer).unwrap_or(&NodeOf::Pending)
+    }
+
+    /// The node's name, or the GUID in hexadecimal digits where there is none.
+    pub(super) fn label(&self, writer: WriterId) -> Arc<str> {
+        match self.node(writer) {
+            NodeOf::Named(name) => name.clone(),
+            NodeOf::Pending | NodeOf::Unannounced => {
+                let mut label = "writer ".to_owned();
+                for byte in writer.0 {
+                    // Writing to a string cannot fail.
+                    let _ = write!(label, "{byte:02x}");
+                }
+                label.into()
+            }
+        }
+    }
+
+    /// Takes a newer list. While discovery is still looking, what was known before holds.
+    pub(super) fn follow(&mut self, newer: &WriterList) {
+        let before = std::mem::replace(self, newer.clone());
+        if !newer.complete {
+            for (writer, node) in before.writers {
+                if self.writers.len() >= WRITERS_MAX {
+                    return;
+                }
+                let known = self.writers.entry(writer).or_insert(NodeOf::Pending);
+                if *known == NodeOf::Pending {
+                    *known = node;
+                }
+            }
+        }
+    }
+}
+
+/// After a start or a reload, what DDS discovery may take to find those who publish.
+pub(super) const DISCOVERY: Span = Span::from_secs(3);

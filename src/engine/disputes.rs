@@ -6,11 +6,11 @@ use std::collections::btree_map::Entry;
 use std::sync::Arc;
 
 use super::Engine;
-use super::model::Text;
-use super::monitor::say;
 use super::snapshot::Report;
 use super::state::State;
 use super::system::SystemCheck;
+use super::text::Text;
+use super::text::say;
 use super::time::{Span, Timestamp};
 use super::timers::TimerKey;
 

@@ -1,11 +1,11 @@
 //! What happened, in order: for histories, figures and logs. The engine keeps it only if asked to.
 
+use super::time::Span;
+use super::time::how_long;
+use std::borrow::Cow;
 use std::sync::Arc;
 
-use super::Engine;
 use super::model::{NodeId, Stage};
-use super::net::Change;
-use super::record::Said;
 use super::state::State;
 use super::time::Timestamp;
 
@@ -110,39 +110,36 @@ impl Events {
     }
 }
 
-/// A masked node that waits for another cause than before.
-pub(super) struct BlamedAnew {
-    pub(super) node: NodeId,
-    pub(super) own: State,
-    pub(super) cause: Option<NodeId>,
+/// So much of a message is kept: a history holds a million of them.
+const SAID_BYTES_MAX: usize = 200;
+
+/// What a module said when it began to show something. A reported ERROR and a silence that counts
+/// as one differ in nothing else.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Said {
+    /// Its last message, or the beginning of it.
+    pub message: Box<str>,
+    /// For how long nothing had come, where that was longer than its timeout.
+    pub silent: Option<Span>,
 }
 
-impl Engine {
-    /// Tells what other nodes show now, and which wait for another cause. Asked for only where events
-    /// are wanted.
-    pub(super) fn keep_changes(&mut self, changes: &[Change], blamed: Vec<BlamedAnew>) {
-        for Change { node, before, after } in changes {
-            if (before.shown, before.own, before.masked) != (after.shown, after.own, after.masked) {
-                let cause = self.views.masked_by(*node).first().copied();
-                self.keep_shown(*node, (before.shown, after.shown), after.own, cause);
-            }
-        }
-        for BlamedAnew { node, own, cause } in blamed {
-            self.keep_shown(node, (State::Ignore, State::Ignore), own, cause);
-        }
+impl Said {
+    pub fn of(message: &str, silent: Option<Span>) -> Option<Said> {
+        let message = &message[..message.floor_char_boundary(SAID_BYTES_MAX)];
+        (silent.is_some() || !message.is_empty()).then(|| Said { message: message.into(), silent })
     }
 
-    fn keep_shown(&mut self, node: NodeId, (from, to): (State, State), own: State, cause: Option<NodeId>) {
-        let said = self.said(node);
-        self.events.push(self.now, What::Shown { node, from, to, own, cause, said });
+    /// As one text, for programs.
+    pub fn words(&self) -> Cow<'_, str> {
+        with_silence(&self.message, self.silent)
     }
+}
 
-    /// What a module says at this instant. The view of it may not know yet when it was heard.
-    fn said(&self, node: NodeId) -> Option<Said> {
-        let NodeId::Module(id) = node else { return None };
-        let own = &self.net.modules[id.0 as usize].own;
-        let silent = own.received().filter(|_| own.silent()).map(|at| self.now.since(at));
-        let report = &self.views.modules.get(id.0 as usize)?.report;
-        Said::of(report.last_words(own.silent()), silent)
+/// The last words of what may be silent since.
+pub(super) fn with_silence(last: &str, silent: Option<Span>) -> Cow<'_, str> {
+    match silent.map(how_long) {
+        None => last.into(),
+        Some(long) if last.is_empty() => format!("silent for {long}").into(),
+        Some(long) => format!("silent for {long}; last: {last}").into(),
     }
 }

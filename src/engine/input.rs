@@ -1,14 +1,15 @@
 //! The closed set of all that can happen to the engine. The DDS bridge, the operator's page,
 //! simulation, scenarios, recordings and tests all feed this one type.
 
+use super::output::Output;
 use std::ops::Range;
 use std::sync::Arc;
 
 pub use super::action::{AlarmRef, OperatorAction, Place, Refusal, Response};
+pub use super::discovery::{NodeOf, WriterId, WriterList};
 use super::sample::{Probe, Sample, TopicNews};
 use super::state::State;
 use super::time::Timestamp;
-pub use super::writers::{NodeOf, WriterId, WriterList};
 
 /// One thing that happened. Handled by [`Engine::handle`](super::Engine::handle), nowhere else.
 #[derive(Debug, Clone, PartialEq)]
@@ -106,17 +107,6 @@ pub struct ListenNews {
     /// As ROS names it: `/telltale/maneuver_stop_request`.
     pub topic: Box<str>,
     pub heard: bool,
-}
-
-/// What is published for the vehicle. All of it is a level that follows from snapshots.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Output {
-    Stage,
-    Clearance,
-    /// Where the operator says that the vehicle stands.
-    Pose,
-    Deceleration,
-    ManeuverStop,
 }
 
 /// The statuses of one `diagnostic_msgs/DiagnosticArray`. All text lies in one buffer, so an

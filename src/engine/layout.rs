@@ -2,9 +2,11 @@
 
 use std::sync::Arc;
 
-use super::model::{GroupId, GroupSpec, Model, ModuleId, Other, StageModel, Text};
-use super::snapshot::{Class, GroupInfo, Layout, ModuleInfo};
+use super::model::{GroupId, GroupSpec, Model, ModuleId, Other, StageModel};
+use super::monitor::spec::Class;
+use super::snapshot::{GroupInfo, Layout, ModuleInfo};
 use super::system::{BUILT_IN_GROUPS, OTHER_GROUP, SYSTEM_GROUP, SystemCheck};
+use super::text::Text;
 use super::wording::Wording;
 
 /// The class of a module that judges a received level.

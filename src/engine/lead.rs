@@ -5,12 +5,14 @@ use std::sync::Arc;
 use super::Engine;
 use super::drive::ARRIVAL;
 use super::event::What;
-use super::input::{Output, OutputNews, Refusal};
-use super::model::{GroupId, LOCALIZATION_GROUP, Model, NodeId, Stage, StageModel, Text};
-use super::monitor::say;
+use super::input::{OutputNews, Refusal};
+use super::model::{GroupId, LOCALIZATION_GROUP, Model, NodeId, Stage, StageModel};
+use super::output::Output;
 use super::snapshot::{Countermeasure, Localization, Unreached};
 use super::state::State;
 use super::system::SystemCheck;
+use super::text::Text;
+use super::text::say;
 use super::timers::TimerKey;
 use super::vehicle::Event;
 

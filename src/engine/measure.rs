@@ -2,23 +2,12 @@
 
 use super::Engine;
 use super::input::{Input, StatusArray};
-use super::model::{Model, ModuleId, Policy};
+use super::model::ModuleId;
 use super::net::Net;
 use super::state::State;
-use super::time::{Span, Timestamp};
+use super::time::Timestamp;
 use super::timers::TimerKey;
 use super::watching::{Purpose, Told};
-
-/// The policies of the declared modules. What a monitor judges by the clock never falls silent.
-pub(super) fn policies(model: &Model) -> Vec<Policy> {
-    let policy = |spec: &super::model::ModuleSpec| {
-        let timeout =
-            if spec.monitor.by_the_clock() { Span::from_nanos(u64::MAX) } else { spec.policy.timeout };
-        let forget_after = spec.policy.forget_after.filter(|_| !spec.monitor.by_the_clock());
-        Policy { timeout, forget_after, ..spec.policy.clone() }
-    };
-    model.modules.iter().map(policy).collect()
-}
 
 impl Engine {
     /// Takes what was received for monitors. Returns whether anything changed but what was counted.

@@ -8,10 +8,11 @@ use std::sync::Arc;
 
 use super::confirm::{Asked, Heard};
 use super::countermeasure::{Kind, Request, Rule};
-use super::input::{Output, OutputNews};
+use super::input::OutputNews;
 use super::model::{Model, NodeId, Stage};
 use super::net::{Change, Net};
 use super::node::Facts;
+use super::output::Output;
 use super::roots::CAUSES_MAX;
 use super::snapshot::{Alarm, Countermeasure, MeasureCause};
 use super::state::State;

@@ -4,6 +4,7 @@
 //! of it any more, so the row is no longer than what was there at one time, and what alarms and
 //! countermeasures name.
 
+use super::names::Place;
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::Arc;
 
@@ -17,19 +18,6 @@ use super::overflow;
 use super::state::{State, Tally};
 use super::time::Timestamp;
 use super::views::Views;
-
-/// Where a module is made at run time, and by which entry of the group's `match` list.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Place {
-    pub(super) group: GroupId,
-    pub(super) filter: Option<u32>,
-}
-
-impl Place {
-    pub(super) fn of(group: GroupId) -> Place {
-        Place { group, filter: None }
-    }
-}
 
 /// Places of modules that left.
 #[derive(Debug, Default)]

@@ -34,6 +34,7 @@ mod names;
 mod net;
 mod node;
 mod operate;
+pub mod output;
 mod overflow;
 mod paths;
 pub mod persistent;
@@ -48,6 +49,7 @@ mod signals;
 pub mod snapshot;
 pub mod state;
 pub mod system;
+pub mod text;
 pub mod time;
 mod timers;
 pub mod tree;
@@ -64,13 +66,14 @@ use std::sync::Arc;
 
 use alarm::Alarms;
 use causes::Causes;
+use discovery::{WriterId, WriterList};
 use disputes::Disputes;
 use event::{Event, Events};
 use input::{Input, ReceptionTrouble, Response, Status, StatusArray};
 use lead::{Told, localization_group};
 use measures::Measures;
 use members::Departed;
-use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, Model, ModuleId, NodeId, Text};
+use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, Model, ModuleId, NodeId};
 use names::Names;
 use net::Net;
 use overflow::Overflow;
@@ -78,13 +81,14 @@ use signals::Signals;
 use snapshot::{Counters, Snapshot};
 use state::State;
 use system::{ReceptionCheck, SystemCheck};
+use text::Text;
 use time::Timestamp;
 use timers::{TimerKey, Timers};
 use vehicle::Vehicle;
 use views::Views;
 use warnings::Warnings;
 use watching::Watching;
-use writers::{Voice, WriterId, WriterList};
+use writers::Voice;
 
 /// The aggregation engine of one vehicle.
 #[derive(Debug)]

@@ -2,14 +2,15 @@
 //! they matter. `config` makes it from files; tests make it by hand. It cannot be wrong: see
 //! [`Model::new`].
 
+use super::text::Text;
 use std::sync::Arc;
 
 use super::countermeasure::Rule;
 use super::filter::Filter;
 use super::graph::{Cycle, Order, Visit};
-use super::input::Output;
 pub use super::monitor::spec::MonitorSpec;
 use super::monitor::spec::Watched;
+use super::output::Output;
 use super::state::State;
 use super::time::Span;
 use super::wording::Wording;
@@ -27,39 +28,6 @@ pub struct ModuleId(pub u32);
 pub enum NodeId {
     Group(GroupId),
     Module(ModuleId),
-}
-
-/// A text in the languages of the HMI.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Text {
-    pub en: Arc<str>,
-    pub de: Arc<str>,
-}
-
-impl Default for Text {
-    fn default() -> Text {
-        Text::plain("")
-    }
-}
-
-impl From<&str> for Text {
-    fn from(text: &str) -> Text {
-        Text::plain(text)
-    }
-}
-
-impl From<String> for Text {
-    fn from(text: String) -> Text {
-        Text::plain(&text)
-    }
-}
-
-impl Text {
-    /// The same words in every language.
-    pub fn plain(text: &str) -> Text {
-        let text: Arc<str> = Arc::from(text);
-        Text { en: text.clone(), de: text }
-    }
 }
 
 /// Which stages the vehicle knows (`ENGINE.md` 9).

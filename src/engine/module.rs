@@ -2,9 +2,9 @@
 //! reported, silent, debounced, latched.
 
 use super::model::Policy;
+use super::snapshot::Steps;
 use super::state::State;
 use super::time::{Span, Timestamp};
-use super::why::Steps;
 
 /// The own state of one module over time. Time is given; deadlines are asked for by [`OwnState::due`].
 #[derive(Debug, Clone)]

@@ -3,7 +3,6 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::members::Place;
 use super::model::{GroupId, Model, ModuleId};
 use super::writers::Voices;
 
@@ -211,5 +210,18 @@ impl Names {
         };
         self.index.insert(name, route);
         route
+    }
+}
+
+/// Where a module is made at run time, and by which entry of the group's `match` list.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Place {
+    pub(super) group: GroupId,
+    pub(super) filter: Option<u32>,
+}
+
+impl Place {
+    pub(super) fn of(group: GroupId) -> Place {
+        Place { group, filter: None }
     }
 }

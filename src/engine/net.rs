@@ -8,11 +8,11 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::Arc;
 
-use super::measure;
-use super::members::Place;
 use super::model::{
     Combine, Dependency, GroupId, Match, Model, ModuleId, NodeId, Other, Policy, Stage, When,
 };
+use super::names::Place;
+use super::node;
 use super::node::{Facts, GroupNode, ModuleKind, ModuleNode, Node};
 use super::relevance::unmet;
 use super::signals::Signals;
@@ -79,7 +79,7 @@ impl Net {
             locked: true,
             own_errors: 0,
             built_in_policy: system::policy(),
-            policies: measure::policies(&model),
+            policies: node::policies(&model),
             queue: BinaryHeap::new(),
             arrivals: 0,
             left: Vec::new(),

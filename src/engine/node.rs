@@ -1,5 +1,7 @@
 //! What the net is made of: groups and modules with what they need and what they are.
 
+use super::model::{Model, Policy};
+use super::time::Span;
 use std::collections::BTreeSet;
 
 use super::graph::targets;
@@ -150,4 +152,15 @@ pub(super) fn new_node(parent: Option<GroupId>, needs: &[Dependency]) -> Node {
         facts: UNSEEN,
         dirty: false,
     }
+}
+
+/// The policies of the declared modules. What a monitor judges by the clock never falls silent.
+pub(super) fn policies(model: &Model) -> Vec<Policy> {
+    let policy = |spec: &super::model::ModuleSpec| {
+        let timeout =
+            if spec.monitor.by_the_clock() { Span::from_nanos(u64::MAX) } else { spec.policy.timeout };
+        let forget_after = spec.policy.forget_after.filter(|_| !spec.monitor.by_the_clock());
+        Policy { timeout, forget_after, ..spec.policy.clone() }
+    };
+    model.modules.iter().map(policy).collect()
 }

@@ -2,8 +2,9 @@
 
 use std::collections::HashMap;
 
-use super::model::{GroupId, ModuleId, Text};
-use super::monitor::say;
+use super::model::{GroupId, ModuleId};
+use super::text::Text;
+use super::text::say;
 
 /// The name of the module that says so.
 pub(super) const MODULE: &str = "(names past the limit)";

@@ -1,20 +1,17 @@
 //! What happened, with names in the place of ids: it can be kept when the configuration is another.
 
-use std::borrow::Cow;
+use super::Engine;
+use super::event::Said;
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use super::event::{BlamedAnew, Event, What};
+use super::event::{Event, What};
 use super::model::{GroupId, NodeId, Stage};
 use super::net::Change;
-use super::report::with_silence;
 use super::snapshot::{Reason, Snapshot};
 use super::state::State;
-use super::time::{Span, Timestamp};
+use super::time::Timestamp;
 use super::views::Views;
-
-/// So much of a message is kept: a history holds a million of them.
-const SAID_BYTES_MAX: usize = 200;
 
 /// One line of a history.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,28 +63,6 @@ pub enum Recorded {
     },
     /// So many records before this one were dropped.
     Lost(u64),
-}
-
-/// What a module said when it began to show something. A reported ERROR and a silence that counts
-/// as one differ in nothing else.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Said {
-    /// Its last message, or the beginning of it.
-    pub message: Box<str>,
-    /// For how long nothing had come, where that was longer than its timeout.
-    pub silent: Option<Span>,
-}
-
-impl Said {
-    pub fn of(message: &str, silent: Option<Span>) -> Option<Said> {
-        let message = &message[..message.floor_char_boundary(SAID_BYTES_MAX)];
-        (silent.is_some() || !message.is_empty()).then(|| Said { message: message.into(), silent })
-    }
-
-    /// As one text, for programs.
-    pub fn words(&self) -> Cow<'_, str> {
-        with_silence(&self.message, self.silent)
-    }
 }
 
 /// A node showed this for this long.
@@ -179,4 +154,41 @@ impl Record {
         let all = all.chain(groups.chain(modules).map(shown));
         all.map(|what| Record { at: snapshot.now, what }).collect()
     }
+}
+
+impl Engine {
+    /// Tells what other nodes show now, and which wait for another cause. Asked for only where events
+    /// are wanted.
+    pub(super) fn keep_changes(&mut self, changes: &[Change], blamed: Vec<BlamedAnew>) {
+        for Change { node, before, after } in changes {
+            if (before.shown, before.own, before.masked) != (after.shown, after.own, after.masked) {
+                let cause = self.views.masked_by(*node).first().copied();
+                self.keep_shown(*node, (before.shown, after.shown), after.own, cause);
+            }
+        }
+        for BlamedAnew { node, own, cause } in blamed {
+            self.keep_shown(node, (State::Ignore, State::Ignore), own, cause);
+        }
+    }
+
+    fn keep_shown(&mut self, node: NodeId, (from, to): (State, State), own: State, cause: Option<NodeId>) {
+        let said = self.said(node);
+        self.events.push(self.now, What::Shown { node, from, to, own, cause, said });
+    }
+
+    /// What a module says at this instant. The view of it may not know yet when it was heard.
+    fn said(&self, node: NodeId) -> Option<Said> {
+        let NodeId::Module(id) = node else { return None };
+        let own = &self.net.modules[id.0 as usize].own;
+        let silent = own.received().filter(|_| own.silent()).map(|at| self.now.since(at));
+        let report = &self.views.modules.get(id.0 as usize)?.report;
+        Said::of(report.last_words(own.silent()), silent)
+    }
+}
+
+/// A masked node that waits for another cause than before.
+pub(super) struct BlamedAnew {
+    pub(super) node: NodeId,
+    pub(super) own: State,
+    pub(super) cause: Option<NodeId>,
 }

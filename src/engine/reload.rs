@@ -4,14 +4,14 @@ use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use super::Engine;
+use super::discovery::DISCOVERY;
 use super::event::What;
 use super::measures::{By, Cause, Held};
-use super::members::Place;
 use super::model::{GroupId, Model, ModuleId, NodeId};
 use super::names::Names;
+use super::names::Place;
 use super::node::ModuleKind;
 use super::overflow;
-use super::resume::DISCOVERY;
 use super::snapshot::Reason;
 use super::time::Timestamp;
 use super::timers::TimerKey;

@@ -1,11 +1,13 @@
 //! The words of a status, kept while they do not change.
 
+use super::event::with_silence;
 use std::borrow::Cow;
 
+use super::event::Said;
 use super::input::Status;
-use super::model::{Limits, Text};
-use super::record::Said;
+use super::model::Limits;
 use super::snapshot::{ModuleView, Report};
+use super::text::Text;
 use super::time::{Span, Timestamp};
 
 /// What a KeyValue takes beside its text: two strings, each on its own.
@@ -94,37 +96,5 @@ impl ModuleView {
     /// The same, to be kept.
     pub(super) fn said(&self, now: Timestamp) -> Option<Said> {
         Said::of(self.report.last_words(self.silent), self.silent_for(now))
-    }
-}
-
-/// The last words of what may be silent since.
-pub(super) fn with_silence(last: &str, silent: Option<Span>) -> Cow<'_, str> {
-    match silent.map(how_long) {
-        None => last.into(),
-        Some(long) if last.is_empty() => format!("silent for {long}").into(),
-        Some(long) => format!("silent for {long}; last: {last}").into(),
-    }
-}
-
-/// `3 s`, `2 min`, `1 h 5 min`: no finer than anybody reads.
-pub fn how_long(span: Span) -> String {
-    let s = span.as_millis().saturating_add(500) / 1000;
-    match s {
-        0..60 => format!("{s} s"),
-        60..3600 => format!("{} min", s / 60),
-        _ => format!("{} h {} min", s / 3600, s % 3600 / 60),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_duration_is_said_as_roughly_as_it_is_read() {
-        let all = [(0, "0 s"), (1_500, "2 s"), (59_400, "59 s"), (59_500, "1 min"), (3_599_000, "59 min")];
-        for (ms, said) in all.into_iter().chain([(3_900_000, "1 h 5 min"), (90_000_000, "25 h 0 min")]) {
-            assert_eq!(how_long(Span::from_millis(ms)), said);
-        }
     }
 }

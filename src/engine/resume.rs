@@ -1,5 +1,6 @@
 //! Going on after a restart, and beginning in the middle (`SAFETY.md` R6).
 
+use super::discovery::DISCOVERY;
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
@@ -13,9 +14,6 @@ use super::system::SystemCheck;
 use super::time::{Span, Timestamp};
 use super::timers::TimerKey;
 use super::vehicle::Event;
-
-/// After a start or a reload, what DDS discovery may take to find those who publish.
-pub(super) const DISCOVERY: Span = Span::from_secs(3);
 
 /// What outlives the program: everything that an operator decided or has to decide. The states of
 /// the components do not; they are UNKNOWN until they are heard. Nodes are named as on the wire.

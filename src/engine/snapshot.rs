@@ -2,16 +2,18 @@
 //!
 //! A snapshot is cheap to make and to keep: parts that did not change are shared with the one before.
 
+use super::monitor::spec::Class;
 use std::sync::Arc;
 
 use super::countermeasure::{Kind, Request};
 pub use super::counters::{Counters, Reception};
-use super::input::{Output, Refusal};
-use super::model::{DependsOn, GroupId, ModuleId, NodeId, NodeNames, Other, Stage, Stop, Text};
+use super::input::Refusal;
+use super::model::{DependsOn, GroupId, ModuleId, NodeId, NodeNames, Other, Stage, Stop};
+use super::output::Output;
 use super::persistent::PersistentVec;
 use super::state::State;
+use super::text::Text;
 use super::time::Timestamp;
-use super::why::Steps;
 use super::wording::Wording;
 
 /// The state of the whole vehicle at one instant.
@@ -217,34 +219,6 @@ pub struct ModuleInfo {
     pub class: Class,
 }
 
-/// Where a diagnosis stands in the paper's classification (Sec. III-B).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Class {
-    /// `isolated` or `contextual`.
-    pub location: &'static str,
-    /// `content` or `meta`.
-    pub information: &'static str,
-    /// `sequential` or `parallel`, where data flows.
-    pub flow: Option<&'static str>,
-}
-
-impl Class {
-    /// The column of the paper's taxonomy (Fig. 3), from 0: isolated meta, isolated content,
-    /// contextual meta, contextual content sequential and parallel. A class that the taxonomy does
-    /// not have stands in none.
-    pub fn column(self) -> Option<usize> {
-        match (self.location, self.information, self.flow) {
-            ("isolated", "meta", None) => Some(0),
-            ("isolated", "content", None) => Some(1),
-            // That its data flows, too, is no column of its own.
-            ("contextual", "meta", _) => Some(2),
-            ("contextual", "content", Some("sequential")) => Some(3),
-            ("contextual", "content", Some("parallel")) => Some(4),
-            _ => None,
-        }
-    }
-}
-
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroupView {
     /// What is shown.
@@ -419,4 +393,18 @@ pub struct MapPose {
     pub x_m: f64,
     pub y_m: f64,
     pub yaw_deg: f64,
+}
+
+/// How a module's own state came about. A state is what the step made of the one before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Steps {
+    pub reported: Option<State>,
+    /// After silence.
+    pub judged: Option<State>,
+    /// After debounce.
+    pub debounced: Option<State>,
+    pub latched: bool,
+    pub grace: bool,
+    /// After debounce and grace it is in ERROR, latched or not: a reset is refused.
+    pub in_error: bool,
 }

@@ -1,9 +1,10 @@
 //! The group `telltale`: what the diagnosis says of itself (`ENGINE.md` 6 and 8). Nothing masks it.
 
 use super::input::ReceptionTrouble;
-use super::model::{Limits, Policy, Stage, Text};
-use super::monitor::say;
+use super::model::{Limits, Policy, Stage};
 use super::state::State;
+use super::text::Text;
+use super::text::say;
 use super::time::{Span, Timestamp};
 use super::wording::{ByStage, Wording};
 

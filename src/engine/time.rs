@@ -76,3 +76,26 @@ impl Sub for Span {
         Span(self.0.saturating_sub(other.0))
     }
 }
+
+/// `3 s`, `2 min`, `1 h 5 min`: no finer than anybody reads.
+pub fn how_long(span: Span) -> String {
+    let s = span.as_millis().saturating_add(500) / 1000;
+    match s {
+        0..60 => format!("{s} s"),
+        60..3600 => format!("{} min", s / 60),
+        _ => format!("{} h {} min", s / 3600, s % 3600 / 60),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_duration_is_said_as_roughly_as_it_is_read() {
+        let all = [(0, "0 s"), (1_500, "2 s"), (59_400, "59 s"), (59_500, "1 min"), (3_599_000, "59 min")];
+        for (ms, said) in all.into_iter().chain([(3_900_000, "1 h 5 min"), (90_000_000, "25 h 0 min")]) {
+            assert_eq!(how_long(Span::from_millis(ms)), said);
+        }
+    }
+}

@@ -3,11 +3,13 @@
 
 use super::Engine;
 use super::countermeasure::Kind;
-use super::input::{ListenNews, Output};
+use super::input::ListenNews;
 use super::measures::Measures;
-use super::model::{Model, StageModel, Text};
-use super::monitor::say;
+use super::model::{Model, StageModel};
+use super::output::Output;
 use super::snapshot::Unreached;
+use super::text::Text;
+use super::text::say;
 
 /// What a vehicle is asked for.
 const REQUESTS: [Kind; 2] = [Kind::ManeuverStop, Kind::Decelerate];

@@ -8,10 +8,11 @@ use std::sync::Arc;
 
 use super::budget::Budget;
 use super::causes::Explained;
+use super::discovery::WriterId;
 use super::input::{ReceptionTrouble, Status};
 use super::layout::layout;
 use super::lead::Led;
-use super::model::{GroupId, Limits, Model, ModuleId, NodeId, Stage, Text};
+use super::model::{GroupId, Limits, Model, ModuleId, NodeId, Stage};
 use super::monitor::Words;
 use super::net::{Change, Net};
 use super::persistent::PersistentVec;
@@ -20,9 +21,9 @@ use super::snapshot::{
     Alarm, Counters, GroupView, Layout, ModuleView, Reason, Reception, Report, RootCause, Snapshot,
 };
 use super::state::State;
+use super::text::Text;
 use super::time::Timestamp;
 use super::vehicle::Vehicle;
-use super::writers::WriterId;
 
 /// Topics whose faults are remembered, for each kind of fault: past this new ones are not.
 const RECEPTION_MAX: usize = 256;

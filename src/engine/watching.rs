@@ -6,7 +6,6 @@ mod keys;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::cut_off::asks_dds;
 use super::model::{Model, ModuleId, Policy};
 use super::monitor::spec::{MonitorSpec, TopicId, TopicSpec, ValueSource, WatchdogSpec};
 use super::monitor::{Feed, Monitor, Taken, WORDS_EVERY, Words, feeds};
@@ -200,7 +199,7 @@ impl Watching {
         let mut from_dds = true;
         if let MonitorSpec::Watchdog { watchdog, .. } = spec {
             let (spec, readers) = &mut self.probes[watchdog.0 as usize];
-            from_dds = asks_dds(&spec.target);
+            from_dds = spec.target.asks_dds();
             readers.push(watch);
         }
         self.watches.push(Watch {

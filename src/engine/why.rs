@@ -33,20 +33,6 @@ pub enum WhyStep {
     Shown(State),
 }
 
-/// How a module's own state came about. A state is what the step made of the one before.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Steps {
-    pub reported: Option<State>,
-    /// After silence.
-    pub judged: Option<State>,
-    /// After debounce.
-    pub debounced: Option<State>,
-    pub latched: bool,
-    pub grace: bool,
-    /// After debounce and grace it is in ERROR, latched or not: a reset is refused.
-    pub in_error: bool,
-}
-
 impl Snapshot {
     /// Explains a node, from what was reported of it to what it shows.
     pub fn why(&self, node: NodeId) -> Vec<WhyStep> {

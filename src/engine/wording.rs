@@ -1,8 +1,9 @@
 //! What a fault is called and what to do about it, in other words at each level and in each stage.
 //! A WARNING never shows the words of the ERROR, and nobody is told to take over at a stop.
 
-use super::model::{Stage, Text};
+use super::model::Stage;
 use super::state::State;
+use super::text::Text;
 
 /// The words of a module that is not OK. Where there are none, the page has words of its own.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

@@ -1,90 +1,20 @@
 //! Who says a status. Where several writers say one name, the worst of what each said last counts
 //! (`ENGINE.md` 1), so that no OK of a stranger covers an ERROR.
 
-use std::collections::BTreeMap;
+use super::discovery::{NodeOf, WriterId, WriterList};
 use std::fmt::Write as _;
-use std::sync::Arc;
 
 use super::Engine;
 use super::disputes::Dispute;
 use super::input::Status;
 use super::model::{ModuleId, Policy};
-use super::monitor::say;
 use super::state::State;
+use super::text::say;
 use super::time::{Span, Timestamp};
 
 /// Writers of one name that are kept apart. Of more the worst are kept: then what counts is never
 /// better than what was said.
 pub(super) const VOICES_MAX: usize = 8;
-
-/// Writers whose nodes are remembered. More of them are no vehicle.
-const WRITERS_MAX: usize = 2048;
-
-/// A DDS writer by its GUID (RTPS 2.5, 9.3.1); all zero where nobody says who it is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
-pub struct WriterId(pub [u8; 16]);
-
-/// The node of ROS 2 that a writer belongs to.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum NodeOf {
-    /// Its participant may announce it still.
-    Pending,
-    /// It was not announced in time, as by programs that use DDS without ROS 2.
-    Unannounced,
-    /// The whole name, `/ns/name`.
-    Named(Arc<str>),
-}
-
-/// The writers of diagnostics that discovery knows, as a whole.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct WriterList {
-    /// When discovery was asked.
-    pub as_of: Timestamp,
-    /// Discovery had time to find everybody: a writer that it lacks, and that was not heard since, has left.
-    pub complete: bool,
-    pub writers: BTreeMap<WriterId, NodeOf>,
-}
-
-impl WriterList {
-    pub(super) fn node(&self, writer: WriterId) -> &NodeOf {
-        self.writers.get(&writer).unwrap_or(&NodeOf::Pending)
-    }
-
-    /// The node's name, or the GUID in hexadecimal digits where there is none.
-    pub(super) fn label(&self, writer: WriterId) -> Arc<str> {
-        match self.node(writer) {
-            NodeOf::Named(name) => name.clone(),
-            NodeOf::Pending | NodeOf::Unannounced => {
-                let mut label = "writer ".to_owned();
-                for byte in writer.0 {
-                    // Writing to a string cannot fail.
-                    let _ = write!(label, "{byte:02x}");
-                }
-                label.into()
-            }
-        }
-    }
-
-    /// Takes a newer list. While discovery is still looking, what was known before holds.
-    pub(super) fn follow(&mut self, newer: &WriterList) {
-        let before = std::mem::replace(self, newer.clone());
-        if !newer.complete {
-            for (writer, node) in before.writers {
-                if self.writers.len() >= WRITERS_MAX {
-                    return;
-                }
-                let known = self.writers.entry(writer).or_insert(NodeOf::Pending);
-                if *known == NodeOf::Pending {
-                    *known = node;
-                }
-            }
-        }
-    }
-
-    fn has_left(&self, voice: &Voice) -> bool {
-        self.complete && voice.at < self.as_of && !self.writers.contains_key(&voice.writer)
-    }
-}
 
 /// Whether a policy lets a writer say a status.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -159,7 +89,7 @@ impl Voices {
         });
         several
             .voices
-            .retain(|it| it.writer != voice.writer && it.at + timeout > voice.at && !list.has_left(it));
+            .retain(|it| it.writer != voice.writer && it.at + timeout > voice.at && !has_left(list, it));
         let crowded = several.voices.len() >= VOICES_MAX;
         several.voices.push(voice);
         if crowded {
@@ -198,6 +128,11 @@ impl Several {
         let (best, worst) = (spoke().min_by_key(|it| it.state)?, spoke().max_by_key(|it| it.state)?);
         (best.state != worst.state).then_some((*worst, *best))
     }
+}
+
+/// Whether discovery lost the writer after it spoke.
+fn has_left(list: &WriterList, voice: &Voice) -> bool {
+    list.complete && voice.at < list.as_of && !list.writers.contains_key(&voice.writer)
 }
 
 impl Engine {
@@ -296,7 +231,7 @@ impl Engine {
     }
 }
 
-fn pending_node() -> super::model::Text {
+fn pending_node() -> super::text::Text {
     say!(
         "the node that says OK is not known yet: it does not count until it is",
         "der Knoten, der OK meldet, ist noch nicht bekannt: bis dahin zählt das nicht"

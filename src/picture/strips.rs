@@ -3,7 +3,8 @@
 
 use std::sync::Arc;
 
-use crate::engine::record::{Said, Stretch};
+use crate::engine::event::Said;
+use crate::engine::record::Stretch;
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 

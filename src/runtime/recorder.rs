@@ -80,8 +80,9 @@ mod tests {
 
     use super::*;
     use crate::engine::input::{Input, OperatorAction};
-    use crate::engine::model::{Driving, Limits, Model, Parts, Policy, Stage, StageModel, Text};
+    use crate::engine::model::{Driving, Limits, Model, Parts, Policy, Stage, StageModel};
     use crate::engine::monitor::spec::Watched;
+    use crate::engine::text::Text;
 
     fn engine() -> Engine {
         let parts = Parts {

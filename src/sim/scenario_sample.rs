@@ -3,9 +3,10 @@
 use std::sync::Arc;
 
 use crate::engine::countermeasure::Kind as Measure;
-use crate::engine::input::{Input, ListenNews, Output};
+use crate::engine::input::{Input, ListenNews};
 use crate::engine::model::Model;
 use crate::engine::monitor::spec::{FieldKind, ProbeTarget, TopicSpec};
+use crate::engine::output::Output;
 use crate::engine::sample::{
     FieldValue, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, Sample, TopicNews,
 };

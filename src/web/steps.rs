@@ -3,10 +3,10 @@
 use super::text::words;
 use super::view::Lang;
 use crate::engine::countermeasure::{Kind, Request};
-use crate::engine::report::how_long;
 use crate::engine::snapshot::MeasureState;
 use crate::engine::state::State;
 use crate::engine::time::Span;
+use crate::engine::time::how_long;
 
 words! {
     StepWords;

@@ -1,8 +1,9 @@
 //! The words of the pages. A word that lacks a language does not compile.
 
-use crate::engine::model::{ACTIVE_SIGNAL, POSED_SIGNAL, Stage, Text};
+use crate::engine::model::{ACTIVE_SIGNAL, POSED_SIGNAL, Stage};
 use crate::engine::snapshot::NotRelevant;
 use crate::engine::state::State;
+use crate::engine::text::Text;
 use crate::web::farewell::Farewell;
 use crate::web::view::Lang;
 use crate::web::view::clean::{NAME, clean};

@@ -5,10 +5,9 @@ use std::sync::Arc;
 
 use telltale::config;
 use telltale::engine::Engine;
-use telltale::engine::input::{
-    AlarmRef, Input, OperatorAction, Output, OutputNews, Place, Response, StatusArray,
-};
+use telltale::engine::input::{AlarmRef, Input, OperatorAction, OutputNews, Place, Response, StatusArray};
 use telltale::engine::model::{Model, Stage};
+use telltale::engine::output::Output;
 use telltale::engine::snapshot::{Alarm, MeasureState, Snapshot};
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};

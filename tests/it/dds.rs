@@ -4,9 +4,10 @@ use serde_json::{Value, json};
 use telltale::clock::Clock;
 use telltale::engine::input::{Input, ReceptionTrouble, Stamped, StatusArray, TroubleKind};
 use telltale::engine::model::{
-    Driving, FieldSource, Limits, Model, Parts, Policy, SignalSource, SignalSpec, StageModel, Text,
+    Driving, FieldSource, Limits, Model, Parts, Policy, SignalSource, SignalSpec, StageModel,
 };
 use telltale::engine::monitor::spec::Watched;
+use telltale::engine::text::Text;
 use telltale::engine::time::Span;
 use telltale::ros::messages::GidSize;
 use telltale::ros::{self, Bridge, BridgeOptions, Publisher};

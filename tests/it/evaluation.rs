@@ -7,7 +7,8 @@ use std::process::Command;
 use std::time::{Duration, SystemTime};
 
 use telltale::clock::Clock;
-use telltale::engine::record::{Record, Recorded, Said};
+use telltale::engine::event::Said;
+use telltale::engine::record::{Record, Recorded};
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
 use telltale::store::History;

@@ -6,11 +6,12 @@ use serde_json::json;
 use telltale::clock::Clock;
 use telltale::engine::input::{OperatorAction, Response, TroubleKind};
 use telltale::engine::model::{
-    Driving, FieldSource, Limits, Model, NodeId, Parts, Policy, SignalSource, SignalSpec, StageModel, Text,
+    Driving, FieldSource, Limits, Model, NodeId, Parts, Policy, SignalSource, SignalSpec, StageModel,
 };
 use telltale::engine::monitor::spec::Watched;
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State;
+use telltale::engine::text::Text;
 use telltale::engine::time::Span;
 use telltale::ros::{self, BridgeOptions};
 use telltale::runtime::{self, Command, Published};

@@ -2,7 +2,7 @@
 
 use super::{check, check_beside_group};
 use crate::config::parse;
-use crate::engine::model::Text;
+use crate::engine::text::Text;
 
 #[test]
 fn a_tab_is_pointed_at() {

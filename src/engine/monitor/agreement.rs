@@ -5,9 +5,10 @@ use super::motion::{History, Motion, TooShort};
 use super::nearest::apart_m;
 use super::sequence::slack;
 use super::spec::{AgreementRule, Bands};
-use super::words::{Words, number, say, span};
+use super::words::{Words, number, span};
 use crate::engine::sample::{FieldValue, POSITIONS_MAX};
 use crate::engine::state::State;
+use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
 
 #[derive(Debug, Clone)]

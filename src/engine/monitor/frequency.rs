@@ -2,8 +2,9 @@
 
 use super::spec::Bands;
 use super::window::Window;
-use super::words::{Words, say, span};
+use super::words::{Words, span};
 use crate::engine::state::State;
+use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
 
 #[derive(Debug, Clone)]

@@ -1,9 +1,10 @@
 //! The latest value of everything that a monitor looks at, and why one cannot be used.
 
 use super::spec::{ValueSource, Watched};
-use super::words::{cut, say, span};
-use crate::engine::model::Text;
+use super::words::{cut, span};
 use crate::engine::sample::{FieldValue, Pose, Positions};
+use crate::engine::text::Text;
+use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
 
 /// Why a KeyValue cannot be read that a status leaves out.

@@ -2,10 +2,11 @@
 
 use super::spec::Bands;
 use super::window::Window;
-use super::words::{Words, say, span};
-use crate::engine::model::Text;
+use super::words::{Words, span};
 use crate::engine::sample::Sample;
 use crate::engine::state::State;
+use crate::engine::text::Text;
+use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
 
 /// Clocks of one vehicle may differ by this much; a stamp further in the future says nothing.

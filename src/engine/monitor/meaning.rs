@@ -1,7 +1,7 @@
 //! What a monitor is, apart from the numbers that one configuration gives to topics.
 
+use super::spec::Class;
 use super::spec::{FieldSpec, MonitorSpec, TopicId, ValueSource, WatchdogId, WatchdogSpec, Watched};
-use crate::engine::snapshot::Class;
 
 const fn class(location: &'static str, information: &'static str, flow: Option<&'static str>) -> Class {
     Class { location, information, flow }

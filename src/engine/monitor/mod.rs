@@ -20,6 +20,7 @@ mod watchdog;
 mod window;
 mod words;
 
+use crate::engine::text::say;
 use agreement::Agreement;
 use expression::Expression;
 use frequency::Frequency;
@@ -31,11 +32,11 @@ use sequence::Sequence;
 use spec::{MonitorSpec, TopicId, ValueSource, Watched};
 use value::Value;
 use watchdog::Watchdog;
-pub(super) use words::{Words, cut, say};
+pub(super) use words::{Words, cut};
 
-use super::model::Text;
 use super::sample::{FieldValue, ProbeOutcome, Sample};
 use super::state::State;
+use super::text::Text;
 use super::time::{Span, Timestamp};
 
 /// What comes of one source of a monitor.

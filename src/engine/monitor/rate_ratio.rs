@@ -2,8 +2,9 @@
 
 use super::spec::Bands;
 use super::window::Window;
-use super::words::{Words, number, say, span};
+use super::words::{Words, number, span};
 use crate::engine::state::State;
+use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
 
 #[derive(Debug, Clone)]

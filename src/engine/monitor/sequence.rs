@@ -2,10 +2,11 @@
 
 use super::inputs::{Doubt, Inputs, nothing_yet};
 use super::spec::Bands;
-use super::words::{Words, number, say, span};
-use crate::engine::model::Text;
+use super::words::{Words, number, span};
 use crate::engine::sample::FieldValue;
 use crate::engine::state::State;
+use crate::engine::text::Text;
+use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
 
 #[derive(Debug, Clone)]

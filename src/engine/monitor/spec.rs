@@ -4,7 +4,6 @@ use std::fmt;
 use std::sync::Arc;
 
 use crate::engine::sample::FieldValue;
-use crate::engine::snapshot::Class;
 use crate::engine::time::Span;
 
 /// Index of a topic in [`Watched::topics`].
@@ -291,5 +290,40 @@ impl fmt::Debug for Condition {
 impl PartialEq for Condition {
     fn eq(&self, other: &Condition) -> bool {
         self.text == other.text
+    }
+}
+
+/// Where a diagnosis stands in the paper's classification (Sec. III-B).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Class {
+    /// `isolated` or `contextual`.
+    pub location: &'static str,
+    /// `content` or `meta`.
+    pub information: &'static str,
+    /// `sequential` or `parallel`, where data flows.
+    pub flow: Option<&'static str>,
+}
+
+impl Class {
+    /// The column of the paper's taxonomy (Fig. 3), from 0: isolated meta, isolated content,
+    /// contextual meta, contextual content sequential and parallel. A class that the taxonomy does
+    /// not have stands in none.
+    pub fn column(self) -> Option<usize> {
+        match (self.location, self.information, self.flow) {
+            ("isolated", "meta", None) => Some(0),
+            ("isolated", "content", None) => Some(1),
+            // That its data flows, too, is no column of its own.
+            ("contextual", "meta", _) => Some(2),
+            ("contextual", "content", Some("sequential")) => Some(3),
+            ("contextual", "content", Some("parallel")) => Some(4),
+            _ => None,
+        }
+    }
+}
+
+impl ProbeTarget {
+    /// Whether the answer comes from DDS.
+    pub(in crate::engine) fn asks_dds(&self) -> bool {
+        !matches!(self, ProbeTarget::Icmp { .. } | ProbeTarget::Tcp { .. })
     }
 }

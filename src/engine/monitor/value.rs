@@ -2,10 +2,11 @@
 
 use super::inputs::{Doubt, Inputs};
 use super::spec::ValueRule;
-use super::words::{Words, number, numeral, quoted, say};
-use crate::engine::model::Text;
+use super::words::{Words, number, numeral, quoted};
 use crate::engine::sample::FieldValue;
 use crate::engine::state::State;
+use crate::engine::text::Text;
+use crate::engine::text::say;
 use crate::engine::time::Timestamp;
 
 #[derive(Debug, Clone)]

@@ -1,9 +1,10 @@
 //! Whether something answers when it is asked, and how soon.
 
 use super::spec::{Bands, ProbeTarget, WatchdogSpec};
-use super::words::{Words, cut, say, span};
+use super::words::{Words, cut, span};
 use crate::engine::sample::ProbeOutcome;
 use crate::engine::state::State;
+use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
 
 #[derive(Debug, Clone)]

@@ -1,8 +1,9 @@
 //! What monitors say: numbers as people read them, and limits.
 
 use super::spec::Bands;
-use crate::engine::model::Text;
 use crate::engine::state::State;
+use crate::engine::text::Text;
+use crate::engine::text::say;
 use crate::engine::time::Span;
 
 /// Text that is quoted from outside is cut here.
@@ -21,19 +22,6 @@ impl Words {
         Words { message, values: Vec::new() }
     }
 }
-
-/// One sentence in both languages. Each argument is put in by its name, in the language's words
-/// where it has some: `say!("no message for {time}", "keine Nachricht seit {time}", time = span(age))`.
-macro_rules! say {
-    ($en:literal, $de:literal $(, $name:ident = $value:expr)*) => {{
-        $(let $name = $crate::engine::model::Text::from($value);)*
-        let en = { $(let $name = &*$name.en;)* std::fmt::format(format_args!($en)) };
-        let de = { $(let $name = &*$name.de;)* std::fmt::format(format_args!($de)) };
-        $crate::engine::model::Text { en: en.into(), de: de.into() }
-    }};
-}
-
-pub(in crate::engine) use say;
 
 impl Bands {
     /// Below or above a limit counts, equal does not; ERROR before WARNING. What is not finite is

@@ -3,13 +3,14 @@
 use std::sync::Arc;
 
 use super::Views;
+use crate::engine::discovery::WriterId;
 use crate::engine::layout::SELF_STATE;
-use crate::engine::model::{GroupId, ModuleId, NodeNames, Text};
+use crate::engine::model::{GroupId, ModuleId, NodeNames};
+use crate::engine::snapshot::Steps;
 use crate::engine::snapshot::{ModuleInfo, ModuleView};
 use crate::engine::state::State;
+use crate::engine::text::Text;
 use crate::engine::time::Timestamp;
-use crate::engine::why::Steps;
-use crate::engine::writers::WriterId;
 
 impl Views {
     /// The name of a module that a status makes: it may be called as another one is that is declared.

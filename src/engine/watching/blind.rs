@@ -3,8 +3,9 @@
 use super::{News, TopicId, Watch, Watching};
 use crate::engine::model::Policy;
 use crate::engine::monitor::spec::TopicSpec;
-use crate::engine::monitor::{Monitor, Words, say};
+use crate::engine::monitor::{Monitor, Words};
 use crate::engine::state::State;
+use crate::engine::text::say;
 use crate::engine::time::Timestamp;
 
 /// Why a topic cannot be judged as it should.

@@ -224,8 +224,9 @@ mod tests {
 
     use crate::engine::Engine;
     use crate::engine::input::Input;
-    use crate::engine::model::{Driving, Limits, Model, Parts, Policy, StageModel, Text};
+    use crate::engine::model::{Driving, Limits, Model, Parts, Policy, StageModel};
     use crate::engine::monitor::spec::Watched;
+    use crate::engine::text::Text;
 
     /// Levels of the tree by path, and of the whole, with these levels reported.
     fn levels(config: &str, reported: &[(&str, u8)], locked: bool) -> (Vec<(String, u8, String)>, u8) {

@@ -8,7 +8,8 @@ use std::time::Duration;
 use tokio::time::MissedTickBehavior;
 
 use super::{Ground, What};
-use crate::engine::input::{Input, ListenNews, Output, Stamped};
+use crate::engine::input::{Input, ListenNews, Stamped};
+use crate::engine::output::Output;
 use crate::engine::time::{Span, Timestamp};
 use crate::ros::Publisher;
 use crate::ros::outbox::stopped;

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use rusqlite::{Connection, OptionalExtension as _, Row, params};
 
 use super::write::{ACKNOWLEDGED, CLEARED, LEFT, LOST, MOVED, RAISED, SIGNAL, STAGE, STARTED};
+use crate::engine::event::Said;
 use crate::engine::model::Stage;
-use crate::engine::record::{Said, Stretch};
+use crate::engine::record::Stretch;
 use crate::engine::state::State;
 use crate::engine::time::Span;
 

@@ -2,8 +2,9 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::write::Writer;
 use super::*;
+use crate::engine::event::Said;
 use crate::engine::model::Stage;
-use crate::engine::record::{Recorded, Said};
+use crate::engine::record::Recorded;
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 

@@ -6,7 +6,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use rusqlite::{Connection, Transaction, params};
 
 use crate::clock::wall_at;
-use crate::engine::record::{Record, Recorded, Said};
+use crate::engine::event::Said;
+use crate::engine::record::{Record, Recorded};
 use crate::engine::time::Timestamp;
 
 /// Kinds of rows. They are numbers on the disk: none is ever given to another.

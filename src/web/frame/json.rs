@@ -197,7 +197,7 @@ impl Serialize for Module<'_> {
     }
 }
 
-struct ClassEntry(crate::engine::snapshot::Class);
+struct ClassEntry(crate::engine::monitor::spec::Class);
 
 impl Serialize for ClassEntry {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {

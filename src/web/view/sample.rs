@@ -7,14 +7,16 @@ use std::time::{Duration, SystemTime};
 use crate::engine::Engine;
 use crate::engine::filter::Filter;
 use crate::engine::input::{
-    Input, ListenNews, OperatorAction, Output, Place, ReceptionTrouble, Response, StatusArray, TroubleKind,
+    Input, ListenNews, OperatorAction, Place, ReceptionTrouble, Response, StatusArray, TroubleKind,
 };
 use crate::engine::model::{
     Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleSpec,
-    MonitorSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, StageModel, Stop, Text, When,
+    MonitorSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, StageModel, Stop, When,
 };
 use crate::engine::monitor::spec::Watched;
+use crate::engine::output::Output;
 use crate::engine::snapshot::Snapshot;
+use crate::engine::text::Text;
 use crate::engine::time::{Span, Timestamp};
 use crate::engine::wording::Wording;
 use crate::runtime::Published;

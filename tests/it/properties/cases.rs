@@ -10,11 +10,11 @@ use telltale::engine::input::{
 };
 use telltale::engine::model::{
     Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Match, Model, ModuleId,
-    ModuleSpec, MonitorSpec, NodeId, Other, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel, Text,
-    When,
+    ModuleSpec, MonitorSpec, NodeId, Other, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel, When,
 };
 use telltale::engine::monitor::spec::Watched;
 use telltale::engine::state::State;
+use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};
 
 use super::monitors;

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use telltale::engine::input::Input;
 use telltale::engine::model::{Model, ModuleId, MonitorSpec, Parts};
+use telltale::engine::monitor::spec::Class;
 use telltale::engine::monitor::spec::{
     AgreementRule, Bands, Condition, FieldKind, FieldSpec, ProbeTarget, TopicId, TopicSpec, ValueRule,
     ValueSource, WatchdogId, WatchdogSpec, Watched,
@@ -13,7 +14,6 @@ use telltale::engine::monitor::spec::{
 use telltale::engine::sample::{
     FieldValue, Pose, Position, Positions, Probe, ProbeOutcome, Sample, TopicNews,
 };
-use telltale::engine::snapshot::Class;
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
 

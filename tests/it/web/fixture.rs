@@ -8,14 +8,15 @@ use axum::http::header::{ACCEPT, CONTENT_TYPE, COOKIE, HOST, LOCATION, ORIGIN, S
 use axum::http::{HeaderMap, Method, Request, StatusCode};
 use telltale::clock::{Clock, ClockHand};
 use telltale::engine::filter::Filter;
-use telltale::engine::input::{Input, ListenNews, Output, Stamped, StatusArray};
+use telltale::engine::input::{Input, ListenNews, Stamped, StatusArray};
 use telltale::engine::model::{
     Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Match, Model,
-    ModuleSpec, MonitorSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel, Stop, Text,
-    When,
+    ModuleSpec, MonitorSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel, Stop, When,
 };
 use telltale::engine::monitor::spec::Watched;
+use telltale::engine::output::Output;
 use telltale::engine::snapshot::Snapshot;
+use telltale::engine::text::Text;
 use telltale::engine::time::Span;
 use telltale::runtime::{self, Link, Rehearsal, Reread};
 use telltale::store::{DemoSecrets, History, Store};

@@ -8,8 +8,8 @@ use State::{Error, Ok, Unknown, Warning};
 use super::super::spec::{AgreementRule, Condition, ValueRule, WatchdogId};
 use super::*;
 use crate::engine::input::OperatorAction;
+use crate::engine::monitor::spec::Class;
 use crate::engine::resume::Restored;
-use crate::engine::snapshot::Class;
 
 const WINDOW_MS: u64 = 1000;
 const PERIOD_MS: u64 = 100;

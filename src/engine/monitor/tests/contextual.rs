@@ -2,7 +2,7 @@ use State::{Error, Ok, Unknown, Warning};
 
 use super::super::spec::{AgreementRule, Condition};
 use super::*;
-use crate::engine::snapshot::Class;
+use crate::engine::monitor::spec::Class;
 
 #[test]
 fn a_rate_ratio_without_input_is_unknown_and_without_output_zero() {

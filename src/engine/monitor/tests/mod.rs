@@ -15,13 +15,13 @@ use crate::engine::Engine;
 use crate::engine::input::{Input, StatusArray};
 use crate::engine::model::{
     Combine, Driving, GroupId, GroupSpec, Limits, Model, ModuleId, ModuleSpec, Parts, Policy, StageModel,
-    Text,
 };
 use crate::engine::sample::{
     FieldValue, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, Sample, TopicNews,
 };
 use crate::engine::snapshot::{ModuleView, Snapshot};
 use crate::engine::state::State;
+use crate::engine::text::Text;
 use crate::engine::time::{Span, Timestamp};
 
 pub(super) const A: TopicId = TopicId(0);

@@ -2,13 +2,13 @@
 
 use super::*;
 use crate::engine::discovery::{Discovery, Endpoint, TopicSeen};
+use crate::engine::event::Said;
 use crate::engine::model::{ModuleSpec, MonitorSpec, NodeId};
+use crate::engine::monitor::spec::Class;
 use crate::engine::monitor::spec::{
     AgreementRule, Bands, ProbeTarget, TopicId, TopicSpec, ValueRule, ValueSource, WatchdogId, WatchdogSpec,
     Watched,
 };
-use crate::engine::record::Said;
-use crate::engine::snapshot::Class;
 use crate::engine::state::State;
 use crate::engine::time::Span;
 use crate::runtime::{ConfigurationText, Rereading};

@@ -13,7 +13,8 @@ mod words;
 use super::sample::{Sample, group, module, on_group, parts, text};
 use super::*;
 use crate::engine::input::{AlarmRef, OperatorAction, TroubleKind};
-use crate::engine::model::{GroupId, Parts as ModelParts, StageModel, Text, When};
+use crate::engine::model::{GroupId, Parts as ModelParts, StageModel, When};
+use crate::engine::text::Text;
 use crate::web::versions::Versions;
 
 fn context(lang: Lang, palette: Palette) -> PageContext {

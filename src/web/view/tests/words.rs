@@ -2,8 +2,8 @@
 //! status says at several places.
 
 use super::*;
-use crate::engine::input::Output;
 use crate::engine::model::{MonitorSpec, Policy, Stage};
+use crate::engine::output::Output;
 use crate::engine::state::State;
 use crate::engine::wording::{ByStage, Wording};
 
