@@ -2,7 +2,6 @@
 //! (`ENGINE.md` 1), so that no OK of a stranger covers an ERROR.
 
 use super::discovery::{NodeOf, WriterId, WriterList};
-use std::fmt::Write as _;
 
 use super::Engine;
 use super::disputes::Dispute;
