@@ -22,8 +22,8 @@ use std::time::Duration;
 
 use telltale::clock::Clock;
 use telltale::engine::input::Input;
+use telltale::engine::model::sample::Pose;
 use telltale::engine::model::{Model, Parts};
-use telltale::engine::sample::Pose;
 use telltale::ros::messages::encode::{self, Header, Motion};
 use telltale::ros::{self, BridgeOptions, Publisher, Quality};
 use telltale::runtime;

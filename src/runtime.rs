@@ -10,13 +10,13 @@ use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
 use crate::clock::Clock;
 use crate::engine::Engine;
-use crate::engine::foresee::Foreseen;
 use crate::engine::input::{Input, OperatorAction, Refusal, Response, Stamped};
 use crate::engine::model::{Model, Stage};
-use crate::engine::record::Record;
-use crate::engine::resume::Restored;
+use crate::engine::restart::foresee::Foreseen;
+use crate::engine::restart::resume::Restored;
 use crate::engine::snapshot::{Countermeasure, Snapshot};
 use crate::engine::time::{Span, Timestamp};
+use crate::engine::view::record::Record;
 use recorder::Recorder;
 
 /// Inputs that may wait for the engine. A full queue holds its senders back: the bridge's
@@ -289,8 +289,8 @@ impl Loop {
 mod tests {
     use super::*;
     use crate::engine::input::{Input, StatusArray};
+    use crate::engine::model::monitors::Watched;
     use crate::engine::model::{Driving, Limits, NodeId, Parts, Policy, StageModel};
-    use crate::engine::monitor::spec::Watched;
     use crate::engine::state::State;
     use crate::engine::text::Text;
 

@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, OperatorAction, StatusArray};
+use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::{
     Combine, Dependency, DependsOn, Driving, GroupId, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec,
     NodeId, Parts, Policy, StageModel,
 };
-use telltale::engine::monitor::spec::Watched;
 use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};
 

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use telltale::engine::input::Input;
-use telltale::engine::model::{Model, MonitorSpec, Parts};
-use telltale::engine::monitor::spec::{
+use telltale::engine::model::monitors::{
     AgreementRule, Bands, FieldKind, FieldSpec, TopicId, TopicSpec, ValueRule, ValueSource, Watched,
 };
-use telltale::engine::sample::{FieldValue, Pose, Sample};
+use telltale::engine::model::sample::{FieldValue, Pose, Sample};
+use telltale::engine::model::{Model, MonitorSpec, Parts};
 use telltale::engine::time::{Span, Timestamp};
 
 pub const MONITORS: usize = 1_000;

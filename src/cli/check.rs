@@ -11,8 +11,8 @@ use crate::config::{self, Loaded, words};
 use crate::engine::model::{
     Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, Stage, StageModel, When,
 };
+use crate::engine::stage::machine::{Guard, TRANSITIONS, Transition};
 use crate::engine::state::State;
-use crate::engine::vehicle::{Guard, TRANSITIONS, Transition};
 use crate::yaml::Problems;
 use crate::yaml::plain::escaped;
 

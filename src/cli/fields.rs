@@ -7,11 +7,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use crate::config::{Examined, Loaded, Place, expression};
-use crate::engine::model::{Model, ModuleId};
-use crate::engine::monitor::spec::{
+use crate::engine::model::monitors::{
     AgreementRule, Condition, MonitorSpec, ScalarKind, TopicId, ValueRule, ValueSource,
 };
-use crate::engine::sample::FieldValue;
+use crate::engine::model::sample::FieldValue;
+use crate::engine::model::{Model, ModuleId};
 use crate::ros::fields::{Definitions, FieldError, FieldsError};
 use crate::yaml::{Problems, Sources};
 

@@ -11,8 +11,8 @@ use tokio::sync::{mpsc, oneshot, watch};
 
 use super::fields;
 use crate::config::{self, Difference, Loaded};
+use crate::engine::model::monitors::Watched;
 use crate::engine::model::{FieldSource, Model};
-use crate::engine::monitor::spec::Watched;
 use crate::ros::fields::Definitions;
 use crate::runtime::{ConfigurationText, Reload, Reread, Rereading};
 use crate::yaml::Problems;

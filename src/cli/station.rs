@@ -18,7 +18,7 @@ use crate::clock::Clock;
 use crate::config::Loaded;
 use crate::engine::input::{Input, Stamped};
 use crate::engine::model::Model;
-use crate::engine::record::Record as Happening;
+use crate::engine::view::record::Record as Happening;
 use crate::ros::outputs::Outputs;
 use crate::ros::{self, Bridge, BridgeOptions};
 use crate::runtime::{self, Link};

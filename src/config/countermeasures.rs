@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::names::Names;
 use super::relations::Signals;
-use crate::engine::countermeasure::{Confirmation, ConfirmedBy, Kind, Request, Rule};
+use crate::engine::model::countermeasure::{Confirmation, ConfirmedBy, Kind, Request, Rule};
 use crate::engine::model::{ACTIVE_SIGNAL, NodeId, Stage};
 use crate::engine::state::State;
 use crate::engine::time;

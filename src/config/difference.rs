@@ -4,14 +4,14 @@ use std::collections::HashMap;
 use std::fmt;
 
 use super::{Loaded, words};
+use crate::engine::model::monitors::StampClock;
+use crate::engine::model::wording::{ByStage, Wording};
 use crate::engine::model::{
     Combine, Dependency, GroupSpec, Limits, Model, ModuleSpec, Parts, SignalSpec, StageModel, Stop, When,
 };
-use crate::engine::monitor::spec::StampClock;
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::time::Span;
-use crate::engine::wording::{ByStage, Wording};
 
 /// One thing that is different. Prints as a sentence without a full stop.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -16,8 +16,8 @@ use cel::common::value::CowVal;
 use cel::context::VariableResolver;
 use cel::{Context, Env, Value, extensions};
 
-use crate::engine::monitor::spec::{Condition, ScalarKind};
-use crate::engine::sample::FieldValue;
+use crate::engine::model::monitors::{Condition, ScalarKind};
+use crate::engine::model::sample::FieldValue;
 use crate::yaml::{Log, Problem, Span, Spanned};
 use check::{Check, Kind, offset, point};
 use compare::With;

@@ -10,7 +10,7 @@ use regex_syntax::hir::Hir;
 use super::glob;
 use super::names::Names;
 use super::raw::{self, FilterKind};
-use crate::engine::filter::Filter;
+use crate::engine::model::filter::Filter;
 use crate::engine::model::{Match, Policy};
 use crate::yaml::{Log, Problem, Span};
 

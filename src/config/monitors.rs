@@ -3,7 +3,7 @@
 use super::expression;
 use super::raw_monitor::{Expression, Monitor, Source};
 use super::topics::Topics;
-use crate::engine::monitor::spec::{MonitorSpec, ValueSource, WatchdogSpec};
+use crate::engine::model::monitors::{MonitorSpec, ValueSource, WatchdogSpec};
 use crate::yaml::{Log, Problem, Span};
 
 /// What a monitor says to the engine; `None` where the log says why not.

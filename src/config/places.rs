@@ -1,7 +1,7 @@
 //! Where the nodes of a model are written.
 
+use crate::engine::model::monitors::TopicId;
 use crate::engine::model::{ModuleId, NodeId};
-use crate::engine::monitor::spec::TopicId;
 use crate::yaml::{Sources, Span};
 
 /// Something of the configuration that can only be judged with the definitions of messages.

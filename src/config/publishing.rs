@@ -2,9 +2,9 @@
 
 use super::raw_bands::hertz;
 use super::topics::{Topics, check_topic};
-use crate::engine::countermeasure::{Request, Rule};
 use crate::engine::model::StageModel;
-use crate::engine::output::Output;
+use crate::engine::model::countermeasure::{Request, Rule};
+use crate::engine::model::output::Output;
 use crate::engine::time;
 use crate::yaml::decode::scalar;
 use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned};

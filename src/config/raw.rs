@@ -8,8 +8,8 @@ pub(super) use super::raw_node::{
 };
 pub(super) use super::raw_signal::{Signal, SignalFrom};
 use super::raw_source::RawDiagnostics;
+use crate::engine::model::monitors::StampClock;
 use crate::engine::model::{Other, StageModel};
-use crate::engine::monitor::spec::StampClock;
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::time;

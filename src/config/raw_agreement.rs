@@ -3,7 +3,7 @@
 use super::raw_bands::{self, Unit, bands};
 use super::raw_monitor::{Monitor, Source, WINDOW_MAX, age, span};
 use super::raw_source::AnySource;
-use crate::engine::monitor::spec::{AgreementRule, Bands, FieldKind};
+use crate::engine::model::monitors::{AgreementRule, Bands, FieldKind};
 use crate::engine::time;
 use crate::yaml::{Fields, Log, Node, Problem, Span};
 

@@ -1,7 +1,7 @@
 //! Limits as they are written: up to four, in an order that makes sense.
 
 use super::units;
-use crate::engine::monitor::spec::Bands;
+use crate::engine::model::monitors::Bands;
 use crate::yaml::decode::scalar;
 use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned};
 

@@ -3,7 +3,7 @@
 use super::raw_monitor::INPUTS_MAX;
 use super::raw_source::{ScalarSource, Source, Topic};
 use super::words::counted;
-use crate::engine::monitor::spec::FieldKind;
+use crate::engine::model::monitors::FieldKind;
 use crate::engine::time;
 use crate::yaml::decode::AllEntries;
 use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned};

@@ -1,7 +1,7 @@
 //! Where the values of monitors come from, and the words of the paper's classification, as written.
 
-use crate::engine::monitor::spec::Class;
-use crate::engine::monitor::spec::{FieldKind, StampClock};
+use crate::engine::model::monitors::Class;
+use crate::engine::model::monitors::{FieldKind, StampClock};
 use crate::yaml::decode::{All, scalar, word};
 use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned};
 

@@ -2,7 +2,7 @@
 
 use super::raw_bands::{self, Unit};
 use super::raw_monitor::{AGE_MAX, Monitor, span};
-use crate::engine::monitor::spec::{Bands, ProbeTarget};
+use crate::engine::model::monitors::{Bands, ProbeTarget};
 use crate::engine::time;
 use crate::yaml::{Fields, FromNode, Log, Node, Problem, Spanned};
 

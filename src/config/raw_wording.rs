@@ -1,8 +1,8 @@
 //! `name` and `help` of a module as they are written: one text, or others at each level and stage.
 
 use crate::engine::model::Stage;
+use crate::engine::model::wording::{ByStage, Wording};
 use crate::engine::text::Text;
-use crate::engine::wording::{ByStage, Wording};
 use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem};
 
 /// What the text alone stands for depends on the key.

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::names::Names;
 use super::raw;
-use crate::engine::graph::{Cycle, CycleEdge, CycleStep};
+use crate::engine::model::order::{Cycle, CycleEdge, CycleStep};
 use crate::engine::model::{Dependency, DependsOn, NodeId, POSED_SIGNAL, When};
 use crate::yaml::{Log, Problem, Span, Spanned, suggest};
 

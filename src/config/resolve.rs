@@ -11,13 +11,13 @@ use super::raw;
 use super::relations::{self, Signals};
 use super::topics::Topics;
 use super::{Loaded, countermeasures, monitors, publishing, words};
+use crate::engine::model::wording::Wording;
 use crate::engine::model::{
     Combine, Driving, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, NodeNames, Parts, Policy,
     StageModel, Stop,
 };
 use crate::engine::text::Text;
 use crate::engine::time;
-use crate::engine::wording::Wording;
 use crate::yaml::decode::All;
 use crate::yaml::{Log, Problem, Sources, Span, Spanned};
 

@@ -17,12 +17,12 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use super::*;
-use crate::engine::filter::Filter;
+use crate::engine::model::filter::Filter;
+use crate::engine::model::wording::Wording;
 use crate::engine::model::{Combine, DependsOn, GroupId, ModuleId, ModuleSpec, NodeId, Policy, Stage};
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::time;
-use crate::engine::wording::Wording;
 
 /// All problems of a text, in order, as `line:column: message (what to do)`.
 #[track_caller]

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::places::TopicPlace;
 use super::raw_source::{RawDiagnostics, RawDiagnosticsTopic, Topic};
-use crate::engine::monitor::spec::{
+use crate::engine::model::monitors::{
     DiagnosticsTopic, FieldKind, FieldSpec, StampClock, TopicId, TopicSpec, WatchdogId, WatchdogSpec, Watched,
 };
 use crate::yaml::{Log, Problem, Span, Spanned};

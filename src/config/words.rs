@@ -6,12 +6,12 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 pub use self::monitor::monitor;
-use crate::engine::countermeasure::{ConfirmedBy, Request, Rule};
-use crate::engine::filter::Filter;
+use crate::engine::model::countermeasure::{ConfirmedBy, Request, Rule};
+use crate::engine::model::filter::Filter;
+use crate::engine::model::monitors::DiagnosticsTopic;
 use crate::engine::model::{
     Dependency, DependsOn, Match, Model, NodeId, Other, POSED_SIGNAL, Policy, SignalSource, SignalSpec, When,
 };
-use crate::engine::monitor::spec::DiagnosticsTopic;
 use crate::engine::state::State;
 use crate::engine::time::Span;
 

@@ -1,7 +1,7 @@
 //! What an operator may do, and the engine's answer.
 
-use super::countermeasure::Kind;
 use super::model::Stage;
+use super::model::countermeasure::Kind;
 use super::state::State;
 
 /// What an operator may do. Whether it is granted is the engine's answer, see [`Response`].

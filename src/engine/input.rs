@@ -1,13 +1,13 @@
 //! The closed set of all that can happen to the engine. The DDS bridge, the operator's page,
 //! simulation, scenarios, recordings and tests all feed this one type.
 
-use super::output::Output;
+use super::model::output::Output;
 use std::ops::Range;
 use std::sync::Arc;
 
 pub use super::action::{AlarmRef, OperatorAction, Place, Refusal, Response};
 pub use super::discovery::{NodeOf, WriterId, WriterList};
-use super::sample::{Probe, Sample, TopicNews};
+use super::model::sample::{Probe, Sample, TopicNews};
 use super::state::State;
 use super::time::Timestamp;
 

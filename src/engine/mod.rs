@@ -4,91 +4,57 @@
 //! asks [`Engine::next_deadline`] when to call again.
 
 pub mod action;
-mod alarm;
-mod alike;
-mod budget;
-mod calls;
-mod causes;
-mod confirm;
-pub mod countermeasure;
 mod counters;
-mod cut_off;
+mod dds_down;
 pub mod discovery;
-mod disputes;
-mod drive;
 pub mod event;
-pub mod filter;
-pub mod foresee;
-pub mod graph;
 pub mod input;
-mod layout;
-mod lead;
-mod lost;
-mod measure;
-mod measures;
-mod members;
+mod judgement;
+mod lookalikes;
+mod mask;
+mod membership;
 pub mod model;
-mod module;
+pub mod module;
 pub mod monitor;
-mod names;
-mod net;
-mod node;
-mod operate;
-pub mod output;
-mod overflow;
-mod paths;
 pub mod persistent;
-pub mod record;
-mod relevance;
-mod reload;
-pub mod report;
-pub mod resume;
-mod roots;
-pub mod sample;
+mod react;
+pub mod restart;
 mod signals;
 pub mod snapshot;
+pub mod stage;
 pub mod state;
-pub mod system;
 pub mod text;
 pub mod time;
 mod timers;
-pub mod tree;
-mod unheard;
-pub mod vehicle;
-mod views;
-mod warnings;
-mod watching;
-pub mod why;
-pub mod wording;
-pub mod writers;
+pub mod view;
 
 use std::sync::Arc;
 
-use alarm::Alarms;
-use causes::Causes;
 use discovery::{WriterId, WriterList};
-use disputes::Disputes;
 use event::{Event, Events};
 use input::{Input, ReceptionTrouble, Response, Status, StatusArray};
-use lead::{Told, localization_group};
-use measures::Measures;
-use members::Departed;
+use mask::causes::Causes;
+use mask::net::Net;
+use membership::Departed;
 use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, Model, ModuleId, NodeId};
-use names::Names;
-use net::Net;
-use overflow::Overflow;
+use module::contradictions::Disputes;
+use module::names::Names;
+use module::overflow::Overflow;
+use module::system::{ReceptionCheck, SystemCheck};
+use module::writers::Voice;
+use monitor::feeds::Watching;
+use react::alarms::Alarms;
+use react::held::Measures;
+use react::warnings::Warnings;
 use signals::Signals;
 use snapshot::{Counters, Snapshot};
+use stage::advance::{Told, localization_group};
+use stage::machine::Vehicle;
 use state::State;
-use system::{ReceptionCheck, SystemCheck};
 use text::Text;
 use time::Timestamp;
 use timers::{TimerKey, Timers};
-use vehicle::Vehicle;
-use views::Views;
-use warnings::Warnings;
-use watching::Watching;
-use writers::Voice;
+use view::views::Views;
 
 /// The aggregation engine of one vehicle.
 #[derive(Debug)]
@@ -179,7 +145,7 @@ impl Engine {
             events: Events::default(),
             views: Views::new(&model, now),
             touched: Vec::new(),
-            comparisons: alike::COMPARISONS_MAX,
+            comparisons: lookalikes::COMPARISONS_MAX,
             signals,
             model,
         };
@@ -350,7 +316,7 @@ impl Engine {
 
     fn take_aggregator(&mut self, other: Option<&str>) {
         let state = if other.is_some() { State::Warning } else { State::Ok };
-        let words = other.map(system::other_aggregator).unwrap_or_default();
+        let words = other.map(module::system::other_aggregator).unwrap_or_default();
         self.report_on_self(SystemCheck::Aggregator, state, words);
     }
 
@@ -362,7 +328,7 @@ impl Engine {
 
     fn take_display(&mut self, late: Option<Box<str>>) {
         let state = if late.is_some() { State::Warning } else { State::Ok };
-        let words = late.as_deref().map(system::display_late);
+        let words = late.as_deref().map(module::system::display_late);
         self.report_on_self(SystemCheck::Display, state, words.unwrap_or_default());
         self.display_late = late;
     }

@@ -1,11 +1,13 @@
 //! The vehicle's signals: named booleans that conditions ask for (`ENGINE.md` 3).
 
+pub(super) mod driving_word;
+
 use super::Engine;
-use super::drive::Drive;
 use super::event::What;
 use super::model::{ACTIVE_SIGNAL, SignalSpec, Stage, StageModel};
 use super::time::Timestamp;
 use super::timers::TimerKey;
+use driving_word::Drive;
 
 /// The present values. A signal that was never received, or is older than its timeout, is unknown.
 #[derive(Debug)]

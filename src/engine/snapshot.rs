@@ -2,19 +2,19 @@
 //!
 //! A snapshot is cheap to make and to keep: parts that did not change are shared with the one before.
 
-use super::monitor::spec::Class;
+use super::model::monitors::Class;
 use std::sync::Arc;
 
-use super::countermeasure::{Kind, Request};
 pub use super::counters::{Counters, Reception};
 use super::input::Refusal;
+use super::model::countermeasure::{Kind, Request};
+use super::model::output::Output;
+use super::model::wording::Wording;
 use super::model::{DependsOn, GroupId, ModuleId, NodeId, NodeNames, Other, Stage, Stop};
-use super::output::Output;
 use super::persistent::PersistentVec;
 use super::state::State;
 use super::text::Text;
 use super::time::Timestamp;
-use super::wording::Wording;
 
 /// The state of the whole vehicle at one instant.
 #[derive(Debug, Clone)]

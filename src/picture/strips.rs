@@ -4,9 +4,9 @@
 use std::sync::Arc;
 
 use crate::engine::event::Said;
-use crate::engine::record::Stretch;
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
+use crate::engine::view::record::Stretch;
 
 const TICKS_MAX: u64 = 9;
 

@@ -10,7 +10,7 @@ use super::messages;
 use super::subscription::{Learned, Subscription};
 use crate::clock::Clock;
 use crate::engine::input::{Input, ReceptionTrouble, Stamped, TroubleKind};
-use crate::engine::sample::TopicNews;
+use crate::engine::model::sample::TopicNews;
 use crate::engine::time::{Span, Timestamp};
 
 /// That nobody publishes a topic is said only when discovery had this time to find somebody.

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::cdr::{Endian, Fault, Reader};
 use super::messages::GidSize;
 use super::writers::Guid;
-use crate::engine::sample::ProbeOutcome;
+use crate::engine::model::sample::ProbeOutcome;
 use crate::engine::time::{Span, Timestamp};
 
 /// Participants that are remembered; more of them are no vehicle.

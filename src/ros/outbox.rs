@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 
 use crate::engine::input::{Input, Stamped};
-use crate::engine::sample::FieldValue;
+use crate::engine::model::sample::FieldValue;
 use crate::engine::time::Timestamp;
 
 /// Bytes of messages that may wait for the engine from one topic, beside the last one.

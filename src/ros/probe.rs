@@ -17,8 +17,8 @@ use super::subscription::Plan;
 use crate::clock::Clock;
 use crate::engine::discovery::{Discovery, Mismatch};
 use crate::engine::input::{Input, Stamped};
-use crate::engine::monitor::spec::{ProbeTarget, WatchdogSpec};
-use crate::engine::sample::{Probe, ProbeOutcome};
+use crate::engine::model::monitors::{ProbeTarget, WatchdogSpec};
+use crate::engine::model::sample::{Probe, ProbeOutcome};
 use crate::engine::time::Span;
 
 /// Probes under way at once; each takes a socket. Others wait for their turn.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 
 use super::cdr::{Endian, Fault, Reader};
-use crate::engine::sample::Sample;
+use crate::engine::model::sample::Sample;
 
 pub const TOPIC: &str = "/clock";
 pub const TYPE: &str = "rosgraph_msgs/msg/Clock";

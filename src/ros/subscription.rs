@@ -11,9 +11,9 @@ use super::raw::RawBody;
 use super::ros_clock;
 use super::writers::Guid;
 use crate::engine::input::{Input, WriterId};
+use crate::engine::model::monitors::{DiagnosticsTopic, StampClock, TopicSpec, WatchdogSpec, Watched};
+use crate::engine::model::sample::{FieldValue, Sample};
 use crate::engine::model::{FieldSource, Limits, Model, SignalSpec};
-use crate::engine::monitor::spec::{DiagnosticsTopic, StampClock, TopicSpec, WatchdogSpec, Watched};
-use crate::engine::sample::{FieldValue, Sample};
 pub use untyped::Learned;
 use untyped::Untyped;
 

@@ -20,8 +20,8 @@ use super::trouble::Troubles;
 use super::writers::{Guid, Offer, Published, Verdict, Via, Writers};
 use crate::clock::Clock;
 use crate::engine::input::{Input, Stamped, TroubleKind};
-use crate::engine::monitor::spec::StampClock;
-use crate::engine::sample::TopicNews;
+use crate::engine::model::monitors::StampClock;
+use crate::engine::model::sample::TopicNews;
 use crate::engine::time::{Span, Timestamp};
 
 /// Writers that discovery does not know are asked for again only after it has news.

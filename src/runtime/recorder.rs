@@ -3,8 +3,8 @@
 use std::sync::mpsc::{SyncSender, TrySendError};
 
 use crate::engine::Engine;
-use crate::engine::record::{Record, Recorded};
 use crate::engine::time::{Span, Timestamp};
+use crate::engine::view::record::{Record, Recorded};
 
 /// Records wait this long for others, so that they are written together.
 const EVERY: Span = Span::from_millis(100);
@@ -80,8 +80,8 @@ mod tests {
 
     use super::*;
     use crate::engine::input::{Input, OperatorAction};
+    use crate::engine::model::monitors::Watched;
     use crate::engine::model::{Driving, Limits, Model, Parts, Policy, Stage, StageModel};
-    use crate::engine::monitor::spec::Watched;
     use crate::engine::text::Text;
 
     fn engine() -> Engine {

@@ -1,8 +1,8 @@
 //! What a scenario expects, against what the engine shows.
 
 use super::scenario::{What, seconds, why_of, why_word};
-use crate::engine::countermeasure::Kind;
 use crate::engine::model::NodeId;
+use crate::engine::model::countermeasure::Kind;
 use crate::engine::snapshot::{NotRelevant, Reason, Snapshot};
 use crate::engine::state::State;
 

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use crate::engine::countermeasure::Kind as Measure;
 use crate::engine::input::{Input, ListenNews};
 use crate::engine::model::Model;
-use crate::engine::monitor::spec::{FieldKind, ProbeTarget, TopicSpec};
-use crate::engine::output::Output;
-use crate::engine::sample::{
+use crate::engine::model::countermeasure::Kind as Measure;
+use crate::engine::model::monitors::{FieldKind, ProbeTarget, TopicSpec};
+use crate::engine::model::output::Output;
+use crate::engine::model::sample::{
     FieldValue, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, Sample, TopicNews,
 };
 use crate::engine::time;

@@ -16,7 +16,7 @@ mod world;
 
 use crate::engine::input::StatusArray;
 use crate::engine::model::Stop;
-use crate::engine::sample::Pose;
+use crate::engine::model::sample::Pose;
 use crate::engine::time::{Span, Timestamp};
 pub use drive::Departure;
 use drive::Drive;

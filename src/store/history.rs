@@ -16,14 +16,14 @@ use std::time::Duration;
 
 use rusqlite::{Connection, OpenFlags};
 
-pub use crate::engine::record::Stretch;
+pub use crate::engine::view::record::Stretch;
 pub use read::{Happened, Held, HistoryQuery, NodePast, Past};
 use reader::Reader;
 
 use super::StoreError;
 use super::schema::make_private_file;
 use crate::clock::Clock;
-use crate::engine::record::Record;
+use crate::engine::view::record::Record;
 
 /// The file beside the users': it may grow large, and may be removed.
 pub const HISTORY_FILE: &str = "history.db";

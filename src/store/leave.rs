@@ -282,7 +282,7 @@ fn take_seat(connection: &Connection, user: i64) -> Result<(), StoreError> {
 mod tests {
     use super::*;
     use crate::clock::Clock;
-    use crate::engine::resume::Restored;
+    use crate::engine::restart::resume::Restored;
     use crate::store::audit::{Action, TELLTALE};
     use crate::store::{Database, DemoSecrets, Role};
 

@@ -8,9 +8,9 @@ use rusqlite::{Connection, OptionalExtension, Row, params};
 use super::audit::Record;
 use super::users::{from_unix_ms, to_unix_ms};
 use super::{Database, Store, StoreError};
-use crate::engine::countermeasure::Request;
 use crate::engine::model::Stage;
-use crate::engine::resume::{Restored, RestoredAlarm, RestoredMeasure};
+use crate::engine::model::countermeasure::Request;
+use crate::engine::restart::resume::{Restored, RestoredAlarm, RestoredMeasure};
 use crate::engine::snapshot::MapPose;
 use crate::engine::time::{Span, Timestamp};
 

@@ -2,9 +2,9 @@
 
 use super::view::Lang;
 use super::view::clean::{NAME, clean};
-use crate::engine::countermeasure::Kind;
 use crate::engine::input::Refusal;
 use crate::engine::model::Stage;
+use crate::engine::model::countermeasure::Kind;
 use crate::engine::state::State;
 
 impl Lang {

@@ -2,7 +2,7 @@
 
 use super::text::words;
 use super::view::Lang;
-use crate::engine::countermeasure::{Kind, Request};
+use crate::engine::model::countermeasure::{Kind, Request};
 use crate::engine::snapshot::MeasureState;
 use crate::engine::state::State;
 use crate::engine::time::Span;

@@ -23,7 +23,7 @@ use super::wording::Trouble;
 use crate::clock::wall_at;
 use crate::engine::input::{AlarmRef, OperatorAction, Place};
 use crate::engine::model::NodeId;
-use crate::engine::output::Output;
+use crate::engine::model::output::Output;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
 use crate::store::Session;

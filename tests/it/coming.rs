@@ -7,10 +7,10 @@ use telltale::engine::Engine;
 use telltale::engine::event::What;
 use telltale::engine::input::{AlarmRef, Input, OperatorAction, StatusArray};
 use telltale::engine::model::{Model, NodeId};
-use telltale::engine::record::{Record, Recorded};
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
+use telltale::engine::view::record::{Record, Recorded};
 
 const CONFIG: &str = "
 vehicle: { stages: none }

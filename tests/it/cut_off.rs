@@ -6,8 +6,8 @@ use telltale::config;
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, StatusArray};
 use telltale::engine::model::Model;
-use telltale::engine::monitor::spec::ProbeTarget;
-use telltale::engine::sample::{FieldValue, Probe, ProbeOutcome, Sample, TopicNews};
+use telltale::engine::model::monitors::ProbeTarget;
+use telltale::engine::model::sample::{FieldValue, Probe, ProbeOutcome, Sample, TopicNews};
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State::{self, Error, Ok, Unknown, Warning};
 use telltale::engine::time::{Span, Timestamp};
@@ -55,7 +55,7 @@ impl Vehicle {
         self.engine.handle(input, self.now);
     }
 
-    fn topic(&self, name: &str) -> Arc<telltale::engine::monitor::spec::TopicSpec> {
+    fn topic(&self, name: &str) -> Arc<telltale::engine::model::monitors::TopicSpec> {
         let topics = &self.model.watched.topics;
         topics.iter().find(|spec| &*spec.topic == name).unwrap().clone()
     }

@@ -3,10 +3,10 @@
 use serde_json::{Value, json};
 use telltale::clock::Clock;
 use telltale::engine::input::{Input, ReceptionTrouble, Stamped, StatusArray, TroubleKind};
+use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::{
     Driving, FieldSource, Limits, Model, Parts, Policy, SignalSource, SignalSpec, StageModel,
 };
-use telltale::engine::monitor::spec::Watched;
 use telltale::engine::text::Text;
 use telltale::engine::time::Span;
 use telltale::ros::messages::GidSize;

@@ -8,9 +8,9 @@ use std::time::{Duration, SystemTime};
 
 use telltale::clock::Clock;
 use telltale::engine::event::Said;
-use telltale::engine::record::{Record, Recorded};
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
+use telltale::engine::view::record::{Record, Recorded};
 use telltale::store::History;
 
 /// All files of a folder by name.

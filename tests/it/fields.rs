@@ -6,9 +6,11 @@ use std::sync::Arc;
 use serde_json::{Value, json};
 use telltale::clock::Clock;
 use telltale::engine::input::{Input, Stamped, TroubleKind};
+use telltale::engine::model::monitors::{
+    FieldKind, FieldSpec, ProbeTarget, TopicSpec, WatchdogSpec, Watched,
+};
+use telltale::engine::model::sample::{FieldValue, Pose, ProbeOutcome, Sample, TopicNews};
 use telltale::engine::model::{Driving, Limits, Model, Parts, Policy, StageModel};
-use telltale::engine::monitor::spec::{FieldKind, FieldSpec, ProbeTarget, TopicSpec, WatchdogSpec, Watched};
-use telltale::engine::sample::{FieldValue, Pose, ProbeOutcome, Sample, TopicNews};
 use telltale::engine::text::Text;
 use telltale::engine::time::Span;
 use telltale::ros::messages::encode;

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use serde_json::json;
 use telltale::clock::Clock;
 use telltale::engine::input::{OperatorAction, Response, TroubleKind};
+use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::{
     Driving, FieldSource, Limits, Model, NodeId, Parts, Policy, SignalSource, SignalSpec, StageModel,
 };
-use telltale::engine::monitor::spec::Watched;
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State;
 use telltale::engine::text::Text;

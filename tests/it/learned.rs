@@ -5,7 +5,7 @@ use std::time::Duration;
 use telltale::clock::Clock;
 use telltale::config;
 use telltale::engine::input::Input;
-use telltale::engine::sample::FieldValue;
+use telltale::engine::model::sample::FieldValue;
 use telltale::ros::messages::encode;
 use telltale::ros::{self, BridgeOptions, Publisher, Quality};
 use tokio::sync::mpsc;

@@ -4,8 +4,8 @@
 use serde_json::json;
 use telltale::config;
 use telltale::engine::input::Input;
-use telltale::engine::monitor::spec::ProbeTarget;
-use telltale::engine::sample::{ProbeOutcome, Sample};
+use telltale::engine::model::monitors::ProbeTarget;
+use telltale::engine::model::sample::{ProbeOutcome, Sample};
 
 use crate::dds::one;
 use crate::fields::Watching;

@@ -5,9 +5,9 @@ use telltale::engine::Engine;
 use telltale::engine::event::What;
 use telltale::engine::input::{Input, StatusArray};
 use telltale::engine::model::NodeId;
-use telltale::engine::record::{Record, Recorded};
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
+use telltale::engine::view::record::{Record, Recorded};
 
 const CONFIG: &str = "
 vehicle: { stages: none }

@@ -6,7 +6,7 @@ use telltale::config;
 use telltale::engine::Engine;
 use telltale::engine::input::Input;
 use telltale::engine::model::Model;
-use telltale::engine::sample::{FieldValue, Sample};
+use telltale::engine::model::sample::{FieldValue, Sample};
 use telltale::engine::time::Timestamp;
 
 fn model(signals: &str) -> Arc<Model> {

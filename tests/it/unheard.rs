@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use telltale::config::{self, Loaded};
 use telltale::engine::Engine;
-use telltale::engine::countermeasure::Kind;
 use telltale::engine::input::{Input, ListenNews, OperatorAction, Refusal, Response, StatusArray};
 use telltale::engine::model::Stage;
-use telltale::engine::output::Output;
+use telltale::engine::model::countermeasure::Kind;
+use telltale::engine::model::output::Output;
 use telltale::engine::snapshot::{MeasureState, Snapshot, Unreached};
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};

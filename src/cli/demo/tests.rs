@@ -6,9 +6,9 @@ mod story;
 
 use std::collections::BTreeSet;
 
-use crate::engine::countermeasure::Kind;
 use crate::engine::input::{AlarmRef, OperatorAction, Response};
 use crate::engine::model::Stage;
+use crate::engine::model::countermeasure::Kind;
 use crate::engine::snapshot::{MeasureState, Snapshot};
 use crate::engine::state::State;
 use crate::sim::shuttle::Fault;

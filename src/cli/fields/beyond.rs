@@ -2,8 +2,8 @@
 
 use super::Kinds;
 use crate::config::expression;
-use crate::engine::monitor::spec::{Bands, MonitorSpec, ValueRule, ValueSource};
-use crate::engine::sample::FieldValue;
+use crate::engine::model::monitors::{Bands, MonitorSpec, ValueRule, ValueSource};
+use crate::engine::model::sample::FieldValue;
 
 impl Kinds<'_> {
     /// Comparisons that hold always or never, whatever the field is, and what to do.

@@ -7,11 +7,11 @@ use tokio::sync::mpsc;
 use crate::clock::Clock;
 use crate::config::publishing::Publishing;
 use crate::engine::input::{Input, Stamped};
+use crate::engine::model::monitors::{FieldKind, FieldSpec, TopicSpec, Watched};
+use crate::engine::model::sample::FieldValue;
 use crate::engine::model::{
     Driving, FieldSource, Limits, Model, Parts, Policy, SignalSource, SignalSpec, StageModel,
 };
-use crate::engine::monitor::spec::{FieldKind, FieldSpec, TopicSpec, Watched};
-use crate::engine::sample::FieldValue;
 use crate::engine::text::Text;
 use crate::ros::messages::encode::{ACCEL_STAMPED, POSE_WITH_COVARIANCE_STAMPED};
 use crate::ros::messages::{BOOL, GidSize};

@@ -3,7 +3,7 @@
 use cel::common::ast::{CallExpr, Expr, IdedExpr, LiteralValue, SourceInfo, operators};
 use cel::common::types::CelDouble;
 
-use crate::engine::monitor::spec::ScalarKind;
+use crate::engine::model::monitors::ScalarKind;
 use crate::yaml::decode::did_you_mean;
 use crate::yaml::{Log, Problem, Span, Spanned, suggest};
 

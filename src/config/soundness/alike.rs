@@ -5,8 +5,8 @@ use std::collections::HashMap;
 
 use super::{Finding, What};
 use crate::engine::model::{GroupId, Model, ModuleId, NodeId};
-use crate::engine::system::BUILT_IN_GROUPS;
-use crate::engine::tree::part;
+use crate::engine::module::system::BUILT_IN_GROUPS;
+use crate::engine::view::ros_names::part;
 
 pub(super) fn look(model: &Model) -> Vec<Finding> {
     let mut first: HashMap<(Option<GroupId>, String), NodeId> = HashMap::new();

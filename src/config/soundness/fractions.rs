@@ -2,9 +2,9 @@
 
 use super::{Finding, What};
 use crate::config::expression;
+use crate::engine::model::monitors::{AgreementRule, Bands, ValueRule, ValueSource};
+use crate::engine::model::sample::FieldValue;
 use crate::engine::model::{GroupId, Model, ModuleId, MonitorSpec, NodeId};
-use crate::engine::monitor::spec::{AgreementRule, Bands, ValueRule, ValueSource};
-use crate::engine::sample::FieldValue;
 
 /// Fields that go from 0 to 1 by the comments of their definitions.
 const FRACTIONS: [(&str, &str); 7] = [

@@ -3,9 +3,9 @@
 
 use super::{Finding, What};
 use crate::config::glob::{as_regex, is_glob};
-use crate::engine::filter::Filter;
+use crate::engine::model::filter::Filter;
+use crate::engine::model::monitors::{AgreementRule, ValueSource};
 use crate::engine::model::{GroupId, Model, ModuleId, MonitorSpec, NodeId};
-use crate::engine::monitor::spec::{AgreementRule, ValueSource};
 
 pub(super) fn look(model: &Model) -> Vec<Finding> {
     let mut found = Vec::new();

@@ -2,7 +2,7 @@
 //! `ENGINE.md` 3 to 5 on a still picture, without time. The tests compare it with the engine.
 
 use super::situation::Situation;
-use crate::engine::graph::Visit;
+use crate::engine::model::order::Visit;
 use crate::engine::model::{Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, When};
 use crate::engine::state::{State, Tally};
 

@@ -20,8 +20,8 @@ use std::collections::BTreeSet;
 use judge::{Judge, Picture, blocks, targets};
 use situation::Situation;
 
+use crate::engine::model::output::Output;
 use crate::engine::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId, StageModel};
-use crate::engine::output::Output;
 use crate::engine::state::State;
 
 pub use finding::{Dead, Example, Finding, Soundness, What};

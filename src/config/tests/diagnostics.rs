@@ -1,7 +1,7 @@
 //! Where components report, and by which clock messages are stamped.
 
 use super::*;
-use crate::engine::monitor::spec::{DiagnosticsTopic, StampClock};
+use crate::engine::model::monitors::{DiagnosticsTopic, StampClock};
 
 #[test]
 fn components_may_report_on_several_topics() {

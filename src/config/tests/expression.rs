@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::engine::model::MonitorSpec;
-use crate::engine::monitor::spec::Condition;
-use crate::engine::sample::{FieldValue, Pose};
+use crate::engine::model::monitors::Condition;
+use crate::engine::model::sample::{FieldValue, Pose};
 
 fn text(condition: &str) -> String {
     let inputs =

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::config::words;
-use crate::engine::monitor::spec::{FieldKind, ProbeTarget, ValueSource};
+use crate::engine::model::monitors::{FieldKind, ProbeTarget, ValueSource};
 
 /// One monitor, whose text begins in column 3 of line 5.
 pub(super) fn module(monitor: &str) -> String {
@@ -129,7 +129,7 @@ fn what_is_watched_stands_in_the_model_once() {
 fn the_places_of_types_and_fields_are_kept() {
     let text = "signals: { s: { topic: /s, type: a/msg/C, field: on } }\ngroups:\n- id: a\n  modules:\n  - { id: v, monitor: { value: { topic: /t, type: a/msg/B, field: x, error_above: 1 } } }\n  - { id: l, monitor: { latency: { topic: /t, type: a/msg/B, error_above: 1s } } }\n";
     let loaded = parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
-    let topic = crate::engine::monitor::spec::TopicId(0);
+    let topic = crate::engine::model::monitors::TopicId(0);
     let places = [
         Place::Type(topic),
         Place::Field(topic, 0),

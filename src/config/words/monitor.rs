@@ -3,12 +3,12 @@
 use std::fmt::Write as _;
 
 use super::span;
-use crate::engine::model::{Model, MonitorSpec};
-use crate::engine::monitor::spec::Class;
-use crate::engine::monitor::spec::{
+use crate::engine::model::monitors::Class;
+use crate::engine::model::monitors::{
     AgreementRule, Bands, Condition, FieldKind, ProbeTarget, TopicId, ValueRule, ValueSource,
 };
-use crate::engine::sample::FieldValue;
+use crate::engine::model::sample::FieldValue;
+use crate::engine::model::{Model, MonitorSpec};
 
 /// `status 'imu: status'`, `the rate of /points (sensor_msgs/msg/PointCloud2) over 2s: error below 5 Hz`
 pub fn monitor(model: &Model, monitor: &MonitorSpec) -> String {

@@ -1,9 +1,9 @@
 //! Conditions over the latest fields of several topics.
 
 use super::inputs::{Doubt, Inputs};
-use super::spec::{Condition, ScalarKind};
 use super::words::{Words, cut, number, numeral};
-use crate::engine::sample::FieldValue;
+use crate::engine::model::monitors::{Condition, ScalarKind};
+use crate::engine::model::sample::FieldValue;
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;

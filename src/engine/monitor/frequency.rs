@@ -1,8 +1,8 @@
 //! Messages in a second, judged by the clock too: no message is 0 Hz.
 
-use super::spec::Bands;
 use super::window::Window;
 use super::words::{Words, span};
+use crate::engine::model::monitors::Bands;
 use crate::engine::state::State;
 use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};

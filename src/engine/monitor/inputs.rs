@@ -1,8 +1,8 @@
 //! The latest value of everything that a monitor looks at, and why one cannot be used.
 
-use super::spec::{ValueSource, Watched};
 use super::words::{cut, span};
-use crate::engine::sample::{FieldValue, Pose, Positions};
+use crate::engine::model::monitors::{ValueSource, Watched};
+use crate::engine::model::sample::{FieldValue, Pose, Positions};
 use crate::engine::text::Text;
 use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};

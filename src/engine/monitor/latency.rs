@@ -1,9 +1,9 @@
 //! Receipt minus header stamp, the worst of the window.
 
-use super::spec::Bands;
 use super::window::Window;
 use super::words::{Words, span};
-use crate::engine::sample::Sample;
+use crate::engine::model::monitors::Bands;
+use crate::engine::model::sample::Sample;
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;

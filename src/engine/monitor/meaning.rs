@@ -1,7 +1,9 @@
 //! What a monitor is, apart from the numbers that one configuration gives to topics.
 
-use super::spec::Class;
-use super::spec::{FieldSpec, MonitorSpec, TopicId, ValueSource, WatchdogId, WatchdogSpec, Watched};
+use crate::engine::model::monitors::Class;
+use crate::engine::model::monitors::{
+    FieldSpec, MonitorSpec, TopicId, ValueSource, WatchdogId, WatchdogSpec, Watched,
+};
 
 const fn class(location: &'static str, information: &'static str, flow: Option<&'static str>) -> Class {
     Class { location, information, flow }

@@ -4,6 +4,7 @@
 
 mod agreement;
 mod expression;
+pub(super) mod feeds;
 mod frequency;
 mod inputs;
 mod latency;
@@ -12,7 +13,6 @@ mod motion;
 mod nearest;
 mod rate_ratio;
 mod sequence;
-pub mod spec;
 #[cfg(test)]
 mod tests;
 mod value;
@@ -20,6 +20,7 @@ mod watchdog;
 mod window;
 mod words;
 
+use super::model::monitors::{MonitorSpec, TopicId, ValueSource, Watched};
 use crate::engine::text::say;
 use agreement::Agreement;
 use expression::Expression;
@@ -29,12 +30,11 @@ pub(super) use inputs::NO_SUCH_KEY;
 use latency::Latency;
 use rate_ratio::RateRatio;
 use sequence::Sequence;
-use spec::{MonitorSpec, TopicId, ValueSource, Watched};
 use value::Value;
 use watchdog::Watchdog;
 pub(super) use words::{Words, cut};
 
-use super::sample::{FieldValue, ProbeOutcome, Sample};
+use super::model::sample::{FieldValue, ProbeOutcome, Sample};
 use super::state::State;
 use super::text::Text;
 use super::time::{Span, Timestamp};

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use crate::engine::sample::Pose;
+use crate::engine::model::sample::Pose;
 use crate::engine::time::{Span, Timestamp};
 
 /// Poses kept for one motion; those that lie closer together in time are left out, the latest aside.

@@ -1,6 +1,6 @@
 //! How far two lists of positions are apart.
 
-use crate::engine::sample::Position;
+use crate::engine::model::sample::Position;
 
 /// The largest distance of any position of one list to the nearest of the other, in metres (the
 /// Hausdorff distance): 0 for two empty lists, infinite where one of them is empty.

@@ -1,8 +1,8 @@
 //! The output rate of a component against its input rate.
 
-use super::spec::Bands;
 use super::window::Window;
 use super::words::{Words, number, span};
+use crate::engine::model::monitors::Bands;
 use crate::engine::state::State;
 use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};

@@ -1,9 +1,9 @@
 //! A value at a later stage against the same at an earlier one.
 
 use super::inputs::{Doubt, Inputs, nothing_yet};
-use super::spec::Bands;
 use super::words::{Words, number, span};
-use crate::engine::sample::FieldValue;
+use crate::engine::model::monitors::Bands;
+use crate::engine::model::sample::FieldValue;
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;

@@ -1,9 +1,9 @@
 //! One field of a topic, or one KeyValue of a status.
 
 use super::inputs::{Doubt, Inputs};
-use super::spec::ValueRule;
 use super::words::{Words, number, numeral, quoted};
-use crate::engine::sample::FieldValue;
+use crate::engine::model::monitors::ValueRule;
+use crate::engine::model::sample::FieldValue;
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;

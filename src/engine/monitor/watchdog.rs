@@ -1,8 +1,8 @@
 //! Whether something answers when it is asked, and how soon.
 
-use super::spec::{Bands, ProbeTarget, WatchdogSpec};
 use super::words::{Words, cut, span};
-use crate::engine::sample::ProbeOutcome;
+use crate::engine::model::monitors::{Bands, ProbeTarget, WatchdogSpec};
+use crate::engine::model::sample::ProbeOutcome;
 use crate::engine::state::State;
 use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};

@@ -1,6 +1,6 @@
 //! What monitors say: numbers as people read them, and limits.
 
-use super::spec::Bands;
+use crate::engine::model::monitors::Bands;
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;

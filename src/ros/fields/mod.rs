@@ -19,8 +19,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::cdr::{self, Endian, Fault};
-use crate::engine::monitor::spec::{FieldKind, FieldSpec, ScalarKind, TopicSpec};
-use crate::engine::sample::FieldValue;
+use crate::engine::model::monitors::{FieldKind, FieldSpec, ScalarKind, TopicSpec};
+use crate::engine::model::sample::FieldValue;
 pub use event::EventReader;
 use library::Library;
 use path::Step;

@@ -4,8 +4,8 @@ use super::definition::Primitive;
 use super::path::Step;
 use super::program::{Compiler, Miss, Move, PathError, Program};
 use super::shape::{Array, Kind, Shape};
-use crate::engine::sample::Positions as Found;
-use crate::engine::sample::{FieldValue, POSITIONS_MAX, Position};
+use crate::engine::model::sample::Positions as Found;
+use crate::engine::model::sample::{FieldValue, POSITIONS_MAX, Position};
 use crate::ros::cdr::Reader;
 
 /// What holds a position in the messages of the common packages.

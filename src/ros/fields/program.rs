@@ -9,8 +9,8 @@ use super::definition::Primitive;
 use super::path::Step;
 use super::positions::Positions;
 use super::shape::{Array, Kind, Message, Shape};
-use crate::engine::monitor::spec::{FieldKind, ScalarKind};
-use crate::engine::sample::{FieldValue, Pose};
+use crate::engine::model::monitors::{FieldKind, ScalarKind};
+use crate::engine::model::sample::{FieldValue, Pose};
 use crate::ros::cdr::{Fault, Reader};
 
 /// A longer string is no value that anybody compares.

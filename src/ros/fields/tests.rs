@@ -5,7 +5,7 @@ use std::time::{Duration, UNIX_EPOCH};
 use proptest::prelude::*;
 
 use super::*;
-use crate::engine::sample::{POSITIONS_MAX, Pose, Position, Positions};
+use crate::engine::model::sample::{POSITIONS_MAX, Pose, Position, Positions};
 use crate::ros::messages::encode::{self, Header, Motion, Transform};
 
 fn spec(type_name: &str, stamp: bool, fields: &[(&str, FieldKind)]) -> TopicSpec {

@@ -4,7 +4,7 @@
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::Writer;
-use crate::engine::sample::Pose;
+use crate::engine::model::sample::Pose;
 
 pub const ACCEL_STAMPED: &str = "geometry_msgs/msg/AccelStamped";
 pub const BATTERY_STATE: &str = "sensor_msgs/msg/BatteryState";

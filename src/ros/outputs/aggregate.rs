@@ -8,7 +8,7 @@ use crate::engine::model::{GroupId, ModuleId, NodeId, Stage};
 use crate::engine::snapshot::{GroupInfo, ModuleView, NotRelevant, Reason, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
-use crate::engine::tree::{part, unique};
+use crate::engine::view::ros_names::{part, unique};
 
 /// The tree of the vehicle. Before a login it says nothing of what modules report.
 pub fn tree(snapshot: &Snapshot) -> StatusArray {
@@ -224,8 +224,8 @@ mod tests {
 
     use crate::engine::Engine;
     use crate::engine::input::Input;
+    use crate::engine::model::monitors::Watched;
     use crate::engine::model::{Driving, Limits, Model, Parts, Policy, StageModel};
-    use crate::engine::monitor::spec::Watched;
     use crate::engine::text::Text;
 
     /// Levels of the tree by path, and of the whole, with these levels reported.

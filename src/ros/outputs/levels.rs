@@ -1,7 +1,7 @@
 //! What the vehicle is to be told, and when: levels that follow from snapshots. Pure.
 
 use crate::engine::model::Stage;
-use crate::engine::output::Output;
+use crate::engine::model::output::Output;
 use crate::engine::snapshot::{MapPose, Snapshot};
 use crate::engine::time::{Span, Timestamp};
 
@@ -128,9 +128,9 @@ mod tests {
 
     use super::*;
     use crate::engine::Engine;
-    use crate::engine::countermeasure::Request;
+    use crate::engine::model::countermeasure::Request;
+    use crate::engine::model::monitors::Watched;
     use crate::engine::model::{Driving, Limits, Model, Parts, Policy, StageModel};
-    use crate::engine::monitor::spec::Watched;
     use crate::engine::snapshot::{Countermeasure, MeasureState};
     use crate::engine::text::Text;
 

@@ -9,7 +9,7 @@ use tokio::time::MissedTickBehavior;
 
 use super::{Ground, What};
 use crate::engine::input::{Input, ListenNews, Stamped};
-use crate::engine::output::Output;
+use crate::engine::model::output::Output;
 use crate::engine::time::{Span, Timestamp};
 use crate::ros::Publisher;
 use crate::ros::outbox::stopped;

@@ -2,9 +2,9 @@
 
 use super::*;
 use crate::engine::input::StatusArray;
+use crate::engine::model::monitors::{FieldKind, FieldSpec};
+use crate::engine::model::sample::Pose;
 use crate::engine::model::{Driving, FieldSource, Parts, Policy, SignalSource, StageModel};
-use crate::engine::monitor::spec::{FieldKind, FieldSpec};
-use crate::engine::sample::Pose;
 use crate::engine::text::Text;
 use crate::engine::time::Span;
 use crate::ros::cdr::{Fault, FaultKind};

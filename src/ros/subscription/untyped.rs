@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::{FieldError, Signal, Subscription, SubscriptionError, Watch, meaning, subscribe};
+use crate::engine::model::monitors::{StampClock, TopicSpec};
 use crate::engine::model::{FieldSource, Limits, Model, SignalSpec};
-use crate::engine::monitor::spec::{StampClock, TopicSpec};
 use crate::ros::fields::{Definitions, Reader};
 
 /// What is wanted of a topic, until its type is known.
@@ -113,7 +113,7 @@ mod tests {
     use super::*;
     use crate::config;
     use crate::engine::input::Input;
-    use crate::engine::sample::FieldValue;
+    use crate::engine::model::sample::FieldValue;
     use crate::ros::cdr::Endian;
     use crate::ros::subscription::{Plan, Received, When};
 

@@ -1,7 +1,7 @@
 //! The way: smooth legs from stop to stop, in the frame of the map.
 
 use crate::engine::model::Stop;
-use crate::engine::sample::Pose;
+use crate::engine::model::sample::Pose;
 
 /// Points of each leg: a few decimetres from one to the next.
 const POINTS: usize = 512;

@@ -4,7 +4,7 @@ use super::Message;
 use super::localizer::Localizer;
 use super::statuses::Node;
 use super::world::World;
-use crate::engine::sample::Pose;
+use crate::engine::model::sample::Pose;
 use crate::engine::time::Span;
 
 /// Whatever is a state is repeated, so that whoever joins late learns it.

@@ -7,9 +7,9 @@ use rusqlite::{Connection, OptionalExtension as _, Row, params};
 use super::write::{ACKNOWLEDGED, CLEARED, LEFT, LOST, MOVED, RAISED, SIGNAL, STAGE, STARTED};
 use crate::engine::event::Said;
 use crate::engine::model::Stage;
-use crate::engine::record::Stretch;
 use crate::engine::state::State;
 use crate::engine::time::Span;
+use crate::engine::view::record::Stretch;
 
 /// Transitions of one node that are read; a picture holds no more.
 const STRETCHES_MAX: usize = 4000;

@@ -4,9 +4,9 @@ use super::write::Writer;
 use super::*;
 use crate::engine::event::Said;
 use crate::engine::model::Stage;
-use crate::engine::record::Recorded;
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
+use crate::engine::view::record::Recorded;
 
 /// The wall clock at the start of the tests' time.
 const START_MS: i64 = 1_000_000;

@@ -7,8 +7,8 @@ use rusqlite::{Connection, Transaction, params};
 
 use crate::clock::wall_at;
 use crate::engine::event::Said;
-use crate::engine::record::{Record, Recorded};
 use crate::engine::time::Timestamp;
+use crate::engine::view::record::{Record, Recorded};
 
 /// Kinds of rows. They are numbers on the disk: none is ever given to another.
 pub const SHOWN: i64 = 1;

@@ -2,7 +2,7 @@ use std::os::unix::fs::{FileExt as _, PermissionsExt as _};
 use std::time::UNIX_EPOCH;
 
 use super::*;
-use crate::engine::resume::Restored;
+use crate::engine::restart::resume::Restored;
 use crate::engine::time::Timestamp;
 use crate::store::{Database, Entering, Role, VehicleMemory};
 

@@ -7,8 +7,8 @@ use humantime::format_rfc3339_millis;
 use serde::ser::{Serialize, SerializeMap, SerializeStruct, Serializer};
 
 use crate::clock::wall_at;
-use crate::engine::countermeasure::Request;
 use crate::engine::input::TroubleKind;
+use crate::engine::model::countermeasure::Request;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::{Alarm, Countermeasure, NotRelevant, Path, Reason, RootCause, Snapshot};
 use crate::engine::state::State;
@@ -197,7 +197,7 @@ impl Serialize for Module<'_> {
     }
 }
 
-struct ClassEntry(crate::engine::monitor::spec::Class);
+struct ClassEntry(crate::engine::model::monitors::Class);
 
 impl Serialize for ClassEntry {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {

@@ -4,8 +4,8 @@ use std::collections::HashSet;
 
 use askama::Template;
 
-use crate::engine::countermeasure::Kind;
 use crate::engine::model::NodeId;
+use crate::engine::model::countermeasure::Kind;
 use crate::engine::snapshot::{Countermeasure, MeasureState};
 
 use super::{Fragment, View, html};

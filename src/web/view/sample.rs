@@ -5,20 +5,20 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use crate::engine::Engine;
-use crate::engine::filter::Filter;
 use crate::engine::input::{
     Input, ListenNews, OperatorAction, Place, ReceptionTrouble, Response, StatusArray, TroubleKind,
 };
+use crate::engine::model::filter::Filter;
+use crate::engine::model::monitors::Watched;
+use crate::engine::model::output::Output;
+use crate::engine::model::wording::Wording;
 use crate::engine::model::{
     Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleSpec,
     MonitorSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, StageModel, Stop, When,
 };
-use crate::engine::monitor::spec::Watched;
-use crate::engine::output::Output;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::text::Text;
 use crate::engine::time::{Span, Timestamp};
-use crate::engine::wording::Wording;
 use crate::runtime::Published;
 
 /// Path, names, place and dependencies of a component, and whether it matters only while driving.

@@ -2,8 +2,8 @@
 
 use askama::Template;
 
+use crate::engine::model::output::Output;
 use crate::engine::model::{LOCALIZATION_GROUP, NodeId, Stage, Stop};
-use crate::engine::output::Output;
 use crate::engine::snapshot::Unreached;
 use crate::engine::state::State;
 

@@ -3,16 +3,16 @@
 
 use std::sync::Arc;
 
-use telltale::engine::countermeasure::{Confirmation, ConfirmedBy, Request, Rule};
-use telltale::engine::filter::Filter;
 use telltale::engine::input::{
     AlarmRef, Input, NodeOf, OperatorAction, Place, StatusArray, WriterId, WriterList,
 };
+use telltale::engine::model::countermeasure::{Confirmation, ConfirmedBy, Request, Rule};
+use telltale::engine::model::filter::Filter;
+use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::{
     Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Match, Model, ModuleId,
     ModuleSpec, MonitorSpec, NodeId, Other, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel, When,
 };
-use telltale::engine::monitor::spec::Watched;
 use telltale::engine::state::State;
 use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};

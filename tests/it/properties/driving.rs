@@ -5,17 +5,17 @@ use std::sync::Arc;
 
 use proptest::prelude::*;
 use telltale::engine::Engine;
-use telltale::engine::countermeasure::{Request, Rule};
 use telltale::engine::event::What;
 use telltale::engine::input::{AlarmRef, Input, OperatorAction, Place, Refusal, Response, StatusArray};
+use telltale::engine::model::countermeasure::{Request, Rule};
 use telltale::engine::model::{
     GroupId, Model, ModuleId, ModuleSpec, MonitorSpec, NodeId, Policy, SignalSpec, Stage, StageModel, When,
 };
-use telltale::engine::resume::Restored;
+use telltale::engine::restart::resume::Restored;
 use telltale::engine::snapshot::{Countermeasure, Snapshot};
+use telltale::engine::stage::machine::TRANSITIONS;
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
-use telltale::engine::vehicle::TRANSITIONS;
 
 use super::cases::{self, Choices, history};
 use super::{config, numbers};

@@ -5,15 +5,15 @@
 use std::sync::Arc;
 
 use telltale::engine::input::Input;
-use telltale::engine::model::{Model, ModuleId, MonitorSpec, Parts};
-use telltale::engine::monitor::spec::Class;
-use telltale::engine::monitor::spec::{
+use telltale::engine::model::monitors::Class;
+use telltale::engine::model::monitors::{
     AgreementRule, Bands, Condition, FieldKind, FieldSpec, ProbeTarget, TopicId, TopicSpec, ValueRule,
     ValueSource, WatchdogId, WatchdogSpec, Watched,
 };
-use telltale::engine::sample::{
+use telltale::engine::model::sample::{
     FieldValue, Pose, Position, Positions, Probe, ProbeOutcome, Sample, TopicNews,
 };
+use telltale::engine::model::{Model, ModuleId, MonitorSpec, Parts};
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
 

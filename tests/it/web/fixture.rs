@@ -7,14 +7,14 @@ use axum::body::{Body, to_bytes};
 use axum::http::header::{ACCEPT, CONTENT_TYPE, COOKIE, HOST, LOCATION, ORIGIN, SET_COOKIE};
 use axum::http::{HeaderMap, Method, Request, StatusCode};
 use telltale::clock::{Clock, ClockHand};
-use telltale::engine::filter::Filter;
 use telltale::engine::input::{Input, ListenNews, Stamped, StatusArray};
+use telltale::engine::model::filter::Filter;
+use telltale::engine::model::monitors::Watched;
+use telltale::engine::model::output::Output;
 use telltale::engine::model::{
     Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Match, Model,
     ModuleSpec, MonitorSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel, Stop, When,
 };
-use telltale::engine::monitor::spec::Watched;
-use telltale::engine::output::Output;
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::text::Text;
 use telltale::engine::time::Span;

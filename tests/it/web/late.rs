@@ -2,9 +2,9 @@
 
 use axum::http::StatusCode;
 use telltale::clock::ClockHand;
-use telltale::engine::foresee::Foreseen;
 use telltale::engine::input::Refusal;
 use telltale::engine::model::Stage;
+use telltale::engine::restart::foresee::Foreseen;
 use telltale::engine::state::State;
 use telltale::engine::time::Span;
 use telltale::runtime::Rehearsal;

@@ -5,11 +5,11 @@ use std::collections::BTreeSet;
 
 use State::{Error, Ok, Unknown, Warning};
 
-use super::super::spec::{AgreementRule, Condition, ValueRule, WatchdogId};
 use super::*;
 use crate::engine::input::OperatorAction;
-use crate::engine::monitor::spec::Class;
-use crate::engine::resume::Restored;
+use crate::engine::model::monitors::Class;
+use crate::engine::model::monitors::{AgreementRule, Condition, ValueRule, WatchdogId};
+use crate::engine::restart::resume::Restored;
 
 const WINDOW_MS: u64 = 1000;
 const PERIOD_MS: u64 = 100;

@@ -1,8 +1,8 @@
 use State::{Error, Ok, Unknown, Warning};
 
-use super::super::spec::{AgreementRule, Condition};
 use super::*;
-use crate::engine::monitor::spec::Class;
+use crate::engine::model::monitors::Class;
+use crate::engine::model::monitors::{AgreementRule, Condition};
 
 #[test]
 fn a_rate_ratio_without_input_is_unknown_and_without_output_zero() {

@@ -1,7 +1,7 @@
 use State::{Error, Ok, Unknown, Warning};
 
-use super::super::spec::{ValueRule, WatchdogId};
 use super::*;
+use crate::engine::model::monitors::{ValueRule, WatchdogId};
 
 fn frequency(bands: Bands) -> MonitorSpec {
     MonitorSpec::Frequency { topic: A, window: millis(2000), bands }

@@ -7,17 +7,17 @@ mod whole;
 
 use std::sync::Arc;
 
-use super::spec::{
+use crate::engine::Engine;
+use crate::engine::input::{Input, StatusArray};
+use crate::engine::model::monitors::{
     Bands, FieldKind, FieldSpec, MonitorSpec, ProbeTarget, TopicId, TopicSpec, ValueSource, WatchdogSpec,
     Watched,
 };
-use crate::engine::Engine;
-use crate::engine::input::{Input, StatusArray};
+use crate::engine::model::sample::{
+    FieldValue, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, Sample, TopicNews,
+};
 use crate::engine::model::{
     Combine, Driving, GroupId, GroupSpec, Limits, Model, ModuleId, ModuleSpec, Parts, Policy, StageModel,
-};
-use crate::engine::sample::{
-    FieldValue, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, Sample, TopicNews,
 };
 use crate::engine::snapshot::{ModuleView, Snapshot};
 use crate::engine::state::State;

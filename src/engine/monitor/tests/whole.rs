@@ -2,11 +2,11 @@
 
 use State::{Error, Ok, Unknown};
 
-use super::super::spec::ValueRule;
 use super::*;
-use crate::engine::filter::Filter;
 use crate::engine::input::OperatorAction;
-use crate::engine::resume::{Restored, RestoredAlarm};
+use crate::engine::model::filter::Filter;
+use crate::engine::model::monitors::ValueRule;
+use crate::engine::restart::resume::{Restored, RestoredAlarm};
 
 fn value(source: ValueSource) -> MonitorSpec {
     MonitorSpec::Value { source, rule: ValueRule::Bands(at_most(80.0, 90.0)) }

@@ -197,7 +197,7 @@ fn listed(view: &View<'_>, words: &'static DevWords, asked: &Asked) -> Option<Li
 
 #[cfg(test)]
 mod tests {
-    use crate::engine::monitor::spec::Class;
+    use crate::engine::model::monitors::Class;
 
     #[test]
     fn a_class_has_one_of_five_columns_or_none() {

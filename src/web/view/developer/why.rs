@@ -4,7 +4,7 @@ use askama::Template;
 
 use crate::engine::model::NodeId;
 use crate::engine::state::State;
-use crate::engine::why::WhyStep;
+use crate::engine::view::why::WhyStep;
 use crate::web::view::clean::{MESSAGE, NAME, VALUE, clean};
 use crate::web::view::pages::Frame;
 use crate::web::view::trend::{POINTS_WIDE, Trend};

@@ -1,5 +1,5 @@
 use super::*;
-use crate::engine::filter::Filter;
+use crate::engine::model::filter::Filter;
 use crate::engine::time::Span;
 
 #[test]

@@ -3,12 +3,12 @@
 use super::*;
 use crate::engine::discovery::{Discovery, Endpoint, TopicSeen};
 use crate::engine::event::Said;
-use crate::engine::model::{ModuleSpec, MonitorSpec, NodeId};
-use crate::engine::monitor::spec::Class;
-use crate::engine::monitor::spec::{
+use crate::engine::model::monitors::Class;
+use crate::engine::model::monitors::{
     AgreementRule, Bands, ProbeTarget, TopicId, TopicSpec, ValueRule, ValueSource, WatchdogId, WatchdogSpec,
     Watched,
 };
+use crate::engine::model::{ModuleSpec, MonitorSpec, NodeId};
 use crate::engine::state::State;
 use crate::engine::time::Span;
 use crate::runtime::{ConfigurationText, Rereading};

@@ -2,10 +2,10 @@
 //! status says at several places.
 
 use super::*;
+use crate::engine::model::output::Output;
+use crate::engine::model::wording::{ByStage, Wording};
 use crate::engine::model::{MonitorSpec, Policy, Stage};
-use crate::engine::output::Output;
 use crate::engine::state::State;
-use crate::engine::wording::{ByStage, Wording};
 
 /// The module's silence counts as an ERROR.
 fn stale_is_error(name: &str) -> ModelParts {

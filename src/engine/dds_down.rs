@@ -1,0 +1,55 @@
+//! While the part that speaks DDS is down, nothing of the vehicle can be heard: what came from there is UNKNOWN
+//! at once, and the silence says nothing of who is silent.
+
+use super::discovery::DISCOVERY;
+use super::input::Input;
+use super::mask::node::ModuleKind;
+use super::model::ModuleId;
+use super::module::system;
+use super::monitor::feeds::Purpose;
+use super::state::State;
+use super::{Engine, SystemCheck};
+
+impl Engine {
+    pub(super) fn take_dds(&mut self, fault: Option<Box<str>>) {
+        let state = if fault.is_some() { State::Error } else { State::Ok };
+        let words = fault.as_deref().map(system::dds_down).unwrap_or_default();
+        self.report_on_self(SystemCheck::Dds, state, words);
+        let was_down = std::mem::replace(&mut self.dds_fault, fault).is_some();
+        if self.dds_fault.is_some() {
+            self.cut_off();
+        } else if was_down {
+            self.listen_anew();
+        }
+    }
+
+    fn cut_off(&mut self) {
+        for index in 0..self.net.modules.len() {
+            let module = &mut self.net.modules[index];
+            let is_told = matches!(module.kind, ModuleKind::Declared | ModuleKind::Discovered);
+            let id = ModuleId(index as u32);
+            if is_told && self.watching.hears_dds(id) && module.own.cut_off() {
+                self.net.mark_module(id);
+            }
+        }
+    }
+
+    /// What was measured before is of no meaning now, except an ERROR: that is over when it is heard that
+    /// it is.
+    fn listen_anew(&mut self) {
+        for index in 0..self.watching.watches.len() as u32 {
+            if let Purpose::Module(id) = self.watching.watches[index as usize].purpose
+                && self.watching.hears_dds(id)
+            {
+                self.watching.begin_anew(index, self.now + DISCOVERY, self.now);
+                self.judge_monitor(index, false);
+            }
+        }
+    }
+
+    /// Whether a probe asked what nobody can know now.
+    pub(super) fn asks_in_vain(&self, input: &Input) -> bool {
+        let Input::Probe(probe) = input else { return false };
+        self.dds_fault.is_some() && probe.source.target.asks_dds()
+    }
+}

@@ -1,0 +1,125 @@
+//! What monitors measure becomes what their modules report.
+
+use super::Engine;
+use super::input::{Input, StatusArray};
+use super::mask::net::Net;
+use super::model::ModuleId;
+use super::monitor::feeds::{Purpose, Told};
+use super::state::State;
+use super::time::Timestamp;
+use super::timers::TimerKey;
+
+impl Engine {
+    /// Takes what was received for monitors. Returns whether anything changed but what was counted.
+    pub(super) fn take_watched(&mut self, input: &Input) -> bool {
+        if self.asks_in_vain(input) {
+            return false;
+        }
+        let mut judge = std::mem::take(&mut self.watching.judge);
+        let taken = match input {
+            Input::Sample(sample) => {
+                self.counters.samples += 1;
+                self.watching.take_sample(sample, self.now, &mut judge)
+            }
+            Input::Topic(news) => self.watching.take_news(news, self.now, &mut judge),
+            Input::Probe(probe) => self.watching.take_probe(probe, self.now, &mut judge),
+            _ => Some(()),
+        };
+        self.counters.dropped_samples += u64::from(taken.is_none());
+        let heard = !matches!(input, Input::Topic(_));
+        let mut changed = false;
+        for &index in &judge {
+            changed |= self.judge_monitor(index, heard);
+        }
+        judge.clear();
+        self.watching.judge = judge;
+        changed
+    }
+
+    /// Takes the KeyValues that monitors watch; the statuses have found their modules already.
+    pub(super) fn take_keys(&mut self, array: &StatusArray, number: u64) {
+        let mut judge = std::mem::take(&mut self.watching.judge);
+        let (names, limits) = (&self.names, &self.model.limits);
+        self.watching.take_keys(array, |name| names.counts(name, number), limits, self.now, &mut judge);
+        for index in judge.drain(..) {
+            self.judge_monitor(index, true);
+        }
+        self.watching.judge = judge;
+    }
+
+    /// Lets a monitor speak: because it `heard` something, or by the clock. Returns whether that
+    /// changed anything.
+    pub(super) fn judge_monitor(&mut self, index: u32, heard: bool) -> bool {
+        let id = match self.watching.watches[index as usize].purpose {
+            Purpose::Module(id) => id,
+            Purpose::Signal(signal) => return heard && self.judge_condition(index, signal),
+        };
+        if self.dds_fault.is_some() && !heard && self.watching.hears_dds(id) {
+            // That nothing comes says nothing of the vehicle.
+            return false;
+        }
+        let by_the_clock = self.watching.by_the_clock(index);
+        let Told { state, changed, words, aged, due } =
+            self.watching.judge(index, self.net.policy(id), self.now);
+        if let Some(due) = due {
+            self.timers.arm(TimerKey::Monitor(index), due);
+        }
+        let moved = match state {
+            Some(state) if heard => self.net.report(id, state, self.now),
+            Some(state) if changed => self.net.revise(id, state, by_the_clock, self.now),
+            None if changed => self.net.forget(id, self.now),
+            _ => false,
+        };
+        if moved {
+            self.net.mark_module(id);
+        }
+        if heard || state.is_none() {
+            self.views.note_heard(id);
+        }
+        let said = words.is_some_and(|words| self.views.set_words(id, words, aged));
+        moved || said
+    }
+
+    /// Starts what became relevant and stops what is not any more. Returns whether there was any.
+    pub(super) fn turn_monitors(&mut self) -> bool {
+        let turned = std::mem::take(&mut self.watching.turned);
+        for &id in &turned {
+            let relevant = self.net.modules[id.0 as usize].node.facts.relevant;
+            if let Some(index) = self.watching.turn(id, relevant, self.now) {
+                self.judge_monitor(index, false);
+            }
+        }
+        !turned.is_empty()
+    }
+
+    /// Goes on with the monitors of before a reload, once their modules are known.
+    pub(super) fn resume_monitors(&mut self) {
+        for index in 0..self.watching.watches.len() as u32 {
+            self.judge_monitor(index, false);
+        }
+    }
+}
+
+impl Net {
+    /// A module's monitor judges otherwise than before, though nothing came. Returns whether the
+    /// module's own state may have changed.
+    fn revise(&mut self, id: ModuleId, state: State, by_the_clock: bool, now: Timestamp) -> bool {
+        let policy = self.policy(id).clone();
+        let own = &mut self.modules[id.0 as usize].own;
+        let heard = own.received().is_some();
+        let moved = own.revise(state, &policy, by_the_clock, now);
+        // Time acts first, and what was heard may be over at this very instant.
+        let forgotten = heard && own.received().is_none();
+        if forgotten {
+            self.forgotten.push(id);
+        }
+        moved || forgotten
+    }
+
+    /// A module's monitor has nothing to say any more.
+    fn forget(&mut self, id: ModuleId, now: Timestamp) -> bool {
+        let policy = self.policy(id).clone();
+        self.modules[id.0 as usize].own.forget(&policy, now);
+        true
+    }
+}

@@ -1,0 +1,412 @@
+//! Root causes: who is to blame for what is masked or in ERROR, and by which way (`ENGINE.md` 6).
+//!
+//! Only the *region* of nodes that fail or are blocked is looked at, and only when it changes;
+//! the size of the healthy rest of the vehicle does not matter.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::hash::{BuildHasherDefault, Hasher};
+use std::sync::Arc;
+
+use super::net::{Change, Net};
+use super::node::Facts;
+use super::paths::Ways;
+use crate::engine::model::{GroupId, ModuleId, NodeId};
+use crate::engine::snapshot::{Path, RootCause};
+use crate::engine::state::State;
+use crate::engine::time::Timestamp;
+
+/// Root causes named for one node, and paths drawn from it: the first by rank. What is past this
+/// helps nobody on a screen; all of them are counted.
+const NAMED_MAX: usize = 64;
+
+/// A reason to look further upstream.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(in crate::engine) enum Vertex {
+    /// What blocks a group, and with it everything inside.
+    Blocked(GroupId),
+    Module(ModuleId),
+    /// The members that make a group fail.
+    Failing(GroupId),
+    /// What a group that only shows IGNORE owes it to.
+    Hidden(GroupId),
+}
+
+/// Positions in [`Found::roots`], ascending.
+type RootSet = Arc<[u32]>;
+
+#[derive(Debug, Default)]
+pub(in crate::engine) struct Causes {
+    region: BTreeSet<(u32, Vertex)>,
+    since: HashMap<NodeId, Timestamp, Mixing>,
+    dirty: bool,
+    /// Groups whose paths are set in the snapshot.
+    explained: BTreeSet<GroupId>,
+}
+
+/// Hashes ids of our own making, which nobody outside can choose: a multiplication for each word.
+#[derive(Debug, Default, Clone, Copy)]
+pub(in crate::engine) struct Mixer(u64);
+
+pub(in crate::engine) type Mixing = BuildHasherDefault<Mixer>;
+
+impl Hasher for Mixer {
+    fn finish(&self) -> u64 {
+        // A table takes the low bits for a place and the high ones to tell apart.
+        self.0 ^ (self.0 >> 32)
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.write_u64(u64::from(byte));
+        }
+    }
+
+    fn write_u32(&mut self, word: u32) {
+        self.write_u64(u64::from(word));
+    }
+
+    fn write_u64(&mut self, word: u64) {
+        self.0 = (self.0.rotate_left(5) ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    }
+
+    fn write_isize(&mut self, word: isize) {
+        self.write_u64(word as u64);
+    }
+}
+
+/// What one search found, for the snapshot.
+#[derive(Debug)]
+pub(in crate::engine) struct Explained {
+    /// Ranked.
+    pub(in crate::engine) roots: Vec<RootCause>,
+    /// For each masked node the causes, ranked.
+    pub(in crate::engine) masked: Vec<(NodeId, Arc<[NodeId]>)>,
+    /// For each group in ERROR or masked; an empty list for those that were and are no more.
+    pub(in crate::engine) paths: Vec<(GroupId, Arc<[Path]>)>,
+}
+
+pub(in crate::engine) struct Found {
+    pub(in crate::engine) order: Vec<Vertex>,
+    pub(in crate::engine) position: HashMap<Vertex, usize, Mixing>,
+    sets: Vec<RootSet>,
+    roots: Vec<NodeId>,
+    /// By root: its position.
+    pub(in crate::engine) ends: Vec<u32>,
+}
+
+impl Causes {
+    /// Takes over since when nodes are root causes.
+    pub(in crate::engine) fn copy_since(&mut self, old: &Causes, renamed: impl Fn(NodeId) -> Option<NodeId>) {
+        let kept = old.since.iter().filter_map(|(&node, &since)| Some((renamed(node)?, since)));
+        self.since = kept.collect();
+    }
+
+    /// Notes a change of the graph. Cheap unless it is about failing or blocking.
+    pub(in crate::engine) fn note(&mut self, net: &Net, change: &Change) {
+        let Change { node, before, after } = *change;
+        if matters(&before, net.threshold) == matters(&after, net.threshold) {
+            return;
+        }
+        self.dirty = true;
+        match node {
+            NodeId::Group(id) => {
+                if net.groups[id.0 as usize].aside {
+                    return;
+                }
+                let failing = after.relevant && !after.blocked && after.worst() >= net.threshold;
+                self.toggle(net.enter_rank(id), Vertex::Blocked(id), after.blocked);
+                self.toggle(net.leave_rank(id), Vertex::Failing(id), failing);
+                self.toggle(net.leave_rank(id), Vertex::Hidden(id), after.masked);
+            }
+            NodeId::Module(id) => {
+                let module = &net.modules[id.0 as usize];
+                if module.node.parent.is_some_and(|group| net.groups[group.0 as usize].aside) {
+                    return;
+                }
+                let failing = after.relevant && after.worst() >= net.threshold;
+                self.toggle(module.rank, Vertex::Module(id), after.blocked || failing);
+            }
+        }
+    }
+
+    fn toggle(&mut self, rank: u32, vertex: Vertex, present: bool) {
+        if present {
+            self.region.insert((rank, vertex));
+        } else {
+            self.region.remove(&(rank, vertex));
+        }
+    }
+
+    /// Searches again if anything changed that matters.
+    pub(in crate::engine) fn explain(&mut self, net: &Net, now: Timestamp) -> Option<Explained> {
+        if !std::mem::take(&mut self.dirty) {
+            return None;
+        }
+        let found = search(net, &self.region);
+        let (masks, hides_error) = found.count_masked(net);
+        let mut roots: Vec<u32> = (0..found.roots.len() as u32)
+            .filter(|&root| masks[root as usize] > 0 || shows_error(net, found.roots[root as usize]))
+            .collect();
+        let before = std::mem::take(&mut self.since);
+        let since = |&root: &u32| {
+            let node = found.roots[root as usize];
+            (node, before.get(&node).copied().unwrap_or(now))
+        };
+        self.since = roots.iter().map(since).collect();
+        roots.sort_by_cached_key(|&root| {
+            let node = found.roots[root as usize];
+            (Reverse(masks[root as usize]), self.since[&node], arrival(net, node), node)
+        });
+        let mut rank = vec![u32::MAX; found.roots.len()];
+        for (place, &root) in roots.iter().enumerate() {
+            rank[root as usize] = place as u32;
+        }
+        let paths = self.paths(net, &found, &rank);
+        let cause = |&root: &u32| RootCause {
+            node: found.roots[root as usize],
+            masks: masks[root as usize],
+            since: self.since[&found.roots[root as usize]],
+            grace: !hides_error[root as usize] && in_grace(net, found.roots[root as usize]),
+        };
+        Some(Explained { masked: found.masked(net, &rank), paths, roots: roots.iter().map(cause).collect() })
+    }
+
+    fn paths(&mut self, net: &Net, found: &Found, rank: &[u32]) -> Vec<(GroupId, Arc<[Path]>)> {
+        let mut shown: Vec<(GroupId, u32)> = Vec::new();
+        // By rank, so that each group's paths are in that order.
+        let mut wanted: BTreeMap<u32, (u32, Vec<usize>)> = BTreeMap::new();
+        for (position, &vertex) in (0..).zip(&found.order) {
+            let (Vertex::Failing(id) | Vertex::Hidden(id)) = vertex else { continue };
+            let facts = net.groups[id.0 as usize].node.facts;
+            let displayed = match vertex {
+                Vertex::Failing(_) => facts.shown == State::Error,
+                _ => true,
+            };
+            if displayed {
+                for root in ranked(&found.sets[position as usize], rank) {
+                    let (_, groups) = wanted.entry(rank[root as usize]).or_insert((root, Vec::new()));
+                    groups.push(shown.len());
+                }
+                shown.push((id, position));
+            }
+        }
+        let mut lists: Vec<Vec<Path>> = shown.iter().map(|_| Vec::new()).collect();
+        let mut ways = Ways::new(net, found);
+        for (root, groups) in wanted.into_values() {
+            ways.walk_from(root);
+            for index in groups {
+                lists[index].push(ways.path(shown[index].1));
+            }
+        }
+        let before = std::mem::replace(&mut self.explained, shown.iter().map(|(id, ..)| *id).collect());
+        let gone = before.difference(&self.explained).map(|&id| (id, Arc::from(Vec::new())));
+        let mut paths: Vec<(GroupId, Arc<[Path]>)> = gone.collect();
+        let listed = shown.into_iter().zip(lists);
+        paths.extend(listed.map(|((id, _), list)| (id, list.into())));
+        paths
+    }
+}
+
+/// The part of a node's facts that root causes depend on.
+fn matters(facts: &Facts, threshold: State) -> (bool, bool, bool, bool, Option<State>, Option<State>) {
+    let above = |state: State| Some(state).filter(|&state| facts.relevant && state >= threshold);
+    (
+        facts.relevant && facts.worst() >= threshold,
+        facts.blocked,
+        facts.masked,
+        facts.relevant && facts.grace && facts.own >= threshold,
+        above(facts.shown),
+        above(facts.own),
+    )
+}
+
+fn shows_error(net: &Net, node: NodeId) -> bool {
+    net.node(node).facts.shown == State::Error
+}
+
+/// UNKNOWN only because it is still given time to report.
+fn in_grace(net: &Net, node: NodeId) -> bool {
+    let facts = net.node(node).facts;
+    facts.shown == State::Unknown && facts.grace
+}
+
+/// The configuration stands before what was made at run time.
+fn arrival(net: &Net, node: NodeId) -> u64 {
+    match node {
+        NodeId::Group(_) => 0,
+        NodeId::Module(id) => net.modules[id.0 as usize].arrival,
+    }
+}
+
+/// The best ranked of a set, at most [`NAMED_MAX`], in order of rank.
+fn ranked(set: &[u32], rank: &[u32]) -> Vec<u32> {
+    let mut named: Vec<u32> = set.iter().copied().filter(|&root| rank[root as usize] != u32::MAX).collect();
+    named.sort_unstable_by_key(|&root| rank[root as usize]);
+    named.truncate(NAMED_MAX);
+    named
+}
+
+/// Goes through the region in the order of the graph: what a vertex points to is done before it.
+fn search(net: &Net, region: &BTreeSet<(u32, Vertex)>) -> Found {
+    let mut found = Found {
+        order: Vec::with_capacity(region.len()),
+        position: HashMap::with_capacity_and_hasher(region.len(), Mixing::default()),
+        sets: Vec::with_capacity(region.len()),
+        roots: Vec::new(),
+        ends: Vec::new(),
+    };
+    for &(_, vertex) in region {
+        let set = match end(net, vertex) {
+            Some(node) => {
+                found.roots.push(node);
+                found.ends.push(found.order.len() as u32);
+                Arc::from([found.roots.len() as u32 - 1])
+            }
+            None => found.union(net, vertex),
+        };
+        found.position.insert(vertex, found.order.len());
+        found.order.push(vertex);
+        found.sets.push(set);
+    }
+    found
+}
+
+/// The node itself, where a way upstream ends at it.
+pub(in crate::engine) fn end(net: &Net, vertex: Vertex) -> Option<NodeId> {
+    match vertex {
+        Vertex::Module(id) => {
+            let facts = net.modules[id.0 as usize].node.facts;
+            (!facts.blocked).then_some(NodeId::Module(id))
+        }
+        Vertex::Failing(id) => net.groups[id.0 as usize].members.is_empty().then_some(NodeId::Group(id)),
+        Vertex::Blocked(_) | Vertex::Hidden(_) => None,
+    }
+}
+
+fn cause_of(net: &Net, node: NodeId) -> Vertex {
+    match node {
+        NodeId::Module(id) => Vertex::Module(id),
+        NodeId::Group(id) if net.groups[id.0 as usize].node.facts.blocked => Vertex::Blocked(id),
+        NodeId::Group(id) => Vertex::Failing(id),
+    }
+}
+
+/// One step upstream from a vertex, in configuration order.
+pub(in crate::engine) fn for_each_hop(net: &Net, vertex: Vertex, mut hop: impl FnMut(Vertex)) {
+    match vertex {
+        Vertex::Blocked(id) => blocked_hops(net, NodeId::Group(id), &mut hop),
+        Vertex::Module(id) => {
+            if net.modules[id.0 as usize].node.facts.blocked {
+                blocked_hops(net, NodeId::Module(id), &mut hop);
+            }
+        }
+        Vertex::Failing(id) => {
+            let group = &net.groups[id.0 as usize];
+            let bar = group.node.facts.worst().min(State::Error);
+            for &member in &group.failing {
+                if net.node(member).facts.worst() >= bar {
+                    hop(cause_of(net, member));
+                }
+            }
+        }
+        Vertex::Hidden(id) => {
+            let group = &net.groups[id.0 as usize];
+            if group.node.facts.blocked {
+                blocked_hops(net, NodeId::Group(id), &mut hop);
+            }
+            for &member in &group.masked {
+                hop(match member {
+                    NodeId::Module(id) => Vertex::Module(id),
+                    NodeId::Group(id) => Vertex::Hidden(id),
+                });
+            }
+        }
+    }
+}
+
+/// The dependencies that block a node: its own, then those of the groups around it.
+fn blocked_hops(net: &Net, node: NodeId, hop: &mut impl FnMut(Vertex)) {
+    let mut at = Some(node);
+    while let Some(node) = at.map(|id| net.node(id)).filter(|node| node.facts.blocked) {
+        for need in node.needs.iter().filter(|need| need.blocks()) {
+            for &member in &need.members {
+                hop(cause_of(net, member));
+            }
+        }
+        at = node.parent.map(NodeId::Group);
+    }
+}
+
+impl Found {
+    fn set(&self, vertex: Vertex) -> Option<&RootSet> {
+        self.position.get(&vertex).map(|&position| &self.sets[position])
+    }
+
+    fn union(&self, net: &Net, vertex: Vertex) -> RootSet {
+        if let Vertex::Module(id) = vertex {
+            let node = &net.modules[id.0 as usize].node;
+            let around =
+                node.parent.filter(|_| node.blocking == 0).and_then(|id| self.set(Vertex::Blocked(id)));
+            // Blocked only through its group: thousands of modules share one set.
+            if let Some(set) = around {
+                return set.clone();
+            }
+        }
+        let mut parts: Vec<&RootSet> = Vec::new();
+        for_each_hop(net, vertex, |hop| {
+            if let Some(set) = self.set(hop)
+                && !parts.iter().rev().take(4).any(|part| Arc::ptr_eq(part, set))
+            {
+                parts.push(set);
+            }
+        });
+        match parts.as_slice() {
+            [only] => (*only).clone(),
+            _ => {
+                let mut all: Vec<u32> = parts.iter().flat_map(|set| set.iter().copied()).collect();
+                all.sort_unstable();
+                all.dedup();
+                all.into()
+            }
+        }
+    }
+
+    fn is_masked(&self, net: &Net, vertex: Vertex) -> Option<NodeId> {
+        match vertex {
+            Vertex::Module(id) if net.modules[id.0 as usize].node.facts.masked => Some(NodeId::Module(id)),
+            Vertex::Hidden(id) => Some(NodeId::Group(id)),
+            _ => None,
+        }
+    }
+
+    /// How many modules and groups show IGNORE because of each root, and whether a module among them is
+    /// in ERROR itself.
+    fn count_masked(&self, net: &Net) -> (Vec<u32>, Vec<bool>) {
+        let mut masks = vec![0; self.roots.len()];
+        let mut hides_error = vec![false; self.roots.len()];
+        for (position, &vertex) in self.order.iter().enumerate() {
+            let Some(node) = self.is_masked(net, vertex) else { continue };
+            let in_error = matches!(node, NodeId::Module(_)) && net.node(node).facts.own == State::Error;
+            for &root in &*self.sets[position] {
+                masks[root as usize] += 1;
+                hides_error[root as usize] |= in_error;
+            }
+        }
+        (masks, hides_error)
+    }
+
+    fn masked(&self, net: &Net, rank: &[u32]) -> Vec<(NodeId, Arc<[NodeId]>)> {
+        let mut shared: HashMap<*const u32, Arc<[NodeId]>> = HashMap::new();
+        let mut masked = Vec::new();
+        for (position, &vertex) in self.order.iter().enumerate() {
+            let Some(node) = self.is_masked(net, vertex) else { continue };
+            let set = &self.sets[position];
+            let by = shared.entry(set.as_ptr()).or_insert_with(|| {
+                ranked(set, rank).into_iter().map(|root| self.roots[root as usize]).collect()
+            });
+            masked.push((node, by.clone()));
+        }
+        masked
+    }
+}

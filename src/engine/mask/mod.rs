@@ -1,0 +1,8 @@
+//! What hides what: groups and modules with what they depend on, which of them matter now, and the root causes (`ENGINE.md` 3 to 6).
+
+pub(super) mod causes;
+pub(super) mod net;
+pub(super) mod node;
+pub(super) mod paths;
+pub(super) mod relevance;
+pub(super) mod responsible;

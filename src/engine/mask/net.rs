@@ -1,0 +1,435 @@
+//! The living graph: what every group and module is now, and how a change of one reaches the
+//! others (`ENGINE.md` 3 to 5).
+//!
+//! Nothing is computed twice: groups fold tallies, dependencies count what blocks them, and a
+//! change walks upward in the order of [`Order`](crate::engine::model::order), each node at most once.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::sync::Arc;
+
+use super::node;
+use super::node::{Facts, GroupNode, ModuleKind, ModuleNode, Node};
+use super::relevance::unmet;
+use crate::engine::model::{
+    Combine, Dependency, GroupId, Match, Model, ModuleId, NodeId, Other, Policy, Stage, When,
+};
+use crate::engine::module::names::Place;
+use crate::engine::module::system;
+use crate::engine::module::system::SystemCheck;
+use crate::engine::signals::Signals;
+use crate::engine::snapshot::NotRelevant;
+use crate::engine::state::{State, Tally};
+use crate::engine::time::Timestamp;
+
+/// A node whose facts changed in an evaluation: what it was and what it is.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::engine) struct Change {
+    pub(in crate::engine) node: NodeId,
+    pub(in crate::engine) before: Facts,
+    pub(in crate::engine) after: Facts,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Visit {
+    Enter(u32),
+    Module(u32),
+    Leave(u32),
+}
+
+#[derive(Debug)]
+pub(in crate::engine) struct Net {
+    pub(in crate::engine) model: Arc<Model>,
+    pub(in crate::engine) groups: Vec<GroupNode>,
+    pub(in crate::engine) modules: Vec<ModuleNode>,
+    /// Tiles, folded.
+    pub(in crate::engine) root: Tally,
+    /// States from this one on may mask: UNKNOWN only if some dependency says so.
+    pub(in crate::engine) threshold: State,
+    locked: bool,
+    /// Relevant modules in ERROR by themselves, masked or not; `other` aside.
+    pub(in crate::engine) own_errors: usize,
+    /// Of the declared modules.
+    policies: Vec<Policy>,
+    built_in_policy: Policy,
+    queue: BinaryHeap<Reverse<(u32, Visit)>>,
+    /// Modules that were made at run time so far.
+    pub(in crate::engine) arrivals: u64,
+    /// Modules that left since it was last taken.
+    pub(in crate::engine) left: Vec<ModuleId>,
+    /// Modules whose reports count no more, since this list was last taken.
+    pub(in crate::engine) forgotten: Vec<ModuleId>,
+    /// What changed since it was last taken, in order.
+    pub(in crate::engine) changes: Vec<Change>,
+    /// Empty groups that are given time, and until when, since it was last taken.
+    pub(in crate::engine) graces: Vec<(GroupId, Timestamp)>,
+    /// Modules whose deadlines may have moved.
+    pub(in crate::engine) rearm: Vec<ModuleId>,
+}
+
+impl Net {
+    pub(in crate::engine) fn new(model: Arc<Model>) -> Net {
+        let masks_unknown = |needs: &[Dependency]| needs.iter().any(|need| need.masks_unknown);
+        let any_unknown = model.groups.iter().any(|group| masks_unknown(&group.depends_on))
+            || model.modules.iter().any(|module| masks_unknown(&module.depends_on));
+        let mut net = Net {
+            groups: Vec::new(),
+            modules: Vec::new(),
+            root: Tally::default(),
+            threshold: if any_unknown { State::Unknown } else { State::Error },
+            locked: true,
+            own_errors: 0,
+            built_in_policy: system::policy(),
+            policies: node::policies(&model),
+            queue: BinaryHeap::new(),
+            arrivals: 0,
+            left: Vec::new(),
+            forgotten: Vec::new(),
+            changes: Vec::new(),
+            graces: Vec::new(),
+            rearm: Vec::new(),
+            model: model.clone(),
+        };
+        for group in &model.groups {
+            net.add_group(group.parent, &group.depends_on, false);
+        }
+        net.add_group(None, &[], model.other != Other::Counted);
+        net.add_group(None, &[], false);
+        for (index, module) in model.modules.iter().enumerate() {
+            let rank = model.order.module[index];
+            net.add_module(module.group, &module.depends_on, rank);
+        }
+        for _ in SystemCheck::ALL {
+            net.discover(&Place::of(net.system_group()), ModuleKind::BuiltIn, None, Timestamp::ZERO);
+        }
+        net.link();
+        net
+    }
+
+    /// Takes a report of a module. Returns whether its own state may have changed.
+    pub(in crate::engine) fn report(&mut self, id: ModuleId, state: State, now: Timestamp) -> bool {
+        let policy = self.policy(id).clone();
+        self.modules[id.0 as usize].own.report(state, &policy, now)
+    }
+
+    pub(in crate::engine) fn node(&self, id: NodeId) -> &Node {
+        match id {
+            NodeId::Group(id) => &self.groups[id.0 as usize].node,
+            NodeId::Module(id) => &self.modules[id.0 as usize].node,
+        }
+    }
+
+    pub(in crate::engine) fn node_mut(&mut self, id: NodeId) -> &mut Node {
+        match id {
+            NodeId::Group(id) => &mut self.groups[id.0 as usize].node,
+            NodeId::Module(id) => &mut self.modules[id.0 as usize].node,
+        }
+    }
+
+    /// The group of what nothing claims.
+    pub(in crate::engine) fn other_group(&self) -> GroupId {
+        GroupId(self.model.groups.len() as u32)
+    }
+
+    /// The group of what the diagnosis says of itself.
+    pub(in crate::engine) fn system_group(&self) -> GroupId {
+        GroupId(self.model.groups.len() as u32 + 1)
+    }
+
+    pub(in crate::engine) fn system_module(&self, check: SystemCheck) -> ModuleId {
+        ModuleId(self.model.modules.len() as u32 + check as u32)
+    }
+
+    pub(in crate::engine) fn policy(&self, id: ModuleId) -> &Policy {
+        match self.modules[id.0 as usize].kind {
+            ModuleKind::Declared => &self.policies[id.0 as usize],
+            ModuleKind::Discovered => self.discovered_policy(id),
+            ModuleKind::BuiltIn | ModuleKind::Overflow | ModuleKind::Gone => &self.built_in_policy,
+        }
+    }
+
+    pub(in crate::engine) fn enter_rank(&self, id: GroupId) -> u32 {
+        self.rank(&self.model.order.enter, id, 3)
+    }
+
+    pub(in crate::engine) fn leave_rank(&self, id: GroupId) -> u32 {
+        self.rank(&self.model.order.leave, id, 1)
+    }
+
+    /// The two groups that no configuration names stand after all others.
+    fn rank(&self, ranks: &[u32], id: GroupId, below_max: u32) -> u32 {
+        let after_all = if id == self.other_group() { 0 } else { 4 };
+        ranks.get(id.0 as usize).copied().unwrap_or(u32::MAX - below_max - after_all)
+    }
+
+    pub(in crate::engine) fn mark_module(&mut self, id: ModuleId) {
+        let module = &mut self.modules[id.0 as usize];
+        if !std::mem::replace(&mut module.node.dirty, true) {
+            self.queue.push(Reverse((module.rank, Visit::Module(id.0))));
+        }
+    }
+
+    pub(in crate::engine) fn mark_enter(&mut self, id: GroupId) {
+        let rank = self.enter_rank(id);
+        if !std::mem::replace(&mut self.groups[id.0 as usize].node.dirty, true) {
+            self.queue.push(Reverse((rank, Visit::Enter(id.0))));
+        }
+    }
+
+    pub(in crate::engine) fn mark_leave(&mut self, id: GroupId) {
+        let rank = self.leave_rank(id);
+        if !std::mem::replace(&mut self.groups[id.0 as usize].dirty_leave, true) {
+            self.queue.push(Reverse((rank, Visit::Leave(id.0))));
+        }
+    }
+
+    /// A member is out for another reason than before, and the groups around it may be out because
+    /// of that member, see [`Net::kept_out_by`]: nothing else about them need have changed.
+    fn mark_around(&mut self, mut parent: Option<GroupId>) {
+        while let Some(id) = parent {
+            self.mark_leave(id);
+            parent = self.groups[id.0 as usize].node.parent;
+        }
+    }
+
+    fn mark(&mut self, id: NodeId) {
+        match id {
+            NodeId::Group(id) => self.mark_enter(id),
+            NodeId::Module(id) => self.mark_module(id),
+        }
+    }
+
+    /// The stage or a signal changed: everything with a condition is looked at again. To be in a
+    /// stage other than locked is everybody's condition.
+    pub(in crate::engine) fn mark_conditions(&mut self, stage: Stage) {
+        let locked = stage == Stage::Locked;
+        let everybody = std::mem::replace(&mut self.locked, locked) != locked;
+        let model = self.model.clone();
+        for index in 0..self.groups.len() {
+            if everybody || model.groups.get(index).is_some_and(|group| group.when.is_some()) {
+                self.mark_enter(GroupId(index as u32));
+            }
+        }
+        for index in 0..self.modules.len() {
+            if everybody || model.modules.get(index).is_some_and(|module| module.when.is_some()) {
+                self.mark_module(ModuleId(index as u32));
+            }
+        }
+    }
+
+    /// Brings every marked node, and whatever rests on it, to what it is at `now`.
+    pub(in crate::engine) fn evaluate(&mut self, stage: Stage, signals: &Signals, now: Timestamp) {
+        while let Some(Reverse((_, visit))) = self.queue.pop() {
+            match visit {
+                Visit::Enter(id) => self.enter(GroupId(id), stage, signals, now),
+                Visit::Module(id) => self.visit_module(ModuleId(id), stage, signals, now),
+                Visit::Leave(id) => self.leave(GroupId(id), now),
+            }
+        }
+    }
+
+    pub(in crate::engine) fn is_settled(&self) -> bool {
+        self.queue.is_empty()
+    }
+
+    /// Why the node is not relevant: first what is around it, then its own condition.
+    fn not_relevant(
+        &self,
+        parent: Option<GroupId>,
+        when: Option<&When>,
+        stage: Stage,
+        signals: &Signals,
+    ) -> Option<NotRelevant> {
+        let around = parent.and_then(|id| self.groups[id.0 as usize].node.not_relevant.clone());
+        around.or_else(|| unmet(when, stage, signals))
+    }
+
+    fn enter(&mut self, id: GroupId, stage: Stage, signals: &Signals, now: Timestamp) {
+        let index = id.0 as usize;
+        let parent = self.groups[index].node.parent;
+        let when = self.model.groups.get(index).and_then(|group| group.when.as_ref());
+        let not_relevant = self.not_relevant(parent, when, stage, signals);
+        let around_blocked = parent.is_some_and(|id| self.groups[id.0 as usize].node.facts.blocked);
+        let node = &mut self.groups[index].node;
+        node.dirty = false;
+        let blocked = node.blocking > 0 || around_blocked;
+        if node.facts.blocked == blocked
+            && node.not_relevant == not_relevant
+            && node.facts.relevant == not_relevant.is_none()
+        {
+            return;
+        }
+        node.facts.blocked = blocked;
+        node.facts.relevant = not_relevant.is_none();
+        let since = self.groups[index].relevant_since;
+        self.groups[index].relevant_since = not_relevant.is_none().then(|| since.unwrap_or(now));
+        let node = &mut self.groups[index].node;
+        let other_reason = node.not_relevant.is_some() && not_relevant.is_some();
+        node.not_relevant = not_relevant;
+        if other_reason {
+            self.mark_around(parent);
+        }
+        for position in 0..self.groups[index].members.len() {
+            let member = self.groups[index].members[position];
+            self.mark(member);
+        }
+        if let Some(overflow) = self.groups[index].overflow {
+            self.mark_module(overflow);
+        }
+        self.mark_leave(id);
+    }
+
+    fn visit_module(&mut self, id: ModuleId, stage: Stage, signals: &Signals, now: Timestamp) {
+        let index = id.0 as usize;
+        if self.leaves(id, now) {
+            return;
+        }
+        let parent = self.modules[index].node.parent;
+        let spec = self.model.modules.get(index);
+        let not_relevant =
+            self.not_relevant(parent, spec.and_then(|spec| spec.when.as_ref()), stage, signals);
+        let around_blocked = parent.is_some_and(|id| self.groups[id.0 as usize].node.facts.blocked);
+        let policy = self.policy(id).clone();
+        let policy = &policy;
+        let module = &mut self.modules[index];
+        module.node.dirty = false;
+        let relevant = not_relevant.is_none();
+        let heard = module.own.received().is_some();
+        module.own.advance(policy, now);
+        module.own.set_relevant(relevant, policy, now);
+        let own = module.own.state(policy);
+        let grace = module.own.in_grace();
+        let blocked = module.node.blocking > 0 || around_blocked;
+        let masked = relevant && blocked;
+        let shown = if relevant && !masked { own } else { State::Ignore };
+        let other_reason = not_relevant.is_some()
+            && module.node.not_relevant.is_some()
+            && module.node.not_relevant != not_relevant;
+        module.node.not_relevant = not_relevant;
+        let before =
+            std::mem::replace(&mut module.node.facts, Facts { relevant, blocked, masked, shown, own, grace });
+        if heard && module.own.received().is_none() {
+            self.forgotten.push(id);
+        }
+        self.rearm.push(id);
+        if other_reason {
+            self.mark_around(parent);
+        }
+        self.tell(NodeId::Module(id), before);
+    }
+
+    fn leave(&mut self, id: GroupId, now: Timestamp) {
+        let grace_until = self.grace_until(id).filter(|&until| now < until);
+        self.graces.extend(grace_until.map(|until| (id, until)));
+        let group = &mut self.groups[id.0 as usize];
+        group.dirty_leave = false;
+        let combine = self.model.groups.get(id.0 as usize).map_or(Combine::Worst, |group| group.combine);
+        let fold = |tally: &Tally| match combine {
+            Combine::Worst => tally.worst(),
+            Combine::Any => tally.best(),
+        };
+        let nobody = match group.members.is_empty() {
+            // Where it is a tile, that nothing is outside of the configuration is good news.
+            true if id.0 as usize == self.model.groups.len() && !group.aside => State::Ok,
+            true => State::Unknown,
+            false => State::Ignore,
+        };
+        let facts = group.node.facts;
+        // Of a group that is left out altogether it would be better than an ERROR beside it.
+        let floor = |state: State| match state {
+            State::Ok if group.overflow.is_some() && facts.relevant => State::Warning,
+            state => state,
+        };
+        let shown = if facts.relevant && !facts.blocked {
+            floor(fold(&group.shown).unwrap_or(nobody))
+        } else {
+            State::Ignore
+        };
+        let masked = shown == State::Ignore && facts.relevant && (facts.blocked || !group.masked.is_empty());
+        let own = floor(fold(&group.own).unwrap_or(nobody));
+        let grace = grace_until.is_some();
+        group.node.facts = Facts { masked, shown, own, grace, ..facts };
+        let before = std::mem::replace(&mut group.told, group.node.facts);
+        self.tell(NodeId::Group(id), before);
+    }
+
+    /// Until when a group that modules join by themselves is given time for its first.
+    fn grace_until(&self, id: GroupId) -> Option<Timestamp> {
+        let group = &self.groups[id.0 as usize];
+        let filters = &self.model.groups.get(id.0 as usize)?.filters;
+        let timeout = |filter: &Match| filter.policy.as_ref().unwrap_or(&self.model.discovered).timeout;
+        let longest = filters.iter().map(timeout).max().filter(|_| group.members.is_empty());
+        Some(group.relevant_since? + longest?)
+    }
+
+    /// Tells the group around a node and its dependents what became of it.
+    pub(in crate::engine) fn tell(&mut self, id: NodeId, before: Facts) {
+        let after = self.node(id).facts;
+        self.changes.push(Change { node: id, before, after });
+        if before == after {
+            return;
+        }
+        match self.node(id).parent {
+            Some(parent) => self.tell_group(parent, id, before, after),
+            None => {
+                let NodeId::Group(GroupId(index)) = id else { return };
+                if !self.groups[index as usize].aside {
+                    self.root.remove(before.shown);
+                    self.root.add(after.shown);
+                }
+            }
+        }
+        for position in 0..self.node(id).dependents.len() {
+            let (dependent, need) = self.node(id).dependents[position];
+            self.tell_dependent(dependent, need, &before, &after);
+        }
+    }
+
+    fn tell_group(&mut self, parent: GroupId, id: NodeId, before: Facts, after: Facts) {
+        let threshold = self.threshold;
+        let group = &mut self.groups[parent.0 as usize];
+        if matches!(id, NodeId::Module(id) if group.overflow == Some(id)) {
+            return;
+        }
+        group.shown.remove(before.shown);
+        group.shown.add(after.shown);
+        group.own.remove(before.own_share());
+        group.own.add(after.own_share());
+        if !group.aside && matches!(id, NodeId::Module(_)) {
+            self.own_errors += usize::from(after.own_share() == State::Error);
+            self.own_errors -= usize::from(before.own_share() == State::Error);
+        }
+        if after.masked {
+            group.masked.insert(id);
+        } else {
+            group.masked.remove(&id);
+        }
+        if after.relevant && after.worst() >= threshold {
+            group.failing.insert(id);
+        } else {
+            group.failing.remove(&id);
+        }
+        self.mark_leave(parent);
+    }
+
+    fn tell_dependent(&mut self, dependent: NodeId, need: u32, before: &Facts, after: &Facts) {
+        let node = self.node_mut(dependent);
+        let need = &mut node.needs[need as usize];
+        let (was, is) = (need.blocked_by(before), need.blocked_by(after));
+        if was == is {
+            return;
+        }
+        let blocked_before = need.blocks();
+        if is {
+            need.blocking += 1;
+        } else {
+            need.blocking -= 1;
+        }
+        match (blocked_before, need.blocks()) {
+            (false, true) => node.blocking += 1,
+            (true, false) => node.blocking -= 1,
+            _ => return,
+        }
+        self.mark(dependent);
+    }
+}

@@ -1,0 +1,166 @@
+//! What the net is made of: groups and modules with what they need and what they are.
+
+use crate::engine::model::{Model, Policy};
+use crate::engine::time::Span;
+use std::collections::BTreeSet;
+
+use crate::engine::model::order::targets;
+use crate::engine::model::{Dependency, DependsOn, GroupId, ModuleId, NodeId};
+use crate::engine::module::OwnState;
+use crate::engine::snapshot::NotRelevant;
+use crate::engine::state::{State, Tally};
+use crate::engine::time::Timestamp;
+
+/// What others need to know of a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::engine) struct Facts {
+    pub(in crate::engine) relevant: bool,
+    pub(in crate::engine) blocked: bool,
+    /// Shows IGNORE because a dependency fails.
+    pub(in crate::engine) masked: bool,
+    pub(in crate::engine) shown: State,
+    pub(in crate::engine) own: State,
+    /// It was not heard, or is silent, and is still given time to report.
+    pub(in crate::engine) grace: bool,
+}
+
+impl Facts {
+    /// The worse of what it shows and what it would show if nothing were masked.
+    pub(in crate::engine) fn worst(&self) -> State {
+        self.shown.max(self.own)
+    }
+
+    fn fails(&self, masks_unknown: bool) -> bool {
+        self.worst() == State::Error || (masks_unknown && self.worst() == State::Unknown)
+    }
+
+    /// What it adds to the own state of the group around it.
+    pub(in crate::engine) fn own_share(&self) -> State {
+        if self.relevant { self.own } else { State::Ignore }
+    }
+}
+
+/// One dependency of a node, with how many of its members block now.
+#[derive(Debug)]
+pub(in crate::engine) struct Need {
+    pub(in crate::engine) members: Box<[NodeId]>,
+    pub(in crate::engine) any_of: bool,
+    pub(in crate::engine) masks_unknown: bool,
+    pub(in crate::engine) blocking: u32,
+}
+
+impl Need {
+    fn new(dependency: &Dependency) -> Need {
+        Need {
+            members: targets(dependency).into(),
+            any_of: matches!(dependency.on, DependsOn::AnyOf(_)),
+            masks_unknown: dependency.masks_unknown,
+            blocking: 0,
+        }
+    }
+
+    pub(in crate::engine) fn blocks(&self) -> bool {
+        self.blocking as usize == self.members.len()
+    }
+
+    /// Whether a member with these facts blocks. One that is not relevant passes on what blocks
+    /// it, but keeps a redundancy set open.
+    pub(in crate::engine) fn blocked_by(&self, facts: &Facts) -> bool {
+        let fails = facts.relevant && facts.fails(self.masks_unknown);
+        if self.any_of { facts.relevant && (facts.blocked || fails) } else { facts.blocked || fails }
+    }
+}
+
+/// What groups and modules have in common.
+#[derive(Debug)]
+pub(in crate::engine) struct Node {
+    pub(in crate::engine) parent: Option<GroupId>,
+    pub(in crate::engine) needs: Box<[Need]>,
+    /// Who needs this node, and as which of its needs.
+    pub(in crate::engine) dependents: Vec<(NodeId, u32)>,
+    /// How many of its needs block.
+    pub(in crate::engine) blocking: u32,
+    pub(in crate::engine) not_relevant: Option<NotRelevant>,
+    pub(in crate::engine) facts: Facts,
+    pub(in crate::engine) dirty: bool,
+}
+
+#[derive(Debug)]
+pub(in crate::engine) struct GroupNode {
+    pub(in crate::engine) node: Node,
+    /// The facts that its parent and dependents know; they are told when it is left.
+    pub(in crate::engine) told: Facts,
+    pub(in crate::engine) members: Vec<NodeId>,
+    pub(in crate::engine) shown: Tally,
+    pub(in crate::engine) own: Tally,
+    /// Members that show IGNORE because a dependency fails.
+    pub(in crate::engine) masked: BTreeSet<NodeId>,
+    /// Relevant members that are bad enough to mask.
+    pub(in crate::engine) failing: BTreeSet<NodeId>,
+    pub(in crate::engine) dirty_leave: bool,
+    /// When it last became relevant.
+    pub(in crate::engine) relevant_since: Option<Timestamp>,
+    /// Holds what nothing claims, and is not counted.
+    pub(in crate::engine) aside: bool,
+    /// Says that statuses of new names were dropped: then the group is at least WARNING. It takes no
+    /// part in the fold.
+    pub(in crate::engine) overflow: Option<ModuleId>,
+}
+
+/// Where a module comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::engine) enum ModuleKind {
+    Declared,
+    /// Made when a status matched a filter, or nothing.
+    Discovered,
+    /// The engine itself reports it.
+    BuiltIn,
+    /// The engine itself reports it, beside what its group folds.
+    Overflow,
+    /// It left. Its place may be taken again.
+    Gone,
+}
+
+#[derive(Debug)]
+pub(in crate::engine) struct ModuleNode {
+    pub(in crate::engine) kind: ModuleKind,
+    pub(in crate::engine) node: Node,
+    pub(in crate::engine) own: OwnState,
+    pub(in crate::engine) rank: u32,
+    /// Among those that were made at run time, the number in order of arrival.
+    pub(in crate::engine) arrival: u64,
+    /// The entry of its group's `match` list that made it.
+    pub(in crate::engine) made_by: Option<u32>,
+}
+
+pub(in crate::engine) const UNSEEN: Facts = Facts {
+    relevant: false,
+    blocked: false,
+    masked: false,
+    shown: State::Ignore,
+    own: State::Unknown,
+    grace: false,
+};
+
+pub(in crate::engine) fn new_node(parent: Option<GroupId>, needs: &[Dependency]) -> Node {
+    Node {
+        parent,
+        needs: needs.iter().map(Need::new).collect(),
+        dependents: Vec::new(),
+        blocking: 0,
+        not_relevant: None,
+        facts: UNSEEN,
+        dirty: false,
+    }
+}
+
+/// The policies of the declared modules. What a monitor judges by the clock never falls silent.
+pub(in crate::engine) fn policies(model: &Model) -> Vec<Policy> {
+    let policy = |spec: &crate::engine::model::ModuleSpec| {
+        let timeout =
+            if spec.monitor.by_the_clock() { Span::from_nanos(u64::MAX) } else { spec.policy.timeout };
+        let forget_after = spec.policy.forget_after.filter(|_| !spec.monitor.by_the_clock());
+        Policy { timeout, forget_after, ..spec.policy.clone() }
+    };
+    model.modules.iter().map(policy).collect()
+}

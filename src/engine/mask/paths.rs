@@ -1,0 +1,90 @@
+//! The shortest ways upstream from groups to the root causes that explain them.
+
+use super::causes::{Found, Vertex, end, for_each_hop};
+use super::net::Net;
+use crate::engine::model::NodeId;
+use crate::engine::snapshot::Path;
+
+/// The hops of what one search found, the other way round, and room for one walk at a time. A walk
+/// starts at a root cause and sees only what leads to it, so it costs nothing that there are thousands
+/// of other roots.
+pub(in crate::engine) struct Ways<'a> {
+    found: &'a Found,
+    /// By position: who hops there, and which of its hops that is.
+    back: Vec<Vec<(u32, u32)>>,
+    /// By position: the step of the latest walk that came by.
+    steps: Vec<Step>,
+    walk: u32,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Step {
+    /// Of which walk this is; what is of an earlier one does not count.
+    walk: u32,
+    length: u32,
+    /// Which hop of the vertex this is. Of equally short ways the first hop counts.
+    hop: u32,
+    next: u32,
+}
+
+impl<'a> Ways<'a> {
+    pub(in crate::engine) fn new(net: &Net, found: &'a Found) -> Ways<'a> {
+        let mut back = vec![Vec::new(); found.order.len()];
+        for (position, &vertex) in (0..).zip(&found.order) {
+            // Where a way ends nothing is behind it.
+            if end(net, vertex).is_some() {
+                continue;
+            }
+            let mut number = 0;
+            for_each_hop(net, vertex, |hop| {
+                if let Some(&next) = found.position.get(&hop) {
+                    back[next].push((position, number));
+                }
+                number += 1;
+            });
+        }
+        Ways { found, back, steps: vec![Step::default(); found.order.len()], walk: 0 }
+    }
+
+    /// Finds the shortest way to one root from all that leads to it.
+    pub(in crate::engine) fn walk_from(&mut self, root: u32) {
+        self.walk += 1;
+        let start = self.found.ends[root as usize];
+        self.steps[start as usize] = Step { walk: self.walk, length: 0, hop: 0, next: start };
+        let mut reached = vec![start];
+        let mut at = 0;
+        while let Some(&next) = reached.get(at) {
+            at += 1;
+            let length = self.steps[next as usize].length + 1;
+            for &(position, hop) in &self.back[next as usize] {
+                let step = &mut self.steps[position as usize];
+                if step.walk != self.walk {
+                    reached.push(position);
+                } else if (step.length, step.hop) <= (length, hop) {
+                    continue;
+                }
+                *step = Step { walk: self.walk, length, hop, next };
+            }
+        }
+    }
+
+    /// The way that the latest walk found from a vertex to its root.
+    pub(in crate::engine) fn path(&self, start: u32) -> Path {
+        let mut path = Vec::new();
+        let mut position = start;
+        loop {
+            let step = self.steps[position as usize];
+            if step.walk != self.walk {
+                return path.into();
+            }
+            path.push(match self.found.order[position as usize] {
+                Vertex::Module(id) => NodeId::Module(id),
+                Vertex::Blocked(id) | Vertex::Failing(id) | Vertex::Hidden(id) => NodeId::Group(id),
+            });
+            if step.length == 0 {
+                return path.into();
+            }
+            position = step.next;
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! Which nodes stand behind one that fails.
+
+use super::net::Net;
+use crate::engine::model::NodeId;
+use crate::engine::state::State;
+
+/// Causes that are named for one node.
+pub(in crate::engine) const CAUSES_MAX: usize = 64;
+
+const ROOTS_MAX: usize = CAUSES_MAX + 1;
+
+/// The root causes of a node that fails, one more than
+/// [`CAUSES_MAX`] where there are more; the node itself where it is one.
+pub(in crate::engine) fn roots(
+    net: &Net,
+    masked_by: &impl Fn(NodeId) -> Vec<NodeId>,
+    node: NodeId,
+) -> Vec<NodeId> {
+    let mut found = Vec::new();
+    collect(net, masked_by, node, &mut found);
+    if found.is_empty() {
+        found.push(node);
+    }
+    found
+}
+
+fn collect(net: &Net, masked_by: &impl Fn(NodeId) -> Vec<NodeId>, node: NodeId, found: &mut Vec<NodeId>) {
+    if found.len() >= ROOTS_MAX {
+        return;
+    }
+    let mut add = |node| {
+        if !found.contains(&node) && found.len() < ROOTS_MAX {
+            found.push(node);
+        }
+    };
+    let facts = net.node(node).facts;
+    if facts.masked {
+        let causes = masked_by(node);
+        // Of more than are named there, the node itself stands for the others.
+        let others = (causes.len() >= CAUSES_MAX).then_some(node);
+        causes.into_iter().chain(others).for_each(add);
+        return;
+    }
+    match node {
+        NodeId::Module(_) => add(node),
+        NodeId::Group(id) => {
+            let group = &net.groups[id.0 as usize];
+            let bar = facts.worst().min(State::Error);
+            // There may be thousands of them, and only so many are named.
+            for &member in &group.failing {
+                if found.len() >= ROOTS_MAX {
+                    break;
+                }
+                if net.node(member).facts.worst() >= bar {
+                    collect(net, masked_by, member, found);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,282 @@
+//! Who belongs to the net: what the configuration declares, and modules that come and go at run time.
+//!
+//! A module's id is its place in a row. The place of one that left is taken again once nothing speaks
+//! of it any more, so the row is no longer than what was there at one time, and what alarms and
+//! countermeasures name.
+
+use super::module::names::Place;
+use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::sync::Arc;
+
+use super::Engine;
+use super::event::What;
+use super::mask::net::Net;
+use super::mask::node::{GroupNode, ModuleKind, ModuleNode, UNSEEN, new_node};
+use super::model::{Dependency, GroupId, ModuleId, NodeId, Policy};
+use super::module::OwnState;
+use super::module::overflow;
+use super::state::{State, Tally};
+use super::time::Timestamp;
+use super::view::views::Views;
+
+/// Places of modules that left.
+#[derive(Debug, Default)]
+pub(super) struct Departed {
+    /// By name: an alarm, or what is asked of the vehicle, may speak of them still.
+    named: BTreeMap<Arc<str>, ModuleId>,
+    /// Nothing speaks of them.
+    free: Vec<ModuleId>,
+}
+
+impl Engine {
+    /// Makes the modules of a new name, or those that it lacks; none if the limit is reached.
+    pub(super) fn discover(&mut self, name: &str) -> Option<u32> {
+        self.discover_but(name, &[])
+    }
+
+    /// The same, but makes none in these groups before the name is heard again.
+    pub(super) fn discover_but(&mut self, name: &str, left_out: &[GroupId]) -> Option<u32> {
+        let known = self.names.find(name);
+        let present = known.map(|route| self.names.modules(route));
+        let mut present: Vec<GroupId> = present
+            .into_iter()
+            .flatten()
+            .filter_map(|id| self.net.modules[id.0 as usize].node.parent)
+            .collect();
+        present.extend(left_out);
+        let claim = self.names.claim(&self.model, name, self.net.other_group(), &present);
+        // What was dropped once is not counted with every status of a name that is known.
+        for &group in claim.dropped_by.iter().filter(|_| known.is_none()) {
+            let module = self
+                .overflow
+                .module(group)
+                .unwrap_or_else(|| self.make(&Place::of(group), ModuleKind::Overflow, overflow::MODULE));
+            let message = self.overflow.count(group, module, self.model.limits.discovered_modules);
+            self.net.report(module, State::Warning, self.now);
+            self.views.set_message(module, message);
+        }
+        let mut route = known;
+        for place in &claim.places {
+            let module = self.make(place, ModuleKind::Discovered, name);
+            route = Some(self.names.discovered(name, module));
+        }
+        if let Some(route) = route {
+            self.names.set_lacking(route, !claim.dropped_by.is_empty() || !left_out.is_empty());
+        }
+        if known.is_none() && route.is_some() {
+            let unclaimed = claim.places == [Place::of(self.net.other_group())];
+            self.compare_new_name(name, unclaimed);
+        }
+        route
+    }
+
+    pub(super) fn make(&mut self, place: &Place, kind: ModuleKind, name: &str) -> ModuleId {
+        let status = (kind == ModuleKind::Discovered).then(|| Arc::from(name));
+        let name = self.views.free_name(place.group, name);
+        let slot = self.departed.named.remove(&name).or_else(|| self.free_slot());
+        let id = self.net.discover(place, kind, slot, self.now);
+        let number = self.net.modules[id.0 as usize].arrival;
+        let writers = self.net.policy(id).writers.clone();
+        self.views.discover(id, place.group, (name, number), (status, writers), self.now);
+        id
+    }
+
+    /// The place of a module that left and that nothing refers to any more.
+    fn free_slot(&mut self) -> Option<ModuleId> {
+        if self.departed.free.is_empty() && !self.departed.named.is_empty() {
+            let spoken_of: HashSet<NodeId> = self
+                .alarms
+                .list()
+                .iter()
+                .map(|alarm| alarm.node)
+                .chain(
+                    self.measures.held().iter().flat_map(|held| held.causes.iter().map(|cause| cause.node)),
+                )
+                .chain(self.events.nodes())
+                .collect();
+            let (views, free) = (&mut self.views, &mut self.departed.free);
+            self.departed.named.retain(|_, &mut id| {
+                let kept = spoken_of.contains(&NodeId::Module(id));
+                if !kept {
+                    views.clear_name(id);
+                    free.push(id);
+                }
+                kept
+            });
+        }
+        self.departed.free.pop()
+    }
+
+    /// Takes note of modules that left, and of those that are as if they had never reported.
+    pub(super) fn take_leave(&mut self) {
+        for id in std::mem::take(&mut self.net.left) {
+            let name = self.views.leave(id);
+            self.names.forget(id);
+            self.warnings.forget(id);
+            self.events.push(self.now, What::Left { node: name.clone() });
+            self.departed.named.insert(name, id);
+        }
+        for id in std::mem::take(&mut self.net.forgotten) {
+            self.views.forget(id);
+        }
+    }
+
+    /// The names of modules that left, each with its group as it is called there.
+    pub(super) fn departed_names(&self, new: &Views) -> Vec<(Arc<str>, GroupId)> {
+        let group = |id: ModuleId| {
+            let group = self.net.modules[id.0 as usize].node.parent?;
+            let path = self.views.name(NodeId::Group(group));
+            new.paths().find(|(_, known)| *known == path).map(|(group, _)| group)
+        };
+        let named = self.departed.named.iter();
+        named.filter_map(|(name, &id)| Some((name.clone(), group(id)?))).collect()
+    }
+
+    /// Keeps the name of a module that left before a restart or a reload, for what speaks of it.
+    pub(super) fn keep_departed(&mut self, name: &str, group: GroupId) {
+        let name: Arc<str> = name.into();
+        if self.views.has(&name) || self.departed.named.contains_key(&name) {
+            return;
+        }
+        // What speaks of it comes later: no place is free before that is known.
+        let id = self.net.discover(&Place::of(group), ModuleKind::Discovered, None, self.now);
+        self.views.discover(id, group, (name.clone(), 0), (None, None), self.now);
+        self.net.remove(id);
+        self.net.left.retain(|&left| left != id);
+        self.views.leave(id);
+        self.departed.named.insert(name, id);
+    }
+}
+
+impl Net {
+    pub(super) fn add_group(&mut self, parent: Option<GroupId>, needs: &[Dependency], aside: bool) {
+        let id = GroupId(self.groups.len() as u32);
+        self.groups.push(GroupNode {
+            node: new_node(parent, needs),
+            told: UNSEEN,
+            members: Vec::new(),
+            shown: Tally::default(),
+            own: Tally::default(),
+            masked: BTreeSet::new(),
+            failing: BTreeSet::new(),
+            dirty_leave: false,
+            relevant_since: None,
+            aside,
+            overflow: None,
+        });
+        match parent {
+            Some(parent) => self.add_member(parent, NodeId::Group(id)),
+            None if !aside => self.root.add(UNSEEN.shown),
+            None => {}
+        }
+        self.mark_enter(id);
+    }
+
+    /// Tells every node who depends on it.
+    pub(super) fn link(&mut self) {
+        let groups = (0..self.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
+        let modules = (0..self.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
+        for dependent in groups.chain(modules).collect::<Vec<_>>() {
+            for index in 0..self.node(dependent).needs.len() {
+                for member in self.node(dependent).needs[index].members.clone() {
+                    self.node_mut(member).dependents.push((dependent, index as u32));
+                }
+            }
+        }
+    }
+
+    fn add_member(&mut self, group: GroupId, member: NodeId) {
+        let group = &mut self.groups[group.0 as usize];
+        group.members.push(member);
+        group.shown.add(UNSEEN.shown);
+        group.own.add(UNSEEN.own_share());
+    }
+
+    pub(super) fn add_module(&mut self, group: GroupId, needs: &[Dependency], rank: u32) {
+        let id = ModuleId(self.modules.len() as u32);
+        let (kind, node) = (ModuleKind::Declared, new_node(Some(group), needs));
+        let own = OwnState::new(None);
+        self.modules.push(ModuleNode { kind, node, own, rank, arrival: 0, made_by: None });
+        self.add_member(group, NodeId::Module(id));
+        self.mark_module(id);
+    }
+
+    /// A module made at run time, in the place of one that left where there is one: it has no
+    /// dependencies of its own, so it stands just before its group in the order.
+    pub(super) fn discover(
+        &mut self,
+        place: &Place,
+        kind: ModuleKind,
+        slot: Option<ModuleId>,
+        now: Timestamp,
+    ) -> ModuleId {
+        let &Place { group, filter } = place;
+        self.arrivals += 1;
+        let made = (kind == ModuleKind::Discovered).then_some(now);
+        let module = ModuleNode {
+            kind,
+            node: new_node(Some(group), &[]),
+            own: OwnState::new(made),
+            rank: self.leave_rank(group) - 1,
+            arrival: self.arrivals,
+            made_by: filter,
+        };
+        let id = match slot {
+            Some(id) => {
+                self.modules[id.0 as usize] = module;
+                id
+            }
+            None => {
+                self.modules.push(module);
+                ModuleId(self.modules.len() as u32 - 1)
+            }
+        };
+        if kind == ModuleKind::Overflow {
+            self.groups[group.0 as usize].overflow = Some(id);
+        } else {
+            self.add_member(group, NodeId::Module(id));
+        }
+        self.mark_module(id);
+        self.mark_leave(group);
+        id
+    }
+
+    /// Of a module that was made at run time: as the entry that made it says.
+    pub(super) fn discovered_policy(&self, id: ModuleId) -> &Policy {
+        let module = &self.modules[id.0 as usize];
+        let group = module.node.parent.and_then(|id| self.model.groups.get(id.0 as usize));
+        let entry = group.zip(module.made_by).and_then(|(group, entry)| group.filters.get(entry as usize));
+        entry.and_then(|entry| entry.policy.as_ref()).unwrap_or(&self.model.discovered)
+    }
+
+    /// Lets a module go that is silent for too long, or is gone already. Returns whether it is gone.
+    pub(super) fn leaves(&mut self, id: ModuleId, now: Timestamp) -> bool {
+        let module = &self.modules[id.0 as usize];
+        if module.kind == ModuleKind::Discovered && module.own.lapsed(self.policy(id), now) {
+            self.remove(id);
+        }
+        let module = &mut self.modules[id.0 as usize];
+        let gone = module.kind == ModuleKind::Gone;
+        module.node.dirty &= !gone;
+        gone
+    }
+
+    /// Takes a module out of its group: nothing follows from it any more.
+    pub(super) fn remove(&mut self, id: ModuleId) {
+        let module = &mut self.modules[id.0 as usize];
+        let before = std::mem::replace(&mut module.node.facts, UNSEEN);
+        module.kind = ModuleKind::Gone;
+        module.own = OwnState::new(None);
+        module.node.not_relevant = None;
+        let group = module.node.parent;
+        self.tell(NodeId::Module(id), before);
+        if let Some(group) = group {
+            let group = &mut self.groups[group.0 as usize];
+            group.members.retain(|&member| member != NodeId::Module(id));
+            group.shown.remove(UNSEEN.shown);
+            group.own.remove(UNSEEN.own_share());
+        }
+        group.into_iter().for_each(|group| self.mark_leave(group));
+        self.left.push(id);
+    }
+}

@@ -1,0 +1,409 @@
+//! What the configuration says, checked: the parts of the vehicle, what they depend on and when
+//! they matter. `config` makes it from files; tests make it by hand. It cannot be wrong: see
+//! [`Model::new`].
+
+pub mod countermeasure;
+pub mod filter;
+pub mod monitors;
+pub mod order;
+pub mod output;
+pub mod sample;
+pub mod wording;
+
+use super::text::Text;
+use std::sync::Arc;
+
+use super::state::State;
+use super::time::Span;
+use countermeasure::Rule;
+use filter::Filter;
+pub use monitors::MonitorSpec;
+use monitors::Watched;
+use order::{Cycle, Order, Visit};
+use output::Output;
+use wording::Wording;
+
+/// Index of a group in [`Parts::groups`]. Parents stand before their children.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct GroupId(pub u32);
+
+/// Index of a module: declared modules in configuration order, then discovered ones in order of arrival.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ModuleId(pub u32);
+
+/// A group or a module.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum NodeId {
+    Group(GroupId),
+    Module(ModuleId),
+}
+
+/// Which stages the vehicle knows (`ENGINE.md` 9).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StageModel {
+    /// The shuttle's: locked until an operator logs in.
+    Shuttle,
+    /// A machine that is no shuttle: always active.
+    None,
+}
+
+/// Stage of the vehicle (paper, Sec. IV-B).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Stage {
+    Locked,
+    Localizing,
+    Standby,
+    Cleared,
+    Active,
+}
+
+impl Stage {
+    pub const ALL: [Stage; 5] =
+        [Stage::Locked, Stage::Localizing, Stage::Standby, Stage::Cleared, Stage::Active];
+
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Stage::Locked => "locked",
+            Stage::Localizing => "localizing",
+            Stage::Standby => "standby",
+            Stage::Cleared => "cleared",
+            Stage::Active => "active",
+        }
+    }
+
+    pub fn from_word(word: &str) -> Option<Stage> {
+        Stage::ALL.into_iter().find(|stage| stage.as_str() == word)
+    }
+}
+
+/// A named boolean of the vehicle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SignalSpec {
+    pub name: Box<str>,
+    pub source: SignalSource,
+    /// Older than this, it is unknown.
+    pub timeout: Option<Span>,
+    /// True for this long after each receipt, false before and after: for topics whose
+    /// message is an event (a goal), not a level.
+    pub present_for: Option<Span>,
+}
+
+/// Where a signal comes from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SignalSource {
+    /// A field that is true or false, or the arrival of a message.
+    Field(FieldSource),
+    /// An [`MonitorSpec::Expression`] whose `error` is the condition: true while that holds, unknown
+    /// while an input is.
+    Condition(Box<MonitorSpec>),
+}
+
+impl SignalSource {
+    pub fn field(&self) -> Option<&FieldSource> {
+        match self {
+            SignalSource::Field(source) => Some(source),
+            SignalSource::Condition(_) => None,
+        }
+    }
+
+    pub fn condition(&self) -> Option<&MonitorSpec> {
+        match self {
+            SignalSource::Field(_) => None,
+            SignalSource::Condition(spec) => Some(spec),
+        }
+    }
+
+    /// Whether it reads the same things, whatever numbers two configurations give them.
+    pub(super) fn means_the_same(&self, watched: &Watched, other: &SignalSource, others: &Watched) -> bool {
+        match (self, other) {
+            (SignalSource::Condition(spec), SignalSource::Condition(other)) => {
+                spec.means_the_same(watched, other, others)
+            }
+            (SignalSource::Field(_), SignalSource::Field(_)) => self == other,
+            _ => false,
+        }
+    }
+}
+
+/// A field of a ROS 2 topic.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FieldSource {
+    /// As ROS names it: `/mission/active`.
+    pub topic: Box<str>,
+    /// `package/msg/Name`; empty: the type that the publisher offers.
+    pub type_name: Box<str>,
+    /// Path of the field, `data`.
+    pub field: Box<str>,
+}
+
+/// When a node is relevant. Every condition must hold.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct When {
+    /// Stages in which the node matters. Empty: every stage but `locked`.
+    pub stages: Vec<Stage>,
+    /// Index into [`Parts::signals`] and the value asked for.
+    pub signals: Vec<(usize, bool)>,
+    /// The value asked for of the built-in signal [`POSED_SIGNAL`].
+    pub posed: Option<bool>,
+}
+
+/// How a group folds its members.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Combine {
+    /// The worst member counts.
+    Worst,
+    /// Redundant members: the best one counts.
+    Any,
+}
+
+/// What a node needs in order to be judged.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Dependency {
+    pub on: DependsOn,
+    /// UNKNOWN masks too, not only ERROR.
+    pub masks_unknown: bool,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum DependsOn {
+    Node(NodeId),
+    /// A redundancy set: it blocks when every member does. Never empty.
+    AnyOf(Vec<NodeId>),
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct GroupSpec {
+    /// Path of ids, `a/b`.
+    pub path: Arc<str>,
+    pub name: Text,
+    pub parent: Option<GroupId>,
+    pub combine: Combine,
+    pub when: Option<When>,
+    pub depends_on: Vec<Dependency>,
+    /// Statuses that match any of these become modules of this group.
+    pub filters: Vec<Match>,
+    /// Column and row of the tile on the operator's page, counted from 1; laid out by itself if absent.
+    pub tile: Option<(u8, u8)>,
+}
+
+/// One entry of a group's `match` list.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Match {
+    pub filter: Filter,
+    /// Of the modules that it makes; `None`: [`Parts::discovered`].
+    pub policy: Option<Policy>,
+}
+
+impl From<Filter> for Match {
+    fn from(filter: Filter) -> Match {
+        Match { filter, policy: None }
+    }
+}
+
+/// What becomes of statuses that nothing claims, the group `other`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Other {
+    /// For developers alone.
+    Hidden,
+    /// One quiet line for the operator too, when something in it is not OK.
+    #[default]
+    Shown,
+    /// A tile like any other, with alarms.
+    Counted,
+}
+
+impl Other {
+    pub const ALL: [Other; 3] = [Other::Hidden, Other::Shown, Other::Counted];
+
+    /// The word of the configuration.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Other::Hidden => "hidden",
+            Other::Shown => "shown",
+            Other::Counted => "counted",
+        }
+    }
+}
+
+/// Whole names of nodes of ROS 2, `/ns/name`.
+pub type NodeNames = Arc<[Arc<str>]>;
+
+/// How a module's reports become its own state (`ENGINE.md` 2).
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Policy {
+    /// Silence longer than this makes the module stale.
+    pub timeout: Span,
+    /// The state of a silent module: UNKNOWN, WARNING or ERROR.
+    pub stale: State,
+    /// The state rises to the best that was reported within this time.
+    pub raise_after: Span,
+    /// The state falls to the worst that was reported within this time.
+    pub clear_after: Span,
+    /// An ERROR that lasted this long stays until it is reset.
+    pub latch: Option<Span>,
+    /// When nothing was heard for this long, what was heard counts no more. A module that was made at
+    /// run time leaves then.
+    pub forget_after: Option<Span>,
+    /// The state while nobody publishes a topic that the module watches: UNKNOWN or ERROR.
+    pub no_publisher: State,
+    /// Whole names of the nodes that may say the status; `None`: all.
+    pub writers: Option<NodeNames>,
+}
+
+impl Default for Policy {
+    fn default() -> Policy {
+        Policy {
+            timeout: Span::from_secs(2),
+            stale: State::Unknown,
+            raise_after: Span::ZERO,
+            clear_after: Span::ZERO,
+            latch: None,
+            forget_after: None,
+            no_publisher: State::Unknown,
+            writers: None,
+        }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModuleSpec {
+    /// `group/module`, with the whole path of the group.
+    pub id: Arc<str>,
+    /// What its fault is called.
+    pub name: Option<Wording>,
+    /// What the operator should do about it.
+    pub help: Option<Wording>,
+    pub group: GroupId,
+    pub policy: Policy,
+    pub when: Option<When>,
+    pub depends_on: Vec<Dependency>,
+    pub monitor: MonitorSpec,
+}
+
+/// Bounds on everything that is fed from outside.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Limits {
+    /// Modules made at run time, and unmatched names remembered, in all.
+    pub discovered_modules: usize,
+    pub values_per_status: usize,
+    pub string_bytes: usize,
+    /// What messages, hardware ids, keys and values of all statuses may take together, and those of one
+    /// writer: beyond it the longest are cut.
+    pub status_bytes: usize,
+    pub source_bytes: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Limits {
+        Limits {
+            discovered_modules: 4096,
+            values_per_status: 256,
+            string_bytes: 4096,
+            status_bytes: 64 << 20,
+            source_bytes: 32 << 20,
+        }
+    }
+}
+
+/// The parts of a vehicle and their relations, as written down; [`Model::new`] checks them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parts {
+    pub vehicle_id: Arc<str>,
+    pub vehicle_name: Text,
+    pub stages: StageModel,
+    pub signals: Vec<SignalSpec>,
+    pub groups: Vec<GroupSpec>,
+    pub modules: Vec<ModuleSpec>,
+    /// What the modules' monitors need from outside.
+    pub watched: Watched,
+    pub driving: Driving,
+    /// Policy of modules that are made at run time.
+    pub discovered: Policy,
+    pub other: Other,
+    pub limits: Limits,
+}
+
+/// What leads the vehicle from stage to stage, and what stops it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Driving {
+    pub stops: Vec<Stop>,
+    /// Localization counts as done when its group was OK for this long.
+    pub localized_after: Span,
+    pub countermeasures: Vec<Rule>,
+    /// What the configuration has switched off.
+    pub unpublished: Vec<Output>,
+}
+
+impl Default for Driving {
+    fn default() -> Driving {
+        Driving {
+            stops: Vec::new(),
+            localized_after: Span::from_secs(2),
+            countermeasures: Vec::new(),
+            unpublished: Vec::new(),
+        }
+    }
+}
+
+/// A place at which an operator may localize the vehicle: metres and degrees in the map's frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stop {
+    pub id: Arc<str>,
+    pub name: Text,
+    pub x_m: f64,
+    pub y_m: f64,
+    pub yaw_deg: f64,
+}
+
+/// Parts whose references exist and whose dependencies have an order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model {
+    parts: Parts,
+    pub(super) order: Order,
+}
+
+impl Model {
+    /// # Errors
+    /// The first cycle of dependencies, in configuration order (`ENGINE.md` 4).
+    ///
+    /// # Panics
+    /// If an id in `parts` points outside of it: ids are made by whoever made the parts.
+    pub fn new(parts: Parts) -> Result<Model, Cycle> {
+        let order = Order::of(&parts)?;
+        Ok(Model { parts, order })
+    }
+
+    /// Whether some status may be said by certain nodes alone.
+    pub(super) fn restricts_writers(&self) -> bool {
+        let filters = self.groups.iter().flat_map(|group| &group.filters);
+        let of_filters = filters.filter_map(|filter| filter.policy.as_ref());
+        let of_modules = self.modules.iter().map(|module| &module.policy);
+        of_modules.chain(of_filters).any(|policy| policy.writers.is_some())
+    }
+
+    /// All nodes in an order in which each can be judged after what it rests on.
+    pub fn visits(&self) -> Vec<Visit> {
+        self.order.visits()
+    }
+}
+
+impl std::ops::Deref for Model {
+    type Target = Parts;
+
+    fn deref(&self) -> &Parts {
+        &self.parts
+    }
+}
+
+/// The signal that the stage machine follows, when the model has it.
+pub const ACTIVE_SIGNAL: &str = "active";
+
+/// The signal that says that a goal is set, when the model has it. Without it no goal is asked for.
+pub const GOAL_SIGNAL: &str = "goal";
+
+/// The built-in signal that is true once the operator gave a pose, see [`When::posed`].
+pub const POSED_SIGNAL: &str = "posed";
+
+/// The top-level group that says whether the vehicle knows where it is. Without it the pose alone
+/// counts, after [`Driving::localized_after`].
+pub const LOCALIZATION_GROUP: &str = "localization";

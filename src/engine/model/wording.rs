@@ -1,0 +1,115 @@
+//! What a fault is called and what to do about it, in other words at each level and in each stage.
+//! A WARNING never shows the words of the ERROR, and nobody is told to take over at a stop.
+
+use super::Stage;
+use crate::engine::state::State;
+use crate::engine::text::Text;
+
+/// The words of a module that is not OK. Where there are none, the page has words of its own.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Wording {
+    pub warning: ByStage,
+    pub error: ByStage,
+    pub unknown: ByStage,
+}
+
+/// The words of one level.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub enum ByStage {
+    #[default]
+    None,
+    /// In every stage.
+    Always(Text),
+    /// In these. `cleared` has the words of `active`, and `localizing` those of `standby`, where it
+    /// has none itself.
+    In(Vec<(Stage, Text)>),
+}
+
+impl Wording {
+    /// A name without levels: the fault is called so whether it is a WARNING or an ERROR. What is
+    /// UNKNOWN may be no fault at all.
+    pub fn name(text: Text) -> Wording {
+        Wording {
+            warning: ByStage::Always(text.clone()),
+            error: ByStage::Always(text),
+            unknown: ByStage::None,
+        }
+    }
+
+    /// What to do, without levels: about an ERROR, while the vehicle drives or may drive off.
+    pub fn help(text: Text) -> Wording {
+        Wording { error: ByStage::In(vec![(Stage::Active, text)]), ..Wording::default() }
+    }
+
+    /// The words for a state in a stage.
+    pub fn of(&self, state: State, stage: Stage) -> Option<&Text> {
+        match state {
+            State::Warning => self.warning.of(stage),
+            State::Error => self.error.of(stage),
+            State::Unknown => self.unknown.of(stage),
+            State::Ok | State::Ignore => None,
+        }
+    }
+
+    /// The levels that have words, in order.
+    pub fn levels(&self) -> impl Iterator<Item = (State, &ByStage)> {
+        let all =
+            [(State::Warning, &self.warning), (State::Error, &self.error), (State::Unknown, &self.unknown)];
+        all.into_iter().filter(|(_, words)| **words != ByStage::None)
+    }
+}
+
+impl ByStage {
+    fn of(&self, stage: Stage) -> Option<&Text> {
+        let texts = match self {
+            ByStage::None => return None,
+            ByStage::Always(text) => return Some(text),
+            ByStage::In(texts) => texts,
+        };
+        let written = |stage| texts.iter().find(|(of, _)| *of == stage).map(|(_, text)| text);
+        let alike = match stage {
+            Stage::Cleared => Stage::Active,
+            Stage::Localizing => Stage::Standby,
+            other => other,
+        };
+        written(stage).or_else(|| written(alike))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ByStage::In;
+    use super::*;
+
+    fn said(wording: &Wording, state: State, stage: Stage) -> &str {
+        wording.of(state, stage).map_or("", |text| &text.en)
+    }
+
+    #[test]
+    fn words_without_levels_are_said_where_they_are_true() {
+        let (name, help) = (Wording::name("Bus dead".into()), Wording::help("Take over.".into()));
+        for stage in Stage::ALL {
+            assert_eq!(said(&name, State::Warning, stage), "Bus dead");
+            assert_eq!(said(&name, State::Error, stage), "Bus dead");
+            assert_eq!(said(&name, State::Unknown, stage), "");
+            let drives = matches!(stage, Stage::Cleared | Stage::Active);
+            assert_eq!(said(&help, State::Error, stage), if drives { "Take over." } else { "" });
+            for state in [State::Ok, State::Ignore, State::Warning, State::Unknown] {
+                assert_eq!(said(&help, state, stage), "", "{state:?} {stage:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_stage_without_words_has_those_of_the_stage_that_is_like_it() {
+        let texts = vec![(Stage::Standby, "Wait.".into()), (Stage::Active, "Take over.".into())];
+        let help = Wording { error: In(texts.clone()), ..Wording::default() };
+        let all = Stage::ALL.map(|stage| said(&help, State::Error, stage).to_owned());
+        assert_eq!(all, ["", "Wait.", "Wait.", "Take over.", "Take over."]);
+        let cleared = [texts, vec![(Stage::Cleared, "Withdraw.".into())]].concat();
+        let help = Wording { error: In(cleared), ..Wording::default() };
+        assert_eq!(said(&help, State::Error, Stage::Cleared), "Withdraw.");
+        let levels: Vec<State> = help.levels().map(|(state, _)| state).collect();
+        assert_eq!(levels, [State::Error]);
+    }
+}

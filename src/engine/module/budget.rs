@@ -1,0 +1,206 @@
+//! How many bytes the words of all statuses may take, and whose are cut where they take more: those of the
+//! longest status first, so that nobody's flood costs a status of ordinary length a word.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeSet, HashMap};
+
+use super::system::{self, SystemCheck};
+use crate::engine::Engine;
+use crate::engine::discovery::WriterId;
+use crate::engine::model::{Limits, ModuleId};
+use crate::engine::state::State;
+use crate::engine::text::Text;
+
+/// Kept up to date with each report that changes, at the cost of a few lookups.
+#[derive(Debug, Default)]
+pub(in crate::engine) struct Budget {
+    limit: u64,
+    /// Of what one writer says.
+    source_limit: u64,
+    total: u64,
+    /// By [`ModuleId`].
+    held: Vec<Held>,
+    /// Writers with something held: never more than modules.
+    sources: HashMap<WriterId, Source>,
+    /// Modules whose words are cut.
+    cut: usize,
+}
+
+#[derive(Debug, Default, Clone, Copy)]
+struct Held {
+    bytes: u32,
+    is_cut: bool,
+    source: WriterId,
+}
+
+#[derive(Debug, Default)]
+struct Source {
+    total: u64,
+    /// Modules by the number of binary digits of their size: the last is the longest, or half as long.
+    by_size: BTreeSet<(u8, Reverse<ModuleId>)>,
+}
+
+fn key(id: ModuleId, bytes: u32) -> (u8, Reverse<ModuleId>) {
+    ((u32::BITS - bytes.leading_zeros()) as u8, Reverse(id))
+}
+
+impl Budget {
+    pub(in crate::engine) fn new(limits: &Limits) -> Budget {
+        let (limit, source_limit) = (limits.status_bytes as u64, limits.source_bytes as u64);
+        Budget { limit, source_limit, ..Budget::default() }
+    }
+
+    /// Notes how many bytes a module's words take, and who said them.
+    pub(in crate::engine) fn store(&mut self, id: ModuleId, source: WriterId, bytes: usize, is_cut: bool) {
+        let index = id.0 as usize;
+        if self.held.len() <= index {
+            self.held.resize(index + 1, Held::default());
+        }
+        let bytes = u32::try_from(bytes).unwrap_or(u32::MAX);
+        let before = std::mem::replace(&mut self.held[index], Held { bytes, is_cut, source });
+        self.cut = self.cut + usize::from(is_cut) - usize::from(before.is_cut);
+        self.total = self.total + u64::from(bytes) - u64::from(before.bytes);
+        let moved = before.source != source || key(id, before.bytes) != key(id, bytes);
+        if before.bytes > 0
+            && let Some(old) = self.sources.get_mut(&before.source)
+        {
+            old.total -= u64::from(before.bytes);
+            if moved {
+                old.by_size.remove(&key(id, before.bytes));
+                if old.by_size.is_empty() {
+                    self.sources.remove(&before.source);
+                }
+            }
+        }
+        if bytes > 0 {
+            let new = self.sources.entry(source).or_default();
+            new.total += u64::from(bytes);
+            if moved {
+                new.by_size.insert(key(id, bytes));
+            }
+        }
+    }
+
+    /// Whose words are to be cut to how many bytes, after `source` said something; `None`: all fits. To
+    /// be asked until then.
+    pub(in crate::engine) fn over(&self, source: WriterId) -> Option<(ModuleId, usize)> {
+        let own = self.sources.get(&source);
+        let beyond_own = own.map_or(0, |own| own.total.saturating_sub(self.source_limit));
+        let beyond_all = self.total.saturating_sub(self.limit);
+        let (longest, beyond) = if beyond_own > 0 {
+            (own.and_then(|own| own.by_size.last()), beyond_own)
+        } else if beyond_all > 0 {
+            (self.sources.values().filter_map(|it| it.by_size.last()).max(), beyond_all)
+        } else {
+            return None;
+        };
+        let &(_, Reverse(id)) = longest?;
+        let bytes = u64::from(self.held[id.0 as usize].bytes);
+        Some((id, bytes.saturating_sub(beyond).max(bytes / 2) as usize))
+    }
+
+    /// The most bytes that what a module says next can have without anything else being cut; what it has
+    /// now is never more.
+    pub(in crate::engine) fn room(&self, id: ModuleId, source: WriterId) -> usize {
+        let held = self.held.get(id.0 as usize).copied().unwrap_or_default();
+        let of_source = self.sources.get(&source).map_or(0, |it| it.total);
+        let same = if held.source == source { u64::from(held.bytes) } else { 0 };
+        let own = self.source_limit.saturating_sub(of_source.saturating_sub(same));
+        let all = self.limit.saturating_sub(self.total - u64::from(held.bytes));
+        usize::try_from(own.min(all)).unwrap_or(usize::MAX)
+    }
+
+    pub(in crate::engine) fn source(&self, id: ModuleId) -> WriterId {
+        self.held.get(id.0 as usize).map(|held| held.source).unwrap_or_default()
+    }
+
+    /// Modules whose words are cut.
+    pub(in crate::engine) fn cut(&self) -> usize {
+        self.cut
+    }
+
+    pub(in crate::engine) fn total(&self) -> u64 {
+        self.total
+    }
+}
+
+impl Engine {
+    /// Says whether words of statuses are cut. No state depends on it.
+    pub(in crate::engine) fn say_cut(&mut self) {
+        let cut = self.views.budget.cut() > 0;
+        if std::mem::replace(&mut self.said_cut, cut) != cut {
+            let state = if cut { State::Warning } else { State::Ok };
+            let words = if cut { system::words_cut(&self.model.limits) } else { Text::default() };
+            self.report_on_self(SystemCheck::Memory, state, words);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const A: WriterId = WriterId([1; 16]);
+
+    fn budget(limit: usize, source_limit: usize) -> Budget {
+        Budget::new(&Limits { status_bytes: limit, source_bytes: source_limit, ..Limits::default() })
+    }
+
+    /// Stores it and cuts until all fits; returns who was cut to what.
+    fn store(budget: &mut Budget, id: u32, source: WriterId, bytes: usize) -> Vec<(u32, usize)> {
+        budget.store(ModuleId(id), source, bytes, false);
+        let mut cuts = Vec::new();
+        while let Some((id, bytes)) = budget.over(source) {
+            budget.store(id, budget.source(id), bytes, true);
+            cuts.push((id.0, bytes));
+        }
+        cuts
+    }
+
+    #[test]
+    fn the_longest_is_cut_first_and_the_short_ones_never() {
+        let mut all = budget(1000, 1000);
+        for id in 0..10 {
+            assert_eq!(store(&mut all, id, A, 50), []);
+        }
+        assert_eq!(store(&mut all, 10, A, 700), [(10, 500)]);
+        assert_eq!(store(&mut all, 11, A, 300), [(10, 250), (11, 250)]);
+        assert_eq!((all.total(), all.cut()), (1000, 2));
+        assert_eq!(store(&mut all, 10, A, 20), []);
+        assert_eq!((all.total(), all.cut()), (770, 1));
+    }
+
+    #[test]
+    fn a_source_is_cut_before_it_takes_what_is_for_others() {
+        let mut all = budget(1000, 400);
+        assert_eq!(store(&mut all, 0, WriterId::default(), 390), []);
+        assert_eq!(store(&mut all, 1, A, 300), []);
+        assert_eq!(store(&mut all, 2, A, 200), [(1, 200)]);
+        assert_eq!((all.room(ModuleId(3), A), all.room(ModuleId(1), A)), (0, 200));
+    }
+
+    proptest! {
+        #[test]
+        fn the_sums_are_those_of_what_is_held(
+            steps in proptest::collection::vec((0_u32..20, 0_u8..4, 0_usize..500), 0..200),
+        ) {
+            let mut all = budget(2000, 900);
+            for (id, source, bytes) in steps {
+                let source = WriterId([source; 16]);
+                store(&mut all, id, source, bytes);
+                prop_assert!(all.total <= 2000);
+                prop_assert_eq!(all.total, all.held.iter().map(|it| u64::from(it.bytes)).sum::<u64>());
+                prop_assert_eq!(all.cut, all.held.iter().filter(|it| it.is_cut).count());
+                for (writer, source) in &all.sources {
+                    let of = || (0..).map(ModuleId).zip(&all.held).filter(|(_, it)| it.source == *writer && it.bytes > 0);
+                    prop_assert_eq!(source.total, of().map(|(_, it)| u64::from(it.bytes)).sum::<u64>());
+                    prop_assert!(source.total <= 900);
+                    let keys: BTreeSet<_> = of().map(|(id, it)| key(id, it.bytes)).collect();
+                    prop_assert_eq!(&source.by_size, &keys);
+                }
+            }
+        }
+    }
+}

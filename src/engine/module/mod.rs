@@ -1,0 +1,319 @@
+//! A module's own state, from what is reported of it to what it counts as (`ENGINE.md` 2):
+//! reported, silent, debounced, latched.
+
+use super::model::Policy;
+use super::snapshot::Steps;
+use super::state::State;
+use super::time::{Span, Timestamp};
+
+/// The own state of one module over time. Time is given; deadlines are asked for by [`OwnState::due`].
+#[derive(Debug, Clone)]
+pub(super) struct OwnState {
+    /// What the last report said.
+    reported: Option<State>,
+    received: Option<Timestamp>,
+    silent: bool,
+    /// It is judged by the clock: it needs not be heard.
+    spoken_for: bool,
+    debounce: Debounce,
+    /// It is given time to report: what its silence comes to does not count yet.
+    grace: bool,
+    /// Since when it is judged to be in ERROR by what it reported.
+    error_since: Option<Timestamp>,
+    latched: bool,
+    /// Since it was heard, nothing can be heard any more of anybody.
+    cut_off: bool,
+    relevant_since: Option<Timestamp>,
+    /// Of a module that was made at run time: it leaves if nothing is heard from then on.
+    made: Option<Timestamp>,
+}
+
+impl OwnState {
+    pub(super) fn new(made: Option<Timestamp>) -> OwnState {
+        OwnState {
+            made,
+            grace: true,
+            error_since: None,
+            reported: None,
+            received: None,
+            silent: false,
+            spoken_for: false,
+            debounce: Debounce::default(),
+            latched: false,
+            cut_off: false,
+            relevant_since: None,
+        }
+    }
+
+    pub(super) fn received(&self) -> Option<Timestamp> {
+        self.received
+    }
+
+    /// Whether anything was said of it, by itself or by the clock.
+    pub(super) fn known(&self) -> bool {
+        self.reported.is_some()
+    }
+
+    pub(super) fn silent(&self) -> bool {
+        self.silent
+    }
+
+    pub(super) fn latched(&self) -> bool {
+        self.latched
+    }
+
+    /// Whether it was not heard, or is silent, and is still given time.
+    pub(super) fn in_grace(&self) -> bool {
+        self.grace
+    }
+
+    /// Whether a module that was made at run time is silent for so long that it is to leave.
+    pub(super) fn lapsed(&self, policy: &Policy, now: Timestamp) -> bool {
+        self.made.is_some() && !self.latched && self.lapse_due(policy).is_some_and(|due| due <= now)
+    }
+
+    /// A report arrived. Returns whether the own state may have changed: a repeated report
+    /// from a module that is not silent moves nothing but its age.
+    pub(super) fn report(&mut self, state: State, policy: &Policy, now: Timestamp) -> bool {
+        let heard = self.heard() && !std::mem::take(&mut self.cut_off);
+        self.received = Some(now);
+        if self.reported == Some(state) && heard {
+            return false;
+        }
+        if self.silent && self.grace {
+            // It was silent by right: what its silence would have come to holds nothing up.
+            self.debounce = Debounce { state: self.reported, input: self.reported, ..Debounce::default() };
+        }
+        self.reported = Some(state);
+        self.silent = false;
+        self.debounce.take(state, policy, now);
+        self.judge(policy, now);
+        true
+    }
+
+    /// What was received is judged otherwise, by time or by what is known of its source: that ends
+    /// no silence. By the clock even a module that never heard anything is judged.
+    pub(super) fn revise(
+        &mut self,
+        state: State,
+        policy: &Policy,
+        by_the_clock: bool,
+        now: Timestamp,
+    ) -> bool {
+        self.advance(policy, now);
+        let same = self.reported == Some(state) && self.spoken_for == by_the_clock;
+        self.spoken_for = by_the_clock;
+        if same {
+            return false;
+        }
+        self.reported = Some(state);
+        let judged = if self.heard() { state } else { state.max(policy.stale) };
+        self.debounce.take(judged, policy, now);
+        self.judge(policy, now);
+        true
+    }
+
+    /// There is nothing to judge any more: as if it had never reported. What latched stays.
+    pub(super) fn forget(&mut self, policy: &Policy, now: Timestamp) {
+        (self.reported, self.received) = (None, None);
+        (self.silent, self.spoken_for, self.cut_off) = (false, false, false);
+        self.debounce = Debounce::default();
+        self.judge(policy, now);
+    }
+
+    /// Nothing can be heard any more, of nobody: UNKNOWN at once and until it is heard again, unless it is
+    /// in ERROR. Returns whether that is news.
+    pub(super) fn cut_off(&mut self) -> bool {
+        let is_news = self.heard() && !self.cut_off;
+        self.cut_off |= is_news;
+        is_news
+    }
+
+    fn heard(&self) -> bool {
+        (self.received.is_some() || self.spoken_for) && !self.silent
+    }
+
+    /// Says whether the module is relevant, after [`OwnState::advance`] to `now`; the grace of a silent
+    /// one starts when it becomes so.
+    pub(super) fn set_relevant(&mut self, relevant: bool, policy: &Policy, now: Timestamp) {
+        match (relevant, self.relevant_since) {
+            (true, None) => self.relevant_since = Some(now),
+            (false, Some(_)) => self.relevant_since = None,
+            _ => return,
+        }
+        self.judge(policy, now);
+    }
+
+    /// Lets the time up to `now` act: silence first, then debounce, grace and latch at their instants,
+    /// and in the end what is silent for too long is forgotten.
+    pub(super) fn advance(&mut self, policy: &Policy, now: Timestamp) {
+        if let (Some(received), Some(reported), false) = (self.received, self.reported, self.silent)
+            && now >= received + policy.timeout
+        {
+            let since = received + policy.timeout;
+            self.settle(policy, since);
+            self.silent = true;
+            self.debounce.take(reported.max(policy.stale), policy, since);
+            self.judge(policy, since);
+        }
+        if let Some(due) = self.lapse_due(policy).filter(|&due| self.received.is_some() && due <= now) {
+            self.settle(policy, due);
+            self.forget(policy, due);
+        }
+        self.settle(policy, now);
+    }
+
+    /// Whether the module is judged to be in ERROR, latched or not.
+    pub(super) fn is_in_error(&self, policy: &Policy) -> bool {
+        self.judged(policy) == State::Error
+    }
+
+    /// Forgets a latched ERROR; nothing changes while the module is still in ERROR.
+    pub(super) fn reset(&mut self, policy: &Policy) {
+        self.latched &= self.is_in_error(policy);
+    }
+
+    /// The own state, after [`OwnState::advance`].
+    pub(super) fn state(&self, policy: &Policy) -> State {
+        if self.latched { State::Error } else { self.judged(policy) }
+    }
+
+    /// The state after debounce and grace.
+    fn judged(&self, policy: &Policy) -> State {
+        let state = if self.grace { State::Unknown } else { self.debounce.state.unwrap_or(policy.stale) };
+        if self.cut_off { state.max(State::Unknown) } else { state }
+    }
+
+    /// How [`OwnState::state`] came about.
+    pub(super) fn steps(&self, policy: &Policy) -> Steps {
+        Steps {
+            reported: self.reported,
+            judged: self.debounce.input,
+            debounced: self.debounce.state,
+            latched: self.latched,
+            grace: self.grace,
+            in_error: self.is_in_error(policy),
+        }
+    }
+
+    /// The next instant after `now` at which time alone may change the own state.
+    pub(super) fn due(&self, policy: &Policy, now: Timestamp) -> Option<Timestamp> {
+        let silence = self.received.filter(|_| !self.silent).map(|at| at + policy.timeout);
+        let debounce = self.debounce.next_step(policy);
+        [silence, debounce, self.grace_end(policy), self.latch_due(policy), self.lapse_due(policy)]
+            .into_iter()
+            .flatten()
+            .filter(|&at| at > now)
+            .min()
+    }
+
+    /// Runs debounce, grace and latch through their instants up to `now`, in order. An ERROR that ends
+    /// in the instant in which it has lasted long enough latches.
+    fn settle(&mut self, policy: &Policy, now: Timestamp) {
+        loop {
+            let steps = [self.debounce.next_step(policy), self.grace_end(policy), self.latch_due(policy)];
+            let Some(at) = steps.into_iter().flatten().min().filter(|&at| at <= now) else { return };
+            if self.latch_due(policy).is_some_and(|due| due <= at) {
+                self.latched = true;
+            }
+            self.debounce.step(policy, at);
+            self.judge(policy, at);
+        }
+    }
+
+    /// Follows, at every instant at which something changes, what latch and reset judge.
+    fn judge(&mut self, policy: &Policy, at: Timestamp) {
+        let given = self.relevant_since.is_none_or(|since| at < since + policy.timeout);
+        self.grace = !self.heard() && given;
+        let in_error = self.reported.is_some() && self.judged(policy) == State::Error;
+        self.error_since = self.error_since.or(Some(at)).filter(|_| in_error);
+    }
+
+    /// When the time that it is given to report is over.
+    fn grace_end(&self, policy: &Policy) -> Option<Timestamp> {
+        Some(self.relevant_since.filter(|_| self.grace)? + policy.timeout)
+    }
+
+    fn latch_due(&self, policy: &Policy) -> Option<Timestamp> {
+        let since = self.error_since.filter(|_| !self.latched)?;
+        Some(since + policy.latch?)
+    }
+
+    /// When nothing was heard for so long that what was heard counts no more.
+    fn lapse_due(&self, policy: &Policy) -> Option<Timestamp> {
+        Some(self.received.or(self.made)? + policy.forget_after?)
+    }
+}
+
+/// Follows what is reported, but rises only to the best state of the last `raise_after` and falls
+/// only to the worst of the last `clear_after`. With four states, the end of each state's last
+/// appearance is all the history that it needs.
+#[derive(Debug, Clone, Default)]
+struct Debounce {
+    state: Option<State>,
+    input: Option<State>,
+    /// When each state was last left, by [`State::index`].
+    left: [Option<Timestamp>; 5],
+}
+
+impl Debounce {
+    fn take(&mut self, input: State, policy: &Policy, now: Timestamp) {
+        match self.input.replace(input) {
+            None => self.state = Some(input),
+            Some(before) => {
+                if before != input {
+                    self.left[before.index()] = Some(now);
+                }
+                self.step(policy, now);
+            }
+        }
+    }
+
+    /// Moves the state to where the windows that end at `now` allow it.
+    fn step(&mut self, policy: &Policy, now: Timestamp) {
+        let (Some(state), Some(input)) = (self.state, self.input) else { return };
+        let seen =
+            |&other: &State, window: Span| self.left[other.index()].is_some_and(|left| left + window > now);
+        if state < input {
+            let best =
+                STATES.into_iter().filter(|other| *other < input).find(|s| seen(s, policy.raise_after));
+            let best = best.unwrap_or(input);
+            if best > state {
+                self.state = Some(best);
+            }
+        } else if state > input {
+            let above = STATES.into_iter().rev().filter(|other| *other > input);
+            let worst = above.into_iter().find(|s| seen(s, policy.clear_after)).unwrap_or(input);
+            if worst < state {
+                self.state = Some(worst);
+            }
+        }
+    }
+
+    /// The earliest instant at which [`Debounce::step`] would change the state.
+    fn next_step(&self, policy: &Policy) -> Option<Timestamp> {
+        let (state, input) = (self.state?, self.input?);
+        let expires = |other: State, window: Span| self.left[other.index()].map(|left| left + window);
+        // Rising goes on once every state at or below the present one is out of the window.
+        if state < input {
+            STATES.into_iter().filter(|&s| s <= state).filter_map(|s| expires(s, policy.raise_after)).max()
+        } else if state > input {
+            STATES.into_iter().filter(|&s| s >= state).filter_map(|s| expires(s, policy.clear_after)).max()
+        } else {
+            None
+        }
+    }
+}
+
+/// The states that can be reported, best first.
+const STATES: [State; 4] = [State::Ok, State::Warning, State::Unknown, State::Error];
+
+pub(super) mod budget;
+pub(super) mod contradictions;
+pub(super) mod names;
+pub(super) mod overflow;
+pub mod report;
+pub mod system;
+#[cfg(test)]
+mod tests;
+pub mod writers;

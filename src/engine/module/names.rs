@@ -1,0 +1,233 @@
+//! Names to modules: which modules a status feeds, looked up once and remembered (`ENGINE.md` 1).
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use super::writers::Voices;
+use crate::engine::model::{GroupId, Model, ModuleId};
+
+/// What is known of one status name.
+#[derive(Debug)]
+pub(in crate::engine) struct Route {
+    name: Arc<str>,
+    /// In the order in which names were first seen.
+    number: u64,
+    /// Nearly always there is one, so it lies here and not in a list elsewhere.
+    first: ModuleId,
+    more: Vec<ModuleId>,
+    /// The array in which the name was seen last, and where: of two statuses with one name in
+    /// one array the worse one counts.
+    pub(in crate::engine) array: u64,
+    pub(in crate::engine) position: u32,
+    /// Some group that would have a module of it has none.
+    lacking: bool,
+    /// Who said it, and what.
+    pub(in crate::engine) voices: Voices,
+    /// The array in which what was said of it does not count, as another writer says worse or this one may
+    /// not say it.
+    pub(in crate::engine) overruled: u64,
+}
+
+impl Route {
+    fn new(name: Arc<str>, number: u64, first: ModuleId) -> Route {
+        Route {
+            name,
+            number,
+            first,
+            more: Vec::new(),
+            array: 0,
+            position: 0,
+            lacking: false,
+            voices: Voices::default(),
+            overruled: 0,
+        }
+    }
+
+    /// The modules that the name feeds, by position.
+    pub(in crate::engine) fn module(&self, position: usize) -> Option<ModuleId> {
+        match position {
+            0 => Some(self.first),
+            _ => self.more.get(position - 1).copied(),
+        }
+    }
+
+    pub(in crate::engine) fn modules(&self) -> impl Iterator<Item = ModuleId> + Clone {
+        std::iter::once(self.first).chain(self.more.iter().copied())
+    }
+}
+
+/// All names that feed a module. Declared ones stand here from the start.
+#[derive(Debug)]
+pub(in crate::engine) struct Names {
+    index: HashMap<Arc<str>, u32>,
+    pub(in crate::engine) routes: Vec<Route>,
+    /// Routes of names that are not known any more.
+    free: Vec<u32>,
+    seen: u64,
+    /// By which name each discovered module is fed.
+    of_module: HashMap<ModuleId, u32>,
+    discovered_max: usize,
+}
+
+/// Where a new name belongs.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(in crate::engine) struct Claim {
+    /// It feeds a new module in each of these groups.
+    pub(in crate::engine) places: Vec<Place>,
+    /// These would have it, but the limit is reached.
+    pub(in crate::engine) dropped_by: Vec<GroupId>,
+}
+
+impl Names {
+    pub(in crate::engine) fn new(model: &Model) -> Names {
+        let mut names = Names {
+            index: HashMap::new(),
+            routes: Vec::new(),
+            free: Vec::new(),
+            seen: 0,
+            of_module: HashMap::new(),
+            discovered_max: model.limits.discovered_modules,
+        };
+        for (index, module) in model.modules.iter().enumerate() {
+            if let Some(status) = module.monitor.status() {
+                names.feed(status, ModuleId(index as u32));
+            }
+        }
+        names
+    }
+
+    pub(in crate::engine) fn find(&self, name: &str) -> Option<u32> {
+        self.index.get(name).copied()
+    }
+
+    pub(in crate::engine) fn name(&self, route: u32) -> Arc<str> {
+        self.routes[route as usize].name.clone()
+    }
+
+    /// Whether what an array says of a name counts beyond the array.
+    pub(in crate::engine) fn counts(&self, name: &str, array: u64) -> bool {
+        self.find(name).is_none_or(|route| self.routes[route as usize].overruled != array)
+    }
+
+    /// Goes on with who said what before a reload.
+    pub(in crate::engine) fn keep_voices(&mut self, old: &Names) {
+        for (name, &route) in &self.index {
+            if let Some(before) = old.find(name) {
+                self.routes[route as usize].voices = old.routes[before as usize].voices.clone();
+            }
+        }
+    }
+
+    /// Where a name belongs, whether there is room or not.
+    pub(in crate::engine) fn wanted(model: &Model, name: &str, other: GroupId) -> Vec<Place> {
+        let matching = model.groups.iter().zip(0..).filter_map(|(group, index)| {
+            let filter = group.filters.iter().position(|entry| entry.filter.matches(name))?;
+            Some(Place { group: GroupId(index), filter: Some(filter as u32) })
+        });
+        let mut places: Vec<Place> = matching.collect();
+        if places.is_empty() {
+            places.push(Place::of(other));
+        }
+        places
+    }
+
+    /// Asks the filters about a name that nothing is known of in any group but those.
+    pub(in crate::engine) fn claim(
+        &self,
+        model: &Model,
+        name: &str,
+        other: GroupId,
+        known: &[GroupId],
+    ) -> Claim {
+        let mut places = Names::wanted(model, name, other);
+        places.retain(|place| !known.contains(&place.group));
+        let room = self.discovered_max.saturating_sub(self.of_module.len());
+        let dropped_by = places.split_off(places.len().min(room)).iter().map(|place| place.group).collect();
+        Claim { places, dropped_by }
+    }
+
+    /// Remembers that `name` feeds this module, which was made for it.
+    pub(in crate::engine) fn discovered(&mut self, name: &str, module: ModuleId) -> u32 {
+        let route = self.feed(name, module);
+        self.of_module.insert(module, route);
+        route
+    }
+
+    /// Forgets a module that was made for a name, and the name with its last one.
+    pub(in crate::engine) fn forget(&mut self, module: ModuleId) {
+        let Some(index) = self.of_module.remove(&module) else { return };
+        let route = &mut self.routes[index as usize];
+        route.lacking = true;
+        route.more.retain(|&other| other != module);
+        if route.first != module {
+            return;
+        }
+        if route.more.is_empty() {
+            self.index.remove(&route.name);
+            route.name = Arc::default();
+            self.free.push(index);
+        } else {
+            route.first = route.more.remove(0);
+        }
+    }
+
+    /// Says whether some group that would have a module of the name has none.
+    pub(in crate::engine) fn set_lacking(&mut self, route: u32, lacking: bool) {
+        self.routes[route as usize].lacking = lacking;
+    }
+
+    /// Whether a known name may feed more modules than it does.
+    pub(in crate::engine) fn may_grow(&self, route: u32) -> bool {
+        self.routes[route as usize].lacking && self.of_module.len() < self.discovered_max
+    }
+
+    pub(in crate::engine) fn modules(&self, route: u32) -> impl Iterator<Item = ModuleId> {
+        self.routes[route as usize].modules()
+    }
+
+    /// All names with their modules, in the order in which they were first seen.
+    pub(in crate::engine) fn in_order(&self) -> Vec<(&str, impl Iterator<Item = ModuleId>)> {
+        let mut names: Vec<(u64, &Arc<str>, u32)> = self
+            .index
+            .iter()
+            .map(|(name, &route)| (self.routes[route as usize].number, name, route))
+            .collect();
+        names.sort_unstable();
+        names.into_iter().map(|(_, name, route)| (&**name, self.modules(route))).collect()
+    }
+
+    fn feed(&mut self, name: &str, module: ModuleId) -> u32 {
+        if let Some(route) = self.find(name) {
+            self.routes[route as usize].more.push(module);
+            return route;
+        }
+        let name: Arc<str> = name.into();
+        self.seen += 1;
+        let new = Route::new(name.clone(), self.seen, module);
+        let route = match self.free.pop() {
+            Some(route) => {
+                self.routes[route as usize] = new;
+                route
+            }
+            None => {
+                self.routes.push(new);
+                self.routes.len() as u32 - 1
+            }
+        };
+        self.index.insert(name, route);
+        route
+    }
+}
+
+/// Where a module is made at run time, and by which entry of the group's `match` list.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::engine) struct Place {
+    pub(in crate::engine) group: GroupId,
+    pub(in crate::engine) filter: Option<u32>,
+}
+
+impl Place {
+    pub(in crate::engine) fn of(group: GroupId) -> Place {
+        Place { group, filter: None }
+    }
+}

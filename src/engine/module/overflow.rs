@@ -1,0 +1,52 @@
+//! Statuses of new names past the limit: counted for the group that would have had them.
+
+use std::collections::HashMap;
+
+use crate::engine::model::{GroupId, ModuleId};
+use crate::engine::text::Text;
+use crate::engine::text::say;
+
+/// The name of the module that says so.
+pub(in crate::engine) const MODULE: &str = "(names past the limit)";
+
+/// At most one entry for each group.
+#[derive(Debug, Default)]
+pub(in crate::engine) struct Overflow {
+    groups: HashMap<GroupId, (ModuleId, u64)>,
+}
+
+impl Overflow {
+    /// The module that speaks for the group, if it was made.
+    pub(in crate::engine) fn module(&self, group: GroupId) -> Option<ModuleId> {
+        self.groups.get(&group).map(|(module, _)| *module)
+    }
+
+    /// Goes on with what was counted before a reload.
+    pub(in crate::engine) fn keep(&mut self, group: GroupId, module: ModuleId, count: u64) {
+        self.groups.insert(group, (module, count));
+    }
+
+    /// Each group with its module and how many it refused.
+    pub(in crate::engine) fn groups(&self) -> impl Iterator<Item = (GroupId, ModuleId, u64)> {
+        self.groups.iter().map(|(group, (module, count))| (*group, *module, *count))
+    }
+
+    /// Counts one more; returns what the module says now.
+    pub(in crate::engine) fn count(&mut self, group: GroupId, module: ModuleId, limit: usize) -> Text {
+        let (_, count) = self.groups.entry(group).or_insert((module, 0));
+        *count += 1;
+        if *count == 1 {
+            return say!(
+                "1 status with a new name dropped: limits.discovered_modules is {limit}",
+                "1 Status mit neuem Namen verworfen: limits.discovered_modules ist {limit}",
+                limit = limit.to_string()
+            );
+        }
+        say!(
+            "{count} statuses with new names dropped: limits.discovered_modules is {limit}",
+            "{count} Status mit neuen Namen verworfen: limits.discovered_modules ist {limit}",
+            count = count.to_string(),
+            limit = limit.to_string()
+        )
+    }
+}

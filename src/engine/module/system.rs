@@ -1,0 +1,239 @@
+//! The group `telltale`: what the diagnosis says of itself (`ENGINE.md` 6 and 8). Nothing masks it.
+
+use crate::engine::input::ReceptionTrouble;
+use crate::engine::model::wording::{ByStage, Wording};
+use crate::engine::model::{Limits, Policy, Stage};
+use crate::engine::state::State;
+use crate::engine::text::Text;
+use crate::engine::text::say;
+use crate::engine::time::{Span, Timestamp};
+
+/// The name of the group, reserved in configurations.
+pub const SYSTEM_GROUP: &str = "telltale";
+
+/// The name of the group of statuses that nothing claims, reserved in configurations.
+pub const OTHER_GROUP: &str = "other";
+
+/// The groups that are there without being configured: the path, and the names in English and German.
+pub const BUILT_IN_GROUPS: [(&str, &str, &str); 2] =
+    [(OTHER_GROUP, "Other", "Sonstige"), (SYSTEM_GROUP, "Telltale", "Telltale")];
+
+/// A fault of the reception stays a WARNING for this long after its last appearance.
+const RECEPTION_HOLD: Span = Span::from_secs(10);
+
+/// One thing that the diagnosis checks of itself; a module of the group `telltale`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum SystemCheck {
+    /// The invariants of masking hold.
+    Invariants,
+    /// Messages arrive whole and as the configuration says.
+    Reception,
+    /// Somebody says whether the vehicle drives.
+    Active,
+    /// The vehicle confirms what is asked of it.
+    Countermeasure,
+    /// What the vehicle is to know can be sent.
+    Outputs,
+    /// What must be kept can be written down.
+    Storage,
+    /// The operator's display shows what is.
+    Display,
+    /// Nobody else publishes the aggregated diagnosis.
+    Aggregator,
+    /// The vehicle can be heard.
+    Dds,
+    /// What statuses say fits into memory.
+    Memory,
+    /// No two writers contradict each other, and nobody says what only others may.
+    Writers,
+}
+
+impl SystemCheck {
+    pub const ALL: [SystemCheck; 11] = [
+        SystemCheck::Invariants,
+        SystemCheck::Reception,
+        SystemCheck::Active,
+        SystemCheck::Countermeasure,
+        SystemCheck::Outputs,
+        SystemCheck::Storage,
+        SystemCheck::Display,
+        SystemCheck::Aggregator,
+        SystemCheck::Dds,
+        SystemCheck::Memory,
+        SystemCheck::Writers,
+    ];
+
+    pub(in crate::engine) fn id(self) -> &'static str {
+        match self {
+            SystemCheck::Invariants => "telltale/invariants",
+            SystemCheck::Reception => "telltale/reception",
+            SystemCheck::Active => "telltale/active",
+            SystemCheck::Countermeasure => "telltale/countermeasure",
+            SystemCheck::Outputs => "telltale/outputs",
+            SystemCheck::Storage => "telltale/storage",
+            SystemCheck::Display => "telltale/display",
+            SystemCheck::Aggregator => "telltale/aggregator",
+            SystemCheck::Dds => "telltale/dds",
+            SystemCheck::Writers => "telltale/writers",
+            SystemCheck::Memory => "telltale/memory",
+        }
+    }
+
+    pub(in crate::engine) fn name(self) -> Text {
+        let (en, de) = match self {
+            SystemCheck::Invariants => ("Display contradicts itself", "Anzeige widerspricht sich"),
+            SystemCheck::Reception => ("Messages cannot be read", "Meldungen sind nicht lesbar"),
+            SystemCheck::Active => ("Driving state unknown", "Fahrzustand unbekannt"),
+            SystemCheck::Countermeasure => {
+                ("Vehicle does not react as asked", "Fahrzeug reagiert nicht wie verlangt")
+            }
+            SystemCheck::Outputs => ("Vehicle cannot be told", "Fahrzeug ist nicht erreichbar"),
+            SystemCheck::Storage => ("Nothing can be recorded", "Aufzeichnen nicht möglich"),
+            SystemCheck::Display => ("Display not live", "Anzeige nicht live"),
+            SystemCheck::Aggregator => {
+                ("Diagnosis is published twice", "Diagnose wird doppelt veröffentlicht")
+            }
+            SystemCheck::Dds => ("Nothing is heard of the vehicle", "Vom Fahrzeug kommt nichts an"),
+            SystemCheck::Memory => ("Messages are shortened", "Meldungen sind gekürzt"),
+            SystemCheck::Writers => ("Senders contradict each other", "Sender widersprechen sich"),
+        };
+        Text { en: en.into(), de: de.into() }
+    }
+
+    /// What to do about it: on the way, and at a stop, where there is nothing to take over.
+    pub(in crate::engine) fn help(self) -> Wording {
+        let always = |en: &str, de: &str| ByStage::Always(Text { en: en.into(), de: de.into() });
+        let driving = |en: &str, de: &str, (stop_en, stop_de): (&str, &str)| {
+            let driving = Text { en: en.into(), de: de.into() };
+            let standing = Text { en: stop_en.into(), de: stop_de.into() };
+            ByStage::In(vec![(Stage::Standby, standing), (Stage::Active, driving)])
+        };
+        const STAY: (&str, &str) =
+            ("Do not drive off. Call the control room.", "Nicht losfahren. Leitstelle rufen.");
+        let mut help = Wording::default();
+        match self {
+            SystemCheck::Invariants => {
+                help.error = always(
+                    "Do not rely on this display. Call the control room.",
+                    "Nicht auf diese Anzeige verlassen. Leitstelle rufen.",
+                );
+            }
+            SystemCheck::Reception | SystemCheck::Aggregator | SystemCheck::Writers | SystemCheck::Memory => {
+                help.warning = driving(
+                    "You may drive. Report it.",
+                    "Weiterfahren möglich. Melden.",
+                    ("Nothing to do now. Report it.", "Jetzt ist nichts zu tun. Melden."),
+                );
+            }
+            SystemCheck::Active | SystemCheck::Countermeasure | SystemCheck::Dds => {
+                let (en, de) =
+                    ("Take over. Stop. Call the control room.", "Übernehmen. Anhalten. Leitstelle rufen.");
+                help.error = driving(en, de, STAY);
+            }
+            SystemCheck::Outputs => {
+                let (en, de) = (
+                    "Be ready to take over. Call the control room.",
+                    "Zur Übernahme bereit sein. Leitstelle rufen.",
+                );
+                help.error = driving(en, de, STAY);
+                help.warning = driving(en, de, STAY);
+            }
+            SystemCheck::Storage => {
+                help.warning = driving(
+                    "Finish the drive. No new clearance until it is mended. Report it.",
+                    "Fahrt beenden. Bis zur Behebung keine neue Freigabe. Melden.",
+                    (
+                        "No clearance until it is mended. Report it.",
+                        "Bis zur Behebung keine Freigabe. Melden.",
+                    ),
+                );
+            }
+            SystemCheck::Display => {
+                help.warning = driving(
+                    "Do not rely on it. Be ready to take over.",
+                    "Nicht darauf verlassen. Zur Übernahme bereit sein.",
+                    ("Do not rely on it. Load the page again.", "Nicht darauf verlassen. Seite neu laden."),
+                );
+            }
+        }
+        help
+    }
+}
+
+/// What is said of a display that does not answer.
+pub(in crate::engine) fn display_late(whose: &str) -> Text {
+    say!(
+        "the display of {whose} does not say what it shows",
+        "die Anzeige von {whose} meldet nicht, was sie zeigt",
+        whose = whose
+    )
+}
+
+/// What is said while words of statuses are cut.
+pub(in crate::engine) fn words_cut(limits: &Limits) -> Text {
+    say!(
+        "statuses say more than is kept: limits.status_bytes is {all}, limits.source_bytes {one}; the longest are cut, their states hold",
+        "Meldungen sind länger, als behalten wird: limits.status_bytes ist {all}, limits.source_bytes {one}; die längsten sind gekürzt, ihre Zustände gelten",
+        all = limits.status_bytes.to_string(),
+        one = limits.source_bytes.to_string()
+    )
+}
+
+/// What is said while another program publishes the aggregated diagnosis.
+pub(in crate::engine) fn other_aggregator(other: &str) -> Text {
+    say!(
+        "another program publishes the diagnosis: {other}",
+        "ein anderes Programm veröffentlicht die Diagnose: {other}",
+        other = other
+    )
+}
+
+/// What is said while the part that speaks DDS is down.
+pub(in crate::engine) fn dds_down(reason: &str) -> Text {
+    say!(
+        "the connection to the vehicle (DDS) failed and is being restarted: {reason}",
+        "die Verbindung zum Fahrzeug (DDS) ist ausgefallen und wird neu gestartet: {reason}",
+        reason = reason
+    )
+}
+
+/// System modules are told what they are; they never fall silent.
+pub(in crate::engine) fn policy() -> Policy {
+    Policy { timeout: Span::from_nanos(u64::MAX), ..Policy::default() }
+}
+
+/// Faults of the reception, while they are fresh.
+#[derive(Debug, Default)]
+pub(in crate::engine) struct ReceptionCheck {
+    last: Option<Timestamp>,
+    pub(in crate::engine) message: String,
+}
+
+impl ReceptionCheck {
+    pub(in crate::engine) fn take(&mut self, trouble: &ReceptionTrouble, now: Timestamp) {
+        self.last = Some(now);
+        self.message = format!("{}: {}", trouble.topic, trouble.text);
+    }
+
+    pub(in crate::engine) fn state(&mut self, now: Timestamp) -> State {
+        if self.due().is_some_and(|due| now >= due) {
+            self.last = None;
+            self.message.clear();
+        }
+        if self.last.is_some() { State::Warning } else { State::Ok }
+    }
+
+    pub(in crate::engine) fn due(&self) -> Option<Timestamp> {
+        self.last.map(|last| last + RECEPTION_HOLD)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_modules_stand_in_the_order_of_their_numbers() {
+        assert!((0..).zip(SystemCheck::ALL).all(|(number, check)| check as u32 == number));
+    }
+}

@@ -1,0 +1,436 @@
+//! What comes of topics, probes and KeyValues, to the monitors that look at it.
+
+mod blind;
+mod keys;
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use super::{Feed, Monitor, Taken, WORDS_EVERY, Words, feeds};
+use crate::engine::model::monitors::{MonitorSpec, TopicId, TopicSpec, ValueSource, WatchdogSpec};
+use crate::engine::model::sample::{FieldValue, Probe, Sample, TopicNews};
+use crate::engine::model::{Model, ModuleId, Policy};
+use crate::engine::signals::Heard;
+use crate::engine::state::State;
+use crate::engine::time::Timestamp;
+use blind::Judged;
+
+/// All monitors, and who looks at what.
+#[derive(Debug, Default)]
+pub(in crate::engine) struct Watching {
+    pub(in crate::engine) watches: Vec<Watch>,
+    /// By [`ModuleId`], for those that are declared.
+    of_module: Vec<Option<u32>>,
+    /// By [`TopicId`].
+    topics: Vec<Topic>,
+    topic_names: HashMap<Box<str>, u32>,
+    /// Each probe with the monitors that ask it.
+    probes: Vec<(Arc<WatchdogSpec>, Vec<u32>)>,
+    statuses: HashMap<Arc<str>, Keyed>,
+    /// Names of the array in hand, kept to save allocations.
+    touched: Vec<Arc<str>>,
+    /// Monitors to judge, kept to save allocations.
+    pub(in crate::engine) judge: Vec<u32>,
+    /// Modules that became relevant or ceased to be.
+    pub(in crate::engine) turned: Vec<ModuleId>,
+    /// After a start or a reload, until then discovery may not have found everybody.
+    pub(in crate::engine) searching_until: Option<Timestamp>,
+}
+
+/// What a monitor is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::engine) enum Purpose {
+    Module(ModuleId),
+    /// The condition of the signal of this position.
+    Signal(usize),
+}
+
+/// A monitor, and what was told of it.
+#[derive(Debug)]
+pub(in crate::engine) struct Watch {
+    pub(in crate::engine) purpose: Purpose,
+    monitor: Monitor,
+    topics: Box<[TopicId]>,
+    by_the_clock: bool,
+    /// What it judges comes from the vehicle by DDS.
+    from_dds: bool,
+    said: Option<State>,
+    /// When time alone changes its state, or somewhat before.
+    due: Option<Timestamp>,
+    /// When its words were last written.
+    worded: Option<Timestamp>,
+    /// What is measured may have changed since then.
+    pending: bool,
+    running: bool,
+}
+
+#[derive(Debug)]
+struct Topic {
+    spec: Arc<TopicSpec>,
+    /// In the order of the monitors, then of their slots.
+    readers: Vec<Reader>,
+    /// What discovery said; nothing is concluded while it said nothing.
+    news: Option<News>,
+    /// A message came, so somebody publishes it whatever discovery says.
+    heard: bool,
+    /// Its publishers left, and nothing came since.
+    left: bool,
+    /// While nothing was said: until then discovery may not have found everybody.
+    searched_until: Option<Timestamp>,
+}
+
+#[derive(Debug, Clone)]
+struct News {
+    publishers: u32,
+    other_type: Option<Box<str>>,
+}
+
+#[derive(Debug)]
+struct Reader {
+    watch: u32,
+    slot: u32,
+    /// `None`: the message as such.
+    field: Option<u32>,
+}
+
+/// A status of which KeyValues are watched.
+#[derive(Debug, Default)]
+struct Keyed {
+    keys: Vec<KeyReader>,
+    /// In the array in hand, the position of the worst status of this name.
+    position: Option<usize>,
+}
+
+#[derive(Debug)]
+struct KeyReader {
+    watch: u32,
+    slot: u32,
+    key: Arc<str>,
+    unit: Option<Arc<str>>,
+    as_text: bool,
+}
+
+/// What became of a monitor.
+#[derive(Debug)]
+pub(in crate::engine) struct Told {
+    pub(in crate::engine) state: Option<State>,
+    /// Whether the state is another one than before.
+    pub(in crate::engine) changed: bool,
+    pub(in crate::engine) words: Option<Words>,
+    /// The words are only that an input is too old.
+    pub(in crate::engine) aged: bool,
+    /// When to look at it again.
+    pub(in crate::engine) due: Option<Timestamp>,
+}
+
+impl Watch {
+    /// Returns whether that ends a search.
+    fn found(&mut self, slot: usize, now: Timestamp) -> bool {
+        let found = self.monitor.found(slot, now);
+        if found {
+            self.due = None;
+        }
+        found
+    }
+
+    /// A message that is not counted shows that somebody publishes. Returns whether anything is
+    /// judged at another time now.
+    fn late(&mut self, slot: usize, now: Timestamp) -> bool {
+        let found = self.found(slot, now);
+        let begins = self.monitor.late(now);
+        if begins {
+            self.due = None;
+        }
+        found || begins
+    }
+}
+
+impl Watching {
+    pub(in crate::engine) fn new(model: &Model) -> Watching {
+        let topic = |spec: &Arc<TopicSpec>| Topic {
+            spec: spec.clone(),
+            readers: Vec::new(),
+            news: None,
+            heard: false,
+            left: false,
+            searched_until: None,
+        };
+        let names = model.watched.topics.iter().zip(0..).map(|(spec, index)| (spec.topic.clone(), index));
+        let mut watching = Watching {
+            topics: model.watched.topics.iter().map(topic).collect(),
+            topic_names: names.collect(),
+            probes: model.watched.watchdogs.iter().map(|spec| (spec.clone(), Vec::new())).collect(),
+            of_module: vec![None; model.modules.len()],
+            ..Watching::default()
+        };
+        for (index, module) in model.modules.iter().enumerate() {
+            if let Some(monitor) = Monitor::new(&module.monitor, &model.watched) {
+                watching.of_module[index] = Some(watching.watches.len() as u32);
+                watching.add(Purpose::Module(ModuleId(index as u32)), &module.monitor, monitor);
+            }
+        }
+        for (index, signal) in model.signals.iter().enumerate() {
+            let spec = signal.source.condition();
+            if let Some((spec, monitor)) = spec.and_then(|it| Some((it, Monitor::new(it, &model.watched)?))) {
+                watching.add(Purpose::Signal(index), spec, monitor);
+            }
+        }
+        watching
+    }
+
+    fn add(&mut self, purpose: Purpose, spec: &MonitorSpec, monitor: Monitor) {
+        let watch = self.watches.len() as u32;
+        let mut topics = Vec::new();
+        for (slot, feed) in feeds(spec).into_iter().enumerate() {
+            let slot = slot as u32;
+            let (topic, field) = match feed {
+                Feed::Messages(topic) => (topic, None),
+                Feed::Values(ValueSource::Field { topic, field }) => (*topic, Some(*field)),
+                Feed::Values(ValueSource::Key { status, key, unit }) => {
+                    let keyed = self.statuses.entry(status.clone()).or_default();
+                    let as_text = monitor.wants_words(slot as usize);
+                    keyed.keys.push(KeyReader { watch, slot, key: key.clone(), unit: unit.clone(), as_text });
+                    continue;
+                }
+            };
+            self.topics[topic.0 as usize].readers.push(Reader { watch, slot, field });
+            topics.push(topic);
+        }
+        let mut from_dds = true;
+        if let MonitorSpec::Watchdog { watchdog, .. } = spec {
+            let (spec, readers) = &mut self.probes[watchdog.0 as usize];
+            from_dds = spec.target.asks_dds();
+            readers.push(watch);
+        }
+        self.watches.push(Watch {
+            purpose,
+            monitor,
+            topics: topics.into(),
+            by_the_clock: spec.by_the_clock(),
+            from_dds,
+            said: None,
+            due: None,
+            worded: None,
+            pending: false,
+            running: false,
+        });
+    }
+
+    /// The topic of a message that was read as this configuration asks for.
+    fn topic(&self, source: &Arc<TopicSpec>) -> Option<TopicId> {
+        let index = *self.topic_names.get(&source.topic)?;
+        let spec = &self.topics[index as usize].spec;
+        (Arc::ptr_eq(spec, source) || spec == source).then_some(TopicId(index))
+    }
+
+    /// Takes a message; says which monitors to judge, or `None` if it is of another configuration.
+    pub(in crate::engine) fn take_sample(
+        &mut self,
+        sample: &Sample,
+        now: Timestamp,
+        judge: &mut Vec<u32>,
+    ) -> Option<()> {
+        let id = self.topic(&sample.source)?;
+        let topic = &mut self.topics[id.0 as usize];
+        if sample.values.len() != topic.spec.fields.len() {
+            return None;
+        }
+        (topic.heard, topic.left) = (true, false);
+        for reader in &topic.readers {
+            let taken = match reader.field {
+                None if sample.late => {
+                    if self.watches[reader.watch as usize].late(reader.slot as usize, now) {
+                        judge.push(reader.watch);
+                    }
+                    continue;
+                }
+                None => Taken::Message(sample),
+                Some(field) => match &sample.values[field as usize] {
+                    FieldValue::Absent => continue,
+                    value => Taken::Value(value),
+                },
+            };
+            let watch = &mut self.watches[reader.watch as usize];
+            watch.found(reader.slot as usize, now);
+            watch.monitor.take(reader.slot as usize, taken, now);
+            watch.pending = true;
+            if judge.last() != Some(&reader.watch) {
+                judge.push(reader.watch);
+            }
+        }
+        Some(())
+    }
+
+    /// Takes what discovery says; `None` if it is of another configuration.
+    pub(in crate::engine) fn take_news(
+        &mut self,
+        news: &TopicNews,
+        now: Timestamp,
+        judge: &mut Vec<u32>,
+    ) -> Option<()> {
+        let id = self.topic(&news.source)?;
+        let topic = &mut self.topics[id.0 as usize];
+        topic.left |= news.publishers == 0;
+        topic.news = Some(News { publishers: news.publishers, other_type: news.other_type.clone() });
+        judge.extend(topic.readers.iter().map(|reader| reader.watch));
+        judge.dedup();
+        for reader in &topic.readers {
+            let watch = &mut self.watches[reader.watch as usize];
+            watch.found(reader.slot as usize, now);
+            watch.pending = true;
+        }
+        Some(())
+    }
+
+    pub(in crate::engine) fn take_probe(
+        &mut self,
+        probe: &Probe,
+        now: Timestamp,
+        judge: &mut Vec<u32>,
+    ) -> Option<()> {
+        let same = |spec: &Arc<WatchdogSpec>| Arc::ptr_eq(spec, &probe.source) || *spec == probe.source;
+        let (_, readers) = self.probes.iter().find(|(spec, _)| same(spec))?;
+        for &index in readers {
+            let watch = &mut self.watches[index as usize];
+            watch.monitor.take(0, Taken::Probe(&probe.outcome), now);
+            watch.pending = true;
+            judge.push(index);
+        }
+        Some(())
+    }
+
+    /// Notes whether a module is relevant, if that is news to its monitor.
+    pub(in crate::engine) fn note_relevance(&mut self, id: ModuleId, relevant: bool) {
+        let watch = self.of_module.get(id.0 as usize).copied().flatten();
+        if watch.is_some_and(|watch| self.watches[watch as usize].running != relevant) {
+            self.turned.push(id);
+        }
+    }
+
+    /// Starts or stops the monitor of a module. Returns which it is.
+    pub(in crate::engine) fn turn(&mut self, id: ModuleId, relevant: bool, now: Timestamp) -> Option<u32> {
+        let index = self.of_module.get(id.0 as usize).copied().flatten()?;
+        let watch = &mut self.watches[index as usize];
+        watch.running = relevant;
+        watch.monitor.set_relevant(relevant, now);
+        let heard = |id: &TopicId| self.topics[id.0 as usize].news.is_some();
+        let search = |id: &TopicId| self.topics[id.0 as usize].searched_until.filter(|&until| until > now);
+        let until = watch.topics.iter().filter(|id| !heard(id)).filter_map(search).max();
+        if let Some(until) = until.filter(|_| relevant) {
+            watch.monitor.search(until);
+            for (slot, _) in watch.topics.iter().enumerate().filter(|(_, id)| heard(id)) {
+                watch.monitor.found(slot, now);
+            }
+        }
+        if watch.by_the_clock {
+            // What was measured before is of no meaning now.
+            (watch.worded, watch.pending) = (None, true);
+        }
+        Some(index)
+    }
+
+    /// Judges a monitor at `now`. Its words are written when the state changes, else rarely.
+    pub(in crate::engine) fn judge(&mut self, index: u32, policy: &Policy, now: Timestamp) -> Told {
+        let Judged { judged, blind, state } = self.look(index, policy, now);
+        let watch = &mut self.watches[index as usize];
+        let changed = std::mem::replace(&mut watch.said, state) != state;
+        let words_due = watch.worded.filter(|_| watch.pending).map(|worded| worded + WORDS_EVERY);
+        let write = changed || (watch.pending && words_due.is_none_or(|due| due <= now));
+        if write {
+            watch.worded = Some(now);
+            watch.pending = watch.monitor.moves(now);
+        }
+        // Of one topic more messages only put off what time does: it need not be computed each time.
+        let put_off = matches!(watch.monitor, Monitor::Frequency(_)) && !changed;
+        if !put_off || watch.due.is_none_or(|due| due <= now) {
+            watch.due = watch.monitor.due(now);
+        }
+        let watch = &self.watches[index as usize];
+        let words = write.then(|| {
+            let words = watch.monitor.words(now);
+            if watch.by_the_clock && judged.is_none() {
+                words
+            } else {
+                let beside = watch.by_the_clock || judged.is_some() && judged == state;
+                self.say(blind, beside, words)
+            }
+        });
+        let words_due = watch.worded.filter(|_| watch.pending).map(|worded| worded + WORDS_EVERY);
+        let due = [words_due, watch.due].into_iter().flatten().filter(|&due| due > now).min();
+        let aged = blind.is_none() && watch.monitor.is_aged(now);
+        Told { state, changed, words, aged, due }
+    }
+
+    /// Whether the condition of a signal holds, and when the oldest of its inputs came; `None` where
+    /// one of them is not known.
+    pub(in crate::engine) fn condition(&mut self, index: u32, now: Timestamp) -> Option<Heard> {
+        let Monitor::Expression(expression) = &mut self.watches[index as usize].monitor else { return None };
+        let is = match expression.judge(now)? {
+            State::Error => true,
+            State::Ok => false,
+            State::Unknown | State::Warning | State::Ignore => return None,
+        };
+        Some(Heard { is, at: expression.oldest()? })
+    }
+
+    /// Goes on with what came for the condition of a signal that means the same as before a reload.
+    pub(in crate::engine) fn keep_condition(&mut self, signal: usize, old: &Watching, before: usize) {
+        let of = |signal| move |watch: &&Watch| watch.purpose == Purpose::Signal(signal);
+        let Some(before) = old.watches.iter().find(of(before)) else { return };
+        let of = |watch: &&mut Watch| watch.purpose == Purpose::Signal(signal);
+        if let Some(watch) = self.watches.iter_mut().find(of) {
+            watch.monitor = before.monitor.clone();
+        }
+    }
+
+    pub(in crate::engine) fn by_the_clock(&self, index: u32) -> bool {
+        self.watches[index as usize].by_the_clock
+    }
+
+    /// Whether what is said of a module comes by DDS; a status does.
+    pub(in crate::engine) fn hears_dds(&self, id: ModuleId) -> bool {
+        let index = self.of_module.get(id.0 as usize).copied().flatten();
+        index.is_none_or(|index| self.watches[index as usize].from_dds)
+    }
+
+    /// Measures anew what is judged by the clock, as when it becomes relevant, unless it is in ERROR.
+    /// Discovery looks for who publishes until `searched`.
+    pub(in crate::engine) fn begin_anew(&mut self, index: u32, searched: Timestamp, now: Timestamp) {
+        let watch = &mut self.watches[index as usize];
+        if watch.by_the_clock && watch.running && watch.said != Some(State::Error) {
+            watch.monitor.set_relevant(false, now);
+            watch.monitor.set_relevant(true, now);
+            watch.monitor.search(searched);
+            (watch.due, watch.worded, watch.pending) = (None, None, true);
+        }
+    }
+
+    /// Goes on with a monitor of before a reload that means the same.
+    pub(in crate::engine) fn keep(&mut self, id: ModuleId, old: &Watching, before: ModuleId) {
+        let index =
+            |watching: &Watching, id: ModuleId| watching.of_module.get(id.0 as usize).copied().flatten();
+        let Some((index, before)) = index(self, id).zip(index(old, before)) else { return };
+        let before = &old.watches[before as usize];
+        let watch = &mut self.watches[index as usize];
+        watch.monitor = before.monitor.clone();
+        (watch.said, watch.worded) = (before.said, before.worded);
+        (watch.pending, watch.running) = (before.pending, before.running);
+    }
+
+    /// What discovery said of topics that stay, and how long it looks for who publishes them.
+    pub(in crate::engine) fn keep_topics(&mut self, old: &Watching) {
+        for topic in &mut self.topics {
+            let before = old.topic_names.get(&topic.spec.topic).map(|&index| &old.topics[index as usize]);
+            if let Some(same) = before.filter(|before| before.spec.type_name == topic.spec.type_name) {
+                (topic.news, topic.heard, topic.left) = (same.news.clone(), same.heard, same.left);
+                topic.searched_until = same.searched_until;
+            }
+        }
+    }
+
+    /// Discovery looks for everybody until then.
+    pub(in crate::engine) fn search_until(&mut self, until: Timestamp) {
+        self.searching_until = Some(until);
+        self.topics.iter_mut().for_each(|topic| topic.searched_until = Some(until));
+    }
+}

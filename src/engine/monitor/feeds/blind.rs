@@ -1,0 +1,130 @@
+//! Topics that are not as they should be, and what that makes of a judgement.
+
+use super::{News, TopicId, Watch, Watching};
+use crate::engine::model::Policy;
+use crate::engine::model::monitors::TopicSpec;
+use crate::engine::monitor::{Monitor, Words};
+use crate::engine::state::State;
+use crate::engine::text::say;
+use crate::engine::time::Timestamp;
+
+/// Why a topic cannot be judged as it should.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Blind {
+    WrongType(TopicId),
+    NoPublisher(TopicId),
+    /// Somebody publishes it again and said nothing yet: what came before is of somebody else.
+    Speechless(TopicId),
+}
+
+/// A judgement, and why it cannot be made as it should.
+pub(super) struct Judged {
+    pub(super) judged: Option<State>,
+    pub(super) blind: Option<Blind>,
+    /// What that comes to.
+    pub(super) state: Option<State>,
+}
+
+impl Watching {
+    /// What a monitor makes of what came, and what is left of that where its topics are not as they
+    /// should be. Of both the worse counts: nothing is over because nobody can say so any more.
+    pub(super) fn look(&mut self, index: u32, policy: &Policy, now: Timestamp) -> Judged {
+        let blind = self.blind(index);
+        let watch = &mut self.watches[index as usize];
+        let judged = watch.monitor.judge(now);
+        let of_blind = blind.map(|blind| match blind {
+            Blind::WrongType(_) | Blind::Speechless(_) => State::Unknown,
+            Blind::NoPublisher(_) => policy.no_publisher,
+        });
+        let state = match (&watch.monitor, blind) {
+            // Nobody there is 0 Hz, which the bands judge; where they ask for no least rate, it is not OK.
+            (Monitor::Frequency(_), Some(Blind::NoPublisher(_))) => judged.map(|state| match state {
+                State::Ok => policy.no_publisher,
+                judged => judged,
+            }),
+            // Its type is to be learned and cannot be: nobody counted, so nothing is known of a rate.
+            (_, Some(Blind::WrongType(id))) if self.topics[id.0 as usize].spec.type_name.is_empty() => {
+                judged.map(|_| State::Unknown).or(of_blind.filter(|_| !watch.by_the_clock))
+            }
+            (_, Some(Blind::Speechless(_))) => judged.max(of_blind.filter(|_| judged.is_some())),
+            _ if watch.by_the_clock => judged.map(|state| state.max(of_blind.unwrap_or(State::Ok))),
+            _ => judged.max(of_blind),
+        };
+        Judged { judged, blind, state }
+    }
+
+    /// A wrong type says more than that nobody is there, and that more than a silence.
+    fn blind(&self, index: u32) -> Option<Blind> {
+        let Watch { topics, by_the_clock, .. } = &self.watches[index as usize];
+        let of = |&id: &TopicId| {
+            let topic = &self.topics[id.0 as usize];
+            match &topic.news {
+                // What the clock judges does not wait for discovery: nobody is there until somebody is.
+                None => (*by_the_clock && !topic.heard).then_some(Blind::NoPublisher(id)),
+                Some(News { publishers: 0, other_type: Some(_) }) => Some(Blind::WrongType(id)),
+                Some(News { publishers: 0, .. }) => Some(Blind::NoPublisher(id)),
+                Some(_) => (topic.left && !by_the_clock).then_some(Blind::Speechless(id)),
+            }
+        };
+        let weight = |blind: &Blind| match blind {
+            Blind::Speechless(_) => 0,
+            Blind::NoPublisher(_) => 1,
+            Blind::WrongType(_) => 2,
+        };
+        topics.iter().rev().filter_map(of).max_by_key(weight)
+    }
+
+    /// What is measured stays said where it is judged beside what is wrong with the topic.
+    pub(super) fn say(&self, blind: Option<Blind>, beside: bool, words: Words) -> Words {
+        let Some(blind) = blind else { return words };
+        let message = match blind {
+            Blind::NoPublisher(id) => say!(
+                "nobody publishes {topic}",
+                "niemand veröffentlicht {topic}",
+                topic = &*self.topics[id.0 as usize].spec.topic
+            ),
+            Blind::Speechless(id) => say!(
+                "nothing came since {topic} is published again",
+                "nichts empfangen, seit {topic} wieder veröffentlicht wird",
+                topic = &*self.topics[id.0 as usize].spec.topic
+            ),
+            Blind::WrongType(id) => {
+                let topic = &self.topics[id.0 as usize];
+                let other = topic.news.as_ref().and_then(|news| news.other_type.as_deref()).unwrap_or("?");
+                let TopicSpec { topic, type_name, .. } = &*topic.spec;
+                if type_name.is_empty() {
+                    let said = if other.contains(", ") {
+                        say!(
+                            "{topic} is published as {other}: name one of them with `type`",
+                            "{topic} wird als {other} veröffentlicht: einen davon mit `type` angeben",
+                            topic = &**topic,
+                            other = other
+                        )
+                    } else {
+                        say!(
+                            "{topic} is published as {other}, which cannot be read: name its `type`, or where its definition is",
+                            "{topic} wird als {other} veröffentlicht und ist so nicht lesbar: `type` angeben, oder wo die Definition liegt",
+                            topic = &**topic,
+                            other = other
+                        )
+                    };
+                    return Words { message: said, values: Vec::new() };
+                }
+                say!(
+                    "{topic} has type {other}, configuration says {wanted}",
+                    "{topic} hat den Typ {other}, laut Konfiguration {wanted}",
+                    topic = &**topic,
+                    other = other,
+                    wanted = &**type_name
+                )
+            }
+        };
+        if beside {
+            let message =
+                say!("{said}; {message}", "{said}; {message}", said = words.message, message = message);
+            Words { message, values: words.values }
+        } else {
+            Words { message, values: Vec::new() }
+        }
+    }
+}

@@ -1,0 +1,376 @@
+//! Alarms: one for each root cause, with a number that lasts (`ENGINE.md` 6).
+
+use std::collections::HashSet;
+use std::collections::hash_map::{Entry, HashMap};
+
+use crate::engine::Engine;
+use crate::engine::event::{Events, What};
+use crate::engine::model::NodeId;
+use crate::engine::snapshot::Alarm;
+use crate::engine::time::Timestamp;
+
+/// Alarms that are kept once they are over and not acknowledged.
+const KEPT_MAX: usize = 256;
+
+/// Of them, those of one node. A module that comes and goes makes a new one each time, and none of
+/// another node gives way to it: past this they are counted by the next one.
+const OF_NODE_MAX: usize = 8;
+
+/// All alarms that are active or not acknowledged.
+#[derive(Debug, Default)]
+pub(in crate::engine) struct Alarms {
+    list: Vec<Alarm>,
+    /// How many of them are active.
+    active: usize,
+    last_id: u64,
+    merged: u64,
+    dropped: u64,
+    /// Modules with an alarm from before a restart of which nothing is known since: it is not over.
+    awaited: HashSet<NodeId>,
+}
+
+impl Alarms {
+    pub(in crate::engine) fn list(&self) -> &[Alarm] {
+        &self.list
+    }
+
+    pub(in crate::engine) fn active(&self) -> usize {
+        self.active
+    }
+
+    pub(in crate::engine) fn last_id(&self) -> u64 {
+        self.last_id
+    }
+
+    /// Takes over alarms from before a restart. Those that were active stay until their module is
+    /// known.
+    pub(in crate::engine) fn restore(&mut self, mut list: Vec<Alarm>, last_id: u64) {
+        for alarm in &mut list {
+            alarm.active &= matches!(alarm.node, NodeId::Module(_));
+        }
+        list.retain(|alarm| alarm.active || !alarm.acknowledged);
+        self.awaited = list.iter().filter(|alarm| alarm.active).map(|alarm| alarm.node).collect();
+        self.last_id = list.iter().map(|alarm| alarm.id).fold(last_id, u64::max);
+        self.active = self.awaited.len();
+        self.list = list;
+    }
+
+    /// Lets go of awaited modules that are known by now. Returns whether there was any.
+    pub(in crate::engine) fn hear(&mut self, is_known: impl Fn(NodeId) -> bool) -> bool {
+        let before = self.awaited.len();
+        self.awaited.retain(|&node| !is_known(node));
+        self.awaited.len() != before
+    }
+
+    /// Whether an alarm from before a restart waits for its module.
+    pub(in crate::engine) fn awaits(&self) -> bool {
+        !self.awaited.is_empty()
+    }
+
+    /// The node that an alarm stands for.
+    pub(in crate::engine) fn node(&self, id: u64) -> Option<NodeId> {
+        self.list.iter().find(|alarm| alarm.id == id).map(|alarm| alarm.node)
+    }
+
+    /// The alarm of this number, if it is the latest of its node.
+    pub(in crate::engine) fn latest(&self, id: u64) -> Option<Alarm> {
+        let alarm = self.list.iter().find(|alarm| alarm.id == id)?;
+        let of_node = self.list.iter().filter(|it| it.node == alarm.node);
+        let latest = of_node.max_by_key(|it| (it.active, it.ended, it.id))?;
+        (latest.id == id).then(|| alarm.clone())
+    }
+
+    /// Takes note of what an operator knows; an alarm that is over is then gone. Returns whether
+    /// there was any.
+    pub(in crate::engine) fn acknowledge(
+        &mut self,
+        which: impl Fn(&Alarm) -> bool,
+        now: Timestamp,
+        events: &mut Events,
+    ) -> bool {
+        let mut found = false;
+        for alarm in self.list.iter_mut().filter(|alarm| which(alarm)) {
+            found = true;
+            if !std::mem::replace(&mut alarm.acknowledged, true) {
+                events.push(now, What::AlarmAcknowledged { id: alarm.id, node: alarm.node });
+            }
+        }
+        self.list.retain(|alarm| alarm.active || !alarm.acknowledged);
+        found
+    }
+
+    /// Takes over alarms under new ids; one whose node is gone is over.
+    pub(in crate::engine) fn copy(&mut self, old: &Alarms, renamed: impl Fn(NodeId) -> Option<NodeId>) {
+        self.last_id = old.last_id;
+        self.awaited = old.awaited.iter().filter_map(|&node| renamed(node)).collect();
+        let kept =
+            old.list.iter().filter_map(|alarm| Some(Alarm { node: renamed(alarm.node)?, ..alarm.clone() }));
+        self.list = kept.collect();
+        self.active = self.list.iter().filter(|alarm| alarm.active).count();
+    }
+
+    /// Takes the present root causes, ranked, each with whether it raises an alarm: one that raises none
+    /// keeps the alarm that it has, and takes over that of a symptom. `explained` tells for a former root the causes
+    /// that mask it now: its alarm moves to the first of them that has none yet, and keeps its
+    /// number. Where all have theirs, they stand for it too: it is gone, and nobody need know of it
+    /// any more. Returns whether anything changed.
+    pub(in crate::engine) fn follow(
+        &mut self,
+        roots: &[(NodeId, bool)],
+        explained: impl Fn(NodeId) -> Vec<NodeId>,
+        now: Timestamp,
+        events: &mut Events,
+    ) -> bool {
+        let mut active: HashMap<NodeId, usize> = HashMap::new();
+        for (index, alarm) in self.list.iter().enumerate().filter(|(_, alarm)| alarm.active) {
+            active.insert(alarm.node, index);
+        }
+        let present: HashSet<NodeId> = roots.iter().map(|(node, _)| *node).collect();
+        let is_gone = |node: &NodeId| !present.contains(node) && !self.awaited.contains(node);
+        let mut changed = false;
+        let mut gone: Vec<usize> =
+            active.iter().filter(|(node, _)| is_gone(node)).map(|(_, &index)| index).collect();
+        gone.sort_unstable();
+        for index in gone {
+            changed = true;
+            let causes = explained(self.list[index].node);
+            let heir = causes.iter().find(|node| present.contains(node) && !active.contains_key(node));
+            let explained = causes.iter().any(|node| active.contains_key(node));
+            let alarm = &mut self.list[index];
+            active.remove(&alarm.node);
+            match heir {
+                Some(&node) => {
+                    events.push(now, What::AlarmMoved { id: alarm.id, symptom: alarm.node, cause: node });
+                    alarm.node = node;
+                    alarm.acknowledged = false;
+                    active.insert(node, index);
+                }
+                None => {
+                    events.push(now, What::AlarmCleared { id: alarm.id, node: alarm.node });
+                    alarm.active = false;
+                    alarm.ended = Some(now);
+                    alarm.acknowledged |= explained;
+                }
+            }
+        }
+        for &(node, _) in roots.iter().filter(|(_, calls)| *calls) {
+            if let Entry::Vacant(slot) = active.entry(node) {
+                changed = true;
+                self.last_id += 1;
+                events.push(now, What::AlarmRaised { id: self.last_id, node });
+                slot.insert(self.list.len());
+                self.list.push(Alarm {
+                    id: self.last_id,
+                    node,
+                    raised: now,
+                    ended: None,
+                    acknowledged: false,
+                    active: true,
+                    repeats: 0,
+                });
+            }
+        }
+        self.active = active.len();
+        if changed {
+            self.list.retain(|alarm| alarm.active || !alarm.acknowledged);
+            self.merge_repeated();
+            self.drop_oldest();
+        }
+        changed
+    }
+
+    /// What was raised at `now` by a status that an acknowledged alarm speaks of already is known: it
+    /// only shows at one place more.
+    fn know(&mut self, same: impl Fn(NodeId, NodeId) -> bool, now: Timestamp, events: &mut Events) {
+        let known: Vec<NodeId> =
+            self.list.iter().filter(|it| it.active && it.acknowledged).map(|it| it.node).collect();
+        for alarm in self.list.iter_mut().filter(|it| it.raised == now && it.active && !it.acknowledged) {
+            if known.iter().any(|&node| same(node, alarm.node)) {
+                alarm.acknowledged = true;
+                events.push(now, What::AlarmAcknowledged { id: alarm.id, node: alarm.node });
+            }
+        }
+    }
+
+    /// Counts the oldest of what one node repeats with the next one of it.
+    fn merge_repeated(&mut self) {
+        let over = |alarm: &&Alarm| !alarm.active;
+        let mut count: HashMap<NodeId, usize> = HashMap::new();
+        self.list.iter().filter(over).for_each(|alarm| *count.entry(alarm.node).or_default() += 1);
+        count.retain(|_, count| *count > OF_NODE_MAX);
+        let mut surplus: usize = self.list.iter().filter(over).count().saturating_sub(KEPT_MAX);
+        if count.is_empty() && surplus == 0 {
+            return;
+        }
+        let mut index = 0;
+        while index < self.list.len() {
+            let Alarm { node, active, repeats, .. } = self.list[index];
+            let of_node = count.get_mut(&node).filter(|count| **count > OF_NODE_MAX);
+            let is_meant = !active && (of_node.is_some() || surplus > 0);
+            let mut later = self.list[index + 1..].iter_mut().filter(|_| is_meant);
+            match later.find(|alarm| alarm.node == node) {
+                Some(later) => {
+                    later.repeats = later.repeats.saturating_add(repeats).saturating_add(1);
+                    of_node.into_iter().for_each(|count| *count -= 1);
+                    surplus = surplus.saturating_sub(1);
+                    self.merged += 1;
+                    self.list.remove(index);
+                }
+                _ => index += 1,
+            }
+        }
+    }
+
+    fn drop_oldest(&mut self) {
+        let over = self.list.iter().filter(|alarm| !alarm.active).count();
+        let mut surplus = over.saturating_sub(KEPT_MAX);
+        self.dropped += surplus as u64;
+        self.list.retain(|alarm| {
+            let drop = !alarm.active && surplus > 0;
+            surplus -= usize::from(drop);
+            !drop
+        });
+    }
+
+    /// How many were merged and how many dropped since the last call.
+    fn take_lost(&mut self) -> (u64, u64) {
+        (std::mem::take(&mut self.merged), std::mem::take(&mut self.dropped))
+    }
+}
+
+impl Engine {
+    /// Brings the alarms to the present root causes.
+    pub(in crate::engine) fn follow_alarms(&mut self) {
+        let (views, roots) = (&self.views, self.views.roots());
+        if self.alarms.follow(&roots, |node| views.masked_by(node), self.now, &mut self.events) {
+            let same = |a, b| a != b && views.status_of(a).is_some_and(|it| views.status_of(b) == Some(it));
+            self.alarms.know(same, self.now, &mut self.events);
+            self.views.set_alarms(self.alarms.list());
+            let (merged, dropped) = self.alarms.take_lost();
+            self.counters.merged_alarms += merged;
+            self.counters.dropped_alarms += dropped;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::model::ModuleId;
+
+    const A: NodeId = NodeId::Module(ModuleId(0));
+    const B: NodeId = NodeId::Module(ModuleId(1));
+    const C: NodeId = NodeId::Module(ModuleId(2));
+
+    fn calling(roots: &[NodeId]) -> Vec<(NodeId, bool)> {
+        roots.iter().map(|&node| (node, true)).collect()
+    }
+
+    fn numbers(alarms: &Alarms) -> Vec<(u64, NodeId, bool)> {
+        alarms.list().iter().map(|alarm| (alarm.id, alarm.node, alarm.active)).collect()
+    }
+
+    #[test]
+    fn a_root_that_returns_is_a_new_alarm() {
+        let mut alarms = Alarms::default();
+        let none = |_| Vec::new();
+        assert!(alarms.follow(&[(A, true)], none, Timestamp::ZERO, &mut Events::default()));
+        assert!(!alarms.follow(&[(A, true)], none, Timestamp::ZERO, &mut Events::default()));
+        alarms.follow(&[], none, Timestamp::ZERO, &mut Events::default());
+        alarms.follow(&[(A, true)], none, Timestamp::ZERO, &mut Events::default());
+        assert_eq!(numbers(&alarms), [(1, A, false), (2, A, true)]);
+    }
+
+    #[test]
+    fn of_several_symptoms_the_first_number_moves_to_the_cause_and_the_rest_close() {
+        let mut alarms = Alarms::default();
+        alarms.follow(&[(A, true)], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        alarms.follow(&[(A, true), (B, true)], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        alarms.follow(&[(C, true)], |_| vec![C], Timestamp::ZERO, &mut Events::default());
+        assert_eq!(numbers(&alarms), [(1, C, true)], "the rest is owed to it and asks for nothing");
+        alarms.follow(&[(C, true), (A, true)], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        alarms.follow(&[(C, true)], |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        assert_eq!(numbers(&alarms), [(1, C, true), (3, A, false)], "over without a cause");
+    }
+
+    #[test]
+    fn what_is_given_time_raises_none_and_takes_over_that_of_a_symptom() {
+        let mut alarms = Alarms::default();
+        let mut follow = |roots: &[(NodeId, bool)], causes: &[NodeId]| {
+            alarms.follow(roots, |_| causes.to_vec(), Timestamp::ZERO, &mut Events::default());
+            numbers(&alarms)
+        };
+        assert_eq!(follow(&[(C, false)], &[]), []);
+        assert_eq!(follow(&[(C, true)], &[]), [(1, C, true)]);
+        assert_eq!(follow(&[(C, false)], &[]), [(1, C, true)], "what was raised stays");
+        assert_eq!(follow(&[(A, true)], &[]), [(1, C, false), (2, A, true)]);
+        assert_eq!(follow(&[(B, false)], &[B]), [(1, C, false), (2, B, true)]);
+    }
+
+    #[test]
+    fn what_is_known_at_one_place_is_known_at_another_that_comes_later() {
+        let mut alarms = Alarms::default();
+        let at = Timestamp::from_millis;
+        alarms.follow(&calling(&[A]), |_| Vec::new(), at(0), &mut Events::default());
+        alarms.acknowledge(|_| true, at(1), &mut Events::default());
+        alarms.follow(&calling(&[A, B, C]), |_| Vec::new(), at(2), &mut Events::default());
+        alarms.know(|a, b| (a, b) == (A, B), at(2), &mut Events::default());
+        let known: Vec<bool> = alarms.list().iter().map(|alarm| alarm.acknowledged).collect();
+        assert_eq!(known, [true, true, false]);
+    }
+
+    #[test]
+    fn an_alarm_from_before_a_restart_is_over_once_its_module_is_known_and_no_root() {
+        for (acknowledged, left) in [(true, vec![]), (false, vec![(7, A, false)])] {
+            let mut alarms = Alarms::default();
+            let (raised, ended) = (Timestamp::ZERO, None);
+            let alarm = Alarm { id: 7, node: A, raised, ended, acknowledged, active: true, repeats: 0 };
+            alarms.restore(vec![alarm], 7);
+            let follow = |alarms: &mut Alarms, roots: &[NodeId]| {
+                alarms.follow(&calling(roots), |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+            };
+            assert!(!alarms.hear(|_| false) && alarms.awaits());
+            follow(&mut alarms, &[]);
+            assert_eq!(numbers(&alarms), [(7, A, true)]);
+            assert!(alarms.hear(|_| true) && !alarms.awaits());
+            follow(&mut alarms, &[]);
+            assert_eq!(numbers(&alarms), left);
+            follow(&mut alarms, &[A]);
+            let new = alarms.list().last().map(|alarm| (alarm.id, alarm.acknowledged, alarm.active));
+            assert_eq!(new, Some((8, false, true)));
+        }
+    }
+
+    #[test]
+    fn flapping_is_counted_and_takes_no_room_from_others() {
+        let mut alarms = Alarms::default();
+        let mut follow = |roots: &[NodeId]| {
+            alarms.follow(&calling(roots), |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        };
+        follow(&[B]);
+        (0..1000).for_each(|_| [&[][..], &[A]].into_iter().for_each(&mut follow));
+        follow(&[]);
+        assert_eq!(alarms.list().len(), OF_NODE_MAX + 1);
+        assert_eq!(numbers(&alarms)[0], (1, B, false));
+        assert_eq!(alarms.list().last().map(|alarm| alarm.id), Some(1001));
+        let told: u32 = alarms.list()[1..].iter().map(|alarm| 1 + alarm.repeats).sum();
+        assert_eq!((told, alarms.take_lost()), (1000, (1000 - OF_NODE_MAX as u64, 0)));
+    }
+
+    #[test]
+    fn what_repeats_gives_way_to_what_was_there_once() {
+        let mut alarms = Alarms::default();
+        let mut follow = |roots: &[NodeId]| {
+            alarms.follow(&calling(roots), |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        };
+        follow(&[A]);
+        follow(&[]);
+        follow(&[A]);
+        let others: Vec<NodeId> = (10..).take(KEPT_MAX).map(|id| NodeId::Module(ModuleId(id))).collect();
+        follow(&others);
+        follow(&[]);
+        // The node's first is counted by its second, and one that was there once is dropped and counted.
+        assert_eq!((alarms.list().len(), alarms.take_lost()), (KEPT_MAX, (1, 1)));
+        assert_eq!(numbers(&alarms)[0], (3, others[0], false));
+    }
+}

@@ -1,0 +1,252 @@
+//! Whether the vehicle confirms what is asked of it (`ENGINE.md` 10). Every rule that asks has its own
+//! confirmation, and none stands in for another.
+
+use super::held::{By, Held, Measures};
+use crate::engine::mask::net::Net;
+use crate::engine::model::Model;
+use crate::engine::model::countermeasure::{Confirmation, ConfirmedBy, Kind, Request};
+use crate::engine::module::names::Names;
+use crate::engine::signals::Signals;
+use crate::engine::snapshot::MeasureState;
+use crate::engine::state::State;
+use crate::engine::text::Text;
+use crate::engine::text::say;
+use crate::engine::time::Timestamp;
+
+/// One kind of request, while it is made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::engine) struct Asked {
+    pub(in crate::engine) request: Request,
+    pub(in crate::engine) since: Timestamp,
+    /// Since when the vehicle could have confirmed it and has not.
+    unconfirmed_since: Timestamp,
+    pub(in crate::engine) state: MeasureState,
+}
+
+/// What one confirmation said last.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::engine) struct Heard {
+    /// The rule that it is of.
+    rule: usize,
+    is: bool,
+    lost: Option<Timestamp>,
+    /// Its time is over.
+    late: bool,
+}
+
+impl Heard {
+    /// The same under another configuration that confirms in the same way.
+    fn kept(&self, before: &Model, model: &Model) -> Option<Heard> {
+        let means = |model: &Model, index: usize| {
+            let rule = model.driving.countermeasures.get(index)?;
+            let by = match &rule.confirmation.as_ref()?.by {
+                ConfirmedBy::Signal(index) => model.signals[*index].name.to_string(),
+                ConfirmedBy::Status(name) => format!("status {name}"),
+            };
+            Some((rule.request.kind(), by))
+        };
+        let meant = means(before, self.rule)?;
+        let same = |index: &usize| means(model, *index).as_ref() == Some(&meant);
+        let rule =
+            Some(self.rule).filter(same).or_else(|| (0..model.driving.countermeasures.len()).find(same))?;
+        Some(Heard { rule, ..*self })
+    }
+}
+
+impl Measures {
+    /// Whether the vehicle has time left to confirm what is asked of it.
+    pub(in crate::engine) fn waits(&self, model: &Model) -> bool {
+        let waits = |asked: &Asked| {
+            asked.state == MeasureState::Requested
+                && !self.confirmations(model, asked.request.kind()).is_empty()
+        };
+        self.asked.iter().flatten().any(waits)
+    }
+
+    /// Compares what is asked with what the vehicle confirms. Returns when time alone changes that.
+    pub(in crate::engine) fn confirm(
+        &mut self,
+        model: &Model,
+        net: &Net,
+        names: &Names,
+        signals: &Signals,
+        now: Timestamp,
+    ) -> Option<Timestamp> {
+        let is = |by: &ConfirmedBy| match by {
+            ConfirmedBy::Signal(index) => signals.value(*index) == Some(true),
+            ConfirmedBy::Status(name) => is_ok(net, names, name),
+        };
+        let mut next: Option<Timestamp> = self.arrives;
+        let mut waited_for = Vec::new();
+        for kind in Kind::ALL {
+            let slot = kind as usize;
+            let Some(request) = self.strongest(kind) else {
+                self.asked[slot] = None;
+                continue;
+            };
+            let before = self.asked[slot].filter(|asked| asked.request == request);
+            let since = self.asked[slot].map_or(now, |asked| asked.since);
+            let mut asked = before.unwrap_or(Asked {
+                request,
+                since,
+                unconfirmed_since: now,
+                state: MeasureState::Requested,
+            });
+            let confirmations = self.confirmations(model, kind);
+            let is_unsent = kind.output().is_some_and(|output| self.unsent.contains_key(&output));
+            if is_unsent || self.unreached(model, kind).is_some() {
+                (asked.state, asked.unconfirmed_since) = (MeasureState::Unconfirmed, now);
+            } else if confirmations.is_empty() {
+                asked.state = MeasureState::Requested;
+            } else {
+                let mut due = None;
+                for &(rule, since) in &confirmations {
+                    let Some(Confirmation { by, within }) = &model.driving.countermeasures[rule].confirmation
+                    else {
+                        continue;
+                    };
+                    let known = self.hear(rule, is(by), now);
+                    let since = since.max(asked.unconfirmed_since).max(known.lost.unwrap_or(since));
+                    known.late = !known.is && since + *within <= now;
+                    if !known.is && !known.late {
+                        due = due.into_iter().chain([since + *within]).min();
+                    }
+                }
+                waited_for.extend(confirmations.iter().map(|(rule, _)| *rule));
+                asked.state = self.state(&confirmations, asked.state);
+                next = next.into_iter().chain(due).min();
+            }
+            self.asked[slot] = Some(asked);
+        }
+        self.heard.retain(|heard| waited_for.contains(&heard.rule));
+        next
+    }
+
+    fn hear(&mut self, rule: usize, is: bool, now: Timestamp) -> &mut Heard {
+        let position = self.heard.iter().position(|heard| heard.rule == rule).unwrap_or_else(|| {
+            self.heard.push(Heard { rule, is: false, lost: None, late: false });
+            self.heard.len() - 1
+        });
+        let heard = &mut self.heard[position];
+        if std::mem::replace(&mut heard.is, is) && !is {
+            heard.lost = Some(now);
+        }
+        heard
+    }
+
+    /// All that confirm make it engaged; one whose time is over makes it unconfirmed until then.
+    fn state(&self, confirmations: &[(usize, Timestamp)], before: MeasureState) -> MeasureState {
+        let mut heard = self.heard.iter().filter(|it| confirmations.iter().any(|(rule, _)| *rule == it.rule));
+        if heard.clone().all(|it| it.is) {
+            MeasureState::Engaged
+        } else if before == MeasureState::Unconfirmed || heard.any(|it| it.late) {
+            MeasureState::Unconfirmed
+        } else {
+            MeasureState::Requested
+        }
+    }
+
+    /// How the vehicle confirms a kind: as each rule that asks for it says, since when it asks. Where no
+    /// rule is known to ask, as those do that ask for the same, or else as the first of the kind.
+    fn confirmations(&self, model: &Model, kind: Kind) -> Vec<(usize, Timestamp)> {
+        let rules = &model.driving.countermeasures;
+        let confirmed = |&index: &usize| rules[index].confirmation.is_some();
+        let mut found: Vec<(usize, Timestamp)> = Vec::new();
+        let mut add = |index: usize, since: Timestamp| match found.iter_mut().find(|it| it.0 == index) {
+            Some(known) => known.1 = known.1.min(since),
+            None => found.push((index, since)),
+        };
+        let of_kind = |held: &&Held| held.request.kind() == kind;
+        for held in self.held.iter().filter(of_kind) {
+            let asks_the_same = |&index: &usize| rules[index].request == held.request;
+            match held.by {
+                By::Rule(index, _) => {
+                    Some(index).filter(confirmed).into_iter().for_each(|it| add(it, held.since))
+                }
+                By::Past => {
+                    let alike = (0..rules.len()).filter(asks_the_same);
+                    alike.filter(confirmed).for_each(|index| add(index, held.since));
+                }
+                By::Operator => {}
+            }
+        }
+        if found.is_empty() {
+            let first = (0..rules.len()).filter(confirmed).find(|&index| rules[index].request.kind() == kind);
+            found.extend(first.map(|index| (index, Timestamp::ZERO)));
+        }
+        found
+    }
+
+    /// What is wrong with the requests that are made now.
+    pub(in crate::engine) fn trouble(&self, model: &Model) -> Option<Text> {
+        // That nobody hears it is an ERROR of its own.
+        let unconfirmed = |asked: &&Asked| {
+            asked.state == MeasureState::Unconfirmed && self.unreached(model, asked.request.kind()).is_none()
+        };
+        let wrong = self.asked.iter().flatten().filter(unconfirmed).map(|asked| {
+            let kind = asked.request.kind();
+            let name = kind.said();
+            match kind.output().and_then(|output| self.unsent.get(&output)) {
+                Some(news) => {
+                    let error = news.error.as_deref().unwrap_or_default();
+                    say!(
+                        "{name} cannot be sent on {topic}: {error}",
+                        "{name} nicht zu senden auf {topic}: {error}",
+                        name = name,
+                        topic = &*news.topic,
+                        error = error
+                    )
+                }
+                None => self.unconfirmed(model, kind),
+            }
+        });
+        wrong.reduce(|all, next| say!("{all}; {next}", "{all}; {next}", all = all, next = next))
+    }
+
+    /// Who does not confirm is named where there are several.
+    fn unconfirmed(&self, model: &Model, kind: Kind) -> Text {
+        let confirmations = self.confirmations(model, kind);
+        let heard = |rule| self.heard.iter().find(|heard| heard.rule == rule);
+        let mut missing = confirmations.iter().filter(|(rule, _)| heard(*rule).is_none_or(|it| !it.is));
+        let late = missing.clone().find(|(rule, _)| heard(*rule).is_some_and(|it| it.late));
+        let rule = late.or_else(|| missing.next()).map(|(rule, _)| &model.driving.countermeasures[*rule]);
+        let name = kind.said();
+        let Some(Confirmation { by, within }) = rule.and_then(|rule| rule.confirmation.as_ref()) else {
+            return say!("{name} is not confirmed", "{name} nicht bestätigt", name = name);
+        };
+        let within = within.as_millis().to_string();
+        let who = match by {
+            _ if confirmations.len() == 1 => Text::default(),
+            ConfirmedBy::Signal(index) => {
+                let signal = &*model.signals[*index].name;
+                say!(" by the signal {signal}", " vom Signal {signal}", signal = signal)
+            }
+            ConfirmedBy::Status(status) => {
+                say!(" by the status {status}", " vom Status {status}", status = &**status)
+            }
+        };
+        say!(
+            "{name} is not confirmed{who} within {within} ms",
+            "{name} nach {within} ms{who} nicht bestätigt",
+            name = name,
+            who = who,
+            within = within
+        )
+    }
+
+    /// Takes over since when requests are made, and what cannot be sent.
+    pub(in crate::engine) fn keep(&mut self, old: &Measures, before: &Model, model: &Model) {
+        (self.asked, self.arrives) = (old.asked, old.arrives);
+        self.heard = old.heard.iter().filter_map(|heard| heard.kept(before, model)).collect();
+        self.unsent.clone_from(&old.unsent);
+        self.unheard.clone_from(&old.unheard);
+    }
+}
+
+fn is_ok(net: &Net, names: &Names, status: &str) -> bool {
+    let module = names.find(status).and_then(|route| names.routes[route as usize].module(0));
+    module.is_some_and(|id| {
+        let own = &net.modules[id.0 as usize].own;
+        own.received().is_some() && !own.silent() && net.modules[id.0 as usize].node.facts.own == State::Ok
+    })
+}

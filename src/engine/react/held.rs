@@ -1,0 +1,382 @@
+//! Which countermeasures are held, and whether the vehicle confirms them (`ENGINE.md` 10).
+//!
+//! What a rule asked for is held by itself: until its own cause is gone and acknowledged. The
+//! strongest of all that are held wins, so nothing falls back while its cause is there.
+
+use std::collections::{BTreeSet, HashMap, HashSet};
+use std::sync::Arc;
+
+use super::confirmation::{Asked, Heard};
+use crate::engine::input::OutputNews;
+use crate::engine::mask::net::{Change, Net};
+use crate::engine::mask::node::Facts;
+use crate::engine::mask::responsible::CAUSES_MAX;
+use crate::engine::model::countermeasure::{Kind, Request, Rule};
+use crate::engine::model::output::Output;
+use crate::engine::model::{Model, NodeId, Stage};
+use crate::engine::snapshot::{Alarm, Countermeasure, MeasureCause};
+use crate::engine::state::State;
+use crate::engine::time::Timestamp;
+
+/// One reason for a request.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::engine) struct Held {
+    pub(in crate::engine) request: Request,
+    pub(in crate::engine) by: By,
+    pub(in crate::engine) since: Timestamp,
+    pub(in crate::engine) present: bool,
+    /// Never empty, but for a stop of the operator: what nobody can be named for is nobody's to take back.
+    pub(in crate::engine) causes: Vec<Cause>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::engine) enum By {
+    /// A rule of the model, by its position, and the node that it is about.
+    Rule(usize, NodeId),
+    /// From before a restart or another configuration: its causes alone are known.
+    Past,
+    Operator,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::engine) struct Cause {
+    pub(in crate::engine) node: NodeId,
+    pub(in crate::engine) acknowledged: bool,
+    pub(in crate::engine) present: bool,
+}
+
+/// A node that the operator knows of.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::engine) struct Known<'a> {
+    pub(in crate::engine) node: NodeId,
+    /// By this alarm of it alone, which is the node's latest.
+    pub(in crate::engine) alarm: Option<&'a Alarm>,
+}
+
+impl Held {
+    fn is_over(&self) -> bool {
+        let is_known = || !self.causes.is_empty() && self.causes.iter().all(|it| it.acknowledged);
+        !self.present && (self.request.kind() == Kind::Notify || is_known())
+    }
+
+    /// Looks whether the causes that were named for it are still there. What a node that is well again
+    /// bears in itself, such as one of a set of which one is enough, is no cause any more.
+    fn look_at_causes(&mut self, net: &Net, state: State, by_itself: Option<NodeId>) {
+        let lies_in = |node| by_itself.is_some_and(|around| is_part_of(net, node, around));
+        for cause in &mut self.causes {
+            let stands_in = cause.node == net.nobody();
+            cause.present = !stands_in && !lies_in(cause.node) && fails(&net.node(cause.node).facts, state);
+        }
+        self.present = self.causes.iter().any(|cause| cause.present);
+    }
+
+    /// Takes the causes as they are now; what is acknowledged of them stays so. One that is over stays
+    /// until somebody knows of it, and one that is masked by now goes over to what masks it, as its
+    /// alarm does. Where there are too many, `about` stands for those that are not named.
+    fn explain(&mut self, about: NodeId, net: &Net, causes: &impl Fn(NodeId) -> Vec<NodeId>) {
+        let before = std::mem::take(&mut self.causes);
+        let known = |node| before.iter().any(|it| it.node == node && it.acknowledged);
+        let named = |node| {
+            let mut named = causes(node);
+            if named.len() > CAUSES_MAX {
+                named.truncate(CAUSES_MAX - 1);
+                named.push(about);
+            }
+            named
+        };
+        let is_there = |node| {
+            let facts = &net.node(node).facts;
+            !facts.masked && fails(facts, State::Warning)
+        };
+        let now = |node| Cause { node, acknowledged: known(node), present: true };
+        self.causes = named(about).into_iter().map(now).collect();
+        let mut past: Vec<NodeId> = Vec::new();
+        for &Cause { node, present, acknowledged } in &before {
+            match (acknowledged, net.node(node).facts.masked && present) {
+                (false, true) => past.extend(named(node).into_iter().filter(|&node| !known(node))),
+                (false, false) => past.push(node),
+                (true, _) if is_there(node) => past.push(node),
+                (true, _) => {}
+            }
+        }
+        let mut seen: HashSet<NodeId> = self.causes.iter().map(|cause| cause.node).collect();
+        past.retain(|&node| seen.insert(node));
+        if past.len() > CAUSES_MAX {
+            past.retain(|&node| node != about);
+            past.truncate(CAUSES_MAX - 1);
+            past.insert(0, about);
+        }
+        for node in past {
+            self.add(Cause { node, acknowledged: known(node), present: is_there(node) });
+        }
+    }
+
+    fn add(&mut self, cause: Cause) {
+        match self.causes.iter_mut().find(|known| known.node == cause.node) {
+            Some(known) => {
+                known.acknowledged &= cause.acknowledged;
+                known.present |= cause.present;
+            }
+            None => self.causes.push(cause),
+        }
+    }
+
+    /// Leaves as many causes as are named; one node stands for the others.
+    fn cut(&mut self, others: NodeId) {
+        if self.causes.len() <= CAUSES_MAX {
+            return;
+        }
+        self.causes.sort_by_key(|cause| cause.acknowledged);
+        let rest = self.causes.split_off(CAUSES_MAX - 1);
+        let acknowledged = rest.iter().all(|cause| cause.acknowledged);
+        let present = rest.iter().any(|cause| cause.present);
+        self.add(Cause { node: others, acknowledged, present });
+    }
+
+    fn is_about(&self, node: NodeId) -> bool {
+        matches!(self.by, By::Rule(_, it) if it == node)
+    }
+
+    /// Takes note of what the operator knows. By the name of the node that it is about that is all of
+    /// it; by an alarm, what that alarm was raised for while this was held.
+    fn acknowledge(&mut self, known: Known<'_>) {
+        let Known { node, alarm } = known;
+        let about = alarm.is_none() && self.is_about(node);
+        let counts = alarm.is_none_or(|it| it.active || it.ended.is_some_and(|ended| ended >= self.since));
+        for cause in self.causes.iter_mut().filter(|cause| about || (counts && cause.node == node)) {
+            cause.acknowledged = true;
+        }
+        if self.present {
+            self.causes.retain(|cause| cause.present || !cause.acknowledged);
+        }
+    }
+}
+
+#[derive(Debug, Default)]
+pub(in crate::engine) struct Measures {
+    /// Rules by the nodes that they are about.
+    rules: HashMap<NodeId, Vec<usize>>,
+    /// Nodes with rules that changed.
+    dirty: BTreeSet<NodeId>,
+    pub(in crate::engine) held: Vec<Held>,
+    /// The drive has ended, if it has not begun again by then: until then nothing is let go.
+    pub(in crate::engine) arrives: Option<Timestamp>,
+    pub(in crate::engine) asked: [Option<Asked>; 3],
+    /// What the vehicle said last, by each confirmation that is waited for.
+    pub(in crate::engine) heard: Vec<Heard>,
+    /// Why requests of a kind cannot be sent, with the topic.
+    pub(in crate::engine) unsent: HashMap<Output, OutputNews>,
+    /// Topics to which nobody listens.
+    pub(in crate::engine) unheard: HashMap<Output, Box<str>>,
+    /// Outputs to which somebody listens.
+    pub(in crate::engine) listened: BTreeSet<Output>,
+}
+
+impl Measures {
+    pub(in crate::engine) fn new(model: &Model) -> Measures {
+        let mut measures = Measures::default();
+        for (index, rule) in model.driving.countermeasures.iter().enumerate() {
+            for &node in &rule.nodes {
+                measures.rules.entry(node).or_default().push(index);
+            }
+        }
+        measures
+    }
+
+    pub(in crate::engine) fn note(&mut self, change: &Change) {
+        if self.rules.contains_key(&change.node) {
+            self.dirty.insert(change.node);
+        }
+    }
+
+    /// The stage changed: rules may hold now that did not before.
+    pub(in crate::engine) fn mark_all(&mut self) {
+        self.dirty.extend(self.rules.keys());
+    }
+
+    pub(in crate::engine) fn is_idle(&self) -> bool {
+        self.dirty.is_empty() && self.held.is_empty() && self.asked == [None; 3]
+    }
+
+    /// Brings what is held to what follows from the nodes. `causes` names the root causes of a node.
+    pub(in crate::engine) fn follow(
+        &mut self,
+        model: &Model,
+        net: &Net,
+        stage: Stage,
+        now: Timestamp,
+        causes: impl Fn(NodeId) -> Vec<NodeId>,
+    ) {
+        if stage == Stage::Active {
+            self.arrives = None;
+        } else if self.arrives.take_if(|at| *at <= now).is_some() {
+            self.release_stop();
+        }
+        for node in std::mem::take(&mut self.dirty) {
+            for &index in &self.rules[&node] {
+                let rule = &model.driving.countermeasures[index];
+                let fails = fails(&net.node(node).facts, rule.state);
+                let by = By::Rule(index, node);
+                let known = self.held.iter().any(|held| held.by == by);
+                if fails && !known && rule.stages.contains(&stage) {
+                    let (request, causes) = (rule.request, Vec::new());
+                    self.held.push(Held { request, by, since: now, present: true, causes });
+                }
+            }
+        }
+        for held in &mut self.held {
+            match held.by {
+                By::Rule(index, node) => {
+                    let facts = &net.node(node).facts;
+                    let state = model.driving.countermeasures[index].state;
+                    if fails(facts, state) {
+                        held.present = true;
+                        held.explain(node, net, &causes);
+                    } else {
+                        // That a failure is over has to be known. What waited for its cause may be well
+                        // before the cause is.
+                        let is_unclear = fails(facts, state.min(State::Unknown));
+                        held.look_at_causes(net, state.min(State::Unknown), (!is_unclear).then_some(node));
+                        held.present |= is_unclear;
+                    }
+                }
+                By::Past => held.look_at_causes(net, State::Warning, None),
+                By::Operator => {}
+            }
+        }
+        self.let_go();
+    }
+
+    /// The drive has ended, as far as is known before `certain`.
+    pub(in crate::engine) fn arrive(&mut self, certain: Timestamp) {
+        self.arrives = Some(certain).filter(|_| !self.held.is_empty());
+    }
+
+    fn let_go(&mut self) {
+        if self.arrives.is_none() {
+            self.held.retain(|held| !held.is_over());
+        }
+    }
+
+    /// Holds a stop that the operator asked for. Twice is once.
+    pub(in crate::engine) fn request_stop(&mut self, now: Timestamp) {
+        if !self.is_requested() {
+            let (request, causes) = (Request::ManeuverStop, Vec::new());
+            self.held.push(Held { request, by: By::Operator, since: now, present: true, causes });
+        }
+    }
+
+    pub(in crate::engine) fn is_requested(&self) -> bool {
+        self.held.iter().any(|held| held.by == By::Operator)
+    }
+
+    pub(in crate::engine) fn release_stop(&mut self) {
+        self.held.retain(|held| held.by != By::Operator);
+    }
+
+    /// Whether a node has a part in what is held that the operator can know of.
+    pub(in crate::engine) fn is_held_for(&self, node: NodeId) -> bool {
+        let has_part =
+            |held: &Held| held.causes.iter().any(|cause| held.is_about(node) || cause.node == node);
+        self.held.iter().any(has_part)
+    }
+
+    /// Takes note that the operator knows of a node's part.
+    pub(in crate::engine) fn acknowledge(&mut self, known: Known<'_>) {
+        self.held.iter_mut().for_each(|held| held.acknowledge(known));
+        self.let_go();
+    }
+
+    pub(in crate::engine) fn take_news(&mut self, news: &OutputNews) {
+        match news.error {
+            Some(_) => self.unsent.insert(news.output, news.clone()),
+            None => self.unsent.remove(&news.output),
+        };
+    }
+
+    /// What cannot be sent, in order.
+    pub(in crate::engine) fn unsent(&self) -> Vec<&OutputNews> {
+        let mut all: Vec<&OutputNews> = self.unsent.values().collect();
+        all.sort_by_key(|news| news.output);
+        all
+    }
+
+    /// Kinds that ask the vehicle to move differently.
+    pub(in crate::engine) fn moving(&self) -> impl Iterator<Item = Kind> {
+        Kind::ALL.into_iter().rev().filter(|kind| kind.moves() && self.strongest(*kind).is_some())
+    }
+
+    pub(in crate::engine) fn strongest(&self, kind: Kind) -> Option<Request> {
+        let all = self.held.iter().map(|held| held.request).filter(|request| request.kind() == kind);
+        all.reduce(|a, b| match (a, b) {
+            (Request::Decelerate { mps2: x }, Request::Decelerate { mps2: y }) if y > x => b,
+            _ => a,
+        })
+    }
+
+    /// For the snapshot: strongest first.
+    pub(in crate::engine) fn list(&self, others: NodeId) -> Arc<[Countermeasure]> {
+        let measure = |asked: &Asked| {
+            let of_kind = || self.held.iter().filter(|held| held.request.kind() == asked.request.kind());
+            let since = asked.since;
+            let mut all =
+                Held { request: asked.request, by: By::Past, since, present: false, causes: Vec::new() };
+            of_kind().flat_map(|held| &held.causes).for_each(|cause| all.add(*cause));
+            all.cut(others);
+            let cause =
+                |&Cause { node, acknowledged, present }: &Cause| MeasureCause { node, acknowledged, present };
+            Countermeasure {
+                request: asked.request,
+                by_operator: of_kind().any(|held| held.by == By::Operator),
+                causes: all.causes.iter().map(cause).collect(),
+                since,
+                state: asked.state,
+                latched: of_kind().all(|held| !held.present),
+            }
+        };
+        self.asked.iter().rev().flatten().map(measure).collect()
+    }
+
+    pub(in crate::engine) fn held(&self) -> &[Held] {
+        &self.held
+    }
+
+    /// Takes over what was held before a restart or under another configuration.
+    pub(in crate::engine) fn hold(&mut self, held: Held, others: NodeId) {
+        if held.is_over() && self.arrives.is_none() {
+            return;
+        }
+        let same = |it: &&mut Held| it.by == held.by && (held.by != By::Past || it.request == held.request);
+        match self.held.iter_mut().find(same) {
+            Some(known) => {
+                held.causes.iter().for_each(|cause| known.add(*cause));
+                known.present |= held.present;
+                known.cut(others);
+            }
+            None => self.held.push(held),
+        }
+    }
+
+    /// The rule that asks for the same because of a node as a rule of another configuration did.
+    pub(in crate::engine) fn rule(&self, model: &Model, node: NodeId, before: &Rule) -> Option<By> {
+        let rules = &model.driving.countermeasures;
+        let asks =
+            |&&index: &&usize| rules[index].request == before.request && rules[index].state == before.state;
+        let alike = || self.rules.get(&node).into_iter().flatten().filter(asks);
+        let index = alike().find(|&&index| rules[index].stages == before.stages).or_else(|| alike().next());
+        index.map(|&index| By::Rule(index, node))
+    }
+}
+
+pub(in crate::engine) fn fails(facts: &Facts, state: State) -> bool {
+    facts.relevant && facts.worst() >= state
+}
+
+/// Whether a node is another one or one of its members, at any depth.
+fn is_part_of(net: &Net, mut node: NodeId, whole: NodeId) -> bool {
+    while node != whole {
+        let Some(parent) = net.node(node).parent else { return false };
+        node = NodeId::Group(parent);
+    }
+    true
+}

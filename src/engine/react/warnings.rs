@@ -1,0 +1,68 @@
+//! WARNINGs and which of them the operator accepted (`ENGINE.md` 9). Kept as they come and go, so
+//! that asking for what is not accepted does not walk the vehicle.
+
+use std::collections::BTreeSet;
+
+use crate::engine::mask::net::{Change, Net};
+use crate::engine::model::{ModuleId, NodeId};
+use crate::engine::state::State;
+
+/// Modules that show WARNING, by whether that is accepted.
+#[derive(Debug, Default)]
+pub(in crate::engine) struct Warnings {
+    open: BTreeSet<ModuleId>,
+    accepted: BTreeSet<ModuleId>,
+    /// Accepted before a restart, of modules that have said nothing since.
+    awaited: BTreeSet<ModuleId>,
+}
+
+impl Warnings {
+    /// Follows a module. An acceptance ends with the WARNING, however it ends.
+    pub(in crate::engine) fn note(&mut self, net: &Net, change: &Change) -> bool {
+        let NodeId::Module(id) = change.node else { return false };
+        let module = &net.modules[id.0 as usize];
+        let group = module.node.parent.map(|group| &net.groups[group.0 as usize]);
+        if group.is_none_or(|group| group.aside) {
+            return false;
+        }
+        let warns = change.after.shown == State::Warning;
+        if module.own.received().is_some() && self.awaited.remove(&id) && warns {
+            return self.accepted.insert(id);
+        }
+        if !warns {
+            return self.open.remove(&id) | self.accepted.remove(&id);
+        }
+        !self.accepted.contains(&id) && self.open.insert(id)
+    }
+
+    /// The module is not there any more.
+    pub(in crate::engine) fn forget(&mut self, id: ModuleId) {
+        self.open.remove(&id);
+        self.accepted.remove(&id);
+        self.awaited.remove(&id);
+    }
+
+    pub(in crate::engine) fn open(&self) -> impl Iterator<Item = ModuleId> {
+        self.open.iter().copied()
+    }
+
+    pub(in crate::engine) fn accept(&mut self, id: ModuleId) {
+        if self.open.remove(&id) {
+            self.accepted.insert(id);
+        }
+    }
+
+    pub(in crate::engine) fn is_accepted(&self, id: ModuleId) -> bool {
+        self.accepted.contains(&id)
+    }
+
+    /// Those that were accepted, and those that were before a restart and may be again.
+    pub(in crate::engine) fn accepted(&self) -> impl Iterator<Item = ModuleId> {
+        self.accepted.union(&self.awaited).copied()
+    }
+
+    /// Takes over an acceptance from before a restart or a reload.
+    pub(in crate::engine) fn expect(&mut self, id: ModuleId) {
+        self.awaited.insert(id);
+    }
+}

@@ -1,0 +1,120 @@
+//! What an operator's action would leave to remember. Whoever has to have that on the disk before it
+//! happens asks here first.
+
+use std::sync::Arc;
+
+use super::resume::Restored;
+use crate::engine::Engine;
+use crate::engine::input::{AlarmRef, OperatorAction, Refusal};
+use crate::engine::model::{NodeId, Stage};
+use crate::engine::react::held::{Known, Measures};
+use crate::engine::snapshot::{Countermeasure, Snapshot};
+use crate::engine::stage::machine::Event;
+use crate::engine::time::Timestamp;
+
+/// What is to be remembered of an action that would be granted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Foreseen {
+    /// Of the state that it was judged in.
+    pub seq: u64,
+    pub vehicle: Restored,
+}
+
+impl Engine {
+    /// Judges an action as [`Engine::handle`] would at `now`, and does not do it. What it leads to by
+    /// itself, such as an alarm that ends with its acknowledgement, follows from what is remembered.
+    ///
+    /// # Errors
+    /// Every reason for which it is refused.
+    pub fn foresee(&mut self, action: &OperatorAction, now: Timestamp) -> Result<Foreseen, Vec<Refusal>> {
+        self.advance(now);
+        self.check(action)?;
+        let mut after = Snapshot::clone(&self.snapshot());
+        let mut vehicle = self.vehicle.clone();
+        match action {
+            OperatorAction::Login { name } => {
+                let event = vehicle.seat(name);
+                vehicle.raise(event);
+            }
+            OperatorAction::Logout | OperatorAction::Shutdown => {
+                vehicle.operator = None;
+                vehicle.raise(Event::Logout);
+            }
+            OperatorAction::Localize { place } => {
+                let pose = self.pose(place).map_err(|reason| vec![reason])?;
+                vehicle.localize(pose, self.now);
+            }
+            OperatorAction::Clear { .. } => {
+                vehicle.raise(Event::Clearance);
+            }
+            OperatorAction::Acknowledge { alarm } => self.foresee_acknowledged(alarm, &mut after),
+            // Nothing of it is remembered; and a stop waits for no disk, so nobody asks of it.
+            OperatorAction::AskClearance { .. }
+            | OperatorAction::Reset { .. }
+            | OperatorAction::RequestStop => {}
+        }
+        (after.operator, after.stage, after.localization) =
+            (vehicle.operator, vehicle.stage, vehicle.localization);
+        Ok(Foreseen { seq: after.seq, vehicle: after.to_restore() })
+    }
+
+    /// The stage and what is asked of the vehicle. The list is another one whenever it changed.
+    pub fn led(&self) -> (Stage, Arc<[Countermeasure]>) {
+        (self.vehicle.stage, self.views.led().countermeasures.clone())
+    }
+
+    /// What would be asked for if this were done to what is held.
+    fn list_after(&mut self, done: impl FnOnce(&mut Measures)) -> Arc<[Countermeasure]> {
+        let held = self.measures.held.clone();
+        done(&mut self.measures);
+        let list = self.measures.list(self.net.nobody());
+        let is_held = |kind| self.measures.held.iter().any(|held| held.request.kind() == kind);
+        let after = list.iter().filter(|it| is_held(it.request.kind())).cloned().collect();
+        self.measures.held = held;
+        after
+    }
+
+    fn foresee_acknowledged(&mut self, alarm: &AlarmRef, after: &mut Snapshot) {
+        let known: Vec<(NodeId, Option<u64>)> = match alarm {
+            AlarmRef::OperatorStop => {
+                after.countermeasures = self.list_after(|measures| measures.release_stop());
+                return;
+            }
+            AlarmRef::Number(number) => {
+                let numbers = self.of_one_status(*number).into_iter();
+                numbers.filter_map(|number| Some((self.alarms.node(number)?, Some(number)))).collect()
+            }
+            AlarmRef::Node(name) => {
+                let places = self.node_named(name).map(|node| self.places_of(node));
+                places.into_iter().flatten().map(|node| (node, None)).collect()
+            }
+        };
+        let is_known = |id, about| {
+            known.iter().any(|&(node, number)| number.map_or(about == node, |number| id == number))
+        };
+        let mut alarms = after.alarms.to_vec();
+        alarms.iter_mut().filter(|it| is_known(it.id, it.node)).for_each(|it| it.acknowledged = true);
+        alarms.retain(|it| it.active || !it.acknowledged);
+        after.alarms = alarms.into();
+        let latest: Vec<_> =
+            known.iter().map(|(_, number)| number.map(|number| self.alarms.latest(number))).collect();
+        if latest.iter().any(|it| !matches!(it, Some(None))) {
+            after.countermeasures = self.list_after(|measures| {
+                for (&(node, _), latest) in known.iter().zip(&latest) {
+                    match latest {
+                        None => measures.acknowledge(Known { node, alarm: None }),
+                        Some(Some(alarm)) => measures.acknowledge(Known { node, alarm: Some(alarm) }),
+                        // The node has raised another one since.
+                        Some(None) => {}
+                    }
+                }
+            });
+        }
+        let nodes = known.iter().filter(|(_, number)| number.is_none());
+        let warned = nodes.flat_map(|&(node, _)| self.warned_in(node)).map(NodeId::Module);
+        let mut accepted: Vec<NodeId> = after.accepted.iter().copied().chain(warned).collect();
+        accepted.sort_unstable();
+        accepted.dedup();
+        after.accepted = accepted.into();
+    }
+}

@@ -1,0 +1,63 @@
+//! Nodes that were named before a restart or under another configuration, and are not there.
+
+use crate::engine::Engine;
+use crate::engine::mask::net::Net;
+use crate::engine::model::{GroupId, NodeId};
+use crate::engine::module::overflow;
+use crate::engine::module::system::SystemCheck;
+
+impl Engine {
+    /// Makes a discovered module again, where the filters would make it and there is room for it. A
+    /// status that feeds several groups makes those of the others too.
+    pub(in crate::engine) fn rediscover(&mut self, name: &str) {
+        if let Some((_, status)) = self.would_make(name, true) {
+            self.discover(&status);
+        }
+    }
+
+    /// Keeps the name of a discovered module for what is over, where the filters would make it: it is
+    /// there again when it is heard. Until then it takes no room.
+    pub(in crate::engine) fn remember(&mut self, name: &str) {
+        if let Some((group, _)) = self.would_make(name, false) {
+            self.keep_departed(name, group);
+        }
+    }
+
+    /// The group that would have a module of this name, if it `needs_room` and there is some, and the
+    /// status that would make it.
+    fn would_make(&self, name: &str, needs_room: bool) -> Option<(GroupId, String)> {
+        // The second of a name is so called because of the first.
+        let first = name.rsplit_once(" (").filter(|(first, _)| self.views.has(first));
+        let name = first.map_or(name, |(first, _)| first);
+        let inside = |path: &str| name.strip_prefix(path)?.strip_prefix('/').map(str::to_owned);
+        let paths = self.views.paths().filter_map(|(group, path)| Some((group, inside(path)?)));
+        let mut candidates: Vec<(GroupId, String)> = paths.collect();
+        candidates.sort_by_key(|(_, status)| status.len());
+        let other = self.net.other_group();
+        candidates.into_iter().find(|(group, status)| {
+            if status == overflow::MODULE || needs_room && self.names.find(status).is_some() {
+                return false;
+            }
+            let claim = self.names.claim(&self.model, status, other, &[]);
+            let in_room = claim.places.iter().any(|place| place.group == *group);
+            in_room || !needs_room && claim.dropped_by.contains(group)
+        })
+    }
+
+    /// Who stands for a node that is gone: the closest group around it that is there, or else the node
+    /// that was watched, or nobody. An operator can acknowledge it there.
+    pub(in crate::engine) fn stand_in(&self, name: &str, watched: Option<NodeId>) -> NodeId {
+        let declared = self.views.paths().take(self.model.groups.len());
+        let around =
+            declared.filter(|(_, path)| name.strip_prefix(*path).is_some_and(|rest| rest.starts_with('/')));
+        let closest = around.max_by_key(|(_, path)| path.len()).map(|(group, _)| NodeId::Group(group));
+        closest.or(watched).unwrap_or(self.net.nobody())
+    }
+}
+
+impl Net {
+    /// Stands for causes that belong to no node, and is none itself.
+    pub(in crate::engine) fn nobody(&self) -> NodeId {
+        NodeId::Module(self.system_module(SystemCheck::Countermeasure))
+    }
+}

@@ -1,0 +1,257 @@
+//! Going on after a restart, and beginning in the middle (`SAFETY.md` R6).
+
+use crate::engine::discovery::DISCOVERY;
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
+
+use crate::engine::Engine;
+use crate::engine::mask::node::ModuleKind;
+use crate::engine::model::countermeasure::Request;
+use crate::engine::model::{Model, NodeId, Stage, StageModel};
+use crate::engine::module::system::SystemCheck;
+use crate::engine::react::held::{By, Cause, Held};
+use crate::engine::snapshot::{Alarm, Localization, MapPose, Snapshot};
+use crate::engine::stage::machine::Event;
+use crate::engine::time::{Span, Timestamp};
+use crate::engine::timers::TimerKey;
+
+/// What outlives the program: everything that an operator decided or has to decide. The states of
+/// the components do not; they are UNKNOWN until they are heard. Nodes are named as on the wire.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Restored {
+    /// A clearance does not outlive the program: `cleared` becomes `standby`.
+    pub stage: Stage,
+    pub operator: Option<Box<str>>,
+    /// In `localizing`, whether the operator gave a pose; while `active`, whether it is confirmed.
+    pub posed: bool,
+    /// Number and value of the last pose: it is not published again.
+    pub pose: Option<(u64, MapPose)>,
+    pub alarms: Vec<RestoredAlarm>,
+    /// The number of the last alarm that was raised: no number is given twice.
+    pub last_alarm: u64,
+    /// Modules whose WARNING is accepted.
+    pub accepted: Vec<Box<str>>,
+    pub countermeasures: Vec<RestoredMeasure>,
+}
+
+impl Default for Restored {
+    fn default() -> Restored {
+        Restored {
+            stage: Stage::Locked,
+            operator: None,
+            posed: false,
+            pose: None,
+            alarms: Vec::new(),
+            last_alarm: 0,
+            accepted: Vec::new(),
+            countermeasures: Vec::new(),
+        }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct RestoredAlarm {
+    pub id: u64,
+    pub node: Box<str>,
+    /// How long ago it was raised.
+    pub age: Span,
+    pub acknowledged: bool,
+    pub active: bool,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct RestoredMeasure {
+    pub request: Request,
+    pub by_operator: bool,
+    /// Causes, and whether each is acknowledged.
+    pub causes: Vec<(Box<str>, bool)>,
+}
+
+impl Snapshot {
+    /// What is to be stored of this snapshot, for [`Engine::resume`].
+    pub fn to_restore(&self) -> Restored {
+        let name = |node| Box::from(&**self.node_name(node));
+        let alarm = |alarm: &Alarm| RestoredAlarm {
+            id: alarm.id,
+            node: name(alarm.node),
+            age: self.now.since(alarm.raised),
+            acknowledged: alarm.acknowledged,
+            active: alarm.active,
+        };
+        let Localization { number, pose, given, .. } = self.localization;
+        let open = self.localization.is_open();
+        let to_localize = open && self.stage == Stage::Standby;
+        Restored {
+            stage: if to_localize { Stage::Localizing } else { self.stage },
+            operator: self.operator.as_deref().map(Box::from),
+            posed: if self.stage == Stage::Active { !open } else { given.is_some() },
+            pose: pose.map(|pose| (number, pose)),
+            alarms: self.alarms.iter().map(alarm).collect(),
+            last_alarm: self.last_alarm,
+            accepted: self.accepted.iter().map(|&node| name(node)).collect(),
+            countermeasures: self
+                .countermeasures
+                .iter()
+                .map(|it| RestoredMeasure {
+                    request: it.request,
+                    by_operator: it.by_operator,
+                    causes: it.causes.iter().map(|cause| (name(cause.node), cause.acknowledged)).collect(),
+                })
+                .collect(),
+        }
+    }
+}
+
+impl Engine {
+    /// Begins where there was no run before: as after one, nobody was found yet.
+    pub fn begin(model: Arc<Model>, now: Timestamp) -> Engine {
+        let mut engine = Engine::build(model, now);
+        engine.await_publishers();
+        engine.settle();
+        engine
+    }
+
+    /// Goes on where an earlier run of the program ended. Alarms and countermeasures stay until what
+    /// they stand for is heard again; what the configuration does not name any more is left out.
+    pub fn resume(model: Arc<Model>, restored: &Restored, now: Timestamp) -> Engine {
+        let mut engine = Engine::build(model, now);
+        engine.await_publishers();
+        engine.take_restored(restored);
+        engine.settle();
+        engine.views.set_alarms(engine.alarms.list());
+        engine
+    }
+
+    /// What nobody was found for yet is silent because of us.
+    fn await_publishers(&mut self) {
+        self.search_until(self.now + DISCOVERY);
+        let timeout = self.active_signal.and_then(|index| self.model.signals[index].timeout);
+        self.active_by = self.now + timeout.unwrap_or(DISCOVERY);
+        self.timers.arm(TimerKey::Active, self.active_by);
+    }
+
+    /// Rates of topics of which nobody was found yet are not judged before one window after `until`.
+    pub(in crate::engine) fn search_until(&mut self, until: Timestamp) {
+        self.watching.search_until(until);
+        self.timers.arm(TimerKey::Searched, until);
+    }
+
+    /// Lets go of alarms from before the restart whose modules are known. What the diagnosis says of
+    /// itself follows from others: it is known once they had their time.
+    pub(in crate::engine) fn hear_awaited(&mut self) -> bool {
+        if !self.alarms.awaits() {
+            return false;
+        }
+        let (net, now) = (&self.net, self.now);
+        let active = net.system_module(SystemCheck::Active);
+        let told =
+            now >= self.active_by || self.active_signal.is_some_and(|it| self.signals.value(it).is_some());
+        let searched = self.watching.searching_until.is_none_or(|until| now >= until);
+        let confirmed = searched && !self.measures.waits(&self.model);
+        self.alarms.hear(|node| match node {
+            NodeId::Module(id) if id == active => told,
+            NodeId::Module(id) => match net.modules[id.0 as usize].kind {
+                ModuleKind::BuiltIn => confirmed,
+                // That it left is all that will be known.
+                ModuleKind::Gone => true,
+                _ => net.modules[id.0 as usize].own.known(),
+            },
+            NodeId::Group(_) => true,
+        })
+    }
+
+    fn take_restored(&mut self, restored: &Restored) {
+        self.vehicle.operator = restored.operator.as_deref().map(Arc::from);
+        if self.vehicle.model == StageModel::Shuttle {
+            let someone = self.vehicle.operator.is_some();
+            self.vehicle.stage = match restored.stage {
+                Stage::Active if self.active_signal.is_some() => Stage::Active,
+                Stage::Localizing if someone => Stage::Localizing,
+                Stage::Standby | Stage::Cleared | Stage::Active if someone => Stage::Standby,
+                _ => Stage::Locked,
+            };
+        }
+        let (number, pose) = restored.pose.map_or((0, None), |(number, pose)| (number, Some(pose)));
+        let given = restored.posed.then_some(self.now).filter(|_| self.vehicle.stage == Stage::Localizing);
+        let owed = self.vehicle.stage == Stage::Active && !restored.posed;
+        self.vehicle.localization = Localization { number, pose, given, ok_since: None, done: false, owed };
+        let nodes = self.find_again(restored);
+        let find = |name: &str| nodes.get(name).copied();
+        for name in &restored.accepted {
+            if let Some(NodeId::Module(id)) = find(name) {
+                self.warnings.expect(id);
+            }
+        }
+        let alarm = |it: &RestoredAlarm| {
+            let raised = Timestamp::from_nanos(self.now.as_nanos().saturating_sub(it.age.as_nanos()));
+            let RestoredAlarm { id, acknowledged, active, .. } = *it;
+            let ended = Some(self.now).filter(|_| !active);
+            Some(Alarm { id, node: find(&it.node)?, raised, ended, acknowledged, active, repeats: 0 })
+        };
+        self.alarms.restore(restored.alarms.iter().filter_map(alarm).collect(), restored.last_alarm);
+        for measure in &restored.countermeasures {
+            if measure.by_operator && self.vehicle.stage == Stage::Active {
+                self.measures.request_stop(self.now);
+            }
+            // What is not there any more nobody can find to be over: it is asked for again.
+            let cause = |(name, acknowledged): &(Box<str>, bool)| match find(name) {
+                Some(node) => Cause { node, acknowledged: *acknowledged, present: true },
+                None => Cause { node: self.stand_in(name, None), acknowledged: false, present: true },
+            };
+            let (request, since) = (measure.request, self.now);
+            let mut causes: Vec<Cause> = measure.causes.iter().map(cause).collect();
+            let others = self.net.nobody();
+            if causes.is_empty() && !measure.by_operator {
+                causes.push(Cause { node: others, acknowledged: false, present: true });
+            }
+            if !causes.is_empty() {
+                self.measures.hold(Held { request, by: By::Past, since, present: true, causes }, others);
+            }
+        }
+        self.stage_changed();
+    }
+
+    /// All nodes by name, with the discovered ones that something was decided of.
+    fn find_again(&mut self, restored: &Restored) -> HashMap<Box<str>, NodeId> {
+        let known: HashSet<Box<str>> = self.views.nodes().map(|(_, name)| name.into()).collect();
+        let causes = restored.countermeasures.iter().flat_map(|it| &it.causes).map(|(name, _)| name);
+        let alarms = restored.alarms.iter().filter(|alarm| alarm.active).map(|alarm| &alarm.node);
+        for name in causes.chain(alarms).chain(&restored.accepted).filter(|&name| !known.contains(name)) {
+            self.rediscover(name);
+        }
+        let past = restored.alarms.iter().filter(|alarm| !alarm.active);
+        for alarm in past.filter(|alarm| !known.contains(&alarm.node)) {
+            self.remember(&alarm.node);
+        }
+        self.views.nodes().map(|(node, name)| (name.into(), node)).collect()
+    }
+
+    /// Enters a stage at once with what it implies: an operator, a pose, a goal and what the Mission
+    /// component says. For scenarios; a sample of a signal overrules what is implied of it.
+    pub fn start_in(&mut self, stage: Stage) {
+        if self.vehicle.model == StageModel::None || stage == Stage::Locked {
+            return;
+        }
+        self.vehicle.operator = Some("operator".into());
+        self.step(Event::Login);
+        self.vehicle.localization.done = true;
+        let active = (self.active_signal, stage == Stage::Active);
+        let goal = (self.goal_signal, matches!(stage, Stage::Cleared | Stage::Active));
+        for (index, value) in [active, goal] {
+            if let Some(index) = index {
+                self.signals.assume(index, value);
+                self.signal_changed(index, true);
+            }
+        }
+        let path = [(Stage::Standby, Event::Localized), (Stage::Cleared, Event::Clearance)];
+        for (_, event) in path.into_iter().filter(|(reached, _)| *reached <= stage && stage != Stage::Active)
+        {
+            self.step(event);
+        }
+        if stage == Stage::Active {
+            self.step(Event::ActiveTrue);
+        }
+        self.vehicle.localization.done = false;
+        self.settle();
+    }
+}

@@ -1,0 +1,228 @@
+//! What follows from the state of the vehicle for its stage and for what is asked of it.
+
+use std::sync::Arc;
+
+use super::machine::Event;
+use crate::engine::Engine;
+use crate::engine::event::What;
+use crate::engine::input::{OutputNews, Refusal};
+use crate::engine::model::output::Output;
+use crate::engine::model::{GroupId, LOCALIZATION_GROUP, Model, NodeId, Stage, StageModel};
+use crate::engine::module::system::SystemCheck;
+use crate::engine::signals::driving_word::ARRIVAL;
+use crate::engine::snapshot::{Countermeasure, Localization, Unreached};
+use crate::engine::state::State;
+use crate::engine::text::Text;
+use crate::engine::text::say;
+use crate::engine::timers::TimerKey;
+
+/// What the diagnosis said last of the vehicle's side.
+#[derive(Debug, Default, PartialEq)]
+pub(in crate::engine) struct Told {
+    /// `None` while somebody says whether the vehicle drives, or need not.
+    active_unknown: Option<State>,
+    contradicts_itself: bool,
+    measures: Option<Text>,
+    outputs: Option<Text>,
+    unheard: Option<Text>,
+}
+
+/// Where the vehicle is led and what is asked of it, as the snapshot has it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(in crate::engine) struct Led {
+    pub(in crate::engine) last_alarm: u64,
+    pub(in crate::engine) accepted: Arc<[NodeId]>,
+    pub(in crate::engine) countermeasures: Arc<[Countermeasure]>,
+    pub(in crate::engine) localization: Localization,
+    pub(in crate::engine) clearance: bool,
+    pub(in crate::engine) clearance_refusals: Arc<[Refusal]>,
+    pub(in crate::engine) unreached: Arc<[(Output, Unreached)]>,
+    pub(in crate::engine) listened: Arc<[Output]>,
+}
+
+impl Engine {
+    /// Lets an event lead to another stage, if the table has a row for it.
+    pub(in crate::engine) fn step(&mut self, event: Event) -> bool {
+        let from = self.vehicle.stage;
+        if !self.vehicle.raise(event) {
+            return false;
+        }
+        let to = self.vehicle.stage;
+        self.events.push(self.now, What::Stage { from, to });
+        if from == Stage::Active {
+            self.arrived();
+        }
+        self.stage_changed();
+        true
+    }
+
+    /// Everything that asks for the stage is looked at again.
+    pub(in crate::engine) fn stage_changed(&mut self) {
+        self.led = true;
+        self.measures.mark_all();
+        self.signals.posed = self.vehicle.posed();
+        self.net.mark_conditions(self.vehicle.stage);
+    }
+
+    /// The operator gave a pose.
+    pub(in crate::engine) fn set_posed(&mut self) {
+        self.led = true;
+        self.signals.posed = self.vehicle.posed();
+        self.net.mark_conditions(self.vehicle.stage);
+    }
+
+    /// The goal is used up: the next drive needs its own. What is asked of the vehicle stays until it is
+    /// certain that the drive is over.
+    fn arrived(&mut self) {
+        self.measures.arrive(self.now + ARRIVAL);
+        let Some(goal) = self.goal_signal else { return };
+        if self.signals.forget(goal) {
+            self.events.push(self.now, What::Signal { index: goal, value: self.signals.value(goal) });
+            self.views.set_signals(&self.signals);
+        }
+    }
+
+    /// The Mission component's word. An unknown Active changes no stage: the last word holds.
+    pub(in crate::engine) fn take_active(&mut self, value: Option<bool>) {
+        match value {
+            Some(true) => self.step(Event::ActiveTrue),
+            Some(false) => self.step(Event::ActiveFalse),
+            None => false,
+        };
+        self.led = true;
+    }
+
+    /// Whether something for the vehicle could be sent.
+    pub(in crate::engine) fn take_output(&mut self, news: &OutputNews) {
+        self.measures.take_news(news);
+        self.led = true;
+    }
+
+    /// Takes what the present states lead to. Returns whether that changes states in turn.
+    pub(in crate::engine) fn lead(&mut self) -> bool {
+        self.follow_localization();
+        if !self.measures.is_idle() {
+            self.led = true;
+            self.follow_measures();
+        }
+        if self.vehicle.stage == Stage::Cleared {
+            if !self.has_goal() {
+                self.step(Event::GoalGone);
+            } else if self.measures.moving().next().is_some() {
+                self.step(Event::Countermeasure);
+            }
+        }
+        if self.led {
+            let (net, names, signals) = (&self.net, &self.names, &self.signals);
+            if let Some(due) = self.measures.confirm(&self.model, net, names, signals, self.now) {
+                self.timers.arm(TimerKey::Measures, due);
+            }
+            self.report_on_vehicle();
+        }
+        !self.net.is_settled()
+    }
+
+    fn follow_localization(&mut self) {
+        let Localization { given: Some(given), ok_since, done: false, .. } = self.vehicle.localization else {
+            return;
+        };
+        let since = match self.localization_group {
+            None => Some(given),
+            Some(id) if self.net.groups[id.0 as usize].node.facts.shown == State::Ok => {
+                Some(ok_since.unwrap_or(self.now))
+            }
+            Some(_) => None,
+        };
+        self.led |= since != ok_since;
+        self.vehicle.localization.ok_since = since;
+        let Some(due) = since.map(|since| since + self.model.driving.localized_after) else { return };
+        if due > self.now {
+            self.timers.arm(TimerKey::Localization, due);
+            return;
+        }
+        self.vehicle.localization.done = true;
+        self.vehicle.localization.owed = false;
+        self.led = true;
+        self.step(Event::Localized);
+    }
+
+    /// Says in the group `telltale` what is wrong with the vehicle's side.
+    fn report_on_vehicle(&mut self) {
+        let shuttle = self.vehicle.model == StageModel::Shuttle;
+        let known = self.active_signal.and_then(|index| self.signals.value(index));
+        let told = Told {
+            active_unknown: (shuttle && self.vehicle.stage == Stage::Active && known.is_none())
+                .then_some(if self.now < self.active_by { State::Unknown } else { State::Error }),
+            contradicts_itself: self.signals.drive.is_doubted(self.now),
+            measures: self.measures.trouble(&self.model),
+            outputs: unsent(&self.measures.unsent()).map(Text::from),
+            unheard: self.unheard(),
+        };
+        if told == self.told {
+            return;
+        }
+        let (state, words) = match told.active_unknown {
+            _ if told.contradicts_itself => (
+                State::Error,
+                say!(
+                    "says in turn that the vehicle drives and that it does not",
+                    "meldet abwechselnd, dass das Fahrzeug fährt und nicht fährt"
+                ),
+            ),
+            Some(state) => (
+                state,
+                say!("nothing says whether the vehicle drives", "niemand meldet, ob das Fahrzeug fährt"),
+            ),
+            None => (State::Ok, Text::default()),
+        };
+        self.report_on_self(SystemCheck::Active, state, words);
+        let worse = |words: &Option<Text>, state| if words.is_some() { state } else { State::Ok };
+        let words = |words: &Option<Text>| words.clone().unwrap_or_default();
+        let measures = (worse(&told.measures, State::Error), words(&told.measures));
+        self.report_on_self(SystemCheck::Countermeasure, measures.0, measures.1);
+        let outputs = match &told.unheard {
+            Some(unheard) => (State::Error, unheard.clone()),
+            None => (worse(&told.outputs, State::Warning), words(&told.outputs)),
+        };
+        self.report_on_self(SystemCheck::Outputs, outputs.0, outputs.1);
+        self.told = told;
+    }
+
+    /// Shows where the vehicle is led, if that changed or may have.
+    pub(in crate::engine) fn show_lead(&mut self) {
+        if !std::mem::take(&mut self.led) && !self.views.is_changed() {
+            return;
+        }
+        self.views.set_led(Led {
+            last_alarm: self.alarms.last_id(),
+            accepted: self.warnings.accepted().map(NodeId::Module).collect(),
+            countermeasures: self.measures.list(self.net.nobody()),
+            localization: self.vehicle.localization,
+            clearance: self.vehicle.stage == Stage::Cleared,
+            clearance_refusals: self.clearance_refusals().into(),
+            unreached: self.unreached().into(),
+            listened: self.measures.listened.iter().copied().collect(),
+        });
+    }
+}
+
+fn unsent(all: &[&OutputNews]) -> Option<String> {
+    let about = |output| match output {
+        Output::Stage => "the stage",
+        Output::Clearance => "the clearance",
+        Output::Pose => "the operator's pose",
+        Output::Deceleration => "decelerations",
+        Output::ManeuverStop => "stops",
+    };
+    let words = |news: &&OutputNews| {
+        let error = news.error.as_deref().unwrap_or_default();
+        format!("{} cannot be sent on {}: {error}", about(news.output), news.topic)
+    };
+    (!all.is_empty()).then(|| all.iter().map(words).collect::<Vec<_>>().join("; "))
+}
+
+/// The group that says whether the vehicle knows where it is.
+pub(in crate::engine) fn localization_group(model: &Model) -> Option<GroupId> {
+    let position = model.groups.iter().position(|group| &*group.path == LOCALIZATION_GROUP)?;
+    Some(GroupId(position as u32))
+}

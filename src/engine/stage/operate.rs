@@ -1,0 +1,309 @@
+//! What an operator does, and which check refuses it.
+
+use std::sync::Arc;
+
+use super::machine::Event;
+use crate::engine::Engine;
+use crate::engine::input::{AlarmRef, OperatorAction, Place, Refusal, Response};
+use crate::engine::mask::node::Facts;
+use crate::engine::mask::responsible;
+use crate::engine::model::countermeasure::Kind;
+use crate::engine::model::{GroupId, ModuleId, NodeId, Stage, StageModel};
+use crate::engine::react::held::Known;
+use crate::engine::snapshot::{MapPose, Unreached};
+use crate::engine::state::State;
+
+/// A pose farther than this from every stop is surely a slip.
+const FROM_STOP_MAX_M: f64 = 200.0;
+
+/// WARNINGs that are named when a clearance is refused.
+const WARNINGS_MAX: usize = 64;
+
+impl Engine {
+    pub(in crate::engine) fn operate(&mut self, action: &OperatorAction) -> Response {
+        match self.try_to(action) {
+            Ok(()) => {
+                self.led = true;
+                Response::Done
+            }
+            Err(reasons) => Response::Refused(reasons),
+        }
+    }
+
+    /// Does it, or changes nothing and names every reason.
+    fn try_to(&mut self, action: &OperatorAction) -> Result<(), Vec<Refusal>> {
+        self.check(action)?;
+        match action {
+            OperatorAction::Login { name } => {
+                let event = self.vehicle.seat(name);
+                self.step(event);
+            }
+            OperatorAction::Logout => self.leave(Event::Logout),
+            OperatorAction::Shutdown => self.leave(Event::Shutdown),
+            OperatorAction::Localize { place } => {
+                let pose = self.pose(place).map_err(|reason| vec![reason])?;
+                self.vehicle.localize(pose, self.now);
+                self.set_posed();
+            }
+            OperatorAction::AskClearance { .. } => {}
+            OperatorAction::Clear { .. } => {
+                self.step(Event::Clearance);
+            }
+            OperatorAction::RequestStop => self.measures.request_stop(self.now),
+            OperatorAction::Acknowledge { alarm } => self.acknowledge(alarm),
+            OperatorAction::Reset { module } => {
+                let id = self.resettable(module).map_err(|reason| vec![reason])?;
+                let policy = self.net.policy(id).clone();
+                self.net.modules[id.0 as usize].own.reset(&policy);
+                self.net.mark_module(id);
+            }
+        }
+        Ok(())
+    }
+
+    /// Names every reason for which an action is refused now.
+    pub(in crate::engine) fn check(&self, action: &OperatorAction) -> Result<(), Vec<Refusal>> {
+        match action {
+            OperatorAction::Login { .. } => Ok(()),
+            OperatorAction::Logout => self.may_leave(Refusal::LogoutWhileActive),
+            OperatorAction::Shutdown => {
+                self.need_operator()?;
+                self.may_leave(Refusal::ShutdownWhileActive)
+            }
+            OperatorAction::Localize { place } => self.may_localize(place),
+            OperatorAction::AskClearance { display_live, storage_ok }
+            | OperatorAction::Clear { display_live, storage_ok } => {
+                self.check_clearance(*display_live, *storage_ok)
+            }
+            OperatorAction::RequestStop => {
+                self.need_operator()?;
+                if self.vehicle.stage != Stage::Active {
+                    return Err(vec![Refusal::NotDriving]);
+                }
+                // Where nobody listens yet the request is made: it goes out once somebody does.
+                match self.measures.unreached(&self.model, Kind::ManeuverStop) {
+                    Some(Unreached::Unpublished) => Err(vec![Refusal::StopNotPublished]),
+                    Some(Unreached::Unheard) | None => Ok(()),
+                }
+            }
+            OperatorAction::Acknowledge { alarm } => {
+                self.need_operator()?;
+                self.acknowledgeable(alarm).map_err(|reason| vec![reason])
+            }
+            OperatorAction::Reset { module } => {
+                self.resettable(module).map(drop).map_err(|reason| vec![reason])
+            }
+        }
+    }
+
+    /// On a machine without stages the login gates the view alone.
+    fn need_operator(&self) -> Result<(), Vec<Refusal>> {
+        match (&self.vehicle.operator, self.vehicle.model) {
+            (None, StageModel::Shuttle) => Err(vec![Refusal::NobodyLoggedIn]),
+            _ => Ok(()),
+        }
+    }
+
+    fn may_leave(&self, refusal: Refusal) -> Result<(), Vec<Refusal>> {
+        if self.vehicle.stage == Stage::Active && self.vehicle.model == StageModel::Shuttle {
+            return Err(vec![refusal]);
+        }
+        Ok(())
+    }
+
+    fn leave(&mut self, event: Event) {
+        self.vehicle.operator = None;
+        self.step(event);
+    }
+
+    fn may_localize(&self, place: &Place) -> Result<(), Vec<Refusal>> {
+        if self.vehicle.model == StageModel::None {
+            return Err(vec![Refusal::NoStages]);
+        }
+        self.need_operator()?;
+        let mut reasons = Vec::new();
+        if !matches!(self.vehicle.stage, Stage::Localizing | Stage::Standby) {
+            reasons.push(Refusal::WrongStage(self.vehicle.stage));
+        }
+        reasons.extend(self.pose(place).err());
+        if reasons.is_empty() { Ok(()) } else { Err(reasons) }
+    }
+
+    pub(in crate::engine) fn pose(&self, place: &Place) -> Result<MapPose, Refusal> {
+        let stops = &self.model.driving.stops;
+        let pose = match place {
+            Place::Stop(id) => {
+                let stop = stops.iter().find(|stop| stop.id == Arc::from(&**id));
+                let stop = stop.ok_or_else(|| Refusal::NoSuchStop(id.clone()))?;
+                return Ok(MapPose { x_m: stop.x_m, y_m: stop.y_m, yaw_deg: stop.yaw_deg });
+            }
+            Place::Pose { x_m, y_m, yaw_deg } => MapPose { x_m: *x_m, y_m: *y_m, yaw_deg: *yaw_deg },
+        };
+        if ![pose.x_m, pose.y_m, pose.yaw_deg].iter().all(|value| value.is_finite()) {
+            return Err(Refusal::PoseNotFinite);
+        }
+        let distance = |stop: &crate::engine::model::Stop| (stop.x_m - pose.x_m).hypot(stop.y_m - pose.y_m);
+        match stops.iter().map(distance).min_by(f64::total_cmp) {
+            Some(nearest) if nearest > FROM_STOP_MAX_M => Err(Refusal::PoseTooFar {
+                // Saturates: a distance past 4 million km is as far as any.
+                nearest_m: nearest as u32,
+                limit_m: FROM_STOP_MAX_M as u32,
+            }),
+            _ => Ok(pose),
+        }
+    }
+
+    fn acknowledgeable(&self, alarm: &AlarmRef) -> Result<(), Refusal> {
+        match alarm {
+            AlarmRef::OperatorStop if self.measures.is_requested() => Ok(()),
+            AlarmRef::OperatorStop => Err(Refusal::NoStopRequested),
+            AlarmRef::Number(number) => {
+                self.alarms.node(*number).map(drop).ok_or(Refusal::NoSuchAlarm(*number))
+            }
+            AlarmRef::Node(name) => {
+                let node = self.node_named(name).ok_or_else(|| Refusal::NoSuchNode(name.clone()))?;
+                let has_something = |&node: &NodeId| {
+                    let alarmed = self.alarms.list().iter().any(|alarm| alarm.node == node);
+                    let accepted = matches!(node, NodeId::Module(id) if self.warnings.is_accepted(id));
+                    alarmed || accepted || self.measures.is_held_for(node) || !self.warned_in(node).is_empty()
+                };
+                if self.places_of(node).iter().any(has_something) {
+                    return Ok(());
+                }
+                Err(Refusal::NothingToAcknowledge(self.views.name(node).into()))
+            }
+        }
+    }
+
+    /// What one status says in several groups is one: who knows of it in one place knows of it.
+    fn acknowledge(&mut self, alarm: &AlarmRef) {
+        match alarm {
+            AlarmRef::OperatorStop => self.measures.release_stop(),
+            AlarmRef::Number(number) => {
+                for number in self.of_one_status(*number) {
+                    let Some(node) = self.alarms.node(number) else { continue };
+                    // What is asked for today is not released by what was yesterday.
+                    let latest = self.alarms.latest(number);
+                    self.alarms.acknowledge(|alarm| alarm.id == number, self.now, &mut self.events);
+                    if let Some(alarm) = &latest {
+                        self.measures.acknowledge(Known { node, alarm: Some(alarm) });
+                    }
+                }
+            }
+            AlarmRef::Node(name) => {
+                let Some(node) = self.node_named(name) else { return };
+                for node in self.places_of(node) {
+                    self.alarms.acknowledge(|alarm| alarm.node == node, self.now, &mut self.events);
+                    self.measures.acknowledge(Known { node, alarm: None });
+                    for id in self.warned_in(node) {
+                        self.warnings.accept(id);
+                    }
+                }
+            }
+        }
+        self.views.set_alarms(self.alarms.list());
+    }
+
+    /// An alarm, and those that the same status raised in other groups meanwhile.
+    pub(in crate::engine) fn of_one_status(&self, number: u64) -> Vec<u64> {
+        let list = self.alarms.list();
+        let Some(alarm) = list.iter().find(|alarm| alarm.id == number) else { return vec![number] };
+        let places = self.places_of(alarm.node);
+        let others =
+            list.iter().filter(|it| it.node != alarm.node && places.contains(&it.node) && it.overlaps(alarm));
+        std::iter::once(number).chain(others.map(|alarm| alarm.id)).collect()
+    }
+
+    /// A node, and the modules that take the same status.
+    pub(in crate::engine) fn places_of(&self, node: NodeId) -> Vec<NodeId> {
+        let status = self.views.status_of(node).and_then(|status| self.names.find(status));
+        let Some(route) = status.map(|route| &self.names.routes[route as usize]) else { return vec![node] };
+        let others = route.modules().map(NodeId::Module).filter(|&it| it != node);
+        std::iter::once(node).chain(others).collect()
+    }
+
+    pub(in crate::engine) fn node_named(&self, name: &str) -> Option<NodeId> {
+        self.views.nodes().find(|(_, known)| **known == *name).map(|(node, _)| node)
+    }
+
+    /// Modules in a node with a WARNING that is not accepted.
+    pub(in crate::engine) fn warned_in(&self, node: NodeId) -> Vec<ModuleId> {
+        self.warnings.open().filter(|&id| self.around(NodeId::Module(id)).any(|it| it == node)).collect()
+    }
+
+    /// A node and the groups around it.
+    fn around(&self, node: NodeId) -> impl Iterator<Item = NodeId> {
+        std::iter::successors(Some(node), |&node| self.net.node(node).parent.map(NodeId::Group))
+    }
+
+    fn resettable(&self, name: &str) -> Result<ModuleId, Refusal> {
+        let id = self.views.module(name).ok_or_else(|| Refusal::NoSuchModule(name.into()))?;
+        let own = &self.net.modules[id.0 as usize].own;
+        if !own.latched() {
+            return Err(Refusal::NotLatched(name.into()));
+        }
+        if own.is_in_error(self.net.policy(id)) {
+            return Err(Refusal::StillInError(name.into()));
+        }
+        Ok(id)
+    }
+
+    fn check_clearance(&self, display_live: bool, storage_ok: bool) -> Result<(), Vec<Refusal>> {
+        let mut reasons = self.clearance_refusals();
+        let besides = [(display_live, Refusal::DisplayNotLive), (storage_ok, Refusal::StorageNotWritable)];
+        reasons.extend(besides.into_iter().filter(|(holds, _)| !holds).map(|(_, reason)| reason));
+        if reasons.is_empty() { Ok(()) } else { Err(reasons) }
+    }
+
+    /// Every check of a clearance that fails and that the vehicle's state decides.
+    pub(in crate::engine) fn clearance_refusals(&self) -> Vec<Refusal> {
+        let vehicle = &self.vehicle;
+        if vehicle.model == StageModel::None {
+            return vec![Refusal::NoStages];
+        }
+        let mut reasons = Vec::new();
+        if vehicle.operator.is_none() {
+            reasons.push(Refusal::NobodyLoggedIn);
+        }
+        if vehicle.stage != Stage::Standby {
+            reasons.push(Refusal::WrongStage(vehicle.stage));
+        }
+        if vehicle.localization.is_open() {
+            reasons.push(Refusal::NotLocalized);
+        }
+        if !self.has_goal() {
+            reasons.push(Refusal::NoGoal);
+        }
+        let counted = self.net.groups.iter().zip(0..).filter(|(group, _)| !group.aside);
+        for (group, index) in counted.filter(|(group, _)| group.node.parent.is_none()) {
+            let Facts { relevant, masked, shown, .. } = group.node.facts;
+            if relevant && (masked || shown >= State::Unknown) {
+                let name = self.views.name(NodeId::Group(GroupId(index)));
+                reasons.push(Refusal::Group { group: name.into(), state: shown });
+            }
+        }
+        let counts = |node: NodeId| self.net.node(node).facts.shown >= State::Warning;
+        let warned = self.warnings.open().filter(|&id| self.around(NodeId::Module(id)).all(counts));
+        reasons.extend(
+            warned
+                .take(WARNINGS_MAX)
+                .map(|id| Refusal::Warning { module: self.views.name(NodeId::Module(id)).into() }),
+        );
+        reasons.extend(self.measures.moving().map(Refusal::Countermeasure));
+        reasons.extend(self.deaf_to().map(Refusal::NobodyListens));
+        reasons
+    }
+
+    /// Whether a goal is set. A vehicle without the signal has none to wait for.
+    pub(in crate::engine) fn has_goal(&self) -> bool {
+        self.goal_signal.is_none_or(|index| self.signals.value(index) == Some(true))
+    }
+
+    /// The root causes of a node that fails.
+    pub(in crate::engine) fn follow_measures(&mut self) {
+        let (net, views) = (&self.net, &self.views);
+        let masked_by = |node| views.masked_by(node);
+        let causes = |node| responsible::roots(net, &masked_by, node);
+        self.measures.follow(&self.model, net, self.vehicle.stage, self.now, causes);
+    }
+}

@@ -1,0 +1,95 @@
+//! Names and structure of what snapshots show, from the model.
+
+use std::sync::Arc;
+
+use crate::engine::model::monitors::Class;
+use crate::engine::model::wording::Wording;
+use crate::engine::model::{GroupId, GroupSpec, Model, ModuleId, Other, StageModel};
+use crate::engine::module::system::{BUILT_IN_GROUPS, OTHER_GROUP, SYSTEM_GROUP, SystemCheck};
+use crate::engine::snapshot::{GroupInfo, Layout, ModuleInfo};
+use crate::engine::text::Text;
+
+/// The class of a module that judges a received level.
+pub(in crate::engine) const SELF_STATE: Class =
+    Class { location: "isolated", information: "content", flow: None };
+
+pub(in crate::engine) fn layout(model: &Model) -> Layout {
+    let info = |spec: &GroupSpec| GroupInfo {
+        path: spec.path.clone(),
+        name: spec.name.clone(),
+        parent: spec.parent,
+        groups: Vec::new(),
+        modules: Vec::new(),
+        depends_on: spec.depends_on.iter().map(|dependency| dependency.on.clone()).collect(),
+        tile: spec.tile,
+        is_other: false,
+        counted: true,
+        is_system: false,
+        hint: None,
+    };
+    let mut groups: Vec<GroupInfo> = model.groups.iter().map(info).collect();
+    let built_in = |(path, en, de): (&str, &str, &str)| GroupInfo {
+        path: path.into(),
+        name: Text { en: en.into(), de: de.into() },
+        parent: None,
+        groups: Vec::new(),
+        modules: Vec::new(),
+        depends_on: Vec::new(),
+        tile: None,
+        is_other: path == OTHER_GROUP,
+        counted: path != OTHER_GROUP || model.other == Other::Counted,
+        is_system: path == SYSTEM_GROUP,
+        hint: None,
+    };
+    groups.extend(BUILT_IN_GROUPS.map(built_in));
+    for (index, spec) in model.groups.iter().enumerate() {
+        if let Some(parent) = spec.parent {
+            groups[parent.0 as usize].groups.push(GroupId(index as u32));
+        }
+    }
+    let mut modules = Vec::with_capacity(model.modules.len());
+    for (index, spec) in model.modules.iter().enumerate() {
+        groups[spec.group.0 as usize].modules.push(ModuleId(index as u32));
+        modules.push(Arc::new(ModuleInfo {
+            id: spec.id.clone(),
+            name: spec.name.clone(),
+            help: spec.help.clone(),
+            group: spec.group,
+            status: spec.monitor.status().cloned(),
+            writers: spec.policy.writers.clone(),
+            depends_on: spec.depends_on.iter().map(|dependency| dependency.on.clone()).collect(),
+            discovered: false,
+            gone: false,
+            number: 0,
+            kind: spec.monitor.kind(),
+            class: spec.monitor.class(),
+        }));
+    }
+    let system = GroupId(groups.len() as u32 - 1);
+    for check in SystemCheck::ALL {
+        groups[system.0 as usize].modules.push(ModuleId(modules.len() as u32));
+        modules.push(Arc::new(ModuleInfo {
+            id: check.id().into(),
+            name: Some(Wording::name(check.name())),
+            // A machine without stages is not driven: the page has words for it.
+            help: (model.stages == StageModel::Shuttle).then(|| check.help()),
+            group: system,
+            status: None,
+            writers: None,
+            depends_on: Vec::new(),
+            discovered: false,
+            gone: false,
+            number: 0,
+            kind: "self_state",
+            class: SELF_STATE,
+        }));
+    }
+    Layout {
+        vehicle_id: model.vehicle_id.clone(),
+        vehicle_name: model.vehicle_name.clone(),
+        other: model.other,
+        stops: model.driving.stops.clone().into(),
+        groups,
+        modules,
+    }
+}

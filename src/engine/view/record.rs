@@ -1,0 +1,194 @@
+//! What happened, with names in the place of ids: it can be kept when the configuration is another.
+
+use crate::engine::Engine;
+use crate::engine::event::Said;
+use std::collections::HashSet;
+use std::sync::Arc;
+
+use super::views::Views;
+use crate::engine::event::{Event, What};
+use crate::engine::mask::net::Change;
+use crate::engine::model::{GroupId, NodeId, Stage};
+use crate::engine::snapshot::{Reason, Snapshot};
+use crate::engine::state::State;
+use crate::engine::time::Timestamp;
+
+/// One line of a history.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    pub at: Timestamp,
+    pub what: Recorded,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub enum Recorded {
+    /// The engine started, or took another configuration: what was shown before ends here, and
+    /// every node that there is follows.
+    Started {
+        anew: bool,
+    },
+    /// A node shows this from now on. A `cause` is the root cause that masks it.
+    Shown {
+        node: Arc<str>,
+        state: State,
+        own: State,
+        cause: Option<Arc<str>>,
+        said: Option<Said>,
+    },
+    Stage(Stage),
+    Signal {
+        name: Box<str>,
+        value: Option<bool>,
+    },
+    AlarmRaised {
+        id: u64,
+        node: Arc<str>,
+    },
+    AlarmMoved {
+        id: u64,
+        symptom: Arc<str>,
+        cause: Arc<str>,
+    },
+    AlarmAcknowledged {
+        id: u64,
+        node: Arc<str>,
+    },
+    AlarmCleared {
+        id: u64,
+        node: Arc<str>,
+    },
+    /// A module that was made at run time was silent for too long: it is not there any more.
+    Left {
+        node: Arc<str>,
+    },
+    /// So many records before this one were dropped.
+    Lost(u64),
+}
+
+/// A node showed this for this long.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stretch {
+    /// Milliseconds since 1970.
+    pub from_ms: i64,
+    pub to_ms: i64,
+    pub state: State,
+    pub own: State,
+    /// The root cause that masked it.
+    pub cause: Option<Arc<str>>,
+    /// What it said when it began to show this.
+    pub said: Option<Said>,
+}
+
+impl Views {
+    /// Nodes that stay masked, by another cause than before: what they show changes in that alone.
+    pub(in crate::engine) fn blamed_anew(
+        &self,
+        masked: &[(NodeId, Arc<[NodeId]>)],
+        changes: &[Change],
+    ) -> Vec<BlamedAnew> {
+        let changed: HashSet<NodeId> = changes.iter().map(|change| change.node).collect();
+        let anew = |(node, by): &(NodeId, Arc<[NodeId]>)| {
+            let known = match self.reason(*node) {
+                Some(Reason::Masked { by }) if !changed.contains(node) => by.first(),
+                _ => return None,
+            };
+            let own = match *node {
+                NodeId::Group(id) => self.groups.get(id.0 as usize)?.own,
+                NodeId::Module(id) => self.modules.get(id.0 as usize)?.own,
+            };
+            let cause = by.first().copied();
+            (known != by.first()).then_some(BlamedAnew { node: *node, own, cause })
+        };
+        masked.iter().filter_map(anew).collect()
+    }
+}
+
+impl Record {
+    /// A line for an event, by the names of the snapshot that was taken after it.
+    pub fn of(event: Event, snapshot: &Snapshot) -> Option<Record> {
+        let name = |node: NodeId| snapshot.node_name(node).clone();
+        let Event { at, what } = event;
+        let what = match what {
+            What::Shown { node, to, own, cause, said, .. } => {
+                Recorded::Shown { node: name(node), state: to, own, cause: cause.map(name), said }
+            }
+            What::Stage { to, .. } => Recorded::Stage(to),
+            What::Signal { index, value } => {
+                Recorded::Signal { name: snapshot.signals.get(index)?.0.clone(), value }
+            }
+            What::AlarmRaised { id, node } => Recorded::AlarmRaised { id, node: name(node) },
+            What::AlarmMoved { id, symptom, cause } => {
+                Recorded::AlarmMoved { id, symptom: name(symptom), cause: name(cause) }
+            }
+            What::AlarmAcknowledged { id, node } => Recorded::AlarmAcknowledged { id, node: name(node) },
+            What::AlarmCleared { id, node } => Recorded::AlarmCleared { id, node: name(node) },
+            What::Left { node } => Recorded::Left { node },
+            // `Record::present` tells of it.
+            What::Reloaded => return None,
+        };
+        Some(Record { at, what })
+    }
+
+    /// What is, as the first lines of a history: the stage, the signals, and what every node shows.
+    pub fn present(snapshot: &Snapshot, anew: bool) -> Vec<Record> {
+        let first = [Recorded::Started { anew }, Recorded::Stage(snapshot.stage)];
+        let signal =
+            |(name, value): &(Box<str>, Option<bool>)| Recorded::Signal { name: name.clone(), value: *value };
+        let shown = |node: NodeId| {
+            let (state, reason) = snapshot.shown(node);
+            let cause = match reason {
+                Some(Reason::Masked { by }) => by.first(),
+                _ => None,
+            };
+            let cause = cause.map(|&cause| snapshot.node_name(cause).clone());
+            let said = match node {
+                NodeId::Module(id) => snapshot.module(id).1.said(snapshot.now),
+                NodeId::Group(_) => None,
+            };
+            let (name, own) = (snapshot.node_name(node).clone(), snapshot.own(node));
+            Recorded::Shown { node: name, state, own, cause, said }
+        };
+        let groups = (0..snapshot.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
+        let modules = snapshot.module_ids().map(NodeId::Module);
+        let all = first.into_iter().chain(snapshot.signals.iter().map(signal));
+        let all = all.chain(groups.chain(modules).map(shown));
+        all.map(|what| Record { at: snapshot.now, what }).collect()
+    }
+}
+
+impl Engine {
+    /// Tells what other nodes show now, and which wait for another cause. Asked for only where events
+    /// are wanted.
+    pub(in crate::engine) fn keep_changes(&mut self, changes: &[Change], blamed: Vec<BlamedAnew>) {
+        for Change { node, before, after } in changes {
+            if (before.shown, before.own, before.masked) != (after.shown, after.own, after.masked) {
+                let cause = self.views.masked_by(*node).first().copied();
+                self.keep_shown(*node, (before.shown, after.shown), after.own, cause);
+            }
+        }
+        for BlamedAnew { node, own, cause } in blamed {
+            self.keep_shown(node, (State::Ignore, State::Ignore), own, cause);
+        }
+    }
+
+    fn keep_shown(&mut self, node: NodeId, (from, to): (State, State), own: State, cause: Option<NodeId>) {
+        let said = self.said(node);
+        self.events.push(self.now, What::Shown { node, from, to, own, cause, said });
+    }
+
+    /// What a module says at this instant. The view of it may not know yet when it was heard.
+    fn said(&self, node: NodeId) -> Option<Said> {
+        let NodeId::Module(id) = node else { return None };
+        let own = &self.net.modules[id.0 as usize].own;
+        let silent = own.received().filter(|_| own.silent()).map(|at| self.now.since(at));
+        let report = &self.views.modules.get(id.0 as usize)?.report;
+        Said::of(report.last_words(own.silent()), silent)
+    }
+}
+
+/// A masked node that waits for another cause than before.
+pub(in crate::engine) struct BlamedAnew {
+    pub(in crate::engine) node: NodeId,
+    pub(in crate::engine) own: State,
+    pub(in crate::engine) cause: Option<NodeId>,
+}

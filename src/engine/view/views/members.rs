@@ -1,0 +1,131 @@
+//! Modules that come and go at run time, as snapshots show them.
+
+use std::sync::Arc;
+
+use super::Views;
+use crate::engine::discovery::WriterId;
+use crate::engine::model::{GroupId, ModuleId, NodeNames};
+use crate::engine::snapshot::Steps;
+use crate::engine::snapshot::{ModuleInfo, ModuleView};
+use crate::engine::state::State;
+use crate::engine::text::Text;
+use crate::engine::time::Timestamp;
+use crate::engine::view::layout::SELF_STATE;
+
+impl Views {
+    /// The name of a module that a status makes: it may be called as another one is that is declared.
+    pub(in crate::engine) fn free_name(&self, group: GroupId, name: &str) -> Arc<str> {
+        let path = &self.layout.groups[group.0 as usize].path;
+        let second = (2..).map(|number| format!("{path}/{name} ({number})"));
+        let mut free = std::iter::once(format!("{path}/{name}")).chain(second);
+        free.find(|id| !self.names.contains(&**id)).unwrap_or_default().into()
+    }
+
+    /// Shows a module that was made at run time; `number` is its place in the order of arrival.
+    pub(in crate::engine) fn discover(
+        &mut self,
+        id: ModuleId,
+        group: GroupId,
+        (name, number): (Arc<str>, u64),
+        (status, writers): (Option<Arc<str>>, Option<NodeNames>),
+        now: Timestamp,
+    ) {
+        let layout = Arc::make_mut(&mut self.layout);
+        self.names.insert(name.clone());
+        let info = Arc::new(ModuleInfo {
+            id: name,
+            name: None,
+            help: None,
+            group,
+            status,
+            writers,
+            depends_on: Vec::new(),
+            discovered: true,
+            gone: false,
+            number,
+            kind: "self_state",
+            class: SELF_STATE,
+        });
+        let group = &mut layout.groups[group.0 as usize];
+        group.modules.push(id);
+        group.hint = None;
+        match layout.modules.get_mut(id.0 as usize) {
+            Some(slot) => {
+                *slot = info;
+                self.clear(id, now);
+            }
+            None => {
+                layout.modules.push(info);
+                self.push_module(now);
+            }
+        }
+        self.seq_changed = true;
+    }
+
+    /// Shows a module no more. Its name stays where something speaks of it. Returns that name.
+    pub(in crate::engine) fn leave(&mut self, id: ModuleId) -> Arc<str> {
+        let layout = Arc::make_mut(&mut self.layout);
+        let info = Arc::make_mut(&mut layout.modules[id.0 as usize]);
+        info.gone = true;
+        let name = info.id.clone();
+        layout.groups[info.group.0 as usize].modules.retain(|&member| member != id);
+        self.names.remove(&name);
+        let since = self.modules[id.0 as usize].since;
+        self.clear(id, since);
+        self.seq_changed = true;
+        name
+    }
+
+    /// Nothing speaks of a module that left any more.
+    pub(in crate::engine) fn clear_name(&mut self, id: ModuleId) {
+        let layout = Arc::make_mut(&mut self.layout);
+        Arc::make_mut(&mut layout.modules[id.0 as usize]).id = Arc::default();
+    }
+
+    /// What was heard of a module counts no more: it is as if it had never reported.
+    pub(in crate::engine) fn forget(&mut self, id: ModuleId) {
+        self.note_heard(id);
+        self.set_report(id, Arc::default());
+    }
+
+    /// Says of an empty group what it may be meant for, once.
+    pub(in crate::engine) fn hint(&mut self, group: GroupId, hint: Text) {
+        let known = self.layout.groups[group.0 as usize].hint.is_some();
+        if !known {
+            Arc::make_mut(&mut self.layout).groups[group.0 as usize].hint = Some(hint);
+            self.revision_changed = true;
+        }
+    }
+
+    pub(in crate::engine) fn says_nothing(&self, id: ModuleId) -> bool {
+        self.reports[id.0 as usize].message.is_empty()
+    }
+
+    fn clear(&mut self, id: ModuleId, since: Timestamp) {
+        self.reports[id.0 as usize] = Arc::default();
+        self.budget.store(id, WriterId::default(), 0, false);
+        if let Some(view) = self.modules.get_mut(id.0 as usize) {
+            *view = unheard(since);
+        }
+        self.revision_changed = true;
+    }
+
+    pub(super) fn push_module(&mut self, now: Timestamp) {
+        self.is_heard.push(false);
+        self.reports.push(Arc::default());
+        self.modules.push(unheard(now));
+    }
+}
+
+fn unheard(since: Timestamp) -> ModuleView {
+    ModuleView {
+        state: State::Ignore,
+        own: State::Unknown,
+        since,
+        received: None,
+        silent: false,
+        steps: Steps::default(),
+        reason: None,
+        report: Arc::default(),
+    }
+}
