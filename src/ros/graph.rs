@@ -1,5 +1,7 @@
 //! What discovery sees of all topics, looked at once a second, for who develops.
 
+use super::library::discovered::PREFIX;
+use super::library::discovered::participant_name;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -10,14 +12,12 @@ use super::library::{Found, Participant};
 use super::messages;
 use super::nodes::Nodes;
 use super::outbox::stopped;
-use super::writers::Guid;
+use super::sample_bytes::Guid;
 use crate::clock::Clock;
 use crate::engine::discovery::{Discovery, ENDPOINTS_MAX, Endpoint, TOPICS_MAX, TopicSeen};
 use crate::engine::time::Timestamp;
 
 const LOOK: Duration = Duration::from_secs(1);
-/// Bytes of a GUID that name the participant (RTPS 2.5, 9.3.1).
-const PREFIX: usize = 12;
 
 /// Messages received since the start, by the topic's name on the wire. As many as are read.
 #[derive(Debug, Clone, Default)]
@@ -57,11 +57,6 @@ impl Siblings {
     fn all(&self) -> BTreeSet<String> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
     }
-}
-
-/// A participant by the GUID of anything in it.
-pub fn participant_name(guid: &Guid) -> String {
-    hex(&guid[..PREFIX])
 }
 
 /// Looks until it is stopped.
@@ -172,10 +167,6 @@ fn push(
 /// `rt/diagnostics` is `/diagnostics` to ROS; other names are left as they are.
 fn ros_name(dds_topic: &str) -> String {
     dds_topic.strip_prefix("rt/").map_or_else(|| dds_topic.to_owned(), |name| format!("/{name}"))
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[cfg(test)]

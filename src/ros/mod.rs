@@ -24,6 +24,7 @@ mod publisher;
 mod raw;
 mod readers;
 mod ros_clock;
+mod sample_bytes;
 mod session;
 mod speakers;
 mod step;
@@ -40,9 +41,10 @@ use tokio::task::JoinHandle;
 
 pub use interfaces::{Address, addresses};
 pub use library::process as dds_process;
+pub use library::qos::Quality;
 pub use nodes::Nodes;
 pub use options::{BridgeOptions, DOMAIN_MAX, DdsProcess, Interface, OptionsError};
-pub use publisher::{PublishError, Publisher, Quality};
+pub use publisher::{PublishError, Publisher};
 pub use subscription::{DIAGNOSTICS, SubscriptionError};
 
 use crate::clock::Clock;

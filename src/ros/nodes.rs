@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::cdr::{Endian, Fault, Reader};
 use super::messages::GidSize;
-use super::writers::Guid;
+use super::sample_bytes::Guid;
 use crate::engine::model::sample::ProbeOutcome;
 use crate::engine::time::{Span, Timestamp};
 

@@ -3,6 +3,7 @@
 //! Nothing is announced before the size of a gid is known: of the wrong size, the announcement
 //! makes other processes throw.
 
+use super::library::discovered::TOPIC;
 use std::collections::BTreeSet;
 use std::future::poll_fn;
 use std::time::Duration;
@@ -15,10 +16,9 @@ use super::library::{Heard, Participant, Quality, Seen, Writer};
 use super::messages::{self, GidSize, NodeEntities, PARTICIPANT_ENTITIES_INFO};
 use super::nodes::{self, Nodes};
 use super::outbox::stopped;
-use super::writers::{Guid, Via};
+use super::sample_bytes::Guid;
+use super::writers::Via;
 use crate::clock::Clock;
-
-pub const TOPIC: &str = "ros_discovery_info";
 
 /// Samples of the topic that the library keeps: one for each participant that comes at once.
 const DEPTH: usize = 512;

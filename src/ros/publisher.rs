@@ -1,13 +1,15 @@
 //! A participant that publishes diagnostics and any other topic, as the nodes of a vehicle do.
 
+use super::library::Quality;
+use super::library::discovered::TOPIC;
 use std::time::SystemTime;
 
-use super::graph::participant_name;
+use super::library::discovered::participant_name;
 use super::library::{Participant, Writer};
 use super::messages::{self, BOOL, DIAGNOSTIC_ARRAY, GidSize, NodeEntities};
 use super::options::BridgeOptions;
 use super::peers::{self, Announcer};
-use super::writers::Guid;
+use super::sample_bytes::Guid;
 use super::{BridgeError, DIAGNOSTICS, presence};
 use crate::engine::input::StatusArray;
 
@@ -20,26 +22,6 @@ pub enum PublishError {
     NotWritten { topic: String, reason: String },
     #[error("{0} is not a topic of this publisher")]
     NoSuchTopic(String),
-}
-
-/// How a topic is offered to its readers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Quality {
-    /// Reliable, volatile.
-    Reliable,
-    /// Best effort, volatile: as sensors publish.
-    BestEffort,
-    /// Reliable, transient local: who comes later learns the last value.
-    LastValue,
-}
-
-impl Quality {
-    pub const ALL: [Quality; 3] = [Quality::Reliable, Quality::BestEffort, Quality::LastValue];
-
-    /// Its place in [`Quality::ALL`].
-    pub const fn number(self) -> u8 {
-        self as u8
-    }
 }
 
 /// The writers of one participant of its own.
@@ -145,7 +127,7 @@ impl Publisher {
     /// # Errors
     /// It was not offered, or a reader holds the writer back for too long.
     pub async fn announce(&self, nodes: &[(&str, Vec<&str>)], size: GidSize) -> Result<(), PublishError> {
-        let topic = || presence::TOPIC.to_owned();
+        let topic = || TOPIC.to_owned();
         let writer = self.announcer.as_ref().ok_or_else(|| PublishError::NoSuchTopic(topic()))?;
         let mut whole: Vec<(String, Vec<Guid>)> = Vec::with_capacity(nodes.len());
         for (name, topics) in nodes {

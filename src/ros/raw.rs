@@ -2,6 +2,7 @@
 //! a panic in it would poison the cache of the topic. It also runs under that cache's lock, so
 //! here the bytes are copied out and nothing more.
 
+use super::sample_bytes::RawBody;
 use std::convert::Infallible;
 
 use rustdds::RepresentationIdentifier as Encoding;
@@ -12,9 +13,6 @@ use super::cdr::{Endian, Fault, FaultKind};
 
 /// A message larger than this is not taken: 100,000 statuses of 600 bytes are smaller.
 pub const BODY_BYTES_MAX: usize = 64 << 20;
-
-/// A message without its encapsulation, or why it cannot be read.
-pub type RawBody = Result<(Vec<u8>, Endian), Fault>;
 
 pub struct RawAdapter;
 

@@ -11,7 +11,7 @@ use super::library::Participant;
 use super::messages::{self, DIAGNOSTIC_ARRAY};
 use super::nodes::Nodes;
 use super::outbox::stopped;
-use super::writers::Guid;
+use super::sample_bytes::Guid;
 use crate::clock::Clock;
 use crate::engine::input::{Input, NodeOf, Stamped, WriterId, WriterList};
 use crate::engine::time::{Span, Timestamp};

@@ -1,13 +1,11 @@
 //! The publishers of one topic: which of them are heard, through which reader, and what of theirs
 //! was lost.
 
+use super::sample_bytes::Guid;
 use std::collections::BTreeMap;
 use std::time::{Duration, SystemTime};
 
 use crate::engine::time::{Span, Timestamp};
-
-/// A writer's globally unique id, as its bytes.
-pub type Guid = [u8; 16];
 
 /// Writers whose last sequence number is remembered. More of them come only from publishers that
 /// come and go; then those that are gone are forgotten.

@@ -18,7 +18,7 @@ use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehav
 use super::chain::{self, Hash, Verifier};
 pub use super::head::HEAD_FILE_NAME;
 use super::head::read_head;
-use super::users::{from_unix_ms, to_unix_ms};
+use super::unix_time::{from_unix_ms, to_unix_ms};
 use super::{Database, Head, Lane, Role, Store, StoreError, Verdict, Verified};
 pub use action::Action;
 pub use key::KEY_FILE_NAME;

@@ -10,7 +10,8 @@ use std::time::SystemTime;
 use rusqlite::Connection;
 use rusqlite::backup::{Backup, StepResult};
 
-use super::schema::{connect_reading, make_folder, make_private_file};
+use super::private_file::{make_folder, make_private_file};
+use super::schema::connect_reading;
 use super::{Database, FILE_NAME, StoreError, schema};
 use crate::engine::time::{Span, Timestamp};
 

@@ -4,7 +4,7 @@
 
 use rusqlite::params;
 
-use super::users::to_unix_ms;
+use super::unix_time::to_unix_ms;
 use super::{Lane, Store, StoreError, Token, Verified};
 
 /// Of one user; the one that was made first is forgotten for a new one.

@@ -5,7 +5,7 @@ use std::time::{Duration, SystemTime};
 
 use rusqlite::Connection;
 
-use super::users::{from_unix_ms, to_unix_ms};
+use super::unix_time::{from_unix_ms, to_unix_ms};
 use super::{Database, Store, StoreError};
 use crate::clock::earliest;
 

@@ -21,7 +21,7 @@ pub use read::{Happened, Held, HistoryQuery, NodePast, Past};
 use reader::Reader;
 
 use super::StoreError;
-use super::schema::make_private_file;
+use super::private_file::make_private_file;
 use crate::clock::Clock;
 use crate::engine::view::record::Record;
 

@@ -1,6 +1,7 @@
 //! What `telltale data` does: look through a data folder, repair its database, take a backup.
 //! Nobody may serve from the folder meanwhile, except while it is looked through.
 
+use super::private_file::{make_folder, make_private_file};
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -104,7 +105,7 @@ pub fn restore(folder: &Path, file: Option<&Path>, clock: Clock) -> Result<(Path
         None => backup::newest(folder).ok_or_else(|| StoreError::NoBackup { folder: folder.to_owned() })?,
     };
     let new = new_file(folder)?;
-    schema::make_private_file(&new).map_err(|reason| folder_error(folder, reason))?;
+    make_private_file(&new).map_err(|reason| folder_error(folder, reason))?;
     let mut connection = Connection::open(&new)?;
     rusqlite::backup::Backup::new(&from, &mut connection)?.step(-1)?;
     connection.pragma_update_and_check(None, "journal_mode", "DELETE", |_| Ok(()))?;
@@ -141,7 +142,7 @@ fn put_in_place(
     let kept = folder.join(format!("damaged-{day}"));
     let moved = || -> io::Result<()> {
         File::open(new)?.sync_all()?;
-        schema::make_folder(&kept)?;
+        make_folder(&kept)?;
         // The log goes first: the next start must not take it for that of the new database.
         for suffix in ["-wal", "-shm", ""] {
             let name = format!("{FILE_NAME}{suffix}");

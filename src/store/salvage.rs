@@ -10,7 +10,7 @@ use rusqlite::types::Value;
 use rusqlite::{Connection, Row, params, params_from_iter};
 
 use super::audit::Log;
-use super::users::to_unix_ms;
+use super::unix_time::to_unix_ms;
 use super::{Database, FILE_NAME, SessionKind, StoreError, backup, schema};
 
 /// Rows of one table that fit into memory, whatever a broken file claims to hold.

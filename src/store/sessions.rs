@@ -11,7 +11,8 @@ use tokio::sync::watch;
 
 use super::audit::Record;
 use super::open::Row;
-use super::users::{from_unix_ms, role, to_unix_ms};
+use super::unix_time::{from_unix_ms, to_unix_ms};
+use super::users::role;
 use super::{Database, Role, Store, StoreError, Verified};
 use crate::engine::model::Stage;
 use crate::engine::time::{Span, Timestamp};

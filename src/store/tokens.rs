@@ -5,7 +5,8 @@ use std::time::{Duration, SystemTime};
 use rusqlite::{OptionalExtension, params};
 
 use super::audit::{Action, COMMAND_LINE, Record};
-use super::users::{from_unix_ms, role, to_unix_ms};
+use super::unix_time::{from_unix_ms, to_unix_ms};
+use super::users::role;
 use super::{Role, Store, StoreError, Token, seen};
 
 /// A program's token ends this long after it was made, unless another time is given.

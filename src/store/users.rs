@@ -1,6 +1,7 @@
 //! Users: who they are and how they prove it.
 
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use super::unix_time::{from_unix_ms, to_unix_ms};
+use std::time::SystemTime;
 
 use rusqlite::{OptionalExtension, params};
 
@@ -246,15 +247,6 @@ pub(super) fn role(row: &rusqlite::Row<'_>, column: usize) -> rusqlite::Result<R
     let word: String = row.get(column)?;
     Role::from_word(&word)
         .ok_or_else(|| rusqlite::Error::InvalidColumnType(column, word, rusqlite::types::Type::Text))
-}
-
-pub(super) fn to_unix_ms(time: SystemTime) -> i64 {
-    let since = time.duration_since(UNIX_EPOCH).unwrap_or_default();
-    i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
-}
-
-pub(super) fn from_unix_ms(ms: i64) -> SystemTime {
-    UNIX_EPOCH + Duration::from_millis(u64::try_from(ms).unwrap_or(0))
 }
 
 fn check_name(name: &str) -> Result<(), NameError> {

@@ -6,7 +6,7 @@ use std::time::{Duration, SystemTime};
 use rusqlite::{Connection, OptionalExtension, Row, params};
 
 use super::audit::Record;
-use super::users::{from_unix_ms, to_unix_ms};
+use super::unix_time::{from_unix_ms, to_unix_ms};
 use super::{Database, Store, StoreError};
 use crate::engine::model::Stage;
 use crate::engine::model::countermeasure::Request;

@@ -33,8 +33,10 @@ use super::wire::{self, Frame, News, Order};
 use super::{BEAT, RawSample, SAMPLE_BYTES, WINDOW_BYTES, WRITING_MAX};
 use crate::clock::Clock;
 use crate::engine::time::Span;
-use crate::ros::raw::{RawAdapter, RawBody};
-use crate::ros::writers::{Guid, Via};
+use crate::ros::raw::RawAdapter;
+use crate::ros::sample_bytes::Guid;
+use crate::ros::sample_bytes::RawBody;
+use crate::ros::writers::Via;
 
 /// Orders that may wait. The program gives far fewer: more mean that this process hangs.
 const ORDERS_MAX: usize = 4096;

@@ -8,14 +8,17 @@ use rustdds::policy::{self, Deadline, Durability, Reliability};
 use super::wire::NAME_BYTES_MAX;
 use super::{ENDPOINTS_MAX, Found, Quality, qos};
 use crate::engine::discovery::{Liveliness, LivelinessKind};
-use crate::ros::writers::Guid;
+use crate::ros::sample_bytes::Guid;
+
+/// Bytes of a GUID that name the participant (RTPS 2.5, 9.3.1).
+pub const PREFIX: usize = 12;
 
 /// Topics on which participants hear themselves; none of ROS begins so.
 const CANARY: &str = "telltale_alive/";
 
 /// The topic on which one participant hears itself.
 pub fn canary_topic(guid: &Guid) -> String {
-    format!("{CANARY}{}", crate::ros::graph::participant_name(guid))
+    format!("{CANARY}{}", participant_name(guid))
 }
 
 /// All endpoints that can be of ROS, at most as many as the parent takes.
@@ -83,4 +86,15 @@ fn liveliness(said: Option<policy::Liveliness>) -> Liveliness {
 /// `None` is without end.
 fn nanos(duration: rustdds::Duration) -> Option<u64> {
     (duration != rustdds::Duration::INFINITE).then(|| u64::try_from(duration.to_nanoseconds()).unwrap_or(0))
+}
+
+/// A participant by the GUID of anything in it.
+pub fn participant_name(guid: &Guid) -> String {
+    hex(&guid[..PREFIX])
+}
+
+pub const TOPIC: &str = "ros_discovery_info";
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -6,9 +6,9 @@
 //! what is discovered come over a socket (`wire`) and are decoded here, by the same code as ever.
 
 mod child;
-mod discovered;
+pub mod discovered;
 mod inbox;
-mod qos;
+pub mod qos;
 mod seen;
 mod watch;
 mod wire;
@@ -30,11 +30,12 @@ pub use watch::Ended;
 use wire::{Frame, Order};
 
 use super::options::{self, BridgeOptions};
-pub use super::publisher::Quality;
-use super::raw::RawBody;
-use super::writers::{Guid, Via};
-use super::{BridgeError, DdsProcess, presence};
+use super::sample_bytes::Guid;
+use super::sample_bytes::RawBody;
+use super::writers::Via;
+use super::{BridgeError, DdsProcess};
 use inbox::Shared;
+pub use qos::Quality;
 
 /// How often the DDS process says that it lives.
 const BEAT: Duration = Duration::from_millis(250);
@@ -168,7 +169,7 @@ impl Participant {
     pub fn reader(&self, topic: &str, type_name: &str, via: Via, depth: usize) -> Reader {
         let id = self.next();
         // What a participant needs for itself is of none of its nodes.
-        let reader = Reader::new(id, via, topic != presence::TOPIC, self.clone());
+        let reader = Reader::new(id, via, topic != discovered::TOPIC, self.clone());
         let (topic, type_name) = (topic.to_owned(), type_name.to_owned());
         self.order(Order::Reader { id, topic, type_name, via, depth: depth as u32 });
         reader

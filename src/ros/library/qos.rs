@@ -6,9 +6,29 @@ use rustdds::no_key::{DataWriter, SimpleDataReader};
 use rustdds::policy::{Durability, History, Reliability, ResourceLimits};
 use rustdds::{DomainParticipant, QosPolicies, QosPolicyBuilder, Subscriber, Topic, TopicKind};
 
-use super::Quality;
-use crate::ros::raw::{RawAdapter, RawBody};
+use crate::ros::raw::RawAdapter;
+use crate::ros::sample_bytes::RawBody;
 use crate::ros::writers::Via;
+
+/// How a topic is offered to its readers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quality {
+    /// Reliable, volatile.
+    Reliable,
+    /// Best effort, volatile: as sensors publish.
+    BestEffort,
+    /// Reliable, transient local: who comes later learns the last value.
+    LastValue,
+}
+
+impl Quality {
+    pub const ALL: [Quality; 3] = [Quality::Reliable, Quality::BestEffort, Quality::LastValue];
+
+    /// Its place in [`Quality::ALL`].
+    pub const fn number(self) -> u8 {
+        self as u8
+    }
+}
 
 pub type RawWriter = DataWriter<Bytes, RawAdapter>;
 

@@ -12,7 +12,7 @@ use sha2::{Digest as _, Sha256};
 
 use crate::store::StoreError;
 use crate::store::head::{give_to_owner, whose};
-use crate::store::schema::make_private_file;
+use crate::store::private_file::make_private_file;
 
 /// The key, in the data folder.
 pub const KEY_FILE_NAME: &str = "audit.key";
