@@ -96,22 +96,16 @@ impl Vehicle {
 
     /// The disk answers nobody any more: the head of the log is written into a pipe that nobody reads.
     async fn stall(&self) -> PathBuf {
-        let pipe = self.pipe_for_the_head().await;
-        // What was written before may make it hang already.
-        let (store, soon) = (&self.fixture.store, std::time::Duration::from_millis(100));
-        let _ = tokio::time::timeout(soon, store.audit(Record::of(Action::Start, TELLTALE))).await;
-        while tokio::time::timeout(soon, store.recall()).await.is_ok() {}
-        pipe
-    }
-
-    /// The disk answers nobody any more once the next record is written.
-    async fn pipe_for_the_head(&self) -> PathBuf {
         let pipe = self.folder.join(format!("audit.head.{}", std::process::id()));
         let store = &self.fixture.store;
         // The head may be written right now, by this name.
         while !std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success() {
             store.recall().await.unwrap();
         }
+        // What was written before may make it hang already.
+        let soon = std::time::Duration::from_millis(100);
+        let _ = tokio::time::timeout(soon, store.audit(Record::of(Action::Start, TELLTALE))).await;
+        while tokio::time::timeout(soon, store.recall()).await.is_ok() {}
         pipe
     }
 
@@ -344,7 +338,7 @@ async fn a_stop_is_asked_for_while_the_disk_hangs_and_recorded_when_it_answers()
 #[tokio::test]
 async fn a_logout_waits_for_a_disk_that_hangs_no_longer_than_a_login_and_is_not_done_later() {
     let vehicle = Vehicle::standing("logout").await;
-    let pipe = vehicle.pipe_for_the_head().await;
+    let pipe = vehicle.stall().await;
     let answer = vehicle.post("/logout", "").await;
     assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE, "{}", answer.body);
     let _answers = Vehicle::answer(pipe);
