@@ -14,6 +14,8 @@
   const BEHIND_DEAD_MS = 5000;
   const RECONNECT_MS = 500;
   const HANG_MS = 4000;
+  // A socket that is being opened gets longer: the server has just answered.
+  const OPENING_MS = 15000;
   const SCROLLED_MS = 150;
   const RENEWAL = { "Telltale-Renewal": "1" };
 
@@ -26,6 +28,7 @@
   const content = () => document.getElementById("dev");
 
   const lag = new Lag();
+  const server = new Server();
   let lastBeat = performance.now();
   let late_ms = 0;
   let everBeat = false;
@@ -181,30 +184,28 @@
   const connect = () => {
     lag.try();
     const socket = new WebSocket(body.dataset.socket);
+    let tried = performance.now();
     let opened = false;
     const hang = setInterval(() => {
-      if (performance.now() - lastBeat > HANG_MS || late_ms >= STALE_MS) socket.close();
-    }, HANG_MS);
+      const now = performance.now();
+      const isBad = now - lastBeat > HANG_MS || late_ms >= STALE_MS;
+      if (isBad && now - tried > (opened ? HANG_MS : OPENING_MS)) socket.close();
+    }, CHECK_MS);
     socket.addEventListener("open", () => {
       lag.open();
       opened = true;
+      tried = performance.now();
     });
     socket.addEventListener("message", ({ data }) => beat(JSON.parse(data)));
     socket.addEventListener("close", async ({ code }) => {
       clearInterval(hang);
       if (code === 1008) return location.assign("/login");
-      if (!opened) await leaveIfLoggedOut();
-      setTimeout(connect, RECONNECT_MS);
+      if (!opened) await server.leaveIfLoggedOut("/developer");
+      setTimeout(async () => {
+        await server.answers();
+        connect();
+      }, RECONNECT_MS);
     });
-  };
-
-  const leaveIfLoggedOut = async () => {
-    try {
-      const answer = await fetch("/developer", { method: "HEAD", headers: RENEWAL, redirect: "manual", cache: "no-store" });
-      if (answer.type === "opaqueredirect") location.assign("/login");
-    } catch {
-      // Nobody answers: the page says so already.
-    }
   };
 
   // --- another address

@@ -9,6 +9,10 @@
   const CALL_MS = 1000;
   // A connection that hangs without an end, or brings everything late, is replaced after this.
   const HANG_MS = 4000;
+  // One that is being opened gets longer: the server has just answered, and a browser may hold it back.
+  const OPENING_MS = 15000;
+  // Between two that were not opened.
+  const RETRY_MS = 1000;
 
   const body = document.body;
   const mark = document.querySelector("#live .pulse");
@@ -16,6 +20,7 @@
 
   const lag = new Lag();
   const behind = new Behind();
+  const server = new Server();
   // When the last heartbeat came, and how late it was.
   let lastBeat = performance.now();
   let late_ms = 0;
@@ -27,6 +32,9 @@
   let unshownSince = null;
   let received = -1;
   let opened = false;
+  let opening = true;
+  // The server is asked whether it answers.
+  let asking = false;
   // The server is of another version than this page.
   let outdated = false;
 
@@ -69,7 +77,8 @@
     body.toggleAttribute("data-ebb", now % CALL_MS >= CALL_MS / 2);
     behind.follow();
     renew();
-    if ((live === "dead" || late_ms >= STALE_MS) && now - lastTry > HANG_MS) connect(document.documentElement.lang);
+    const isBad = live === "dead" || late_ms >= STALE_MS;
+    if (isBad && now - lastTry > (opening ? OPENING_MS : HANG_MS)) reconnect(0);
   };
 
   const beat = (message) => {
@@ -98,6 +107,8 @@
   // A new element closes the old connection and opens one of its own.
   const connect = (lang) => {
     lastTry = performance.now();
+    opened = false;
+    opening = true;
     htmx.swap({
       sourceElement: body,
       target: "#socket",
@@ -106,14 +117,16 @@
     });
   };
 
-  // The server answers a request without a session with the way to the login.
-  const leaveIfLoggedOut = async () => {
-    try {
-      const answer = await fetch("/", { method: "HEAD", redirect: "manual", cache: "no-store" });
-      if (answer.type === "opaqueredirect") location.assign("/login");
-    } catch {
-      // Nobody answers: the display says so already.
-    }
+  // Opens another connection once the server answers, unless there is a good one by then.
+  const reconnect = async (waitMs) => {
+    if (asking) return;
+    asking = true;
+    await new Promise((resolve) => setTimeout(resolve, waitMs));
+    await server.answers();
+    asking = false;
+    const isTried = opening && performance.now() - lastTry < OPENING_MS;
+    const isGood = opened && body.dataset.live !== "dead" && late_ms < STALE_MS;
+    if (!isTried && !isGood) connect(document.documentElement.lang);
   };
 
   // Says what is on the screen. Where nothing is painted nothing is said, and the server knows.
@@ -132,6 +145,7 @@
     lag.open();
     behind.begin();
     opened = true;
+    opening = false;
     lastTry = performance.now();
     unshownSince = null;
     socket.addEventListener("message", ({ data }) => {
@@ -153,10 +167,15 @@
     });
   });
 
-  document.addEventListener("htmx:ws:close", (event) => {
-    if (event.detail.code === 1008) location.assign("/login");
-    else if (!opened) leaveIfLoggedOut();
+  document.addEventListener("htmx:ws:close", async (event) => {
+    // It was replaced.
+    if (event.detail.reason === "removed") return;
+    if (event.detail.code === 1008) return void location.assign("/login");
+    const wasOpen = opened;
     opened = false;
+    opening = false;
+    if (!wasOpen) await server.leaveIfLoggedOut("/");
+    reconnect(wasOpen ? 0 : RETRY_MS);
   });
 
   // Large messages are read once: htmx takes from here what it swaps in.

@@ -213,6 +213,8 @@ impl Engine {
         let names = &mut self.names.routes[route as usize];
         let policies = names.modules().map(|id| self.net.policy(id));
         let longest = policies.clone().map(|policy| policy.timeout).max().unwrap_or(Span::ZERO);
+        // Values are neither better nor worse: those of a node that is not known yet wait until it is.
+        let unknown = *node == NodeOf::Pending && policies.clone().any(|it| it.writers.is_some());
         let admissions: Vec<Admission> = policies.map(|it| it.admits(node, voice.state)).collect();
         let refused = admissions.contains(&Admission::Refused);
         names.overruled = array;
@@ -247,7 +249,7 @@ impl Engine {
             }
             let Some(id) = self.names.routes[route as usize].module(position) else { continue };
             let shown = self.report_worst(route, id, voice, status);
-            if shown && !refused {
+            if shown && !refused && !unknown {
                 // Its KeyValues count as well.
                 self.names.routes[route as usize].overruled = 0;
             }

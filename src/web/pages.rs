@@ -1,9 +1,12 @@
 //! Pages and the snapshot, for who is logged in; and the probes, which tell nothing.
 
+use std::time::Duration;
+
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{Html, IntoResponse, Response};
+use tokio::time::timeout;
 
 use super::answer::{Reader, refusal};
 use super::frame::permitted;
@@ -36,9 +39,13 @@ pub async fn healthz() -> &'static str {
     "ok\n"
 }
 
+/// For the store's answer to `GET /readyz`. Pages wait for any answer before they connect again, also
+/// while the disk hangs.
+const READY_TIMEOUT: Duration = Duration::from_millis(1500);
+
 /// `GET /readyz`: the engine and the store work.
 pub async fn readyz(State(app): State<AppState>) -> (StatusCode, &'static str) {
-    if app.is_engine_alive() && app.store.is_ready().await {
+    if app.is_engine_alive() && timeout(READY_TIMEOUT, app.store.is_ready()).await.unwrap_or(false) {
         (StatusCode::OK, "ready\n")
     } else {
         (StatusCode::SERVICE_UNAVAILABLE, "not ready\n")

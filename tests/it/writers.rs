@@ -19,6 +19,7 @@ groups:
   - { id: lidar, status: lidar }
   - { id: heat, monitor: { value: { status: lidar, key: celsius, error_above: 90 } } }
   - { id: brake, status: brake, writers: [/brake] }
+  - { id: disc, monitor: { value: { status: brake, key: celsius, error_above: 90 } } }
 - { id: b, match: [{ namespace: /cameras, writers: [/cameras/driver] }] }
 ";
 
@@ -245,10 +246,12 @@ fn of_a_node_that_is_not_known_yet_only_what_is_bad_counts() {
     assert_eq!(vehicle.dispute(0), None, "every start would be a WARNING");
     vehicle.say(100, 3, ERROR, "brake");
     assert_eq!(vehicle.own(100, "a/brake"), State::Error);
+    assert_eq!(vehicle.own(100, "a/disc"), State::Unknown, "its values may be good ones");
     vehicle.named[2] = (3, named("/brake"));
     vehicle.list(200, &[]);
     vehicle.say(300, 3, OK, "brake");
     assert_eq!(vehicle.own(300, "a/brake"), State::Ok);
+    assert_eq!(vehicle.own(300, "a/disc"), State::Ok);
 }
 
 #[test]

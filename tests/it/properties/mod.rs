@@ -19,7 +19,7 @@ use proptest::prelude::*;
 use proptest::strategy::ValueTree as _;
 use telltale::engine::Engine;
 use telltale::engine::event::What;
-use telltale::engine::input::{Input, StatusArray};
+use telltale::engine::input::{Input, NodeOf, StatusArray, WriterList};
 use telltale::engine::model::{Combine, GroupId, Model, ModuleId, NodeId, Other, POSED_SIGNAL};
 use telltale::engine::snapshot::{NotRelevant, Path, Reason, Snapshot};
 use telltale::engine::state::State;
@@ -145,6 +145,10 @@ proptest! {
             engine.handle(input, *at);
             end = *at;
         }
+        // The node of who says it is known: else its ERROR counts and its OK does not.
+        let mut list = WriterList { as_of: end, ..WriterList::default() };
+        list.writers.insert(cases::writer(0), NodeOf::Named(cases::WRITERS[0].into()));
+        engine.handle(&Input::Writers(Arc::new(list)), end);
         let name = format!("s{}", pick % 9);
         let (before, after) = (probe(&mut engine, &name, 0, end), probe(&mut engine, &name, 2, end));
         for tile in before.tiles() {

@@ -356,6 +356,8 @@ async fn no_clearance_is_given_while_the_disk_hangs() {
     let vehicle = Vehicle::standing_by("stalled", clock).await;
     let pipe = vehicle.stall().await;
     vehicle.until_fault(hand, true).await;
+    let ready = vehicle.fixture.get("/readyz", None).await.status;
+    assert_eq!(ready, StatusCode::SERVICE_UNAVAILABLE, "an answer, which pages wait for");
     vehicle.look();
     let answer = vehicle.post("/vehicle/clearance", "").await;
     assert_eq!(answer.status, StatusCode::CONFLICT, "{}", answer.body);
