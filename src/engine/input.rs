@@ -5,6 +5,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 pub use super::action::{AlarmRef, OperatorAction, Place, Refusal, Response};
+use super::model::Text;
 use super::sample::{Probe, Sample, TopicNews};
 use super::state::State;
 use super::time::Timestamp;
@@ -49,6 +50,8 @@ pub enum Input {
         /// What is wrong, for a developer; `None`: nothing.
         fault: Option<Box<str>>,
     },
+    /// What has to be put right around the program, and stops nothing. Said when that changes.
+    Upkeep(Upkeep),
     /// The operator's display shows, or does not show, what is. Said when that changes.
     Display {
         /// Whose display it is; `None`: nothing is wrong.
@@ -58,6 +61,13 @@ pub enum Input {
     Operator(OperatorAction),
     /// Nothing but time passed.
     Tick,
+}
+
+/// What is wrong with the wall clock and with the certificate of the page; `None`: nothing.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Upkeep {
+    pub clock: Option<Text>,
+    pub certificate: Option<Text>,
 }
 
 /// An input with the instant of its receipt on the monotonic clock.
