@@ -104,7 +104,8 @@ impl Station {
             tracing::error!(%error, "the start cannot be recorded");
         }
         let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
-        let time = tokio::spawn(timekeeping::watch(tls.clone(), hosts, store.floor(), clock));
+        let watching = timekeeping::watch(tls.clone(), hosts, store.floor(), link.inputs.clone(), clock);
+        let time = tokio::spawn(watching);
         tracing::info!("the display is on {}; it listens to {listens_to}", url(address, secure));
         let end = store.clone();
         let engine = link.inputs.clone();

@@ -1,9 +1,14 @@
 //! Whether the wall clock and the certificate are right. Neither keeps a display from starting: what is wrong
 //! is said, and what is renewed is taken.
 
+use std::fmt::Display;
 use std::time::{Duration, SystemTime};
 
+use tokio::sync::mpsc;
+
 use crate::clock::Clock;
+use crate::engine::input::{Input, Stamped, Upkeep};
+use crate::engine::text::Text;
 use crate::web::{Tls, Validity};
 
 const LOOK_EVERY: Duration = Duration::from_secs(5);
@@ -11,10 +16,16 @@ const LOOK_EVERY: Duration = Duration::from_secs(5);
 /// A clock that was put right may be a little behind what was written before.
 const BEHIND: Duration = Duration::from_secs(24 * 3600);
 
-/// Says what is wrong whenever that changes, and takes a certificate that was renewed. It has to be for
-/// these hosts. Never ends.
-pub async fn watch(tls: Option<Tls>, hosts: Vec<String>, floor: SystemTime, clock: Clock) {
-    let mut said = Vec::new();
+/// Says what is wrong whenever that changes, in the log and to the engine, and takes a certificate that was
+/// renewed. It has to be for these hosts. Never ends.
+pub async fn watch(
+    tls: Option<Tls>,
+    hosts: Vec<String>,
+    floor: SystemTime,
+    inputs: mpsc::Sender<Stamped>,
+    clock: Clock,
+) {
+    let mut said = Upkeep::default();
     loop {
         let (tls, hosts_now) = (tls.clone(), hosts.clone());
         // A disk that hangs holds up nobody else.
@@ -24,13 +35,17 @@ pub async fn watch(tls: Option<Tls>, hosts: Vec<String>, floor: SystemTime, cloc
             }
             faults(tls.as_ref(), floor, clock.wall())
         });
-        let found = look.await.unwrap_or_default();
+        let found = look.await.unwrap_or_else(|_| said.clone());
         if found != said {
-            found.iter().for_each(|fault| tracing::warn!("{fault}"));
-            if found.is_empty() {
+            for fault in [&found.clock, &found.certificate].into_iter().flatten() {
+                tracing::warn!("{}", fault.en);
+            }
+            if found == Upkeep::default() {
                 tracing::info!("the clock and the certificate are right again");
             }
-            said = found;
+            said = found.clone();
+            // Where nobody takes it any more, the program ends.
+            let _ = inputs.send(Stamped { input: Input::Upkeep(found), received: clock.now() }).await;
         }
         tokio::time::sleep(LOOK_EVERY).await;
     }
@@ -45,35 +60,63 @@ fn reload(tls: &Tls, hosts: &[String]) {
 }
 
 /// What is wrong with the clock and the certificate.
-fn faults(tls: Option<&Tls>, floor: SystemTime, wall: SystemTime) -> Vec<String> {
+fn faults(tls: Option<&Tls>, floor: SystemTime, wall: SystemTime) -> Upkeep {
     let date = |at| humantime::format_rfc3339_seconds(at);
-    let is_behind = wall + BEHIND < floor;
-    let clock = is_behind.then(|| {
-        format!(
-            "the clock shows {}, which is before {}, when this vehicle was in use already: set it. Until then \
-             sessions and tokens are judged by the later time",
-            date(wall),
-            date(floor)
-        )
-    });
-    // By a clock that is wrong nothing can be said of a certificate.
-    let certificate = tls.filter(|_| !is_behind).and_then(|tls| {
+    if wall + BEHIND < floor {
+        // By a clock that is wrong nothing can be said of a certificate.
+        return Upkeep { clock: Some(clock_behind(date(wall), date(floor))), certificate: None };
+    }
+    let certificate = tls.and_then(|tls| {
         let path = tls.path().display();
-        match tls.validity(wall) {
-            Validity::Good => None,
-            Validity::EndsSoon(at) => Some(format!("the certificate {path} ends at {}: renew it", date(at))),
-            Validity::Ended(at) => Some(format!(
-                "the certificate {path} ended at {}, or the clock is wrong: browsers warn of it. Renew it; \
-                 `telltale tls self-signed` makes one",
-                date(at)
-            )),
-            Validity::NotYet(at) => Some(format!(
-                "the certificate {path} is valid from {} on, or the clock is wrong: browsers warn of it until then",
-                date(at)
-            )),
-        }
+        let (en, de) = match tls.validity(wall) {
+            Validity::Good => return None,
+            Validity::EndsSoon(at) => (
+                format!("the certificate {path} ends at {}: renew it", date(at)),
+                format!("das Zertifikat {path} endet am {}: erneuern", date(at)),
+            ),
+            Validity::Ended(at) => (
+                format!(
+                    "the certificate {path} ended at {}, or the clock is wrong: browsers warn of it. Renew it; \
+                     `telltale tls self-signed` makes one",
+                    date(at)
+                ),
+                format!(
+                    "das Zertifikat {path} endete am {}, oder die Uhr geht falsch: Browser warnen davor. \
+                     Erneuern; `telltale tls self-signed` stellt eines aus",
+                    date(at)
+                ),
+            ),
+            Validity::NotYet(at) => (
+                format!(
+                    "the certificate {path} is valid from {} on, or the clock is wrong: browsers warn of it \
+                     until then",
+                    date(at)
+                ),
+                format!(
+                    "das Zertifikat {path} gilt erst ab {}, oder die Uhr geht falsch: bis dahin warnen \
+                     Browser davor",
+                    date(at)
+                ),
+            ),
+        };
+        Some(Text { en: en.into(), de: de.into() })
     });
-    clock.into_iter().chain(certificate).collect()
+    Upkeep { clock: None, certificate }
+}
+
+fn clock_behind(wall: impl Display, floor: impl Display) -> Text {
+    Text {
+        en: format!(
+            "the clock shows {wall}, which is before {floor}, when this vehicle was in use already: set it. Until \
+             then sessions and tokens are judged by the later time"
+        )
+        .into(),
+        de: format!(
+            "die Uhr zeigt {wall}, aber {floor} war dieses Fahrzeug schon in Betrieb: Uhr stellen. Bis dahin gilt \
+             für Anmeldungen und Token die spätere Zeit"
+        )
+        .into(),
+    }
 }
 
 #[cfg(test)]
@@ -92,7 +135,52 @@ mod tests {
             (floor + BEHIND * 10_000, false),
         ] {
             let found = faults(None, floor, wall);
-            assert_eq!(found.len(), usize::from(is_wrong), "{found:?}");
+            assert_eq!((found.clock.is_some(), found.certificate), (is_wrong, None));
         }
+    }
+
+    #[test]
+    fn a_certificate_is_told_of_thirty_days_before_its_end_and_after_it() {
+        let folder = std::env::temp_dir().join(format!("telltale-time-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let [path, key] = ["cert.pem", "key.pem"].map(|name| folder.join(name));
+        let (begins, ends) = (rcgen::date_time_ymd(2026, 1, 1), rcgen::date_time_ymd(2026, 7, 1));
+        let mut params = rcgen::CertificateParams::new(vec!["display".to_owned()]).unwrap();
+        (params.not_before, params.not_after) = (begins, ends);
+        let pair = rcgen::KeyPair::generate().unwrap();
+        std::fs::write(&path, params.self_signed(&pair).unwrap().pem()).unwrap();
+        std::fs::write(&key, pair.serialize_pem()).unwrap();
+        let tls = Tls::load(&path, &key).unwrap();
+        let (begins, ends, floor) =
+            (SystemTime::from(begins), SystemTime::from(ends), SystemTime::UNIX_EPOCH);
+        let day = Duration::from_secs(24 * 3600);
+        for (wall, en, de) in [
+            (begins - day, "is valid from 2026-01-01", "gilt erst ab 2026-01-01"),
+            (begins + day, "", ""),
+            (ends - day * 31, "", ""),
+            (ends - day * 29, "ends at 2026-07-01", "endet am 2026-07-01"),
+            (ends + day, "ended at 2026-07-01", "endete am 2026-07-01"),
+        ] {
+            let said = faults(Some(&tls), floor, wall).certificate.unwrap_or_default();
+            assert!(said.en.contains(en) && said.de.contains(de), "{said:?}");
+            assert_eq!(said.en.is_empty(), en.is_empty(), "{said:?}");
+        }
+        // By a clock that is wrong nothing can be said of it.
+        let found = faults(Some(&tls), ends, begins - day);
+        assert!(found.clock.is_some() && found.certificate.is_none());
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn what_is_wrong_is_told_to_the_engine() {
+        let (inputs, mut told) = mpsc::channel(4);
+        let clock = Clock::start();
+        let floor = clock.wall() + 400 * BEHIND;
+        let watching = tokio::spawn(watch(None, Vec::new(), floor, inputs, clock));
+        let Input::Upkeep(found) = told.recv().await.unwrap().input else { panic!("it tells of that alone") };
+        assert!(
+            found.clock.is_some_and(|said| said.en.contains("set it") && said.de.contains("Uhr stellen"))
+        );
+        watching.abort();
     }
 }

@@ -9,6 +9,7 @@ pub use super::action::{AlarmRef, OperatorAction, Place, Refusal, Response};
 pub use super::discovery::{NodeOf, WriterId, WriterList};
 use super::model::sample::{Probe, Sample, TopicNews};
 use super::state::State;
+use super::text::Text;
 use super::time::Timestamp;
 
 /// One thing that happened. Handled by [`Engine::handle`](super::Engine::handle), nowhere else.
@@ -50,6 +51,8 @@ pub enum Input {
         /// What is wrong, for a developer; `None`: nothing.
         fault: Option<Box<str>>,
     },
+    /// What has to be put right around the program, and stops nothing. Said when that changes.
+    Upkeep(Upkeep),
     /// The operator's display shows, or does not show, what is. Said when that changes.
     Display {
         /// Whose display it is; `None`: nothing is wrong.
@@ -59,6 +62,13 @@ pub enum Input {
     Operator(OperatorAction),
     /// Nothing but time passed.
     Tick,
+}
+
+/// What is wrong with the wall clock and with the certificate of the page; `None`: nothing.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Upkeep {
+    pub clock: Option<Text>,
+    pub certificate: Option<Text>,
 }
 
 /// An input with the instant of its receipt on the monotonic clock.

@@ -51,7 +51,8 @@ impl Engine {
                 .overflow
                 .module(group)
                 .unwrap_or_else(|| self.make(&Place::of(group), ModuleKind::Overflow, overflow::MODULE));
-            let message = self.overflow.count(group, module, self.model.limits.discovered_modules);
+            let message =
+                self.overflow.count(group, module, self.model.limits.discovered_modules, claim.too_long);
             self.net.report(module, State::Warning, self.now);
             self.views.set_message(module, message);
         }

@@ -32,7 +32,7 @@ use std::sync::Arc;
 
 use discovery::{WriterId, WriterList};
 use event::{Event, Events};
-use input::{Input, ReceptionTrouble, Response, Status, StatusArray};
+use input::{Input, ReceptionTrouble, Response, Status, StatusArray, Upkeep};
 use mask::causes::Causes;
 use mask::net::Net;
 use membership::Departed;
@@ -91,6 +91,7 @@ pub struct Engine {
     said_cut: bool,
     /// Why nothing can be written down.
     storage_fault: Option<Box<str>>,
+    upkeep: Upkeep,
     /// Whose display shows nothing.
     display_late: Option<Box<str>>,
     /// Why nothing of the vehicle can be heard.
@@ -139,6 +140,7 @@ impl Engine {
             restricted: model.restricts_writers(),
             said_cut: false,
             storage_fault: None,
+            upkeep: Upkeep::default(),
             display_late: None,
             dds_fault: None,
             counters: Counters::default(),
@@ -170,6 +172,7 @@ impl Engine {
             Input::Storage { fault } => self.take_storage(fault.clone()),
             Input::Display { late } => self.take_display(late.clone()),
             Input::Dds { fault } => self.take_dds(fault.clone()),
+            Input::Upkeep(upkeep) => self.take_upkeep(upkeep.clone()),
             Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {
                 // Nearly every message says what the one before said: then nothing is to be settled.
                 if !self.take_watched(input) {
@@ -312,25 +315,6 @@ impl Engine {
         let message = std::mem::take(&mut self.reception.message);
         self.report_on_self(SystemCheck::Reception, state, &*message);
         self.reception.message = message;
-    }
-
-    fn take_aggregator(&mut self, other: Option<&str>) {
-        let state = if other.is_some() { State::Warning } else { State::Ok };
-        let words = other.map(module::system::other_aggregator).unwrap_or_default();
-        self.report_on_self(SystemCheck::Aggregator, state, words);
-    }
-
-    fn take_storage(&mut self, fault: Option<Box<str>>) {
-        let state = if fault.is_some() { State::Warning } else { State::Ok };
-        self.report_on_self(SystemCheck::Storage, state, fault.as_deref().unwrap_or_default());
-        self.storage_fault = fault;
-    }
-
-    fn take_display(&mut self, late: Option<Box<str>>) {
-        let state = if late.is_some() { State::Warning } else { State::Ok };
-        let words = late.as_deref().map(module::system::display_late);
-        self.report_on_self(SystemCheck::Display, state, words.unwrap_or_default());
-        self.display_late = late;
     }
 
     /// Sets what the diagnosis says of itself.

@@ -309,7 +309,7 @@ mod tests {
             assert_eq!(probe(&store).await, None);
             assert!(locks(&path) > 0, "another program may delete the log now");
         }
-        schema::make_private_file(&path).unwrap();
+        crate::store::private_file::make_private_file(&path).unwrap();
         let other = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
         assert_eq!(probe(&other).await, None);
         other.close().await;
@@ -332,7 +332,7 @@ mod tests {
             assert!(said.contains("removed or replaced") && said.contains("restart"), "{said}");
             // Somebody takes the database alone, as a restart after a loss of power does.
             let copy = Folder::new(&format!("copy{suffix}"));
-            schema::make_folder(&copy.0).unwrap();
+            crate::store::private_file::make_folder(&copy.0).unwrap();
             let taken = std::process::Command::new("cp")
                 .args([folder.0.join(FILE_NAME), copy.0.join(FILE_NAME)])
                 .status();

@@ -155,24 +155,34 @@ impl Store {
 
     /// Writes down that an operator leaves the seat and all displays, with the record of it. When
     /// this returns, it is on the disk; then [`Store::left`] makes it happen, or
-    /// [`Store::take_back`] undoes it.
+    /// [`Store::take_back`] undoes it. What comes to the disk's turn after `until` is not written.
     ///
     /// # Errors
     /// If the database fails; nothing is changed then.
-    pub async fn leave(&self, user: &str, record: Record) -> Result<Written, StoreError> {
-        let user = user.to_owned();
-        self.call(move |database| {
-            let (before, goes) = database.change_sessions(&[record], |transaction| {
-                let before = Before::of(transaction, [Some(user.as_str()), None], None)?;
-                end_all(transaction, &user)?;
-                let sql = "DELETE FROM seat WHERE user = (SELECT id FROM users WHERE name = ?1)";
-                transaction.execute(sql, [&user])?;
-                let goes = before.ended(transaction)?;
-                Ok((before, goes))
-            })?;
-            Ok(Written { comes: None, goes, alignment: database.sessions.alignment(), before })
-        })
-        .await
+    pub fn leave(
+        &self,
+        user: &str,
+        record: Record,
+        until: Timestamp,
+    ) -> impl Future<Output = Result<Written, StoreError>> + Send + use<> {
+        let (store, user) = (self.clone(), user.to_owned());
+        async move {
+            let writing = store.call(move |database| {
+                if database.clock.now() >= until {
+                    return Err(StoreError::TooLate);
+                }
+                let (before, goes) = database.change_sessions(&[record], |transaction| {
+                    let before = Before::of(transaction, [Some(user.as_str()), None], None)?;
+                    end_all(transaction, &user)?;
+                    let sql = "DELETE FROM seat WHERE user = (SELECT id FROM users WHERE name = ?1)";
+                    transaction.execute(sql, [&user])?;
+                    let goes = before.ended(transaction)?;
+                    Ok((before, goes))
+                })?;
+                Ok(Written { comes: None, goes, alignment: database.sessions.alignment(), before })
+            });
+            writing.await
+        }
     }
 
     /// Ends the sessions of those who have left. It waits for no disk.
@@ -313,14 +323,14 @@ mod tests {
         let (token, session) = store.open_session(&user(&store, "anna", "135791").await).await.unwrap();
         store.take_seat("anna").await.unwrap();
 
-        let leaving = store.leave("anna", record()).await.unwrap();
+        let leaving = store.leave("anna", record(), LATE).await.unwrap();
         assert_eq!(store.seated_operator().await.unwrap(), None);
         assert!(session.is_open(), "it has not happened yet");
         store.take_back(leaving, memory(&store, 1), record().refused("no")).await.unwrap();
         assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("anna"));
         assert!(session.is_open() && store.session(&token).is_some());
 
-        let leaving = store.leave("anna", record()).await.unwrap();
+        let leaving = store.leave("anna", record(), LATE).await.unwrap();
         store.left(leaving);
         assert!(!session.is_open() && store.session(&token).is_none());
     }
@@ -386,7 +396,7 @@ mod tests {
     async fn what_is_taken_back_is_no_session_of_an_old_secret() {
         let store = store().await;
         let (token, _) = store.open_session(&user(&store, "anna", "135791").await).await.unwrap();
-        let leaving = store.leave("anna", record()).await.unwrap();
+        let leaving = store.leave("anna", record(), LATE).await.unwrap();
         store.change_secret("anna", "864209").await.unwrap();
         store.take_back(leaving, memory(&store, 1), record().refused("no")).await.unwrap();
         assert!(store.session(&token).is_none());

@@ -206,13 +206,22 @@ impl Store {
         .await
     }
 
-    /// Ends a session and records why, both or neither.
+    /// Ends a session and records why, both or neither. What comes to the disk's turn after `until` is not
+    /// written.
     ///
     /// # Errors
-    /// If the database fails; the session is open then.
-    pub async fn end_session(&self, session: &Session, record: Record) -> Result<(), StoreError> {
+    /// [`StoreError::TooLate`]; or if the database fails; the session is open then.
+    pub async fn end_session(
+        &self,
+        session: &Session,
+        record: Record,
+        until: Timestamp,
+    ) -> Result<(), StoreError> {
         let key = session.key;
         self.call(move |database| {
+            if database.clock.now() >= until {
+                return Err(StoreError::TooLate);
+            }
             database.change_sessions(&[record], |transaction| {
                 transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [key])?;
                 Ok(())
@@ -379,7 +388,7 @@ mod tests {
         let (_, session) = store.open_session(&user).await.unwrap();
         assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("anna"));
         let record = Record::of(Action::SessionEnded, TELLTALE);
-        store.end_session(&session, record).await.unwrap();
+        store.end_session(&session, record, Timestamp::from_millis(u64::from(u32::MAX))).await.unwrap();
         assert_eq!(store.seated_operator().await.unwrap(), None);
     }
 

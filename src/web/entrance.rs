@@ -3,6 +3,7 @@
 
 use std::net::IpAddr;
 
+use futures_util::TryFutureExt;
 use tokio::sync::oneshot;
 
 use super::audit::record_of;
@@ -50,6 +51,7 @@ impl From<NoAnswer> for NotOpened {
 
 /// A login or a logout waits no longer than this for others and for the disk; then it is not done.
 pub const DONE_WITHIN: Span = Span::from_secs(4);
+const LATE: &str = "the disk did not answer in time";
 
 /// Opens a session. It runs to its end even where the browser has gone, and what nobody listens to is undone: a
 /// browser that was told nothing holds no session.
@@ -104,7 +106,7 @@ impl Entrance {
         app: &AppState,
         is_waited_for: impl Fn() -> bool + Send,
     ) -> Result<(Token, Session), NotOpened> {
-        let _seat = app.by(self.until, app.seat.lock()).await.ok_or(NotOpened::Busy)?;
+        let _seat = app.by(self.until, app.free_seat()).await.ok_or(NotOpened::Busy)?;
         let (name, role) = (self.user.name(), self.user.role());
         let seated = app.published().snapshot.operator.clone();
         let other = seated.filter(|seated| role == Role::Operator && **seated != *name);
@@ -241,17 +243,7 @@ impl Entrance {
             return Ok(written?);
         }
         tracing::error!("the disk does not answer, so nobody is logged in");
-        let (app, record) =
-            (app.clone(), self.record(Action::Login).refused("the disk did not answer in time"));
-        tokio::spawn(async move {
-            let undone = match writing.await {
-                Ok((_, written)) => app.store.take_back(written, app.memory(), record.clone()).await,
-                Err(error) => Err(error),
-            };
-            if undone.is_err() {
-                app.owe(record);
-            }
-        });
+        app.undo_late(writing.map_ok(|(_, written)| written), self.record(Action::Login));
         Err(NotOpened::Storage)
     }
 
@@ -270,10 +262,17 @@ async fn close(
     action: OperatorAction,
 ) -> Result<(), NotOpened> {
     let until = app.clock.now() + DONE_WITHIN;
-    let _seat = app.by(until, app.seat.lock()).await.ok_or(NotOpened::Busy)?;
+    let _seat = app.by(until, app.free_seat()).await.ok_or(NotOpened::Busy)?;
     let record = record_of(&session, Action::Logout, source);
+    let not_done = |error: &StoreError| {
+        if matches!(error, StoreError::TooLate) {
+            app.owe(record.clone().refused(LATE));
+        }
+    };
     if !is_seated(&session, &app.published().snapshot) {
-        return Ok(app.store.end_session(&session, record).await?);
+        // Nothing else follows from it: once the disk has begun with it, it may be done later.
+        let ending = app.by(until, app.store.end_session(&session, record.clone(), until)).await;
+        return Ok(ending.ok_or(NotOpened::Storage)?.inspect_err(not_done)?);
     }
     let _owed = app.by(until, app.acting.lock()).await.ok_or(NotOpened::Busy)?;
     if let Err(reasons) = app.rehearse(action.clone()).await? {
@@ -281,7 +280,13 @@ async fn close(
         return Err(NotOpened::Refused(reasons));
     }
     // Written first: while nothing can be written, the operator keeps the vehicle and the session.
-    let leaving = app.store.leave(&session.user, record.clone()).await?;
+    let mut leaving = Box::pin(app.store.leave(&session.user, record.clone(), until));
+    let Some(leaving) = app.by(until, &mut leaving).await else {
+        tracing::error!("the disk does not answer, so nobody is logged out");
+        app.undo_late(leaving, record);
+        return Err(NotOpened::Storage);
+    };
+    let leaving = leaving.inspect_err(not_done)?;
     app.farewells.log_out(&session);
     let (why, not_closed) = match app.command(action).await {
         Ok(Answer::Done) => {
@@ -298,4 +303,34 @@ async fn close(
     app.farewells.stay(&session.user);
     app.store.take_back(leaving, app.memory(), record.refused(why)).await?;
     Err(not_closed)
+}
+
+impl AppState {
+    /// The right to change who sits in the seat, as soon as what the disk took too late is undone.
+    pub(super) async fn free_seat(&self) -> tokio::sync::MutexGuard<'_, ()> {
+        let seat = self.seat.lock().await;
+        drop(self.undoing.lock().await);
+        seat
+    }
+
+    /// Takes back a change of the seat that was not written in time, if it is written later: it was not done.
+    /// Whoever asks for that has the seat; until it is undone nobody else changes what it is taken back to.
+    pub(super) fn undo_late(
+        &self,
+        writing: impl Future<Output = Result<Written, StoreError>> + Send + 'static,
+        record: Record,
+    ) {
+        let (app, undoing) = (self.clone(), self.undoing.clone().try_lock_owned());
+        let record = record.refused(LATE);
+        tokio::spawn(async move {
+            let _undoing = undoing;
+            let undone = match writing.await {
+                Ok(written) => app.store.take_back(written, app.memory(), record.clone()).await,
+                Err(error) => Err(error),
+            };
+            if undone.is_err() {
+                app.owe(record);
+            }
+        });
+    }
 }

@@ -104,7 +104,7 @@ impl HandOver {
     async fn take(&self, app: &AppState) -> Result<(), String> {
         let late = || "it waited too long for others".to_owned();
         let until = self.due + DONE_WITHIN;
-        let _seat = app.by(until, app.seat.lock()).await.ok_or_else(late)?;
+        let _seat = app.by(until, app.free_seat()).await.ok_or_else(late)?;
         let _acting = app.by(until, app.acting.lock()).await.ok_or_else(late)?;
         let seated = app.published().snapshot.operator.clone();
         if !self.session.is_open() || seated.is_some_and(|seated| *seated != *self.from) {
@@ -116,12 +116,7 @@ impl HandOver {
         let taking = app.store.take_over(&self.session, &self.from, memory, self.record(), until);
         let mut taking = Box::pin(taking);
         let Some(taken) = app.by(until, &mut taking).await else {
-            let (app, record) = (app.clone(), self.record().refused("the disk did not answer in time"));
-            tokio::spawn(async move {
-                if let Ok(written) = taking.await {
-                    let _ = app.store.take_back(written, app.memory(), record).await;
-                }
-            });
+            app.undo_late(taking, self.record());
             return Err("the disk did not answer in time".to_owned());
         };
         let written = taken.map_err(|error| error.to_string())?;

@@ -85,6 +85,8 @@ pub struct Shared {
     pub(super) audit_readers: tokio::sync::Mutex<()>,
     /// Held while somebody takes the operator's seat or leaves it.
     pub(super) seat: tokio::sync::Mutex<()>,
+    /// Held while a change of the seat is undone that the disk took too late.
+    pub(super) undoing: Arc<tokio::sync::Mutex<()>>,
     /// Held from the judgement of an action until it is done, and while the vehicle is remembered:
     /// what is on the disk never falls behind an action that was written there. After `seat`.
     pub(super) acting: tokio::sync::Mutex<()>,
@@ -123,6 +125,7 @@ impl AppState {
             audit_limit: Mutex::default(),
             audit_readers: tokio::sync::Mutex::default(),
             seat: tokio::sync::Mutex::default(),
+            undoing: Arc::default(),
             acting: tokio::sync::Mutex::default(),
             places: Arc::new(Semaphore::new(PLACES)),
             owed: Mutex::default(),

@@ -30,15 +30,15 @@ def driving(server, vehicle, page, trouble):
 
 
 class Attack:
-    """So many connections that begin a request and do not go on; those that the server ends begin anew."""
+    """Connections that begin a request and do not go on; those that the server ends begin anew."""
 
-    def __init__(self, server, count, begin):
-        self.server, self.begin = server, begin
-        self.open = [self.connect() for _ in range(count)]
+    def __init__(self, server, begins):
+        self.server, self.begins = server, begins
+        self.open = [self.connect(begin) for begin in begins]
 
-    def connect(self):
+    def connect(self, begin):
         it = socket.create_connection(("127.0.0.1", self.server.port), timeout=5)
-        it.sendall(self.begin)
+        it.sendall(begin)
         it.setblocking(False)
         return it
 
@@ -52,7 +52,7 @@ class Attack:
                 ended = True
             if ended:
                 it.close()
-                self.open[number] = self.connect()
+                self.open[number] = self.connect(self.begins[number])
 
     def close(self):
         for it in self.open:
@@ -81,7 +81,7 @@ def stop_during(client, attack):
 def test_stops_are_answered_beside_logins_that_are_not_ended(server, driving, trouble):
     client = Client(server, *OPERATOR)
     client.stop()
-    attack = Attack(server, 128, unfinished_login(server))
+    attack = Attack(server, 128 * [unfinished_login(server)])
     try:
         took = stop_during(client, attack)
     finally:
@@ -96,8 +96,8 @@ FRAGMENTS = b"\x01\x80\0\0\0\0" + b"\0\x80\0\0\0\0" * 20_000
 class Flood(Attack):
     """Sockets of somebody who may only read, which send empty fragments without an end."""
 
-    def connect(self):
-        it = super().connect()
+    def connect(self, begin):
+        it = super().connect(begin)
         it.setblocking(True)
         it.recv(4096)
         it.setblocking(False)
@@ -110,15 +110,17 @@ class Flood(Attack):
 
 def test_stops_are_answered_beside_sockets_that_send_without_an_end(server, driving, trouble):
     server.add_user("carl", "a long password", role="authority")
-    reader, client = Client(server, "carl", "a long password"), Client(server, *OPERATOR)
+    client = Client(server, *OPERATOR)
     client.stop()
-    upgrade = (
+    # One login may have 16 of them.
+    readers = [Client(server, "carl", "a long password") for _ in range(3)]
+    upgrades = [
         f"GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nOrigin: {server.url}\r\nCookie: {reader.cookie()}\r\n"
         "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
         "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
-    )
-    # As many as one login may have.
-    attack = Flood(server, 16, upgrade.encode())
+        for reader in readers
+    ]
+    attack = Flood(server, 16 * [upgrade.encode() for upgrade in upgrades])
     try:
         took = stop_during(client, attack)
     finally:

@@ -174,7 +174,8 @@ class Attacker:
 
     def gaps(self):
         self.join()
-        self.send(self.header(self.prefix) + gap(ANYBODY, USER_WRITER, 1, 2**40))
+        # Behind a number that is missing: one that begins with the first costs nothing.
+        self.send(self.header(self.prefix) + gap(ANYBODY, USER_WRITER, 3, 2**40))
 
     def builtin(self):
         self.join()

@@ -41,6 +41,7 @@ mod properties;
 mod publishers;
 mod recorded;
 mod signals;
+mod sizes;
 mod start;
 mod tidy;
 mod unheard;

@@ -313,6 +313,7 @@ pub(super) mod contradictions;
 pub(super) mod names;
 pub(super) mod overflow;
 pub mod report;
+pub(super) mod self_checks;
 pub mod system;
 #[cfg(test)]
 mod tests;

@@ -56,6 +56,11 @@ impl Route {
     }
 }
 
+/// Bytes of a discovered name, on average, for which there is room: `limits.discovered_modules` times as
+/// many in all, and no less than some long ones take.
+pub(super) const NAME_BYTES: usize = 256;
+const NAMES_BYTES_MIN: usize = 64 << 10;
+
 /// All names that feed a module. Declared ones stand here from the start.
 #[derive(Debug)]
 pub(in crate::engine) struct Names {
@@ -67,6 +72,8 @@ pub(in crate::engine) struct Names {
     /// By which name each discovered module is fed.
     of_module: HashMap<ModuleId, u32>,
     discovered_max: usize,
+    /// What the names of discovered modules take, each module its own.
+    bytes: usize,
 }
 
 /// Where a new name belongs.
@@ -76,6 +83,8 @@ pub(in crate::engine) struct Claim {
     pub(in crate::engine) places: Vec<Place>,
     /// These would have it, but the limit is reached.
     pub(in crate::engine) dropped_by: Vec<GroupId>,
+    /// The limit is that of the names' bytes.
+    pub(in crate::engine) too_long: bool,
 }
 
 impl Names {
@@ -87,6 +96,7 @@ impl Names {
             seen: 0,
             of_module: HashMap::new(),
             discovered_max: model.limits.discovered_modules,
+            bytes: 0,
         };
         for (index, module) in model.modules.iter().enumerate() {
             if let Some(status) = module.monitor.status() {
@@ -141,15 +151,22 @@ impl Names {
     ) -> Claim {
         let mut places = Names::wanted(model, name, other);
         places.retain(|place| !known.contains(&place.group));
-        let room = self.discovered_max.saturating_sub(self.of_module.len());
-        let dropped_by = places.split_off(places.len().min(room)).iter().map(|place| place.group).collect();
-        Claim { places, dropped_by }
+        let modules = self.discovered_max.saturating_sub(self.of_module.len());
+        let room = modules.min(self.bytes_left() / name.len().max(1));
+        let dropped = places.split_off(places.len().min(room));
+        let too_long = room < modules && !dropped.is_empty();
+        Claim { places, dropped_by: dropped.iter().map(|place| place.group).collect(), too_long }
+    }
+
+    fn bytes_left(&self) -> usize {
+        (self.discovered_max.saturating_mul(NAME_BYTES)).max(NAMES_BYTES_MIN).saturating_sub(self.bytes)
     }
 
     /// Remembers that `name` feeds this module, which was made for it.
     pub(in crate::engine) fn discovered(&mut self, name: &str, module: ModuleId) -> u32 {
         let route = self.feed(name, module);
         self.of_module.insert(module, route);
+        self.bytes += name.len();
         route
     }
 
@@ -157,6 +174,7 @@ impl Names {
     pub(in crate::engine) fn forget(&mut self, module: ModuleId) {
         let Some(index) = self.of_module.remove(&module) else { return };
         let route = &mut self.routes[index as usize];
+        self.bytes -= route.name.len();
         route.lacking = true;
         route.more.retain(|&other| other != module);
         if route.first != module {
@@ -178,7 +196,8 @@ impl Names {
 
     /// Whether a known name may feed more modules than it does.
     pub(in crate::engine) fn may_grow(&self, route: u32) -> bool {
-        self.routes[route as usize].lacking && self.of_module.len() < self.discovered_max
+        let route = &self.routes[route as usize];
+        route.lacking && self.of_module.len() < self.discovered_max && route.name.len() <= self.bytes_left()
     }
 
     pub(in crate::engine) fn modules(&self, route: u32) -> impl Iterator<Item = ModuleId> {

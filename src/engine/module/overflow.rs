@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use super::names::NAME_BYTES;
 use crate::engine::model::{GroupId, ModuleId};
 use crate::engine::text::Text;
 use crate::engine::text::say;
@@ -32,9 +33,24 @@ impl Overflow {
     }
 
     /// Counts one more; returns what the module says now.
-    pub(in crate::engine) fn count(&mut self, group: GroupId, module: ModuleId, limit: usize) -> Text {
+    pub(in crate::engine) fn count(
+        &mut self,
+        group: GroupId,
+        module: ModuleId,
+        limit: usize,
+        too_long: bool,
+    ) -> Text {
         let (_, count) = self.groups.entry(group).or_insert((module, 0));
         *count += 1;
+        if too_long {
+            return say!(
+                "statuses with new names dropped: {count}; names are too long, limits.discovered_modules of {limit} allows {bytes} bytes for each",
+                "Status mit neuen Namen verworfen: {count}; die Namen sind zu lang, limits.discovered_modules von {limit} lässt jedem {bytes} Byte",
+                count = count.to_string(),
+                limit = limit.to_string(),
+                bytes = NAME_BYTES.to_string()
+            );
+        }
         if *count == 1 {
             return say!(
                 "1 status with a new name dropped: limits.discovered_modules is {limit}",

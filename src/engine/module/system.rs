@@ -46,10 +46,14 @@ pub enum SystemCheck {
     Memory,
     /// No two writers contradict each other, and nobody says what only others may.
     Writers,
+    /// The wall clock is right.
+    Clock,
+    /// Browsers accept the certificate, and will.
+    Certificate,
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 11] = [
+    pub const ALL: [SystemCheck; 13] = [
         SystemCheck::Invariants,
         SystemCheck::Reception,
         SystemCheck::Active,
@@ -61,6 +65,8 @@ impl SystemCheck {
         SystemCheck::Dds,
         SystemCheck::Memory,
         SystemCheck::Writers,
+        SystemCheck::Clock,
+        SystemCheck::Certificate,
     ];
 
     pub(in crate::engine) fn id(self) -> &'static str {
@@ -76,6 +82,8 @@ impl SystemCheck {
             SystemCheck::Dds => "telltale/dds",
             SystemCheck::Writers => "telltale/writers",
             SystemCheck::Memory => "telltale/memory",
+            SystemCheck::Clock => "telltale/clock",
+            SystemCheck::Certificate => "telltale/certificate",
         }
     }
 
@@ -96,6 +104,8 @@ impl SystemCheck {
             SystemCheck::Dds => ("Nothing is heard of the vehicle", "Vom Fahrzeug kommt nichts an"),
             SystemCheck::Memory => ("Messages are shortened", "Meldungen sind gekürzt"),
             SystemCheck::Writers => ("Senders contradict each other", "Sender widersprechen sich"),
+            SystemCheck::Clock => ("Clock is wrong", "Uhr geht falsch"),
+            SystemCheck::Certificate => ("Certificate has to be renewed", "Zertifikat muss erneuert werden"),
         };
         Text { en: en.into(), de: de.into() }
     }
@@ -118,7 +128,12 @@ impl SystemCheck {
                     "Nicht auf diese Anzeige verlassen. Leitstelle rufen.",
                 );
             }
-            SystemCheck::Reception | SystemCheck::Aggregator | SystemCheck::Writers | SystemCheck::Memory => {
+            SystemCheck::Reception
+            | SystemCheck::Aggregator
+            | SystemCheck::Writers
+            | SystemCheck::Memory
+            | SystemCheck::Clock
+            | SystemCheck::Certificate => {
                 help.warning = driving(
                     "You may drive. Report it.",
                     "Weiterfahren möglich. Melden.",

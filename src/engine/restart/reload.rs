@@ -31,6 +31,7 @@ impl Engine {
         next.reception = std::mem::take(&mut self.reception);
         next.take_storage(self.storage_fault.take());
         next.take_display(self.display_late.take());
+        next.take_upkeep(std::mem::take(&mut self.upkeep));
         let dds_fault = self.dds_fault.take();
         next.told = std::mem::take(&mut self.told);
         next.said_cut = self.said_cut;

@@ -27,23 +27,21 @@ use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio::time::MissedTickBehavior;
 
+use super::canary::Canary;
+use super::crowd::Crowd;
 use super::discovered;
 use super::qos::{self, RawWriter};
 use super::wire::{self, Frame, News, Order};
 use super::{BEAT, RawSample, SAMPLE_BYTES, WINDOW_BYTES, WRITING_MAX};
 use crate::clock::Clock;
-use crate::engine::time::Span;
+use crate::engine::time::{Span, Timestamp};
 use crate::ros::raw::RawAdapter;
-use crate::ros::sample_bytes::Guid;
-use crate::ros::sample_bytes::RawBody;
-use crate::ros::writers::Via;
+use crate::ros::sample_bytes::{Guid, RawBody};
 
 /// Orders that may wait. The program gives far fewer: more mean that this process hangs.
 const ORDERS_MAX: usize = 4096;
-/// How often the library's discovery is asked whether it still takes orders; it holds 64 of them.
-const ASK: Duration = Duration::from_millis(25);
-/// So many refusals in a row, and it does not.
-const REFUSALS_MAX: u32 = 20;
+/// How often it speaks to itself where what it said is not back.
+const AGAIN: Duration = Duration::from_millis(25);
 /// The least time between two looks at what is discovered, and how often without any news.
 const LOOK_MIN: Span = Span::from_millis(5);
 const LOOK_MAX: Span = Span::from_secs(1);
@@ -184,35 +182,10 @@ struct Child {
     writers: BTreeMap<u32, Arc<RawWriter>>,
     writing: JoinSet<(u32, Option<String>)>,
     canary: Canary,
-    refusals: u32,
+    crowd: Crowd,
 }
 
-/// What this participant says to itself, through the network and all threads of the library.
-struct Canary {
-    writer: Arc<RawWriter>,
-    reader: SimpleDataReader<RawBody, RawAdapter>,
-    writing: bool,
-    heard: u64,
-}
-
-impl Canary {
-    fn open(participant: &DomainParticipant, subscriber: &Subscriber) -> Result<Canary, String> {
-        let name = discovered::canary_topic(&participant.guid().to_bytes());
-        let topic = qos::create_topic(participant, &name, "telltale::Alive", 1).map_err(refused)?;
-        let reader = qos::reader(subscriber, &topic, Via::BestEffort).map_err(refused)?;
-        let writer = qos::writer(participant, &topic, super::Quality::BestEffort).map_err(refused)?;
-        Ok(Canary { writer: Arc::new(writer), reader, writing: false, heard: 0 })
-    }
-
-    fn listen(&mut self) {
-        self.reader.drain_read_notifications();
-        while let Ok(Some(heard)) = self.reader.try_take_one() {
-            self.heard += u64::from(heard.writer_guid == self.writer.guid());
-        }
-    }
-}
-
-fn refused(error: impl std::fmt::Display) -> String {
+pub fn refused(error: impl std::fmt::Display) -> String {
     format!("the DDS library refused a reader or writer: {error}")
 }
 
@@ -236,7 +209,7 @@ impl Child {
             writers: BTreeMap::new(),
             writing: JoinSet::new(),
             canary,
-            refusals: 0,
+            crowd: Crowd::of_this_process(),
         })
     }
 
@@ -244,7 +217,7 @@ impl Child {
         let listener = self.participant.clone();
         let listener = listener.status_listener();
         let mut events = listener.as_async_status_stream();
-        let mut asks = every(ASK);
+        let mut again = every(AGAIN);
         let mut beats = every(BEAT);
         let clock = Clock::start();
         let mut looked = clock.now();
@@ -262,7 +235,10 @@ impl Child {
                         _ => out.frame.news(&News::Written { number, error }),
                     }
                 }
-                Some(_) = events.next() => look_at = look_at.min(looked + LOOK_MIN),
+                Some(event) = events.next() => {
+                    self.crowd.hear(&event);
+                    look_at = look_at.min(looked + LOOK_MIN);
+                }
                 () = tokio::time::sleep_until(clock.instant(look_at).into()) => {
                     let started = clock.now();
                     self.tell_discovered(out);
@@ -271,8 +247,12 @@ impl Child {
                     looked = now + Span::from_nanos(4 * now.since(started).as_nanos());
                     look_at = looked + LOOK_MAX;
                 }
-                _ = asks.tick() => self.ask()?,
-                _ = beats.tick() => self.beat(out),
+                // Where much is lost, that one is lost says nothing.
+                _ = again.tick(), if self.canary.is_late() => self.speak(),
+                _ = beats.tick() => {
+                    self.ask(clock.now())?;
+                    self.beat(out);
+                }
                 taken = poll_fn(|context| self.hearings.poll(context, &mut out.samples)) => {
                     if taken? {
                         self.tell_discovered(out);
@@ -342,23 +322,29 @@ impl Child {
         self.hearings.told = now;
     }
 
-    /// Where the threads of the library have ended, or discovery is busy for seconds with a flood, it
-    /// takes no orders. It has no effect but on writers that must assert their own liveliness; there are
-    /// none.
-    fn ask(&mut self) -> Result<(), String> {
-        let refused = self.participant.assert_liveliness().is_err();
-        self.refusals = if refused { self.refusals + 1 } else { 0 };
-        if self.refusals > REFUSALS_MAX {
-            return Err("the threads of the DDS library have ended, or are busy without end".to_owned());
+    /// Where the library's discovery has ended, it takes no orders. This one has no effect but on writers
+    /// that must assert their own liveliness; there are none.
+    fn ask(&mut self, now: Timestamp) -> Result<(), String> {
+        if self.participant.assert_liveliness().is_err() {
+            return Err("the threads of the DDS library have ended".to_owned());
+        }
+        if self.crowd.is_too_much(now) {
+            return Err("more participants were announced than it can look at".to_owned());
         }
         Ok(())
     }
 
     fn beat(&mut self, out: &mut Out) {
-        self.canary.listen();
+        self.canary.said += 1;
+        self.speak();
         out.frame.news(&News::Beat { heard: self.canary.heard });
+    }
+
+    fn speak(&mut self) {
+        self.canary.listen();
         if !std::mem::replace(&mut self.canary.writing, true) {
-            self.writing.spawn(write(self.canary.writer.clone(), 0, vec![0; 4]));
+            let beat = self.canary.said.to_le_bytes().to_vec();
+            self.writing.spawn(write(self.canary.writer.clone(), 0, beat));
         }
     }
 

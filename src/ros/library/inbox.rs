@@ -57,10 +57,9 @@ pub struct Shared {
     ended: watch::Sender<Option<Ended>>,
     /// The process is gone.
     over: watch::Sender<bool>,
-    /// How often it said that it lives, how often it heard itself, and how many samples it handed over.
+    /// How often it said that it lives, and the newest of these beats that it heard itself.
     pub beats: AtomicU64,
     pub heard: AtomicU64,
-    pub samples: AtomicU64,
 }
 
 impl Default for Shared {
@@ -77,7 +76,6 @@ impl Default for Shared {
             over: watch::channel(false).0,
             beats: AtomicU64::new(0),
             heard: AtomicU64::new(0),
-            samples: AtomicU64::new(0),
         }
     }
 }
@@ -184,7 +182,6 @@ impl Shared {
     }
 
     fn hear(&self, reader: u32, heard: Heard) -> Result<(), &'static str> {
-        self.samples.fetch_add(1, Ordering::Relaxed);
         let readers = lock(&self.readers);
         // One that was ended may have been heard still.
         let Some(hearing) = readers.get(&reader) else { return Ok(()) };

@@ -5,7 +5,9 @@
 //! ended when it is ill; a new participant then takes its place, as after any other fault of one. Samples and
 //! what is discovered come over a socket (`wire`) and are decoded here, by the same code as ever.
 
+mod canary;
 mod child;
+mod crowd;
 pub mod discovered;
 mod inbox;
 pub mod qos;

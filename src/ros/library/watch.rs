@@ -20,10 +20,11 @@ const LOOK: Duration = Duration::from_millis(250);
 /// So many looks in a row without a word of it, and it is ended. Looks are counted and not time, so that a
 /// program that was stopped itself does not blame it.
 const SILENT_MAX: u32 = 8;
-/// So many in which it heard neither itself nor anybody else, though it did before.
-const DEAF_MAX: u32 = 8;
-/// The same from its beginning, where one before it heard itself here.
-const NEVER_HEARD_MAX: u32 = 12;
+/// So many of its beats (four a second) the newest that it heard is old, and it is ended. Others that are
+/// heard are no excuse: in a flood all that is heard is late.
+const LATE_MAX: u64 = 8;
+/// The same where it heard none yet, and one before it heard itself here.
+const NEVER_HEARD_MAX: u64 = 12;
 /// A participant here has heard itself. Whether that is so, is up to the network.
 static HEARS_ITSELF: AtomicBool = AtomicBool::new(false);
 /// So many looks it has to end by itself.
@@ -123,7 +124,6 @@ fn look_after(runner: &mut Runner, how: DdsProcess, shared: &Shared, closing: &m
         let told = Told {
             beats: shared.beats.load(Ordering::Relaxed),
             heard: shared.heard.load(Ordering::Relaxed),
-            samples: shared.samples.load(Ordering::Relaxed),
             megabytes: runner.megabytes(),
         };
         if let Some(reason) = health.look(told, how, HEARS_ITSELF.load(Ordering::Relaxed)) {
@@ -177,7 +177,6 @@ fn describe(status: ExitStatus) -> String {
 struct Told {
     beats: u64,
     heard: u64,
-    samples: u64,
     megabytes: u64,
 }
 
@@ -186,7 +185,6 @@ struct Told {
 struct Health {
     last: Told,
     silent: u32,
-    deaf: u32,
 }
 
 impl Health {
@@ -200,13 +198,15 @@ impl Health {
         // Until the first word it makes its participant, and the caller does not wait for that for ever.
         let begun = told.beats > 0;
         self.silent = if told.beats != last.beats || !begun { 0 } else { self.silent + 1 };
-        let hears = told.heard != last.heard || told.samples != last.samples;
-        self.deaf = if hears || !begun { 0 } else { self.deaf + 1 };
         if self.silent >= SILENT_MAX {
             return Some("it does not answer".to_owned());
         }
-        let patience = if told.heard > 0 { DEAF_MAX } else { NEVER_HEARD_MAX };
-        (hears_itself && self.deaf >= patience).then(|| "it hears nothing, not even itself".to_owned())
+        let late = told.beats.saturating_sub(told.heard);
+        let (patience, reason) = match told.heard {
+            0 => (NEVER_HEARD_MAX, "it hears nothing, not even itself"),
+            _ => (LATE_MAX, "it hears nothing any more, or late"),
+        };
+        (hears_itself && late >= patience).then(|| reason.to_owned())
     }
 }
 
@@ -229,9 +229,9 @@ mod tests {
         assert_eq!(found_ill(true, |_| Told::default()), None);
         // On a network on which nobody ever heard itself.
         assert_eq!(found_ill(false, |look| Told { beats: look, ..Told::default() }), None);
-        // In a flood what it says to itself is lost, and others are heard.
-        let flooded = |look| Told { beats: look, heard: 1, samples: look, megabytes: 100 };
-        assert_eq!(found_ill(true, flooded), None);
+        // What it heard is a second old now and then.
+        let slow = |look| Told { beats: look, heard: look / 5 * 5, ..Told::default() };
+        assert_eq!(found_ill(true, slow), None);
     }
 
     #[test]
@@ -240,10 +240,14 @@ mod tests {
         assert_eq!(silent, Some((12, "it does not answer".to_owned())));
         let deaf =
             |heard: u64| move |look: u64| Told { beats: look, heard: look.min(heard), ..Told::default() };
-        let nothing = "it hears nothing, not even itself";
-        assert_eq!(found_ill(true, deaf(4)), Some((12, nothing.to_owned())));
-        assert_eq!(found_ill(true, deaf(0)), Some((12, nothing.to_owned())), "from its beginning");
-        let large = |look| Told { beats: look, heard: look, megabytes: 99 + look, ..Told::default() };
+        let found = |look, reason: &str| Some((look, reason.to_owned()));
+        assert_eq!(found_ill(true, deaf(4)), found(12, "it hears nothing any more, or late"));
+        let never = "it hears nothing, not even itself";
+        assert_eq!(found_ill(true, deaf(0)), found(12, never), "from its beginning");
+        // It goes on to hear, and falls behind by half of the time.
+        let behind = |look| Told { beats: look, heard: look.div_ceil(2), ..Told::default() };
+        assert_eq!(found_ill(true, behind), found(16, "it hears nothing any more, or late"));
+        let large = |look| Told { beats: look, heard: look, megabytes: 99 + look };
         assert_eq!(
             found_ill(true, large),
             Some((2, "it takes 101 MB of memory; its limit is 100".to_owned()))

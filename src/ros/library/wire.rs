@@ -97,7 +97,7 @@ pub enum News {
         number: u32,
         error: Option<String>,
     },
-    /// It lives. `heard` counts what it received of itself through the network.
+    /// It lives. `heard` is the newest of its own beats, counted from 1, that came to it through the network.
     Beat {
         heard: u64,
     },

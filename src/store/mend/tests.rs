@@ -276,7 +276,14 @@ async fn a_database_that_breaks_while_it_is_served_lets_people_log_in_and_stay()
     assert!(fault.is_some_and(|fault| fault.contains("data repair")));
     assert!(session.is_open() && store.session(&token).is_some(), "who was logged in is");
     assert!(can_log_in(&store).await);
-    store.end_session(&session, Record::of(Action::Logout, "here")).await.unwrap();
+    store
+        .end_session(
+            &session,
+            Record::of(Action::Logout, "here"),
+            Timestamp::from_millis(u64::from(u32::MAX)),
+        )
+        .await
+        .unwrap();
     assert!(!session.is_open());
     store.close().await;
 }

@@ -1,6 +1,7 @@
 //! The snapshot as JSON for programs (`DESIGN.md` 4), written straight from the engine's types.
 
 use std::collections::HashSet;
+use std::io::{self, ErrorKind, Write};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use humantime::format_rfc3339_millis;
@@ -10,7 +11,7 @@ use crate::clock::wall_at;
 use crate::engine::input::TroubleKind;
 use crate::engine::model::countermeasure::Request;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
-use crate::engine::snapshot::{Alarm, Countermeasure, NotRelevant, Path, Reason, RootCause, Snapshot};
+use crate::engine::snapshot::{Alarm, Countermeasure, NotRelevant, Reason, RootCause, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use crate::runtime::Published;
@@ -20,19 +21,80 @@ const VALUES_SCANNED_MAX: usize = 16;
 /// Where statuses hold more than this, an answer leaves out their KeyValues: it would be too large to be
 /// made and sent four times a second.
 const VALUES_BYTES_MAX: u64 = 16 << 20;
+/// An answer is never larger, but for what the configuration itself makes of it.
+const ANSWER_BYTES_MAX: usize = 16 << 20;
+/// What is left of a message where words are left out.
+const MESSAGE_BYTES: usize = 200;
 
 pub(super) fn encode(published: &Published) -> String {
-    let values = published.snapshot.counters.status_bytes <= VALUES_BYTES_MAX;
-    let wire = Wire(&Context { snapshot: &published.snapshot, at: published.at, values });
-    serde_json::to_string(&wire).expect("maps have string keys and nothing here fails by itself")
+    encode_within(published, ANSWER_BYTES_MAX)
+}
+
+/// Leaves out what an answer is the least worse without, until it is small enough.
+fn encode_within(published: &Published, bytes_max: usize) -> String {
+    let Published { snapshot, at } = published;
+    let many = snapshot.counters.status_bytes > VALUES_BYTES_MAX;
+    let first = if many { LeftOut::Values } else { LeftOut::Nothing };
+    for left_out in [LeftOut::Nothing, LeftOut::Values, LeftOut::Words].into_iter().filter(|&it| it >= first)
+    {
+        let mut answer = Answer { bytes: Vec::new(), bytes_max };
+        let context = Context { snapshot, at: *at, left_out };
+        if serde_json::to_writer(&mut answer, &Wire(&context)).is_ok() {
+            return String::from_utf8(answer.bytes).expect("JSON of strings is a string");
+        }
+    }
+    let context = Context { snapshot, at: *at, left_out: LeftOut::Modules };
+    serde_json::to_string(&Wire(&context)).expect("maps have string keys and nothing here fails by itself")
+}
+
+/// What an answer lacks because it would be too large; each lacks what those before it lack.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum LeftOut {
+    Nothing,
+    /// KeyValues.
+    Values,
+    /// The ends of messages, and all but the first of the nodes in a reason and of the ways to a cause.
+    Words,
+    /// The modules of the groups.
+    Modules,
+}
+
+impl LeftOut {
+    const fn as_str(self) -> &'static str {
+        match self {
+            LeftOut::Nothing => "",
+            LeftOut::Values => "values",
+            LeftOut::Words => "words",
+            LeftOut::Modules => "modules",
+        }
+    }
+}
+
+/// Bytes up to a limit.
+struct Answer {
+    bytes: Vec<u8>,
+    bytes_max: usize,
+}
+
+impl Write for Answer {
+    fn write(&mut self, part: &[u8]) -> io::Result<usize> {
+        if self.bytes.len() + part.len() > self.bytes_max {
+            return Err(ErrorKind::FileTooLarge.into());
+        }
+        self.bytes.extend_from_slice(part);
+        Ok(part.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 #[derive(Clone, Copy)]
 struct Context<'a> {
     snapshot: &'a Snapshot,
     at: SystemTime,
-    /// Whether KeyValues are told; otherwise there are too many.
-    values: bool,
+    left_out: LeftOut,
 }
 
 impl Context<'_> {
@@ -42,6 +104,15 @@ impl Context<'_> {
 
     fn name(&self, node: NodeId) -> &str {
         self.snapshot.node_name(node)
+    }
+
+    fn lacks(&self, what: LeftOut) -> bool {
+        self.left_out >= what
+    }
+
+    /// What is told of a list whose first entry is the one that counts.
+    fn told<'l, T>(&self, all: &'l [T]) -> &'l [T] {
+        if self.lacks(LeftOut::Words) { &all[..all.len().min(1)] } else { all }
     }
 }
 
@@ -74,7 +145,8 @@ impl Serialize for Wire<'_> {
             });
             snapshot.tiles().chain(others).map(|id| Group(context, id))
         };
-        let mut wire = serializer.serialize_struct("snapshot", 11 + usize::from(!context.values))?;
+        let mut wire =
+            serializer.serialize_struct("snapshot", 11 + usize::from(context.lacks(LeftOut::Values)))?;
         wire.serialize_field("seq", &snapshot.seq)?;
         wire.serialize_field("at", &rfc3339(context.at))?;
         wire.serialize_field("stage", snapshot.stage.as_str())?;
@@ -88,8 +160,8 @@ impl Serialize for Wire<'_> {
         let measures = || snapshot.countermeasures.iter().map(|measure| Measure(context, measure));
         wire.serialize_field("countermeasures", &List(measures))?;
         wire.serialize_field("counters", &Counts(context))?;
-        if !context.values {
-            wire.serialize_field("left_out", "values")?;
+        if context.lacks(LeftOut::Values) {
+            wire.serialize_field("left_out", context.left_out.as_str())?;
         }
         wire.end()
     }
@@ -157,8 +229,12 @@ impl Serialize for Group<'_> {
         group.serialize_field("ok", &view.ok)?;
         group.serialize_field("counted", &view.counted)?;
         group.serialize_field("reason", &view.reason.as_ref().map(|reason| Why(context, reason)))?;
-        group.serialize_field("paths", &List(|| view.paths.iter().map(|path| Nodes(context, path))))?;
-        let modules = || info.modules.iter().map(|&id| Module(context, id));
+        group.serialize_field(
+            "paths",
+            &List(|| context.told(&view.paths).iter().map(|path| Nodes(context, path))),
+        )?;
+        let told = if context.lacks(LeftOut::Modules) { &[][..] } else { &info.modules };
+        let modules = || told.iter().map(|&id| Module(context, id));
         group.serialize_field("modules", &List(modules))?;
         group.serialize_field("groups", &List(|| info.groups.iter().map(|&id| Group(context, id))))?;
         group.end()
@@ -181,7 +257,9 @@ impl Serialize for Module<'_> {
         module.serialize_field("state", view.state.as_str())?;
         module.serialize_field("own", view.own.as_str())?;
         module.serialize_field("since", &context.wall(view.since))?;
-        module.serialize_field("message", &*view.says(context.snapshot.now))?;
+        let message = view.says(context.snapshot.now);
+        let end = if context.lacks(LeftOut::Words) { MESSAGE_BYTES } else { message.len() };
+        module.serialize_field("message", &message[..message.floor_char_boundary(end)])?;
         module.serialize_field("age_ms", &age_ms)?;
         if let Some(silent) = silent {
             // To the tenth: what is finer is in `age_ms`.
@@ -189,7 +267,10 @@ impl Serialize for Module<'_> {
         }
         module.serialize_field("reason", &view.reason.as_ref().map(|reason| Why(context, reason)))?;
         module.serialize_field("class", &ClassEntry(info.class))?;
-        module.serialize_field("values", &Values(if context.values { &view.report.values } else { &[] }))?;
+        module.serialize_field(
+            "values",
+            &Values(if context.lacks(LeftOut::Values) { &[] } else { &view.report.values }),
+        )?;
         if view.report.cut > 0 {
             module.serialize_field("cut", &view.report.cut)?;
         }
@@ -239,7 +320,7 @@ impl Serialize for Why<'_> {
         match self.1 {
             Reason::Masked { by } => {
                 why.serialize_field("kind", "masked")?;
-                why.serialize_field("by", &Nodes(self.0, by))?;
+                why.serialize_field("by", &Nodes(self.0, self.0.told(by)))?;
             }
             Reason::NotRelevant(because) => {
                 why.serialize_field("kind", "not_relevant")?;
@@ -255,7 +336,7 @@ impl Serialize for Why<'_> {
 }
 
 /// Names of nodes, in order.
-struct Nodes<'a>(&'a Context<'a>, &'a Path);
+struct Nodes<'a>(&'a Context<'a>, &'a [NodeId]);
 
 impl Serialize for Nodes<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {

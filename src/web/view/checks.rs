@@ -8,7 +8,7 @@ use crate::engine::snapshot::Reason;
 use crate::engine::state::State;
 
 use super::View;
-use super::clean::{NAME, clean};
+use super::clean::{ID, NAME, clean};
 
 /// One line of the action bar's list.
 pub struct Check {
@@ -106,7 +106,11 @@ impl View<'_> {
     }
 
     fn fails(&self, text: String, nodes: &[&str]) -> Check {
-        Check { holds: false, text, nodes: nodes.join(" ") }
+        Check {
+            holds: false,
+            text,
+            nodes: nodes.iter().map(|node| clean(node, ID)).collect::<Vec<_>>().join(" "),
+        }
     }
 
     fn what_holds(&self) -> Vec<Check> {

@@ -19,6 +19,9 @@ use crate::web::versions::Matter;
 const ROWS: usize = 40;
 /// Values of one module that are shown.
 const VALUES: usize = 8;
+/// What stands behind all tiles together takes no more on the wire: a message to a page is never more than
+/// 1 MiB.
+const BYTES: usize = 512 << 10;
 /// Modules of one component whose values are drawn, and values of one of them that are.
 const ROWS_DRAWN: usize = 12;
 const VALUES_DRAWN: usize = 3;
@@ -91,9 +94,8 @@ pub fn detail(view: &View<'_>, tile: Tile) -> Fragment {
     let failing = |module: &&ModuleId| view.snapshot.module(**module).1.own == State::Error;
     let behind = if masked { modules.iter().filter(failing).count() } else { 0 };
     modules.sort_by_key(|&module| std::cmp::Reverse(weight(view.snapshot.module(module).1)));
-    let more = modules.len().saturating_sub(ROWS);
     let (chain, root) = if masked { why(view, tile) } else { (Vec::new(), String::new()) };
-    let html = html(&DetailHtml {
+    let mut detail = DetailHtml {
         words: view.words,
         steps: view.lang.steps(),
         swap: view.swap,
@@ -113,9 +115,29 @@ pub fn detail(view: &View<'_>, tile: Tile) -> Fragment {
         chain,
         root,
         rows: modules.iter().take(ROWS).enumerate().map(|(index, &id)| row(view, tile, id, index)).collect(),
-        more: (more > 0).then(|| view.lang.and_more(more)),
+        more: None,
+    };
+    let html = fitting(&mut detail, BYTES / view.board.tiles.len().max(1), |shown| {
+        let more = modules.len().saturating_sub(shown);
+        (more > 0).then(|| view.lang.and_more(more))
     });
     Fragment { id: format!("{DETAIL}{}", info.path), html }
+}
+
+/// The text of it in at most so many bytes: where words are long, values are left out, then the last rows.
+fn fitting(detail: &mut DetailHtml<'_>, bytes: usize, more: impl Fn(usize) -> Option<String>) -> String {
+    loop {
+        detail.more = more(detail.rows.len());
+        let text = html(&*detail);
+        if detail.rows.is_empty() || text.len() + text.matches(['"', '\\', '\n']).count() <= bytes {
+            return text;
+        }
+        if detail.rows.iter().any(|row| !row.values.is_empty()) {
+            detail.rows.iter_mut().for_each(|row| row.values.clear());
+        } else {
+            detail.rows.truncate(detail.rows.len() / 2);
+        }
+    }
 }
 
 /// The way from the first root cause to this component, and what the root cause says.

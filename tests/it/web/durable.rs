@@ -336,6 +336,23 @@ async fn a_stop_is_asked_for_while_the_disk_hangs_and_recorded_when_it_answers()
 }
 
 #[tokio::test]
+async fn a_logout_waits_for_a_disk_that_hangs_no_longer_than_a_login_and_is_not_done_later() {
+    let vehicle = Vehicle::standing("logout").await;
+    let pipe = vehicle.stall().await;
+    let answer = vehicle.post("/logout", "").await;
+    assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE, "{}", answer.body);
+    let _answers = Vehicle::answer(pipe);
+    let (end, served) = vehicle.serve().await;
+    let refused = |it: &Entry| it.action == "logout" && it.outcome.contains("did not answer in time");
+    vehicle.log(20, |log| log.iter().any(refused)).await;
+    assert_eq!(vehicle.fixture.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
+    assert!(vehicle.session().is_open() && vehicle.fixture.stage() == Stage::Standby);
+    end.send(()).unwrap();
+    served.await.unwrap().unwrap();
+    vehicle.end().await;
+}
+
+#[tokio::test]
 async fn a_stop_that_a_full_disk_did_not_take_is_recorded_later() {
     let vehicle = Vehicle::standing("late-stop").await;
     vehicle.fixture.drive(true).await;

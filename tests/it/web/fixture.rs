@@ -211,7 +211,7 @@ impl Fixture {
         self.until(|snapshot| snapshot.unreached.is_empty() == heard).await;
     }
 
-    async fn input(&self, input: Input) {
+    pub async fn input(&self, input: Input) {
         self.link.inputs.send(Stamped { input, received: self.clock.now() }).await.unwrap();
     }
 

@@ -140,7 +140,8 @@ async fn a_tap_counts_no_more_when_what_it_was_made_for_changes_while_it_waits()
             TheDisplayGoes => drop(place),
             TheSessionEnds => {
                 let record = Record::of(Action::SessionEnded, TELLTALE);
-                scene.fixture.store.end_session(&scene.session(), record).await.unwrap();
+                let until = scene.fixture.clock.now() + Span::from_secs(1);
+                scene.fixture.store.end_session(&scene.session(), record, until).await.unwrap();
             }
             TheVehicleChanges => {
                 scene.fixture.status("tf", 1, "unsure").await;
@@ -300,4 +301,20 @@ async fn a_login_that_waits_too_long_or_for_nobody_changes_nothing() {
         assert!(!scene.fixture.store.sessions().iter().any(|session| &*session.user == "bert"));
         assert!(scene.session().is_open());
     }
+}
+
+#[tokio::test]
+async fn a_logout_that_waits_too_long_changes_nothing() {
+    let mut scene = Scene::standing().await;
+    let logout = scene.fixture.start(as_program(form_request("/logout", Some(&scene.cookie), "")));
+    let judged = scene.judged().await;
+    scene.hand.advance(Span::from_secs(5));
+    judged.go_on();
+    let answer = logout.await.unwrap();
+    assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE, "{}", answer.body);
+    assert!(scene.session().is_open());
+    assert_eq!(scene.fixture.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
+    let owed = || scene.fixture.app.owed().all();
+    let why = Some("the disk did not answer in time");
+    until(async || owed().iter().any(|it| it.refusal.as_deref() == why)).await;
 }

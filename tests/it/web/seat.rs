@@ -5,6 +5,7 @@ use std::net::SocketAddr;
 use axum::http::header::{AUTHORIZATION, COOKIE, ORIGIN};
 use axum::http::{Method, StatusCode};
 use telltale::engine::model::Stage;
+use telltale::engine::snapshot::Snapshot;
 use telltale::engine::time::Span;
 use telltale::store::Role;
 use telltale::store::Token;
@@ -226,6 +227,38 @@ async fn while_it_drives_the_seat_is_taken_at_the_vehicles_displays_alone() {
     assert_eq!(fixture.get("/", Some(&driver)).await.status, StatusCode::OK);
     fixture.drive(false).await;
     assert_eq!(log_in_from(&fixture, "10.0.0.9", form).await.status, StatusCode::OK);
+}
+
+#[tokio::test]
+async fn the_empty_seat_of_a_driving_vehicle_is_taken_at_its_displays_alone_too() {
+    let (fixture, hand) = Fixture::with_hand().await;
+    for name in ["anna", "bert"] {
+        fixture.store.add_user(name, Role::Operator, "a long password").await.unwrap();
+    }
+    // It drives before anybody has logged in.
+    fixture.drive(true).await;
+    let far = log_in_from(&fixture, "10.0.0.9", "name=anna&secret=a+long+password").await;
+    assert_eq!((far.status, far.cookie()), (StatusCode::CONFLICT, None), "{}", far.body);
+    assert!(far.body.contains("the vehicle drives"), "{}", far.body);
+    let near = log_in_from(&fixture, "127.0.0.1", "name=anna&secret=a+long+password").await;
+    assert_eq!(near.status, StatusCode::OK, "{}", near.body);
+    let seated = |name: &'static str| move |snapshot: &Snapshot| snapshot.operator.as_deref() == Some(name);
+    let snapshot = fixture.until(seated("anna")).await;
+    assert_eq!(
+        (snapshot.stage, fixture.app.hand_overs.is_said()),
+        (Stage::Active, false),
+        "at once: nobody leads it"
+    );
+    // Its operator is removed, and has no session any more.
+    fixture.store.remove_user("anna").await.unwrap();
+    assert!(!fixture.store.sessions().iter().any(|it| &*it.user == "anna"));
+    let form = "name=bert&secret=a+long+password&take_over=1";
+    assert_eq!(log_in_from(&fixture, "10.0.0.9", form).await.status, StatusCode::CONFLICT);
+    assert_eq!(log_in_from(&fixture, "127.0.0.1", form).await.status, StatusCode::OK);
+    assert!(fixture.app.hand_overs.is_said());
+    hand.advance(Span::from_secs(5));
+    fixture.until(seated("bert")).await;
+    assert_eq!(fixture.stage(), Stage::Active);
 }
 
 #[tokio::test]

@@ -1,0 +1,37 @@
+//! What the engine is told of the program around it: its place beside others, its disk, its display, its clock
+//! and its certificate. Each is a module of the group `telltale`.
+
+use super::system::{self, SystemCheck};
+use crate::engine::Engine;
+use crate::engine::input::Upkeep;
+use crate::engine::state::State;
+
+impl Engine {
+    pub(in crate::engine) fn take_aggregator(&mut self, other: Option<&str>) {
+        let state = if other.is_some() { State::Warning } else { State::Ok };
+        let words = other.map(system::other_aggregator).unwrap_or_default();
+        self.report_on_self(SystemCheck::Aggregator, state, words);
+    }
+
+    pub(in crate::engine) fn take_storage(&mut self, fault: Option<Box<str>>) {
+        let state = if fault.is_some() { State::Warning } else { State::Ok };
+        self.report_on_self(SystemCheck::Storage, state, fault.as_deref().unwrap_or_default());
+        self.storage_fault = fault;
+    }
+
+    pub(in crate::engine) fn take_display(&mut self, late: Option<Box<str>>) {
+        let state = if late.is_some() { State::Warning } else { State::Ok };
+        let words = late.as_deref().map(system::display_late);
+        self.report_on_self(SystemCheck::Display, state, words.unwrap_or_default());
+        self.display_late = late;
+    }
+
+    pub(in crate::engine) fn take_upkeep(&mut self, upkeep: Upkeep) {
+        let parts = [(SystemCheck::Clock, &upkeep.clock), (SystemCheck::Certificate, &upkeep.certificate)];
+        for (check, fault) in parts {
+            let state = if fault.is_some() { State::Warning } else { State::Ok };
+            self.report_on_self(check, state, fault.clone().unwrap_or_default());
+        }
+        self.upkeep = upkeep;
+    }
+}

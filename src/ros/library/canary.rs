@@ -1,0 +1,51 @@
+//! What a DDS process says to itself, to know that it hears.
+
+use std::sync::Arc;
+
+use rustdds::no_key::SimpleDataReader;
+use rustdds::{DomainParticipant, RTPSEntity as _, Subscriber};
+
+use super::child::refused;
+use super::discovered;
+use super::qos::{self, RawWriter};
+use crate::ros::raw::RawAdapter;
+use crate::ros::sample_bytes::RawBody;
+use crate::ros::writers::Via;
+
+/// What this participant says to itself, through the library's thread for all that is sent and received.
+pub struct Canary {
+    pub writer: Arc<RawWriter>,
+    reader: SimpleDataReader<RawBody, RawAdapter>,
+    pub writing: bool,
+    /// The beat that is said, and the newest that was heard: what is heard late is old.
+    pub said: u64,
+    pub heard: u64,
+}
+
+impl Canary {
+    pub fn open(participant: &DomainParticipant, subscriber: &Subscriber) -> Result<Canary, String> {
+        let name = discovered::canary_topic(&participant.guid().to_bytes());
+        let topic = qos::create_topic(participant, &name, "telltale::Alive", 1).map_err(refused)?;
+        let reader = qos::reader(subscriber, &topic, Via::BestEffort).map_err(refused)?;
+        let writer = qos::writer(participant, &topic, super::Quality::BestEffort).map_err(refused)?;
+        Ok(Canary { writer: Arc::new(writer), reader, writing: false, said: 0, heard: 0 })
+    }
+
+    pub fn listen(&mut self) {
+        self.reader.drain_read_notifications();
+        while let Ok(Some(heard)) = self.reader.try_take_one() {
+            if heard.writer_guid == self.writer.guid()
+                && let Ok((body, _)) = heard.into_value()
+                && let Ok(beat) = body.try_into().map(u64::from_le_bytes)
+                && beat <= self.said
+            {
+                self.heard = self.heard.max(beat);
+            }
+        }
+    }
+
+    /// Whether what was said before the last beat is not back yet.
+    pub fn is_late(&self) -> bool {
+        self.heard + 1 < self.said
+    }
+}
