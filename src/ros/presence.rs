@@ -12,12 +12,12 @@ use tokio::sync::watch;
 use tokio::time::MissedTickBehavior;
 
 use super::cdr::Endian;
+use super::library::qos::Via;
 use super::library::{Heard, Participant, Quality, Seen, Writer};
 use super::messages::{self, GidSize, NodeEntities, PARTICIPANT_ENTITIES_INFO};
 use super::nodes::{self, Nodes};
 use super::outbox::stopped;
 use super::sample_bytes::Guid;
-use super::writers::Via;
 use crate::clock::Clock;
 
 /// Samples of the topic that the library keeps: one for each participant that comes at once.

@@ -4,11 +4,11 @@ use std::collections::VecDeque;
 use std::task::{Context, Poll};
 use std::time::{Duration, SystemTime};
 
+use super::library::qos::Via;
 use super::library::{Heard, Participant, RawSample, Reader};
 use super::sample_bytes::Guid;
 use super::sample_bytes::RawBody;
 use super::subscription::Subscription;
-use super::writers::Via;
 use crate::engine::time::{Span, Timestamp};
 
 /// Samples taken at once; more than the library keeps of a topic, so that no writer starves

@@ -9,6 +9,7 @@ use tokio::sync::{mpsc, watch};
 
 use super::fields::Miss;
 use super::graph::Tallies;
+use super::library::qos::Via;
 use super::library::{Found, Participant};
 use super::messages;
 use super::outbox::{End, Outbox, stopped, waiting_bytes};
@@ -18,7 +19,7 @@ use super::sample_bytes::Guid;
 use super::sample_bytes::RawBody;
 use super::subscription::{Received, Subscription, When};
 use super::trouble::Troubles;
-use super::writers::{Offer, Published, Verdict, Via, Writers};
+use super::writers::{Offer, Published, Verdict, Writers};
 use crate::clock::Clock;
 use crate::engine::input::{Input, Stamped, TroubleKind};
 use crate::engine::model::monitors::StampClock;

@@ -1,6 +1,7 @@
 //! The publishers of one topic: which of them are heard, through which reader, and what of theirs
 //! was lost.
 
+use super::library::qos::Via;
 use super::sample_bytes::Guid;
 use std::collections::BTreeMap;
 use std::time::{Duration, SystemTime};
@@ -49,16 +50,6 @@ impl Offer {
     fn keeps_last_value(&self) -> bool {
         self.reliable && self.transient_local
     }
-}
-
-/// The reader that a sample came through. They share one cache of samples in the library, so each
-/// may see what was meant for another.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Via {
-    Reliable,
-    /// Reliable, and asks for the last value from before its time.
-    LastValue,
-    BestEffort,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -16,8 +16,8 @@ use std::time::SystemTime;
 use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehavior, params};
 
 use super::chain::{self, Hash, Verifier};
-pub use super::head::HEAD_FILE_NAME;
 use super::head::read_head;
+pub use super::place::HEAD_FILE_NAME;
 use super::unix_time::{from_unix_ms, to_unix_ms};
 use super::{Database, Head, Lane, Role, Store, StoreError, Verdict, Verified};
 pub use action::Action;

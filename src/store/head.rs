@@ -1,14 +1,12 @@
 //! The file beside the database in which the end of the audit log is noted.
 
+use super::place::HEAD_FILE_NAME;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Write as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, fchown};
 use std::path::Path;
 
 use super::{FILE_NAME, Head, StoreError};
-
-/// The head of the chain, beside the database.
-pub const HEAD_FILE_NAME: &str = "audit.head";
 
 /// The head that was noted; `None` if there is no such file, or no head in it. What is there and may
 /// not be read is no loss, so it must not become one in the log.

@@ -11,6 +11,9 @@ use std::path::{Path, PathBuf};
 
 use super::FILE_NAME;
 
+/// The head of the chain, beside the database.
+pub const HEAD_FILE_NAME: &str = "audit.head";
+
 /// With less room than this in the data folder nothing is promised any more.
 const FREE_BYTES_MIN: u64 = 1 << 20;
 

@@ -7,10 +7,10 @@ use rustdds::{DomainParticipant, RTPSEntity as _, Subscriber};
 
 use super::child::refused;
 use super::discovered;
+use super::qos::Via;
 use super::qos::{self, RawWriter};
 use crate::ros::raw::RawAdapter;
 use crate::ros::sample_bytes::RawBody;
-use crate::ros::writers::Via;
 
 /// What this participant says to itself, through the library's thread for all that is sent and received.
 pub struct Canary {

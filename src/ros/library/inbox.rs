@@ -9,12 +9,12 @@ use tokio::io::AsyncReadExt as _;
 use tokio::net::unix::OwnedReadHalf;
 use tokio::sync::{mpsc, oneshot, watch};
 
+use super::qos::Via;
 use super::watch::Ended;
 use super::wire::{self, News, Order};
 use super::{Participant, RawSample, SAMPLE_BYTES, Seen, WINDOW_BYTES};
 use crate::ros::raw::BODY_BYTES_MAX;
 use crate::ros::sample_bytes::Guid;
-use crate::ros::writers::Via;
 
 /// The window, and one message that began within it, and the frame that was under way.
 const UNTAKEN_MAX: usize = WINDOW_BYTES + BODY_BYTES_MAX + 2 * SAMPLE_BYTES;

@@ -34,10 +34,10 @@ use wire::{Frame, Order};
 use super::options::{self, BridgeOptions};
 use super::sample_bytes::Guid;
 use super::sample_bytes::RawBody;
-use super::writers::Via;
 use super::{BridgeError, DdsProcess};
 use inbox::Shared;
 pub use qos::Quality;
+use qos::Via;
 
 /// How often the DDS process says that it lives.
 const BEAT: Duration = Duration::from_millis(250);

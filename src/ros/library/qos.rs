@@ -8,7 +8,6 @@ use rustdds::{DomainParticipant, QosPolicies, QosPolicyBuilder, Subscriber, Topi
 
 use crate::ros::raw::RawAdapter;
 use crate::ros::sample_bytes::RawBody;
-use crate::ros::writers::Via;
 
 /// How a topic is offered to its readers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,6 +27,16 @@ impl Quality {
     pub const fn number(self) -> u8 {
         self as u8
     }
+}
+
+/// The reader that a sample came through. They share one cache of samples in the library, so each
+/// may see what was meant for another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Via {
+    Reliable,
+    /// Reliable, and asks for the last value from before its time.
+    LastValue,
+    BestEffort,
 }
 
 pub type RawWriter = DataWriter<Bytes, RawAdapter>;

@@ -5,12 +5,12 @@
 
 use std::net::Ipv4Addr;
 
+use super::qos::Via;
 use super::{Found, Quality, RawSample};
 use crate::engine::discovery::{Liveliness, LivelinessKind};
 use crate::ros::cdr::{Endian, Fault, FaultKind};
 use crate::ros::raw::BODY_BYTES_MAX;
 use crate::ros::sample_bytes::Guid;
-use crate::ros::writers::Via;
 
 /// A frame is closed when it is longer than this; one message may be longer.
 pub const FRAME_BYTES: usize = 256 << 10;

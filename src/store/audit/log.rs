@@ -8,7 +8,8 @@ use rusqlite::{Connection, OptionalExtension as _, Transaction, TransactionBehav
 
 use super::key::{self, KEY_FILE_NAME, Key, KeyId};
 use super::{Action, Entry, Record, TELLTALE, append, hash_of};
-use crate::store::head::{HEAD_FILE_NAME, read_head, remove_leftovers, write_head};
+use crate::store::head::{read_head, remove_leftovers, write_head};
+use crate::store::place::HEAD_FILE_NAME;
 use crate::store::{Head, StoreError};
 
 /// The program's log notes the head after so many records that do not matter by themselves.
