@@ -24,7 +24,8 @@ use telltale::clock::Clock;
 use telltale::engine::input::Input;
 use telltale::engine::model::sample::Pose;
 use telltale::engine::model::{Model, Parts};
-use telltale::ros::messages::encode::{self, Header, Motion};
+use telltale::msg::messages::encode;
+use telltale::msg::messages::encode::{Header, Motion};
 use telltale::ros::{self, BridgeOptions, Publisher, Quality};
 use telltale::runtime;
 

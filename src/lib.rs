@@ -8,6 +8,7 @@ pub mod cli;
 pub mod clock;
 pub mod config;
 pub mod engine;
+pub mod msg;
 pub mod picture;
 pub mod ros;
 pub mod runtime;

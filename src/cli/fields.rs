@@ -12,7 +12,7 @@ use crate::engine::model::monitors::{
 };
 use crate::engine::model::sample::FieldValue;
 use crate::engine::model::{Model, ModuleId};
-use crate::ros::fields::{Definitions, FieldError, FieldsError};
+use crate::msg::fields::{Definitions, FieldError, FieldsError};
 use crate::yaml::{Problems, Sources};
 
 /// Where definitions of messages are found.

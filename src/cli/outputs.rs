@@ -8,7 +8,8 @@ use crate::clock::Clock;
 use crate::config::publishing::Publishing;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Span;
-use crate::ros::outputs::{self, OutputTopic, Outputs, What};
+use crate::ros::publish::outputs;
+use crate::ros::publish::outputs::{OutputTopic, Outputs, What};
 use crate::ros::{Bridge, BridgeError, BridgeOptions};
 use crate::runtime::{Link, Published};
 

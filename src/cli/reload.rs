@@ -13,7 +13,7 @@ use super::fields;
 use crate::config::{self, Difference, Loaded};
 use crate::engine::model::monitors::Watched;
 use crate::engine::model::{FieldSource, Model};
-use crate::ros::fields::Definitions;
+use crate::msg::fields::Definitions;
 use crate::runtime::{ConfigurationText, Reload, Reread, Rereading};
 use crate::yaml::Problems;
 

@@ -19,7 +19,7 @@ use crate::config::Loaded;
 use crate::engine::input::{Input, Stamped};
 use crate::engine::model::Model;
 use crate::engine::view::record::Record as Happening;
-use crate::ros::outputs::Outputs;
+use crate::ros::publish::outputs::Outputs;
 use crate::ros::{self, Bridge, BridgeOptions};
 use crate::runtime::{self, Link};
 use crate::store::audit::{Action, Record, TELLTALE};

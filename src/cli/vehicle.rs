@@ -11,7 +11,7 @@ use tokio::time::{Interval, MissedTickBehavior};
 use crate::clock::{self, Clock};
 use crate::config::Loaded;
 use crate::engine::time::{Span, Timestamp};
-use crate::ros::messages::GidSize;
+use crate::msg::messages::GidSize;
 use crate::ros::{BridgeError, BridgeOptions, Publisher};
 use crate::sim::shuttle::{Departure, Fault, STEP, Sent, Shuttle};
 use orders::Orders;

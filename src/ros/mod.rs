@@ -3,35 +3,15 @@
 //! One participant, a task for each topic, raw readers and a lenient decoder of our own. Where the
 //! DDS library cannot recover by itself, the participant is replaced and the bridge goes on.
 
-pub mod cdr;
-mod echo;
-mod environment;
-pub mod fields;
-mod graph;
-mod interfaces;
-mod learning;
+mod discovery;
 mod library;
-mod lookup;
-pub mod messages;
-mod nodes;
+mod name_lookup;
 mod options;
 mod outbox;
-pub mod outputs;
-mod peers;
-mod presence;
 mod probe;
-mod publisher;
-mod raw;
-mod readers;
-mod ros_clock;
-mod sample_bytes;
+pub mod publish;
+mod reading;
 mod session;
-mod speakers;
-mod step;
-mod subscription;
-mod topic;
-mod trouble;
-mod writers;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -39,28 +19,28 @@ use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
 
-pub use interfaces::{Address, addresses};
+pub use crate::msg::subscription::{DIAGNOSTICS, SubscriptionError};
+pub use discovery::nodes::Nodes;
 pub use library::process as dds_process;
 pub use library::qos::Quality;
-pub use nodes::Nodes;
+pub use options::interfaces::{Address, addresses};
 pub use options::{BridgeOptions, DOMAIN_MAX, DdsProcess, Interface, OptionsError};
-pub use publisher::{PublishError, Publisher};
-pub use subscription::{DIAGNOSTICS, SubscriptionError};
+pub use publish::publisher::{PublishError, Publisher};
 
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
 use crate::engine::input::{Input, Stamped};
 use crate::engine::model::Model;
-use fields::Definitions;
+use crate::msg::fields::Definitions;
+use crate::msg::messages::GidSize;
+use crate::msg::ros_clock::RosClock;
+use crate::msg::subscription::Plan;
+use discovery::graph::{Siblings, Tallies};
 use futures_util::FutureExt as _;
-use graph::{Siblings, Tallies};
 use library::Participant;
-use messages::GidSize;
 use outbox::{End, stopped};
 use probe::Kennel;
-use ros_clock::RosClock;
 use session::{Ground, Legacy};
-use subscription::Plan;
 
 /// For the log's filter: the library has a line for each forged packet, so anybody could fill the disk with
 /// them. What matters of it is said here.

@@ -7,24 +7,27 @@ use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio::task::{JoinError, JoinSet};
 
-use super::graph::{self, Siblings, Tallies};
-use super::interfaces::{self, AddressWatch};
-use super::learning::Learning;
+use super::discovery::graph;
+use super::discovery::graph::{Siblings, Tallies};
+use super::discovery::nodes::Nodes;
+use super::discovery::peers;
+use super::discovery::presence;
+use super::discovery::status_writers;
 use super::library::{Ended, Participant};
-use super::messages::{self, GidSize};
-use super::nodes::Nodes;
 use super::options::BridgeOptions;
+use super::options::interfaces;
+use super::options::interfaces::AddressWatch;
 use super::outbox::{End, stopped};
-use super::peers;
-use super::presence;
-use super::ros_clock::RosClock;
-use super::speakers;
-use super::step::StepWatch;
-use super::subscription::{Plan, Subscription};
-use super::topic::{Memory, Orders, Surroundings, Topic};
+use super::reading::clock_step::StepWatch;
+use super::reading::learning::Learning;
+use super::reading::topic::{Memory, Orders, Surroundings, Topic};
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
 use crate::engine::input::Stamped;
+use crate::msg::messages;
+use crate::msg::messages::GidSize;
+use crate::msg::ros_clock::RosClock;
+use crate::msg::subscription::{Plan, Subscription};
 
 /// How often the clocks are compared; the addresses are at every fourth look.
 const LOOK: Duration = Duration::from_millis(250);
@@ -100,7 +103,8 @@ pub async fn run(participant: &Participant, ground: &Ground, legacy: &mut Legacy
         stopping.clone(),
     ));
     let (nodes, inputs) = (ground.nodes.subscribe(), ground.inputs.clone());
-    let speaking = tokio::spawn(speakers::run(participant.clone(), nodes, inputs, ground.clock, stopping));
+    let speaking =
+        tokio::spawn(status_writers::run(participant.clone(), nodes, inputs, ground.clock, stopping));
     let end = watch_over(participant, ground, plan, &mut topics, legacy).await;
     // The receivers live in the tasks; with none left there is nothing to stop.
     let _ = stop.send(true);

@@ -6,27 +6,12 @@
 //! (`synchronous=FULL`) before its caller is answered.
 
 pub mod audit;
-mod backup;
-mod chain;
-mod devices;
-mod floor;
-mod head;
-mod health;
+mod database;
+mod disk;
 mod history;
-mod leave;
-mod mend;
-mod open;
-mod place;
 mod private_file;
 mod queue;
-mod role;
-mod salvage;
-mod schema;
-mod secret;
-mod seen;
 mod sessions;
-mod stall;
-mod tokens;
 mod unix_time;
 mod users;
 mod vehicle;
@@ -39,27 +24,27 @@ use std::time::{Duration, SystemTime};
 use rusqlite::Connection;
 use tokio::sync::{oneshot, watch};
 
-pub use chain::{Acknowledged, Breach, Hash, Head, Verdict};
-pub use health::Fault;
+pub use audit::chain::{Acknowledged, Breach, Hash, Head, Verdict};
+pub use database::schema::FILE_NAME;
+pub use disk::health::Fault;
+pub use disk::repair::{BackupState, DataState, Mended, check_data, repair, restore};
 pub use history::{HISTORY_FILE, Happened, Held, History, HistoryQuery, NodePast, Past, Stretch, past_in};
-pub use leave::{Entering, Written};
-pub use mend::{BackupState, DataState, Mended, check_data, repair, restore};
 pub use private_file::make_folder;
-pub use role::Role;
-pub use schema::FILE_NAME;
-pub use secret::{DEMO_USERS, DemoSecrets, Lane, SecretError, is_pin};
+pub use sessions::operator_place::{Entering, Written};
 pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};
-pub use tokens::{ProgramToken, TOKEN_LIFE_DAYS};
+pub use users::role::Role;
+pub use users::secret::{DEMO_USERS, DemoSecrets, Lane, SecretError, is_pin};
+pub use users::tokens::{ProgramToken, TOKEN_LIFE_DAYS};
 pub use users::{NameError, User, Verified};
 pub use vehicle::VehicleMemory;
 
 use crate::clock::Clock;
 use audit::Log;
-use health::Health;
-use open::Sessions;
+use disk::health::Health;
+use disk::stall::Pace;
 use queue::{Job, Queue};
-use secret::Hashing;
-use stall::Pace;
+use sessions::table::Sessions;
+use users::secret::Hashing;
 
 /// How long a change by another process (`telltale user remove`) may stay unnoticed.
 const FOREIGN_CHANGE_POLL: Duration = Duration::from_millis(500);
@@ -78,7 +63,7 @@ pub enum StoreError {
         path.display()
     )]
     Damaged { path: PathBuf, what: String },
-    #[error("there is no backup in {} that is whole", folder.join(backup::BACKUPS).display())]
+    #[error("there is no backup in {} that is whole", folder.join(database::backup::BACKUPS).display())]
     NoBackup { folder: PathBuf },
     #[error(
         "no user can be read of the database in {}, nor of a backup: nothing was changed. Put a copy of \
@@ -204,7 +189,7 @@ struct Database {
     log: Log,
     health: Health,
     pace: Arc<Pace>,
-    backups: backup::Schedule,
+    backups: database::backup::Schedule,
     /// Of the vehicle's memory that was written last by this process.
     remembered_seq: u64,
     /// SQLite's count of changes by others, as last seen.
@@ -221,7 +206,7 @@ impl Store {
     /// # Errors
     /// If the folder or the file cannot be written, or a newer telltale made it.
     pub fn open(folder: &Path, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        Store::start(schema::open(folder)?, Some(folder), clock, demo, false)
+        Store::start(database::schema::open(folder)?, Some(folder), clock, demo, false)
     }
 
     /// Opens it for the server, which notes what changes of users it has taken in. A database that can
@@ -234,7 +219,7 @@ impl Store {
     /// # Errors
     /// If there is no database and none can be made, it may not be read, or a newer telltale made it.
     pub fn open_or_read(folder: &Path, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        let open = || Store::start(schema::open(folder)?, Some(folder), clock, demo, true);
+        let open = || Store::start(database::schema::open(folder)?, Some(folder), clock, demo, true);
         let mut error = match open() {
             Ok(store) => return Ok(store),
             Err(error) => error,
@@ -253,15 +238,15 @@ impl Store {
     }
 
     fn salvage(folder: &Path, damage: &str, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        let mut connection = salvage::into_memory(folder)?;
+        let mut connection = disk::salvage::into_memory(folder)?;
         let log = Log::open(&mut connection, None, clock.wall())?;
         let mut health = Health::new(None);
-        health.is_salvaged(&salvage::fault(folder, damage));
+        health.is_salvaged(&disk::salvage::fault(folder, damage));
         Store::run(connection, log, health, Some(folder), clock, demo, true)
     }
 
     fn read(folder: &Path, why: &str, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        let connection = schema::open_reading(folder)?;
+        let connection = database::schema::open_reading(folder)?;
         let log = Log::read(&connection, folder)?;
         let mut health = Health::new(Some(folder));
         health.cannot_write(why);
@@ -273,7 +258,7 @@ impl Store {
     /// # Errors
     /// As [`Store::open`], and if there is none.
     pub fn open_existing(folder: &Path, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        schema::existing(folder)?;
+        database::schema::existing(folder)?;
         Store::open(folder, clock, demo)
     }
 
@@ -282,7 +267,7 @@ impl Store {
     /// # Errors
     /// If SQLite fails.
     pub fn in_memory(clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        Store::start(schema::open_in_memory()?, None, clock, demo, false)
+        Store::start(database::schema::open_in_memory()?, None, clock, demo, false)
     }
 
     fn start(
@@ -309,7 +294,7 @@ impl Store {
         let fault = health.watch();
         let no_thread = |reason| StoreError::Folder { path: PathBuf::from("(a new thread)"), reason };
         let pace = Pace::watch(health.voice(), folder, clock).map_err(no_thread)?;
-        let floor = floor::of(&connection)?;
+        let floor = disk::clock_floor::of(&connection)?;
         let mut database = Database {
             connection,
             sessions: sessions.clone(),
@@ -318,7 +303,7 @@ impl Store {
             log,
             health,
             pace,
-            backups: backup::Schedule::default(),
+            backups: database::backup::Schedule::default(),
             remembered_seq: 0,
             data_version: 0,
             serves,

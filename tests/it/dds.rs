@@ -9,7 +9,7 @@ use telltale::engine::model::{
 };
 use telltale::engine::text::Text;
 use telltale::engine::time::Span;
-use telltale::ros::messages::GidSize;
+use telltale::msg::messages::GidSize;
 use telltale::ros::{self, Bridge, BridgeOptions, Publisher};
 use tokio::sync::mpsc;
 

@@ -15,9 +15,11 @@ use telltale::engine::model::output::Output;
 use telltale::engine::model::sample::Pose;
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::time::{Span, Timestamp};
-use telltale::ros::messages::GidSize;
-use telltale::ros::messages::encode::{self, Header, Motion};
-use telltale::ros::outputs::{self, OutputTopic, Outputs, What};
+use telltale::msg::messages::GidSize;
+use telltale::msg::messages::encode;
+use telltale::msg::messages::encode::{Header, Motion};
+use telltale::ros::publish::outputs;
+use telltale::ros::publish::outputs::{OutputTopic, Outputs, What};
 use telltale::ros::{self, Bridge, BridgeOptions};
 use tokio::sync::{mpsc, watch};
 

@@ -13,7 +13,7 @@ use telltale::engine::model::sample::{FieldValue, Pose, ProbeOutcome, Sample, To
 use telltale::engine::model::{Driving, Limits, Model, Parts, Policy, StageModel};
 use telltale::engine::text::Text;
 use telltale::engine::time::Span;
-use telltale::ros::messages::encode;
+use telltale::msg::messages::encode;
 use telltale::ros::{self, Bridge, BridgeOptions, Publisher, Quality};
 use tokio::sync::mpsc;
 

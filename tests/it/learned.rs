@@ -6,7 +6,7 @@ use telltale::clock::Clock;
 use telltale::config;
 use telltale::engine::input::Input;
 use telltale::engine::model::sample::FieldValue;
-use telltale::ros::messages::encode;
+use telltale::msg::messages::encode;
 use telltale::ros::{self, BridgeOptions, Publisher, Quality};
 use tokio::sync::mpsc;
 

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use serde_json::json;
 use telltale::engine::input::Input;
+use telltale::msg::messages::GidSize;
 use telltale::ros::BridgeOptions;
-use telltale::ros::messages::GidSize;
 
 use crate::dds::{Reading, one, summary};
 use crate::peer::{Domain, PATIENCE, Peer, Vendor};

@@ -66,7 +66,7 @@ fn settled((least, most): (f64, f64), sign: &str, limit: f64) -> Option<bool> {
 mod tests {
     use super::super::check;
     use crate::config;
-    use crate::ros::fields::Definitions;
+    use crate::msg::fields::Definitions;
 
     /// What is said of a monitor, or of a signal of one value.
     fn said(monitor: &str) -> Vec<String> {

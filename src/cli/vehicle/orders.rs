@@ -13,8 +13,8 @@ use crate::engine::model::{
     Driving, FieldSource, Limits, Model, Parts, Policy, SignalSource, SignalSpec, StageModel,
 };
 use crate::engine::text::Text;
-use crate::ros::messages::encode::{ACCEL_STAMPED, POSE_WITH_COVARIANCE_STAMPED};
-use crate::ros::messages::{BOOL, GidSize};
+use crate::msg::messages::encode::{ACCEL_STAMPED, POSE_WITH_COVARIANCE_STAMPED};
+use crate::msg::messages::{BOOL, GidSize};
 use crate::ros::{self, Bridge, BridgeError, BridgeOptions};
 use crate::sim::shuttle::Order;
 

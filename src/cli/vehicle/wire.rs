@@ -3,8 +3,10 @@
 use std::time::SystemTime;
 
 use crate::engine::model::{ACTIVE_SIGNAL, Model};
-use crate::ros::messages::encode::{self, Grid, Header, Motion, Transform};
-use crate::ros::messages::{self, BOOL, DIAGNOSTIC_ARRAY};
+use crate::msg::messages;
+use crate::msg::messages::encode;
+use crate::msg::messages::encode::{Grid, Header, Motion, Transform};
+use crate::msg::messages::{BOOL, DIAGNOSTIC_ARRAY};
 use crate::ros::{DIAGNOSTICS, Quality};
 use crate::sim::shuttle::Message;
 

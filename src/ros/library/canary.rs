@@ -9,8 +9,8 @@ use super::child::refused;
 use super::discovered;
 use super::qos::Via;
 use super::qos::{self, RawWriter};
-use crate::ros::raw::RawAdapter;
-use crate::ros::sample_bytes::RawBody;
+use super::raw_bytes::RawAdapter;
+use crate::msg::sample_bytes::RawBody;
 
 /// What this participant says to itself, through the library's thread for all that is sent and received.
 pub struct Canary {

@@ -31,12 +31,12 @@ use super::canary::Canary;
 use super::crowd::Crowd;
 use super::discovered;
 use super::qos::{self, RawWriter};
+use super::raw_bytes::RawAdapter;
 use super::wire::{self, Frame, News, Order};
 use super::{BEAT, RawSample, SAMPLE_BYTES, WINDOW_BYTES, WRITING_MAX};
 use crate::clock::Clock;
 use crate::engine::time::{Span, Timestamp};
-use crate::ros::raw::RawAdapter;
-use crate::ros::sample_bytes::{Guid, RawBody};
+use crate::msg::sample_bytes::{Guid, RawBody};
 
 /// Orders that may wait. The program gives far fewer: more mean that this process hangs.
 const ORDERS_MAX: usize = 4096;

@@ -8,7 +8,7 @@ use rustdds::policy::{self, Deadline, Durability, Reliability};
 use super::wire::NAME_BYTES_MAX;
 use super::{ENDPOINTS_MAX, Found, Quality, qos};
 use crate::engine::discovery::{Liveliness, LivelinessKind};
-use crate::ros::sample_bytes::Guid;
+use crate::msg::sample_bytes::Guid;
 
 /// Bytes of a GUID that name the participant (RTPS 2.5, 9.3.1).
 pub const PREFIX: usize = 12;

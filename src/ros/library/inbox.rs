@@ -10,11 +10,11 @@ use tokio::net::unix::OwnedReadHalf;
 use tokio::sync::{mpsc, oneshot, watch};
 
 use super::qos::Via;
+use super::raw_bytes::BODY_BYTES_MAX;
 use super::watch::Ended;
 use super::wire::{self, News, Order};
 use super::{Participant, RawSample, SAMPLE_BYTES, Seen, WINDOW_BYTES};
-use crate::ros::raw::BODY_BYTES_MAX;
-use crate::ros::sample_bytes::Guid;
+use crate::msg::sample_bytes::Guid;
 
 /// The window, and one message that began within it, and the frame that was under way.
 const UNTAKEN_MAX: usize = WINDOW_BYTES + BODY_BYTES_MAX + 2 * SAMPLE_BYTES;

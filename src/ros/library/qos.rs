@@ -6,8 +6,8 @@ use rustdds::no_key::{DataWriter, SimpleDataReader};
 use rustdds::policy::{Durability, History, Reliability, ResourceLimits};
 use rustdds::{DomainParticipant, QosPolicies, QosPolicyBuilder, Subscriber, Topic, TopicKind};
 
-use crate::ros::raw::RawAdapter;
-use crate::ros::sample_bytes::RawBody;
+use super::raw_bytes::RawAdapter;
+use crate::msg::sample_bytes::RawBody;
 
 /// How a topic is offered to its readers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::{ENDPOINTS_MAX, Quality};
 use crate::engine::discovery::Liveliness;
-use crate::ros::sample_bytes::Guid;
+use crate::msg::sample_bytes::Guid;
 
 /// A reader or writer of another participant.
 #[derive(Debug, Clone, PartialEq, Eq)]

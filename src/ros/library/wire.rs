@@ -6,11 +6,11 @@
 use std::net::Ipv4Addr;
 
 use super::qos::Via;
+use super::raw_bytes::BODY_BYTES_MAX;
 use super::{Found, Quality, RawSample};
 use crate::engine::discovery::{Liveliness, LivelinessKind};
-use crate::ros::cdr::{Endian, Fault, FaultKind};
-use crate::ros::raw::BODY_BYTES_MAX;
-use crate::ros::sample_bytes::Guid;
+use crate::msg::cdr::{Endian, Fault, FaultKind};
+use crate::msg::sample_bytes::Guid;
 
 /// A frame is closed when it is longer than this; one message may be longer.
 pub const FRAME_BYTES: usize = 256 << 10;

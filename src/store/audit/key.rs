@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use ring::hmac;
 use sha2::{Digest as _, Sha256};
 
+use super::head::{give_to_owner, whose};
 use crate::store::StoreError;
-use crate::store::head::{give_to_owner, whose};
 use crate::store::private_file::make_private_file;
 
 /// The key, in the data folder.

@@ -6,10 +6,10 @@ use std::time::SystemTime;
 
 use rusqlite::{Connection, OptionalExtension as _, Transaction, TransactionBehavior};
 
+use super::head::{read_head, remove_leftovers, write_head};
 use super::key::{self, KEY_FILE_NAME, Key, KeyId};
 use super::{Action, Entry, Record, TELLTALE, append, hash_of};
-use crate::store::head::{read_head, remove_leftovers, write_head};
-use crate::store::place::HEAD_FILE_NAME;
+use crate::store::database::files::HEAD_FILE_NAME;
 use crate::store::{Head, StoreError};
 
 /// The program's log notes the head after so many records that do not matter by themselves.

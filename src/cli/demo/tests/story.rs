@@ -15,11 +15,11 @@ use crate::engine::model::{Limits, Stage};
 use crate::engine::snapshot::{Reason, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
+use crate::msg::cdr::Endian;
+use crate::msg::fields::{BooleanReader, Definitions, Reader};
+use crate::msg::messages::{GidSize, NodeEntities, diagnostic_array, encode_nodes};
 use crate::ros::DIAGNOSTICS;
 use crate::ros::Nodes;
-use crate::ros::cdr::Endian;
-use crate::ros::fields::{BooleanReader, Definitions, Reader};
-use crate::ros::messages::{GidSize, NodeEntities, diagnostic_array, encode_nodes};
 use crate::sim::shuttle::{Departure, Fault, Message, Order, Sent, Shuttle};
 
 const REPEAT_MS: u64 = 50;

@@ -1,0 +1,71 @@
+//! Whether a message is what its type says: an event counts only if it is.
+
+use std::sync::Arc;
+
+use super::definition::Primitive;
+use super::program::{Miss, number};
+use super::shape::{Kind, Message, Shape};
+use crate::msg::cdr::{Endian, Reader};
+
+/// How far the length of a rotation's quaternion may be from 1: publishers round.
+const UNIT_WITHIN: f64 = 0.1;
+
+/// Judges messages of one type.
+#[derive(Debug, Clone)]
+pub struct EventReader(Arc<Shape>);
+
+impl EventReader {
+    /// `None` for a type of which not every byte is known.
+    pub(super) fn of(shape: Arc<Shape>) -> Option<EventReader> {
+        (!shape.wide).then_some(EventReader(shape))
+    }
+
+    /// Goes through the whole message: positions, directions and rotations (`geometry_msgs`) have to
+    /// be some.
+    ///
+    /// # Errors
+    /// Why it is no such message.
+    pub fn check(&self, body: &[u8], endian: Endian) -> Result<(), Miss> {
+        judge(&self.0, &mut Reader::new(body, endian), "")
+    }
+}
+
+fn judge(shape: &Shape, reader: &mut Reader<'_>, name: &str) -> Result<(), Miss> {
+    match &shape.kind {
+        Kind::Message(message) if is_geometry(message) => judge_numbers(message, reader, name),
+        Kind::Message(message) if !message.members.is_empty() => {
+            message.members.iter().try_for_each(|(name, shape)| judge(shape, reader, name))
+        }
+        Kind::Array(array) if matches!(array.element.kind, Kind::Message(_)) => {
+            let count = array.count(reader)?;
+            (0..count).try_for_each(|_| judge(&array.element, reader, name))
+        }
+        _ => Ok(shape.skip(reader)?),
+    }
+}
+
+/// Nothing but numbers with a decimal point, of the package that says what is where.
+fn is_geometry(message: &Message) -> bool {
+    let is_float = |shape: &Shape| matches!(shape.kind, Kind::Primitive(Primitive::F32 | Primitive::F64));
+    message.type_name.starts_with("geometry_msgs/")
+        && !message.members.is_empty()
+        && message.members.iter().all(|(_, shape)| is_float(shape))
+}
+
+fn judge_numbers(message: &Message, reader: &mut Reader<'_>, name: &str) -> Result<(), Miss> {
+    let mut length = 0.0_f64;
+    for (member, shape) in &message.members {
+        let Kind::Primitive(primitive) = shape.kind else { continue };
+        let value = number(primitive, reader)?;
+        if !value.is_finite() {
+            return Err(Miss::Refused(format!("refused: {name}.{member} is {value}")));
+        }
+        length = length.hypot(value);
+    }
+    if &*message.type_name == "geometry_msgs/msg/Quaternion" && (length - 1.0).abs() > UNIT_WITHIN {
+        let why =
+            format!("refused: {name} is no rotation, its quaternion has the length {length:.3} and not 1");
+        return Err(Miss::Refused(why));
+    }
+    Ok(())
+}

@@ -1,0 +1,188 @@
+//! What discovery sees of all topics, looked at once a second, for who develops.
+
+use crate::ros::library::discovered::PREFIX;
+use crate::ros::library::discovered::participant_name;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::watch;
+
+use super::nodes::Nodes;
+use crate::clock::Clock;
+use crate::engine::discovery::{Discovery, ENDPOINTS_MAX, Endpoint, TOPICS_MAX, TopicSeen};
+use crate::engine::time::Timestamp;
+use crate::msg::messages;
+use crate::msg::sample_bytes::Guid;
+use crate::ros::library::{Found, Participant};
+use crate::ros::outbox::stopped;
+
+const LOOK: Duration = Duration::from_secs(1);
+
+/// Messages received since the start, by the topic's name on the wire. As many as are read.
+#[derive(Debug, Clone, Default)]
+pub struct Tallies(Arc<Mutex<BTreeMap<String, u64>>>);
+
+impl Tallies {
+    pub fn add(&self, dds_topic: &str, count: usize) {
+        let mut tallies = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        match tallies.get_mut(dds_topic) {
+            Some(tally) => *tally += count as u64,
+            None => drop(tallies.insert(dds_topic.to_owned(), count as u64)),
+        }
+    }
+
+    fn read(&self) -> BTreeMap<String, u64> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+/// Our participants beside the bridge's own, in hexadecimal digits, and the last ones that have ended: one
+/// that was killed said no goodbye, and discovery knows it for as long as its lease.
+#[derive(Debug, Clone, Default)]
+pub struct Siblings(Arc<Mutex<VecDeque<String>>>);
+
+/// Far more than end within a lease.
+const SIBLINGS_MAX: usize = 256;
+
+impl Siblings {
+    pub fn add(&self, participant: String) {
+        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        all.push_back(participant);
+        while all.len() > SIBLINGS_MAX {
+            all.pop_front();
+        }
+    }
+
+    fn all(&self) -> BTreeSet<String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
+    }
+}
+
+/// Looks until it is stopped.
+pub async fn run(
+    participant: Participant,
+    tallies: Tallies,
+    seen: Arc<watch::Sender<Arc<Discovery>>>,
+    (nodes, siblings): (watch::Receiver<Nodes>, Siblings),
+    clock: Clock,
+    mut stop: watch::Receiver<bool>,
+) {
+    let mut looks = tokio::time::interval(LOOK);
+    looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let mut before = (clock.now(), tallies.read());
+    loop {
+        tokio::select! {
+            () = stopped(&mut stop) => return,
+            _ = looks.tick() => {}
+        }
+        let now = (clock.now(), tallies.read());
+        let mut discovery = {
+            let nodes = nodes.borrow();
+            Discovery { nodes: nodes.all(), ..look(&participant, &nodes.endpoints()) }
+        };
+        let siblings = siblings.all();
+        for topic in &mut discovery.topics {
+            for endpoint in topic.publishers.iter_mut().chain(&mut topic.subscribers) {
+                endpoint.ours |= siblings.contains(&endpoint.participant);
+            }
+        }
+        discovery.at = Some(now.0);
+        let rates = rates(&before, &now);
+        for (name, rate) in rates {
+            let place = discovery.topics.binary_search_by(|topic| topic.name.cmp(&name));
+            // What is read and nobody publishes is worth a row of its own.
+            let place = place.unwrap_or_else(|place| {
+                discovery.topics.insert(place, TopicSeen { name, ..TopicSeen::default() });
+                place
+            });
+            discovery.topics[place].rate_hz = Some(rate);
+        }
+        seen.send_replace(Arc::new(discovery));
+        before = now;
+    }
+}
+
+/// Messages per second of what is read, by the names of ROS.
+fn rates(
+    before: &(Timestamp, BTreeMap<String, u64>),
+    now: &(Timestamp, BTreeMap<String, u64>),
+) -> BTreeMap<String, f32> {
+    let seconds = now.0.since(before.0).as_nanos() as f32 / 1e9;
+    let rate = |(topic, count): (&String, &u64)| {
+        let more = count - before.1.get(topic).copied().unwrap_or(0).min(*count);
+        (ros_name(topic), if seconds > 0.0 { more as f32 / seconds } else { 0.0 })
+    };
+    now.1.iter().map(rate).collect()
+}
+
+fn look(participant: &Participant, nodes: &BTreeMap<Guid, &str>) -> Discovery {
+    let own = participant.guid();
+    let mut topics: BTreeMap<String, TopicSeen> = BTreeMap::new();
+    let mut participants = BTreeSet::new();
+    let seen = participant.seen();
+    for found in seen.writers() {
+        let endpoint = endpoint(found, &own, nodes);
+        participants.insert(endpoint.participant.clone());
+        push(&mut topics, &found.topic, endpoint, |topic| &mut topic.publishers);
+    }
+    for found in seen.readers() {
+        let endpoint = endpoint(found, &own, nodes);
+        participants.insert(endpoint.participant.clone());
+        push(&mut topics, &found.topic, endpoint, |topic| &mut topic.subscribers);
+    }
+    participants.remove(&participant_name(&own));
+    let more = topics.len().saturating_sub(TOPICS_MAX);
+    let topics = topics.into_values().take(TOPICS_MAX);
+    Discovery { topics: topics.collect(), more, participants: participants.len(), ..Discovery::default() }
+}
+
+fn endpoint(found: &Found, own: &Guid, nodes: &BTreeMap<Guid, &str>) -> Endpoint {
+    Endpoint {
+        participant: participant_name(&found.guid),
+        node: nodes.get(&found.guid).map(|name| (*name).to_owned()),
+        type_name: messages::ros_type_name(&found.type_name),
+        reliable: found.reliable,
+        transient_local: found.transient_local,
+        deadline_ns: found.deadline_ns,
+        liveliness: found.liveliness,
+        ours: found.guid[..PREFIX] == own[..PREFIX],
+    }
+}
+
+fn push(
+    topics: &mut BTreeMap<String, TopicSeen>,
+    dds_topic: &str,
+    endpoint: Endpoint,
+    list: impl Fn(&mut TopicSeen) -> &mut Vec<Endpoint>,
+) {
+    let name = ros_name(dds_topic);
+    let topic = topics.entry(name.clone()).or_insert_with(|| TopicSeen { name, ..TopicSeen::default() });
+    let list = list(topic);
+    if list.len() < ENDPOINTS_MAX {
+        list.push(endpoint);
+    }
+}
+
+/// `rt/diagnostics` is `/diagnostics` to ROS; other names are left as they are.
+fn ros_name(dds_topic: &str) -> String {
+    dds_topic.strip_prefix("rt/").map_or_else(|| dds_topic.to_owned(), |name| format!("/{name}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_are_of_the_time_between_two_looks() {
+        let tallies = Tallies::default();
+        tallies.add("rt/diagnostics", 5);
+        let before = (Timestamp::from_millis(1000), tallies.read());
+        tallies.add("rt/diagnostics", 20);
+        tallies.add("rt/new", 4);
+        let now = (Timestamp::from_millis(3000), tallies.read());
+        let expect = [("/diagnostics".to_owned(), 10.0), ("/new".to_owned(), 2.0)];
+        assert_eq!(rates(&before, &now), BTreeMap::from(expect));
+        assert_eq!(rates(&now, &now).values().copied().collect::<Vec<_>>(), [0.0, 0.0]);
+    }
+}

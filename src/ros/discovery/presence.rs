@@ -1,0 +1,124 @@
+//! The graph of ROS 2: our node in it, so that `ros2 node list` shows who reads, and those of others.
+//!
+//! Nothing is announced before the size of a gid is known: of the wrong size, the announcement
+//! makes other processes throw.
+
+use crate::ros::library::discovered::TOPIC;
+use std::collections::BTreeSet;
+use std::future::poll_fn;
+use std::time::Duration;
+
+use tokio::sync::watch;
+use tokio::time::MissedTickBehavior;
+
+use super::nodes::{self, Nodes};
+use crate::clock::Clock;
+use crate::msg::cdr::Endian;
+use crate::msg::messages;
+use crate::msg::messages::{GidSize, NodeEntities, PARTICIPANT_ENTITIES_INFO};
+use crate::msg::sample_bytes::Guid;
+use crate::ros::library::qos::Via;
+use crate::ros::library::{Heard, Participant, Quality, Seen, Writer};
+use crate::ros::outbox::stopped;
+
+/// Samples of the topic that the library keeps: one for each participant that comes at once.
+const DEPTH: usize = 512;
+/// How often nodes are forgotten whose participants are gone.
+const LOOK: Duration = Duration::from_secs(1);
+
+pub struct Surroundings {
+    pub nodes: watch::Sender<Nodes>,
+    /// How long a gid is here, as soon as it is known.
+    pub gid_size: watch::Sender<Option<GidSize>>,
+    pub clock: Clock,
+    /// Our own name in the graph.
+    pub node: String,
+}
+
+/// Announces the node and follows those of others until it is stopped.
+pub async fn run(participant: Participant, around: Surroundings, mut stop: watch::Receiver<bool>) {
+    around.nodes.send_replace(Nodes::new(around.clock.now()));
+    let nodes = &around.nodes;
+    tokio::select! {
+        () = stopped(&mut stop) => {}
+        () = announce(&participant, &around.node, around.gid_size.subscribe(), nodes) => {}
+        () = listen(&participant, &around.gid_size, nodes) => {}
+    }
+    around.nodes.send_replace(Nodes::default());
+}
+
+/// A writer of announcements, which keeps the last one for who comes later, as every rmw has it.
+pub fn announcer(participant: &Participant) -> Writer {
+    participant.writer(TOPIC, &type_name(), Quality::LastValue)
+}
+
+/// Without end.
+async fn announce(
+    participant: &Participant,
+    node: &str,
+    mut size: watch::Receiver<Option<GidSize>>,
+    nodes: &watch::Sender<Nodes>,
+) {
+    let writer = announcer(participant);
+    let mut own_readers = participant.own_readers();
+    let known = size.wait_for(Option::is_some).await.ok().and_then(|size| *size);
+    let Some(size) = known else { return std::future::pending().await };
+    let own = writer.guid().await;
+    loop {
+        let readers: Vec<Guid> = own_readers.borrow_and_update().iter().copied().collect();
+        let node = NodeEntities { name: node, readers: &readers, writers: &[] };
+        let body = messages::encode_nodes(participant.guid(), &[node], size);
+        // Whether a participant hears itself is up to the network.
+        nodes.send_modify(|nodes| nodes.announce(own, &body, Endian::Little, Some(size)));
+        if let Err(error) = writer.write(body).await {
+            tracing::warn!("the node was not announced to ROS 2: {error}");
+        }
+        if own_readers.changed().await.is_err() {
+            // Nothing changes any more; the writer keeps the last announcement for who comes later.
+            return std::future::pending().await;
+        }
+    }
+}
+
+/// Takes the announcements of other participants, without end; the first tells the size, if it is not known.
+async fn listen(
+    participant: &Participant,
+    learn: &watch::Sender<Option<GidSize>>,
+    nodes: &watch::Sender<Nodes>,
+) {
+    let mut reader = participant.reader(TOPIC, &type_name(), Via::LastValue, DEPTH);
+    let mut looks = tokio::time::interval(LOOK);
+    looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        tokio::select! {
+            _ = looks.tick() => {
+                let (guids, services) = seen(&participant.seen());
+                nodes.send_modify(|nodes| nodes.update(&participant.guid(), guids, services));
+            }
+            heard = poll_fn(|context| reader.poll(context)) => {
+                let Heard::Sample(sample) = heard else { continue };
+                let Ok((body, endian)) = sample.body else { continue };
+                learn.send_if_modified(|size| {
+                    let known = size.is_some();
+                    *size = size.or_else(|| GidSize::of_message(&body, endian));
+                    size.is_some() && !known
+                });
+                let size = *learn.borrow();
+                nodes.send_modify(|nodes| nodes.announce(sample.writer, &body, endian, size));
+            }
+        }
+    }
+}
+
+/// The writers of announcements that discovery knows, and the services that somebody serves.
+fn seen(seen: &Seen) -> (BTreeSet<Guid>, BTreeSet<Box<str>>) {
+    let announcing = seen.writers_of(TOPIC).map(|writer| writer.guid).collect();
+    let readers = seen.readers().map(|reader| (&*reader.topic, reader.guid));
+    let writers = seen.writers().map(|writer| (&*writer.topic, writer.guid));
+    (announcing, nodes::services(readers, writers))
+}
+
+/// The name has three parts, so it has one on the wire.
+fn type_name() -> String {
+    messages::dds_type_name(PARTICIPANT_ENTITIES_INFO).unwrap_or_default()
+}

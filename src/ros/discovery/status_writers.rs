@@ -1,0 +1,156 @@
+//! Who can say a status: the writers of diagnostics that discovery knows, and the nodes that they belong
+//! to. Nothing of it is proven: DDS without security believes what participants say of themselves.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::{mpsc, watch};
+
+use super::nodes::Nodes;
+use crate::clock::Clock;
+use crate::engine::input::{Input, NodeOf, Stamped, WriterId, WriterList};
+use crate::engine::time::{Span, Timestamp};
+use crate::msg::messages;
+use crate::msg::messages::DIAGNOSTIC_ARRAY;
+use crate::msg::sample_bytes::Guid;
+use crate::ros::library::Participant;
+use crate::ros::outbox::stopped;
+
+const LOOK: Duration = Duration::from_secs(1);
+/// A list that did not change is said again after so many looks: what came from a writer after it was
+/// gone is gone then, too.
+const REPEAT_LOOKS: u32 = 5;
+/// Writers that are told apart; more of them are no vehicle.
+const WRITERS_MAX: usize = 1024;
+/// Discovery has this time to find everybody.
+const DISCOVERY: Span = Span::from_secs(5);
+/// A participant announces its nodes within this time of being found, or speaks no ROS 2.
+const ANNOUNCED: Span = Span::from_secs(10);
+
+/// Follows discovery from one look to the next.
+#[derive(Debug)]
+struct Speakers {
+    since: Timestamp,
+    found: BTreeMap<Guid, Timestamp>,
+    said: Option<WriterList>,
+    looks: u32,
+}
+
+impl Speakers {
+    fn new(since: Timestamp) -> Speakers {
+        Speakers { since, found: BTreeMap::new(), said: None, looks: 0 }
+    }
+
+    /// Takes what is known now; returns what is to be said of it.
+    fn look(
+        &mut self,
+        writers: &BTreeSet<Guid>,
+        nodes: &BTreeMap<Guid, &str>,
+        now: Timestamp,
+    ) -> Option<WriterList> {
+        self.found.retain(|guid, _| writers.contains(guid));
+        for guid in writers {
+            if self.found.len() < WRITERS_MAX {
+                self.found.entry(*guid).or_insert(now);
+            }
+        }
+        let node = |(guid, found): (&Guid, &Timestamp)| {
+            let node = match nodes.get(guid) {
+                Some(name) => NodeOf::Named((*name).into()),
+                None if now.since(*found) < ANNOUNCED => NodeOf::Pending,
+                None => NodeOf::Unannounced,
+            };
+            (WriterId(*guid), node)
+        };
+        let known = self.found.iter().map(node).collect();
+        // With more than are told apart, nobody is known to have left.
+        let complete = now.since(self.since) >= DISCOVERY && writers.len() <= WRITERS_MAX;
+        let list = WriterList { as_of: now, complete, writers: known };
+        self.looks += 1;
+        let same = |said: &WriterList| said.complete == list.complete && said.writers == list.writers;
+        if self.said.as_ref().is_some_and(same) && self.looks < REPEAT_LOOKS {
+            return None;
+        }
+        self.looks = 0;
+        self.said = Some(list.clone());
+        Some(list)
+    }
+}
+
+/// Looks until it is stopped, or nobody takes the inputs any more.
+pub async fn run(
+    participant: Participant,
+    nodes: watch::Receiver<Nodes>,
+    inputs: mpsc::Sender<Stamped>,
+    clock: Clock,
+    mut stop: watch::Receiver<bool>,
+) {
+    let mut looks = tokio::time::interval(LOOK);
+    looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let mut speakers = Speakers::new(clock.now());
+    loop {
+        tokio::select! {
+            () = stopped(&mut stop) => return,
+            _ = looks.tick() => {}
+        }
+        // Before discovery is asked: what comes meanwhile is newer than its answer.
+        let now = clock.now();
+        let list = speakers.look(&writers(&participant), &nodes.borrow().endpoints(), now);
+        let Some(list) = list else { continue };
+        let input = Stamped { input: Input::Writers(Arc::new(list)), received: now };
+        tokio::select! {
+            () = stopped(&mut stop) => return,
+            sent = inputs.send(input) => if sent.is_err() { return },
+        }
+    }
+}
+
+fn writers(participant: &Participant) -> BTreeSet<Guid> {
+    let seen = participant.seen();
+    let speak = seen.writers().filter(|found| messages::ros_type_name(&found.type_name) == DIAGNOSTIC_ARRAY);
+    speak.map(|found| found.guid).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const A: Guid = [1; 16];
+    const B: Guid = [2; 16];
+
+    fn node(list: &WriterList, guid: Guid) -> Option<&NodeOf> {
+        list.writers.get(&WriterId(guid))
+    }
+
+    #[test]
+    fn a_writer_without_a_node_has_time_to_be_announced() {
+        let at = Timestamp::from_millis;
+        let mut speakers = Speakers::new(at(0));
+        let named = BTreeMap::from([(A, "/lidar")]);
+        let list = speakers.look(&[A, B].into(), &named, at(1000)).unwrap();
+        assert!(!list.complete, "others may be found still");
+        assert_eq!(node(&list, A), Some(&NodeOf::Named("/lidar".into())));
+        assert_eq!(node(&list, B), Some(&NodeOf::Pending));
+        assert_eq!(speakers.look(&[A, B].into(), &named, at(2000)), None, "nothing is new");
+        assert!(speakers.look(&[A, B].into(), &named, at(5000)).unwrap().complete);
+        let list = speakers.look(&[A, B].into(), &named, at(11_000)).unwrap();
+        assert_eq!(node(&list, B), Some(&NodeOf::Unannounced));
+        let list = speakers.look(&[B].into(), &named, at(12_000)).unwrap();
+        assert_eq!((node(&list, A), list.as_of), (None, at(12_000)));
+    }
+
+    #[test]
+    fn what_did_not_change_is_said_again_and_the_list_is_bounded() {
+        let mut speakers = Speakers::new(Timestamp::ZERO);
+        let at = |look: u64| Timestamp::from_millis(60_000 + 1000 * look);
+        let named = BTreeMap::from([(A, "/a")]);
+        let said: Vec<u64> =
+            (0..11).filter(|&look| speakers.look(&[A].into(), &named, at(look)).is_some()).collect();
+        assert_eq!(said, [0, 5, 10]);
+        let many: BTreeSet<Guid> =
+            (0..2000_u32).map(|it| std::array::from_fn(|n| it.to_le_bytes()[n % 4])).collect();
+        let list = speakers.look(&many, &BTreeMap::new(), at(20)).unwrap();
+        assert_eq!((list.writers.len(), list.complete), (WRITERS_MAX, false));
+    }
+}

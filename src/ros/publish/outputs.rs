@@ -1,0 +1,452 @@
+//! What is published for others: the aggregated diagnosis for the tools of ROS 2, and for the
+//! vehicle the stage, the clearance, the operator's pose and the countermeasures.
+//!
+//! All of it follows from the latest snapshot. What concerns the vehicle leaves in the moment the
+//! snapshot is there, by a task that does nothing else; the aggregated diagnosis takes its time.
+
+mod aggregate;
+mod announce;
+mod beside;
+mod levels;
+mod listeners;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::{mpsc, watch};
+use tokio::task::{JoinHandle, JoinSet};
+use tokio::time::{Instant, MissedTickBehavior};
+
+use crate::clock::Clock;
+use crate::engine::input::{Input, OutputNews, Stamped};
+use crate::engine::model::output::Output;
+use crate::engine::model::sample::Pose;
+use crate::engine::snapshot::{MapPose, Snapshot};
+use crate::engine::time::Span;
+use crate::msg::messages::encode;
+use crate::msg::messages::encode::{Header, Motion};
+use crate::msg::messages::{BOOL, DIAGNOSTIC_ARRAY};
+use crate::ros::options::interfaces;
+use crate::ros::options::interfaces::AddressWatch;
+use crate::ros::outbox::stopped;
+use crate::ros::{BridgeError, BridgeOptions, Graph, PublishError, Publisher, Quality};
+use levels::{Levels, Say};
+
+const STATUS: &str = "diagnostic_msgs/msg/DiagnosticStatus";
+
+/// How often the participant is looked after; the addresses are at every fourth look.
+const LOOK: Duration = Duration::from_millis(250);
+const RETRY: Duration = Duration::from_secs(1);
+/// A request to decelerate is repeated this often where nothing else is configured.
+const REPEAT: Span = Span::from_millis(50);
+
+/// What a topic is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum What {
+    DiagnosticsAgg,
+    TopLevelState,
+    Vehicle(Output),
+}
+
+impl What {
+    /// By its key in the configuration.
+    pub fn from_key(key: &str) -> Option<What> {
+        Some(match key {
+            "diagnostics_agg" => What::DiagnosticsAgg,
+            "toplevel_state" => What::TopLevelState,
+            "initialpose" => What::Vehicle(Output::Pose),
+            "stage" => What::Vehicle(Output::Stage),
+            "clearance" => What::Vehicle(Output::Clearance),
+            "deceleration_request" => What::Vehicle(Output::Deceleration),
+            "maneuver_stop_request" => What::Vehicle(Output::ManeuverStop),
+            _ => return None,
+        })
+    }
+
+    const fn offer(self) -> (&'static str, Quality) {
+        match self {
+            What::DiagnosticsAgg => (DIAGNOSTIC_ARRAY, Quality::Reliable),
+            What::TopLevelState => (STATUS, Quality::Reliable),
+            What::Vehicle(Output::Pose) => (encode::POSE_WITH_COVARIANCE_STAMPED, Quality::Reliable),
+            What::Vehicle(Output::Deceleration) => (encode::ACCEL_STAMPED, Quality::Reliable),
+            What::Vehicle(Output::Stage) => (encode::STRING, Quality::LastValue),
+            What::Vehicle(Output::Clearance | Output::ManeuverStop) => (BOOL, Quality::LastValue),
+        }
+    }
+}
+
+/// One topic that is published.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OutputTopic {
+    pub what: What,
+    pub topic: Box<str>,
+    /// How often, where that is to be said.
+    pub period: Option<Span>,
+    /// Also where another program publishes the same. What is for the vehicle always is.
+    pub beside_others: bool,
+}
+
+/// The running publications. They end when this is dropped.
+#[derive(Debug)]
+pub struct Outputs {
+    stop: watch::Sender<bool>,
+    topics: watch::Sender<Arc<[OutputTopic]>>,
+    task: JoinHandle<()>,
+}
+
+/// What outlives a participant.
+struct Around {
+    snapshots: watch::Receiver<Arc<Snapshot>>,
+    inputs: mpsc::Sender<Stamped>,
+    graph: Graph,
+    clock: Clock,
+}
+
+/// What all tasks share.
+#[derive(Clone)]
+struct Ground {
+    topics: Arc<[OutputTopic]>,
+    snapshots: watch::Receiver<Arc<Snapshot>>,
+    inputs: mpsc::Sender<Stamped>,
+    clock: Clock,
+    /// This participant's life is over.
+    end: watch::Receiver<bool>,
+}
+
+/// Starts to publish what follows from the snapshots, in a participant of its own: it is never
+/// replaced because of something that is read. What cannot be sent for the vehicle is told to the
+/// engine through `inputs`.
+///
+/// # Errors
+/// The interface is not there, or DDS gets no sockets.
+pub async fn start(
+    options: BridgeOptions,
+    topics: Vec<OutputTopic>,
+    snapshots: watch::Receiver<Arc<Snapshot>>,
+    inputs: mpsc::Sender<Stamped>,
+    graph: Graph,
+    clock: Clock,
+) -> Result<Outputs, BridgeError> {
+    let (topics, wanted) = watch::channel(Arc::from(topics));
+    let publisher = open(&options, &topics.borrow()).await?;
+    let (stop, stopping) = watch::channel(false);
+    let around = Around { snapshots, inputs, graph, clock };
+    let task = tokio::spawn(run(options, wanted, around, stopping, publisher));
+    Ok(Outputs { stop, topics, task })
+}
+
+impl Outputs {
+    /// Publishes on other topics from now on.
+    pub fn follow(&self, topics: Vec<OutputTopic>) {
+        self.topics.send_if_modified(|known| {
+            let differs = **known != *topics;
+            *known = topics.into();
+            differs
+        });
+    }
+
+    /// Takes back a clearance, ends the writers and waits for the library's threads.
+    pub async fn shutdown(self) {
+        // An error means that the task has ended by itself.
+        let _ = self.stop.send(true);
+        if let Err(panic) = self.task.await {
+            tracing::error!("publishing failed: {panic}");
+        }
+    }
+}
+
+async fn open(options: &BridgeOptions, topics: &Arc<[OutputTopic]>) -> Result<Publisher, BridgeError> {
+    let mut publisher = Publisher::empty(options).await?;
+    for OutputTopic { what, topic, .. } in topics.iter() {
+        let (type_name, quality) = what.offer();
+        publisher.offer(topic, type_name, quality)?;
+    }
+    publisher.offer_announcements();
+    Ok(publisher)
+}
+
+/// Lives through one participant after the other.
+async fn run(
+    options: BridgeOptions,
+    mut wanted: watch::Receiver<Arc<[OutputTopic]>>,
+    around: Around,
+    mut stop: watch::Receiver<bool>,
+    publisher: Publisher,
+) {
+    let Around { snapshots, inputs, graph, clock } = around;
+    let node = format!("{}_outputs", options.node);
+    let mut levels = Levels::new(REPEAT, &snapshots.borrow());
+    let mut next = Some(publisher);
+    loop {
+        let topics = wanted.borrow_and_update().clone();
+        let opened = match next.take() {
+            Some(publisher) => Ok(publisher),
+            None => open(&options, &topics).await,
+        };
+        let (ends, ending) = watch::channel(false);
+        let opened_at = clock.now();
+        let ground =
+            Ground { topics, snapshots: snapshots.clone(), inputs: inputs.clone(), clock, end: ending };
+        match opened {
+            Ok(publisher) => {
+                let publisher = Arc::new(publisher);
+                let mut tasks = JoinSet::new();
+                let control = tokio::spawn(control(publisher.clone(), ground.clone(), levels));
+                tasks.spawn(listeners::watch(publisher.clone(), ground.clone()));
+                let end = ground.end.clone();
+                tasks.spawn(announce::run(publisher.clone(), node.clone(), graph.gid_size.clone(), end));
+                let rivals = beside::Rivals::new(&publisher, &ground.topics, graph.discovery.clone());
+                graph.siblings.add(publisher.participant());
+                tasks.spawn(beside::tell(rivals.clone(), ground.inputs.clone(), clock, ground.end.clone()));
+                tasks.spawn(diagnosis(publisher.clone(), rivals, ground));
+                look_after(&publisher, &options, &mut wanted, &mut stop).await;
+                // The receivers live in the tasks; with none left there is nothing to end.
+                let _ = ends.send(true);
+                levels = control.await.unwrap_or_else(|_| Levels::new(REPEAT, &snapshots.borrow()));
+                tasks.join_all().await;
+                if let Some(publisher) = Arc::into_inner(publisher) {
+                    publisher.shutdown().await;
+                }
+                levels.forget();
+                // Where one after the other is ill, not faster than the reading ones.
+                let lived = Duration::from_nanos(clock.now().since(opened_at).as_nanos());
+                tokio::select! {
+                    () = stopped(&mut stop) => {}
+                    () = tokio::time::sleep(RETRY.saturating_sub(lived)) => {}
+                }
+            }
+            Err(error) => {
+                tell_all(&ground, &error.to_string());
+                tokio::select! {
+                    () = stopped(&mut stop) => {}
+                    () = tokio::time::sleep(RETRY) => {}
+                }
+            }
+        }
+        if *stop.borrow() || stop.has_changed().is_err() {
+            return;
+        }
+    }
+}
+
+/// Until the participant has to be replaced, or all is to end.
+async fn look_after(
+    publisher: &Publisher,
+    options: &BridgeOptions,
+    wanted: &mut watch::Receiver<Arc<[OutputTopic]>>,
+    stop: &mut watch::Receiver<bool>,
+) {
+    let now = interfaces::addresses().unwrap_or_default();
+    let mut addresses = AddressWatch::new(options.interface, &now);
+    let mut looks = tokio::time::interval(LOOK);
+    looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut look = 0_u64;
+    loop {
+        tokio::select! {
+            () = stopped(stop) => return,
+            Ok(()) = wanted.changed() => return,
+            reason = publisher.stopped() => {
+                tracing::error!("the DDS process that publishes is ill and is replaced: {reason}");
+                return;
+            }
+            _ = looks.tick() => {
+                look += 1;
+                // An error to list the interfaces says nothing about them.
+                if look.is_multiple_of(4) && interfaces::addresses().is_ok_and(|now| addresses.look(&now)) {
+                    tracing::warn!("the DDS participant that publishes is replaced: the addresses have changed");
+                    return;
+                }
+            }
+        }
+    }
+}
+
+/// Tells the vehicle what it is to know, at once.
+async fn control(publisher: Arc<Publisher>, mut ground: Ground, mut levels: Levels) -> Levels {
+    let mut speech = Speech::new(publisher, &ground);
+    if let Some(period) = speech.period {
+        levels.every = period;
+    }
+    loop {
+        let snapshot = ground.snapshots.borrow_and_update().clone();
+        for say in levels.due(&snapshot, ground.clock.now()) {
+            if speech.say(say, &ground).await {
+                levels.said(say, ground.clock.now());
+            }
+        }
+        let repeat = levels.repeat_at(&snapshot).map(|at| Instant::from_std(ground.clock.instant(at)));
+        let repeated = async {
+            match repeat {
+                Some(at) => tokio::time::sleep_until(at).await,
+                None => std::future::pending().await,
+            }
+        };
+        tokio::select! {
+            biased;
+            () = stopped(&mut ground.end) => break,
+            changed = ground.snapshots.changed() => if changed.is_err() { break },
+            () = repeated => {}
+        }
+    }
+    if levels.cleared() {
+        speech.say(Say::Clearance(false), &ground).await;
+    }
+    levels
+}
+
+/// The way from a level to its topic, and back to the engine where that fails.
+struct Speech {
+    publisher: Arc<Publisher>,
+    topics: BTreeMap<Output, Box<str>>,
+    /// Of requests to decelerate.
+    period: Option<Span>,
+    /// What the engine was told last; at first it thinks that all is well.
+    failed: BTreeMap<Output, bool>,
+}
+
+impl Speech {
+    fn new(publisher: Arc<Publisher>, ground: &Ground) -> Speech {
+        let of = |topic: &OutputTopic| match topic.what {
+            What::Vehicle(output) => Some((output, topic.topic.clone())),
+            _ => None,
+        };
+        let deceleration = What::Vehicle(Output::Deceleration);
+        let period = ground.topics.iter().find(|topic| topic.what == deceleration).and_then(|it| it.period);
+        Speech {
+            publisher,
+            topics: ground.topics.iter().filter_map(of).collect(),
+            period,
+            failed: BTreeMap::new(),
+        }
+    }
+
+    /// Whether it is said, or has no topic to be said on.
+    async fn say(&mut self, say: Say, ground: &Ground) -> bool {
+        let Some(topic) = self.topics.get(&say.output()) else { return true };
+        let stamp = ground.clock.wall();
+        let sent = self.publisher.publish(topic, body(say, stamp)).await;
+        let failed = sent.is_err();
+        if self.failed.get(&say.output()) != Some(&failed) && tell(ground, say.output(), topic, sent.err()) {
+            self.failed.insert(say.output(), failed);
+        }
+        !failed
+    }
+}
+
+/// Whether the engine was told. A full queue is no reason to keep the vehicle waiting.
+fn tell(ground: &Ground, output: Output, topic: &str, error: Option<PublishError>) -> bool {
+    if let Some(error) = &error {
+        tracing::error!("{error}");
+    }
+    let error = error.map(|error| error.to_string().into());
+    send(ground, OutputNews { output, topic: topic.into(), error })
+}
+
+/// Nothing at all can be sent.
+fn tell_all(ground: &Ground, error: &str) {
+    tracing::error!("nothing can be published for now, trying again: {error}");
+    for OutputTopic { what, topic, .. } in ground.topics.iter() {
+        if let What::Vehicle(output) = *what {
+            send(ground, OutputNews { output, topic: topic.clone(), error: Some(error.into()) });
+        }
+    }
+}
+
+fn send(ground: &Ground, news: OutputNews) -> bool {
+    let stamped = Stamped { input: Input::Output(news), received: ground.clock.now() };
+    ground.inputs.try_send(stamped).is_ok()
+}
+
+fn body(say: Say, stamp: std::time::SystemTime) -> Vec<u8> {
+    let header = |frame_id| Header { stamp, frame_id };
+    match say {
+        // A deceleration is an acceleration backwards.
+        Say::Deceleration(mps2) => {
+            let backwards = Motion { linear: [-mps2, 0.0, 0.0], ..Motion::default() };
+            encode::accel_stamped(header("base_link"), backwards)
+        }
+        Say::ManeuverStop(on) | Say::Clearance(on) => encode::boolean(on),
+        Say::Stage(stage) => encode::string(stage.as_str()),
+        Say::Pose(_, pose) => {
+            encode::pose_with_covariance_stamped(header("map"), pose_of(pose), &covariance())
+        }
+    }
+}
+
+fn pose_of(MapPose { x_m, y_m, yaw_deg }: MapPose) -> Pose {
+    let (qz, qw) = (yaw_deg.to_radians() / 2.0).sin_cos();
+    Pose { x_m, y_m, qz, qw, ..Pose::default() }
+}
+
+/// As RViz gives it: half a metre and fifteen degrees.
+fn covariance() -> [f64; 36] {
+    let mut covariance = [0.0; 36];
+    (covariance[0], covariance[7], covariance[35]) = (0.25, 0.25, 0.068_5);
+    covariance
+}
+
+/// Publishes the aggregated diagnosis in its own time, and the state of the whole also when it changes.
+async fn diagnosis(publisher: Arc<Publisher>, rivals: beside::Rivals, mut ground: Ground) {
+    let of = |what| ground.topics.iter().find(|topic| topic.what == what).cloned();
+    let (tree, top) = (of(What::DiagnosticsAgg), of(What::TopLevelState));
+    let mut trees = tree.as_ref().and_then(|it| it.period).map(every);
+    let mut tops = top.as_ref().and_then(|it| it.period).map(every);
+    let whole = |snapshot: &Snapshot| (snapshot.overall, aggregate::top_level(snapshot));
+    let mut told = None;
+    loop {
+        tokio::select! {
+            () = stopped(&mut ground.end) => return,
+            () = tick(&mut trees) => {
+                if let Some(OutputTopic { topic, .. }) = &tree
+                    && !rivals.silence(topic)
+                {
+                    let snapshot = ground.snapshots.borrow().clone();
+                    let published =
+                        publisher.statuses(topic, &aggregate::tree(&snapshot), ground.clock.wall()).await;
+                    log(published);
+                }
+                continue;
+            }
+            () = tick(&mut tops) => {}
+            changed = ground.snapshots.changed() => {
+                if changed.is_err() {
+                    return;
+                }
+                if told == Some(whole(&ground.snapshots.borrow_and_update().clone())) {
+                    continue;
+                }
+            }
+        }
+        if let Some(OutputTopic { topic, .. }) = &top
+            && !rivals.silence(topic)
+        {
+            let snapshot = ground.snapshots.borrow().clone();
+            told = Some(whole(&snapshot));
+            let body = crate::msg::messages::encode_diagnostic_status(aggregate::top(&snapshot).get(0));
+            log(publisher.publish(topic, body).await);
+        }
+    }
+}
+
+/// Tools that look on are not the vehicle: what they miss is no fault of it.
+fn log(published: Result<(), PublishError>) {
+    if let Err(error) = published {
+        tracing::debug!("{error}");
+    }
+}
+
+fn every(period: Span) -> tokio::time::Interval {
+    let mut interval = tokio::time::interval(Duration::from_nanos(period.as_nanos()));
+    interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    interval
+}
+
+async fn tick(interval: &mut Option<tokio::time::Interval>) {
+    match interval {
+        Some(interval) => {
+            interval.tick().await;
+        }
+        None => std::future::pending().await,
+    }
+}

@@ -1,0 +1,198 @@
+//! A participant that publishes diagnostics and any other topic, as the nodes of a vehicle do.
+
+use crate::ros::library::Quality;
+use crate::ros::library::discovered::TOPIC;
+use std::time::SystemTime;
+
+use crate::engine::input::StatusArray;
+use crate::msg::messages;
+use crate::msg::messages::{BOOL, DIAGNOSTIC_ARRAY, GidSize, NodeEntities};
+use crate::msg::sample_bytes::Guid;
+use crate::ros::discovery::peers;
+use crate::ros::discovery::peers::Announcer;
+use crate::ros::discovery::presence;
+use crate::ros::library::discovered::participant_name;
+use crate::ros::library::{Participant, Writer};
+use crate::ros::options::BridgeOptions;
+use crate::ros::{BridgeError, DIAGNOSTICS};
+
+/// Larger arrays travel as several messages: readers of other vendors were seen to lose large ones.
+const MESSAGE_BYTES_MAX: usize = 128 << 10;
+
+#[derive(Debug, thiserror::Error)]
+pub enum PublishError {
+    #[error("{topic} was not published: {reason}")]
+    NotWritten { topic: String, reason: String },
+    #[error("{0} is not a topic of this publisher")]
+    NoSuchTopic(String),
+}
+
+/// The writers of one participant of its own.
+pub struct Publisher {
+    options: BridgeOptions,
+    participant: Participant,
+    /// With the name as ROS has it.
+    writers: Vec<(Box<str>, Writer)>,
+    /// Of the nodes that this participant has, once there were any.
+    announcer: Option<Writer>,
+    /// To the hosts that multicast does not reach.
+    peers: Option<Announcer>,
+}
+
+impl Publisher {
+    /// Offers `/diagnostics` (reliable) and each of `boolean_topics` as `std_msgs/Bool` (its last value).
+    ///
+    /// # Errors
+    /// The interface is not there, or DDS gets no sockets.
+    pub async fn open(options: &BridgeOptions, boolean_topics: &[&str]) -> Result<Publisher, BridgeError> {
+        let mut publisher = Publisher::empty(options).await?;
+        publisher.offer(DIAGNOSTICS, DIAGNOSTIC_ARRAY, Quality::Reliable)?;
+        for topic in boolean_topics {
+            publisher.offer(topic, BOOL, Quality::LastValue)?;
+        }
+        Ok(publisher)
+    }
+
+    /// Offers nothing yet.
+    ///
+    /// # Errors
+    /// The interface is not there, or DDS gets no sockets.
+    pub async fn empty(options: &BridgeOptions) -> Result<Publisher, BridgeError> {
+        let participant = Participant::open(options).await?;
+        let peers = peers::announce(&participant, options);
+        Ok(Publisher { options: options.clone(), participant, writers: Vec::new(), announcer: None, peers })
+    }
+
+    /// Offers one more topic of any type, `package/msg/Name`. One that is offered already stays as it is.
+    ///
+    /// # Errors
+    /// No type has such a name.
+    pub fn offer(&mut self, topic: &str, type_name: &str, quality: Quality) -> Result<(), BridgeError> {
+        if self.writer(topic).is_err() {
+            let topic = self.options.whole_name(topic);
+            let dds_type = messages::dds_type_name(type_name).ok_or_else(|| {
+                BridgeError::Participant(format!("{topic}: {type_name:?} is no package/msg/Name"))
+            })?;
+            let writer = self.participant.writer(&format!("rt{topic}"), &dds_type, quality);
+            self.writers.push((topic.into(), writer));
+        }
+        Ok(())
+    }
+
+    /// Publishes one message on a topic that is offered: the CDR of its body in little endian, without
+    /// the encapsulation, as [`messages::encode`] makes it.
+    ///
+    /// # Errors
+    /// The topic is not offered, or a reader holds the writer back for too long.
+    pub async fn publish(&self, topic: &str, mut body: Vec<u8>) -> Result<(), PublishError> {
+        let (topic, writer) = self.writer(topic)?;
+        // Cyclone DDS drops fragmented messages that are not padded.
+        body.resize(body.len().next_multiple_of(4), 0);
+        writer
+            .write(body)
+            .await
+            .map_err(|reason| PublishError::NotWritten { topic: topic.to_owned(), reason })
+    }
+
+    /// Publishes the statuses on `/diagnostics`, in as many messages as it takes.
+    ///
+    /// # Errors
+    /// A reader holds the writer back for too long; the rest of the array is dropped.
+    pub async fn diagnostics(&self, array: &StatusArray, stamp: SystemTime) -> Result<(), PublishError> {
+        self.statuses(DIAGNOSTICS, array, stamp).await
+    }
+
+    /// The same on another topic of arrays.
+    ///
+    /// # Errors
+    /// As above, or the topic is not offered.
+    pub async fn statuses(
+        &self,
+        topic: &str,
+        array: &StatusArray,
+        stamp: SystemTime,
+    ) -> Result<(), PublishError> {
+        for body in messages::encode_diagnostic_arrays(array, stamp, MESSAGE_BYTES_MAX) {
+            self.publish(topic, body).await?;
+        }
+        Ok(())
+    }
+
+    /// Makes announcements possible.
+    pub fn offer_announcements(&mut self) {
+        self.announcer = Some(presence::announcer(&self.participant));
+    }
+
+    /// Announces which nodes of ROS 2 run in this participant, as an rmw does, each with the topics that
+    /// it publishes; the last announcement counts. A wrong `size` makes processes of other distributions
+    /// throw.
+    ///
+    /// # Errors
+    /// It was not offered, or a reader holds the writer back for too long.
+    pub async fn announce(&self, nodes: &[(&str, Vec<&str>)], size: GidSize) -> Result<(), PublishError> {
+        let topic = || TOPIC.to_owned();
+        let writer = self.announcer.as_ref().ok_or_else(|| PublishError::NoSuchTopic(topic()))?;
+        let mut whole: Vec<(String, Vec<Guid>)> = Vec::with_capacity(nodes.len());
+        for (name, topics) in nodes {
+            let mut gids = Vec::with_capacity(topics.len());
+            for topic in topics {
+                if let Ok((_, writer)) = self.writer(topic) {
+                    gids.push(writer.guid().await);
+                }
+            }
+            whole.push((self.options.whole_name(name), gids));
+        }
+        let entities = whole.iter().map(|(name, writers)| NodeEntities { name, readers: &[], writers });
+        let entities: Vec<NodeEntities<'_>> = entities.collect();
+        let body = messages::encode_nodes(self.participant.guid(), &entities, size);
+        writer.write(body).await.map_err(|reason| PublishError::NotWritten { topic: topic(), reason })
+    }
+
+    /// This participant, in hexadecimal digits.
+    pub fn participant(&self) -> String {
+        participant_name(&self.participant.guid())
+    }
+
+    /// The topics that are offered.
+    pub fn topics(&self) -> Vec<&str> {
+        self.writers.iter().map(|(topic, _)| &**topic).collect()
+    }
+
+    /// # Errors
+    /// The topic is not offered, or a reader holds the writer back for too long.
+    pub async fn boolean(&self, topic: &str, value: bool) -> Result<(), PublishError> {
+        self.publish(topic, messages::encode::boolean(value)).await
+    }
+
+    fn writer(&self, topic: &str) -> Result<(&str, &Writer), PublishError> {
+        let whole = self.options.whole_name(topic);
+        let found = self.writers.iter().find(|(known, _)| **known == *whole);
+        let (topic, writer) = found.ok_or_else(|| PublishError::NoSuchTopic(topic.to_owned()))?;
+        Ok((topic, writer))
+    }
+
+    /// Whether a reader is discovered that takes what is offered so on a topic.
+    pub fn has_reader(&self, topic: &str, type_name: &str, quality: Quality) -> bool {
+        let topic = format!("rt{}", self.options.whole_name(topic));
+        let Some(type_name) = messages::dds_type_name(type_name) else { return false };
+        let seen = self.participant.seen();
+        seen.readers_of(&topic).any(|reader| reader.type_name == type_name && reader.takes(quality))
+    }
+
+    /// Whether the participant is beyond use: its process was ill or has died. A new publisher is due then.
+    pub fn has_stopped(&self) -> bool {
+        self.participant.has_ended()
+    }
+
+    /// Waits until that is so, and says why.
+    pub async fn stopped(&self) -> Box<str> {
+        self.participant.ended().await.reason
+    }
+
+    /// Ends the writers, then the participant, and waits for its threads.
+    pub async fn shutdown(self) {
+        let Publisher { participant, writers, announcer, peers, .. } = self;
+        drop((peers, writers, announcer));
+        participant.close().await;
+    }
+}

@@ -1,0 +1,369 @@
+//! One topic in a task of its own: what its readers receive becomes inputs.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::future::poll_fn;
+use std::sync::Arc;
+use std::time::UNIX_EPOCH;
+
+use tokio::sync::{mpsc, watch};
+
+use super::publishers::{Offer, Published, Verdict, Writers};
+use super::readers::{Advice, Readers, Retention, Sample};
+use super::trouble::Troubles;
+use crate::clock::Clock;
+use crate::engine::input::{Input, Stamped, TroubleKind};
+use crate::engine::model::monitors::StampClock;
+use crate::engine::model::sample::TopicNews;
+use crate::engine::time::{Span, Timestamp};
+use crate::msg::fields::Miss;
+use crate::msg::messages;
+use crate::msg::ros_clock::RosClock;
+use crate::msg::sample_bytes::Guid;
+use crate::msg::sample_bytes::RawBody;
+use crate::msg::subscription::{Received, Subscription, When};
+use crate::ros::discovery::graph::Tallies;
+use crate::ros::library::qos::Via;
+use crate::ros::library::{Found, Participant};
+use crate::ros::outbox::{End, Outbox, stopped, waiting_bytes};
+
+/// Writers that discovery does not know are asked for again only after it has news.
+const UNKNOWN_MAX: usize = 1024;
+
+/// That nobody publishes a topic is said only when discovery had this time to find somebody.
+const DISCOVERY: Span = Span::from_secs(5);
+
+/// A larger last value is not kept for monitors that are configured later.
+const KEPT_BYTES_MAX: usize = 64 << 10;
+
+/// What every topic of a participant's life shares.
+#[derive(Clone)]
+pub struct Surroundings {
+    pub participant: Participant,
+    pub inputs: mpsc::Sender<Stamped>,
+    pub clock: Clock,
+    /// Counts what is received.
+    pub tallies: Tallies,
+    pub ros_clock: RosClock,
+    pub stop: watch::Receiver<bool>,
+}
+
+/// What outlives a participant: gaps are counted across a rebuild, and what was seen before it is
+/// not taken again.
+#[derive(Debug)]
+pub struct Memory {
+    writers: Writers,
+    troubles: Troubles,
+    retention: Retention,
+    /// The last message of a publisher that keeps it for late readers: a new configuration is one.
+    last_value: Option<(Guid, RawBody)>,
+}
+
+impl Memory {
+    pub fn new() -> Memory {
+        Memory {
+            writers: Writers::default(),
+            troubles: Troubles::default(),
+            retention: Retention::new(),
+            last_value: None,
+        }
+    }
+}
+
+/// What is told to the task of a topic.
+pub struct Orders {
+    /// Changes when discovery has news of this topic.
+    pub discovered: watch::Receiver<u64>,
+    /// What is read of the topic; marked as changed at every new configuration, even if it is the same.
+    pub subscription: watch::Receiver<Arc<Subscription>>,
+}
+
+pub struct Topic {
+    subscription: Arc<Subscription>,
+    /// Until then discovery may not have found everybody.
+    searching_until: Timestamp,
+    /// The publishers and the other type that were said last.
+    said: Option<(u32, Option<Box<str>>)>,
+    /// It was said that last values are not asked for.
+    told_of_mix: bool,
+    around: Surroundings,
+    readers: Readers,
+    memory: Memory,
+    outbox: Outbox,
+    unknown: BTreeSet<Guid>,
+}
+
+impl Topic {
+    pub fn new(subscription: Arc<Subscription>, around: Surroundings, mut memory: Memory) -> Topic {
+        memory.writers.listen(around.clock.wall());
+        let depth = memory.retention.depth();
+        let readers = Readers::new(around.participant.clone(), &subscription, depth, around.clock.now());
+        let outbox = Outbox::new(around.inputs.clone(), around.stop.clone());
+        let topic = Topic {
+            subscription,
+            searching_until: around.clock.now() + DISCOVERY,
+            said: None,
+            told_of_mix: false,
+            around,
+            readers,
+            memory,
+            outbox,
+            unknown: BTreeSet::new(),
+        };
+        // Nothing yet is a rate too.
+        topic.around.tallies.add(&topic.subscription.dds_topic, 0);
+        topic
+    }
+
+    /// Reads until the end, or until nobody is left who gives orders.
+    pub async fn run(mut self, mut orders: Orders) -> (Memory, End) {
+        let end = match self.read(&mut orders).await {
+            Ok(never) => match never {},
+            Err(end) => end,
+        };
+        (self.memory, end)
+    }
+
+    async fn read(&mut self, orders: &mut Orders) -> Result<std::convert::Infallible, End> {
+        let (mut batch, mut faults) = (Vec::new(), Vec::new());
+        let mut stop = self.around.stop.clone();
+        self.follow_discovery();
+        loop {
+            let follow = self.follow_due();
+            let due = [self.memory.troubles.due(), self.news_due(), follow].into_iter().flatten().min();
+            let due = due.map(|due| self.around.clock.instant(due));
+            tokio::select! {
+                biased;
+                () = stopped(&mut stop) => return Err(End::Stopped),
+                changed = orders.subscription.changed() => {
+                    changed.map_err(|_| End::Stopped)?;
+                    let next = orders.subscription.borrow_and_update().clone();
+                    self.follow_configuration(next).await?;
+                }
+                news = orders.discovered.changed() => {
+                    news.map_err(|_| End::Stopped)?;
+                    self.follow_discovery();
+                }
+                () = until(due) => {}
+                () = poll_fn(|context| self.readers.poll(context, &mut batch, &mut faults)) => {
+                    let received = self.around.clock.now();
+                    self.take_faults(&mut faults);
+                    self.take_batch(&mut batch, received).await?;
+                }
+            }
+            if follow.is_some_and(|due| due <= self.around.clock.now()) {
+                self.follow_discovery();
+            }
+            self.tell_troubles().await?;
+            self.tell_news().await?;
+        }
+    }
+
+    /// Reads by another configuration from now on. It learns the last value as who comes late does,
+    /// and hears anew who publishes.
+    async fn follow_configuration(&mut self, next: Arc<Subscription>) -> Result<(), End> {
+        self.subscription = next;
+        self.said = None;
+        self.follow_discovery();
+        self.tell_news().await?;
+        if !self.subscription.wants_last_value() {
+            return Ok(());
+        }
+        let Some((writer, body)) = self.memory.last_value.take() else { return Ok(()) };
+        if self.memory.writers.keeps_last_value(&writer, &self.subscription.dds_type) {
+            self.hand_over(&body, writer, When::Kept, self.around.clock.now()).await?;
+            self.memory.last_value = Some((writer, body));
+        }
+        Ok(())
+    }
+
+    async fn take_batch(&mut self, batch: &mut Vec<Sample>, received: Timestamp) -> Result<(), End> {
+        let sizes = batch.iter().map(|sample| sample.body.as_ref().map_or(0, |(body, _)| body.len()));
+        match self.memory.retention.observe(sizes) {
+            Advice::Fits => {}
+            Advice::Deepen(depth) => self.readers.deepen(depth),
+            Advice::Rebuild(depth) => {
+                self.memory.retention = Retention::with_depth(depth);
+                return Err(End::Rebuild(format!(
+                    "messages on {} are so large that only {depth} can be kept",
+                    self.subscription.topic
+                )));
+            }
+        }
+        self.around.tallies.add(&self.subscription.dds_topic, batch.len());
+        for sample in batch.drain(..) {
+            self.take_sample(sample, received).await?;
+        }
+        Ok(())
+    }
+
+    async fn take_sample(&mut self, sample: Sample, received: Timestamp) -> Result<(), End> {
+        if !self.memory.writers.knows(&sample.writer) && !self.unknown.contains(&sample.writer) {
+            self.follow_discovery();
+            if !self.memory.writers.knows(&sample.writer) && self.unknown.len() < UNKNOWN_MAX {
+                self.unknown.insert(sample.writer);
+            }
+        }
+        let dds_type = &self.subscription.dds_type;
+        let published = self.memory.writers.published(&sample.writer, sample.source, received);
+        let troubles = &mut self.memory.troubles;
+        match self.memory.writers.judge(&sample.writer, sample.sequence, sample.via, dds_type) {
+            Verdict::Skip => return Ok(()),
+            Verdict::WrongType => {
+                let theirs = self.memory.writers.type_name(&sample.writer).unwrap_or_default();
+                troubles.add(TroubleKind::WrongType, 1, || wrong_type(theirs, &self.subscription));
+                return Ok(());
+            }
+            Verdict::Take { lost: 0 } => {}
+            Verdict::Take { lost } => troubles.add(TroubleKind::Lost, lost, || {
+                format!("{lost} missing before number {} of a publisher", sample.sequence)
+            }),
+        }
+        let keeps = self.memory.writers.keeps_last_value(&sample.writer, dds_type);
+        if keeps {
+            let small = sample.body.as_ref().is_ok_and(|(body, _)| body.len() <= KEPT_BYTES_MAX);
+            self.memory.last_value = small.then(|| (sample.writer, sample.body.clone()));
+        }
+        let when = match published {
+            Published::Now => When::Now,
+            Published::Unfound => When::Late,
+            Published::Before if keeps => When::Kept,
+            Published::Before => When::Past,
+        };
+        self.hand_over(&sample.body, sample.writer, when, received).await
+    }
+
+    /// Sends what a message means.
+    async fn hand_over(
+        &mut self,
+        body: &RawBody,
+        writer: Guid,
+        when: When,
+        received: Timestamp,
+    ) -> Result<(), End> {
+        let since_epoch = self.around.clock.wall().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let wall_ns = match self.subscription.stamps {
+            StampClock::System => i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX),
+            StampClock::Ros => self.around.ros_clock.now_ns(),
+        };
+        if let (true, Ok((body, endian))) = (self.subscription.is_clock, body)
+            && let Err(fault) = self.around.ros_clock.take(body, *endian)
+        {
+            self.memory.troubles.add(TroubleKind::Malformed, 1, || fault.to_string());
+        }
+        let (inputs, wrong) = self.subscription.decode(Received { body, writer, wall_ns, when });
+        let bytes = body.as_ref().map_or(0, |(body, _)| body.len());
+        if let Some(wrong) = wrong {
+            let text = || match (&wrong, body) {
+                (Miss::Fault(fault), Ok(_)) => format!("{fault}, of {bytes} in all"),
+                _ => wrong.to_string(),
+            };
+            self.memory.troubles.add(TroubleKind::Malformed, 1, text);
+        }
+        for mut input in inputs {
+            if let (StampClock::Ros, Input::Sample(sample)) = (self.subscription.stamps, &mut input) {
+                sample.received_wall_ns = self.around.ros_clock.at_stamp(sample.stamp_ns);
+            }
+            let waiting = waiting_bytes(&input, bytes);
+            self.outbox.send(input, received, waiting).await?;
+        }
+        Ok(())
+    }
+
+    fn take_faults(&mut self, faults: &mut Vec<String>) {
+        for reason in faults.drain(..) {
+            self.memory.troubles.add(TroubleKind::Malformed, 1, || reason);
+        }
+    }
+
+    async fn tell_troubles(&mut self) -> Result<(), End> {
+        let now = self.around.clock.now();
+        for trouble in self.memory.troubles.take(&self.subscription.topic, now) {
+            self.outbox.send(Input::Reception(trouble), now, 0).await?;
+        }
+        Ok(())
+    }
+
+    /// When the news is due that there is nobody.
+    fn news_due(&self) -> Option<Timestamp> {
+        let silent = self.said.is_none() && self.subscription.watched().is_some();
+        silent.then_some(self.searching_until)
+    }
+
+    /// When another reader may fit, without any news.
+    fn follow_due(&self) -> Option<Timestamp> {
+        let settled = self.memory.writers.settles_at(self.around.clock.now());
+        [settled, self.readers.overlap_ends()].into_iter().flatten().min()
+    }
+
+    /// Says who publishes, if monitors watch the topic and it has changed.
+    async fn tell_news(&mut self) -> Result<(), End> {
+        let Some(source) = self.subscription.watched() else { return Ok(()) };
+        let (publishers, other) = self.memory.writers.publishers(&self.subscription.dds_type);
+        let other_type: Option<Box<str>> = other.map(|theirs| messages::ros_type_name(theirs).into());
+        let now = self.around.clock.now();
+        let found = publishers > 0 || other_type.is_some();
+        let news = (publishers, other_type);
+        if self.said.as_ref() == Some(&news) || self.said.is_none() && !found && now < self.searching_until {
+            return Ok(());
+        }
+        let input = TopicNews { source: source.clone(), publishers, other_type: news.1.clone() };
+        self.said = Some(news);
+        self.outbox.send(Input::Topic(input), now, 0).await
+    }
+
+    /// Takes over which writers there are, and reads them in the way that fits all of them.
+    fn follow_discovery(&mut self) {
+        let offers = offers(&self.around.participant, &self.subscription.dds_topic);
+        let dds_type = &self.subscription.dds_type;
+        self.unknown.clear();
+        let now = (self.around.clock.now(), self.around.clock.wall());
+        for theirs in self.memory.writers.update(offers, dds_type, now) {
+            let text = || wrong_type(&theirs, &self.subscription);
+            self.memory.troubles.add(TroubleKind::WrongType, 1, text);
+        }
+        let wants_last_value = self.subscription.wants_last_value();
+        // While there is nobody, the reader stays what it was.
+        let fitting = self.memory.writers.fitting(wants_last_value, dds_type, now.0);
+        let Some(via) = fitting.or_else(|| self.readers.fitting()) else { return };
+        if self.readers.follow(via, now.0) && !self.readers.any_reliable() {
+            self.memory.writers.heard_by_best_effort_alone();
+        }
+        if wants_last_value && via != Via::LastValue && self.memory.writers.any_keeps_last_value(dds_type) {
+            self.tell_of_mix();
+        }
+    }
+
+    /// Once: it can be the reason for a signal that stays unknown.
+    fn tell_of_mix(&mut self) {
+        if !std::mem::replace(&mut self.told_of_mix, true) {
+            tracing::info!(
+                "{}: not all of its publishers keep their last value, so none is asked for it; what was \
+                 published before Telltale listened counts with the next message",
+                self.subscription.topic
+            );
+        }
+    }
+}
+
+async fn until(due: Option<std::time::Instant>) {
+    match due {
+        Some(due) => tokio::time::sleep_until(due.into()).await,
+        None => std::future::pending().await,
+    }
+}
+
+/// What discovery knows of the writers of a topic.
+fn offers(participant: &Participant, dds_topic: &str) -> BTreeMap<Guid, Offer> {
+    let seen = participant.seen();
+    let offers = seen.writers_of(dds_topic).map(|writer| {
+        let Found { type_name, reliable, transient_local, .. } = writer;
+        let (type_name, reliable, transient_local) = (type_name.clone(), *reliable, *transient_local);
+        (writer.guid, Offer { type_name, reliable, transient_local })
+    });
+    offers.collect()
+}
+
+fn wrong_type(theirs: &str, subscription: &Subscription) -> String {
+    let theirs = messages::ros_type_name(theirs);
+    format!("topic has type {theirs}, configuration says {}", subscription.type_name)
+}

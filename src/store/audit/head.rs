@@ -1,0 +1,65 @@
+//! The file beside the database in which the end of the audit log is noted.
+
+use crate::store::database::files::HEAD_FILE_NAME;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, ErrorKind, Write as _};
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, fchown};
+use std::path::Path;
+
+use crate::store::{FILE_NAME, Head, StoreError};
+
+/// The head that was noted; `None` if there is no such file, or no head in it. What is there and may
+/// not be read is no loss, so it must not become one in the log.
+pub(in crate::store) fn read_head(file: &Path) -> Result<Option<Head>, StoreError> {
+    match fs::read(file) {
+        Ok(text) => Ok(Head::parse(&String::from_utf8_lossy(&text))),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(reason) => Err(StoreError::Head { path: file.to_owned(), whose: whose(file), reason }),
+    }
+}
+
+/// To whom a file belongs, and to whom it would have to.
+pub(in crate::store) fn whose(file: &Path) -> String {
+    let user = rustix::process::geteuid().as_raw();
+    fs::metadata(file).map_or(String::new(), |it| {
+        let (owner, mode) = (it.uid(), it.mode() & 0o777);
+        format!(" (it belongs to the user {owner} with mode {mode:o}, this runs as {user})")
+    })
+}
+
+/// Removes what a process left behind that ended while it wrote the head.
+pub(in crate::store) fn remove_leftovers(file: &Path) {
+    let entries = file.parent().and_then(|folder| fs::read_dir(folder).ok()).into_iter().flatten().flatten();
+    for entry in entries {
+        let name = entry.file_name();
+        let process = name.to_str().and_then(|name| name.strip_prefix(HEAD_FILE_NAME)?.strip_prefix('.'));
+        let Some(process) = process.and_then(|it| it.parse::<u32>().ok()) else { continue };
+        // One that runs may be writing it now.
+        if !Path::new("/proc").join(process.to_string()).exists() {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// Whole or not at all, whenever the power goes.
+pub(in crate::store) fn write_head(file: &Path, head: Head) -> io::Result<()> {
+    let new = file.with_extension(format!("head.{}", std::process::id()));
+    let mut options = OpenOptions::new();
+    options.write(true).create(true).truncate(true).mode(0o600);
+    let mut writer = options.open(&new)?;
+    writer.write_all(format!("{head}\n").as_bytes())?;
+    give_to_owner(file, &writer);
+    writer.sync_data()?;
+    fs::rename(&new, file)
+}
+
+/// Root on the command line notes the head for those whose database it is: they have to read it.
+pub(in crate::store) fn give_to_owner(file: &Path, new: &File) {
+    let database = file.with_file_name(FILE_NAME);
+    if let (Ok(theirs), Ok(ours)) = (database.metadata(), new.metadata())
+        && theirs.uid() != ours.uid()
+    {
+        // Who is not root cannot, and has written the database of somebody else as it is.
+        let _ = fchown(new, Some(theirs.uid()), Some(theirs.gid()));
+    }
+}

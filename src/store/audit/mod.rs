@@ -1,0 +1,362 @@
+//! The audit log: who did what and what came of it, as a chain in which nothing can be changed,
+//! left out or cut off without being noticed.
+//!
+//! A record is on the disk before its caller is answered. Its hash is made with a key that lies outside of
+//! the database ([`KEY_FILE_NAME`]), so an attacker who can write the database alone cannot write a chain that fits.
+//! The head of the chain is noted in [`HEAD_FILE_NAME`] and in the log of the program, so an end that was
+//! cut off is found.
+
+mod action;
+pub(super) mod chain;
+pub(super) mod head;
+mod key;
+mod log;
+
+use std::path::Path;
+use std::time::SystemTime;
+
+use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehavior, params};
+
+pub use super::database::files::HEAD_FILE_NAME;
+use super::unix_time::{from_unix_ms, to_unix_ms};
+use super::{Database, Head, Lane, Role, Store, StoreError, Verdict, Verified};
+pub use action::Action;
+use chain::{Hash, Verifier};
+use head::read_head;
+pub use key::KEY_FILE_NAME;
+pub(super) use key::Key;
+pub(super) use log::Log;
+
+/// Records that are kept. Past this the oldest are taken away, which is a record itself.
+const RECORDS_MAX: u64 = 1_000_000;
+const PRUNE_AT_ONCE: u64 = 1000;
+pub(super) const PRUNED_UP_TO: &str = "up to ";
+
+/// A field that is longer is cut.
+const FIELD_CHARS_MAX: usize = 300;
+
+/// What is said of a breach that is acknowledged; what it is about has room behind it.
+const WHY_CHARS_MAX: usize = 200;
+
+/// Records that are read at once to verify the chain: others get their turn in between.
+const VERIFY_AT_ONCE: u32 = 1000;
+
+/// The source of what was done on the command line.
+pub const COMMAND_LINE: &str = "command line";
+/// The source of what the program does by itself.
+pub const TELLTALE: &str = "telltale";
+
+/// What is to be written into the log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Record {
+    /// The user's name; empty where nobody is known.
+    pub who: String,
+    pub role: Option<Role>,
+    /// An address, or [`COMMAND_LINE`], or [`TELLTALE`].
+    pub source: String,
+    pub action: Action,
+    /// What it was done to.
+    pub target: String,
+    /// Why it was refused or failed; `None` if it was done.
+    pub refusal: Option<String>,
+}
+
+impl Record {
+    /// Something that was done by nobody in particular.
+    pub fn of(action: Action, source: impl Into<String>) -> Record {
+        let (who, target) = (String::new(), String::new());
+        Record { who, role: None, source: source.into(), action, target, refusal: None }
+    }
+
+    pub fn by(mut self, who: impl Into<String>, role: Role) -> Record {
+        (self.who, self.role) = (who.into(), Some(role));
+        self
+    }
+
+    pub fn on(mut self, target: impl Into<String>) -> Record {
+        self.target = target.into();
+        self
+    }
+
+    pub fn refused(mut self, why: impl Into<String>) -> Record {
+        self.refusal = Some(why.into());
+        self
+    }
+}
+
+/// A record as it lies in the log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Entry {
+    pub number: u64,
+    pub at_ms: i64,
+    pub who: String,
+    pub role: String,
+    pub source: String,
+    pub action: String,
+    pub target: String,
+    /// `done`, or `refused: ` and why.
+    pub outcome: String,
+    pub hash: Hash,
+}
+
+impl Entry {
+    /// The wall time at which it was written.
+    pub fn at(&self) -> SystemTime {
+        from_unix_ms(self.at_ms)
+    }
+
+    pub fn was_refused(&self) -> bool {
+        self.outcome != DONE
+    }
+
+    fn fields(&self) -> [&str; 6] {
+        [&self.who, &self.role, &self.source, &self.action, &self.target, &self.outcome]
+    }
+
+    /// The hash that it has to have, on the record with that hash.
+    pub(super) fn sealed(&self, key: Option<&Key>, previous: Hash) -> Hash {
+        chain::hash(key, previous, self.number, self.at_ms, self.fields())
+    }
+
+    /// All of it, whatever it stands on.
+    pub(super) fn content(&self) -> [u8; 64] {
+        let mut content = [0; 64];
+        content[..32].copy_from_slice(&self.sealed(None, Hash::NONE).0);
+        content[32..].copy_from_slice(&self.hash.0);
+        content
+    }
+
+    pub(super) fn read(row: &Row<'_>) -> rusqlite::Result<Entry> {
+        Ok(Entry {
+            number: u64::try_from(row.get::<_, i64>(0)?).unwrap_or(0),
+            at_ms: row.get(1)?,
+            who: row.get(2)?,
+            role: row.get(3)?,
+            source: row.get(4)?,
+            action: row.get(5)?,
+            target: row.get(6)?,
+            outcome: row.get(7)?,
+            hash: Hash(row.get(8)?),
+        })
+    }
+}
+
+const DONE: &str = "done";
+
+impl Store {
+    /// Writes a record. When this returns, it is on the disk.
+    ///
+    /// # Errors
+    /// If the database fails: what is to be recorded must not be acknowledged then.
+    pub async fn audit(&self, record: Record) -> Result<(), StoreError> {
+        self.call(move |database| database.record(record)).await
+    }
+
+    /// [`Store::audit`] of what somebody caused who comes from there.
+    ///
+    /// # Errors
+    /// As there.
+    pub async fn audit_from(&self, lane: Lane, record: Record) -> Result<(), StoreError> {
+        self.call_from(lane, move |database| database.record(record)).await
+    }
+
+    /// Records before number `before`, the newest first, at most `count`.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn audit_entries(&self, before: Option<u64>, count: u32) -> Result<Vec<Entry>, StoreError> {
+        let before = before.and_then(|before| i64::try_from(before).ok()).unwrap_or(i64::MAX);
+        self.call(move |database| {
+            let sql = "SELECT number, at_ms, who, role, source, action, target, outcome, hash
+                       FROM audit WHERE number < ?1 ORDER BY number DESC LIMIT ?2";
+            let mut query = database.connection.prepare_cached(sql)?;
+            let entries = query.query_map((before, count), Entry::read)?;
+            Ok(entries.collect::<Result<_, _>>()?)
+        })
+        .await
+    }
+
+    /// Goes through the whole chain; others get their turn in between.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn verify_audit(&self) -> Result<Verdict, StoreError> {
+        let begin = |database: &mut Database| {
+            // A log in memory is not the one that was asked for.
+            database.health.check_keeps()?;
+            Ok(Verifier::new(database.log.noted(), Some(database.log.key()?.clone())))
+        };
+        let mut verifier = self.call(begin).await?;
+        loop {
+            let more;
+            (verifier, more) = self
+                .call(move |database| {
+                    let more = verifier.read(&database.connection, VERIFY_AT_ONCE)?;
+                    Ok((verifier, more))
+                })
+                .await?;
+            if !more {
+                return Ok(verifier.verdict(true));
+            }
+        }
+    }
+
+    /// Records that an authority has looked into what is wrong with the log. Tells how many breaches that
+    /// were; none, if there is nothing to acknowledge.
+    ///
+    /// # Errors
+    /// If the user is no authority, or the database fails.
+    pub async fn acknowledge_breaches(&self, user: &Verified, why: &str) -> Result<u64, StoreError> {
+        if user.role() != Role::Authority {
+            return Err(StoreError::NoAuthority(user.name().to_owned()));
+        }
+        let verdict = self.verify_audit().await?;
+        if verdict.breaches > 0 {
+            let target = format!("{}: {}", cut_to(why, WHY_CHARS_MAX), verdict.evidence);
+            let record = Record::of(Action::BreachAcknowledged, COMMAND_LINE).by(user.name(), user.role());
+            self.audit(record.on(target)).await?;
+        }
+        Ok(verdict.breaches)
+    }
+}
+
+/// Verifies the chain in a data folder and changes nothing there. Beside the head that lies there
+/// the chain must hold the `heads` that were noted elsewhere. The key is read from `key`, or from the folder.
+///
+/// # Errors
+/// If there is no database, or it or the key cannot be read.
+pub fn verify_audit_in(folder: &Path, heads: &[Head], key: Option<&Path>) -> Result<Verdict, StoreError> {
+    let (connection, _, _) = super::database::schema::read_only(folder)?;
+    let mut known = heads.to_vec();
+    // The head is never ahead of the database, so it is read first.
+    let noted = read_head(&folder.join(HEAD_FILE_NAME))?;
+    known.extend(noted);
+    let in_folder = folder.join(KEY_FILE_NAME);
+    let mut verifier = Verifier::new(known, Key::read(key.unwrap_or(&in_folder))?);
+    while verifier.read(&connection, VERIFY_AT_ONCE)? {}
+    Ok(verifier.verdict(noted.is_some()))
+}
+
+impl Database {
+    /// Of what was refused nothing has to be kept for it to stay refused.
+    fn record(&mut self, record: Record) -> Result<(), StoreError> {
+        if record.refusal.is_some() {
+            return self.change_sessions(&[record], |_| Ok(()));
+        }
+        self.change(&[record], |_| Ok(()))
+    }
+
+    /// [`Database::change`] of who is logged in. Where the database is a copy in memory, because it is
+    /// damaged, people log in and out all the same: nobody needs to know of it after a restart.
+    pub(super) fn change_sessions<T>(
+        &mut self,
+        records: &[Record],
+        change: impl FnOnce(&Transaction<'_>) -> Result<T, StoreError>,
+    ) -> Result<T, StoreError> {
+        if self.health.check_keeps().is_err() {
+            for Record { who, source, action, target, refusal, .. } in records {
+                let action = action.as_str();
+                tracing::warn!(who, source, action, target, refusal, "in no audit log");
+            }
+        }
+        self.write(records, change)
+    }
+
+    /// Makes a change and writes its records, whole or not at all. It is on the disk when this returns.
+    pub(super) fn change<T>(
+        &mut self,
+        records: &[Record],
+        change: impl FnOnce(&Transaction<'_>) -> Result<T, StoreError>,
+    ) -> Result<T, StoreError> {
+        self.health.check_keeps()?;
+        self.write(records, change)
+    }
+
+    fn write<T>(
+        &mut self,
+        records: &[Record],
+        change: impl FnOnce(&Transaction<'_>) -> Result<T, StoreError>,
+    ) -> Result<T, StoreError> {
+        let wall = self.clock.wall();
+        // The end of the chain is read under the lock: another process may write too.
+        let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let news = if records.is_empty() { None } else { self.log.check(&transaction)? };
+        let value = change(&transaction)?;
+        let mut head = None;
+        for record in news.iter().chain(records) {
+            head = Some(append(&transaction, self.log.key()?, record, wall)?);
+        }
+        if let Some(last) = head {
+            head = prune(&transaction, self.log.key()?, last, RECORDS_MAX, wall)?.or(head);
+        }
+        if let Err(fault) = self.health.check_files() {
+            transaction.rollback()?;
+            // Saves what was acknowledged before it is told that nothing more will be.
+            self.check_files()?;
+            return Err(fault);
+        }
+        transaction.commit()?;
+        // A log that was emptied under the server shows once it is written.
+        self.check_files()?;
+        if let Some(head) = head {
+            let matters = |record: &Record| record.refusal.is_none() && record.action.matters();
+            self.log.written(head, records.iter().any(matters), news.as_ref());
+        }
+        Ok(value)
+    }
+}
+
+fn append(connection: &Connection, key: &Key, record: &Record, wall: SystemTime) -> Result<Head, StoreError> {
+    let last = Head::of(connection)?;
+    let number = last.number + 1;
+    let at_ms = to_unix_ms(wall);
+    let outcome = record.refusal.as_ref().map_or(DONE.to_owned(), |why| format!("refused: {why}"));
+    let [who, source, target, outcome] =
+        [&record.who, &record.source, &record.target, &outcome].map(|it| cut(it));
+    let role = record.role.map_or("", Role::as_str);
+    let action = record.action.as_str();
+    let fields = [who, role, source, action, target, outcome];
+    let hash = chain::hash(Some(key), last.hash, number, at_ms, fields);
+    connection
+        .prepare_cached(
+            "INSERT INTO audit (number, at_ms, who, role, source, action, target, outcome, hash)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+        )?
+        .execute(params![number as i64, at_ms, who, role, source, action, target, outcome, hash.0])?;
+    Ok(Head { number, hash })
+}
+
+fn prune(
+    connection: &Connection,
+    key: &Key,
+    last: Head,
+    records_max: u64,
+    wall: SystemTime,
+) -> Result<Option<Head>, StoreError> {
+    let first: i64 = connection.query_row("SELECT min(number) FROM audit", [], |row| row.get(0))?;
+    let first = first.unsigned_abs();
+    if last.number - first < records_max + PRUNE_AT_ONCE {
+        return Ok(None);
+    }
+    let number = first + PRUNE_AT_ONCE - 1;
+    let Some(hash) = hash_of(connection, number)? else { return Ok(None) };
+    connection.execute("DELETE FROM audit WHERE number <= ?1", [number as i64])?;
+    let target = format!("{PRUNED_UP_TO}{}", Head { number, hash });
+    append(connection, key, &Record::of(Action::Pruned, TELLTALE).on(target), wall).map(Some)
+}
+
+fn hash_of(connection: &Connection, number: u64) -> Result<Option<Hash>, StoreError> {
+    let sql = "SELECT hash FROM audit WHERE number = ?1";
+    Ok(connection.query_row(sql, [number as i64], |row| Ok(Hash(row.get(0)?))).optional()?)
+}
+
+fn cut(text: &str) -> &str {
+    cut_to(text, FIELD_CHARS_MAX)
+}
+
+fn cut_to(text: &str, chars_max: usize) -> &str {
+    text.char_indices().nth(chars_max).map_or(text, |(end, _)| &text[..end])
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,111 @@
+//! A floor for the wall clock. A clock that starts in 1970, or some months ago, must not make valid again
+//! what has expired: nothing is judged by a time before this version was made or before the newest record.
+
+use std::time::{Duration, SystemTime};
+
+use rusqlite::Connection;
+
+use crate::clock::earliest;
+use crate::store::unix_time::{from_unix_ms, to_unix_ms};
+use crate::store::{Database, Store, StoreError};
+
+/// A record that is further ahead was written by a clock that was wrong, and says nothing.
+const CREDIBLE: Duration = Duration::from_secs(20 * 365 * 24 * 3600);
+
+/// Records among which the newest is looked for.
+const RECORDS: i64 = 10_000;
+
+/// The time that has come for certain.
+pub(in crate::store) fn of(connection: &Connection) -> Result<SystemTime, StoreError> {
+    let sql = "SELECT max(at) FROM (
+            SELECT at_ms AS at FROM (SELECT at_ms FROM audit ORDER BY number DESC LIMIT ?2)
+            UNION ALL SELECT created_ms FROM users
+            UNION ALL SELECT created_ms FROM tokens
+            UNION ALL SELECT max(created_ms, used_ms) FROM sessions
+        ) WHERE at <= ?1";
+    let latest = to_unix_ms(earliest() + CREDIBLE);
+    let newest: Option<i64> = connection.query_row(sql, (latest, RECORDS), |row| row.get(0))?;
+    Ok(newest.map_or(earliest(), |newest| from_unix_ms(newest).max(earliest())))
+}
+
+impl Store {
+    /// The time that had come for certain when the database was opened: what the wall clock shows before it
+    /// is wrong.
+    pub fn floor(&self) -> SystemTime {
+        self.floor
+    }
+}
+
+impl Database {
+    /// The time by which sessions and tokens are judged.
+    pub(in crate::store) fn judged(&self) -> SystemTime {
+        self.clock.wall().max(self.floor)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::UNIX_EPOCH;
+
+    use super::*;
+    use crate::clock::Clock;
+    use crate::store::{DemoSecrets, Role};
+
+    const DAY: Duration = Duration::from_secs(24 * 3600);
+
+    fn open(folder: &std::path::Path, wall: SystemTime) -> Store {
+        Store::open_or_read(folder, Clock::with_wall(wall), DemoSecrets::Refused).unwrap()
+    }
+
+    #[tokio::test]
+    async fn what_has_expired_stays_so_when_the_clock_starts_too_early_and_people_log_in() {
+        let folder = std::env::temp_dir().join(format!("telltale-floor-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&folder);
+        let today = earliest() + 200 * DAY;
+        let store = open(&folder, today);
+        store.add_user("dora", Role::Developer, "correct horse battery").await.unwrap();
+        let token = store.add_token("dora", "", 30).await.unwrap();
+        let user = store.authenticate("dora", "correct horse battery").await.unwrap().unwrap();
+        let (session, _) = store.open_session(&user).await.unwrap();
+        store.close().await;
+        let store = open(&folder, today + 40 * DAY);
+        assert!(store.session(&token).is_none(), "its 30 days are over");
+        store
+            .audit(crate::store::audit::Record::of(crate::store::audit::Action::Start, "telltale"))
+            .await
+            .unwrap();
+        store.close().await;
+
+        for wrong in [UNIX_EPOCH, earliest() - DAY, today, today + 20 * DAY] {
+            let store = open(&folder, wrong);
+            assert!(store.session(&token).is_none(), "{wrong:?}");
+            let over = store.session(&session).is_none_or(|it| it.expires <= store.clock.now());
+            assert!(over, "{wrong:?}: a session of forty days ago");
+            assert!(store.floor() >= today + 40 * DAY, "{wrong:?}");
+            let user = store.authenticate("dora", "correct horse battery").await.unwrap().unwrap();
+            let (fresh, _) = store.open_session(&user).await.unwrap();
+            store.close().await;
+            let store = open(&folder, wrong);
+            assert!(
+                store.session(&fresh).is_some_and(|it| it.expires > store.clock.now()),
+                "{wrong:?}: a new one"
+            );
+            store.close().await;
+        }
+
+        // A start fifty years ahead keeps nobody out once the clock is right again.
+        let store = open(&folder, today + 50 * 365 * DAY);
+        store
+            .audit(crate::store::audit::Record::of(crate::store::audit::Action::Start, "telltale"))
+            .await
+            .unwrap();
+        store.close().await;
+        let store = open(&folder, today + 41 * DAY);
+        assert!(store.floor() < today + 50 * DAY, "{:?}", store.floor());
+        let user = store.authenticate("dora", "correct horse battery").await.unwrap().unwrap();
+        let (fresh, _) = store.open_session(&user).await.unwrap();
+        store.close().await;
+        assert!(open(&folder, today + 41 * DAY).session(&fresh).is_some());
+        let _ = std::fs::remove_dir_all(&folder);
+    }
+}

@@ -1,0 +1,378 @@
+//! Whether what is acknowledged can still be kept: the disk, the file, and a write every few seconds.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use rusqlite::{Connection, ErrorCode};
+use tokio::sync::watch;
+
+use crate::engine::time::{Span, Timestamp};
+use crate::store::audit::Log;
+use crate::store::database::files::Place;
+use crate::store::database::schema;
+use crate::store::{Database, Store, StoreError};
+
+const PROBE_EVERY: Span = Span::from_secs(5);
+
+/// What is wrong with the storage, for a developer; `None` while it works.
+pub type Fault = Option<Arc<str>>;
+
+impl Store {
+    /// What is wrong with the storage, now and whenever it changes.
+    pub fn fault(&self) -> watch::Receiver<Fault> {
+        self.fault.clone()
+    }
+}
+
+/// What is watched of the storage.
+#[derive(Debug)]
+pub(in crate::store) struct Health {
+    /// The data folder and the file as it was opened; `None` for a store that ends with the process.
+    place: Option<Place>,
+    fault: watch::Sender<Fault>,
+    probed: Option<Timestamp>,
+    /// The database is open for reading alone.
+    is_reading: bool,
+    /// A job found the database damaged, and it was not looked through since.
+    is_suspect: bool,
+    /// What no restart of the disk mends: the database is damaged.
+    broken: Option<Arc<str>>,
+    /// The database is a copy in memory of what could be read of the broken one.
+    is_salvaged: bool,
+}
+
+impl Health {
+    pub(in crate::store) fn new(folder: Option<&Path>) -> Health {
+        let (place, fault) = (folder.map(Place::new), watch::channel(None).0);
+        Health {
+            place,
+            fault,
+            probed: None,
+            is_reading: false,
+            is_suspect: false,
+            broken: None,
+            is_salvaged: false,
+        }
+    }
+
+    /// The database is damaged, and somebody has to repair it.
+    pub(in crate::store) fn is_broken(&mut self, why: &str) {
+        self.broken = Some(Arc::from(why));
+        self.say(Some(why));
+    }
+
+    /// The database is a copy in memory of what could be read of a broken one: nothing is kept.
+    pub(in crate::store) fn is_salvaged(&mut self, why: &str) {
+        self.is_salvaged = true;
+        self.place = None;
+        self.is_broken(why);
+    }
+
+    /// Whether what is written is there after a restart.
+    pub(in crate::store) fn check_keeps(&self) -> Result<(), StoreError> {
+        match &self.broken {
+            Some(broken) if self.is_salvaged => Err(StoreError::Files(broken.to_string())),
+            _ => Ok(()),
+        }
+    }
+
+    /// Where the files lie; `None` for a database in memory.
+    pub(in crate::store) fn folder(&self) -> Option<&Path> {
+        self.place.as_ref().map(Place::folder)
+    }
+
+    /// Whether nothing is wrong as far as is known.
+    pub(in crate::store) fn is_well(&self) -> bool {
+        self.fault.borrow().is_none() && !self.is_reading && !self.is_suspect
+    }
+
+    /// The database could be opened for reading alone.
+    pub(in crate::store) fn cannot_write(&mut self, why: &str) {
+        self.is_reading = true;
+        self.say(Some(why));
+    }
+
+    pub(in crate::store) fn is_reading(&self) -> bool {
+        self.is_reading
+    }
+
+    /// Whether the files are those that were opened: what is written into others, nobody finds again.
+    pub(in crate::store) fn check_files(&self) -> Result<(), StoreError> {
+        let checked = self.place.as_ref().map_or(Ok(()), |place| place.check_files(self.is_reading));
+        checked.map_err(StoreError::Files)
+    }
+
+    pub(in crate::store) fn watch(&self) -> watch::Receiver<Fault> {
+        self.fault.subscribe()
+    }
+
+    /// Judges what a job came to: an error of the disk is told at once, not at the next probe. Of a
+    /// database that is open for reading alone it is known why.
+    pub(in crate::store) fn judge(&mut self, error: &StoreError) {
+        if let StoreError::Files(fault) = error {
+            self.say(Some(fault));
+        }
+        if let StoreError::Database(rusqlite::Error::SqliteFailure(failure, _)) = error
+            && !self.is_reading
+            && matches!(
+                failure.code,
+                ErrorCode::DiskFull
+                    | ErrorCode::ReadOnly
+                    | ErrorCode::SystemIoFailure
+                    | ErrorCode::DatabaseCorrupt
+                    | ErrorCode::NotADatabase
+                    | ErrorCode::CannotOpen
+            )
+        {
+            let is_damage = matches!(failure.code, ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase);
+            self.is_suspect |= is_damage;
+            self.say(Some(&error.to_string()));
+        }
+    }
+
+    /// Whoever else finds something wrong says it here.
+    pub(in crate::store) fn voice(&self) -> watch::Sender<Fault> {
+        self.fault.clone()
+    }
+
+    /// Something took too long to be believed: the next probe is due.
+    pub(in crate::store) fn doubt(&mut self) {
+        self.probed = None;
+    }
+
+    fn say(&self, fault: Option<&str>) {
+        say(&self.fault, fault);
+    }
+}
+
+pub(in crate::store) fn say(voice: &watch::Sender<Fault>, fault: Option<&str>) {
+    voice.send_if_modified(|said| {
+        if said.as_deref() == fault {
+            return false;
+        }
+        match fault {
+            Some(fault) => tracing::error!("nothing can be kept any more: {fault}"),
+            None => tracing::info!("what happens is kept again"),
+        }
+        *said = fault.map(Arc::from);
+        true
+    });
+}
+
+impl Database {
+    /// Looks after the storage when it is time to.
+    pub(in crate::store) fn probe_if_due(&mut self) {
+        let now = self.clock.now();
+        if self.health.probed.is_some_and(|probed| now.since(probed) < PROBE_EVERY) {
+            return;
+        }
+        let fault = self.check().err();
+        self.health.probed = Some(self.clock.now());
+        self.health.say(fault.as_deref());
+    }
+
+    /// Opens for writing what could only be read so far.
+    fn open_again(&mut self) -> Result<(), String> {
+        let place = self.health.place.as_ref().filter(|_| self.health.is_reading);
+        let Some(folder) = place.map(|place| place.folder().to_owned()) else { return Ok(()) };
+        // Connections of one process share the log's index, and with it that nothing may be written.
+        let nothing = Connection::open_in_memory().map_err(|error| error.to_string())?;
+        drop(std::mem::replace(&mut self.connection, nothing));
+        let reopened = schema::open(&folder).and_then(|mut connection| {
+            let log = Log::open(&mut connection, Some(&folder), self.clock.wall())?;
+            Ok((connection, log))
+        });
+        match reopened {
+            Ok((connection, log)) => (self.connection, self.log) = (connection, log),
+            Err(error) => {
+                self.connection = schema::open_reading(&folder).map_err(|error| error.to_string())?;
+                return Err(error.to_string());
+            }
+        }
+        self.health.place = Some(Place::new(&folder));
+        self.health.is_reading = false;
+        // Also to note what was changed meanwhile.
+        self.data_version = 0;
+        self.notice_foreign_changes().map_err(|error| error.to_string())
+    }
+
+    fn check(&mut self) -> Result<(), String> {
+        if let Err(broken) = self.health.check_keeps() {
+            return Err(broken.to_string());
+        }
+        self.check_files().map_err(|fault| fault.to_string())?;
+        if let Some(place) = &self.health.place {
+            place.check_room()?;
+        }
+        self.open_again()?;
+        if let Some(fault) = self.log.fault() {
+            return Err(fault.to_owned());
+        }
+        let failed = |error| format!("the database failed: {error}");
+        self.connection.execute("UPDATE beat SET count = count + 1", []).map_err(failed)?;
+        // A log that was emptied under it shows now, by its start.
+        self.check_files().map_err(|fault| fault.to_string())?;
+        self.check_size()?;
+        self.look_through()?;
+        self.health.broken.as_ref().map_or(Ok(()), |broken| Err(broken.to_string()))
+    }
+
+    /// Checks that the files are those that were opened. If not, what was acknowledged is saved as far
+    /// as that is possible.
+    pub(in crate::store) fn check_files(&mut self) -> Result<(), StoreError> {
+        let Err(fault) = self.health.check_files() else { return Ok(()) };
+        // What was acknowledged so far lies in a log that has no name any more. The database has one:
+        // it takes all of that in, unless somebody else works with it by another log.
+        if !self.health.is_reading && self.health.place.as_ref().is_some_and(Place::can_be_saved) {
+            let saved = self.connection.query_row("PRAGMA wal_checkpoint(PASSIVE)", [], |_| Ok(()));
+            if let Err(error) = saved {
+                tracing::error!(%error, "what was in the log of the database cannot be saved");
+            }
+        }
+        Err(fault)
+    }
+
+    fn check_size(&mut self) -> Result<(), String> {
+        let Some(place) = &mut self.health.place else { return Ok(()) };
+        let number = |name| self.connection.pragma_query_value(None, name, |row| row.get::<_, i64>(0));
+        let (pages, size) = number("page_count")
+            .and_then(|pages| Ok((pages, number("page_size")?)))
+            .map_err(|error| format!("the database failed: {error}"))?;
+        place.check_size(pages.unsigned_abs().saturating_mul(size.unsigned_abs()))
+    }
+
+    /// Goes through a database that was found damaged: one write that works does not mend it.
+    fn look_through(&mut self) -> Result<(), String> {
+        if !self.health.is_suspect {
+            return Ok(());
+        }
+        let found = self.connection.query_row("PRAGMA quick_check(1)", [], |row| row.get::<_, String>(0));
+        match found.map_err(|error| error.to_string()) {
+            Ok(found) if found == "ok" => {
+                self.health.is_suspect = false;
+                Ok(())
+            }
+            // Each login would find it damaged again.
+            Ok(found) | Err(found) => Err(self.go_on_in_memory(&found)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use super::*;
+    use crate::clock::Clock;
+    use crate::store::{DemoSecrets, FILE_NAME, Role};
+
+    struct Folder(PathBuf);
+
+    impl Folder {
+        fn new(name: &str) -> Folder {
+            let folder = std::env::temp_dir().join(format!("telltale-health-{name}-{}", std::process::id()));
+            let _ = std::fs::remove_dir_all(&folder);
+            Folder(folder)
+        }
+    }
+
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
+    }
+
+    async fn probe(store: &Store) -> Option<String> {
+        let probe = |database: &mut Database| {
+            database.health.doubt();
+            database.probe_if_due();
+            Ok(())
+        };
+        store.call(probe).await.unwrap();
+        store.fault.borrow().as_deref().map(str::to_owned)
+    }
+
+    /// The locks of this process on a file.
+    fn locks(path: &Path) -> usize {
+        use std::os::unix::fs::MetadataExt as _;
+        let owner = format!(" {} ", std::process::id());
+        let inode = format!(":{} ", std::fs::metadata(path).unwrap().ino());
+        let table = std::fs::read_to_string("/proc/locks").unwrap();
+        table.lines().filter(|line| line.contains(&owner) && line.contains(&inode)).count()
+    }
+
+    #[tokio::test]
+    async fn no_probe_and_no_second_start_gives_up_the_lock_of_the_database() {
+        let folder = Folder::new("lock");
+        let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+        let path = folder.0.join(FILE_NAME);
+        for _ in 0..3 {
+            assert_eq!(probe(&store).await, None);
+            assert!(locks(&path) > 0, "another program may delete the log now");
+        }
+        crate::store::private_file::make_private_file(&path).unwrap();
+        let other = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+        assert_eq!(probe(&other).await, None);
+        other.close().await;
+        assert!(locks(&path) > 0, "the first is still open");
+        store.close().await;
+        assert_eq!(locks(&path), 0);
+        assert!(!folder.0.join(format!("{FILE_NAME}-wal")).exists(), "closed, it is one file");
+    }
+
+    #[tokio::test]
+    async fn what_is_written_into_files_without_a_name_is_not_acknowledged() {
+        for suffix in ["-wal", "-shm"] {
+            let folder = Folder::new(&format!("nameless{suffix}"));
+            let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+            store.add_user("anna", Role::Operator, "135791").await.unwrap();
+            std::fs::remove_file(folder.0.join(format!("{FILE_NAME}{suffix}"))).unwrap();
+            let refused = store.add_user("bert", Role::Operator, "135791").await;
+            assert!(matches!(refused, Err(StoreError::Files(_))), "{refused:?}");
+            let said = store.fault.borrow().clone().expect("at once, not at the next probe");
+            assert!(said.contains("removed or replaced") && said.contains("restart"), "{said}");
+            // Somebody takes the database alone, as a restart after a loss of power does.
+            let copy = Folder::new(&format!("copy{suffix}"));
+            crate::store::private_file::make_folder(&copy.0).unwrap();
+            let taken = std::process::Command::new("cp")
+                .args([folder.0.join(FILE_NAME), copy.0.join(FILE_NAME)])
+                .status();
+            assert!(taken.unwrap().success());
+            let copied = Store::open(&copy.0, Clock::start(), DemoSecrets::Refused).unwrap();
+            let names: Vec<_> = copied.users().await.unwrap().into_iter().map(|user| user.name).collect();
+            assert_eq!(names, ["anna"], "what was acknowledged is in the database itself, before it is said");
+            assert_eq!(probe(&store).await.as_deref(), Some(&*said));
+        }
+    }
+
+    #[tokio::test]
+    async fn a_damaged_database_is_a_fault_until_it_is_whole() {
+        let folder = Folder::new("damaged");
+        let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+        let damage = || {
+            let code = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_CORRUPT);
+            Err::<(), _>(StoreError::Database(rusqlite::Error::SqliteFailure(code, None)))
+        };
+        // The next one by itself is not due for a while.
+        assert_eq!(probe(&store).await, None);
+        store.call(move |_| damage()).await.unwrap_err();
+        assert!(store.fault.borrow().is_some());
+        assert_eq!(probe(&store).await, None, "it was looked through and is whole");
+        store
+            .call(|database| {
+                // An index that lost its entries: every write works, and what is read is wrong.
+                let spoil = "PRAGMA writable_schema = ON;
+                    UPDATE sqlite_schema SET rootpage = (SELECT rootpage FROM sqlite_schema WHERE name = 'beat')
+                        WHERE name = 'tokens_by_user';
+                    PRAGMA writable_schema = RESET;";
+                Ok(database.connection.execute_batch(spoil)?)
+            })
+            .await
+            .unwrap();
+        store.call(move |_| damage()).await.unwrap_err();
+        for _ in 0..3 {
+            let said = probe(&store).await.expect("one write that works does not mend it");
+            assert!(said.contains("damaged"), "{said}");
+        }
+    }
+}

@@ -1,0 +1,404 @@
+//! Who comes into the operator's seat and who leaves it: written before it happens, so that it happens
+//! whole or not at all.
+
+use rusqlite::{Connection, OptionalExtension, Transaction, params};
+
+use super::table::Row;
+use super::{Key, insert_session};
+use crate::engine::time::Timestamp;
+use crate::store::audit::Record;
+use crate::store::vehicle::write as write_vehicle;
+use crate::store::{Session, Store, StoreError, Token, VehicleMemory, Verified};
+
+/// A change that is written and has not happened yet: the sessions go on as they were until it does.
+#[derive(Debug)]
+pub struct Written {
+    /// The session that comes in, and those that go.
+    comes: Option<Row>,
+    goes: Vec<Key>,
+    /// Of the table of open sessions when this was written.
+    alignment: u64,
+    /// Who sat in the seat, and the sessions of those whom it is about.
+    before: Before,
+}
+
+#[derive(Debug)]
+struct Before {
+    seat: Option<i64>,
+    sessions: Vec<Stored>,
+}
+
+/// A session as it was stored, with the secret that its user had.
+#[derive(Debug)]
+struct Stored {
+    key: Key,
+    user: i64,
+    secret_hash: String,
+    created_ms: i64,
+    expires_ms: i64,
+    used_ms: i64,
+}
+
+/// Somebody who proved to be a user and comes in.
+#[derive(Debug)]
+pub struct Entering<'a> {
+    pub user: &'a Verified,
+    /// The session that the browser had, which ends.
+    pub before: Option<&'a Session>,
+    /// What is to be remembered of the vehicle once this operator sits in the seat; `None` for others.
+    pub seat: Option<VehicleMemory>,
+    /// Who sat there, and leaves all displays.
+    pub from: Option<&'a str>,
+    /// Sessions of this user that do not end because there are too many.
+    pub stay: Vec<Session>,
+}
+
+impl Store {
+    /// Writes down that somebody comes in, with the records of it. When this returns, it is on the
+    /// disk; then [`Store::entered`] makes it happen, or [`Store::take_back`] undoes it. What comes to
+    /// the disk's turn after `until` is not written.
+    ///
+    /// # Errors
+    /// [`StoreError::TooLate`]; [`StoreError::NoSuchUser`] if the user was removed or got another secret meanwhile; else what
+    /// the database says. Nothing is changed then.
+    pub fn enter(
+        &self,
+        entering: Entering<'_>,
+        records: Vec<Record>,
+        until: Timestamp,
+    ) -> impl Future<Output = Result<(Token, Written), StoreError>> + Send + use<> {
+        let store = self.clone();
+        let Entering { user, before, seat, from, stay } = entering;
+        let stay: Vec<Key> = stay.iter().map(Session::key).collect();
+        let (user, from) = (user.clone(), from.map(str::to_owned));
+        let ends = before.map(Session::key);
+        async move {
+            let token = Token::random()?;
+            let key = token.key();
+            let written = store.call(move |database| {
+                if database.clock.now() >= until {
+                    return Err(StoreError::TooLate);
+                }
+                let created = database.judged();
+                let remembered = seat.as_ref().map(|memory| memory.seq);
+                let (before, goes) = database.change_sessions(&records, |transaction| {
+                    let before = Before::of(transaction, [Some(user.name()), from.as_deref()], ends)?;
+                    if let Some(ends) = ends {
+                        transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [ends])?;
+                    }
+                    insert_session(transaction, &user, key, created, &stay)?;
+                    if let Some(from) = &from {
+                        end_all(transaction, from)?;
+                    }
+                    if let Some(memory) = &seat {
+                        take_seat(transaction, user.id)?;
+                        write_vehicle(transaction, memory)?;
+                    }
+                    let goes = before.ended(transaction)?;
+                    Ok((before, goes))
+                })?;
+                database.remembered_seq = database.remembered_seq.max(remembered.unwrap_or(0));
+                let comes = Some(Row::of_login(key, &user, database.clock.now()));
+                Ok(Written { comes, goes, alignment: database.sessions.alignment(), before })
+            });
+            Ok((token, written.await?))
+        }
+    }
+
+    /// Opens the session of who has come in, and ends those that it ends. It waits for no disk.
+    ///
+    /// # Errors
+    /// [`StoreError::SessionEnded`] if the user was removed or got another secret meanwhile.
+    pub fn entered(&self, written: Written) -> Result<Session, StoreError> {
+        let key = written.comes.as_ref().map(|row| row.key);
+        self.left(written);
+        key.and_then(|key| self.sessions.find(&key)).ok_or(StoreError::SessionEnded)
+    }
+
+    /// Writes down that an operator who is logged in takes the seat of another, who leaves all displays.
+    /// When this returns, it is on the disk; then [`Store::left`] makes it happen, or
+    /// [`Store::take_back`] undoes it. What comes to the disk's turn after `until` is not written.
+    ///
+    /// # Errors
+    /// [`StoreError::TooLate`]; [`StoreError::SessionEnded`] if the user was removed; else what the
+    /// database says. Nothing is changed then.
+    pub fn take_over(
+        &self,
+        session: &Session,
+        from: &str,
+        memory: VehicleMemory,
+        record: Record,
+        until: Timestamp,
+    ) -> impl Future<Output = Result<Written, StoreError>> + Send + use<> {
+        let (store, user, from) = (self.clone(), session.user.clone(), from.to_owned());
+        async move {
+            let writing = store.call(move |database| {
+                if database.clock.now() >= until {
+                    return Err(StoreError::TooLate);
+                }
+                let (before, goes) = database.change_sessions(&[record], |transaction| {
+                    let before = Before::of(transaction, [Some(&*user), Some(from.as_str())], None)?;
+                    let sql = "SELECT id FROM users WHERE name = ?1 AND role = 'operator'";
+                    let id = transaction.query_row(sql, [&*user], |row| row.get(0)).optional()?;
+                    take_seat(transaction, id.ok_or(StoreError::SessionEnded)?)?;
+                    end_all(transaction, &from)?;
+                    write_vehicle(transaction, &memory)?;
+                    let goes = before.ended(transaction)?;
+                    Ok((before, goes))
+                })?;
+                database.remembered_seq = database.remembered_seq.max(memory.seq);
+                Ok(Written { comes: None, goes, alignment: database.sessions.alignment(), before })
+            });
+            writing.await
+        }
+    }
+
+    /// Writes down that an operator leaves the seat and all displays, with the record of it. When
+    /// this returns, it is on the disk; then [`Store::left`] makes it happen, or
+    /// [`Store::take_back`] undoes it. What comes to the disk's turn after `until` is not written.
+    ///
+    /// # Errors
+    /// If the database fails; nothing is changed then.
+    pub fn leave(
+        &self,
+        user: &str,
+        record: Record,
+        until: Timestamp,
+    ) -> impl Future<Output = Result<Written, StoreError>> + Send + use<> {
+        let (store, user) = (self.clone(), user.to_owned());
+        async move {
+            let writing = store.call(move |database| {
+                if database.clock.now() >= until {
+                    return Err(StoreError::TooLate);
+                }
+                let (before, goes) = database.change_sessions(&[record], |transaction| {
+                    let before = Before::of(transaction, [Some(user.as_str()), None], None)?;
+                    end_all(transaction, &user)?;
+                    let sql = "DELETE FROM seat WHERE user = (SELECT id FROM users WHERE name = ?1)";
+                    transaction.execute(sql, [&user])?;
+                    let goes = before.ended(transaction)?;
+                    Ok((before, goes))
+                })?;
+                Ok(Written { comes: None, goes, alignment: database.sessions.alignment(), before })
+            });
+            writing.await
+        }
+    }
+
+    /// Ends the sessions of those who have left. It waits for no disk.
+    pub fn left(&self, written: Written) {
+        self.sessions.change(written.alignment, &written.goes, written.comes);
+    }
+
+    /// Gives the seat and the sessions back, with the vehicle as it is and the record of why.
+    ///
+    /// # Errors
+    /// If the database fails: the operator has to log in again after a restart then.
+    pub async fn take_back(
+        &self,
+        written: Written,
+        memory: VehicleMemory,
+        record: Record,
+    ) -> Result<(), StoreError> {
+        self.call_surely(move |database| {
+            database.change_sessions(&[record], |transaction| {
+                if let Some(Row { key, .. }) = written.comes {
+                    transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [key])?;
+                }
+                for session in written.before.sessions {
+                    session.restore(transaction)?;
+                }
+                transaction.execute("DELETE FROM seat", [])?;
+                if let Some(user) = written.before.seat {
+                    take_seat(transaction, user)?;
+                }
+                write_vehicle(transaction, &memory)
+            })?;
+            database.reload_sessions()
+        })
+        .await
+    }
+}
+
+impl Before {
+    /// The seat, and the sessions of these users and of whoever holds the token with this key.
+    fn of(
+        transaction: &Transaction<'_>,
+        names: [Option<&str>; 2],
+        ends: Option<Key>,
+    ) -> Result<Before, StoreError> {
+        let mut query = transaction.prepare_cached(
+            "SELECT token_hash, users.id, secret_hash, sessions.created_ms, expires_ms, used_ms
+             FROM sessions JOIN users ON users.id = sessions.user
+             WHERE name = ?1 OR name = ?2 OR token_hash = ?3",
+        )?;
+        let sessions = query.query_map(params![names[0], names[1], ends], |row| {
+            Ok(Stored {
+                key: row.get(0)?,
+                user: row.get(1)?,
+                secret_hash: row.get(2)?,
+                created_ms: row.get(3)?,
+                expires_ms: row.get(4)?,
+                used_ms: row.get(5)?,
+            })
+        })?;
+        let sessions = sessions.collect::<Result<_, _>>()?;
+        let seat = transaction.query_row("SELECT user FROM seat", [], |row| row.get(0)).optional()?;
+        Ok(Before { seat, sessions })
+    }
+
+    /// Those that are no more.
+    fn ended(&self, transaction: &Transaction<'_>) -> Result<Vec<Key>, StoreError> {
+        let mut query = transaction.prepare_cached("SELECT 1 FROM sessions WHERE token_hash = ?1")?;
+        let mut ended = Vec::new();
+        for session in &self.sessions {
+            if !query.exists([session.key])? {
+                ended.push(session.key);
+            }
+        }
+        Ok(ended)
+    }
+}
+
+impl Stored {
+    /// Unless its user was removed or got another secret meanwhile.
+    fn restore(self, transaction: &Transaction<'_>) -> Result<(), StoreError> {
+        transaction.execute(
+            "INSERT OR IGNORE INTO sessions (token_hash, user, created_ms, expires_ms, used_ms)
+             SELECT ?1, id, ?4, ?5, ?6 FROM users WHERE id = ?2 AND secret_hash = ?3",
+            params![self.key, self.user, self.secret_hash, self.created_ms, self.expires_ms, self.used_ms],
+        )?;
+        Ok(())
+    }
+}
+
+fn end_all(connection: &Connection, user: &str) -> Result<(), StoreError> {
+    let sql = "DELETE FROM sessions WHERE user = (SELECT id FROM users WHERE name = ?1)";
+    connection.execute(sql, [user])?;
+    Ok(())
+}
+
+/// A user that was removed takes no seat.
+fn take_seat(connection: &Connection, user: i64) -> Result<(), StoreError> {
+    connection.execute(
+        "INSERT INTO seat (one, user) SELECT 1, id FROM users WHERE id = ?1
+         ON CONFLICT (one) DO UPDATE SET user = excluded.user",
+        [user],
+    )?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Clock;
+    use crate::engine::restart::resume::Restored;
+    use crate::store::audit::{Action, TELLTALE};
+    use crate::store::{Database, DemoSecrets, Role};
+
+    fn memory(store: &Store, seq: u64) -> VehicleMemory {
+        VehicleMemory { seq, at: store.clock.wall(), vehicle: Restored::default() }
+    }
+
+    const LATE: Timestamp = Timestamp::from_millis(u32::MAX as u64);
+
+    fn record() -> Record {
+        Record::of(Action::Logout, TELLTALE).by("anna", Role::Operator)
+    }
+
+    async fn store() -> Store {
+        let store = Store::in_memory(Clock::start(), DemoSecrets::Refused).unwrap();
+        store.add_user("anna", Role::Operator, "135791").await.unwrap();
+        store.add_user("bert", Role::Operator, "246802").await.unwrap();
+        store
+    }
+
+    async fn user(store: &Store, name: &str, secret: &str) -> Verified {
+        store.authenticate(name, secret).await.unwrap().unwrap()
+    }
+
+    #[tokio::test]
+    async fn an_end_that_is_taken_back_leaves_seat_and_sessions_as_they_were() {
+        let store = store().await;
+        let (token, session) = store.open_session(&user(&store, "anna", "135791").await).await.unwrap();
+        store.take_seat("anna").await.unwrap();
+
+        let leaving = store.leave("anna", record(), LATE).await.unwrap();
+        assert_eq!(store.seated_operator().await.unwrap(), None);
+        assert!(session.is_open(), "it has not happened yet");
+        store.take_back(leaving, memory(&store, 1), record().refused("no")).await.unwrap();
+        assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("anna"));
+        assert!(session.is_open() && store.session(&token).is_some());
+
+        let leaving = store.leave("anna", record(), LATE).await.unwrap();
+        store.left(leaving);
+        assert!(!session.is_open() && store.session(&token).is_none());
+    }
+
+    #[tokio::test]
+    async fn a_hand_over_happens_whole_or_not_at_all() {
+        let store = store().await;
+        let (token, session) = store.open_session(&user(&store, "anna", "135791").await).await.unwrap();
+        store.take_seat("anna").await.unwrap();
+        let bert = user(&store, "bert", "246802").await;
+        let enter = || {
+            let seat = Some(memory(&store, 1));
+            let entering =
+                Entering { user: &bert, before: Some(&session), seat, from: Some("anna"), stay: Vec::new() };
+            store.enter(entering, vec![record()], LATE)
+        };
+
+        let (theirs, written) = enter().await.unwrap();
+        assert!(session.is_open() && store.session(&theirs).is_none(), "it has not happened yet");
+        assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("bert"));
+        store.take_back(written, memory(&store, 1), record().refused("no")).await.unwrap();
+        assert!(session.is_open() && store.session(&token).is_some() && store.session(&theirs).is_none());
+        assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("anna"));
+
+        let (theirs, written) = enter().await.unwrap();
+        assert!(store.entered(written).unwrap().is_of(&theirs));
+        assert!(!session.is_open() && store.session(&token).is_none());
+        assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("bert"));
+    }
+
+    #[tokio::test]
+    async fn what_has_happened_waits_for_no_disk_and_brings_nobody_back() {
+        let store = store().await;
+        let (_, session) = store.open_session(&user(&store, "anna", "135791").await).await.unwrap();
+        let bert = user(&store, "bert", "246802").await;
+        for is_removed in [false, true] {
+            let entering =
+                Entering { user: &bert, before: None, seat: None, from: Some("anna"), stay: Vec::new() };
+            let (token, written) = store.enter(entering, vec![record()], LATE).await.unwrap();
+            if is_removed {
+                store.remove_user("bert").await.unwrap();
+                assert!(matches!(store.entered(written), Err(StoreError::SessionEnded)));
+                continue;
+            }
+            // The disk hangs.
+            let (go_on, stuck) = std::sync::mpsc::sync_channel::<()>(0);
+            let hanging = tokio::spawn({
+                let store = store.clone();
+                async move { store.call(move |_| Ok(stuck.recv().is_ok())).await }
+            });
+            tokio::task::yield_now().await;
+            assert!(store.entered(written).unwrap().is_of(&token));
+            assert!(!session.is_open());
+            go_on.send(()).unwrap();
+            assert!(hanging.await.unwrap().unwrap());
+            store.call(Database::reload_sessions).await.unwrap();
+            assert_eq!(store.sessions().len(), 1, "the database says the same");
+        }
+        assert!(store.sessions().is_empty());
+    }
+
+    #[tokio::test]
+    async fn what_is_taken_back_is_no_session_of_an_old_secret() {
+        let store = store().await;
+        let (token, _) = store.open_session(&user(&store, "anna", "135791").await).await.unwrap();
+        let leaving = store.leave("anna", record(), LATE).await.unwrap();
+        store.change_secret("anna", "864209").await.unwrap();
+        store.take_back(leaving, memory(&store, 1), record().refused("no")).await.unwrap();
+        assert!(store.session(&token).is_none());
+    }
+}

@@ -1,0 +1,146 @@
+//! The sessions that are open, in memory. Every request is judged by this table, so an end is in
+//! force here at once, whatever the disk does; it is written down as soon as that works.
+
+use std::collections::{HashMap, HashSet};
+use std::sync::atomic::AtomicI64;
+use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
+
+use tokio::sync::watch;
+
+use super::{Key, nanos, span};
+use crate::engine::time::Timestamp;
+use crate::store::audit::Record;
+use crate::store::{Role, SESSION_LIFE, Session, SessionKind, Verified};
+
+#[derive(Debug, Default)]
+pub(in crate::store) struct Sessions(RwLock<Table>);
+
+#[derive(Debug, Default)]
+struct Table {
+    open: HashMap<Key, Open>,
+    /// Ended here, and in the database still.
+    over: HashSet<Key>,
+    /// What happened here and is not written down. There are no more than there were sessions.
+    owed: Vec<(Option<Key>, Record)>,
+    /// How often it was brought in line with the database.
+    alignment: u64,
+}
+
+#[derive(Debug)]
+struct Open {
+    session: Session,
+    _ends: watch::Sender<()>,
+}
+
+/// A session as it lies in the database.
+#[derive(Debug)]
+pub(in crate::store) struct Row {
+    pub key: Key,
+    pub user: String,
+    pub role: Role,
+    pub kind: SessionKind,
+    pub expires: Timestamp,
+    /// When its holder did something last, in nanoseconds; before this process began it is negative.
+    pub used: i64,
+    /// Its time is over by the wall clock.
+    pub is_late: bool,
+}
+
+impl Row {
+    /// Of somebody who logs in now.
+    pub(in crate::store) fn of_login(key: Key, user: &Verified, now: Timestamp) -> Row {
+        let (expires, used) = (now + span(SESSION_LIFE), nanos(now));
+        let kind = SessionKind::Person;
+        Row { key, user: user.name.clone(), role: user.role, kind, expires, used, is_late: false }
+    }
+}
+
+impl Sessions {
+    pub(in crate::store) fn find(&self, key: &Key) -> Option<Session> {
+        self.read().open.get(key).map(|open| open.session.clone())
+    }
+
+    pub(in crate::store) fn all(&self) -> Vec<Session> {
+        self.read().open.values().map(|open| open.session.clone()).collect()
+    }
+
+    /// Ends a session. The record of it is owed.
+    pub(in crate::store) fn end(&self, key: Key, record: Record) {
+        let mut table = self.write();
+        if table.open.remove(&key).is_some() {
+            table.over.insert(key);
+            table.owed.push((Some(key), record));
+        }
+    }
+
+    /// Notes what happened and is to be recorded.
+    pub(in crate::store) fn owe(&self, record: Record) {
+        self.write().owed.push((None, record));
+    }
+
+    /// The sessions that have ended and what is to be recorded, in order.
+    pub(in crate::store) fn owed(&self) -> (Vec<Key>, Vec<Record>) {
+        let table = self.read();
+        let keys = table.owed.iter().filter_map(|(key, _)| *key).collect();
+        (keys, table.owed.iter().map(|(_, record)| record.clone()).collect())
+    }
+
+    pub(in crate::store) fn owes(&self) -> bool {
+        !self.read().owed.is_empty()
+    }
+
+    /// The first of what was owed is written down.
+    pub(in crate::store) fn paid(&self, count: usize) {
+        self.write().owed.drain(..count);
+    }
+
+    pub(in crate::store) fn alignment(&self) -> u64 {
+        self.read().alignment
+    }
+
+    /// Makes a change that lies in the database since that alignment; a later one has made it.
+    pub(in crate::store) fn change(&self, alignment: u64, goes: &[Key], comes: Option<Row>) {
+        let mut table = self.write();
+        if table.alignment == alignment {
+            table.open.retain(|key, _| !goes.contains(key));
+            table.open.extend(comes.map(|row| (row.key, Open::new(row))));
+        }
+    }
+
+    /// Brings the table in line with the database. Sessions that stay keep their deadline; those that
+    /// left end at once, and those that ended here stay so.
+    pub(in crate::store) fn align(&self, rows: Vec<Row>) {
+        let mut table = self.write();
+        table.alignment += 1;
+        let keys: HashSet<Key> = rows.iter().map(|row| row.key).collect();
+        table.over.retain(|key| keys.contains(key));
+        let mut before = std::mem::take(&mut table.open);
+        for row in rows {
+            let same = |open: &Open| *open.session.user == *row.user && open.session.role == row.role;
+            let open = before.remove(&row.key).filter(same);
+            // A token that was over before has no session to end.
+            let is_nothing = open.is_none() && row.is_late && row.kind == SessionKind::Program;
+            if !is_nothing && !table.over.contains(&row.key) {
+                table.open.insert(row.key, open.unwrap_or_else(|| Open::new(row)));
+            }
+        }
+    }
+
+    fn read(&self) -> RwLockReadGuard<'_, Table> {
+        self.0.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn write(&self) -> RwLockWriteGuard<'_, Table> {
+        self.0.write().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Open {
+    fn new(row: Row) -> Open {
+        let (ends, ended) = watch::channel(());
+        let Row { key, user, role, kind, expires, used, .. } = row;
+        let used = Arc::new(AtomicI64::new(used));
+        let session = Session { key, user: Arc::from(user), role, kind, expires, used, ended };
+        Open { session, _ends: ends }
+    }
+}

@@ -1,0 +1,295 @@
+//! Users: who they are and how they prove it.
+
+pub(super) mod known_browsers;
+pub(super) mod noticed;
+pub(super) mod role;
+pub(super) mod secret;
+pub(super) mod tokens;
+
+use super::unix_time::{from_unix_ms, to_unix_ms};
+use std::time::SystemTime;
+
+use rusqlite::{OptionalExtension, params};
+
+use super::audit::{Action, COMMAND_LINE, Record};
+use super::{DEMO_USERS, Lane, Role, Store, StoreError};
+use secret::check_policy;
+
+/// A user as lists show it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct User {
+    pub name: String,
+    pub role: Role,
+    pub created: SystemTime,
+}
+
+/// Proof that somebody gave the secret of this user just now.
+#[derive(Debug, Clone)]
+pub struct Verified {
+    pub(super) id: i64,
+    pub(super) name: String,
+    pub(super) role: Role,
+    pub(super) secret_hash: String,
+}
+
+impl Verified {
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    pub fn role(&self) -> Role {
+        self.role
+    }
+}
+
+/// Why a name is not one.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum NameError {
+    #[error("a name has 1 to {NAME_CHARS_MAX} characters")]
+    Length,
+    #[error("a name has letters, digits, '.', '_' and '-' only")]
+    Letters,
+}
+
+const NAME_CHARS_MAX: usize = 64;
+
+impl Store {
+    /// # Errors
+    /// If the name or the secret is not acceptable, the name is taken, or the database fails.
+    pub async fn add_user(&self, name: &str, role: Role, secret: &str) -> Result<(), StoreError> {
+        check_name(name)?;
+        check_policy(role, name, secret)?;
+        self.insert_user(name, role, secret).await
+    }
+
+    /// Adds those of [`DEMO_USERS`] that are not there.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn add_demo_users(&self) -> Result<(), StoreError> {
+        for (name, role, secret) in DEMO_USERS {
+            match self.insert_user(name, role, secret).await {
+                Ok(()) | Err(StoreError::Exists(_)) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+
+    async fn insert_user(&self, name: &str, role: Role, secret: &str) -> Result<(), StoreError> {
+        let hash = self.hashing.hash(secret.to_owned()).await?;
+        let name = name.to_owned();
+        let created_ms = to_unix_ms(self.clock.wall());
+        let record = Record::of(Action::UserAdded, COMMAND_LINE).on(format!("{name} ({})", role.as_str()));
+        self.call(move |database| {
+            database.change(&[record], |transaction| {
+                noticed::count(transaction)?;
+                let added = transaction.execute(
+                    "INSERT INTO users (name, role, secret_hash, created_ms) VALUES (?1, ?2, ?3, ?4)
+                     ON CONFLICT (name) DO NOTHING",
+                    params![name, role.as_str(), hash, created_ms],
+                )?;
+                if added == 0 { Err(StoreError::Exists(name)) } else { Ok(()) }
+            })
+        })
+        .await
+    }
+
+    /// All users by name.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn users(&self) -> Result<Vec<User>, StoreError> {
+        self.call(|database| {
+            let mut query =
+                database.connection.prepare("SELECT name, role, created_ms FROM users ORDER BY name")?;
+            let rows = query.query_map([], |row| {
+                Ok(User { name: row.get(0)?, role: role(row, 1)?, created: from_unix_ms(row.get(2)?) })
+            })?;
+            Ok(rows.collect::<Result<_, _>>()?)
+        })
+        .await
+    }
+
+    /// Whether there is any user. Anybody may ask.
+    ///
+    /// # Errors
+    /// If the database fails, or is damaged so that there may be users whom nobody can read.
+    pub async fn has_users(&self) -> Result<bool, StoreError> {
+        let sql = "SELECT EXISTS (SELECT 1 FROM users)";
+        self.call_from(Lane::Elsewhere, |database| {
+            let has_users = database.connection.query_row(sql, [], |row| row.get(0))?;
+            if has_users { Ok(true) } else { database.health.check_keeps().map(|()| false) }
+        })
+        .await
+    }
+
+    /// Whether this is a user's name. Anybody may cause the question.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn knows_user(&self, name: &str) -> Result<bool, StoreError> {
+        Ok(self.find_user(Lane::Elsewhere, name).await?.is_some())
+    }
+
+    /// Gives a user another secret and ends all of its sessions and tokens.
+    ///
+    /// # Errors
+    /// If there is no such user, the secret is not acceptable, or the database fails.
+    pub async fn change_secret(&self, name: &str, secret: &str) -> Result<(), StoreError> {
+        let user = self
+            .find_user(Lane::Vehicle, name)
+            .await?
+            .ok_or_else(|| StoreError::NoSuchUser(name.to_owned()))?;
+        let record = Record::of(Action::UserSecret, COMMAND_LINE).on(name);
+        self.change_user((user.id, name), user.role, secret, record).await
+    }
+
+    /// Gives a user another role with a secret that fits it, and ends all of its sessions and tokens.
+    ///
+    /// # Errors
+    /// If there is no such user, the secret is not acceptable, or the database fails.
+    pub async fn change_role(&self, name: &str, role: Role, secret: &str) -> Result<(), StoreError> {
+        let user = self
+            .find_user(Lane::Vehicle, name)
+            .await?
+            .ok_or_else(|| StoreError::NoSuchUser(name.to_owned()))?;
+        let was = user.role.as_str();
+        let record =
+            Record::of(Action::UserRole, COMMAND_LINE).on(format!("{name}: {was} -> {}", role.as_str()));
+        self.change_user((user.id, name), role, secret, record).await
+    }
+
+    async fn change_user(
+        &self,
+        (id, name): (i64, &str),
+        role: Role,
+        secret: &str,
+        record: Record,
+    ) -> Result<(), StoreError> {
+        check_policy(role, name, secret)?;
+        let hash = self.hashing.hash(secret.to_owned()).await?;
+        self.call(move |database| {
+            database.change(&[record], |transaction| {
+                noticed::count(transaction)?;
+                transaction.execute(
+                    "UPDATE users SET secret_hash = ?2, role = ?3 WHERE id = ?1",
+                    params![id, hash, role.as_str()],
+                )?;
+                transaction.execute("DELETE FROM sessions WHERE user = ?1", [id])?;
+                transaction.execute("DELETE FROM tokens WHERE user = ?1", [id])?;
+                Ok(())
+            })?;
+            database.reload_sessions()
+        })
+        .await
+    }
+
+    /// Removes a user and all of its sessions and tokens.
+    ///
+    /// # Errors
+    /// If there is no such user, or the database fails.
+    pub async fn remove_user(&self, name: &str) -> Result<(), StoreError> {
+        let name = name.to_owned();
+        let record = Record::of(Action::UserRemoved, COMMAND_LINE).on(&*name);
+        self.call(move |database| {
+            database.change(&[record], |transaction| {
+                noticed::count(transaction)?;
+                let removed = transaction.execute("DELETE FROM users WHERE name = ?1", [&name])?;
+                if removed == 0 { Err(StoreError::NoSuchUser(name)) } else { Ok(()) }
+            })?;
+            database.reload_sessions()
+        })
+        .await
+    }
+
+    /// Proves a name and its secret. It takes as long for names that do not exist.
+    ///
+    /// # Errors
+    /// If too many logins wait, or the database fails. A wrong secret is no error but `None`.
+    pub async fn authenticate(&self, name: &str, secret: &str) -> Result<Option<Verified>, StoreError> {
+        self.authenticate_from(Lane::Vehicle, name, secret).await
+    }
+
+    /// [`Store::authenticate`] for somebody who comes from there.
+    ///
+    /// # Errors
+    /// As there.
+    pub async fn authenticate_from(
+        &self,
+        lane: Lane,
+        name: &str,
+        secret: &str,
+    ) -> Result<Option<Verified>, StoreError> {
+        let user = if check_name(name).is_ok() { self.find_user(lane, name).await? } else { None };
+        let hash = user.as_ref().map(|user| user.secret_hash.clone());
+        let proven = self.hashing.verify(lane, secret.to_owned(), hash).await?;
+        Ok(user.filter(|_| proven))
+    }
+
+    pub(super) async fn find_user(&self, lane: Lane, name: &str) -> Result<Option<Verified>, StoreError> {
+        let name = name.to_owned();
+        self.call_from(lane, move |database| {
+            let user = database.connection.query_row(
+                "SELECT id, name, role, secret_hash FROM users WHERE name = ?1",
+                [name],
+                |row| {
+                    Ok(Verified {
+                        id: row.get(0)?,
+                        name: row.get(1)?,
+                        role: role(row, 2)?,
+                        secret_hash: row.get(3)?,
+                    })
+                },
+            );
+            Ok(user.optional()?)
+        })
+        .await
+    }
+}
+
+/// Reads a role; a word that is none is a fault of the database.
+pub(super) fn role(row: &rusqlite::Row<'_>, column: usize) -> rusqlite::Result<Role> {
+    let word: String = row.get(column)?;
+    Role::from_word(&word)
+        .ok_or_else(|| rusqlite::Error::InvalidColumnType(column, word, rusqlite::types::Type::Text))
+}
+
+fn check_name(name: &str) -> Result<(), NameError> {
+    let chars = name.chars().count();
+    if chars == 0 || chars > NAME_CHARS_MAX {
+        return Err(NameError::Length);
+    }
+    if !name.chars().all(|char| char.is_alphanumeric() || matches!(char, '.' | '_' | '-')) {
+        return Err(NameError::Letters);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_letters_and_digits() {
+        let long = "x".repeat(64);
+        for good in ["a", "Jürgen", "bus-1_operator", "运营", long.as_str()] {
+            assert_eq!(check_name(good), Ok(()), "{good}");
+        }
+        for bad in [
+            "",
+            &"x".repeat(65),
+            "a b",
+            "a\n",
+            "\u{202e}rotarepo",
+            "a\u{200b}",
+            "\u{0}",
+            "<b>x",
+            "a/b",
+            "a'",
+            "a&b",
+        ] {
+            assert!(check_name(bad).is_err(), "{bad:?}");
+        }
+    }
+}
