@@ -1,6 +1,7 @@
 //! The rules of the house that the compiler does not hold: who may use whom, how long a file may
 //! be, where a clock is read, and that no template is dead.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -12,7 +13,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("config", &["engine", "clock", "yaml"]),
     ("clock", &["engine"]),
     ("runtime", &["engine", "clock"]),
-    ("msg", &["engine", "clock"]),
+    ("msg", &["engine"]),
     ("ros", &["engine", "clock", "msg"]),
     ("store", &["engine", "clock"]),
     ("picture", &["engine"]),
@@ -76,6 +77,75 @@ fn rooms_use_only_what_they_may() {
         }
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// The modules that a file imports, each as its path from `src`.
+fn imports(file: &Path) -> Vec<Vec<String>> {
+    let inside = file.strip_prefix(root().join("src")).expect("it was found there").with_extension("");
+    let mut own: Vec<String> = inside.iter().map(|it| it.to_string_lossy().into_owned()).collect();
+    if own.last().is_some_and(|it| it == "mod") {
+        own.pop();
+    }
+    let mut found = Vec::new();
+    let code = code(file);
+    for (start, _) in code.match_indices("crate::").chain(code.match_indices("super::")) {
+        if code[..start].ends_with(|it: char| it == ':' || it.is_alphanumeric()) {
+            continue;
+        }
+        let path = code[start..].split(|it: char| !(it.is_alphanumeric() || it == '_' || it == ':'));
+        let mut path: Vec<&str> =
+            path.take(1).flat_map(|it| it.split("::")).filter(|it| !it.is_empty()).collect();
+        let mut base = if path[0] == "crate" { Vec::new() } else { own.clone() };
+        while path.first().is_some_and(|it| ["crate", "super"].contains(it)) {
+            if path.remove(0) == "super" {
+                base.pop();
+            }
+        }
+        base.extend(
+            path.into_iter().take_while(|it| it.starts_with(|it: char| it.is_lowercase())).map(str::to_owned),
+        );
+        found.push(base);
+    }
+    found.iter().map(|it| [&own[..], &["->".to_owned()], it].concat()).collect()
+}
+
+/// What stands beside one another in a folder never imports in a circle, where a folder is part of it:
+/// so each folder can be read, tried and changed with only what is below it. `web` is not so far.
+#[test]
+fn no_circle_of_imports_goes_through_a_folder() {
+    let mut edges: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    let src = root().join("src");
+    for file in files(&src, "rs") {
+        if room(&file) == "web" || file.iter().any(|it| it == "tests" || it == "tests.rs") {
+            continue;
+        }
+        for line in imports(&file) {
+            let arrow = line.iter().position(|it| it == "->").expect("it was put there");
+            let (from, to) = (&line[..arrow], &line[arrow + 1..]);
+            let common = from.iter().zip(to).take_while(|(from, to)| from == to).count();
+            let is_module = |path: &[String]| {
+                let at = src.join(path.join("/"));
+                at.is_dir() || at.with_extension("rs").is_file()
+            };
+            if common < from.len() && common < to.len() && is_module(&to[..=common]) {
+                edges.entry(from[..=common].join("/")).or_default().insert(to[..=common].join("/"));
+            }
+        }
+    }
+    let reached = |start: &str| {
+        let (mut seen, mut next) = (BTreeSet::new(), vec![start]);
+        while let Some(at) = next.pop() {
+            for to in edges.get(at).into_iter().flatten() {
+                if seen.insert(to.as_str()) {
+                    next.push(to);
+                }
+            }
+        }
+        seen
+    };
+    let folders = edges.keys().filter(|it| src.join(it).join("mod.rs").is_file());
+    let circles: Vec<&String> = folders.filter(|it| reached(it).contains(it.as_str())).collect();
+    assert!(circles.is_empty(), "these import what imports them: {circles:#?}");
 }
 
 #[test]
