@@ -8,12 +8,11 @@ import signal
 import subprocess
 import threading
 import time
-from pathlib import Path
 
 import pytest
 from websockets.sync.client import connect
 
-from vehicle import OPERATOR, PYTHON, ROOT, STOP, Client, Writer, own_domain, serving, until
+from vehicle import OPERATOR, PYTHON, ROOT, STOP, Client, Writer, megabytes, own_domain, serving, until
 
 pytestmark = pytest.mark.alone
 
@@ -86,16 +85,9 @@ class Watched:
 
     def weigh(self):
         while not self.ended.wait(0.1):
-            processes = [megabytes(pid) for pid in self.children()]
+            processes = [megabytes(pid) for pid in self.server.children()]
             self.process_mb = max(self.process_mb, *processes, 0)
             self.memory_mb = max(self.memory_mb, megabytes(self.server.process.pid) + sum(processes))
-
-    def children(self):
-        """The DDS processes."""
-        task = Path(f"/proc/{self.server.process.pid}/task")
-        with contextlib.suppress(OSError):
-            return [int(pid) for part in task.iterdir() for pid in (part / "children").read_text().split()]
-        return []
 
     def module(self, name):
         groups = self.client.snapshot()["groups"]
@@ -132,14 +124,6 @@ class Watched:
         assert self.silent_s < SILENT_S, f"the page was silent for {self.silent_s:.1f} s"
         assert self.process_mb < PROCESS_MB, f"a DDS process took {self.process_mb:.0f} MB"
         assert self.memory_mb < TOGETHER_MB, f"{self.memory_mb:.0f} MB"
-
-
-def megabytes(pid):
-    with contextlib.suppress(OSError):
-        for line in Path(f"/proc/{pid}/status").read_text().splitlines():
-            if line.startswith("VmRSS:"):
-                return int(line.split()[1]) / 1024
-    return 0
 
 
 @pytest.fixture
@@ -197,7 +181,7 @@ def test_sigterm_ends_all_within_three_seconds_in_the_middle_of_it(tmp_path):
         attacker = threading.Thread(target=attack, args=["fuzz"], kwargs={"seconds": 6})
         attacker.start()
         time.sleep(2)
-        processes = [server.process.pid, *watched.children()]
+        processes = [server.process.pid, *watched.server.children()]
         watched.ended.set()
         started = time.monotonic()
         server.send(signal.SIGTERM)
@@ -210,13 +194,13 @@ def test_sigterm_ends_all_within_three_seconds_in_the_middle_of_it(tmp_path):
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
 def test_a_dds_process_that_is_gone_or_hangs_is_replaced(watched, number):
-    before = watched.children()
+    before = watched.server.children()
     for pid in before:
         os.kill(pid, number)
     watched.wait_for_fault()
     assert watched.module(STATUS)["own"] == "unknown", "nothing is known while nothing is heard"
     watched.wait_for_data()
-    assert not set(before) & set(watched.children())
+    assert not set(before) & set(watched.server.children())
 
 
 def test_what_is_asked_of_the_vehicle_is_said_again(watched, tmp_path):
@@ -231,7 +215,7 @@ def test_what_is_asked_of_the_vehicle_is_said_again(watched, tmp_path):
         until(lambda: watched.client.snapshot()["stage"] == "active", 10, "it drives")
         watched.client.stop()
         until(lambda: any(line.get("value") == {"data": True} for line in said), 10, lambda: f"the stop is heard: {said}")
-        for pid in watched.children():
+        for pid in watched.server.children():
             os.kill(pid, signal.SIGKILL)
         before = len(said)
         until(lambda: any(line.get("value") == {"data": True} for line in said[before:]), BACK_S, lambda: f"and again: {said}")
@@ -241,7 +225,7 @@ def test_the_dds_processes_end_with_a_server_that_is_killed(tmp_path):
     with contextlib.closing(contextlib.ExitStack()) as stack:
         server = stack.enter_context(serving(tmp_path))
         watched = stack.enter_context(contextlib.closing(Watched(server, tmp_path)))
-        children = watched.children()
+        children = watched.server.children()
         assert children
         os.kill(children[0], signal.SIGSTOP)
         watched.ended.set()
@@ -271,13 +255,13 @@ def at_one_end_of_the_cable(folder):
 
     def is_replaced_twice():
         assert watched.is_down(), "it is said as long as the interface is gone"
-        seen.update(watched.children())
+        seen.update(server.children())
         return len(seen) >= 6
 
     there = {"by": ["nsenter", "--target", OTHER_MACHINE, "--net"], "options": ["--interface", "there"]}
     with serving(folder, interface="10.77.0.1", flags=["--peer", "10.77.0.2"]) as server:
         with contextlib.closing(Watched(server, folder, **there)) as watched:
-            seen = set(watched.children())
+            seen = set(server.children())
             ip("link", "set", "here", "down")
             watched.wait_for_fault()
             assert watched.module(STATUS)["own"] == "unknown", "nothing is known while nothing is heard"

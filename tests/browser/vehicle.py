@@ -120,6 +120,17 @@ class Server:
         except (urllib.error.URLError, OSError):
             return False
 
+    def children(self):
+        """The DDS processes."""
+        task = Path(f"/proc/{self.process.pid}/task")
+        with contextlib.suppress(OSError):
+            return [int(pid) for part in task.iterdir() for pid in (part / "children").read_text().split()]
+        return []
+
+    def memory_mb(self):
+        """What all its processes hold."""
+        return sum(map(megabytes, [self.process.pid, *self.children()]))
+
     def read_log(self):
         return (self.folder / f"{self.command}.log").read_text(errors="replace")
 
@@ -150,6 +161,14 @@ class Server:
             raise AssertionError(f"the server does not end on SIGTERM:\n{self.read_log()}") from None
         finally:
             self.log.close()
+
+
+def megabytes(pid):
+    with contextlib.suppress(OSError):
+        for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+            if line.startswith("VmRSS:"):
+                return int(line.split()[1]) / 1024
+    return 0
 
 
 @contextlib.contextmanager
