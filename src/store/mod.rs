@@ -9,6 +9,7 @@ pub mod audit;
 mod backup;
 mod chain;
 mod devices;
+mod exposed;
 mod floor;
 mod head;
 mod health;
@@ -38,6 +39,7 @@ use rusqlite::Connection;
 use tokio::sync::{oneshot, watch};
 
 pub use chain::{Acknowledged, Breach, Hash, Head, Verdict};
+pub use exposed::{Exposed, exposed};
 pub use health::Fault;
 pub use history::{HISTORY_FILE, Happened, Held, History, HistoryQuery, NodePast, Past, Stretch, past_in};
 pub use leave::{Entering, Written};
