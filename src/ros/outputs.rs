@@ -9,6 +9,7 @@ mod announce;
 mod beside;
 mod levels;
 mod listeners;
+mod news;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -24,11 +25,12 @@ use super::messages::{BOOL, DIAGNOSTIC_ARRAY};
 use super::outbox::stopped;
 use super::{BridgeError, BridgeOptions, Graph, PublishError, Publisher, Quality};
 use crate::clock::Clock;
-use crate::engine::input::{Input, Output, OutputNews, Stamped};
+use crate::engine::input::{Output, Stamped};
 use crate::engine::sample::Pose;
 use crate::engine::snapshot::{MapPose, Snapshot};
 use crate::engine::time::Span;
 use levels::{Levels, Say};
+use news::{tell, tell_all};
 
 const STATUS: &str = "diagnostic_msgs/msg/DiagnosticStatus";
 
@@ -175,6 +177,7 @@ async fn run(
     let node = format!("{}_outputs", options.node);
     let mut levels = Levels::new(REPEAT, &snapshots.borrow());
     let mut next = Some(publisher);
+    let mut refused = false;
     loop {
         let topics = wanted.borrow_and_update().clone();
         let opened = match next.take() {
@@ -187,6 +190,9 @@ async fn run(
             Ground { topics, snapshots: snapshots.clone(), inputs: inputs.clone(), clock, end: ending };
         match opened {
             Ok(publisher) => {
+                if std::mem::take(&mut refused) {
+                    tell_all(&ground, None);
+                }
                 let publisher = Arc::new(publisher);
                 let mut tasks = JoinSet::new();
                 let control = tokio::spawn(control(publisher.clone(), ground.clone(), levels));
@@ -214,7 +220,10 @@ async fn run(
                 }
             }
             Err(error) => {
-                tell_all(&ground, &error.to_string());
+                if !std::mem::replace(&mut refused, true) {
+                    tracing::error!("nothing can be published for now, trying again: {error}");
+                }
+                tell_all(&ground, Some(&error.to_string()));
                 tokio::select! {
                     () = stopped(&mut stop) => {}
                     () = tokio::time::sleep(RETRY) => {}
@@ -329,30 +338,6 @@ impl Speech {
         }
         !failed
     }
-}
-
-/// Whether the engine was told. A full queue is no reason to keep the vehicle waiting.
-fn tell(ground: &Ground, output: Output, topic: &str, error: Option<PublishError>) -> bool {
-    if let Some(error) = &error {
-        tracing::error!("{error}");
-    }
-    let error = error.map(|error| error.to_string().into());
-    send(ground, OutputNews { output, topic: topic.into(), error })
-}
-
-/// Nothing at all can be sent.
-fn tell_all(ground: &Ground, error: &str) {
-    tracing::error!("nothing can be published for now, trying again: {error}");
-    for OutputTopic { what, topic, .. } in ground.topics.iter() {
-        if let What::Vehicle(output) = *what {
-            send(ground, OutputNews { output, topic: topic.clone(), error: Some(error.into()) });
-        }
-    }
-}
-
-fn send(ground: &Ground, news: OutputNews) -> bool {
-    let stamped = Stamped { input: Input::Output(news), received: ground.clock.now() };
-    ground.inputs.try_send(stamped).is_ok()
 }
 
 fn body(say: Say, stamp: std::time::SystemTime) -> Vec<u8> {
