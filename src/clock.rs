@@ -21,6 +21,8 @@ pub struct Clock {
     start: Instant,
     /// How far it was set ahead, in nanoseconds; a clock of a test alone has this.
     ahead: Option<&'static AtomicU64>,
+    /// It moves by that alone.
+    stands: bool,
     /// What the wall clock showed at the start, if it is not that of the system.
     wall: Option<SystemTime>,
 }
@@ -38,13 +40,19 @@ impl ClockHand {
 impl Clock {
     #[expect(clippy::disallowed_methods, reason = "the one clock of the process")]
     pub fn start() -> Clock {
-        Clock { start: Instant::now(), ahead: None, wall: None }
+        Clock { start: Instant::now(), ahead: None, stands: false, wall: None }
     }
 
     /// A clock that can be set ahead. Its hand lives as long as the process: it is for tests.
     pub fn with_hand() -> (Clock, ClockHand) {
         let ahead: &'static AtomicU64 = Box::leak(Box::default());
         (Clock { ahead: Some(ahead), ..Clock::start() }, ClockHand(ahead))
+    }
+
+    /// A clock that stands still unless it is set ahead.
+    pub fn standing() -> (Clock, ClockHand) {
+        let (clock, hand) = Clock::with_hand();
+        (Clock { stands: true, ..clock }, hand)
     }
 
     /// A clock that began with this wall time: for tests.
@@ -54,7 +62,8 @@ impl Clock {
 
     /// Monotonic: never stepped, never back.
     pub fn now(&self) -> Timestamp {
-        let elapsed = u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        let elapsed = if self.stands { Duration::ZERO } else { self.start.elapsed() };
+        let elapsed = u64::try_from(elapsed.as_nanos()).unwrap_or(u64::MAX);
         Timestamp::from_nanos(elapsed.saturating_add(self.ahead()))
     }
 

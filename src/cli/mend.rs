@@ -7,9 +7,9 @@ use anyhow::Context as _;
 use clap::Subcommand;
 use serde_json::json;
 
-use super::{EXIT_NO, data};
+use super::{EXIT_NO, data, tls};
 use crate::clock::Clock;
-use crate::store::{DataState, Mended, check_data, repair, restore};
+use crate::store::{DataState, Exposed, Mended, check_data, exposed, repair, restore};
 
 /// Look through the database of a vehicle, repair it, or take a backup.
 ///
@@ -32,8 +32,9 @@ enum Command {
     /// Say whether the database and its backups are whole; exit code 1 if the database is not
     ///
     /// It changes nothing, and a server may run meanwhile. `--json` prints an object with `ok`, `database`
-    /// (its path), `damage` (text or null), `users` (a number or null) and `backups`, the newest first,
-    /// each with `file`, `damage` and `users`.
+    /// (its path), `damage` (text or null), `users` (a number or null), `backups`, the newest first,
+    /// each with `file`, `damage` and `users`, and `exposed`: the files that everybody on the machine can
+    /// read or change, each with `file` and `mode` (octal, a text). Those are warnings alone.
     Check {
         /// Print it for programs
         #[arg(long)]
@@ -102,9 +103,10 @@ fn tell(mended: &Mended) {
 
 fn check(folder: &Path, as_json: bool) -> anyhow::Result<ExitCode> {
     let state = check_data(folder)?;
+    let exposed = exposed(folder, Some(&folder.join(tls::KEY)));
     let code = if state.damage.is_none() { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) };
     if as_json {
-        println!("{}", report(&state));
+        println!("{}", report(&state, &exposed));
         return Ok(code);
     }
     line(&state.database, state.damage.as_deref(), state.users);
@@ -120,6 +122,9 @@ fn check(folder: &Path, as_json: bool) -> anyhow::Result<ExitCode> {
         );
         println!("      newest backup that is whole");
     }
+    for file in exposed {
+        println!("WARN  {file}");
+    }
     Ok(code)
 }
 
@@ -131,14 +136,16 @@ fn line(file: &Path, damage: Option<&str>, users: Option<u64>) {
     }
 }
 
-fn report(state: &DataState) -> serde_json::Value {
+fn report(state: &DataState, exposed: &[Exposed]) -> serde_json::Value {
     let backups =
         state.backups.iter().map(|it| json!({ "file": it.file, "damage": it.damage, "users": it.users }));
+    let exposed = exposed.iter().map(|it| json!({ "file": it.path, "mode": format!("{:03o}", it.mode) }));
     json!({
         "ok": state.damage.is_none(),
         "database": state.database,
         "damage": state.damage,
         "users": state.users,
         "backups": backups.collect::<Vec<_>>(),
+        "exposed": exposed.collect::<Vec<_>>(),
     })
 }

@@ -12,7 +12,7 @@ use super::{EXIT_USAGE, check, data, dds, fields, log};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::ros::BridgeOptions;
-use crate::store::{DemoSecrets, Store};
+use crate::store::{DemoSecrets, Store, exposed};
 use crate::web::{Display, Enrolled, Network, Origins, Proxies, Tls};
 
 /// Listen to a vehicle's diagnostics and show them in browsers.
@@ -95,6 +95,9 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let folder = data::folder(args.data.clone())?;
     let _held = data::hold(&folder)?;
     let store = Store::open_or_read(&folder, clock, DemoSecrets::Refused)?;
+    for file in exposed(&folder, args.tls_key.as_deref()) {
+        tracing::warn!("{file}");
+    }
     say_if_nobody_can_log_in(&store, &folder).await;
     let origins = args.origins.clone();
     let file = Some(args.config.clone());

@@ -15,7 +15,8 @@ use crate::clock::Clock;
 use crate::store::make_folder;
 
 const CERTIFICATE: &str = "tls-cert.pem";
-const KEY: &str = "tls-key.pem";
+/// The key that is made in the data folder.
+pub const KEY: &str = "tls-key.pem";
 
 /// Browsers take no certificate of a server that is valid for longer than 825 days.
 const VALID: Duration = Duration::from_secs(820 * 24 * 3600);

@@ -49,7 +49,7 @@ pub const LOG_FILTER: &str = "rustdds=off";
 /// Time between two tries to make a participant, and the least that one lives.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// One that lives for so long after another was ill is taken for sound.
+/// One that lives for so long after another was ill, and hears itself, is taken for sound.
 const SETTLED: Duration = Duration::from_secs(2);
 
 #[derive(Debug, thiserror::Error)]
@@ -189,7 +189,7 @@ async fn run(mut participant: Participant, ground: Ground) {
             let mut session = std::pin::pin!(session::run(&participant, &ground, &mut legacy));
             let over = tokio::select! {
                 end = &mut session => Some(end),
-                () = tokio::time::sleep(SETTLED), if down => None,
+                () = settled(&participant), if down => None,
             };
             match over {
                 Some(end) => end,
@@ -218,6 +218,12 @@ async fn run(mut participant: Participant, ground: Ground) {
             None => return,
         }
     }
+}
+
+/// Waits until one that follows an ill one is taken for sound. While the interface is gone none is.
+async fn settled(participant: &Participant) {
+    tokio::time::sleep(SETTLED).await;
+    participant.hears_itself().await;
 }
 
 /// Says whether the vehicle can be heard. Returns whether somebody took it.

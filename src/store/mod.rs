@@ -26,6 +26,7 @@ use tokio::sync::{oneshot, watch};
 
 pub use audit::chain::{Acknowledged, Breach, Hash, Head, Verdict};
 pub use database::schema::FILE_NAME;
+pub use disk::exposed::{Exposed, exposed};
 pub use disk::health::Fault;
 pub use disk::repair::{BackupState, DataState, Mended, check_data, repair, restore};
 pub use history::{HISTORY_FILE, Happened, Held, History, HistoryQuery, NodePast, Past, Stretch, past_in};

@@ -17,15 +17,17 @@ const POLICY: &str = "default-src 'self'; script-src 'self'; style-src 'self'; c
 const PERMISSIONS: &str = "accelerometer=(), camera=(), display-capture=(), geolocation=(), gyroscope=(), \
     hid=(), magnetometer=(), microphone=(), midi=(), payment=(), serial=(), usb=()";
 
-const ALWAYS: [(HeaderName, &str); 7] = [
+const ALWAYS: [(HeaderName, &str); 6] = [
     (CONTENT_SECURITY_POLICY, POLICY),
     (X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (REFERRER_POLICY, "no-referrer"),
     (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
     (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
     (HeaderName::from_static("permissions-policy"), PERMISSIONS),
-    (CACHE_CONTROL, "no-store"),
 ];
+
+/// Of what does not say how long it may be kept. Files under an address with their version alone do.
+const UNLESS_SAID: (HeaderName, &str) = (CACHE_CONTROL, "no-store");
 
 /// A browser that came over TLS once comes over nothing else for a year.
 const OVER_TLS: (HeaderName, &str) = (STRICT_TRANSPORT_SECURITY, "max-age=31536000");
@@ -41,6 +43,8 @@ pub async fn secure(State(secure): State<bool>, request: Request, next: Next) ->
     for (name, value) in all(secure) {
         answer.headers_mut().insert(name, HeaderValue::from_static(value));
     }
+    let (name, value) = UNLESS_SAID;
+    answer.headers_mut().entry(name).or_insert(HeaderValue::from_static(value));
     answer
 }
 
@@ -49,7 +53,7 @@ pub fn dressed(answer: &[u8], secure: bool) -> Vec<u8> {
     let end = answer.windows(2).position(|pair| pair == b"\r\n");
     let (line, rest) = answer.split_at(end.map_or(0, |end| end + 2));
     let mut dressed = line.to_vec();
-    for (name, value) in all(secure).filter(|_| end.is_some()) {
+    for (name, value) in all(secure).chain([UNLESS_SAID]).filter(|_| end.is_some()) {
         dressed.extend_from_slice(format!("{name}: {value}\r\n").as_bytes());
     }
     dressed.extend_from_slice(rest);

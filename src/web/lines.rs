@@ -3,9 +3,9 @@
 //! A connection is anonymous until a request with an open session comes on it. To open one and say
 //! nothing, or to begin a request and not end it, costs nobody anything, so the anonymous must not
 //! keep others out: where there is no place, the oldest of them that is not being answered gives its
-//! own. Those that have a session have places of their own, which no anonymous one takes.
+//! own, and one from where nobody has a session goes first. Those that have a session have places of their own, which no anonymous one takes.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::net::IpAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -33,6 +33,8 @@ const PER_NETWORK: Bounds = Bounds { open: 64, answered: 48 };
 const OPERATORS_MAX: usize = 64;
 const OTHERS_MAX: usize = 96;
 const PER_USER_MAX: usize = 48;
+/// So many networks are remembered from which somebody with a session came last.
+const KNOWN_MAX: usize = 64;
 
 /// All open connections.
 #[derive(Debug, Default, Clone)]
@@ -43,6 +45,8 @@ struct Table {
     /// Numbers connections, and orders what happens to them.
     next: u64,
     open: HashMap<u64, Open>,
+    /// From where requests with a session came, the latest first.
+    known: VecDeque<IpAddr>,
 }
 
 #[derive(Debug)]
@@ -131,11 +135,20 @@ impl Table {
         self.open.values().filter(|open| of(open)).count()
     }
 
-    /// Ends the one of these that has been silent longest, if any is.
+    /// Ends the one of these that has been silent longest, if any is. Before its head is read the
+    /// operator's tap is as anonymous as a stranger's, so those from where nobody had a session go first.
     fn send_away(&mut self, of: impl Fn(&Open) -> bool) -> bool {
         let silent = self.open.iter().filter(|(_, open)| of(open));
-        let longest = silent.filter_map(|(number, open)| Some((open.silent_since?, *number))).min();
-        longest.is_some_and(|(_, number)| self.open.remove(&number).is_some())
+        let is_known = |open: &Open| open.network.is_some_and(|it| self.known.contains(&it));
+        let longest =
+            silent.filter_map(|(number, open)| Some((is_known(open), open.silent_since?, *number))).min();
+        longest.is_some_and(|(.., number)| self.open.remove(&number).is_some())
+    }
+
+    fn know(&mut self, network: IpAddr) {
+        self.known.retain(|it| *it != network);
+        self.known.push_front(network);
+        self.known.truncate(KNOWN_MAX);
     }
 
     /// Gives an anonymous connection a place among those of its session's user.
@@ -195,8 +208,17 @@ impl Standing {
             is_operator: session.role == Role::Operator,
         });
         let holds = holder.is_some_and(|holder| table.hold(self.number, holder));
+        let mut known = None;
         if let Some(open) = table.open.get_mut(&self.number) {
-            if holds { open.silent_since = None } else { open.holder = None }
+            if holds {
+                open.silent_since = None
+            } else {
+                open.holder = None
+            }
+            known = open.network.filter(|_| holds);
+        }
+        if let Some(network) = known {
+            table.know(network);
         }
         holds
     }
@@ -309,6 +331,33 @@ mod tests {
             assert!(other.work().is_some() && answered.iter_mut().all(|(line, _)| stays(line)), "{source}");
         }
         assert!(lines.table().open.is_empty(), "nothing is kept of who has gone");
+    }
+
+    #[tokio::test]
+    async fn a_new_connection_from_where_somebody_has_a_session_stays_longer_than_a_strangers() {
+        let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
+        store.add_demo_users().await.unwrap();
+        let operator = session_of(&store, "operator", "246810").await;
+        let lines = Lines::default();
+        let (page, work, holds) = hold(&lines, "10.0.0.1", &operator);
+        assert!(holds);
+        // The page's socket is none of these connections.
+        drop((page, work));
+        let mut tap = lines.enter(ip("10.0.0.1"), false).unwrap();
+        let mut stranger = lines.enter(ip("10.9.0.1"), false).unwrap();
+        let strangers: Vec<_> = (0..600)
+            .map(|number| lines.enter(ip(&format!("10.1.{}.{}", number / 250, number % 250)), false).unwrap())
+            .collect();
+        assert!(stays(&mut tap) && !stays(&mut stranger));
+        // They go as well where none but they are left.
+        drop(strangers);
+        let mut many: Vec<_> =
+            (0..=PER_NETWORK.open).map(|_| lines.enter(ip("10.0.0.1"), false).unwrap()).collect();
+        assert!(!stays(&mut tap) && many.iter_mut().rev().take(PER_NETWORK.open).all(stays));
+        for number in 0..2 * KNOWN_MAX {
+            drop(hold(&lines, &format!("10.2.0.{number}"), &operator));
+        }
+        assert_eq!(lines.table().known.len(), KNOWN_MAX);
     }
 
     #[tokio::test]

@@ -63,8 +63,8 @@ pub async fn wrong_method(reader: Reader) -> Response {
 }
 
 /// `GET /static/...`
-pub async fn asset(uri: axum::http::Uri, reader: Reader) -> Response {
-    super::assets::answer(uri.path()).unwrap_or_else(|| refusal(&reader, Trouble::NotFound))
+pub async fn asset(uri: axum::http::Uri, headers: axum::http::HeaderMap, reader: Reader) -> Response {
+    super::assets::answer(uri.path(), &headers).unwrap_or_else(|| refusal(&reader, Trouble::NotFound))
 }
 
 pub fn page_context(app: &AppState, session: &Session, reader: &Reader) -> PageContext {

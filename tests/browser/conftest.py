@@ -29,8 +29,8 @@ def chromium():
 
 
 @pytest.fixture
-def server(tmp_path):
-    with serving(tmp_path) as server:
+def server(request, tmp_path):
+    with serving(tmp_path, **getattr(request, "param", {})) as server:
         yield server
 
 

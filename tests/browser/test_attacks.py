@@ -1,7 +1,10 @@
 """STOP is answered within a second, whatever strangers do to the server."""
 
+import json
 import os
 import socket
+import subprocess
+import threading
 import time
 
 import pytest
@@ -9,7 +12,7 @@ from playwright.sync_api import expect
 
 from operating import step
 from test_operator import expect_standing, log_in
-from vehicle import OPERATOR, Client
+from vehicle import OPERATOR, PYTHON, ROOT, Client, megabytes, until
 
 pytestmark = pytest.mark.alone
 
@@ -65,10 +68,10 @@ def unfinished_login(server):
     return (head + form).encode()
 
 
-def stop_during(client, attack):
+def stop_during(client, attack, stops=STOPS):
     """Asks for a stop again and again; returns how long each answer took."""
     took = []
-    for _ in range(STOPS):
+    for _ in range(stops):
         attack.renew()
         version = client.snapshot()["seq"]
         asked = time.monotonic()
@@ -145,6 +148,70 @@ def test_a_stop_goes_over_http_where_the_socket_does_not_bring_it(driving, troub
         step(driving, "stop").click()
     assert stopped.value.status == 200
     expect(driving.locator("#countermeasure[data-request=maneuver_stop]")).to_be_visible()
+
+
+SWELLS_S = 10
+DDS_MEMORY_MB = 400
+# The program without its DDS processes, and with two of them at their limit.
+PROGRAM_MB = 400
+SWOLLEN_MB = 2 * DDS_MEMORY_MB + PROGRAM_MB
+BACK_S = 5
+
+
+class Swell:
+    """A publisher that says 256 values of 5 kB about one of 4,096 names after the other, as fast as it can, and an eye
+    on the memory of the server."""
+
+    def __init__(self, server):
+        words = ["--domain", str(server.domain), "--depth", "4", "swell", "--seconds", str(SWELLS_S)]
+        self.process = subprocess.Popen(
+            [PYTHON, str(ROOT / "tests/dds/peer.py"), *words], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True
+        )
+        self.server, self.ended = server, threading.Event()
+        self.program_mb, self.memory_mb = 0.0, 0.0
+        self.thread = threading.Thread(target=self.weigh)
+        self.thread.start()
+
+    def weigh(self):
+        while not self.ended.wait(0.1):
+            self.program_mb = max(self.program_mb, megabytes(self.server.process.pid))
+            self.memory_mb = max(self.memory_mb, self.server.memory_mb())
+
+    def renew(self):
+        """It goes on by itself."""
+
+    def close(self):
+        """Waits for its end, and returns what it said last."""
+        try:
+            said, _ = self.process.communicate(timeout=30)
+        finally:
+            self.process.kill()
+            self.ended.set()
+            self.thread.join()
+        return json.loads(said.splitlines()[-1])
+
+
+@pytest.mark.parametrize("server", [{"flags": ["--dds-memory", str(DDS_MEMORY_MB)]}], indirect=True, ids=["limited"])
+def test_stops_are_answered_beside_statuses_that_fill_the_memory(server, vehicle, driving, trouble):
+    client = Client(server, *OPERATOR)
+    client.stop()
+    attack = Swell(server)
+    try:
+        took = stop_during(client, attack, 2 * SWELLS_S)
+    finally:
+        sent = attack.close()
+    expect(driving.locator("body")).to_have_attribute("data-live", "live", timeout=1000)
+    assert max(took) < ANSWERED_WITHIN_S, took
+    assert sent["bytes"] > 200e6, sent
+    assert attack.program_mb < PROGRAM_MB, f"{attack.program_mb:.0f} MB after {sent}"
+    assert attack.memory_mb < SWOLLEN_MB, f"{attack.memory_mb:.0f} MB after {sent}"
+
+    def shown():
+        modules = [it for group in client.snapshot()["groups"] for it in group["modules"]]
+        return {it["id"].rsplit("/")[-1]: it["own"] for it in modules}
+
+    until(lambda: shown()["velodyne_packet_alive"] == "ok", BACK_S, lambda: f"the vehicle is known again: {shown()}")
+    assert shown()["memory"] == "warning"
 
 
 SIZES = [(1024, 600), (1280, 800), (1920, 1080), (800, 1280)]

@@ -91,8 +91,9 @@ def free_port():
 class Server:
     """`telltale serve` or `telltale demo` on a port and a data folder of its own."""
 
-    def __init__(self, folder, domain, command="serve", flags=(), config=CONFIG):
+    def __init__(self, folder, domain, command="serve", flags=(), config=CONFIG, interface="127.0.0.1"):
         self.folder, self.domain, self.command, self.flags = folder, domain, command, flags
+        self.interface = interface
         self.config = config
         self.port = free_port()
         self.url = f"http://127.0.0.1:{self.port}"
@@ -105,7 +106,7 @@ class Server:
     def start(self):
         words = [TELLTALE, self.command, "--listen", f"127.0.0.1:{self.port}", "--domain", str(self.domain), *self.flags]
         if self.command == "serve":
-            words += ["--config", str(self.config), "--data", str(self.folder), "--interface", "127.0.0.1"]
+            words += ["--config", str(self.config), "--data", str(self.folder), "--interface", self.interface]
         self.log = open(self.folder / f"{self.command}.log", "ab")
         self.process = subprocess.Popen(words, stdout=self.log, stderr=self.log, stdin=subprocess.DEVNULL)
         until(self.answers, STARTUP_S, lambda: f"the server answers\n{self.read_log()}")
@@ -118,6 +119,17 @@ class Server:
                 return answer.status == 200
         except (urllib.error.URLError, OSError):
             return False
+
+    def children(self):
+        """The DDS processes."""
+        task = Path(f"/proc/{self.process.pid}/task")
+        with contextlib.suppress(OSError):
+            return [int(pid) for part in task.iterdir() for pid in (part / "children").read_text().split()]
+        return []
+
+    def memory_mb(self):
+        """What all its processes hold."""
+        return sum(map(megabytes, [self.process.pid, *self.children()]))
 
     def read_log(self):
         return (self.folder / f"{self.command}.log").read_text(errors="replace")
@@ -149,6 +161,14 @@ class Server:
             raise AssertionError(f"the server does not end on SIGTERM:\n{self.read_log()}") from None
         finally:
             self.log.close()
+
+
+def megabytes(pid):
+    with contextlib.suppress(OSError):
+        for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+            if line.startswith("VmRSS:"):
+                return int(line.split()[1]) / 1024
+    return 0
 
 
 @contextlib.contextmanager
@@ -200,11 +220,12 @@ class Client:
 
 
 class Writer:
-    """One topic of a foreign DDS participant in a process of its own."""
+    """One topic of a foreign DDS participant in a process of its own, elsewhere where `by` and `options` say so."""
 
-    def __init__(self, domain, topic, type_name, log):
+    def __init__(self, domain, topic, type_name, log, by=(), options=()):
         self.log = open(log, "ab")
-        words = [PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(domain), "pub", "--topic", topic, "--type", type_name]
+        words = [*by, PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(domain), *options]
+        words += ["pub", "--topic", topic, "--type", type_name]
         self.process = subprocess.Popen(
             words, stdin=subprocess.PIPE, stdout=self.log, stderr=self.log, text=True, bufsize=1
         )

@@ -5,6 +5,7 @@ on the loopback interface where no other is named, which speaks the ROS 2 wire f
     peer.py --domain 7 pub                    writes what the JSON lines on standard input say
     peer.py --domain 7 sub --topic rt/x ...   prints what it receives, as JSON lines
     peer.py --domain 7 load --statuses 1000 --rate 800 --seconds 5
+    peer.py --domain 7 swell --names 4096 --values 256 --bytes 5000 --seconds 10
 
 It needs PyPI `cyclonedds` 11; with `--dds fastdds` the library that `tests/run.sh` makes of `fastdds.cpp`, named by
 TELLTALE_PEER_FASTDDS. Every command prints {"ready": true} first.
@@ -189,6 +190,25 @@ def load(participant, options):
     say(done=writer.acknowledged(), arrays=sent, statuses=sent * options.statuses, seconds=took, statuses_per_s=sent * options.statuses / took)
 
 
+def swell(participant, options):
+    """Sends status after status as fast as they are taken, each of the next name, with `--values` of
+    `--bytes` each."""
+    writer = participant.writer("rt/diagnostics", wire.DIAGNOSTIC_ARRAY)
+    values = {f"key {number:03}": "9" * options.bytes for number in range(options.values)}
+    status = {"level": 0, "name": "swell NNNNN", "message": "large", "hardware_id": "unit", "values": values}
+    data = bytearray(wire.diagnostic_array([status]))
+    at = data.index(b"NNNNN")
+    say(ready=True)
+    wait_matched(writer, 1, 30)
+    ends = time.monotonic() + options.seconds
+    sent = 0
+    while time.monotonic() < ends:
+        data[at : at + 5] = b"%05d" % (sent % options.names)
+        write(writer, bytes(data))
+        sent += 1
+    say(done=True, statuses=sent, bytes=sent * len(data))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--domain", type=int, required=True)
@@ -220,6 +240,12 @@ def main():
     one.add_argument("--say", action="store_true", help="the first status says sent_ns in its message too")
     one.add_argument("--flip", action="store_true", help="the first status changes its level every time")
     one.set_defaults(run=load)
+    one = commands.add_parser("swell")
+    one.add_argument("--names", type=int, default=4096)
+    one.add_argument("--values", type=int, default=256, help="of each status")
+    one.add_argument("--bytes", type=int, default=5000, help="of each value")
+    one.add_argument("--seconds", type=float, default=10.0)
+    one.set_defaults(run=swell)
     options = parser.parse_args()
     participant = importlib.import_module(options.dds).Participant(options)
     options.run(participant, options)

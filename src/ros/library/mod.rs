@@ -161,6 +161,13 @@ impl Participant {
         self.0.shared.has_ended()
     }
 
+    /// Waits until it hears itself, where any participant here ever did.
+    pub async fn hears_itself(&self) {
+        while watch::is_self_heard() && self.0.shared.heard.load(Ordering::Relaxed) == 0 {
+            tokio::time::sleep(BEAT).await;
+        }
+    }
+
     /// Lets the library keep so many samples of a topic from now on. It can only grow.
     pub fn deepen(&self, topic: &str, type_name: &str, depth: usize) {
         let (topic, type_name) = (topic.to_owned(), type_name.to_owned());

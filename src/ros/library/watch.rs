@@ -30,6 +30,11 @@ static HEARS_ITSELF: AtomicBool = AtomicBool::new(false);
 /// So many looks it has to end by itself.
 const ENDING_MAX: u32 = 5;
 
+/// Whether the network lets a participant hear itself.
+pub fn is_self_heard() -> bool {
+    HEARS_ITSELF.load(Ordering::Relaxed)
+}
+
 /// Why a participant is beyond use.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Ended {
@@ -126,7 +131,7 @@ fn look_after(runner: &mut Runner, how: DdsProcess, shared: &Shared, closing: &m
             heard: shared.heard.load(Ordering::Relaxed),
             megabytes: runner.megabytes(),
         };
-        if let Some(reason) = health.look(told, how, HEARS_ITSELF.load(Ordering::Relaxed)) {
+        if let Some(reason) = health.look(told, how, is_self_heard()) {
             return shared.end(&reason, true);
         }
     }

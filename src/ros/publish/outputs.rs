@@ -9,6 +9,7 @@ mod announce;
 mod beside;
 mod levels;
 mod listeners;
+mod news;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -19,7 +20,7 @@ use tokio::task::{JoinHandle, JoinSet};
 use tokio::time::{Instant, MissedTickBehavior};
 
 use crate::clock::Clock;
-use crate::engine::input::{Input, OutputNews, Stamped};
+use crate::engine::input::Stamped;
 use crate::engine::model::output::Output;
 use crate::engine::model::sample::Pose;
 use crate::engine::snapshot::{MapPose, Snapshot};
@@ -32,6 +33,7 @@ use crate::ros::options::interfaces::AddressWatch;
 use crate::ros::outbox::stopped;
 use crate::ros::{BridgeError, BridgeOptions, Graph, PublishError, Publisher, Quality};
 use levels::{Levels, Say};
+use news::{tell, tell_all};
 
 const STATUS: &str = "diagnostic_msgs/msg/DiagnosticStatus";
 
@@ -178,6 +180,7 @@ async fn run(
     let node = format!("{}_outputs", options.node);
     let mut levels = Levels::new(REPEAT, &snapshots.borrow());
     let mut next = Some(publisher);
+    let mut refused = false;
     loop {
         let topics = wanted.borrow_and_update().clone();
         let opened = match next.take() {
@@ -190,6 +193,9 @@ async fn run(
             Ground { topics, snapshots: snapshots.clone(), inputs: inputs.clone(), clock, end: ending };
         match opened {
             Ok(publisher) => {
+                if std::mem::take(&mut refused) {
+                    tell_all(&ground, None);
+                }
                 let publisher = Arc::new(publisher);
                 let mut tasks = JoinSet::new();
                 let control = tokio::spawn(control(publisher.clone(), ground.clone(), levels));
@@ -217,7 +223,10 @@ async fn run(
                 }
             }
             Err(error) => {
-                tell_all(&ground, &error.to_string());
+                if !std::mem::replace(&mut refused, true) {
+                    tracing::error!("nothing can be published for now, trying again: {error}");
+                }
+                tell_all(&ground, Some(&error.to_string()));
                 tokio::select! {
                     () = stopped(&mut stop) => {}
                     () = tokio::time::sleep(RETRY) => {}
@@ -332,30 +341,6 @@ impl Speech {
         }
         !failed
     }
-}
-
-/// Whether the engine was told. A full queue is no reason to keep the vehicle waiting.
-fn tell(ground: &Ground, output: Output, topic: &str, error: Option<PublishError>) -> bool {
-    if let Some(error) = &error {
-        tracing::error!("{error}");
-    }
-    let error = error.map(|error| error.to_string().into());
-    send(ground, OutputNews { output, topic: topic.into(), error })
-}
-
-/// Nothing at all can be sent.
-fn tell_all(ground: &Ground, error: &str) {
-    tracing::error!("nothing can be published for now, trying again: {error}");
-    for OutputTopic { what, topic, .. } in ground.topics.iter() {
-        if let What::Vehicle(output) = *what {
-            send(ground, OutputNews { output, topic: topic.clone(), error: Some(error.into()) });
-        }
-    }
-}
-
-fn send(ground: &Ground, news: OutputNews) -> bool {
-    let stamped = Stamped { input: Input::Output(news), received: ground.clock.now() };
-    ground.inputs.try_send(stamped).is_ok()
 }
 
 fn body(say: Say, stamp: std::time::SystemTime) -> Vec<u8> {

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
 
-use argon2::password_hash::phc::PasswordHash;
-use argon2::{Algorithm, Argon2, Params, PasswordHasher, PasswordVerifier, Version};
+use argon2::password_hash::phc::{Output, PasswordHash};
+use argon2::{Algorithm, Argon2, Block, Params, PasswordHasher, PasswordVerifier, Version};
 use tokio::sync::oneshot;
 use zxcvbn::{Score, zxcvbn};
 
@@ -58,6 +58,10 @@ const ELSEWHERE_NICENESS: i32 = 19;
 /// Hashing takes 19 MiB and tens of milliseconds of one core, so there are two lanes. In each, so
 /// many logins may wait for their hash; more are refused, a flood must not fill the memory.
 const HASHES_WAITING: usize = 64;
+
+/// What glibc is asked for at once it takes from the system for that alone, and gives back, if it is more
+/// than 32 MiB (`M_MMAP_THRESHOLD`). Of less it may keep much. What is not used of it costs nothing.
+const BLOCKS_OF_A_LANE: usize = 33 * 1024;
 
 /// A hash of nothing anybody knows, with the parameters of [`argon2`]: unknown users cost the
 /// same time as known ones.
@@ -123,7 +127,10 @@ pub enum Lane {
     Elsewhere,
 }
 
-type Work = Box<dyn FnOnce() + Send>;
+type Work = Box<dyn FnOnce(&mut Blocks) + Send>;
+
+/// The memory in which a lane hashes; none before its first hash.
+type Blocks = Vec<Block>;
 
 impl Hashing {
     pub(in crate::store) fn new(demo: DemoSecrets) -> Result<Hashing, StoreError> {
@@ -135,7 +142,7 @@ impl Hashing {
     }
 
     pub(in crate::store) async fn hash(&self, secret: String) -> Result<String, StoreError> {
-        self.bounded(Lane::Vehicle, move || {
+        self.bounded(Lane::Vehicle, move |_| {
             argon2().hash_password(secret.as_bytes()).map(|hash| hash.to_string()).map_err(StoreError::Hash)
         })
         .await?
@@ -149,12 +156,12 @@ impl Hashing {
         hash: Option<String>,
     ) -> Result<bool, StoreError> {
         let demo = self.demo;
-        self.bounded(lane, move || {
+        self.bounded(lane, move |blocks| {
             let known = hash.is_some();
             let hash = hash.unwrap_or_else(|| NOBODY.to_owned());
             let secret = if secret.len() > SECRET_BYTES_MAX { String::new() } else { secret };
-            let matches = PasswordHash::new(&hash)
-                .is_ok_and(|hash| argon2().verify_password(secret.as_bytes(), &hash).is_ok());
+            let matches =
+                PasswordHash::new(&hash).is_ok_and(|hash| is_behind(&hash, secret.as_bytes(), blocks));
             matches && known && (demo == DemoSecrets::Accepted || !is_demo(&secret))
         })
         .await
@@ -163,13 +170,13 @@ impl Hashing {
     async fn bounded<T: Send + 'static>(
         &self,
         lane: Lane,
-        work: impl FnOnce() -> T + Send + 'static,
+        work: impl FnOnce(&mut Blocks) -> T + Send + 'static,
     ) -> Result<T, StoreError> {
         let (reply, answer) = oneshot::channel();
-        let work: Work = Box::new(move || {
+        let work: Work = Box::new(move |blocks| {
             // Nobody is waiting any more: a flood of logins that were given up costs nothing.
             if !reply.is_closed() {
-                let _ = reply.send(work());
+                let _ = reply.send(work(blocks));
             }
         });
         let queue = match lane {
@@ -191,7 +198,12 @@ fn start_lane(niceness: i32) -> Result<SyncSender<Work>, StoreError> {
         .spawn(move || {
             // On Linux this is of the calling thread alone. Without it hashing still works.
             let _ = rustix::process::nice(niceness);
-            queue.iter().for_each(|work| work());
+            while let Ok(work) = queue.recv() {
+                // For all that wait now; given back when nobody does.
+                let mut blocks = Blocks::new();
+                work(&mut blocks);
+                queue.try_iter().for_each(|work| work(&mut blocks));
+            }
         })
         .map_err(|reason| StoreError::Folder { path: PathBuf::from("(a new thread)"), reason })?;
     Ok(work)
@@ -200,6 +212,36 @@ fn start_lane(niceness: i32) -> Result<SyncSender<Work>, StoreError> {
 /// OWASP's minimum for argon2id: 19 MiB, two passes, one lane.
 fn argon2() -> Argon2<'static> {
     Argon2::new(Algorithm::Argon2id, Version::V0x13, Params::DEFAULT)
+}
+
+/// Whether this secret is the one behind a hash.
+fn is_behind(hash: &PasswordHash, secret: &[u8], blocks: &mut Blocks) -> bool {
+    let argon2 = argon2();
+    let (Some(salt), Some(expected), true) = (&hash.salt, &hash.hash, is_by(&argon2, hash)) else {
+        // By parameters of another version.
+        return argon2.verify_password(secret, hash).is_ok();
+    };
+    if blocks.is_empty() {
+        blocks.reserve_exact(BLOCKS_OF_A_LANE);
+        blocks.resize(argon2.params().block_count(), Block::new());
+    }
+    let mut made = [0; Params::DEFAULT_OUTPUT_LEN];
+    argon2.hash_password_into_with_memory(secret, salt, &mut made, blocks.as_mut_slice()).is_ok()
+        // In constant time.
+        && Output::new(&made).is_ok_and(|made| made == *expected)
+}
+
+/// Whether a hash was made as new ones are.
+fn is_by(argon2: &Argon2<'_>, hash: &PasswordHash) -> bool {
+    let params = argon2.params();
+    let costs = |it: &Params| (it.m_cost(), it.t_cost(), it.p_cost());
+    hash.algorithm == Algorithm::Argon2id.ident()
+        && hash.version == Some(Version::V0x13.into())
+        && Params::try_from(hash).is_ok_and(|it| {
+            costs(&it) == costs(params)
+                && it.keyid().is_empty()
+                && it.output_len() == Some(Params::DEFAULT_OUTPUT_LEN)
+        })
 }
 
 #[cfg(test)]
@@ -255,6 +297,30 @@ mod tests {
         let hash = PasswordHash::new(NOBODY).unwrap();
         assert_eq!(Params::try_from(&hash).unwrap().m_cost(), params.m_cost());
         assert_eq!(hash.hash.unwrap().as_bytes().len(), Params::DEFAULT_OUTPUT_LEN);
+    }
+
+    #[test]
+    fn what_was_hashed_before_in_the_same_memory_changes_nothing() {
+        let of = |params: Params, secret: &str| {
+            let argon2 = Argon2::new(Algorithm::Argon2id, Version::V0x13, params);
+            argon2.hash_password(secret.as_bytes()).unwrap()
+        };
+        let (first, second) = (of(Params::DEFAULT, "135791"), of(Params::DEFAULT, "246802"));
+        let weaker = of(Params::new(1024, 1, 1, None).unwrap(), "135791");
+        let mut blocks = Blocks::new();
+        for (hash, secret, expected) in [
+            (&weaker, "135791", true),
+            (&first, "135791", true),
+            (&second, "135791", false),
+            (&second, "246802", true),
+            (&weaker, "246802", false),
+            (&first, "135791", true),
+        ] {
+            assert_eq!(is_behind(hash, secret.as_bytes(), &mut blocks), expected, "{hash} {secret}");
+            let used = if blocks.is_empty() { 0 } else { Params::DEFAULT.block_count() };
+            assert_eq!(blocks.len(), used);
+        }
+        assert!(blocks.len() == Params::DEFAULT.block_count() && blocks.capacity() >= BLOCKS_OF_A_LANE);
     }
 
     #[tokio::test]

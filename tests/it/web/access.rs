@@ -6,7 +6,7 @@ use axum::http::{Method, Request, StatusCode};
 use telltale::store::{DemoSecrets, Role};
 use telltale::web::{Access, BODY_BYTES_MAX, Route, assets, routes};
 
-use super::fixture::{ADDRESS, COMPONENTS, Fixture, OWN_ORIGIN, as_program, form_request, request};
+use super::fixture::{ADDRESS, Answer, COMPONENTS, Fixture, OWN_ORIGIN, as_program, form_request, request};
 
 fn concrete(route: &Route) -> String {
     route.path.replace("{*path}", "vendor/htmx.min.js")
@@ -276,19 +276,76 @@ async fn every_answer_has_the_headers() {
 }
 
 #[tokio::test]
-async fn files_are_found_with_and_without_their_version_and_not_kept() {
+async fn files_are_found_with_and_without_their_version_and_kept_with_it_alone() {
     let fixture = Fixture::new().await;
     let cookie = fixture.cookie_of("developer").await;
     let name = "vendor/htmx.min.js";
     let versioned = fixture.get(&assets::url(name), Some(&cookie)).await;
     let plain = fixture.get(&format!("/static/{name}"), Some(&cookie)).await;
-    assert_eq!((versioned.status, plain.status), (StatusCode::OK, StatusCode::OK));
-    for answer in [versioned, plain] {
-        assert_eq!(answer.header("cache-control"), Some("no-store"));
-        assert_eq!(answer.header("content-type"), Some("text/javascript; charset=utf-8"));
+    let open = fixture.get(&assets::url("telltale.css"), None).await;
+    let year = "max-age=31536000, immutable";
+    for (answer, kept, kind) in [
+        (&versioned, format!("private, {year}"), "text/javascript"),
+        (&plain, "no-store".to_owned(), "text/javascript"),
+        (&open, format!("public, {year}"), "text/css"),
+    ] {
+        assert_eq!(answer.status, StatusCode::OK);
+        assert_eq!(answer.header("cache-control"), Some(&*kept));
+        assert_eq!(answer.header("content-type"), Some(&*format!("{kind}; charset=utf-8")));
     }
+    assert_eq!(versioned.header("etag"), plain.header("etag"));
+    assert_ne!(versioned.header("etag"), open.header("etag"));
     let old = format!("/static/0123456789abcdef/{name}");
-    assert_eq!(fixture.get(&old, Some(&cookie)).await.status, StatusCode::NOT_FOUND);
+    for (address, cookie, status) in [
+        (&*old, Some(&*cookie), StatusCode::NOT_FOUND),
+        (&*assets::url("nothing.js"), Some(&*cookie), StatusCode::NOT_FOUND),
+        (&*assets::url(name), None, StatusCode::UNAUTHORIZED),
+    ] {
+        let answer = fixture.get(address, cookie).await;
+        assert_eq!((answer.status, answer.header("cache-control")), (status, Some("no-store")), "{address}");
+    }
+}
+
+#[tokio::test]
+async fn a_file_is_sent_compressed_and_only_to_who_does_not_have_it() {
+    let fixture = Fixture::new().await;
+    let ask = async |name: &str, accepts: &str, has: &str| {
+        let mut asked = request(Method::GET, &assets::url(name), None);
+        asked.headers_mut().insert("accept-encoding", accepts.parse().unwrap());
+        asked.headers_mut().insert("if-none-match", has.parse().unwrap());
+        fixture.send(asked).await
+    };
+    let css = "telltale.css";
+    let plain = ask(css, "identity", "").await;
+    let small = ask(css, "br, GZIP;q=0.8", "").await;
+    assert_eq!((plain.header("content-encoding"), small.header("content-encoding")), (None, Some("gzip")));
+    assert_eq!(small.header("vary"), Some("accept-encoding"));
+    let size = |answer: &Answer| answer.header("content-length").unwrap().parse::<usize>().unwrap();
+    assert!(size(&small) * 3 < size(&plain), "{} of {}", size(&small), size(&plain));
+    for accepts in ["br", "gzip;q=0", "deflate, gzip; q=0.0"] {
+        let answer = ask(css, accepts, "").await;
+        assert_eq!((answer.header("content-encoding"), &answer.body), (None, &plain.body), "{accepts}");
+    }
+    let font = ask("vendor/inter-latin-wght-normal.woff2", "gzip, br", "").await;
+    assert_eq!(font.header("content-encoding"), None, "it is compressed already");
+    // Each form has a tag of its own: the other one is not what the browser has.
+    let (of_plain, of_small) = (plain.header("etag").unwrap(), small.header("etag").unwrap());
+    for (accepts, has, status) in [
+        ("gzip", of_small, StatusCode::NOT_MODIFIED),
+        ("gzip", &*format!("\"0\", W/{of_small}"), StatusCode::NOT_MODIFIED),
+        ("gzip", "*", StatusCode::NOT_MODIFIED),
+        ("gzip", of_plain, StatusCode::OK),
+        ("identity", of_plain, StatusCode::NOT_MODIFIED),
+        ("identity", of_small, StatusCode::OK),
+    ] {
+        let answer = ask(css, accepts, has).await;
+        let expected = if accepts == "gzip" { &small } else { &plain };
+        assert_eq!(answer.status, status, "{accepts} {has}");
+        assert_eq!(answer.body.is_empty(), status == StatusCode::NOT_MODIFIED);
+        for name in ["etag", "vary", "cache-control"] {
+            assert_eq!(answer.header(name), expected.header(name), "{accepts} {has}");
+        }
+    }
 }
 
 #[tokio::test]

@@ -41,6 +41,21 @@ pub struct Fixture {
     pub rereads: mpsc::Receiver<Reread>,
 }
 
+/// While this is held no timer of tokio's comes.
+pub struct NoTimers {
+    _held: std::sync::mpsc::Sender<()>,
+}
+
+impl NoTimers {
+    fn stop() -> NoTimers {
+        tokio::time::pause();
+        // With nothing else to do tokio goes on to its next timer, except while something blocks.
+        let (held, end) = std::sync::mpsc::channel();
+        tokio::task::spawn_blocking(move || end.recv());
+        NoTimers { _held: held }
+    }
+}
+
 pub struct Answer {
     pub status: StatusCode,
     pub headers: HeaderMap,
@@ -77,6 +92,14 @@ impl Fixture {
     pub async fn with_hand() -> (Fixture, ClockHand) {
         let (clock, hand) = Clock::with_hand();
         (Fixture::at(clock, ADDRESS, false, DemoSecrets::Accepted).await, hand)
+    }
+
+    /// With a clock that stands still unless it is set ahead, and with timers that never come: however busy
+    /// the machine is, nothing is too late.
+    pub async fn without_time() -> (Fixture, ClockHand, NoTimers) {
+        let timers = NoTimers::stop();
+        let (clock, hand) = Clock::standing();
+        (Fixture::at(clock, ADDRESS, false, DemoSecrets::Accepted).await, hand, timers)
     }
 
     /// Whose database lies in a folder.

@@ -297,7 +297,7 @@ async fn logins_of_the_same_account_do_not_end_the_session_of_who_drives() {
 
 #[tokio::test]
 async fn strangers_never_delay_the_right_secret_on_a_known_browser_nor_behind_a_proxy() {
-    let (mut fixture, hand) = Fixture::with_hand().await;
+    let (mut fixture, hand, _timers) = Fixture::without_time().await;
     for name in ["anna", "bert"] {
         fixture.store.add_user(name, Role::Authority, "a long password").await.unwrap();
     }

@@ -1,0 +1,30 @@
+//! Tells the engine what could not be sent to the vehicle, and that it can be sent again.
+
+use super::{Ground, OutputTopic, What};
+use crate::engine::input::{Input, OutputNews, Stamped};
+use crate::engine::model::output::Output;
+use crate::ros::PublishError;
+
+/// Whether the engine was told. A full queue is no reason to keep the vehicle waiting.
+pub fn tell(ground: &Ground, output: Output, topic: &str, error: Option<PublishError>) -> bool {
+    if let Some(error) = &error {
+        tracing::error!("{error}");
+    }
+    let error = error.map(|error| error.to_string().into());
+    send(ground, OutputNews { output, topic: topic.into(), error })
+}
+
+/// Nothing at all can be sent, or all can be sent again: some of it is said so seldom that its own success
+/// would come late.
+pub fn tell_all(ground: &Ground, error: Option<&str>) {
+    for OutputTopic { what, topic, .. } in ground.topics.iter() {
+        if let What::Vehicle(output) = *what {
+            send(ground, OutputNews { output, topic: topic.clone(), error: error.map(Box::from) });
+        }
+    }
+}
+
+fn send(ground: &Ground, news: OutputNews) -> bool {
+    let stamped = Stamped { input: Input::Output(news), received: ground.clock.now() };
+    ground.inputs.try_send(stamped).is_ok()
+}
