@@ -6,6 +6,7 @@ import os
 import pytest
 from playwright.sync_api import expect, sync_playwright
 
+from operating import watch
 from vehicle import CHROMIUM, Vehicle, serving
 
 
@@ -62,11 +63,6 @@ def page(chromium, trouble):
     context = chromium.new_context(viewport={"width": 1280, "height": 800}, locale="en-GB")
     context.set_default_timeout(PATIENCE_MS)
     page = context.new_page()
-    page.on("console", lambda message: message.type in ("error", "warning") and trouble.append(message.text))
-    page.on("pageerror", lambda error: trouble.append(str(error)))
-    page.add_init_script(
-        "addEventListener('securitypolicyviolation',"
-        " event => console.error(`CSP: ${event.violatedDirective} ${event.blockedURI}`))"
-    )
+    watch(page, trouble)
     yield page
     context.close()

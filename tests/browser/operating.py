@@ -14,8 +14,13 @@ def touch_context(chromium, lang="en", palette="night", **more):
 
 
 def watch(page, trouble):
-    """Notes everything that the browser complains about."""
-    page.on("console", lambda message: message.type in ("error", "warning") and trouble.append(message.text))
+    """Notes everything that the browser complains about, but for a server that says it is not ready."""
+
+    def note(message):
+        if message.type in ("error", "warning") and not message.location.get("url", "").endswith("/readyz"):
+            trouble.append(message.text)
+
+    page.on("console", note)
     page.on("pageerror", lambda error: trouble.append(str(error)))
     page.add_init_script(
         "addEventListener('securitypolicyviolation',"
