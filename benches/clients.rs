@@ -1,5 +1,5 @@
 //! Two hundred browsers at one vehicle: a foreign DDS peer publishes the shuttle's traffic and twenty
-//! times a second a change to WARNING or back, of which the page shows the warning's words at once, the real server serves the operator's page to all, and each client answers
+//! times a second a change to WARNING or back (the page shows a warning's words at once), the real server serves the operator's page to all, and each client answers
 //! as the page does. `TELLTALE_PEER_PYTHON=... cargo bench --bench clients [-- CLIENTS [SECONDS]]`;
 //! `TELLTALE` names another program to measure than the one that is built with this.
 

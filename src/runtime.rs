@@ -32,14 +32,14 @@ pub const RELOAD_QUEUE: usize = 1;
 /// Inputs handled before the others get their turn and a changed state is published.
 const BATCH_MAX: usize = 32;
 
-/// Turns of the vehicle that may wait for whoever records them. Past it the oldest are lost, and whoever
-/// waits for them is told how many.
+/// Turns of the vehicle that may wait for their receiver. Past it the oldest are lost, and the receiver is
+/// told how many.
 const TURN_QUEUE: usize = 256;
 
 /// New words and values, without a new state, wait this long for others.
 const WORDS_EVERY: Span = Span::from_millis(100);
 
-/// A snapshot is published this often even if nothing changed: whoever shows it knows by that
+/// A snapshot is published this often even if nothing changed: the pages know by that
 /// that the engine lives, and reads ages no older than this.
 pub const PULSE_EVERY: Span = Span::from_millis(250);
 
@@ -77,7 +77,7 @@ pub struct Reload {
 pub struct Reread {
     /// Whether the engine is to run by it, or only the difference is asked for.
     pub take: bool,
-    /// The [digest](Rereading::digest) of what whoever asks was shown: anything else is not taken.
+    /// The [digest](Rereading::digest) of what the developer was shown: anything else is not taken.
     pub shown: Option<String>,
     pub reply: oneshot::Sender<Rereading>,
 }
@@ -114,7 +114,7 @@ pub struct Link {
     pub commands: mpsc::Sender<Command>,
     pub rehearsals: mpsc::Sender<Rehearsal>,
     pub reloads: mpsc::Sender<Reload>,
-    /// Holds at most the latest; whoever is slow skips what lies between.
+    /// Holds at most the latest; a slow reader skips what lies between.
     pub snapshots: watch::Receiver<Published>,
     /// Every state in which the stage or what is asked of the vehicle was another one than before,
     /// also those that were over before anybody saw them.

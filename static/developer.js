@@ -6,7 +6,7 @@
   const STALE_MS = 1000;
   const DEAD_MS = 2000;
   const CHECK_MS = 100;
-  // Between two answers: whoever looks sees four a second as live.
+  // Between two answers: four a second look live.
   const RENEW_MIN_MS = 250;
   const ANSWER_MS = 5000;
   // News that is not on the page for so long makes it stale, and dead.

@@ -11,7 +11,7 @@
   const silence = new URL("silence.wav", document.currentScript.src);
   // Made when sound is permitted: earlier the browser would complain.
   let context = null;
-  // Whoever only looks on hears nothing unless they want to.
+  // A user who only looks on hears nothing unless they want to.
   let wanted = body.dataset.role === "operator";
   let playsUntil = 0;
 

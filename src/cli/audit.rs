@@ -28,8 +28,8 @@ enum Command {
     /// Say whether every record is as it was written and none is missing; exit code 1 if not, or if
     /// nothing proves that none is missing at the end
     ///
-    /// It reads the database, with `audit.key` and `audit.head` beside it, and changes nothing. Whoever can
-    /// read and write all three can write another log: give the heads that `serve` noted in its log, and a
+    /// It reads the database, with `audit.key` and `audit.head` beside it, and changes nothing. A program
+    /// that can read and write all three can write another log: give the heads that `serve` noted in its log, and a
     /// copy of the key.
     Verify {
         /// Folder of the database [default: $XDG_DATA_HOME/telltale or ~/.local/share/telltale]

@@ -36,7 +36,7 @@ impl DdsFlags {
         }
         if options.interface != Interface::All {
             tracing::warn!(
-                "the sockets of DDS are bound to all addresses, though only {} is spoken to: whoever reaches this \
+                "the sockets of DDS are bound to all addresses, though only {} is spoken to: every host that reaches this \
                  machine can send to them. Restrict them with a firewall, or as docs/kiosk.md has it for a service",
                 describe(&options)
             );

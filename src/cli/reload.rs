@@ -29,7 +29,7 @@ pub struct Outcome {
     pub differences: Vec<Difference>,
     /// What can happen with it and should not; it may be taken all the same.
     pub warnings: Option<Problems>,
-    /// Whoever listens to topics has to listen to others.
+    /// The bridge has to listen to other topics.
     pub topics_changed: bool,
 }
 
@@ -130,7 +130,7 @@ fn sources(model: &Model) -> (Vec<&FieldSource>, &Watched) {
 pub struct Reloads {
     /// For the developer's page.
     pub requests: mpsc::Sender<Reread>,
-    /// The configuration that runs: for whoever listens to its topics or shows its stops.
+    /// The configuration that runs, for the bridge, which listens to its topics, and the pages, which show its stops.
     pub running: watch::Receiver<Loaded>,
 }
 

@@ -124,7 +124,7 @@ fn tls(args: &Args) -> anyhow::Result<Option<Tls>> {
 /// DDS Security is not spoken (`docs/security.md`): nobody should have to find that out.
 fn say_whom_dds_believes(options: &BridgeOptions) {
     tracing::info!(
-        "DDS is not authenticated: whoever can send to domain {} can publish diagnostics and signals under any \
+        "DDS is not authenticated: every program that can send to domain {} can publish diagnostics and signals under any \
          name. Keep its network apart, and name who may say a status with `writers`",
         options.domain
     );

@@ -90,7 +90,7 @@ enum Command {
     /// List the tokens of programs, without their secrets
     #[command(after_help = "Example:\n  telltale user tokens --data /var/lib/telltale")]
     Tokens,
-    /// Take a token back; whoever is connected with it is cut off
+    /// Take a token back; programs that are connected with it are cut off
     #[command(after_help = "Example:\n  telltale user revoke 3 --data /var/lib/telltale")]
     Revoke { number: i64 },
 }

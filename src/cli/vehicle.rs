@@ -109,7 +109,7 @@ impl Vehicle {
         self.announced = nodes;
     }
 
-    /// Whoever puts the demo to sleep with Ctrl-Z finds it awake again.
+    /// A demo that was put to sleep with Ctrl-Z goes on whole.
     async fn reopen_if_stopped(&mut self) {
         if !self.publisher.has_stopped() {
             return;

@@ -9,7 +9,7 @@ use crate::yaml::{Sources, Span};
 pub enum Place {
     /// The type of a watched topic.
     Type(TopicId),
-    /// The type of a watched topic of which the header's stamp is wanted.
+    /// The type of a watched topic whose header stamp is wanted.
     Stamp(TopicId),
     /// A field of a watched topic, by its position.
     Field(TopicId, u32),

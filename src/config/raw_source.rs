@@ -8,7 +8,7 @@ use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned};
 #[derive(Debug)]
 pub(super) struct Topic {
     pub name: Spanned<String>,
-    /// Without it, it is what somebody else says: another place of the file, or whoever publishes it.
+    /// Without it, another place of the file says it, or the topic's publisher.
     pub type_name: Option<Spanned<String>>,
 }
 

@@ -130,7 +130,7 @@ impl TopicSeen {
 
 impl Endpoint {
     fn mismatch(&self, subscriber: &Endpoint) -> Option<Mismatch> {
-        // Our own readers come in every kind, one of which fits.
+        // Our own readers come in every kind; one of them fits.
         if subscriber.ours && self.type_name == subscriber.type_name {
             return None;
         }

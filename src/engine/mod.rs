@@ -1,6 +1,6 @@
 //! The pure core: statuses, signals and operator actions in, snapshots out (`ENGINE.md`).
 //!
-//! No clock, no I/O, no async, no serde, no logging. Whoever feeds it says what time it is, and
+//! No clock, no I/O, no async, no serde, no logging. The caller says what time it is, and
 //! asks [`Engine::next_deadline`] when to call again.
 
 pub mod action;

@@ -92,7 +92,7 @@ impl Signals {
         self.values[index].seen.replace(false) != Some(false)
     }
 
-    /// Takes the word that the vehicle drives or not, of which one may contradict the other. `expected`:
+    /// Takes the word that the vehicle drives or not; one may contradict the other. `expected`:
     /// it was cleared to drive. Returns whether what conditions see changed.
     pub(super) fn take_active(&mut self, value: Heard, expected: bool, now: Timestamp) -> bool {
         let Some(index) = self.active else { return false };

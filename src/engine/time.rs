@@ -1,6 +1,6 @@
 //! Time as the core knows it: instants on one monotonic clock, and lengths of time.
 //!
-//! The core never reads a clock. Whoever feeds it says what time it is.
+//! The core never reads a clock. Its caller says what time it is.
 
 use std::ops::{Add, Sub};
 

@@ -1,4 +1,4 @@
-//! Deadlines of modules, monitors and signals. An entry may be early: whoever owns it is asked again when
+//! Deadlines of modules, monitors and signals. An entry may be early: its owner is asked again when
 //! it comes up, so hearing from a module costs no work here.
 
 use std::cmp::Reverse;

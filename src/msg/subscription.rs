@@ -89,7 +89,7 @@ pub enum When {
     Now,
     /// When we listened and did not know its publisher: it is taken, and neither counted nor timed.
     Late,
-    /// Before our time, by a publisher that keeps it for whoever comes later.
+    /// Before our time, by a publisher that keeps it for readers that come later.
     Kept,
     /// Before our time, for others: it says that somebody publishes, and nothing of now.
     Past,

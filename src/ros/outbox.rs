@@ -69,7 +69,7 @@ impl Outbox {
     }
 }
 
-/// Ends when `stop` is true, or whoever could make it so is gone.
+/// Ends when `stop` is true, or its sender is gone.
 pub async fn stopped(stop: &mut watch::Receiver<bool>) {
     // An error means that the sender is gone: nobody is left to read for.
     let _ = stop.wait_for(|stop| *stop).await;

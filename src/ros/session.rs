@@ -38,7 +38,7 @@ pub struct Ground {
     /// Changes at every new configuration.
     pub plan: watch::Receiver<Arc<Plan>>,
     pub inputs: mpsc::Sender<Stamped>,
-    /// For whoever asks whether a node is there.
+    /// For the watchdogs that ask whether a node is there.
     pub nodes: watch::Sender<Nodes>,
     /// How long a gid is here, as soon as it is known.
     pub gid_size: watch::Sender<Option<GidSize>>,

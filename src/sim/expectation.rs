@@ -105,7 +105,7 @@ fn roots(snapshot: &Snapshot, node: NodeId) -> Vec<NodeId> {
     }
 }
 
-/// What a node shows and why, for whoever looks for the fault in a scenario.
+/// What a node shows and why, for the author who looks for the fault in a scenario.
 fn explain(snapshot: &Snapshot, node: NodeId) -> String {
     let (state, reason) = snapshot.shown(node);
     let name = snapshot.node_name(node);

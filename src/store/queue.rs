@@ -54,7 +54,7 @@ impl Store {
         self.run_job(place, job).await
     }
 
-    /// The same for somebody who comes from there. Whoever comes from elsewhere waits for a place.
+    /// The same for somebody who comes from there. Others wait for a place.
     pub(super) async fn call_from<T: Send + 'static>(
         &self,
         lane: Lane,

@@ -49,7 +49,7 @@ impl NotActed {
 /// Why a tap counts for nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Void {
-    /// Whoever made it has no session any more.
+    /// The user who made it has no session any more.
     SessionEnded,
     /// Somebody else leads the vehicle.
     NotSeated,
@@ -76,8 +76,8 @@ impl Void {
 
 impl AppState {
     /// Does what an operator asks for. It is judged, then written down with what is to be remembered
-    /// of it, then done: what is done is on the disk, and what cannot be written is not done. Whoever
-    /// kills the program in between finds it done after the restart, and nobody was told that yet.
+    /// of it, then done: what is done is on the disk, and what cannot be written is not done. If
+    /// the program is killed in between, it is done after the restart, and nobody was told that yet.
     ///
     /// `ask` says what is asked for, if that counts in the moment in which it is called: before
     /// anything is written, and again when the disk has answered. `until` is how long it may wait.

@@ -137,11 +137,11 @@ pub async fn reload(
     form: Result<Form<ReloadForm>, FormRejection>,
 ) -> Response {
     let shown = form.ok().and_then(|Form(form)| form.shown);
-    // Whoever looks at a page and does not say at what was shown nothing.
+    // A request that does not say which page it looks at was shown nothing.
     let shown = if bearer(&headers).is_some() { shown } else { Some(shown.unwrap_or_default()) };
     let record =
         record_of(&visit.session, Action::Configuration, source_of(peer.map(|Extension(peer)| peer)));
-    // Runs to its end whoever still listens: who had it taken is on the record.
+    // Runs to its end also if nobody listens any more: the record says who had it taken.
     let taking = tokio::spawn(have_taken(app, shown, record));
     let (read, found) = match taking.await.unwrap_or(Err(Trouble::Unavailable)) {
         Ok(taken) => taken,

@@ -114,7 +114,7 @@ impl Displays {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).open.len()
     }
 
-    /// Of which instant the best display of a login shows the state, if one has confirmed any.
+    /// The instant whose state the best display of a login shows, if one has confirmed any.
     pub fn shows_as_of(&self, session: &Session) -> Option<Timestamp> {
         self.newest(|display| display.session.is(session))
     }
@@ -130,7 +130,7 @@ impl Displays {
         table.open.values().any(|display| !display.is_stream && display.session.is(session))
     }
 
-    /// Whether whoever logged in sees the vehicle as it is: on a display of this login, or
+    /// Whether the user who logged in sees the vehicle as it is: on a display of this login, or
     /// on another one of theirs where this login has none.
     pub fn is_live_for(&self, session: &Session, now: Timestamp) -> bool {
         let has_own = {

@@ -72,7 +72,7 @@ impl Enrolled {
     }
 
     /// Whether it is one of the vehicle's own displays. Where others are named this machine is none:
-    /// a proxy may run on it, and whoever comes through that looks alike.
+    /// a proxy may run on it, and all who come through that look alike.
     pub fn is_near(&self, source: IpAddr) -> bool {
         let source = source.to_canonical();
         self.displays.iter().any(|display| match display {

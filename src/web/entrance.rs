@@ -177,7 +177,7 @@ impl Entrance {
     }
 
     /// Whether the session of a driving vehicle's operator would end. It does for the operator, and
-    /// for whoever takes the seat over: for others this is a logout.
+    /// for the operator who takes the seat over: for others this is a logout.
     fn is_refused_logout(&self, app: &AppState) -> Option<Refusal> {
         let snapshot = app.published().snapshot;
         let leaves = self.before.as_ref().is_some_and(|before| is_seated(before, &snapshot));
@@ -314,7 +314,7 @@ impl AppState {
     }
 
     /// Takes back a change of the seat that was not written in time, if it is written later: it was not done.
-    /// Whoever asks for that has the seat; until it is undone nobody else changes what it is taken back to.
+    /// The caller has the seat; until it is undone nobody else changes what it is taken back to.
     pub(super) fn undo_late(
         &self,
         writing: impl Future<Output = Result<Written, StoreError>> + Send + 'static,

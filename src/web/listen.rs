@@ -148,7 +148,7 @@ impl Line {
             request.extensions_mut().insert(meter.clone());
             let (work, router) = (self.place.work(), self.router.clone());
             async move {
-                // Whoever gave the place away ends before this does.
+                // The connection that gave the place away ends before this does.
                 let Some(work) = work else { return std::future::pending().await };
                 request.extensions_mut().insert(work.standing());
                 router.oneshot(request).await

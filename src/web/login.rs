@@ -27,7 +27,7 @@ use crate::engine::time::Span;
 use crate::store::audit::{Action, Record};
 use crate::store::{Lane, Role, SESSION_LIFE, Session, SessionKind, Token, Verified, is_pin};
 
-/// The server judges when a session is over, and whoever drives keeps it: a browser must not forget it
+/// The server judges when a session is over, and the driver keeps it: a browser must not forget it
 /// before.
 const COOKIE_LIFE: Duration = SESSION_LIFE.saturating_mul(2);
 
@@ -206,7 +206,7 @@ async fn prove(
     source: IpAddr,
     device: Option<Token>,
 ) -> Result<Verified, LoginFailure> {
-    // Whoever types it sees that it is a PIN: this says nothing of anybody's secret.
+    // The user sees that it is a PIN: this says nothing of anybody's secret.
     if is_pin(&form.secret) && !app.settings.enrolled.is_near(source) {
         return Err(LoginFailure::PinElsewhere);
     }

@@ -1,4 +1,4 @@
-//! Records that the disk did not take when they were due. Whoever follows the vehicle writes them as
+//! Records that the disk did not take when they were due. The task that follows the vehicle writes them as
 //! soon as it can, with the vehicle as it is: until then the disk may remember what was not done.
 
 use std::sync::{MutexGuard, PoisonError};

@@ -123,7 +123,7 @@ fn keys(name: &str, source: &Source) -> Vec<Key> {
     vec![Key::Source(network(ip)), account]
 }
 
-/// Where an address counts: whoever has an IPv6 address has 2^64 of them.
+/// Where an address counts: a host with one IPv6 address has 2^64 of them.
 pub fn network(ip: IpAddr) -> IpAddr {
     match ip {
         IpAddr::V4(_) => ip,

@@ -296,7 +296,7 @@ impl Tap {
             self.app.record(None, record.refused(void.words(Lang::En))).await;
             return Err(NotDone::Void(void));
         }
-        // Runs to its end whoever still listens: what was done has to be kept.
+        // Runs to its end also if nobody listens any more: what was done has to be kept.
         let tap = self.clone();
         let done = tokio::spawn(async move { tap.hand_on(grounds, action, record).await });
         done.await.unwrap_or(Err(NotDone::Trouble(Trouble::Unavailable)))

@@ -163,7 +163,7 @@ class Stopwatch:
         print(f"{name:<52} {len(took):>4} {p50:>8.1f} {p95:>8.1f} {took[-1]:>8.1f} {work:>8.1f}{mark}", flush=True)
 
     def pair(self, names, acts):
-        """Two or more inputs by turns, each of which makes room for the next."""
+        """Two or more inputs by turns; each makes room for the next."""
         took = {name: [] for name in names}
         for _ in range(self.rounds):
             for name, act in zip(names, acts):

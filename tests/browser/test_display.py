@@ -227,7 +227,7 @@ def test_a_browser_without_sockets_says_that_it_shows_nothing_live(demo, display
     page.locator("[data-tool=language]").evaluate("button => button.click()")
     expect(unfit).to_contain_text("Anderen verwenden")
     trouble.expect("WebSocket")
-    # Whoever is not logged in yet need not do it for nothing.
+    # A user who is not logged in yet need not do it for nothing.
     page.context.clear_cookies()
     page.goto(demo.url + "/login")
     expect(page.locator(".unfit")).to_contain_text("Use another one")

@@ -81,7 +81,7 @@ def gap(reader, writer, start, base, bits=0):
 
 
 class Attacker:
-    """A participant of its own, and whoever else it pretends to be."""
+    """A participant of its own, and the others that it pretends to be."""
 
     def __init__(self, domain, seed, participants=PARTICIPANTS):
         self.participants = participants
@@ -162,7 +162,7 @@ class Attacker:
         return self.header(prefix) + data(reader, writer, sequence, payload)
 
     def join(self):
-        """Becomes known, with a writer of diagnostics, to whoever is new."""
+        """Becomes known, with a writer of diagnostics, to new participants."""
         self.send(self.announcement(self.prefix))
         self.send(self.endpoint(self.prefix, USER_WRITER, *DIAGNOSTICS))
         time.sleep(self.patience)

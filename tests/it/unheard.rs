@@ -118,7 +118,7 @@ fn a_vehicle_that_hears_no_stop_gets_no_clearance() {
     let without_rules = CONFIG.split("countermeasures").next().unwrap();
     assert_eq!(refusals(without_rules, false), [Refusal::NobodyListens(Kind::ManeuverStop)]);
     let off = format!("{without_rules}publish: {{ maneuver_stop_request: false }}\n");
-    assert_eq!(refusals(&off, false), [], "whoever switched it off stops it in another way");
+    assert_eq!(refusals(&off, false), [], "an operator who switched it off stops it in another way");
 }
 
 #[test]

@@ -19,7 +19,7 @@ pub(in crate::engine) struct Ways<'a> {
 
 #[derive(Debug, Clone, Copy, Default)]
 struct Step {
-    /// Of which walk this is; what is of an earlier one does not count.
+    /// The walk that this belongs to; what an earlier walk left does not count.
     walk: u32,
     length: u32,
     /// Which hop of the vertex this is. Of equally short ways the first hop counts.

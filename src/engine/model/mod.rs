@@ -367,7 +367,7 @@ impl Model {
     /// The first cycle of dependencies, in configuration order (`ENGINE.md` 4).
     ///
     /// # Panics
-    /// If an id in `parts` points outside of it: ids are made by whoever made the parts.
+    /// If an id in `parts` points outside of it: the caller that made the parts made the ids.
     pub fn new(parts: Parts) -> Result<Model, Cycle> {
         let order = Order::of(&parts)?;
         Ok(Model { parts, order })

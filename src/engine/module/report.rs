@@ -15,7 +15,7 @@ const VALUE_BYTES: usize = 64;
 
 impl Report {
     /// Whether the status says the same in the same words. Longer than the limits, it is compared
-    /// as cut by whoever received it.
+    /// as cut by the bridge.
     pub(in crate::engine) fn says(&self, status: Status<'_>) -> bool {
         *self.message == *status.message()
             && *self.hardware_id == *status.hardware_id()

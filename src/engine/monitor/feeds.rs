@@ -93,7 +93,7 @@ struct Reader {
     field: Option<u32>,
 }
 
-/// A status of which KeyValues are watched.
+/// A status whose KeyValues are watched.
 #[derive(Debug, Default)]
 struct Keyed {
     keys: Vec<KeyReader>,

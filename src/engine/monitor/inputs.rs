@@ -22,7 +22,7 @@ pub(super) struct Inputs {
     max_age: Option<Span>,
 }
 
-/// Why there is no answer, and of which input.
+/// Why there is no answer, and which input lacks it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Doubt {
     slot: usize,

@@ -48,7 +48,7 @@ impl Window {
         self.high.clear();
     }
 
-    /// Takes a message with a value; whoever counts only gives 0.
+    /// Takes a message with a value; a monitor that only counts gives 0.
     pub(super) fn push(&mut self, value: f64, now: Timestamp) {
         self.advance(now);
         let width = Span::from_nanos(self.span.as_nanos() / BUCKETS);

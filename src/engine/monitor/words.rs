@@ -46,7 +46,7 @@ impl Bands {
         }
     }
 
-    /// The same limits in a unit of which so many are one of the other.
+    /// The same limits in another unit; `factor` of it are one of this.
     pub(super) fn scaled(&self, factor: f64) -> Bands {
         let scale = |limit: Option<f64>| limit.map(|limit| limit * factor);
         Bands {

@@ -25,7 +25,7 @@ pub(in crate::engine) struct Alarms {
     last_id: u64,
     merged: u64,
     dropped: u64,
-    /// Modules with an alarm from before a restart of which nothing is known since: it is not over.
+    /// Modules with an alarm from before a restart that nothing is known of since: it is not over.
     awaited: HashSet<NodeId>,
 }
 

@@ -60,7 +60,7 @@ impl Held {
     }
 
     /// Looks whether the causes that were named for it are still there. What a node that is well again
-    /// bears in itself, such as one of a set of which one is enough, is no cause any more.
+    /// bears in itself, such as one of a set where one is enough, is no cause any more.
     fn look_at_causes(&mut self, net: &Net, state: State, by_itself: Option<NodeId>) {
         let lies_in = |node| by_itself.is_some_and(|around| is_part_of(net, node, around));
         for cause in &mut self.causes {

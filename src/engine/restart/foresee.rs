@@ -1,5 +1,5 @@
-//! What an operator's action would leave to remember. Whoever has to have that on the disk before it
-//! happens asks here first.
+//! What an operator's action would leave to remember. The web server, which has that on the disk before
+//! it happens, asks here first.
 
 use std::sync::Arc;
 

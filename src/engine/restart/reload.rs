@@ -186,7 +186,7 @@ impl Engine {
             };
             let watched = if let By::Rule(_, node) = by { Some(node) } else { None };
             let still = |it: &&Cause| renamed(it.node).is_some() || it.present || !it.acknowledged;
-            // Whoever knew of a cause that is gone does not know of what it left.
+            // An operator who knew of a cause that is gone does not know of what it left.
             let cause = |it: &Cause| match renamed(it.node) {
                 Some(node) => Cause { node, ..*it },
                 None => {

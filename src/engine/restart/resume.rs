@@ -130,7 +130,7 @@ impl Engine {
         self.timers.arm(TimerKey::Active, self.active_by);
     }
 
-    /// Rates of topics of which nobody was found yet are not judged before one window after `until`.
+    /// Rates of topics without a publisher so far are not judged before one window after `until`.
     pub(in crate::engine) fn search_until(&mut self, until: Timestamp) {
         self.watching.search_until(until);
         self.timers.arm(TimerKey::Searched, until);

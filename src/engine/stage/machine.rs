@@ -120,7 +120,7 @@ impl Vehicle {
             return false;
         }
         let holds = |guard| match guard {
-            // Whoever raises a clearance has just made the checks.
+            // The caller that raises a clearance has just made the checks.
             Guard::None | Guard::Checks => true,
             Guard::Localized => self.localization.done,
             Guard::Operator => self.operator.is_some(),

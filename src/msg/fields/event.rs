@@ -15,7 +15,7 @@ const UNIT_WITHIN: f64 = 0.1;
 pub struct EventReader(Arc<Shape>);
 
 impl EventReader {
-    /// `None` for a type of which not every byte is known.
+    /// `None` for a type that is not known to the last byte.
     pub(super) fn of(shape: Arc<Shape>) -> Option<EventReader> {
         (!shape.wide).then_some(EventReader(shape))
     }

@@ -68,7 +68,7 @@ impl Definitions {
         Definitions::new(self.folders.iter().chain(folders).cloned().collect())
     }
 
-    /// Compiles a reader for what is wanted of a topic. A topic of which nothing but the fact that a
+    /// Compiles a reader for what is wanted of a topic. A topic where nothing but the fact that a
     /// message came is wanted can have any type, but none that its own package does not have.
     ///
     /// # Errors

@@ -52,7 +52,7 @@ fn member<'a>(text: &'a str, steps: &mut Vec<Step>) -> Result<&'a str, String> {
     Ok(rest)
 }
 
-/// What stands between brackets, the first of which is passed already.
+/// What stands between brackets; the opening one is passed already.
 fn element<'a>(text: &'a str, steps: &mut Vec<Step>) -> Result<&'a str, String> {
     const WRITE: &str =
         "write a number from 0 on, `[0]`, or a field and its value, `[child_frame_id=base_link]`";

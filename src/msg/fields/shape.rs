@@ -13,7 +13,7 @@ pub struct Shape {
     plain: Option<Strides>,
     /// The least that it takes, without padding; never 0.
     bytes_min: u64,
-    /// It holds a `wstring`, of which implementations of ROS 2 disagree how it is written.
+    /// It holds a `wstring`, which implementations of ROS 2 write in different ways.
     pub wide: bool,
 }
 

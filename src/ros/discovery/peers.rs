@@ -1,7 +1,7 @@
 //! Hosts that multicast does not reach: our participant is announced to each of them by unicast.
 //!
-//! The DDS library announces itself by multicast and to this machine alone. It answers whoever it hears
-//! of, though, and from then on goes on by itself: so all that is missing is the first word. That is one
+//! The DDS library announces itself by multicast and to this machine alone. It answers every participant that
+//! it hears of, though, and from then on goes on by itself: so all that is missing is the first word. That is one
 //! datagram, the announcement of the Simple Participant Discovery Protocol (RTPS 2.5, 8.5.3 and 9.6.2.2).
 
 use std::net::{Ipv4Addr, SocketAddr};

@@ -358,7 +358,7 @@ impl Child {
     }
 }
 
-/// What is received, and of whom.
+/// A received sample and its writer.
 struct Hearings {
     readers: Vec<Hearing>,
     /// Endpoints as the parent knows them.

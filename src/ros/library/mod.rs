@@ -174,7 +174,7 @@ impl Participant {
         self.order(Order::Deepen { topic, type_name, depth: depth as u32 });
     }
 
-    /// A reader of a topic, of which the library keeps `depth` samples. Where it cannot be made, the
+    /// A reader of a topic; the library keeps `depth` of its samples. Where it cannot be made, the
     /// participant ends.
     pub fn reader(&self, topic: &str, type_name: &str, via: Via, depth: usize) -> Reader {
         let id = self.next();

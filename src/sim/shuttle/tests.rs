@@ -194,7 +194,7 @@ fn the_whole_story_localize_wait_for_a_goal_clear_drive_arrive_and_again() {
         watched.pass(70_000);
         assert_eq!((watched.active(), watched.speed_mps()), (Some(false), 0.0), "it has arrived");
         assert!(watched.last(position).expect("it knows").distance_m(goal) < 0.1);
-        // The old clearance is used up, whoever repeats it.
+        // The old clearance is used up, also if somebody repeats it.
         watched.shuttle.obey(Order::Clear(true));
         watched.pass(20_000);
         assert_eq!(watched.active(), Some(false));

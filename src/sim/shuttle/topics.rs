@@ -7,7 +7,7 @@ use super::world::World;
 use crate::engine::model::sample::Pose;
 use crate::engine::time::Span;
 
-/// Whatever is a state is repeated, so that whoever joins late learns it.
+/// A state is repeated, so that a reader that joins late learns it.
 const ACTIVE_EVERY_MS: u64 = 200;
 const STATE_EVERY_MS: u64 = 1000;
 const GOAL_EVERY_MS: u64 = 1000;

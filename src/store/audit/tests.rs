@@ -198,7 +198,7 @@ async fn a_head_that_cannot_be_read_is_not_called_missing() {
     let folder = Folder::with_records("unreadable", 3).await;
     let head = folder.0.join(HEAD_FILE_NAME);
     let noted = std::fs::read(&head).unwrap();
-    // As for a file of somebody else, whoever runs the tests.
+    // As for a file of somebody else; root runs the tests, too.
     std::fs::remove_file(&head).unwrap();
     std::fs::create_dir(&head).unwrap();
     let names = |error: String| {

@@ -80,7 +80,7 @@ mod tests {
         make(&elsewhere, 0o640);
         make(&root.join("audit.key"), 0o600);
         symlink(root.join("audit.key"), folder.join("audit.key")).unwrap();
-        // Whoever makes the folder, or systemd, may let others look into it.
+        // The administrator who makes the folder, or systemd, may let others look into it.
         set(&folder, 0o755);
         let said = || exposed(&folder, Some(&elsewhere)).iter().map(ToString::to_string).collect::<Vec<_>>();
         assert!(said().is_empty(), "{:?}", said());

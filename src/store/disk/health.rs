@@ -130,7 +130,7 @@ impl Health {
         }
     }
 
-    /// Whoever else finds something wrong says it here.
+    /// Other parts of the store say here what they find wrong.
     pub(in crate::store) fn voice(&self) -> watch::Sender<Fault> {
         self.fault.clone()
     }

@@ -1,4 +1,4 @@
-//! A disk that hangs fails nothing: it does not answer. Whoever asks it waits, and so does the probe,
+//! A disk that hangs fails nothing: it does not answer. The caller waits, and so does the probe,
 //! so somebody else looks at how long the thread of the store has been at one thing.
 
 use std::path::Path;

@@ -249,7 +249,7 @@ impl Store {
         .await
     }
 
-    /// Who sat in the operator's seat last and has an open session still. Whoever drives keeps it past
+    /// Who sat in the operator's seat last and has an open session still. The driver keeps it past
     /// its time.
     ///
     /// # Errors

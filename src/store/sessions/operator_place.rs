@@ -221,7 +221,7 @@ impl Store {
 }
 
 impl Before {
-    /// The seat, and the sessions of these users and of whoever holds the token with this key.
+    /// The seat, and the sessions of these users and of the token with this key.
     fn of(
         transaction: &Transaction<'_>,
         names: [Option<&str>; 2],

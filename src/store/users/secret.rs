@@ -51,8 +51,8 @@ const PIN_DIGITS_MIN: usize = 6;
 const PASSWORD_CHARS_MIN: usize = 12;
 const SECRET_BYTES_MAX: usize = 256;
 
-/// On a machine with few cores the engine and the displays go first, whoever tries to log in; and
-/// on a busy one, whoever does at the vehicle itself has a share still.
+/// On a machine with few cores the engine and the displays go before logins; and
+/// on a busy one, logins at the vehicle itself have a share still.
 const VEHICLE_NICENESS: i32 = 5;
 const ELSEWHERE_NICENESS: i32 = 19;
 /// Hashing takes 19 MiB and tens of milliseconds of one core, so there are two lanes. In each, so

@@ -96,7 +96,7 @@ impl Store {
         .await
     }
 
-    /// Takes a token back; whoever is connected with it is cut off.
+    /// Takes a token back; programs that are connected with it are cut off.
     ///
     /// # Errors
     /// If there is no such token, or the database fails.

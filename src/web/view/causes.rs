@@ -243,7 +243,7 @@ fn calm(view: &View<'_>) -> (bool, String) {
         return (false, view.lang.steps().held_calm.to_owned());
     }
     let states = view.board.tiles.iter().map(|&id| view.snapshot.group(id).1.state);
-    // Whoever is ignored was put aside by the stage: with a mask there would be a root cause.
+    // A component that is ignored was put aside by the stage: with a mask there would be a root cause.
     let active = states.filter(|&state| state == State::Ok).count();
     match active {
         0 => (false, view.words.nothing_diagnosed.to_owned()),

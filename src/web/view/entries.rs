@@ -30,7 +30,7 @@ pub struct Entry {
     pub behind: String,
     pub masks: u32,
     pub help: String,
-    /// It is an alarm of which nobody has taken note.
+    /// It is an alarm that nobody has taken note of.
     pub calls: bool,
     /// It was wrong, and nobody has taken note of it.
     pub over: bool,

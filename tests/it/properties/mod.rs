@@ -391,7 +391,7 @@ fn check_alarms(snapshot: &Snapshot, oracle: &mut Oracle<'_>, last_alarm: &mut u
     assert!(snapshot.alarms.windows(2).all(|pair| pair[0].id < pair[1].id), "numbers of alarms ascend");
 }
 
-/// The cases hold what they are there for: groups of which names were dropped, redundant ones that fail
+/// The cases hold what they are there for: groups whose names were dropped, redundant ones that fail
 /// and empty ones among them, modules that leave and come back, and what is given time.
 #[test]
 fn the_cases_hold_what_is_rare() {

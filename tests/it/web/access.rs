@@ -20,7 +20,7 @@ fn by_route(route: &Route, cookie: Option<&str>) -> Request<Body> {
     request
 }
 
-/// Who may use what: operator, developer, authority, and whoever has no session. A new route needs
+/// Who may use what: operator, developer, authority, and a stranger without a session. A new route needs
 /// a decision, and a line here.
 const MATRIX: &[(&str, &str, [bool; 4])] = &[
     ("GET", "/", [true, true, true, false]),

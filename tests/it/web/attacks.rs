@@ -44,7 +44,7 @@ fn post(server: &Server, path: &str, cookie: Option<&str>, length: usize) -> Str
     )
 }
 
-/// Whoever begins a login and does not go on.
+/// A stranger who begins a login and does not go on.
 async fn begin_login(server: &Server) -> TcpStream {
     let mut stream = TcpStream::connect(server.address).await.unwrap();
     stream.write_all((post(server, "/login", None, 100) + "name=a").as_bytes()).await.unwrap();
@@ -90,7 +90,7 @@ async fn a_login_that_is_not_ended_is_cut_off_soon() {
     let said = rest(begin_login(&server).await).await;
     let took = server.fixture.clock.now().since(sent);
     assert!(said.starts_with("HTTP/1.1 408"), "{said:?}");
-    // Two seconds, and what a busy machine adds; whoever has a session has ten.
+    // Two seconds, and what a busy machine adds; a client with a session has ten.
     assert!(took.as_millis() < 8_000, "{} ms", took.as_millis());
     assert!(stop(&server, &operator).await.starts_with("HTTP/1.1 200"));
 }

@@ -199,7 +199,7 @@ async fn who_had_a_configuration_taken_is_on_the_record_whatever_becomes_of_the_
         assert_eq!(log[0].target, "1 difference: group `new` is new");
         let is_first = log[0].number;
         reply.send(if is_same { reread("0123", true) } else { reread("4567", false) }).unwrap();
-        // Whoever comes next finds it ended.
+        // The next request finds it ended.
         let deadline = fixture.clock.now() + Span::from_secs(5);
         let again = loop {
             assert!(fixture.clock.now() < deadline);

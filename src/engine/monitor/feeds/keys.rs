@@ -50,7 +50,7 @@ impl Watching {
             for reader in &keyed.keys {
                 let text = status.values().find(|(key, _)| **key == *reader.key).map(|(_, text)| text);
                 let value = match text {
-                    // Whoever repeats what was known once says so.
+                    // A status that repeats what was known once says so.
                     _ if status.state() == State::Unknown => {
                         FieldValue::Unreadable("the status is STALE".into())
                     }

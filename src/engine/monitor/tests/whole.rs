@@ -28,7 +28,7 @@ fn a_topic_without_publisher_or_of_another_type_is_said_in_words() {
             (600, Do::Nothing, Unknown, "nothing came since /a is published again"),
             (610, Do::Number(0, 2.0), Ok, "2, at most 80"),
             (620, Do::OtherType(1), Ok, ""),
-            // What was wrong stays so, whoever is there.
+            // What was wrong stays wrong, with and without publishers.
             (630, Do::Number(0, 99.0), Error, "99, at most 80"),
             (640, Do::Publishers(0, 0), Error, ""),
             (890, Do::Nothing, Error, "99, at most 80 wanted; nobody publishes /a"),

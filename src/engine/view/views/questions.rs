@@ -63,7 +63,7 @@ impl Views {
         self.masked_root.map(|node| self.name(node))
     }
 
-    /// A masked node without a cause. Whoever lost its last cause was set by the last search.
+    /// A masked node without a cause. A node that lost its last cause was set by the last search.
     pub(in crate::engine) fn masked_by_nothing(&self) -> Option<&str> {
         self.unexplained.map(|node| self.name(node))
     }

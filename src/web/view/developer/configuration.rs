@@ -53,7 +53,7 @@ struct ConfigurationHtml {
     lines: Vec<Line>,
 }
 
-/// `offer` is there for whoever may take the files, and true if they are not what was shown before.
+/// `offer` is there for users who may take the files, and true if they are not what was shown before.
 pub fn page(
     view: &View<'_>,
     read: &Rereading,
