@@ -24,6 +24,8 @@ PROCESS_MB = MEMORY_MB + 100
 # The processes, what they share and what is counted late.
 TOGETHER_MB = 2 * MEMORY_MB + 600
 STATUS = "velodyne_packet_alive"
+# `TELLTALE_FUZZ_S=3600 ... pytest -s -k fuzzing` fuzzes by the hour, and prints a line for each minute.
+FUZZED_S = int(os.environ.get("TELLTALE_FUZZ_S", "0"))
 
 # Two machines with a cable between them, for the test that is named; it runs at one end of it.
 OTHER_MACHINE = os.environ.get("TELLTALE_TEST_OTHER_MACHINE")
@@ -138,6 +140,7 @@ def attack(*words, seconds):
     words = [PYTHON, str(ROOT / "tests/dds/rtps.py"), "--domain", str(own_domain()), *words, "--seconds", str(seconds)]
     done = subprocess.run(words, capture_output=True, text=True, timeout=seconds + 30)
     assert done.returncode == 0 and json.loads(done.stdout)["sent"] > 0, done.stderr
+    return json.loads(done.stdout)["sent"]
 
 
 def test_one_heartbeat_that_claims_all_numbers_costs_a_moment(watched):
@@ -160,20 +163,40 @@ def test_one_heartbeat_that_claims_all_numbers_costs_a_moment(watched):
         (["builtin"], 3),
         # Only the server's participants: the peer takes seconds to recover, too.
         (["flood", "--rate", "3000", "--participants", "2"], 8),
-        (["fuzz", "--rate", "1000"], 12),
+        (["endpoints", "--rate", "3000", "--participants", "2"], 8),
     ],
     ids=lambda value: value[0] if isinstance(value, list) else str(value),
 )
 def test_data_are_back_five_seconds_after_the_last_forged_packet(watched, words, seconds, tmp_path):
     attack(*words, seconds=seconds)
     watched.wait_for_data()
-    # Who comes new is found, too.
-    writer = Writer(watched.server.domain, "rt/diagnostics", "DiagnosticArray", tmp_path / "new.log")
+    hears_a_new_publisher(watched, tmp_path)
+
+
+def hears_a_new_publisher(watched, folder):
+    word = f"new at {time.monotonic()}"
+    writer = Writer(watched.server.domain, "rt/diagnostics", "DiagnosticArray", folder / "new.log")
     with contextlib.closing(writer):
         def heard():
-            writer.write(statuses=[{"level": 1, "name": "tf_quality", "message": "new"}])
-            return "new" in json.dumps(watched.client.snapshot())
+            writer.write(statuses=[{"level": 1, "name": "tf_quality", "message": word}])
+            return word in json.dumps(watched.client.snapshot())
         until(heard, BACK_S, "a new publisher is heard")
+
+
+def test_data_are_back_five_seconds_after_each_round_of_fuzzing(watched, tmp_path):
+    rounds = FUZZED_S // 60
+    for number in range(max(rounds, 1)):
+        rate = (1000, 300, 3000)[number % 3]
+        sent = attack("fuzz", "--rate", str(rate), "--seed", str(number), seconds=60 if rounds else 12)
+        ended = time.monotonic()
+        watched.wait_for_data()
+        back_s = time.monotonic() - ended
+        hears_a_new_publisher(watched, tmp_path)
+        print(
+            f"round {number}: {sent} packets, data back after {back_s:.1f} s, page silent {watched.silent_s:.2f} s at most, "
+            f"a DDS process {watched.process_mb:.0f} MB at most, all together {watched.memory_mb:.0f} MB", flush=True,
+        )
+        watched.check()
 
 
 def test_sigterm_ends_all_within_three_seconds_in_the_middle_of_it(tmp_path):

@@ -5,6 +5,7 @@
     rtps.py --domain 7 gap                        ... and one that takes them back
     rtps.py --domain 7 builtin                    the same from the writers of discovery
     rtps.py --domain 7 flood --rate 3000          participants that are none
+    rtps.py --domain 7 endpoints --rate 3000      one participant with writers and readers without end
     rtps.py --domain 7 fuzz --seed 5              packets made by the grammar, and changed ones
 
 It joins as a participant of its own where an attack needs one that is known. At the end it prints how many packets
@@ -188,6 +189,14 @@ class Attacker:
         """As many participants as there are packets."""
         self.send(self.announcement(self.stranger()), offsets=(10,))
 
+    def endpoints(self):
+        """One participant, with as many writers and readers as there are packets, each of a topic of its own."""
+        if self.sent % 500 == 0:
+            self.send(self.announcement(self.prefix), offsets=(10,))
+        kind = b"\3" if self.sent % 2 else b"\4"
+        entity = struct.pack(">I", self.sent)[1:] + kind
+        self.send(self.endpoint(self.prefix, entity, f"rt/{self.sent}", DIAGNOSTICS[1], self.sent), offsets=(10,))
+
     def fuzz(self):
         self.learn()
         if self.sent % 200 == 0:
@@ -295,6 +304,7 @@ def main():
         "gap": Attacker.gaps,
         "builtin": Attacker.builtin,
         "flood": Attacker.flood,
+        "endpoints": Attacker.endpoints,
         "fuzz": Attacker.fuzz,
     }
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])

@@ -5,6 +5,9 @@
 
 use std::net::Ipv4Addr;
 
+use bytes::Bytes;
+use tokio_util::codec::LengthDelimitedCodec;
+
 use super::qos::Via;
 use super::raw_bytes::BODY_BYTES_MAX;
 use super::{Found, Quality, RawSample};
@@ -61,7 +64,7 @@ pub enum Order {
     Write {
         id: u32,
         number: u32,
-        body: Vec<u8>,
+        body: Bytes,
     },
     /// End, and say goodbye to the other participants.
     Close,
@@ -107,6 +110,11 @@ pub enum News {
     },
 }
 
+/// Finds the frames in what comes over the socket. A longer one than may be is an error.
+pub fn frames() -> LengthDelimitedCodec {
+    LengthDelimitedCodec::builder().little_endian().max_frame_length(FRAME_BYTES_MAX).new_codec()
+}
+
 /// Writes messages into a frame.
 #[derive(Debug, Default)]
 pub struct Frame(Vec<u8>);
@@ -125,11 +133,11 @@ impl Frame {
     }
 
     /// The frame as it travels; what follows goes into a new one.
-    pub fn take(&mut self) -> Vec<u8> {
+    pub fn take(&mut self) -> Bytes {
         let mut bytes = std::mem::replace(&mut self.0, vec![0; 4]);
         let length = u32::try_from(bytes.len() - 4).unwrap_or(u32::MAX);
         bytes[..4].copy_from_slice(&length.to_le_bytes());
-        bytes
+        bytes.into()
     }
 
     fn u8(&mut self, value: u8) -> &mut Frame {
@@ -160,6 +168,8 @@ impl Frame {
     }
 
     fn bytes(&mut self, value: &[u8]) -> &mut Frame {
+        // At once: a large message would be copied again each time that its frame grows.
+        self.0.reserve(value.len() + 64);
         self.u32(u32::try_from(value.len()).unwrap_or(u32::MAX));
         self.0.extend(value);
         self
@@ -242,7 +252,7 @@ impl Frame {
 
 /// Reads the messages of a frame.
 struct Reading<'a> {
-    frame: &'a [u8],
+    frame: &'a Bytes,
     at: usize,
 }
 
@@ -250,7 +260,7 @@ struct Reading<'a> {
 ///
 /// # Errors
 /// It is not exactly orders.
-pub fn orders(frame: &[u8]) -> Result<Vec<Order>, Nonsense> {
+pub fn orders(frame: &Bytes) -> Result<Vec<Order>, Nonsense> {
     all(frame, Reading::order)
 }
 
@@ -258,12 +268,12 @@ pub fn orders(frame: &[u8]) -> Result<Vec<Order>, Nonsense> {
 ///
 /// # Errors
 /// It is not exactly news.
-pub fn news(frame: &[u8]) -> Result<Vec<News>, Nonsense> {
+pub fn news(frame: &Bytes) -> Result<Vec<News>, Nonsense> {
     all(frame, Reading::news)
 }
 
 fn all<'a, T>(
-    frame: &'a [u8],
+    frame: &'a Bytes,
     one: impl Fn(&mut Reading<'a>) -> Result<T, Nonsense>,
 ) -> Result<Vec<T>, Nonsense> {
     let mut reading = Reading { frame, at: 0 };
@@ -325,6 +335,13 @@ impl<'a> Reading<'a> {
         if length > limit { Err(Nonsense(at)) } else { self.slice(length) }
     }
 
+    /// The body of a sample. What is most of its frame is not copied: the frame stays for it.
+    fn body(&mut self) -> Result<Bytes, Nonsense> {
+        let bytes = self.bytes(BODY_BYTES_MAX)?;
+        let shared = bytes.len() * 2 > self.frame.len();
+        Ok(if shared { self.frame.slice_ref(bytes) } else { Bytes::copy_from_slice(bytes) })
+    }
+
     fn text(&mut self) -> Result<String, Nonsense> {
         let at = self.at;
         let bytes = self.bytes(NAME_BYTES_MAX)?;
@@ -356,11 +373,7 @@ impl<'a> Reading<'a> {
                 type_name: self.text()?,
                 quality: Quality::ALL[usize::from(self.below(3)?)],
             },
-            6 => Order::Write {
-                id: self.u32()?,
-                number: self.u32()?,
-                body: self.bytes(BODY_BYTES_MAX)?.to_vec(),
-            },
+            6 => Order::Write { id: self.u32()?, number: self.u32()?, body: self.body()? },
             _ => Order::Close,
         })
     }
@@ -406,8 +419,8 @@ impl<'a> Reading<'a> {
     fn sample(&mut self) -> Result<RawSample, Nonsense> {
         let (writer, sequence, source) = (self.array()?, self.u64()? as i64, self.option()?);
         let body = match self.below(4)? {
-            0 => Ok((self.bytes(BODY_BYTES_MAX)?.to_vec(), Endian::Little)),
-            1 => Ok((self.bytes(BODY_BYTES_MAX)?.to_vec(), Endian::Big)),
+            0 => Ok((self.body()?, Endian::Little)),
+            1 => Ok((self.body()?, Endian::Big)),
             2 => {
                 let bytes = usize::try_from(self.u64()?).unwrap_or(usize::MAX);
                 Err(FaultKind::TooLarge { bytes, limit: BODY_BYTES_MAX })
