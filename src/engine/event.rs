@@ -96,7 +96,7 @@ impl Events {
             What::AlarmRaised { node, .. }
             | What::AlarmAcknowledged { node, .. }
             | What::AlarmCleared { node, .. } => [Some(node), None],
-            _ => [None, None],
+            What::Stage { .. } | What::Signal { .. } | What::Left { .. } | What::Reloaded => [None, None],
         };
         self.list.iter().flatten().flat_map(of).flatten()
     }

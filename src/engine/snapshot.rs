@@ -69,10 +69,7 @@ impl Snapshot {
 
     /// The deceleration to ask for in m/s²; a level for its topic.
     pub fn deceleration(&self) -> Option<f64> {
-        self.countermeasures.iter().find_map(|it| match it.request {
-            Request::Decelerate { mps2 } => Some(mps2),
-            _ => None,
-        })
+        self.countermeasures.iter().find_map(|it| it.request.mps2())
     }
 
     /// Whether to ask for the maneuver component's own stop; a level for its topic. A stronger

@@ -114,9 +114,10 @@ fn key(kind: usize, index: usize) -> TimerKey {
         4 => TimerKey::Measures,
         5 => TimerKey::Monitor(index),
         6 => TimerKey::Active,
+        7 => TimerKey::Searched,
         8 => TimerKey::Group(index),
         9 => TimerKey::Disputes,
-        _ => TimerKey::Searched,
+        _ => unreachable!("`Timers::slot` knows ten kinds"),
     }
 }
 

@@ -4,8 +4,8 @@ use crate::engine::model::{Model, Policy};
 use crate::engine::time::Span;
 use std::collections::BTreeSet;
 
-use crate::engine::model::order::targets;
-use crate::engine::model::{Dependency, DependsOn, GroupId, ModuleId, NodeId};
+use super::rules::Standing;
+use crate::engine::model::{Dependency, GroupId, ModuleId, NodeId};
 use crate::engine::module::OwnState;
 use crate::engine::snapshot::NotRelevant;
 use crate::engine::state::{State, Tally};
@@ -25,18 +25,13 @@ pub(in crate::engine) struct Facts {
 }
 
 impl Facts {
-    /// The worse of what it shows and what it would show if nothing were masked.
+    /// What the rules of masking look at.
+    pub(in crate::engine) fn standing(&self) -> Standing {
+        Standing { relevant: self.relevant, blocked: self.blocked, shown: self.shown, own: self.own }
+    }
+
     pub(in crate::engine) fn worst(&self) -> State {
-        self.shown.max(self.own)
-    }
-
-    fn fails(&self, masks_unknown: bool) -> bool {
-        self.worst() == State::Error || (masks_unknown && self.worst() == State::Unknown)
-    }
-
-    /// What it adds to the own state of the group around it.
-    pub(in crate::engine) fn own_share(&self) -> State {
-        if self.relevant { self.own } else { State::Ignore }
+        self.standing().worst()
     }
 }
 
@@ -52,8 +47,8 @@ pub(in crate::engine) struct Need {
 impl Need {
     fn new(dependency: &Dependency) -> Need {
         Need {
-            members: targets(dependency).into(),
-            any_of: matches!(dependency.on, DependsOn::AnyOf(_)),
+            members: dependency.targets().into(),
+            any_of: dependency.is_any_of(),
             masks_unknown: dependency.masks_unknown,
             blocking: 0,
         }
@@ -63,11 +58,9 @@ impl Need {
         self.blocking as usize == self.members.len()
     }
 
-    /// Whether a member with these facts blocks. One that is not relevant passes on what blocks
-    /// it, but keeps a redundancy set open.
+    /// Whether a member with these facts blocks.
     pub(in crate::engine) fn blocked_by(&self, facts: &Facts) -> bool {
-        let fails = facts.relevant && facts.fails(self.masks_unknown);
-        if self.any_of { facts.relevant && (facts.blocked || fails) } else { facts.blocked || fails }
+        facts.standing().blocks(self.any_of, self.masks_unknown)
     }
 }
 

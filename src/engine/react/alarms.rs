@@ -216,7 +216,7 @@ impl Alarms {
                     self.merged += 1;
                     self.list.remove(index);
                 }
-                _ => index += 1,
+                None => index += 1,
             }
         }
     }

@@ -389,7 +389,7 @@ fn reason(
     }
     match before {
         Some(masked @ Reason::Masked { .. }) => Some(masked.clone()),
-        _ => Some(Reason::Masked { by: Arc::from([]) }),
+        Some(Reason::NotRelevant(_)) | None => Some(Reason::Masked { by: Arc::from([]) }),
     }
 }
 
