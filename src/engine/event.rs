@@ -67,7 +67,7 @@ pub enum What {
     Reloaded,
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Events {
     list: Option<Vec<Event>>,
     pub(super) dropped: u64,

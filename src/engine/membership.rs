@@ -20,7 +20,7 @@ use super::time::Timestamp;
 use super::view::views::Views;
 
 /// Places of modules that left.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Departed {
     /// By name: an alarm, or what is asked of the vehicle, may speak of them still.
     named: BTreeMap<Arc<str>, ModuleId>,

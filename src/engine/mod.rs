@@ -58,7 +58,7 @@ use timers::{TimerKey, Timers};
 use view::views::Views;
 
 /// The aggregation engine of one vehicle.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Engine {
     model: Arc<Model>,
     now: Timestamp,

@@ -17,7 +17,7 @@ use super::text::Text;
 use super::time::Timestamp;
 
 /// The state of the whole vehicle at one instant.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Snapshot {
     /// Grows by one with every input or deadline that changed a state, a reason, a root cause, an
     /// alarm or the stage: what an operator decides by.
@@ -216,7 +216,7 @@ pub struct ModuleInfo {
     pub class: Class,
 }
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GroupView {
     /// What is shown.
     pub state: State,
@@ -235,7 +235,7 @@ pub struct GroupView {
 /// Nodes from a symptom to a root cause.
 pub type Path = Arc<[NodeId]>;
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ModuleView {
     pub state: State,
     pub own: State,
@@ -264,7 +264,7 @@ pub struct Report {
 }
 
 /// Why a node shows IGNORE.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Reason {
     /// A dependency fails; these are the root causes, ranked.
     Masked { by: Arc<[NodeId]> },

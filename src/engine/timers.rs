@@ -29,7 +29,7 @@ const SUPERSEDED_MAX: usize = 64;
 
 /// At most one live entry for each key; superseded ones are dropped when they come up, or when they
 /// are too many.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Timers {
     heap: BinaryHeap<Reverse<(Timestamp, TimerKey)>>,
     queued: [Vec<Option<Timestamp>>; 10],

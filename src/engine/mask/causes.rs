@@ -35,7 +35,7 @@ pub(in crate::engine) enum Vertex {
 /// Positions in [`Found::roots`], ascending.
 type RootSet = Arc<[u32]>;
 
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Causes {
     region: BTreeSet<(u32, Vertex)>,
     since: HashMap<NodeId, Timestamp, Mixing>,

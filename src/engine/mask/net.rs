@@ -38,7 +38,7 @@ enum Visit {
     Leave(u32),
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::engine) struct Net {
     pub(in crate::engine) model: Arc<Model>,
     pub(in crate::engine) groups: Vec<GroupNode>,

@@ -36,7 +36,7 @@ impl Facts {
 }
 
 /// One dependency of a node, with how many of its members block now.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::engine) struct Need {
     pub(in crate::engine) members: Box<[NodeId]>,
     pub(in crate::engine) any_of: bool,
@@ -65,7 +65,7 @@ impl Need {
 }
 
 /// What groups and modules have in common.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::engine) struct Node {
     pub(in crate::engine) parent: Option<GroupId>,
     pub(in crate::engine) needs: Box<[Need]>,
@@ -78,7 +78,7 @@ pub(in crate::engine) struct Node {
     pub(in crate::engine) dirty: bool,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::engine) struct GroupNode {
     pub(in crate::engine) node: Node,
     /// The facts that its parent and dependents know; they are told when it is left.
@@ -114,7 +114,7 @@ pub(in crate::engine) enum ModuleKind {
     Gone,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::engine) struct ModuleNode {
     pub(in crate::engine) kind: ModuleKind,
     pub(in crate::engine) node: Node,

@@ -152,7 +152,7 @@ impl Held {
     }
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Measures {
     /// Rules by the nodes that they are about.
     rules: HashMap<NodeId, Vec<usize>>,
