@@ -5,9 +5,9 @@ use std::time::Duration;
 
 use tokio::sync::{mpsc, watch};
 
-use crate::engine::input::{Input, Stamped};
+use crate::engine::input::Input;
 use crate::engine::model::sample::FieldValue;
-use crate::engine::time::Timestamp;
+use crate::msg::received::Stamped;
 
 /// Bytes of messages that may wait for the engine from one topic, beside the last one.
 const WAITING_BYTES_MAX: usize = 16 << 20;
@@ -43,7 +43,7 @@ impl Outbox {
     ///
     /// # Errors
     /// The end came while it waited.
-    pub async fn send(&mut self, input: Input, received: Timestamp, bytes: usize) -> Result<(), End> {
+    pub async fn send(&mut self, stamped: Stamped, bytes: usize) -> Result<(), End> {
         let Outbox { inputs, stop, sizes, bytes: waiting } = self;
         let sent = async {
             loop {
@@ -57,7 +57,7 @@ impl Outbox {
                 }
                 tokio::time::sleep(Duration::from_millis(1)).await;
             }
-            inputs.send(Stamped { input, received }).await.map_err(|_| End::NobodyListens)
+            inputs.send(stamped).await.map_err(|_| End::NobodyListens)
         };
         tokio::select! {
             sent = sent => sent?,
@@ -94,6 +94,11 @@ pub fn waiting_bytes(input: &Input, body_bytes: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::time::Timestamp;
+
+    fn tick() -> Stamped {
+        Stamped::new(Input::Tick, Timestamp::ZERO)
+    }
 
     fn outbox(queue: usize) -> (Outbox, mpsc::Receiver<Stamped>, watch::Sender<bool>) {
         let (inputs, received) = mpsc::channel(queue);
@@ -106,19 +111,19 @@ mod tests {
         let (mut outbox, mut received, _stop) = outbox(1000);
         let large = WAITING_BYTES_MAX / 2;
         for _ in 0..3 {
-            outbox.send(Input::Tick, Timestamp::ZERO, large).await.unwrap();
+            outbox.send(tick(), large).await.unwrap();
         }
-        let held = tokio::time::timeout(Duration::from_secs(5), outbox.send(Input::Tick, Timestamp::ZERO, 1));
+        let held = tokio::time::timeout(Duration::from_secs(5), outbox.send(tick(), 1));
         assert!(held.await.is_err());
         received.recv().await.unwrap();
-        outbox.send(Input::Tick, Timestamp::ZERO, 1).await.unwrap();
+        outbox.send(tick(), 1).await.unwrap();
     }
 
     #[tokio::test(start_paused = true)]
     async fn an_end_is_noticed_while_it_waits() {
         let (mut outbox, received, stop) = outbox(1);
-        outbox.send(Input::Tick, Timestamp::ZERO, 1).await.unwrap();
-        let (end, _) = tokio::join!(outbox.send(Input::Tick, Timestamp::ZERO, 1), async {
+        outbox.send(tick(), 1).await.unwrap();
+        let (end, _) = tokio::join!(outbox.send(tick(), 1), async {
             tokio::time::sleep(Duration::from_secs(1)).await;
             stop.send(true)
         });
@@ -126,6 +131,6 @@ mod tests {
         drop(received);
         let (mut outbox, received, _stop) = super::tests::outbox(1);
         drop(received);
-        assert_eq!(outbox.send(Input::Tick, Timestamp::ZERO, 1).await, Err(End::NobodyListens));
+        assert_eq!(outbox.send(tick(), 1).await, Err(End::NobodyListens));
     }
 }

@@ -23,9 +23,9 @@ use super::reading::learning::Learning;
 use super::reading::topic::{Memory, Orders, Surroundings, Topic};
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
-use crate::engine::input::Stamped;
 use crate::msg::messages;
 use crate::msg::messages::GidSize;
+use crate::msg::received::Stamped;
 use crate::msg::ros_clock::RosClock;
 use crate::msg::subscription::{Plan, Subscription};
 

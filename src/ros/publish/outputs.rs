@@ -20,7 +20,6 @@ use tokio::task::{JoinHandle, JoinSet};
 use tokio::time::{Instant, MissedTickBehavior};
 
 use crate::clock::Clock;
-use crate::engine::input::Stamped;
 use crate::engine::model::output::{Output, Publication};
 use crate::engine::model::sample::Pose;
 use crate::engine::snapshot::{MapPose, Snapshot};
@@ -28,6 +27,7 @@ use crate::engine::time::Span;
 use crate::msg::messages::encode;
 use crate::msg::messages::encode::{Header, Motion};
 use crate::msg::messages::{BOOL, DIAGNOSTIC_ARRAY};
+use crate::msg::received::Stamped;
 use crate::ros::options::interfaces;
 use crate::ros::options::interfaces::AddressWatch;
 use crate::ros::outbox::stopped;
