@@ -1,4 +1,4 @@
-//! Watchdogs: hosts, ports, nodes and services that are asked again and again whether they are there.
+//! Watchdogs: ask repeatedly whether hosts, ports, nodes and services are there.
 
 pub(super) mod icmp_echo;
 

@@ -1,4 +1,5 @@
-//! Topics that wait for somebody who publishes them, to be read as what that says.
+//! Topics whose type the configuration leaves out: they wait for a publisher, and are then read with its
+//! type.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;

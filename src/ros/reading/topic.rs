@@ -1,4 +1,4 @@
-//! One topic in a task of its own: what its readers receive becomes inputs.
+//! One topic in a task of its own: turns the samples of its readers into inputs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::future::poll_fn;
@@ -29,32 +29,33 @@ use crate::ros::outbox::{End, Outbox, stopped, waiting_bytes};
 /// Writers that discovery does not know are asked for again only after it has news.
 const UNKNOWN_MAX: usize = 1024;
 
-/// That nobody publishes a topic is said only when discovery had this time to find somebody.
+/// A topic is reported to have no publisher only after discovery had this time.
 const DISCOVERY: Span = Span::from_secs(5);
 
 /// A larger last value is not kept for monitors that are configured later.
 const KEPT_BYTES_MAX: usize = 64 << 10;
 
-/// What every topic of a participant's life shares.
+/// State shared by all topics of a participant.
 #[derive(Clone)]
 pub struct Surroundings {
     pub participant: Participant,
     pub inputs: mpsc::Sender<Stamped>,
     pub clock: Clock,
-    /// Counts what is received.
+    /// Counts received messages.
     pub tallies: Tallies,
     pub ros_clock: RosClock,
     pub stop: watch::Receiver<bool>,
 }
 
-/// What outlives a participant: gaps are counted across a rebuild, and what was seen before it is
-/// not taken again.
+/// State that outlives a participant: gaps are counted across a replacement, and samples are not taken
+/// twice.
 #[derive(Debug)]
 pub struct Memory {
     writers: Writers,
     troubles: Troubles,
     retention: Retention,
-    /// The last message of a publisher that keeps it for late readers: a new configuration is one.
+    /// The last message of a publisher that keeps it for late readers, because a new configuration counts
+    /// as one.
     last_value: Option<Arc<Message>>,
 }
 
@@ -69,11 +70,11 @@ impl Memory {
     }
 }
 
-/// What is told to the task of a topic.
+/// Orders to the task of a topic.
 pub struct Orders {
     /// Changes when discovery has news of this topic.
     pub discovered: watch::Receiver<u64>,
-    /// What is read of the topic; marked as changed at every new configuration, even if it is the same.
+    /// The fields to read; marked as changed at every new configuration, even if they are the same.
     pub subscription: watch::Receiver<Arc<Subscription>>,
 }
 
@@ -81,9 +82,9 @@ pub struct Topic {
     subscription: Arc<Subscription>,
     /// Until then discovery may not have found everybody.
     searching_until: Timestamp,
-    /// The publishers and the other type that were said last.
+    /// The publishers and the other type that were reported last.
     said: Option<(u32, Option<Box<str>>)>,
-    /// It was said that last values are not asked for.
+    /// It was reported that last values are not asked for.
     told_of_mix: bool,
     around: Surroundings,
     readers: Readers,
@@ -114,7 +115,7 @@ impl Topic {
         topic
     }
 
-    /// Reads until the end, or until nobody is left who gives orders.
+    /// Reads until the end, or until nobody gives orders any more.
     pub async fn run(mut self, mut orders: Orders) -> (Memory, End) {
         let end = match self.read(&mut orders).await {
             Ok(never) => match never {},
@@ -158,8 +159,8 @@ impl Topic {
         }
     }
 
-    /// Reads by another configuration from now on. It learns the last value as who comes late does,
-    /// and hears anew who publishes.
+    /// Reads by another configuration from now on. It gets the last value as a late joiner does, and the
+    /// publishers are reported again.
     async fn follow_configuration(&mut self, next: Arc<Subscription>) -> Result<(), End> {
         self.subscription = next;
         self.said = None;

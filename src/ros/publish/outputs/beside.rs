@@ -1,4 +1,4 @@
-//! Other programs that publish the aggregated diagnosis: who reads it would get two trees in turn.
+//! Finds other programs that publish the aggregated diagnosis: a reader would get two trees in turn.
 
 use std::sync::Arc;
 

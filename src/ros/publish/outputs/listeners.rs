@@ -1,5 +1,4 @@
-//! Whether anybody listens to the requests that are published for the vehicle: what discovery knows
-//! of readers that would match.
+//! Whether anybody listens to the requests to the vehicle: the matching readers that discovery knows.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Tells the engine what could not be sent to the vehicle, and that it can be sent again.
+//! Tells the engine what could not be sent to the vehicle, and when it can be sent again.
 
 use super::{Ground, OutputTopic};
 use crate::engine::input::{Input, OutputNews};
