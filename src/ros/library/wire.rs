@@ -335,11 +335,12 @@ impl<'a> Reading<'a> {
         if length > limit { Err(Nonsense(at)) } else { self.slice(length) }
     }
 
-    /// The body of a sample. What is most of its frame is not copied: the frame stays for it.
+    /// The body of a sample. One that fills its frame stays in it; a smaller one is copied, so that nothing
+    /// keeps a frame of more than twice its own length.
     fn body(&mut self) -> Result<Bytes, Nonsense> {
-        let bytes = self.bytes(BODY_BYTES_MAX)?;
-        let shared = bytes.len() * 2 > self.frame.len();
-        Ok(if shared { self.frame.slice_ref(bytes) } else { Bytes::copy_from_slice(bytes) })
+        let body = self.bytes(BODY_BYTES_MAX)?;
+        let fills = body.len() >= self.frame.len() / 2;
+        Ok(if fills { self.frame.slice_ref(body) } else { Bytes::copy_from_slice(body) })
     }
 
     fn text(&mut self) -> Result<String, Nonsense> {
