@@ -13,7 +13,7 @@ mod graph;
 mod history;
 mod log;
 mod mend;
-mod outputs;
+pub mod outputs;
 pub mod reload;
 mod scenario;
 mod serve;

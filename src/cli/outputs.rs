@@ -6,10 +6,10 @@ use tokio::sync::watch;
 
 use crate::clock::Clock;
 use crate::config::publishing::Publishing;
+use crate::engine::model::output::Publication;
 use crate::engine::snapshot::Snapshot;
-use crate::engine::time::Span;
 use crate::ros::publish::outputs;
-use crate::ros::publish::outputs::{OutputTopic, Outputs, What};
+use crate::ros::publish::outputs::{OutputTopic, Outputs};
 use crate::ros::{Bridge, BridgeError, BridgeOptions};
 use crate::runtime::{Link, Published};
 
@@ -29,11 +29,12 @@ pub async fn start(
 
 /// The topics of a configuration, as the room that publishes knows them.
 pub fn topics(publishing: &Publishing) -> Vec<OutputTopic> {
-    let topic = |(key, topic, period): (&str, Option<&str>, Option<Span>)| {
-        let beside_others = publishing.beside_others(key);
-        Some(OutputTopic { what: What::from_key(key)?, topic: topic?.into(), period, beside_others })
+    let topic = |publication| {
+        let (topic, period) = publishing.topic(publication)?;
+        let beside_others = publishing.beside_others(publication);
+        Some(OutputTopic { publication, topic: topic.into(), period, beside_others })
     };
-    publishing.all().into_iter().filter_map(topic).collect()
+    Publication::ALL.into_iter().filter_map(topic).collect()
 }
 
 /// The snapshots alone, each in the moment it is there.

@@ -5,6 +5,7 @@ use std::fmt;
 
 use super::{Loaded, words};
 use crate::engine::model::monitors::StampClock;
+use crate::engine::model::output::Publication;
 use crate::engine::model::wording::{ByStage, Wording};
 use crate::engine::model::{
     Combine, Dependency, GroupSpec, Limits, Model, ModuleSpec, Parts, SignalSpec, StageModel, Stop, When,
@@ -96,21 +97,22 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
             ("message_folders", listed(&folders)),
         ];
         let publishing = &loaded.publishing;
-        facts.extend(publishing.all().map(|(key, topic, period)| (key, published(topic, period))));
-        let beside = |key| publishing.beside_others(key).to_string();
+        facts.extend(Publication::ALL.map(|it| (it.as_str(), published(publishing.topic(it)))));
+        let beside = |it| publishing.beside_others(it).to_string();
         facts.push(("diagnostics", words::diagnostics(&loaded.model.watched.diagnostics)));
         let simulated = loaded.model.watched.stamps == StampClock::Ros;
         facts.push(("clock", if simulated { "ros" } else { "system" }.to_owned()));
-        facts.push(("diagnostics_agg.beside_others", beside("diagnostics_agg")));
-        facts.push(("toplevel_state.beside_others", beside("toplevel_state")));
+        facts.push(("diagnostics_agg.beside_others", beside(Publication::DiagnosticsAgg)));
+        facts.push(("toplevel_state.beside_others", beside(Publication::TopLevelState)));
         facts
     };
     changed("the vehicle", facts(old), facts(new), found);
 }
 
-fn published(topic: Option<&str>, period: Option<Span>) -> String {
+fn published(topic: Option<(&str, Option<Span>)>) -> String {
+    let Some((topic, period)) = topic else { return "switched off".into() };
     let every = period.map_or(String::new(), |period| format!(" every {}", words::span(period)));
-    topic.map_or("switched off".into(), |topic| format!("{topic}{every}"))
+    format!("{topic}{every}")
 }
 
 fn signals(old: &Model, new: &Model, found: &mut Vec<Difference>) {

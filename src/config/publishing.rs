@@ -4,7 +4,7 @@ use super::raw_bands::hertz;
 use super::topics::{Topics, check_topic};
 use crate::engine::model::StageModel;
 use crate::engine::model::countermeasure::{Request, Rule};
-use crate::engine::model::output::Output;
+use crate::engine::model::output::{Output, Publication};
 use crate::engine::time;
 use crate::yaml::decode::scalar;
 use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned};
@@ -62,31 +62,34 @@ impl Publishing {
         requests.into_iter().filter(|(_, off)| *off).map(|(output, _)| output).collect()
     }
 
-    /// Whether what has this key is published also where another program publishes the same.
-    pub fn beside_others(&self, key: &str) -> bool {
-        let periodic = match key {
-            "diagnostics_agg" => &self.diagnostics_agg,
-            "toplevel_state" => &self.toplevel_state,
-            _ => return true,
+    /// Whether it is published also where another program publishes the same. What is for the vehicle
+    /// always is.
+    pub fn beside_others(&self, publication: Publication) -> bool {
+        let periodic = match publication {
+            Publication::DiagnosticsAgg => &self.diagnostics_agg,
+            Publication::TopLevelState => &self.toplevel_state,
+            Publication::Vehicle(_) => return true,
         };
         periodic.as_ref().is_some_and(|it| it.beside_others)
     }
 
-    /// Each by its key: its topic and its period, where it has them.
-    pub fn all(&self) -> [(&'static str, Option<&str>, Option<time::Span>); 7] {
-        fn periodic(it: &Option<Periodic>) -> (Option<&str>, Option<time::Span>) {
-            (it.as_ref().map(|it| &*it.topic), it.as_ref().map(|it| it.period))
+    /// The topic and its period, where there is one. `None`: it is switched off.
+    pub fn topic(&self, publication: Publication) -> Option<(&str, Option<time::Span>)> {
+        fn periodic(it: &Option<Periodic>) -> Option<(&str, Option<time::Span>)> {
+            it.as_ref().map(|it| (&*it.topic, Some(it.period)))
         }
-        let with = |key, (topic, period)| (key, topic, period);
-        [
-            with("diagnostics_agg", periodic(&self.diagnostics_agg)),
-            with("toplevel_state", periodic(&self.toplevel_state)),
-            ("initialpose", self.initialpose.as_deref(), None),
-            ("stage", self.stage.as_deref(), None),
-            ("clearance", self.clearance.as_deref(), None),
-            with("deceleration_request", periodic(&self.deceleration_request)),
-            ("maneuver_stop_request", self.maneuver_stop_request.as_deref(), None),
-        ]
+        fn once(topic: &Option<Box<str>>) -> Option<(&str, Option<time::Span>)> {
+            topic.as_deref().map(|topic| (topic, None))
+        }
+        match publication {
+            Publication::DiagnosticsAgg => periodic(&self.diagnostics_agg),
+            Publication::TopLevelState => periodic(&self.toplevel_state),
+            Publication::Vehicle(Output::Pose) => once(&self.initialpose),
+            Publication::Vehicle(Output::Stage) => once(&self.stage),
+            Publication::Vehicle(Output::Clearance) => once(&self.clearance),
+            Publication::Vehicle(Output::Deceleration) => periodic(&self.deceleration_request),
+            Publication::Vehicle(Output::ManeuverStop) => once(&self.maneuver_stop_request),
+        }
     }
 }
 
@@ -308,8 +311,8 @@ fn topic(raw: Option<&Spanned<String>>, log: &mut Log) -> Option<Box<str>> {
     Some(raw.value.as_str().into())
 }
 
-/// Where the topic of a key is written, or else all of it.
-fn place(raw: Option<&RawPublishing>, key: &str) -> Option<Span> {
+/// Where the topic is written, or else all of it.
+fn place(raw: Option<&RawPublishing>, publication: Publication) -> Option<Span> {
     fn once(raw: &Option<Switch<RawOnce>>) -> Option<Span> {
         let Some(Switch::On(raw)) = raw else { return None };
         raw.topic.as_ref().map(|topic| topic.span)
@@ -323,14 +326,14 @@ fn place(raw: Option<&RawPublishing>, key: &str) -> Option<Span> {
         raw.periodic.topic.as_ref().map(|topic| topic.span)
     }
     let raw = raw?;
-    let topic = match key {
-        "diagnostics_agg" => aggregated(&raw.diagnostics_agg),
-        "toplevel_state" => aggregated(&raw.toplevel_state),
-        "initialpose" => once(&raw.initialpose),
-        "stage" => once(&raw.stage),
-        "clearance" => once(&raw.clearance),
-        "deceleration_request" => periodic(&raw.deceleration_request),
-        _ => once(&raw.maneuver_stop_request),
+    let topic = match publication {
+        Publication::DiagnosticsAgg => aggregated(&raw.diagnostics_agg),
+        Publication::TopLevelState => aggregated(&raw.toplevel_state),
+        Publication::Vehicle(Output::Pose) => once(&raw.initialpose),
+        Publication::Vehicle(Output::Stage) => once(&raw.stage),
+        Publication::Vehicle(Output::Clearance) => once(&raw.clearance),
+        Publication::Vehicle(Output::Deceleration) => periodic(&raw.deceleration_request),
+        Publication::Vehicle(Output::ManeuverStop) => once(&raw.maneuver_stop_request),
     };
     Some(topic.unwrap_or(raw.span))
 }
@@ -338,9 +341,9 @@ fn place(raw: Option<&RawPublishing>, key: &str) -> Option<Span> {
 /// No two publish one topic, and none publishes what is read.
 fn check_loops(publishing: &Publishing, raw: Option<&RawPublishing>, topics: &Topics, log: &mut Log) {
     let mut taken: Vec<(&str, &str)> = Vec::new();
-    for (key, topic, _) in publishing.all() {
-        let Some(topic) = topic else { continue };
-        let own = place(raw, key);
+    for publication in Publication::ALL {
+        let Some((topic, _)) = publishing.topic(publication) else { continue };
+        let (key, own) = (publication.as_str(), place(raw, publication));
         if let Some((other, _)) = taken.iter().find(|(_, other)| *other == topic) {
             let span = own.unwrap_or(Span { file: 0, start: 0, end: 0 });
             let problem =

@@ -2,9 +2,9 @@
 //! at once, and the silence says nothing of who is silent.
 
 use super::discovery::DISCOVERY;
-use super::input::Input;
 use super::mask::node::ModuleKind;
 use super::model::ModuleId;
+use super::model::sample::Probe;
 use super::module::system;
 use super::monitor::feeds::Purpose;
 use super::state::State;
@@ -48,8 +48,7 @@ impl Engine {
     }
 
     /// Whether a probe asked what nobody can know now.
-    pub(super) fn asks_in_vain(&self, input: &Input) -> bool {
-        let Input::Probe(probe) = input else { return false };
+    pub(super) fn asks_in_vain(&self, probe: &Probe) -> bool {
         self.dds_fault.is_some() && probe.source.target.asks_dds()
     }
 }

@@ -67,7 +67,7 @@ pub enum What {
     Reloaded,
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Events {
     list: Option<Vec<Event>>,
     pub(super) dropped: u64,
@@ -96,7 +96,7 @@ impl Events {
             What::AlarmRaised { node, .. }
             | What::AlarmAcknowledged { node, .. }
             | What::AlarmCleared { node, .. } => [Some(node), None],
-            _ => [None, None],
+            What::Stage { .. } | What::Signal { .. } | What::Left { .. } | What::Reloaded => [None, None],
         };
         self.list.iter().flatten().flat_map(of).flatten()
     }

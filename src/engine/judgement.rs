@@ -1,32 +1,41 @@
 //! What monitors measure becomes what their modules report.
 
 use super::Engine;
-use super::input::{Input, StatusArray};
+use super::input::StatusArray;
 use super::mask::net::Net;
 use super::model::ModuleId;
+use super::model::sample::{Probe, Sample, TopicNews};
 use super::monitor::feeds::{Purpose, Told};
 use super::state::State;
 use super::time::Timestamp;
 use super::timers::TimerKey;
 
+/// What was received for monitors.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Received<'a> {
+    Sample(&'a Sample),
+    Topic(&'a TopicNews),
+    Probe(&'a Probe),
+}
+
 impl Engine {
     /// Takes what was received for monitors. Returns whether anything changed but what was counted.
-    pub(super) fn take_watched(&mut self, input: &Input) -> bool {
-        if self.asks_in_vain(input) {
+    pub(super) fn take_watched(&mut self, received: Received<'_>) -> bool {
+        if let Received::Probe(probe) = received
+            && self.asks_in_vain(probe)
+        {
             return false;
         }
         let mut judge = std::mem::take(&mut self.watching.judge);
-        let taken = match input {
-            Input::Sample(sample) => {
+        let (taken, heard) = match received {
+            Received::Sample(sample) => {
                 self.counters.samples += 1;
-                self.watching.take_sample(sample, self.now, &mut judge)
+                (self.watching.take_sample(sample, self.now, &mut judge), true)
             }
-            Input::Topic(news) => self.watching.take_news(news, self.now, &mut judge),
-            Input::Probe(probe) => self.watching.take_probe(probe, self.now, &mut judge),
-            _ => Some(()),
+            Received::Topic(news) => (self.watching.take_news(news, self.now, &mut judge), false),
+            Received::Probe(probe) => (self.watching.take_probe(probe, self.now, &mut judge), true),
         };
         self.counters.dropped_samples += u64::from(taken.is_none());
-        let heard = !matches!(input, Input::Topic(_));
         let mut changed = false;
         for &index in &judge {
             changed |= self.judge_monitor(index, heard);
@@ -68,7 +77,7 @@ impl Engine {
             Some(state) if heard => self.net.report(id, state, self.now),
             Some(state) if changed => self.net.revise(id, state, by_the_clock, self.now),
             None if changed => self.net.forget(id, self.now),
-            _ => false,
+            Some(_) | None => false,
         };
         if moved {
             self.net.mark_module(id);

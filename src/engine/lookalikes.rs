@@ -66,7 +66,7 @@ fn nothing_matches(heard: &str) -> Text {
 fn statuses(monitor: &MonitorSpec) -> impl Iterator<Item = &str> {
     let keys = feeds(monitor).into_iter().filter_map(|feed| match feed {
         Feed::Values(ValueSource::Key { status, .. }) => Some(&**status),
-        _ => None,
+        Feed::Values(ValueSource::Field { .. }) | Feed::Messages(_) => None,
     });
     monitor.status().map(|status| &**status).into_iter().chain(keys)
 }

@@ -20,7 +20,7 @@ use super::time::Timestamp;
 use super::view::views::Views;
 
 /// Places of modules that left.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Departed {
     /// By name: an alarm, or what is asked of the vehicle, may speak of them still.
     named: BTreeMap<Arc<str>, ModuleId>,
@@ -190,7 +190,7 @@ impl Net {
         let group = &mut self.groups[group.0 as usize];
         group.members.push(member);
         group.shown.add(UNSEEN.shown);
-        group.own.add(UNSEEN.own_share());
+        group.own.add(UNSEEN.standing().own_share());
     }
 
     pub(super) fn add_module(&mut self, group: GroupId, needs: &[Dependency], rank: u32) {
@@ -275,7 +275,7 @@ impl Net {
             let group = &mut self.groups[group.0 as usize];
             group.members.retain(|&member| member != NodeId::Module(id));
             group.shown.remove(UNSEEN.shown);
-            group.own.remove(UNSEEN.own_share());
+            group.own.remove(UNSEEN.standing().own_share());
         }
         group.into_iter().for_each(|group| self.mark_leave(group));
         self.left.push(id);

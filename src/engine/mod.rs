@@ -11,7 +11,7 @@ pub mod event;
 pub mod input;
 mod judgement;
 mod lookalikes;
-mod mask;
+pub mod mask;
 mod membership;
 pub mod model;
 pub mod module;
@@ -33,6 +33,7 @@ use std::sync::Arc;
 use discovery::{WriterId, WriterList};
 use event::{Event, Events};
 use input::{Input, ReceptionTrouble, Response, Status, StatusArray, Upkeep};
+use judgement::Received;
 use mask::causes::Causes;
 use mask::net::Net;
 use membership::Departed;
@@ -57,7 +58,7 @@ use timers::{TimerKey, Timers};
 use view::views::Views;
 
 /// The aggregation engine of one vehicle.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Engine {
     model: Arc<Model>,
     now: Timestamp,
@@ -173,12 +174,11 @@ impl Engine {
             Input::Display { late } => self.take_display(late.clone()),
             Input::Dds { fault } => self.take_dds(fault.clone()),
             Input::Upkeep(upkeep) => self.take_upkeep(upkeep.clone()),
-            Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {
-                // Nearly every message says what the one before said: then nothing is to be settled.
-                if !self.take_watched(input) {
-                    return response;
-                }
-            }
+            // Nearly every message says what the one before said: then nothing is to be settled.
+            Input::Sample(sample) if !self.take_watched(Received::Sample(sample)) => return response,
+            Input::Topic(news) if !self.take_watched(Received::Topic(news)) => return response,
+            Input::Probe(probe) if !self.take_watched(Received::Probe(probe)) => return response,
+            Input::Sample(_) | Input::Topic(_) | Input::Probe(_) => {}
             Input::Output(news) => self.take_output(news),
             Input::Listened(news) => self.take_listeners(news),
             Input::Operator(action) => response = self.operate(action),

@@ -7,7 +7,7 @@ const BITS: u32 = 3;
 const WIDTH: usize = 1 << BITS;
 
 /// A persistent vector: `clone` costs one reference count, `get_mut` copies at most one path of
-/// nodes of 32 entries, and nothing where no snapshot shares it.
+/// nodes of 8 entries, and nothing where no snapshot shares it.
 #[derive(Debug, Clone)]
 pub struct PersistentVec<T> {
     root: Arc<Node<T>>,
@@ -16,7 +16,7 @@ pub struct PersistentVec<T> {
     shift: u32,
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 enum Node<T> {
     Branch(Vec<Arc<Node<T>>>),
     Leaf(Vec<T>),
@@ -103,6 +103,16 @@ impl<T: Clone> PersistentVec<T> {
     }
 }
 
+/// What both share is not looked at. Two of one length have nodes of one shape.
+impl<T: Eq> PartialEq for PersistentVec<T> {
+    fn eq(&self, other: &PersistentVec<T>) -> bool {
+        // `Arc` compares by address first, as the items equal themselves.
+        self.len == other.len && self.root == other.root
+    }
+}
+
+impl<T: Eq> Eq for PersistentVec<T> {}
+
 impl<T> std::ops::Index<usize> for PersistentVec<T> {
     type Output = T;
 
@@ -138,6 +148,7 @@ mod tests {
             }
             assert!(before.iter().copied().eq(0..len), "{len}");
             assert!(vec.iter().copied().eq(1..=len), "{len}");
+            assert!(vec == (1..=len).collect() && (len == 0) == (vec == before), "{len}");
             assert!(vec.get(len).is_none() && vec.get_mut(len).is_none());
         }
     }

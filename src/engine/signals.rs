@@ -10,7 +10,7 @@ use super::timers::TimerKey;
 use driving_word::Drive;
 
 /// The present values. A signal that was never received, or is older than its timeout, is unknown.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Signals {
     /// The built-in signal: the operator gave a pose.
     pub(super) posed: bool,

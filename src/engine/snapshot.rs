@@ -17,7 +17,7 @@ use super::text::Text;
 use super::time::Timestamp;
 
 /// The state of the whole vehicle at one instant.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Snapshot {
     /// Grows by one with every input or deadline that changed a state, a reason, a root cause, an
     /// alarm or the stage: what an operator decides by.
@@ -69,10 +69,7 @@ impl Snapshot {
 
     /// The deceleration to ask for in m/s²; a level for its topic.
     pub fn deceleration(&self) -> Option<f64> {
-        self.countermeasures.iter().find_map(|it| match it.request {
-            Request::Decelerate { mps2 } => Some(mps2),
-            _ => None,
-        })
+        self.countermeasures.iter().find_map(|it| it.request.mps2())
     }
 
     /// Whether to ask for the maneuver component's own stop; a level for its topic. A stronger
@@ -219,7 +216,7 @@ pub struct ModuleInfo {
     pub class: Class,
 }
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GroupView {
     /// What is shown.
     pub state: State,
@@ -238,7 +235,7 @@ pub struct GroupView {
 /// Nodes from a symptom to a root cause.
 pub type Path = Arc<[NodeId]>;
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ModuleView {
     pub state: State,
     pub own: State,
@@ -267,7 +264,7 @@ pub struct Report {
 }
 
 /// Why a node shows IGNORE.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Reason {
     /// A dependency fails; these are the root causes, ranked.
     Masked { by: Arc<[NodeId]> },

@@ -29,7 +29,7 @@ const SUPERSEDED_MAX: usize = 64;
 
 /// At most one live entry for each key; superseded ones are dropped when they come up, or when they
 /// are too many.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Timers {
     heap: BinaryHeap<Reverse<(Timestamp, TimerKey)>>,
     queued: [Vec<Option<Timestamp>>; 10],
@@ -114,9 +114,10 @@ fn key(kind: usize, index: usize) -> TimerKey {
         4 => TimerKey::Measures,
         5 => TimerKey::Monitor(index),
         6 => TimerKey::Active,
+        7 => TimerKey::Searched,
         8 => TimerKey::Group(index),
         9 => TimerKey::Disputes,
-        _ => TimerKey::Searched,
+        _ => unreachable!("`Timers::slot` knows ten kinds"),
     }
 }
 

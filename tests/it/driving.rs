@@ -14,12 +14,12 @@ use telltale::engine::model::Stage;
 use telltale::engine::model::output::Output;
 use telltale::engine::model::sample::Pose;
 use telltale::engine::snapshot::Snapshot;
-use telltale::engine::time::{Span, Timestamp};
+use telltale::engine::time::Timestamp;
 use telltale::msg::messages::GidSize;
 use telltale::msg::messages::encode;
 use telltale::msg::messages::encode::{Header, Motion};
 use telltale::ros::publish::outputs;
-use telltale::ros::publish::outputs::{OutputTopic, Outputs, What};
+use telltale::ros::publish::outputs::Outputs;
 use telltale::ros::{self, Bridge, BridgeOptions};
 use tokio::sync::{mpsc, watch};
 
@@ -46,11 +46,7 @@ impl Published {
         let loaded = config::parse("c", &text).unwrap_or_else(|problems| panic!("{problems}"));
         let mut engine = Engine::new(loaded.model.clone(), Timestamp::ZERO);
         let (snapshots, latest) = watch::channel(engine.snapshot());
-        let topic = |(key, topic, period): (&str, Option<&str>, Option<Span>)| {
-            let beside_others = loaded.publishing.beside_others(key);
-            Some(OutputTopic { what: What::from_key(key)?, topic: topic?.into(), period, beside_others })
-        };
-        let topics = loaded.publishing.all().into_iter().filter_map(topic).collect();
+        let topics = telltale::cli::outputs::topics(&loaded.publishing);
         let options = BridgeOptions::loopback(domain.id);
         let (inputs, news) = mpsc::channel(64);
         let (clock, heard) = (Clock::start(), inputs.clone());

@@ -1,9 +1,11 @@
-//! What every node shows in a situation if its modules report this or that: the rules of
-//! `ENGINE.md` 3 to 5 on a still picture, without time. The tests compare it with the engine.
+//! What every node shows in a situation if its modules report this or that: the rules of masking that the
+//! engine goes by, on a still picture, without time. The tests compare it with the engine.
 
 use super::situation::Situation;
+use crate::engine::mask::rules;
+use crate::engine::mask::rules::Standing;
 use crate::engine::model::order::Visit;
-use crate::engine::model::{Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, When};
+use crate::engine::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId, When};
 use crate::engine::state::{State, Tally};
 
 /// The model with what is asked of it often.
@@ -53,13 +55,16 @@ impl Facts {
         self.relevant && self.blocked
     }
 
-    fn fails(&self, masks_unknown: bool) -> bool {
-        let worst = self.shown.max(self.own);
-        self.relevant && (worst == State::Error || masks_unknown && worst == State::Unknown)
+    fn standing(&self) -> Standing {
+        Standing { relevant: self.relevant, blocked: self.blocked, shown: self.shown, own: self.own }
     }
 }
 
 impl Picture {
+    pub fn is_blocked_by(&self, dependency: &Dependency) -> bool {
+        dependency.blocks(|node| self.of(node).standing())
+    }
+
     pub fn of(&self, node: NodeId) -> &Facts {
         match node {
             NodeId::Group(id) => &self.groups[id.0 as usize],
@@ -143,7 +148,7 @@ impl<'m> Judge<'m> {
                 Visit::Module(id) => {
                     let entered = self.entered(&picture, situation, NodeId::Module(id));
                     let own = reports(id);
-                    let shown = if entered.relevant && !entered.blocked { own } else { State::Ignore };
+                    let shown = rules::shown(entered.relevant, entered.blocked, own);
                     let failure_explained = shown > State::Warning || entered.block_explained;
                     picture.modules[id.0 as usize] = Facts { own, shown, failure_explained, ..entered };
                 }
@@ -160,9 +165,9 @@ impl<'m> Judge<'m> {
         let relevant = around.is_none_or(|group| group.relevant) && situation.meets(self.when(node));
         let mut blocked = around.is_some_and(|group| group.blocked);
         let mut block_explained = around.is_some_and(|group| group.block_explained);
-        for dependency in self.depends_on(node).iter().filter(|dependency| blocks(picture, dependency)) {
+        for dependency in self.depends_on(node).iter().filter(|it| picture.is_blocked_by(it)) {
             blocked = true;
-            block_explained |= targets(dependency).iter().any(|&target| {
+            block_explained |= dependency.targets().iter().any(|&target| {
                 let facts = picture.of(target);
                 if facts.blocked { facts.block_explained } else { facts.failure_explained }
             });
@@ -185,50 +190,30 @@ impl<'m> Judge<'m> {
         for &member in members {
             let member = picture.of(member);
             shown.add(member.shown);
-            own.add(if member.relevant { member.own } else { State::Ignore });
+            own.add(member.standing().own_share());
         }
         // What is made at run time has no condition, and what has none is not relevant while locked.
         if let Some(state) = discovered.filter(|_| facts.relevant && situation.meets(None)) {
             own.add(state);
-            shown.add(if facts.blocked { State::Ignore } else { state });
+            shown.add(rules::shown(facts.relevant, facts.blocked, state));
         }
-        let nothing = if nobody { State::Unknown } else { State::Ignore };
-        let fold = |tally: &Tally| match self.model.groups[id.0 as usize].combine {
-            Combine::Worst => tally.worst(),
-            Combine::Any if self.pessimistic => tally.worst(),
-            Combine::Any => tally.best(),
+        let alone = nobody.then_some(State::Unknown);
+        let combine = match self.model.groups[id.0 as usize].combine {
+            Combine::Any if !self.pessimistic => Combine::Any,
+            Combine::Any | Combine::Worst => Combine::Worst,
         };
-        let open = facts.relevant && !facts.blocked;
-        let shown = if open { fold(&shown).unwrap_or(nothing) } else { State::Ignore };
-        let own = fold(&own).unwrap_or(nothing);
-        let bar = shown.max(own);
+        let folded = rules::fold(combine, &shown, alone);
+        let own = rules::fold(combine, &own, alone);
+        let shown = rules::shown(facts.relevant, facts.blocked, folded);
+        let group = Facts { shown, own, ..facts };
         let to_blame = |&member: &NodeId| {
             let member = picture.of(member);
-            member.relevant && member.shown.max(member.own) >= bar && member.failure_explained
+            member.standing().is_responsible_for(group.standing()) && member.failure_explained
         };
         let failure_explained = facts.block_explained
             || nobody
-            || discovered.is_some_and(|state| state >= bar)
+            || discovered.is_some_and(|state| state >= group.standing().worst())
             || members.iter().any(to_blame);
-        Facts { shown, own, failure_explained, ..facts }
-    }
-}
-
-/// The nodes that a dependency names.
-pub fn targets(dependency: &Dependency) -> &[NodeId] {
-    match &dependency.on {
-        DependsOn::Node(node) => std::slice::from_ref(node),
-        DependsOn::AnyOf(nodes) => nodes,
-    }
-}
-
-/// A node that is not relevant passes on what blocks it, but keeps a redundancy set open.
-pub fn blocks(picture: &Picture, dependency: &Dependency) -> bool {
-    let fails = |node: NodeId| picture.of(node).fails(dependency.masks_unknown);
-    match &dependency.on {
-        DependsOn::Node(node) => picture.of(*node).blocked || fails(*node),
-        DependsOn::AnyOf(nodes) => {
-            nodes.iter().all(|&node| picture.of(node).relevant && (picture.of(node).blocked || fails(node)))
-        }
+        Facts { failure_explained, ..group }
     }
 }

@@ -17,7 +17,7 @@ mod words;
 
 use std::collections::BTreeSet;
 
-use judge::{Judge, Picture, blocks, targets};
+use judge::{Judge, Picture};
 use situation::Situation;
 
 use crate::engine::model::output::Output;
@@ -139,7 +139,7 @@ impl Look<'_> {
             for (index, dependency) in self.judge.depends_on(holder).iter().enumerate() {
                 let redundant =
                     |target: &NodeId| self.judge.around(*target).any(|group| self.combines_any(group));
-                if !targets(dependency).iter().all(redundant) {
+                if !dependency.targets().iter().all(redundant) {
                     continue;
                 }
                 let found = situations.iter().find_map(|situation| self.hidden(situation, dependency));
@@ -161,14 +161,14 @@ impl Look<'_> {
         dependency: &Dependency,
     ) -> Option<(NodeId, Option<Example>)> {
         let relevant = self.all(situation, State::Ok);
-        let cuts = self.all_of(&relevant, targets(dependency));
+        let cuts = self.all_of(&relevant, dependency.targets());
         // An ERROR may mask more than an UNKNOWN, and so be the one that a tile shows.
         let states: &[State] =
             if dependency.masks_unknown { &[State::Error, State::Unknown] } else { &[State::Error] };
         let mut tried = cuts.iter().flat_map(|failing| states.iter().map(move |&state| (failing, state)));
         tried.find_map(|(failing, state)| {
             let picture = self.failing(situation, failing, state);
-            if !blocks(&picture, dependency) || self.tile_gets_worse(&relevant, &picture) {
+            if !picture.is_blocked_by(dependency) || self.tile_gets_worse(&relevant, &picture) {
                 return None;
             }
             let masked = self.judge.nodes().find(|&node| picture.of(node).masked())?;
@@ -265,7 +265,7 @@ impl Look<'_> {
         (index, dependency): (usize, &Dependency),
     ) {
         let best = situations.iter().zip(pictures).find(|(_, (best, _))| {
-            best.of(holder).relevant && blocks(best, dependency) && self.at_fault(best, dependency)
+            best.of(holder).relevant && best.is_blocked_by(dependency) && self.at_fault(best, dependency)
         });
         if let Some((situation, _)) = best {
             let example = Look::example(situation, &[], State::Ok);
@@ -279,7 +279,7 @@ impl Look<'_> {
         let passes_on = self.is_needed(holder);
         let matters = |picture: &Picture| passes_on || picture.of(holder).relevant;
         let ever_matters = pictures.iter().any(|(_, worst)| matters(worst));
-        let ever_blocks = pictures.iter().any(|(_, worst)| matters(worst) && blocks(worst, dependency));
+        let ever_blocks = pictures.iter().any(|(_, worst)| matters(worst) && worst.is_blocked_by(dependency));
         if self.complete && ever_matters && !ever_blocks {
             let why = self.why_dead(pictures, dependency, matters);
             let what = What::DeadDependency { dependency: index, why };
@@ -289,7 +289,7 @@ impl Look<'_> {
 
     /// A target that fails by itself, not because of what is behind it.
     fn at_fault(&self, picture: &Picture, dependency: &Dependency) -> bool {
-        targets(dependency).iter().any(|&target| !picture.of(target).blocked)
+        dependency.targets().iter().any(|&target| !picture.of(target).blocked)
     }
 
     /// Whether something depends on the node or on what is inside of it.
@@ -298,7 +298,7 @@ impl Look<'_> {
             target == node || self.judge.around(target).any(|group| NodeId::Group(group) == node)
         };
         let needs = |holder: NodeId| {
-            self.judge.depends_on(holder).iter().flat_map(targets).any(|&target| inside(target))
+            self.judge.depends_on(holder).iter().flat_map(Dependency::targets).any(|&target| inside(target))
         };
         self.judge.nodes().any(needs)
     }
@@ -311,7 +311,7 @@ impl Look<'_> {
     ) -> Dead {
         let ever_relevant =
             |node: NodeId| pictures.iter().any(|(_, worst)| matters(worst) && worst.of(node).relevant);
-        let named = targets(dependency);
+        let named = dependency.targets();
         let idle = named.iter().copied().find(|&target| !ever_relevant(target));
         let node = idle.or(named.first().copied()).unwrap_or(NodeId::Group(GroupId(0)));
         match node {

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use crate::engine::mask::rules;
 use crate::engine::model::{ACTIVE_SIGNAL, Model, POSED_SIGNAL, Stage, StageModel, When};
 
 /// A stage, and what conditions see of each of the model's signals; `None` is unknown.
@@ -14,15 +15,9 @@ pub struct Situation {
 }
 
 impl Situation {
-    /// Whether a condition holds, as `ENGINE.md` 3 has it. A signal that is unknown meets every condition.
+    /// Whether a condition holds.
     pub fn meets(&self, when: Option<&When>) -> bool {
-        let in_stage = match when {
-            Some(when) if !when.stages.is_empty() => when.stages.contains(&self.stage),
-            _ => self.stage != Stage::Locked,
-        };
-        let met = |&(index, wanted): &(usize, bool)| self.signals[index].is_none_or(|value| value == wanted);
-        let posed = |when: &When| when.posed.is_none_or(|wanted| wanted == self.posed);
-        in_stage && when.is_none_or(|when| posed(when) && when.signals.iter().all(met))
+        rules::unmet(when, self.stage, self.posed, |index| self.signals[index]).is_none()
     }
 
     /// For people: `stage standby, doors true, active unknown`.

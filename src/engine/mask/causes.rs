@@ -35,7 +35,7 @@ pub(in crate::engine) enum Vertex {
 /// Positions in [`Found::roots`], ascending.
 type RootSet = Arc<[u32]>;
 
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Causes {
     region: BTreeSet<(u32, Vertex)>,
     since: HashMap<NodeId, Timestamp, Mixing>,
@@ -179,11 +179,7 @@ impl Causes {
         for (position, &vertex) in (0..).zip(&found.order) {
             let (Vertex::Failing(id) | Vertex::Hidden(id)) = vertex else { continue };
             let facts = net.groups[id.0 as usize].node.facts;
-            let displayed = match vertex {
-                Vertex::Failing(_) => facts.shown == State::Error,
-                _ => true,
-            };
-            if displayed {
+            if matches!(vertex, Vertex::Hidden(_)) || facts.shown == State::Error {
                 for root in ranked(&found.sets[position as usize], rank) {
                     let (_, groups) = wanted.entry(rank[root as usize]).or_insert((root, Vec::new()));
                     groups.push(shown.len());
@@ -303,9 +299,9 @@ pub(in crate::engine) fn for_each_hop(net: &Net, vertex: Vertex, mut hop: impl F
         }
         Vertex::Failing(id) => {
             let group = &net.groups[id.0 as usize];
-            let bar = group.node.facts.worst().min(State::Error);
+            let standing = group.node.facts.standing();
             for &member in &group.failing {
-                if net.node(member).facts.worst() >= bar {
+                if net.node(member).facts.standing().is_responsible_for(standing) {
                     hop(cause_of(net, member));
                 }
             }
@@ -376,7 +372,7 @@ impl Found {
         match vertex {
             Vertex::Module(id) if net.modules[id.0 as usize].node.facts.masked => Some(NodeId::Module(id)),
             Vertex::Hidden(id) => Some(NodeId::Group(id)),
-            _ => None,
+            Vertex::Module(_) | Vertex::Blocked(_) | Vertex::Failing(_) => None,
         }
     }
 

@@ -6,3 +6,4 @@ pub(super) mod node;
 pub(super) mod paths;
 pub(super) mod relevance;
 pub(super) mod responsible;
+pub mod rules;

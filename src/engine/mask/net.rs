@@ -11,6 +11,7 @@ use std::sync::Arc;
 use super::node;
 use super::node::{Facts, GroupNode, ModuleKind, ModuleNode, Node};
 use super::relevance::unmet;
+use super::rules;
 use crate::engine::model::{
     Combine, Dependency, GroupId, Match, Model, ModuleId, NodeId, Other, Policy, Stage, When,
 };
@@ -37,7 +38,7 @@ enum Visit {
     Leave(u32),
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::engine) struct Net {
     pub(in crate::engine) model: Arc<Model>,
     pub(in crate::engine) groups: Vec<GroupNode>,
@@ -301,7 +302,7 @@ impl Net {
         let grace = module.own.in_grace();
         let blocked = module.node.blocking > 0 || around_blocked;
         let masked = relevant && blocked;
-        let shown = if relevant && !masked { own } else { State::Ignore };
+        let shown = rules::shown(relevant, blocked, own);
         let other_reason = not_relevant.is_some()
             && module.node.not_relevant.is_some()
             && module.node.not_relevant != not_relevant;
@@ -324,29 +325,20 @@ impl Net {
         let group = &mut self.groups[id.0 as usize];
         group.dirty_leave = false;
         let combine = self.model.groups.get(id.0 as usize).map_or(Combine::Worst, |group| group.combine);
-        let fold = |tally: &Tally| match combine {
-            Combine::Worst => tally.worst(),
-            Combine::Any => tally.best(),
-        };
-        let nobody = match group.members.is_empty() {
-            // Where it is a tile, that nothing is outside of the configuration is good news.
-            true if id.0 as usize == self.model.groups.len() && !group.aside => State::Ok,
-            true => State::Unknown,
-            false => State::Ignore,
-        };
+        // Where `other` is a tile, that nothing is outside of the configuration is good news.
+        let is_other_tile = id.0 as usize == self.model.groups.len() && !group.aside;
+        let alone = if is_other_tile { State::Ok } else { State::Unknown };
+        let alone = group.members.is_empty().then_some(alone);
         let facts = group.node.facts;
         // Of a group that is left out altogether it would be better than an ERROR beside it.
         let floor = |state: State| match state {
             State::Ok if group.overflow.is_some() && facts.relevant => State::Warning,
             state => state,
         };
-        let shown = if facts.relevant && !facts.blocked {
-            floor(fold(&group.shown).unwrap_or(nobody))
-        } else {
-            State::Ignore
-        };
+        let folded = floor(rules::fold(combine, &group.shown, alone));
+        let shown = rules::shown(facts.relevant, facts.blocked, folded);
         let masked = shown == State::Ignore && facts.relevant && (facts.blocked || !group.masked.is_empty());
-        let own = floor(fold(&group.own).unwrap_or(nobody));
+        let own = floor(rules::fold(combine, &group.own, alone));
         let grace = grace_until.is_some();
         group.node.facts = Facts { masked, shown, own, grace, ..facts };
         let before = std::mem::replace(&mut group.told, group.node.facts);
@@ -393,11 +385,11 @@ impl Net {
         }
         group.shown.remove(before.shown);
         group.shown.add(after.shown);
-        group.own.remove(before.own_share());
-        group.own.add(after.own_share());
+        group.own.remove(before.standing().own_share());
+        group.own.add(after.standing().own_share());
         if !group.aside && matches!(id, NodeId::Module(_)) {
-            self.own_errors += usize::from(after.own_share() == State::Error);
-            self.own_errors -= usize::from(before.own_share() == State::Error);
+            self.own_errors += usize::from(after.standing().own_share() == State::Error);
+            self.own_errors -= usize::from(before.standing().own_share() == State::Error);
         }
         if after.masked {
             group.masked.insert(id);

@@ -4,8 +4,8 @@ use crate::engine::model::{Model, Policy};
 use crate::engine::time::Span;
 use std::collections::BTreeSet;
 
-use crate::engine::model::order::targets;
-use crate::engine::model::{Dependency, DependsOn, GroupId, ModuleId, NodeId};
+use super::rules::Standing;
+use crate::engine::model::{Dependency, GroupId, ModuleId, NodeId};
 use crate::engine::module::OwnState;
 use crate::engine::snapshot::NotRelevant;
 use crate::engine::state::{State, Tally};
@@ -25,23 +25,18 @@ pub(in crate::engine) struct Facts {
 }
 
 impl Facts {
-    /// The worse of what it shows and what it would show if nothing were masked.
+    /// What the rules of masking look at.
+    pub(in crate::engine) fn standing(&self) -> Standing {
+        Standing { relevant: self.relevant, blocked: self.blocked, shown: self.shown, own: self.own }
+    }
+
     pub(in crate::engine) fn worst(&self) -> State {
-        self.shown.max(self.own)
-    }
-
-    fn fails(&self, masks_unknown: bool) -> bool {
-        self.worst() == State::Error || (masks_unknown && self.worst() == State::Unknown)
-    }
-
-    /// What it adds to the own state of the group around it.
-    pub(in crate::engine) fn own_share(&self) -> State {
-        if self.relevant { self.own } else { State::Ignore }
+        self.standing().worst()
     }
 }
 
 /// One dependency of a node, with how many of its members block now.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::engine) struct Need {
     pub(in crate::engine) members: Box<[NodeId]>,
     pub(in crate::engine) any_of: bool,
@@ -52,8 +47,8 @@ pub(in crate::engine) struct Need {
 impl Need {
     fn new(dependency: &Dependency) -> Need {
         Need {
-            members: targets(dependency).into(),
-            any_of: matches!(dependency.on, DependsOn::AnyOf(_)),
+            members: dependency.targets().into(),
+            any_of: dependency.is_any_of(),
             masks_unknown: dependency.masks_unknown,
             blocking: 0,
         }
@@ -63,16 +58,14 @@ impl Need {
         self.blocking as usize == self.members.len()
     }
 
-    /// Whether a member with these facts blocks. One that is not relevant passes on what blocks
-    /// it, but keeps a redundancy set open.
+    /// Whether a member with these facts blocks.
     pub(in crate::engine) fn blocked_by(&self, facts: &Facts) -> bool {
-        let fails = facts.relevant && facts.fails(self.masks_unknown);
-        if self.any_of { facts.relevant && (facts.blocked || fails) } else { facts.blocked || fails }
+        facts.standing().blocks(self.any_of, self.masks_unknown)
     }
 }
 
 /// What groups and modules have in common.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::engine) struct Node {
     pub(in crate::engine) parent: Option<GroupId>,
     pub(in crate::engine) needs: Box<[Need]>,
@@ -85,7 +78,7 @@ pub(in crate::engine) struct Node {
     pub(in crate::engine) dirty: bool,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::engine) struct GroupNode {
     pub(in crate::engine) node: Node,
     /// The facts that its parent and dependents know; they are told when it is left.
@@ -121,7 +114,7 @@ pub(in crate::engine) enum ModuleKind {
     Gone,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::engine) struct ModuleNode {
     pub(in crate::engine) kind: ModuleKind,
     pub(in crate::engine) node: Node,

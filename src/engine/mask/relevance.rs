@@ -1,27 +1,19 @@
 //! Which conditions hold: the vehicle's state decides what is worth looking at (`ENGINE.md` 3).
 
 use super::net::Net;
+use super::rules;
+use super::rules::Unmet;
 use crate::engine::model::{NodeId, POSED_SIGNAL, Stage, When};
 use crate::engine::signals::Signals;
 use crate::engine::snapshot::NotRelevant;
 
-/// The first condition that does not hold. A signal that is unknown meets every condition: what
-/// is not known to be irrelevant is diagnosed.
+/// The first condition that does not hold, by its name.
 pub(in crate::engine) fn unmet(when: Option<&When>, stage: Stage, signals: &Signals) -> Option<NotRelevant> {
-    let in_stage = match when {
-        Some(when) if !when.stages.is_empty() => when.stages.contains(&stage),
-        _ => stage != Stage::Locked,
-    };
-    if !in_stage {
-        return Some(NotRelevant::Stage(stage));
-    }
-    if when.and_then(|when| when.posed).is_some_and(|wanted| wanted != signals.posed) {
-        return Some(NotRelevant::Signal { name: POSED_SIGNAL.into(), value: signals.posed });
-    }
-    let wanted = when.map_or(&[][..], |when| &when.signals);
-    wanted.iter().find_map(|&(index, wanted)| {
-        let value = signals.value(index).filter(|&value| value != wanted)?;
-        Some(NotRelevant::Signal { name: signals.name(index).into(), value })
+    let unmet = rules::unmet(when, stage, signals.posed, |index| signals.value(index))?;
+    Some(match unmet {
+        Unmet::Stage => NotRelevant::Stage(stage),
+        Unmet::Posed => NotRelevant::Signal { name: POSED_SIGNAL.into(), value: signals.posed },
+        Unmet::Signal(index, value) => NotRelevant::Signal { name: signals.name(index).into(), value },
     })
 }
 

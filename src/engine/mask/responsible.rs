@@ -2,7 +2,6 @@
 
 use super::net::Net;
 use crate::engine::model::NodeId;
-use crate::engine::state::State;
 
 /// Causes that are named for one node.
 pub(in crate::engine) const CAUSES_MAX: usize = 64;
@@ -45,13 +44,12 @@ fn collect(net: &Net, masked_by: &impl Fn(NodeId) -> Vec<NodeId>, node: NodeId, 
         NodeId::Module(_) => add(node),
         NodeId::Group(id) => {
             let group = &net.groups[id.0 as usize];
-            let bar = facts.worst().min(State::Error);
             // There may be thousands of them, and only so many are named.
             for &member in &group.failing {
                 if found.len() >= ROOTS_MAX {
                     break;
                 }
-                if net.node(member).facts.worst() >= bar {
+                if net.node(member).facts.standing().is_responsible_for(facts.standing()) {
                     collect(net, masked_by, member, found);
                 }
             }

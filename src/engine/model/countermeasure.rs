@@ -28,6 +28,14 @@ impl Request {
         }
     }
 
+    /// The deceleration that is asked for, in m/s².
+    pub const fn mps2(self) -> Option<f64> {
+        match self {
+            Request::Decelerate { mps2 } => Some(mps2),
+            Request::Notify | Request::ManeuverStop => None,
+        }
+    }
+
     /// The word in files and on the wire.
     pub const fn as_str(self) -> &'static str {
         self.kind().as_str()

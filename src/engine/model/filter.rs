@@ -51,7 +51,7 @@ impl PartialEq for Filter {
             | (Filter::Namespace(a), Filter::Namespace(b))
             | (Filter::Contains(a), Filter::Contains(b)) => a == b,
             (Filter::Regex(a), Filter::Regex(b)) => a.as_str() == b.as_str(),
-            _ => false,
+            (Filter::Name(_) | Filter::Namespace(_) | Filter::Contains(_) | Filter::Regex(_), _) => false,
         }
     }
 }

@@ -120,7 +120,7 @@ impl SignalSource {
                 spec.means_the_same(watched, other, others)
             }
             (SignalSource::Field(_), SignalSource::Field(_)) => self == other,
-            _ => false,
+            (SignalSource::Field(_) | SignalSource::Condition(_), _) => false,
         }
     }
 }

@@ -239,7 +239,14 @@ impl MonitorSpec {
     pub fn status(&self) -> Option<&Arc<str>> {
         match self {
             MonitorSpec::SelfState { status } | MonitorSpec::External { status, .. } => Some(status),
-            _ => None,
+            MonitorSpec::Frequency { .. }
+            | MonitorSpec::Latency { .. }
+            | MonitorSpec::Value { .. }
+            | MonitorSpec::Watchdog { .. }
+            | MonitorSpec::RateRatio { .. }
+            | MonitorSpec::Sequence { .. }
+            | MonitorSpec::Agreement { .. }
+            | MonitorSpec::Expression { .. } => None,
         }
     }
 }
@@ -324,6 +331,9 @@ impl Class {
 impl ProbeTarget {
     /// Whether the answer comes from DDS.
     pub(in crate::engine) fn asks_dds(&self) -> bool {
-        !matches!(self, ProbeTarget::Icmp { .. } | ProbeTarget::Tcp { .. })
+        match self {
+            ProbeTarget::Icmp { .. } | ProbeTarget::Tcp { .. } => false,
+            ProbeTarget::Node { .. } | ProbeTarget::Service { .. } | ProbeTarget::Qos { .. } => true,
+        }
     }
 }

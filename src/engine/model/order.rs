@@ -3,7 +3,7 @@
 //! A group is met twice: *entered*, when its relevance and its own dependencies are known, and
 //! *left*, when its members are. A dependency is judged after it was left.
 
-use super::{Dependency, DependsOn, GroupId, ModuleId, NodeId, Parts};
+use super::{Dependency, GroupId, ModuleId, NodeId, Parts};
 
 /// Ranks: whatever a state rests on has a smaller rank. Ranks of the model are even; modules that
 /// are discovered stand just before their group is left, on an odd one.
@@ -31,14 +31,6 @@ pub enum CycleEdge {
     Depends { holder: NodeId, index: usize },
     /// The next node is a member of this one.
     Contains,
-}
-
-/// The nodes that a dependency names.
-pub(in crate::engine) fn targets(dependency: &Dependency) -> &[NodeId] {
-    match &dependency.on {
-        DependsOn::Node(node) => std::slice::from_ref(node),
-        DependsOn::AnyOf(nodes) => nodes,
-    }
 }
 
 impl Order {
@@ -91,7 +83,7 @@ fn edges(parts: &Parts, members: &[Vec<NodeId>], node: NodeId) -> Vec<(NodeId, C
     while let Some(at) = holder {
         for (index, dependency) in depends_on(parts, at).iter().enumerate() {
             let edge = CycleEdge::Depends { holder: at, index };
-            found.extend(targets(dependency).iter().map(|&target| (target, edge)));
+            found.extend(dependency.targets().iter().map(|&target| (target, edge)));
         }
         holder = parent(parts, at).map(NodeId::Group);
     }
@@ -222,6 +214,6 @@ fn needs(visit: Visit, parts: &Parts, members: &[Vec<NodeId>]) -> Vec<Visit> {
         Visit::Enter(id) => (NodeId::Group(id), parts.groups[id.0 as usize].parent),
         Visit::Module(id) => (NodeId::Module(id), Some(parts.modules[id.0 as usize].group)),
     };
-    let depends = depends_on(parts, node).iter().flat_map(targets).copied().map(leave);
+    let depends = depends_on(parts, node).iter().flat_map(Dependency::targets).copied().map(leave);
     around.map(Visit::Enter).into_iter().chain(depends).collect()
 }

@@ -1,4 +1,4 @@
-//! What is published for the vehicle.
+//! What is published: for the vehicle, and for the tools of ROS 2.
 
 /// What is published for the vehicle. All of it is a level that follows from snapshots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -9,4 +9,39 @@ pub enum Output {
     Pose,
     Deceleration,
     ManeuverStop,
+}
+
+/// A topic that is published, by what stands on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Publication {
+    /// The aggregated diagnosis.
+    DiagnosticsAgg,
+    /// The state of the whole vehicle.
+    TopLevelState,
+    Vehicle(Output),
+}
+
+impl Publication {
+    pub const ALL: [Publication; 7] = [
+        Publication::DiagnosticsAgg,
+        Publication::TopLevelState,
+        Publication::Vehicle(Output::Pose),
+        Publication::Vehicle(Output::Stage),
+        Publication::Vehicle(Output::Clearance),
+        Publication::Vehicle(Output::Deceleration),
+        Publication::Vehicle(Output::ManeuverStop),
+    ];
+
+    /// Its key in the configuration.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Publication::DiagnosticsAgg => "diagnostics_agg",
+            Publication::TopLevelState => "toplevel_state",
+            Publication::Vehicle(Output::Pose) => "initialpose",
+            Publication::Vehicle(Output::Stage) => "stage",
+            Publication::Vehicle(Output::Clearance) => "clearance",
+            Publication::Vehicle(Output::Deceleration) => "deceleration_request",
+            Publication::Vehicle(Output::ManeuverStop) => "maneuver_stop_request",
+        }
+    }
 }

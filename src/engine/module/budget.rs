@@ -12,7 +12,7 @@ use crate::engine::state::State;
 use crate::engine::text::Text;
 
 /// Kept up to date with each report that changes, at the cost of a few lookups.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Budget {
     limit: u64,
     /// Of what one writer says.
@@ -33,7 +33,7 @@ struct Held {
     source: WriterId,
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 struct Source {
     total: u64,
     /// Modules by the number of binary digits of their size: the last is the longest, or half as long.

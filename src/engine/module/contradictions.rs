@@ -34,7 +34,7 @@ pub(in crate::engine) enum Dispute {
     Crowd,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Listed {
     dispute: Dispute,
     last: Timestamp,
@@ -43,7 +43,7 @@ struct Listed {
 /// By name and kind of dispute.
 type Key = (Arc<str>, u8);
 
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Disputes {
     listed: BTreeMap<Key, Listed>,
     /// When one was seen that is not listed.

@@ -7,7 +7,7 @@ use super::writers::Voices;
 use crate::engine::model::{GroupId, Model, ModuleId};
 
 /// What is known of one status name.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::engine) struct Route {
     name: Arc<str>,
     /// In the order in which names were first seen.
@@ -62,7 +62,7 @@ pub(super) const NAME_BYTES: usize = 256;
 const NAMES_BYTES_MIN: usize = 64 << 10;
 
 /// All names that feed a module. Declared ones stand here from the start.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::engine) struct Names {
     index: HashMap<Arc<str>, u32>,
     pub(in crate::engine) routes: Vec<Route>,

@@ -11,7 +11,7 @@ use crate::engine::text::say;
 pub(in crate::engine) const MODULE: &str = "(names past the limit)";
 
 /// At most one entry for each group.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Overflow {
     groups: HashMap<GroupId, (ModuleId, u64)>,
 }

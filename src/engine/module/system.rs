@@ -218,7 +218,7 @@ pub(in crate::engine) fn policy() -> Policy {
 }
 
 /// Faults of the reception, while they are fresh.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct ReceptionCheck {
     last: Option<Timestamp>,
     pub(in crate::engine) message: String,

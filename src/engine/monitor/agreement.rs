@@ -22,10 +22,21 @@ pub(in crate::engine) struct Agreement {
     apart_m: f64,
 }
 
-enum Difference {
-    Number(f64, f64),
-    Pose { metres: f64, degrees: f64 },
-    Lists(Lists),
+/// What is compared, each with its limits.
+enum Difference<'r> {
+    /// The difference, how far rounding may have moved it, and the limits.
+    Number(f64, f64, &'r Bands),
+    Pose {
+        metres: f64,
+        degrees: f64,
+        translation: &'r Bands,
+        rotation_deg: &'r Bands,
+    },
+    Lists {
+        lists: Lists,
+        count: &'r Bands,
+        nearest: &'r Bands,
+    },
 }
 
 /// Two lists of positions, as far as they were taken.
@@ -68,17 +79,13 @@ impl Agreement {
     }
 
     pub(super) fn judge(&self, now: Timestamp) -> Option<State> {
-        self.inputs.any().then(|| match (self.difference(now), &self.rule) {
-            (Ok(Difference::Number(difference, slack)), AgreementRule::Number(bands)) => {
-                bands.judge_within(difference, slack)
-            }
-            (Ok(Difference::Pose { metres, degrees }), AgreementRule::Pose { translation, rotation_deg }) => {
+        self.inputs.any().then(|| match self.difference(now) {
+            Ok(Difference::Number(difference, slack, bands)) => bands.judge_within(difference, slack),
+            Ok(Difference::Pose { metres, degrees, translation, rotation_deg }) => {
                 translation.judge(metres).max(rotation_deg.judge(degrees))
             }
-            (Ok(Difference::Lists(lists)), AgreementRule::Positions { count, nearest }) => {
-                lists.judge(count, nearest)
-            }
-            _ => State::Unknown,
+            Ok(Difference::Lists { lists, count, nearest }) => lists.judge(count, nearest),
+            Err(Why::Doubt(_) | Why::TooShort(..)) => State::Unknown,
         })
     }
 
@@ -94,8 +101,8 @@ impl Agreement {
         if !self.inputs.any() {
             return Words::default();
         }
-        match (self.difference(now), &self.rule) {
-            (Ok(Difference::Number(difference, _)), AgreementRule::Number(bands)) => {
+        match self.difference(now) {
+            Ok(Difference::Number(difference, _, bands)) => {
                 let message =
                     say!("they differ by {by}", "Abweichung {by}", by = bands.say(difference, "".into()));
                 let mut values = bands.values("difference", difference);
@@ -106,14 +113,12 @@ impl Agreement {
                 }
                 Words { message, values }
             }
-            (Ok(Difference::Pose { metres, degrees }), AgreementRule::Pose { translation, rotation_deg }) => {
+            Ok(Difference::Pose { metres, degrees, translation, rotation_deg }) => {
                 self.say_pose(metres, degrees, translation, rotation_deg)
             }
-            (Ok(Difference::Lists(lists)), AgreementRule::Positions { count, nearest }) => {
-                lists.words(count, nearest)
-            }
-            (Err(Why::Doubt(doubt)), _) => Words::plain(self.inputs.say(doubt)),
-            (Err(Why::TooShort(slot, why)), _) => {
+            Ok(Difference::Lists { lists, count, nearest }) => lists.words(count, nearest),
+            Err(Why::Doubt(doubt)) => Words::plain(self.inputs.say(doubt)),
+            Err(Why::TooShort(slot, why)) => {
                 let over = self.motion.as_ref().map_or("".into(), |(over, _)| span(*over));
                 let label = self.inputs.label(slot);
                 Words::plain(match why {
@@ -131,7 +136,6 @@ impl Agreement {
                     ),
                 })
             }
-            _ => Words::default(),
         }
     }
 
@@ -156,18 +160,29 @@ impl Agreement {
         Words { message, values: vec![("translation_m", number(metres)), ("rotation_deg", number(degrees))] }
     }
 
-    fn difference(&self, now: Timestamp) -> Result<Difference, Why> {
-        if let AgreementRule::Number(_) = self.rule {
-            let a = self.inputs.number(0, now).map_err(Why::Doubt)?;
-            let b = self.inputs.number(1, now).map_err(Why::Doubt)?;
-            return Ok(Difference::Number((a - b).abs(), slack(a, b)));
+    fn difference(&self, now: Timestamp) -> Result<Difference<'_>, Why> {
+        match &self.rule {
+            AgreementRule::Number(bands) => {
+                let a = self.inputs.number(0, now).map_err(Why::Doubt)?;
+                let b = self.inputs.number(1, now).map_err(Why::Doubt)?;
+                Ok(Difference::Number((a - b).abs(), slack(a, b), bands))
+            }
+            AgreementRule::Positions { count, nearest } => {
+                let a = self.inputs.positions(0, now).map_err(Why::Doubt)?;
+                let b = self.inputs.positions(1, now).map_err(Why::Doubt)?;
+                let (counts, is_cut) = ([a.count, b.count], a.is_cut() || b.is_cut());
+                let lists = Lists { counts, apart_m: self.apart_m, is_cut };
+                Ok(Difference::Lists { lists, count, nearest })
+            }
+            AgreementRule::Pose { translation, rotation_deg } => {
+                let (metres, degrees) = self.moved(now)?;
+                Ok(Difference::Pose { metres, degrees, translation, rotation_deg })
+            }
         }
-        if let AgreementRule::Positions { .. } = self.rule {
-            let a = self.inputs.positions(0, now).map_err(Why::Doubt)?;
-            let b = self.inputs.positions(1, now).map_err(Why::Doubt)?;
-            let (counts, is_cut) = ([a.count, b.count], a.is_cut() || b.is_cut());
-            return Ok(Difference::Lists(Lists { counts, apart_m: self.apart_m, is_cut }));
-        }
+    }
+
+    /// How far two poses, or two motions, are apart: in metres and degrees.
+    fn moved(&self, now: Timestamp) -> Result<(f64, f64), Why> {
         let a = self.inputs.pose(0, now).map_err(Why::Doubt)?;
         let b = self.inputs.pose(1, now).map_err(Why::Doubt)?;
         let (a, b) = match &self.motion {
@@ -180,7 +195,7 @@ impl Agreement {
                 (motion(0)?, motion(1)?)
             }
         };
-        Ok(Difference::Pose { metres: a.distance_m(&b), degrees: a.angle_deg(&b) })
+        Ok((a.distance_m(&b), a.angle_deg(&b)))
     }
 }
 

@@ -67,7 +67,7 @@ impl Expression {
         }
         Some(match &self.answer {
             Some(Answer::State(state)) => *state,
-            _ => State::Unknown,
+            Some(Answer::Failed(_)) | None => State::Unknown,
         })
     }
 
@@ -92,7 +92,10 @@ impl Expression {
                 FieldValue::Bool(true) => say!("true", "wahr"),
                 FieldValue::Bool(false) => say!("false", "falsch"),
                 FieldValue::Text(text) => format!("\"{}\"", cut(text)).into(),
-                _ => return None,
+                FieldValue::Pose(_)
+                | FieldValue::Positions(_)
+                | FieldValue::Absent
+                | FieldValue::Unreadable(_) => return None,
             };
             Some(say!("{name} = {text}", "{name} = {text}", name = &*self.names[slot], text = text))
         });
@@ -116,7 +119,7 @@ impl Expression {
                 values = values,
                 why = cut(why)
             ),
-            _ => values,
+            Some(Answer::State(State::Ok | State::Unknown | State::Ignore)) | None => values,
         };
         Words::plain(message)
     }

@@ -16,7 +16,7 @@ use crate::engine::time::Timestamp;
 use blind::Judged;
 
 /// All monitors, and who looks at what.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Watching {
     pub(in crate::engine) watches: Vec<Watch>,
     /// By [`ModuleId`], for those that are declared.
@@ -46,7 +46,7 @@ pub(in crate::engine) enum Purpose {
 }
 
 /// A monitor, and what was told of it.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::engine) struct Watch {
     pub(in crate::engine) purpose: Purpose,
     monitor: Monitor,
@@ -64,7 +64,7 @@ pub(in crate::engine) struct Watch {
     running: bool,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Topic {
     spec: Arc<TopicSpec>,
     /// In the order of the monitors, then of their slots.
@@ -85,7 +85,7 @@ struct News {
     other_type: Option<Box<str>>,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Reader {
     watch: u32,
     slot: u32,
@@ -94,14 +94,14 @@ struct Reader {
 }
 
 /// A status whose KeyValues are watched.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 struct Keyed {
     keys: Vec<KeyReader>,
     /// In the array in hand, the position of the worst status of this name.
     position: Option<usize>,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct KeyReader {
     watch: u32,
     slot: u32,

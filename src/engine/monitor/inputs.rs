@@ -147,7 +147,12 @@ impl Inputs {
     fn text(&self, slot: usize) -> Option<&str> {
         match self.last(slot)? {
             FieldValue::Text(text) => Some(cut(text)),
-            _ => None,
+            FieldValue::Number(_)
+            | FieldValue::Bool(_)
+            | FieldValue::Pose(_)
+            | FieldValue::Positions(_)
+            | FieldValue::Absent
+            | FieldValue::Unreadable(_) => None,
         }
     }
 

@@ -84,7 +84,7 @@ impl Latency {
             (_, _, None) if self.last.is_some() => {
                 say!("no message for {time}", "keine Nachricht seit {time}", time = span(self.window.span()))
             }
-            _ => "".into(),
+            (_, _, None) => "".into(),
         };
         Words { message, values }
     }

@@ -45,10 +45,18 @@ impl MonitorSpec {
 
     /// Whether silence is judged by the monitor itself, so that the module's timeout means nothing.
     pub fn by_the_clock(&self) -> bool {
-        matches!(
-            self,
-            MonitorSpec::Frequency { .. } | MonitorSpec::RateRatio { .. } | MonitorSpec::Watchdog { .. }
-        )
+        match self {
+            MonitorSpec::Frequency { .. } | MonitorSpec::RateRatio { .. } | MonitorSpec::Watchdog { .. } => {
+                true
+            }
+            MonitorSpec::SelfState { .. }
+            | MonitorSpec::External { .. }
+            | MonitorSpec::Latency { .. }
+            | MonitorSpec::Value { .. }
+            | MonitorSpec::Sequence { .. }
+            | MonitorSpec::Agreement { .. }
+            | MonitorSpec::Expression { .. } => false,
+        }
     }
 
     /// Whether it judges the same things of the same sources, whatever their numbers are.

@@ -136,7 +136,12 @@ impl Monitor {
         match self {
             Monitor::Value(value) => value.wants_words(),
             Monitor::Expression(expression) => expression.wants_words(slot),
-            _ => false,
+            Monitor::Frequency(_)
+            | Monitor::Latency(_)
+            | Monitor::Watchdog(_)
+            | Monitor::RateRatio(_)
+            | Monitor::Sequence(_)
+            | Monitor::Agreement(_) => false,
         }
     }
 
@@ -146,7 +151,11 @@ impl Monitor {
             Monitor::Frequency(monitor) => monitor.set_relevant(relevant, now),
             Monitor::RateRatio(monitor) => monitor.set_relevant(relevant, now),
             Monitor::Watchdog(monitor) => monitor.set_relevant(relevant, now),
-            _ => {}
+            Monitor::Latency(_)
+            | Monitor::Value(_)
+            | Monitor::Sequence(_)
+            | Monitor::Agreement(_)
+            | Monitor::Expression(_) => {}
         }
     }
 
@@ -155,7 +164,12 @@ impl Monitor {
         match self {
             Monitor::Frequency(monitor) => monitor.search(until),
             Monitor::RateRatio(monitor) => monitor.search(until),
-            _ => {}
+            Monitor::Latency(_)
+            | Monitor::Value(_)
+            | Monitor::Watchdog(_)
+            | Monitor::Sequence(_)
+            | Monitor::Agreement(_)
+            | Monitor::Expression(_) => {}
         }
     }
 
@@ -164,7 +178,12 @@ impl Monitor {
         match self {
             Monitor::Frequency(monitor) => monitor.found(now),
             Monitor::RateRatio(monitor) => monitor.found(slot, now),
-            _ => false,
+            Monitor::Latency(_)
+            | Monitor::Value(_)
+            | Monitor::Watchdog(_)
+            | Monitor::Sequence(_)
+            | Monitor::Agreement(_)
+            | Monitor::Expression(_) => false,
         }
     }
 
@@ -174,7 +193,12 @@ impl Monitor {
         match self {
             Monitor::Frequency(monitor) => monitor.late(now),
             Monitor::RateRatio(monitor) => monitor.late(now),
-            _ => false,
+            Monitor::Latency(_)
+            | Monitor::Value(_)
+            | Monitor::Watchdog(_)
+            | Monitor::Sequence(_)
+            | Monitor::Agreement(_)
+            | Monitor::Expression(_) => false,
         }
     }
 
@@ -190,7 +214,16 @@ impl Monitor {
             (Monitor::Sequence(monitor), Taken::Value(value)) => monitor.take(slot, value, now),
             (Monitor::Agreement(monitor), Taken::Value(value)) => monitor.take(slot, value, now),
             (Monitor::Expression(monitor), Taken::Value(value)) => monitor.take(slot, value, now),
-            _ => {}
+            // Nothing of another sort is led to these: see [`feeds`].
+            (
+                Monitor::Frequency(_) | Monitor::RateRatio(_) | Monitor::Latency(_),
+                Taken::Value(_) | Taken::Probe(_),
+            )
+            | (Monitor::Watchdog(_), Taken::Message(_) | Taken::Value(_))
+            | (
+                Monitor::Value(_) | Monitor::Sequence(_) | Monitor::Agreement(_) | Monitor::Expression(_),
+                Taken::Message(_) | Taken::Probe(_),
+            ) => {}
         }
     }
 
@@ -238,7 +271,12 @@ impl Monitor {
         match self {
             Monitor::Agreement(monitor) => monitor.is_aged(now),
             Monitor::Expression(monitor) => monitor.is_aged(now),
-            _ => false,
+            Monitor::Frequency(_)
+            | Monitor::Latency(_)
+            | Monitor::Value(_)
+            | Monitor::Watchdog(_)
+            | Monitor::RateRatio(_)
+            | Monitor::Sequence(_) => false,
         }
     }
 

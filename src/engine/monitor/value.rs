@@ -34,16 +34,17 @@ impl Value {
         if !self.inputs.any() {
             return Words::default();
         }
-        match (self.look(now), &self.rule) {
-            (Err(doubt), _) => Words::plain(self.inputs.say(doubt)),
-            (Ok((value, _)), ValueRule::Bands(bands)) => match value {
-                FieldValue::Number(value) => {
-                    let value = *value;
-                    Words { message: bands.say(value, "".into()), values: bands.values("value", value) }
-                }
-                _ => Words::default(),
-            },
-            (Ok((value, state)), ValueRule::Unless { error, warning }) => {
+        self.measured(now).unwrap_or_else(|doubt| Words::plain(self.inputs.say(doubt)))
+    }
+
+    fn measured(&self, now: Timestamp) -> Result<Words, Doubt> {
+        Ok(match &self.rule {
+            ValueRule::Bands(bands) => {
+                let value = self.inputs.number(0, now)?;
+                Words { message: bands.say(value, "".into()), values: bands.values("value", value) }
+            }
+            ValueRule::Unless { error, warning } => {
+                let (value, state) = self.look(now)?;
                 let missed = if state == State::Error { error } else { warning };
                 let message = match missed.as_ref().filter(|_| state != State::Ok) {
                     Some(wanted) => say!(
@@ -56,7 +57,7 @@ impl Value {
                 };
                 Words { message, values: vec![("value", bare(value))] }
             }
-        }
+        })
     }
 
     fn look(&self, now: Timestamp) -> Result<(&FieldValue, State), Doubt> {

@@ -57,7 +57,7 @@ impl Window {
                 last.count += 1;
                 last.start
             }
-            _ => {
+            Some(_) | None => {
                 self.buckets.push_back(Bucket { start: now, count: 1 });
                 now
             }

@@ -17,7 +17,7 @@ const KEPT_MAX: usize = 256;
 const OF_NODE_MAX: usize = 8;
 
 /// All alarms that are active or not acknowledged.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Alarms {
     list: Vec<Alarm>,
     /// How many of them are active.
@@ -216,7 +216,7 @@ impl Alarms {
                     self.merged += 1;
                     self.list.remove(index);
                 }
-                _ => index += 1,
+                None => index += 1,
             }
         }
     }

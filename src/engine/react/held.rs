@@ -152,7 +152,7 @@ impl Held {
     }
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Measures {
     /// Rules by the nodes that they are about.
     rules: HashMap<NodeId, Vec<usize>>,
@@ -308,10 +308,7 @@ impl Measures {
 
     pub(in crate::engine) fn strongest(&self, kind: Kind) -> Option<Request> {
         let all = self.held.iter().map(|held| held.request).filter(|request| request.kind() == kind);
-        all.reduce(|a, b| match (a, b) {
-            (Request::Decelerate { mps2: x }, Request::Decelerate { mps2: y }) if y > x => b,
-            _ => a,
-        })
+        all.reduce(|a, b| if b.mps2() > a.mps2() { b } else { a })
     }
 
     /// For the snapshot: strongest first.

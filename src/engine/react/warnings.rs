@@ -8,7 +8,7 @@ use crate::engine::model::{ModuleId, NodeId};
 use crate::engine::state::State;
 
 /// Modules that show WARNING, by whether that is accepted.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Warnings {
     open: BTreeSet<ModuleId>,
     accepted: BTreeSet<ModuleId>,

@@ -154,7 +154,9 @@ impl Engine {
                 ModuleKind::BuiltIn => confirmed,
                 // That it left is all that will be known.
                 ModuleKind::Gone => true,
-                _ => net.modules[id.0 as usize].own.known(),
+                ModuleKind::Declared | ModuleKind::Discovered | ModuleKind::Overflow => {
+                    net.modules[id.0 as usize].own.known()
+                }
             },
             NodeId::Group(_) => true,
         })
@@ -168,7 +170,9 @@ impl Engine {
                 Stage::Active if self.active_signal.is_some() => Stage::Active,
                 Stage::Localizing if someone => Stage::Localizing,
                 Stage::Standby | Stage::Cleared | Stage::Active if someone => Stage::Standby,
-                _ => Stage::Locked,
+                Stage::Locked | Stage::Localizing | Stage::Standby | Stage::Cleared | Stage::Active => {
+                    Stage::Locked
+                }
             };
         }
         let (number, pose) = restored.pose.map_or((0, None), |(number, pose)| (number, Some(pose)));

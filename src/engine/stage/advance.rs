@@ -17,7 +17,7 @@ use crate::engine::text::say;
 use crate::engine::timers::TimerKey;
 
 /// What the diagnosis said last of the vehicle's side.
-#[derive(Debug, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub(in crate::engine) struct Told {
     /// `None` while somebody says whether the vehicle drives, or need not.
     active_unknown: Option<State>,

@@ -100,7 +100,7 @@ impl Engine {
     fn need_operator(&self) -> Result<(), Vec<Refusal>> {
         match (&self.vehicle.operator, self.vehicle.model) {
             (None, StageModel::Shuttle) => Err(vec![Refusal::NobodyLoggedIn]),
-            _ => Ok(()),
+            (None, StageModel::None) | (Some(_), _) => Ok(()),
         }
     }
 

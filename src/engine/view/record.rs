@@ -138,7 +138,7 @@ impl Record {
             let (state, reason) = snapshot.shown(node);
             let cause = match reason {
                 Some(Reason::Masked { by }) => by.first(),
-                _ => None,
+                Some(Reason::NotRelevant(_)) | None => None,
             };
             let cause = cause.map(|&cause| snapshot.node_name(cause).clone());
             let said = match node {

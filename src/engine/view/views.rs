@@ -28,7 +28,7 @@ use crate::engine::time::Timestamp;
 /// Topics whose faults are remembered, for each kind of fault: past this new ones are not.
 const RECEPTION_MAX: usize = 256;
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::engine) struct Views {
     pub(in crate::engine) seq: u64,
     pub(in crate::engine) revision: u64,
@@ -389,7 +389,7 @@ fn reason(
     }
     match before {
         Some(masked @ Reason::Masked { .. }) => Some(masked.clone()),
-        _ => Some(Reason::Masked { by: Arc::from([]) }),
+        Some(Reason::NotRelevant(_)) | None => Some(Reason::Masked { by: Arc::from([]) }),
     }
 }
 

@@ -221,10 +221,10 @@ mod tests {
     }
 
     #[test]
-    fn the_readme_names_every_package_that_is_built_in() {
-        let readme = include_str!("../../../README.md");
+    fn the_documentation_names_every_package_that_is_built_in() {
+        let page = include_str!("../../../docs/configuration.md");
         for (package, _) in BUILT_IN {
-            assert!(readme.contains(&format!("`{package}`")), "{package}");
+            assert!(page.contains(&format!("`{package}`")), "{package}");
         }
         let asked = ["lifecycle_msgs/msg/TransitionEvent", "action_msgs/msg/GoalStatusArray"];
         let common =

@@ -21,7 +21,7 @@ use tokio::time::{Instant, MissedTickBehavior};
 
 use crate::clock::Clock;
 use crate::engine::input::Stamped;
-use crate::engine::model::output::Output;
+use crate::engine::model::output::{Output, Publication};
 use crate::engine::model::sample::Pose;
 use crate::engine::snapshot::{MapPose, Snapshot};
 use crate::engine::time::Span;
@@ -43,45 +43,22 @@ const RETRY: Duration = Duration::from_secs(1);
 /// A request to decelerate is repeated this often where nothing else is configured.
 const REPEAT: Span = Span::from_millis(50);
 
-/// What a topic is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum What {
-    DiagnosticsAgg,
-    TopLevelState,
-    Vehicle(Output),
-}
-
-impl What {
-    /// By its key in the configuration.
-    pub fn from_key(key: &str) -> Option<What> {
-        Some(match key {
-            "diagnostics_agg" => What::DiagnosticsAgg,
-            "toplevel_state" => What::TopLevelState,
-            "initialpose" => What::Vehicle(Output::Pose),
-            "stage" => What::Vehicle(Output::Stage),
-            "clearance" => What::Vehicle(Output::Clearance),
-            "deceleration_request" => What::Vehicle(Output::Deceleration),
-            "maneuver_stop_request" => What::Vehicle(Output::ManeuverStop),
-            _ => return None,
-        })
-    }
-
-    const fn offer(self) -> (&'static str, Quality) {
-        match self {
-            What::DiagnosticsAgg => (DIAGNOSTIC_ARRAY, Quality::Reliable),
-            What::TopLevelState => (STATUS, Quality::Reliable),
-            What::Vehicle(Output::Pose) => (encode::POSE_WITH_COVARIANCE_STAMPED, Quality::Reliable),
-            What::Vehicle(Output::Deceleration) => (encode::ACCEL_STAMPED, Quality::Reliable),
-            What::Vehicle(Output::Stage) => (encode::STRING, Quality::LastValue),
-            What::Vehicle(Output::Clearance | Output::ManeuverStop) => (BOOL, Quality::LastValue),
-        }
+/// The type of a publication, and how it is offered.
+const fn offer(publication: Publication) -> (&'static str, Quality) {
+    match publication {
+        Publication::DiagnosticsAgg => (DIAGNOSTIC_ARRAY, Quality::Reliable),
+        Publication::TopLevelState => (STATUS, Quality::Reliable),
+        Publication::Vehicle(Output::Pose) => (encode::POSE_WITH_COVARIANCE_STAMPED, Quality::Reliable),
+        Publication::Vehicle(Output::Deceleration) => (encode::ACCEL_STAMPED, Quality::Reliable),
+        Publication::Vehicle(Output::Stage) => (encode::STRING, Quality::LastValue),
+        Publication::Vehicle(Output::Clearance | Output::ManeuverStop) => (BOOL, Quality::LastValue),
     }
 }
 
 /// One topic that is published.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OutputTopic {
-    pub what: What,
+    pub publication: Publication,
     pub topic: Box<str>,
     /// How often, where that is to be said.
     pub period: Option<Span>,
@@ -160,8 +137,8 @@ impl Outputs {
 
 async fn open(options: &BridgeOptions, topics: &Arc<[OutputTopic]>) -> Result<Publisher, BridgeError> {
     let mut publisher = Publisher::empty(options).await?;
-    for OutputTopic { what, topic, .. } in topics.iter() {
-        let (type_name, quality) = what.offer();
+    for OutputTopic { publication, topic, .. } in topics.iter() {
+        let (type_name, quality) = offer(*publication);
         publisher.offer(topic, type_name, quality)?;
     }
     publisher.offer_announcements();
@@ -316,12 +293,13 @@ struct Speech {
 
 impl Speech {
     fn new(publisher: Arc<Publisher>, ground: &Ground) -> Speech {
-        let of = |topic: &OutputTopic| match topic.what {
-            What::Vehicle(output) => Some((output, topic.topic.clone())),
+        let of = |topic: &OutputTopic| match topic.publication {
+            Publication::Vehicle(output) => Some((output, topic.topic.clone())),
             _ => None,
         };
-        let deceleration = What::Vehicle(Output::Deceleration);
-        let period = ground.topics.iter().find(|topic| topic.what == deceleration).and_then(|it| it.period);
+        let deceleration = Publication::Vehicle(Output::Deceleration);
+        let period =
+            ground.topics.iter().find(|topic| topic.publication == deceleration).and_then(|it| it.period);
         Speech {
             publisher,
             topics: ground.topics.iter().filter_map(of).collect(),
@@ -373,8 +351,8 @@ fn covariance() -> [f64; 36] {
 
 /// Publishes the aggregated diagnosis in its own time, and the state of the whole also when it changes.
 async fn diagnosis(publisher: Arc<Publisher>, rivals: beside::Rivals, mut ground: Ground) {
-    let of = |what| ground.topics.iter().find(|topic| topic.what == what).cloned();
-    let (tree, top) = (of(What::DiagnosticsAgg), of(What::TopLevelState));
+    let of = |publication| ground.topics.iter().find(|topic| topic.publication == publication).cloned();
+    let (tree, top) = (of(Publication::DiagnosticsAgg), of(Publication::TopLevelState));
     let mut trees = tree.as_ref().and_then(|it| it.period).map(every);
     let mut tops = top.as_ref().and_then(|it| it.period).map(every);
     let whole = |snapshot: &Snapshot| (snapshot.overall, aggregate::top_level(snapshot));

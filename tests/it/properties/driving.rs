@@ -47,7 +47,7 @@ proptest! {
             foreseen_rightly(foreseen, &input, &response, &after);
             if let Response::Refused(reasons) = &response {
                 prop_assert!(!reasons.is_empty());
-                prop_assert_eq!(format!("{before:#?}"), format!("{after:#?}"), "refused: {:?}", reasons);
+                prop_assert_eq!(&before, &after, "refused: {:?}", reasons);
             }
             holds(&model, &after);
             may_be_cleared(&before, &input, &response);

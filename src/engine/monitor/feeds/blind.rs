@@ -36,19 +36,21 @@ impl Watching {
             Blind::WrongType(_) | Blind::Speechless(_) => State::Unknown,
             Blind::NoPublisher(_) => policy.no_publisher,
         });
-        let state = match (&watch.monitor, blind) {
+        let is_frequency = matches!(watch.monitor, Monitor::Frequency(_));
+        let state = match blind {
             // Nobody there is 0 Hz, which the bands judge; where they ask for no least rate, it is not OK.
-            (Monitor::Frequency(_), Some(Blind::NoPublisher(_))) => judged.map(|state| match state {
-                State::Ok => policy.no_publisher,
-                judged => judged,
-            }),
+            Some(Blind::NoPublisher(_)) if is_frequency => {
+                judged.map(|state| if state == State::Ok { policy.no_publisher } else { state })
+            }
             // Its type is to be learned and cannot be: nobody counted, so nothing is known of a rate.
-            (_, Some(Blind::WrongType(id))) if self.topics[id.0 as usize].spec.type_name.is_empty() => {
+            Some(Blind::WrongType(id)) if self.topics[id.0 as usize].spec.type_name.is_empty() => {
                 judged.map(|_| State::Unknown).or(of_blind.filter(|_| !watch.by_the_clock))
             }
-            (_, Some(Blind::Speechless(_))) => judged.max(of_blind.filter(|_| judged.is_some())),
-            _ if watch.by_the_clock => judged.map(|state| state.max(of_blind.unwrap_or(State::Ok))),
-            _ => judged.max(of_blind),
+            Some(Blind::Speechless(_)) => judged.max(of_blind.filter(|_| judged.is_some())),
+            Some(Blind::NoPublisher(_) | Blind::WrongType(_)) | None if watch.by_the_clock => {
+                judged.map(|state| state.max(of_blind.unwrap_or(State::Ok)))
+            }
+            Some(Blind::NoPublisher(_) | Blind::WrongType(_)) | None => judged.max(of_blind),
         };
         Judged { judged, blind, state }
     }

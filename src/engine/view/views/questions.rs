@@ -25,7 +25,7 @@ impl Views {
     pub(in crate::engine) fn masked_by(&self, node: NodeId) -> Vec<NodeId> {
         match self.reason(node) {
             Some(Reason::Masked { by }) => by.to_vec(),
-            _ => Vec::new(),
+            Some(Reason::NotRelevant(_)) | None => Vec::new(),
         }
     }
 

@@ -4,10 +4,11 @@ use std::sync::Arc;
 
 use tokio::sync::{mpsc, watch};
 
-use super::{OutputTopic, What};
+use super::{OutputTopic, offer};
 use crate::clock::Clock;
 use crate::engine::discovery::{Discovery, Endpoint};
 use crate::engine::input::{Input, Stamped};
+use crate::engine::model::output::Publication;
 use crate::ros::Publisher;
 use crate::ros::outbox::stopped;
 
@@ -30,8 +31,8 @@ impl Rivals {
         topics: &[OutputTopic],
         discovery: watch::Receiver<Arc<Discovery>>,
     ) -> Rivals {
-        let aggregated = topics.iter().filter(|it| !matches!(it.what, What::Vehicle(_)));
-        let topics = aggregated.map(|it| (it.topic.clone(), it.what.offer().0, it.beside_others));
+        let aggregated = topics.iter().filter(|it| !matches!(it.publication, Publication::Vehicle(_)));
+        let topics = aggregated.map(|it| (it.topic.clone(), offer(it.publication).0, it.beside_others));
         Rivals { topics: topics.collect(), own: publisher.participant(), discovery }
     }
 

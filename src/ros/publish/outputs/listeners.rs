@@ -7,9 +7,9 @@ use std::time::Duration;
 
 use tokio::time::MissedTickBehavior;
 
-use super::{Ground, What};
+use super::{Ground, offer};
 use crate::engine::input::{Input, ListenNews, Stamped};
-use crate::engine::model::output::Output;
+use crate::engine::model::output::{Output, Publication};
 use crate::engine::time::{Span, Timestamp};
 use crate::ros::Publisher;
 use crate::ros::outbox::stopped;
@@ -32,7 +32,7 @@ pub async fn watch(publisher: Arc<Publisher>, mut ground: Ground) {
             _ = looks.tick() => {}
         }
         for (output, topic) in &requests {
-            let (type_name, quality) = What::Vehicle(*output).offer();
+            let (type_name, quality) = offer(Publication::Vehicle(*output));
             let heard = publisher.has_reader(topic, type_name, quality);
             if is_news(heard, told.get(output).copied(), opened, ground.clock.now())
                 && tell(&ground, ListenNews { output: *output, topic: topic.clone(), heard })
@@ -44,8 +44,8 @@ pub async fn watch(publisher: Arc<Publisher>, mut ground: Ground) {
 }
 
 fn request(topic: &super::OutputTopic) -> Option<(Output, Box<str>)> {
-    match topic.what {
-        What::Vehicle(output @ (Output::ManeuverStop | Output::Deceleration)) => {
+    match topic.publication {
+        Publication::Vehicle(output @ (Output::ManeuverStop | Output::Deceleration)) => {
             Some((output, topic.topic.clone()))
         }
         _ => None,

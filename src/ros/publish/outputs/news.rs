@@ -1,8 +1,8 @@
 //! Tells the engine what could not be sent to the vehicle, and that it can be sent again.
 
-use super::{Ground, OutputTopic, What};
+use super::{Ground, OutputTopic};
 use crate::engine::input::{Input, OutputNews, Stamped};
-use crate::engine::model::output::Output;
+use crate::engine::model::output::{Output, Publication};
 use crate::ros::PublishError;
 
 /// Whether the engine was told. A full queue is no reason to keep the vehicle waiting.
@@ -17,8 +17,8 @@ pub fn tell(ground: &Ground, output: Output, topic: &str, error: Option<PublishE
 /// Nothing at all can be sent, or all can be sent again: some of it is said so seldom that its own success
 /// would come late.
 pub fn tell_all(ground: &Ground, error: Option<&str>) {
-    for OutputTopic { what, topic, .. } in ground.topics.iter() {
-        if let What::Vehicle(output) = *what {
+    for OutputTopic { publication, topic, .. } in ground.topics.iter() {
+        if let Publication::Vehicle(output) = *publication {
             send(ground, OutputNews { output, topic: topic.clone(), error: error.map(Box::from) });
         }
     }
