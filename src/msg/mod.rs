@@ -3,6 +3,7 @@
 pub mod cdr;
 pub mod fields;
 pub mod messages;
+pub mod received;
 pub(crate) mod ros_clock;
 pub(crate) mod sample_bytes;
 pub(crate) mod subscription;

@@ -45,8 +45,8 @@ pub struct Plan {
 #[derive(Debug, Clone)]
 pub struct Subscription {
     /// As ROS names it: `/diagnostics`.
-    pub topic: Box<str>,
-    pub type_name: Box<str>,
+    pub topic: Arc<str>,
+    pub type_name: Arc<str>,
     pub dds_topic: String,
     pub dds_type: String,
     /// What stands in front of the names of its statuses, where it has such.
@@ -157,7 +157,7 @@ fn subscribe<'a>(
         Some(at) if *all[at].type_name != *type_name => {
             return Err(SubscriptionError::TwoTypes {
                 topic: topic.into(),
-                first: all[at].type_name.clone(),
+                first: (*all[at].type_name).into(),
                 second: type_name.into(),
             });
         }

@@ -29,10 +29,11 @@ pub use publish::publisher::{PublishError, Publisher};
 
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
-use crate::engine::input::{Input, Stamped};
+use crate::engine::input::Input;
 use crate::engine::model::Model;
 use crate::msg::fields::Definitions;
 use crate::msg::messages::GidSize;
+use crate::msg::received::Stamped;
 use crate::msg::ros_clock::RosClock;
 use crate::msg::subscription::Plan;
 use discovery::graph::{Siblings, Tallies};
@@ -229,7 +230,7 @@ async fn settled(participant: &Participant) {
 /// Says whether the vehicle can be heard. Returns whether somebody took it.
 async fn tell_of_dds(ground: &Ground, fault: Option<&str>) -> bool {
     let input = Input::Dds { fault: fault.map(Box::from) };
-    let said = ground.inputs.send(Stamped { input, received: ground.clock.now() });
+    let said = ground.inputs.send(Stamped::new(input, ground.clock.now()));
     let mut stop = ground.stop.clone();
     tokio::select! {
         said = said => said.is_ok(),

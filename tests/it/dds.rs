@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 use telltale::clock::Clock;
-use telltale::engine::input::{Input, ReceptionTrouble, Stamped, StatusArray, TroubleKind};
+use telltale::engine::input::{Input, ReceptionTrouble, StatusArray, TroubleKind};
 use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::{
     Driving, FieldSource, Limits, Model, Parts, Policy, SignalSource, SignalSpec, StageModel,
@@ -11,6 +11,7 @@ use telltale::engine::text::Text;
 use telltale::engine::time::Span;
 use telltale::msg::messages::GidSize;
 use telltale::ros::{self, Bridge, BridgeOptions, Publisher};
+use telltale::runtime::Stamped;
 use tokio::sync::mpsc;
 
 use crate::peer::{Domain, PATIENCE, Peer, Vendor};
@@ -38,8 +39,8 @@ impl Reading {
             loop {
                 let input = self.inputs.recv().await.expect("the bridge lives").input;
                 let found = fits(&input);
-                // Who could say something is said by the clock.
-                if !matches!(input, Input::Writers(_)) {
+                // Who could say something is said by the clock; what means nothing comes for recorders alone.
+                if !matches!(input, Input::Writers(_) | Input::Tick) {
                     self.received.push(input);
                 }
                 if let Some(found) = found {

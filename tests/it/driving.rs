@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use telltale::clock::Clock;
 use telltale::config;
 use telltale::engine::Engine;
-use telltale::engine::input::{Input, ListenNews, OperatorAction, Place, Stamped, StatusArray};
+use telltale::engine::input::{Input, ListenNews, OperatorAction, Place, StatusArray};
 use telltale::engine::model::Stage;
 use telltale::engine::model::output::Output;
 use telltale::engine::model::sample::Pose;
@@ -21,6 +21,7 @@ use telltale::msg::messages::encode::{Header, Motion};
 use telltale::ros::publish::outputs;
 use telltale::ros::publish::outputs::Outputs;
 use telltale::ros::{self, Bridge, BridgeOptions};
+use telltale::runtime::Stamped;
 use tokio::sync::{mpsc, watch};
 
 use crate::peer::{Domain, Peer, Vendor};

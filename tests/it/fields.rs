@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde_json::{Value, json};
 use telltale::clock::Clock;
-use telltale::engine::input::{Input, Stamped, TroubleKind};
+use telltale::engine::input::{Input, TroubleKind};
 use telltale::engine::model::monitors::{
     FieldKind, FieldSpec, ProbeTarget, TopicSpec, WatchdogSpec, Watched,
 };
@@ -15,6 +15,7 @@ use telltale::engine::text::Text;
 use telltale::engine::time::Span;
 use telltale::msg::messages::encode;
 use telltale::ros::{self, Bridge, BridgeOptions, Publisher, Quality};
+use telltale::runtime::Stamped;
 use tokio::sync::mpsc;
 
 use crate::peer::{Domain, PATIENCE, Peer, Vendor};

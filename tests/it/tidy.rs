@@ -12,7 +12,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("yaml", &[]),
     ("config", &["engine", "clock", "yaml"]),
     ("clock", &["engine"]),
-    ("runtime", &["engine", "clock"]),
+    ("runtime", &["engine", "clock", "msg"]),
     ("msg", &["engine"]),
     ("ros", &["engine", "clock", "msg"]),
     ("store", &["engine", "clock"]),

@@ -132,7 +132,7 @@ groups: [{ id: g, modules: [{ id: rate, monitor: { frequency: { topic: /lamp, er
         assert_eq!(topics, ["/lamp", "/number"]);
         let lamp = untyped[0].learn("std_msgs/msg/Bool").unwrap().subscription;
         assert_eq!((&*lamp.dds_type, lamp.is_untyped()), ("std_msgs::msg::dds_::Bool_", false));
-        let body = Ok((vec![1], Endian::Little));
+        let body = Ok((vec![1].into(), Endian::Little));
         let (inputs, wrong) =
             lamp.decode(Received { body: &body, writer: [0; 16], wall_ns: 0, when: When::Now });
         assert!(inputs.len() == 2 && wrong.is_none(), "{inputs:?} {wrong:?}");
@@ -179,7 +179,7 @@ groups:
                 "std_msgs/msg/Float64 has no field `dat`; did you mean `data`?"
             ]
         );
-        let body = Ok((2.5_f64.to_le_bytes().to_vec(), Endian::Little));
+        let body = Ok((2.5_f64.to_le_bytes().to_vec().into(), Endian::Little));
         let (inputs, wrong) = number.subscription.decode(Received {
             body: &body,
             writer: [0; 16],

@@ -9,10 +9,11 @@ use tokio::sync::{mpsc, watch};
 
 use super::nodes::Nodes;
 use crate::clock::Clock;
-use crate::engine::input::{Input, NodeOf, Stamped, WriterId, WriterList};
+use crate::engine::input::{Input, NodeOf, WriterId, WriterList};
 use crate::engine::time::{Span, Timestamp};
 use crate::msg::messages;
 use crate::msg::messages::DIAGNOSTIC_ARRAY;
+use crate::msg::received::Stamped;
 use crate::msg::sample_bytes::Guid;
 use crate::ros::library::Participant;
 use crate::ros::outbox::stopped;
@@ -98,7 +99,7 @@ pub async fn run(
         let now = clock.now();
         let list = speakers.look(&writers(&participant), &nodes.borrow().endpoints(), now);
         let Some(list) = list else { continue };
-        let input = Stamped { input: Input::Writers(Arc::new(list)), received: now };
+        let input = Stamped::new(Input::Writers(Arc::new(list)), now);
         tokio::select! {
             () = stopped(&mut stop) => return,
             sent = inputs.send(input) => if sent.is_err() { return },

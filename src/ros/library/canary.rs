@@ -36,7 +36,7 @@ impl Canary {
         while let Ok(Some(heard)) = self.reader.try_take_one() {
             if heard.writer_guid == self.writer.guid()
                 && let Ok((body, _)) = heard.into_value()
-                && let Ok(beat) = body.try_into().map(u64::from_le_bytes)
+                && let Ok(beat) = body[..].try_into().map(u64::from_le_bytes)
                 && beat <= self.said
             {
                 self.heard = self.heard.max(beat);

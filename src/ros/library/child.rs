@@ -118,7 +118,7 @@ fn listen(mut socket: UnixStream, orders: &mpsc::Sender<Order>) {
         if socket.read_exact(&mut frame).is_err() {
             return;
         }
-        for order in wire::orders(&frame).unwrap_or_default() {
+        for order in wire::orders(&frame.into()).unwrap_or_default() {
             if orders.try_send(order).is_err() {
                 return;
             }

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll};
 
+use bytes::Bytes;
 use tokio::io::AsyncReadExt as _;
 use tokio::net::unix::OwnedReadHalf;
 use tokio::sync::{mpsc, oneshot, watch};
@@ -237,7 +238,7 @@ pub async fn receive(mut socket: OwnedReadHalf, shared: Arc<Shared>, ready: ones
 }
 
 /// The next frame; nothing, where the process is gone.
-async fn frame(socket: &mut OwnedReadHalf) -> Result<Option<Vec<u8>>, &'static str> {
+async fn frame(socket: &mut OwnedReadHalf) -> Result<Option<Bytes>, &'static str> {
     let Ok(length) = socket.read_u32_le().await else { return Ok(None) };
     let length = length as usize;
     if length > wire::FRAME_BYTES_MAX {
@@ -246,7 +247,7 @@ async fn frame(socket: &mut OwnedReadHalf) -> Result<Option<Vec<u8>>, &'static s
     // What was claimed is believed as it comes.
     let mut frame = Vec::with_capacity(length.min(2 * wire::FRAME_BYTES));
     let read = socket.take(length as u64).read_to_end(&mut frame).await;
-    Ok(read.is_ok_and(|read| read == length).then_some(frame))
+    Ok(read.is_ok_and(|read| read == length).then(|| frame.into()))
 }
 
 /// A reader in a DDS process.

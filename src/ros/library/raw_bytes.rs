@@ -71,7 +71,7 @@ impl Decode<'_, RawBody> for CopyOut {
             let what = FaultKind::TooLarge { bytes: input.len(), limit: BODY_BYTES_MAX };
             return Ok(Err(Fault { at: 0, what }));
         }
-        Ok(Ok((input.to_vec(), endian)))
+        Ok(Ok((Bytes::copy_from_slice(input), endian)))
     }
 }
 
@@ -98,8 +98,8 @@ mod tests {
             Ok(body) => body.map_err(|fault| fault.to_string()),
             Err(never) => match never {},
         };
-        assert_eq!(taken(Encoding::CDR_LE, b"ab"), Ok((b"ab".to_vec(), Endian::Little)));
-        assert_eq!(taken(Encoding::CDR_BE, b"ab"), Ok((b"ab".to_vec(), Endian::Big)));
+        assert_eq!(taken(Encoding::CDR_LE, b"ab"), Ok((Bytes::from_static(b"ab"), Endian::Little)));
+        assert_eq!(taken(Encoding::CDR_BE, b"ab"), Ok((Bytes::from_static(b"ab"), Endian::Big)));
         let error = taken(Encoding::XCDR2_LE, b"ab").unwrap_err();
         assert!(error.contains("encoding 0007"), "{error}");
     }

@@ -7,6 +7,8 @@ use std::net::Ipv4Addr;
 
 use super::qos::Via;
 use super::raw_bytes::BODY_BYTES_MAX;
+use bytes::Bytes;
+
 use super::{Found, Quality, RawSample};
 use crate::engine::discovery::{Liveliness, LivelinessKind};
 use crate::msg::cdr::{Endian, Fault, FaultKind};
@@ -242,7 +244,7 @@ impl Frame {
 
 /// Reads the messages of a frame.
 struct Reading<'a> {
-    frame: &'a [u8],
+    frame: &'a Bytes,
     at: usize,
 }
 
@@ -250,7 +252,7 @@ struct Reading<'a> {
 ///
 /// # Errors
 /// It is not exactly orders.
-pub fn orders(frame: &[u8]) -> Result<Vec<Order>, Nonsense> {
+pub fn orders(frame: &Bytes) -> Result<Vec<Order>, Nonsense> {
     all(frame, Reading::order)
 }
 
@@ -258,12 +260,12 @@ pub fn orders(frame: &[u8]) -> Result<Vec<Order>, Nonsense> {
 ///
 /// # Errors
 /// It is not exactly news.
-pub fn news(frame: &[u8]) -> Result<Vec<News>, Nonsense> {
+pub fn news(frame: &Bytes) -> Result<Vec<News>, Nonsense> {
     all(frame, Reading::news)
 }
 
 fn all<'a, T>(
-    frame: &'a [u8],
+    frame: &'a Bytes,
     one: impl Fn(&mut Reading<'a>) -> Result<T, Nonsense>,
 ) -> Result<Vec<T>, Nonsense> {
     let mut reading = Reading { frame, at: 0 };
@@ -323,6 +325,14 @@ impl<'a> Reading<'a> {
         let at = self.at;
         let length = self.u32()? as usize;
         if length > limit { Err(Nonsense(at)) } else { self.slice(length) }
+    }
+
+    /// The body of a sample. One that fills its frame stays in it; a smaller one is copied, so that nothing
+    /// keeps a frame of more than twice its own length.
+    fn body(&mut self) -> Result<Bytes, Nonsense> {
+        let body = self.bytes(BODY_BYTES_MAX)?;
+        let fills = body.len() >= self.frame.len() / 2;
+        Ok(if fills { self.frame.slice_ref(body) } else { Bytes::copy_from_slice(body) })
     }
 
     fn text(&mut self) -> Result<String, Nonsense> {
@@ -406,8 +416,8 @@ impl<'a> Reading<'a> {
     fn sample(&mut self) -> Result<RawSample, Nonsense> {
         let (writer, sequence, source) = (self.array()?, self.u64()? as i64, self.option()?);
         let body = match self.below(4)? {
-            0 => Ok((self.bytes(BODY_BYTES_MAX)?.to_vec(), Endian::Little)),
-            1 => Ok((self.bytes(BODY_BYTES_MAX)?.to_vec(), Endian::Big)),
+            0 => Ok((self.body()?, Endian::Little)),
+            1 => Ok((self.body()?, Endian::Big)),
             2 => {
                 let bytes = usize::try_from(self.u64()?).unwrap_or(usize::MAX);
                 Err(FaultKind::TooLarge { bytes, limit: BODY_BYTES_MAX })

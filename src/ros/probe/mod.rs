@@ -1,4 +1,4 @@
-//! Watchdogs: hosts, ports, nodes and services that are asked again and again whether they are there.
+//! Watchdogs: ask repeatedly whether hosts, ports, nodes and services are there.
 
 pub(super) mod icmp_echo;
 
@@ -16,10 +16,11 @@ use super::name_lookup::Lookup;
 use super::outbox::stopped;
 use crate::clock::Clock;
 use crate::engine::discovery::{Discovery, Mismatch};
-use crate::engine::input::{Input, Stamped};
+use crate::engine::input::Input;
 use crate::engine::model::monitors::{ProbeTarget, WatchdogSpec};
 use crate::engine::model::sample::{Probe, ProbeOutcome};
 use crate::engine::time::Span;
+use crate::msg::received::Stamped;
 use crate::msg::subscription::Plan;
 use icmp_echo::EchoError;
 
@@ -71,7 +72,7 @@ async fn watch(spec: Arc<WatchdogSpec>, kennel: Kennel, turns: Arc<Semaphore>) {
         drop(turn);
         let received = kennel.clock.now();
         let input = Input::Probe(Probe { source: spec.clone(), outcome });
-        if kennel.inputs.send(Stamped { input, received }).await.is_err() {
+        if kennel.inputs.send(Stamped::new(input, received)).await.is_err() {
             return;
         }
     }

@@ -1,4 +1,5 @@
-//! Topics that wait for somebody who publishes them, to be read as what that says.
+//! Topics whose type the configuration leaves out: they wait for a publisher, and are then read with its
+//! type.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -6,10 +7,11 @@ use std::sync::Arc;
 use tokio::sync::mpsc;
 
 use crate::clock::Clock;
-use crate::engine::input::{Input, ReceptionTrouble, Stamped, TroubleKind};
+use crate::engine::input::{Input, ReceptionTrouble, TroubleKind};
 use crate::engine::model::sample::TopicNews;
 use crate::engine::time::{Span, Timestamp};
 use crate::msg::messages;
+use crate::msg::received::Stamped;
 use crate::msg::subscription::{Learned, Subscription};
 use crate::ros::library::Participant;
 
@@ -101,10 +103,10 @@ fn say_missing(
     missing: &[String],
     received: Timestamp,
 ) -> bool {
-    let topic = waiting.subscription.topic.clone();
+    let topic = (*waiting.subscription.topic).into();
     let (count, text) = (missing.len() as u64, missing.join("; ").into());
     let trouble = ReceptionTrouble { topic, kind: TroubleKind::WrongType, count, text };
-    inputs.try_send(Stamped { input: Input::Reception(trouble), received }).is_ok()
+    inputs.try_send(Stamped::new(Input::Reception(trouble), received)).is_ok()
 }
 
 /// Says that a topic cannot be read. Returns whether there was room for that; else it is tried again.
@@ -118,7 +120,7 @@ fn say(
     let topic = &waiting.subscription.topic;
     let trouble = why.map(|text| {
         let (kind, text) = (TroubleKind::WrongType, text.into());
-        Input::Reception(ReceptionTrouble { topic: topic.clone(), kind, count: 1, text })
+        Input::Reception(ReceptionTrouble { topic: (**topic).into(), kind, count: 1, text })
     });
     let names: Vec<&str> = found.iter().map(String::as_str).collect();
     let news = waiting.subscription.watched().map(|source| {
@@ -128,7 +130,7 @@ fn say(
     let said: Vec<Input> = trouble.into_iter().chain(news).collect();
     let Ok(room) = inputs.try_reserve_many(said.len()) else { return false };
     for (permit, input) in room.zip(said) {
-        permit.send(Stamped { input, received });
+        permit.send(Stamped::new(input, received));
     }
     true
 }

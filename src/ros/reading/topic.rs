@@ -1,4 +1,4 @@
-//! One topic in a task of its own: what its readers receive becomes inputs.
+//! One topic in a task of its own: turns the samples of its readers into inputs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::future::poll_fn;
@@ -11,15 +11,15 @@ use super::publishers::{Offer, Published, Verdict, Writers};
 use super::readers::{Advice, Readers, Retention, Sample};
 use super::trouble::Troubles;
 use crate::clock::Clock;
-use crate::engine::input::{Input, Stamped, TroubleKind};
+use crate::engine::input::{Input, TroubleKind};
 use crate::engine::model::monitors::StampClock;
 use crate::engine::model::sample::TopicNews;
 use crate::engine::time::{Span, Timestamp};
 use crate::msg::fields::Miss;
 use crate::msg::messages;
+use crate::msg::received::{Message, Stamped};
 use crate::msg::ros_clock::RosClock;
 use crate::msg::sample_bytes::Guid;
-use crate::msg::sample_bytes::RawBody;
 use crate::msg::subscription::{Received, Subscription, When};
 use crate::ros::discovery::graph::Tallies;
 use crate::ros::library::qos::Via;
@@ -29,33 +29,34 @@ use crate::ros::outbox::{End, Outbox, stopped, waiting_bytes};
 /// Writers that discovery does not know are asked for again only after it has news.
 const UNKNOWN_MAX: usize = 1024;
 
-/// That nobody publishes a topic is said only when discovery had this time to find somebody.
+/// A topic is reported to have no publisher only after discovery had this time.
 const DISCOVERY: Span = Span::from_secs(5);
 
 /// A larger last value is not kept for monitors that are configured later.
 const KEPT_BYTES_MAX: usize = 64 << 10;
 
-/// What every topic of a participant's life shares.
+/// State shared by all topics of a participant.
 #[derive(Clone)]
 pub struct Surroundings {
     pub participant: Participant,
     pub inputs: mpsc::Sender<Stamped>,
     pub clock: Clock,
-    /// Counts what is received.
+    /// Counts received messages.
     pub tallies: Tallies,
     pub ros_clock: RosClock,
     pub stop: watch::Receiver<bool>,
 }
 
-/// What outlives a participant: gaps are counted across a rebuild, and what was seen before it is
-/// not taken again.
+/// State that outlives a participant: gaps are counted across a replacement, and samples are not taken
+/// twice.
 #[derive(Debug)]
 pub struct Memory {
     writers: Writers,
     troubles: Troubles,
     retention: Retention,
-    /// The last message of a publisher that keeps it for late readers: a new configuration is one.
-    last_value: Option<(Guid, RawBody)>,
+    /// The last message of a publisher that keeps it for late readers, because a new configuration counts
+    /// as one.
+    last_value: Option<Arc<Message>>,
 }
 
 impl Memory {
@@ -69,11 +70,11 @@ impl Memory {
     }
 }
 
-/// What is told to the task of a topic.
+/// Orders to the task of a topic.
 pub struct Orders {
     /// Changes when discovery has news of this topic.
     pub discovered: watch::Receiver<u64>,
-    /// What is read of the topic; marked as changed at every new configuration, even if it is the same.
+    /// The fields to read; marked as changed at every new configuration, even if they are the same.
     pub subscription: watch::Receiver<Arc<Subscription>>,
 }
 
@@ -81,9 +82,9 @@ pub struct Topic {
     subscription: Arc<Subscription>,
     /// Until then discovery may not have found everybody.
     searching_until: Timestamp,
-    /// The publishers and the other type that were said last.
+    /// The publishers and the other type that were reported last.
     said: Option<(u32, Option<Box<str>>)>,
-    /// It was said that last values are not asked for.
+    /// It was reported that last values are not asked for.
     told_of_mix: bool,
     around: Surroundings,
     readers: Readers,
@@ -114,7 +115,7 @@ impl Topic {
         topic
     }
 
-    /// Reads until the end, or until nobody is left who gives orders.
+    /// Reads until the end, or until nobody gives orders any more.
     pub async fn run(mut self, mut orders: Orders) -> (Memory, End) {
         let end = match self.read(&mut orders).await {
             Ok(never) => match never {},
@@ -158,8 +159,8 @@ impl Topic {
         }
     }
 
-    /// Reads by another configuration from now on. It learns the last value as who comes late does,
-    /// and hears anew who publishes.
+    /// Reads by another configuration from now on. It gets the last value as a late joiner does, and the
+    /// publishers are reported again.
     async fn follow_configuration(&mut self, next: Arc<Subscription>) -> Result<(), End> {
         self.subscription = next;
         self.said = None;
@@ -168,10 +169,10 @@ impl Topic {
         if !self.subscription.wants_last_value() {
             return Ok(());
         }
-        let Some((writer, body)) = self.memory.last_value.take() else { return Ok(()) };
-        if self.memory.writers.keeps_last_value(&writer, &self.subscription.dds_type) {
-            self.hand_over(&body, writer, When::Kept, self.around.clock.now()).await?;
-            self.memory.last_value = Some((writer, body));
+        let Some(message) = self.memory.last_value.take() else { return Ok(()) };
+        if self.memory.writers.keeps_last_value(&message.writer, &self.subscription.dds_type) {
+            self.hand_over(&message, When::Kept, self.around.clock.now()).await?;
+            self.memory.last_value = Some(message);
         }
         Ok(())
     }
@@ -219,9 +220,18 @@ impl Topic {
             }),
         }
         let keeps = self.memory.writers.keeps_last_value(&sample.writer, dds_type);
+        let message = Arc::new(Message {
+            topic: self.subscription.topic.clone(),
+            type_name: self.subscription.type_name.clone(),
+            writer: sample.writer,
+            sequence: sample.sequence,
+            source: sample.source,
+            received: self.around.clock.wall(),
+            body: sample.body,
+        });
         if keeps {
-            let small = sample.body.as_ref().is_ok_and(|(body, _)| body.len() <= KEPT_BYTES_MAX);
-            self.memory.last_value = small.then(|| (sample.writer, sample.body.clone()));
+            let small = message.body.is_ok() && message.len() <= KEPT_BYTES_MAX;
+            self.memory.last_value = small.then(|| message.clone());
         }
         let when = match published {
             Published::Now => When::Now,
@@ -229,17 +239,17 @@ impl Topic {
             Published::Before if keeps => When::Kept,
             Published::Before => When::Past,
         };
-        self.hand_over(&sample.body, sample.writer, when, received).await
+        self.hand_over(&message, when, received).await
     }
 
     /// Sends what a message means.
     async fn hand_over(
         &mut self,
-        body: &RawBody,
-        writer: Guid,
+        message: &Arc<Message>,
         when: When,
         received: Timestamp,
     ) -> Result<(), End> {
+        let Message { body, writer, .. } = &**message;
         let since_epoch = self.around.clock.wall().duration_since(UNIX_EPOCH).unwrap_or_default();
         let wall_ns = match self.subscription.stamps {
             StampClock::System => i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX),
@@ -250,8 +260,8 @@ impl Topic {
         {
             self.memory.troubles.add(TroubleKind::Malformed, 1, || fault.to_string());
         }
-        let (inputs, wrong) = self.subscription.decode(Received { body, writer, wall_ns, when });
-        let bytes = body.as_ref().map_or(0, |(body, _)| body.len());
+        let (mut inputs, wrong) = self.subscription.decode(Received { body, writer: *writer, wall_ns, when });
+        let bytes = message.len();
         if let Some(wrong) = wrong {
             let text = || match (&wrong, body) {
                 (Miss::Fault(fault), Ok(_)) => format!("{fault}, of {bytes} in all"),
@@ -259,12 +269,18 @@ impl Topic {
             };
             self.memory.troubles.add(TroubleKind::Malformed, 1, text);
         }
+        if inputs.is_empty() {
+            inputs.push(Input::Tick);
+        }
+        // The first of them answers for what the message takes.
+        let mut body_bytes = bytes;
         for mut input in inputs {
             if let (StampClock::Ros, Input::Sample(sample)) = (self.subscription.stamps, &mut input) {
                 sample.received_wall_ns = self.around.ros_clock.at_stamp(sample.stamp_ns);
             }
-            let waiting = waiting_bytes(&input, bytes);
-            self.outbox.send(input, received, waiting).await?;
+            let waiting = waiting_bytes(&input, bytes) + std::mem::take(&mut body_bytes);
+            let stamped = Stamped { input, received, message: Some(message.clone()) };
+            self.outbox.send(stamped, waiting).await?;
         }
         Ok(())
     }
@@ -278,7 +294,7 @@ impl Topic {
     async fn tell_troubles(&mut self) -> Result<(), End> {
         let now = self.around.clock.now();
         for trouble in self.memory.troubles.take(&self.subscription.topic, now) {
-            self.outbox.send(Input::Reception(trouble), now, 0).await?;
+            self.outbox.send(Stamped::new(Input::Reception(trouble), now), 0).await?;
         }
         Ok(())
     }
@@ -308,7 +324,7 @@ impl Topic {
         }
         let input = TopicNews { source: source.clone(), publishers, other_type: news.1.clone() };
         self.said = Some(news);
-        self.outbox.send(Input::Topic(input), now, 0).await
+        self.outbox.send(Stamped::new(Input::Topic(input), now), 0).await
     }
 
     /// Takes over which writers there are, and reads them in the way that fits all of them.

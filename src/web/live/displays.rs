@@ -7,8 +7,9 @@ use std::time::Duration;
 use tokio::sync::watch;
 use tokio::time::{MissedTickBehavior, interval};
 
-use crate::engine::input::{Input, Stamped};
+use crate::engine::input::Input;
 use crate::engine::time::{Span, Timestamp};
+use crate::runtime::Stamped;
 use crate::store::{Role, Session};
 use crate::web::AppState;
 
@@ -200,7 +201,7 @@ pub async fn watch(app: AppState) {
         }
         tracing::warn!(late = lateness.of.is_some(), "the operator's display");
         let input = Input::Display { late: lateness.of.clone() };
-        if app.link.inputs.send(Stamped { input, received: now }).await.is_err() {
+        if app.link.inputs.send(Stamped::new(input, now)).await.is_err() {
             return;
         }
     }

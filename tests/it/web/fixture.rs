@@ -7,7 +7,7 @@ use axum::body::{Body, to_bytes};
 use axum::http::header::{ACCEPT, CONTENT_TYPE, COOKIE, HOST, LOCATION, ORIGIN, SET_COOKIE};
 use axum::http::{HeaderMap, Method, Request, StatusCode};
 use telltale::clock::{Clock, ClockHand};
-use telltale::engine::input::{Input, ListenNews, Stamped, StatusArray};
+use telltale::engine::input::{Input, ListenNews, StatusArray};
 use telltale::engine::model::filter::Filter;
 use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::output::Output;
@@ -18,6 +18,7 @@ use telltale::engine::model::{
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::text::Text;
 use telltale::engine::time::Span;
+use telltale::runtime::Stamped;
 use telltale::runtime::{self, Link, Rehearsal, Reread};
 use telltale::store::{DemoSecrets, History, Store};
 use telltale::web::{AppState, DemoFaults, Enrolled, FaultSwitch, Origins, Settings, router};
@@ -235,7 +236,7 @@ impl Fixture {
     }
 
     pub async fn input(&self, input: Input) {
-        self.link.inputs.send(Stamped { input, received: self.clock.now() }).await.unwrap();
+        self.link.inputs.send(Stamped::new(input, self.clock.now())).await.unwrap();
     }
 
     pub async fn until(&self, condition: impl Fn(&Snapshot) -> bool) -> Arc<Snapshot> {

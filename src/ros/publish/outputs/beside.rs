@@ -1,4 +1,4 @@
-//! Other programs that publish the aggregated diagnosis: who reads it would get two trees in turn.
+//! Finds other programs that publish the aggregated diagnosis: a reader would get two trees in turn.
 
 use std::sync::Arc;
 
@@ -7,8 +7,9 @@ use tokio::sync::{mpsc, watch};
 use super::{OutputTopic, offer};
 use crate::clock::Clock;
 use crate::engine::discovery::{Discovery, Endpoint};
-use crate::engine::input::{Input, Stamped};
+use crate::engine::input::Input;
 use crate::engine::model::output::Publication;
+use crate::msg::received::Stamped;
 use crate::ros::Publisher;
 use crate::ros::outbox::stopped;
 
@@ -95,7 +96,7 @@ pub async fn tell(
                 );
             }
             let other = words.as_deref().map(Box::from);
-            let news = Stamped { input: Input::Aggregator { other }, received: clock.now() };
+            let news = Stamped::new(Input::Aggregator { other }, clock.now());
             // A full queue is tried again with the next look of discovery, a second later.
             told = inputs.try_send(news).is_ok().then_some(words);
         }

@@ -1,5 +1,4 @@
-//! Whether anybody listens to the requests that are published for the vehicle: what discovery knows
-//! of readers that would match.
+//! Whether anybody listens to the requests to the vehicle: the matching readers that discovery knows.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -8,9 +7,10 @@ use std::time::Duration;
 use tokio::time::MissedTickBehavior;
 
 use super::{Ground, offer};
-use crate::engine::input::{Input, ListenNews, Stamped};
+use crate::engine::input::{Input, ListenNews};
 use crate::engine::model::output::{Output, Publication};
 use crate::engine::time::{Span, Timestamp};
+use crate::msg::received::Stamped;
 use crate::ros::Publisher;
 use crate::ros::outbox::stopped;
 
@@ -67,7 +67,7 @@ fn tell(ground: &Ground, news: ListenNews) -> bool {
         true => tracing::info!("the vehicle listens to {topic}"),
         false => tracing::warn!("nobody listens to {topic}"),
     }
-    let stamped = Stamped { input: Input::Listened(news), received: ground.clock.now() };
+    let stamped = Stamped::new(Input::Listened(news), ground.clock.now());
     ground.inputs.try_send(stamped).is_ok()
 }
 

@@ -1,8 +1,9 @@
-//! Tells the engine what could not be sent to the vehicle, and that it can be sent again.
+//! Tells the engine what could not be sent to the vehicle, and when it can be sent again.
 
 use super::{Ground, OutputTopic};
-use crate::engine::input::{Input, OutputNews, Stamped};
+use crate::engine::input::{Input, OutputNews};
 use crate::engine::model::output::{Output, Publication};
+use crate::msg::received::Stamped;
 use crate::ros::PublishError;
 
 /// Whether the engine was told. A full queue is no reason to keep the vehicle waiting.
@@ -25,6 +26,6 @@ pub fn tell_all(ground: &Ground, error: Option<&str>) {
 }
 
 fn send(ground: &Ground, news: OutputNews) -> bool {
-    let stamped = Stamped { input: Input::Output(news), received: ground.clock.now() };
+    let stamped = Stamped::new(Input::Output(news), ground.clock.now());
     ground.inputs.try_send(stamped).is_ok()
 }
