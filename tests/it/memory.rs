@@ -10,7 +10,7 @@ use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
 use telltale::runtime::Published;
-use telltale::web::frame::Frames;
+use telltale::web::live::frame::Frames;
 
 const TEXT: &str = "
 vehicle: { stages: none }

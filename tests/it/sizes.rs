@@ -11,11 +11,9 @@ use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
 use telltale::runtime::Published;
 use telltale::store::Role;
-use telltale::web::frame::Frames;
-use telltale::web::view::{
-    Asked, Lang, PageContext, Palette, Part, Trends, coverage_page, developer_page, graph_page, masking_page,
-    operator_page, topics_page, why_page,
-};
+use telltale::web::developer::{Asked, coverage, graph, masking, statuses, topics, why};
+use telltale::web::live::frame::Frames;
+use telltale::web::view::{Lang, PageContext, Palette, Part, Trends, operator_page};
 
 const PAGE_BYTES: usize = 1 << 20;
 const ANSWER_BYTES: usize = 16 << 20;
@@ -109,14 +107,14 @@ fn check_all(case: &str, published: &Published) {
         snapshot.module_ids().find(of_group).map(|id| snapshot.module(id).0.id.to_string()).unwrap()
     };
     for (page, text) in [
-        ("statuses", developer_page(published, &context(), &asked, &trends)),
-        ("graph", graph_page(published, &context(), &asked)),
-        ("masking", masking_page(published, &context(), &asked)),
-        ("coverage", coverage_page(published, &context(), &asked)),
-        ("topics", topics_page(published, &context(), &asked, &Default::default())),
-        ("why, group", why_page(published, node("g1"), &context(), &trends)),
-        ("why, module", why_page(published, node(&named("g0/")), &context(), &trends)),
-        ("why, masked", why_page(published, node(&named("g1/")), &context(), &trends)),
+        ("statuses", statuses::page(published, &context(), &asked, &trends)),
+        ("graph", graph::page(published, &context(), &asked)),
+        ("masking", masking::page(published, &context(), &asked)),
+        ("coverage", coverage::page(published, &context(), &asked)),
+        ("topics", topics::page(published, &context(), &asked, &Default::default())),
+        ("why, group", why::page(published, node("g1"), &context(), &trends)),
+        ("why, module", why::page(published, node(&named("g0/")), &context(), &trends)),
+        ("why, masked", why::page(published, node(&named("g1/")), &context(), &trends)),
     ] {
         check(&format!("{case}: {page}"), text.len(), DEVELOPER_BYTES);
     }

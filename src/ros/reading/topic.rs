@@ -242,7 +242,7 @@ impl Topic {
         self.hand_over(&message, when, received).await
     }
 
-    /// Sends what a message means.
+    /// Sends the inputs that a message means.
     async fn hand_over(
         &mut self,
         message: &Arc<Message>,
@@ -299,19 +299,19 @@ impl Topic {
         Ok(())
     }
 
-    /// When the news is due that there is nobody.
+    /// When it is due to be reported that there is no publisher.
     fn news_due(&self) -> Option<Timestamp> {
         let silent = self.said.is_none() && self.subscription.watched().is_some();
         silent.then_some(self.searching_until)
     }
 
-    /// When another reader may fit, without any news.
+    /// When another reader may fit, without any news of discovery.
     fn follow_due(&self) -> Option<Timestamp> {
         let settled = self.memory.writers.settles_at(self.around.clock.now());
         [settled, self.readers.overlap_ends()].into_iter().flatten().min()
     }
 
-    /// Says who publishes, if monitors watch the topic and it has changed.
+    /// Reports the publishers, if monitors watch the topic and they have changed.
     async fn tell_news(&mut self) -> Result<(), End> {
         let Some(source) = self.subscription.watched() else { return Ok(()) };
         let (publishers, other) = self.memory.writers.publishers(&self.subscription.dds_type);
@@ -327,7 +327,7 @@ impl Topic {
         self.outbox.send(Stamped::new(Input::Topic(input), now), 0).await
     }
 
-    /// Takes over which writers there are, and reads them in the way that fits all of them.
+    /// Takes the present writers, and chooses the reader that fits all of them.
     fn follow_discovery(&mut self) {
         let offers = offers(&self.around.participant, &self.subscription.dds_topic);
         let dds_type = &self.subscription.dds_type;
@@ -338,7 +338,7 @@ impl Topic {
             self.memory.troubles.add(TroubleKind::WrongType, 1, text);
         }
         let wants_last_value = self.subscription.wants_last_value();
-        // While there is nobody, the reader stays what it was.
+        // While there is no publisher, the reader does not change.
         let fitting = self.memory.writers.fitting(wants_last_value, dds_type, now.0);
         let Some(via) = fitting.or_else(|| self.readers.fitting()) else { return };
         if self.readers.follow(via, now.0) && !self.readers.any_reliable() {
@@ -349,7 +349,7 @@ impl Topic {
         }
     }
 
-    /// Once: it can be the reason for a signal that stays unknown.
+    /// Reported once: it can be the reason for a signal that stays unknown.
     fn tell_of_mix(&mut self) {
         if !std::mem::replace(&mut self.told_of_mix, true) {
             tracing::info!(
@@ -368,7 +368,7 @@ async fn until(due: Option<std::time::Instant>) {
     }
 }
 
-/// What discovery knows of the writers of a topic.
+/// The writers of a topic as discovery knows them.
 fn offers(participant: &Participant, dds_topic: &str) -> BTreeMap<Guid, Offer> {
     let seen = participant.seen();
     let offers = seen.writers_of(dds_topic).map(|writer| {

@@ -8,7 +8,7 @@ use telltale::engine::Engine;
 use telltale::engine::input::{Input, OperatorAction, StatusArray};
 use telltale::engine::time::Timestamp;
 use telltale::runtime::Published;
-use telltale::web::frame::Frames;
+use telltale::web::live::frame::Frames;
 
 use super::fixture::model;
 

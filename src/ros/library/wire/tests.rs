@@ -1,4 +1,4 @@
-//! What is said over the socket is heard as it was said, and garbage is refused.
+//! Messages arrive over the socket as they were sent, and garbage is refused.
 
 use proptest::prelude::*;
 
@@ -86,7 +86,7 @@ fn what_is_cut_or_too_long_is_refused_and_never_taken_in_part() {
     let name = "x".repeat(NAME_BYTES_MAX + 1);
     assert!(super::news(&frame(|frame| frame.news(&News::Broken { reason: name.clone() }))).is_err());
     assert_eq!(cut(&name).len(), NAME_BYTES_MAX);
-    // A body that claims to be larger than any.
+    // A body that claims to be larger than allowed.
     let mut claim =
         frame(|frame| frame.order(&Order::Write { id: 1, number: 1, body: vec![0; 8].into() })).to_vec();
     claim[9..13].copy_from_slice(&u32::MAX.to_le_bytes());
