@@ -180,7 +180,7 @@ def test_what_opens_over_the_operators_page(chromium, trouble, tmp_path, lang, p
         page.locator("#sheet-stops .close").tap()
         ask_for_clearance(page)
         check(page, "the confirmation")
-        # It may have gone by itself: it stands for ten seconds.
+        # It may have disappeared by itself: it is shown for ten seconds.
         page.locator("#confirm button[name=cancel]").evaluate("button => button.click()")
         expect(page.locator("#confirm")).to_be_hidden()
         client.post("/demo/fault", name="low_battery", active="true")

@@ -19,7 +19,7 @@ RESTART_S = 3
 DEVELOPER = ("dora", "a long password")
 # A user's oldest sessions end when there are more.
 LOGINS_MAX = 8
-# A machine may be busy: a round ends by what was acknowledged, not by the clock.
+# A machine may be busy: a round ends after a number of acknowledged actions, not after a time.
 ROUND_S_MAX = 30
 
 
