@@ -1,4 +1,4 @@
-"""What axe-core finds on a page as it stands now."""
+"""The violations that axe-core finds on the present page."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What an operator's hands do at a touch display."""
+"""The touches of an operator at a display."""
 
 from playwright.sync_api import TimeoutError, expect
 

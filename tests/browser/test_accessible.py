@@ -1,5 +1,5 @@
-"""axe-core finds nothing on any page: the developer's, the authority's, the login in all its states,
-what opens over the operator's page, and the pages that refuse something."""
+"""axe-core finds no violation on any page: the developer's, the authority's, the login in all its states,
+the panels over the operator's page, and error pages."""
 
 import re
 import shutil

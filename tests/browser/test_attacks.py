@@ -1,4 +1,4 @@
-"""STOP is answered within a second, whatever strangers do to the server."""
+"""STOP is answered within a second while strangers attack the server."""
 
 import json
 import os

@@ -1,7 +1,6 @@
 """Other programs at the database while the server runs: sqlite3, Python's module, `telltale user`.
 
-Whatever they do, and in whatever order they come and go, nothing that was acknowledged is lost, and
-what was taken from a user is in force.
+In whatever order they come and go, no acknowledged data are lost, and changes of users take effect.
 """
 
 import base64

@@ -1,4 +1,4 @@
-"""Where the page's own scripts do not run, time alone covers all that is said of the vehicle."""
+"""If the page's own scripts do not run, everything about the vehicle is covered after a time."""
 
 import pytest
 from playwright.sync_api import expect

@@ -1,6 +1,6 @@
-"""Nothing that was acknowledged is lost, whenever the program is killed.
+"""No acknowledged data are lost, whenever the program is killed.
 
-TELLTALE_CRASH_ROUNDS says how often: 20 unless told otherwise, 200 for a longer run.
+TELLTALE_CRASH_ROUNDS sets how often it is killed: 20 by default, 200 for a long run.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""A display that cannot lie, on a way that is slow: what comes late is not live."""
+"""The display on a slow connection: a late state is never shown as live."""
 
 import time
 

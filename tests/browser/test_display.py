@@ -1,5 +1,5 @@
-"""What the display shows in every condition of its own: stale, dead, without a socket, without a
-session, in any size, and with sheets open."""
+"""The display in each of its own conditions: stale, dead, without a socket, without a session, in any
+size, and with open sheets."""
 
 import signal
 import subprocess

@@ -1,4 +1,4 @@
-"""What must have room: a phone in German, and the words of the audit log."""
+"""Texts fit: on a phone in German, and in the audit log."""
 
 import pytest
 from playwright.sync_api import expect

@@ -1,4 +1,4 @@
-"""What can be read before an operator comes, and the login that an operator then meets."""
+"""The page before a login, and the login itself."""
 
 import re
 

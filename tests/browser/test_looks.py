@@ -1,4 +1,4 @@
-"""Sizes, contrasts and names, as the browser computes them, of every page that an operator sees."""
+"""Sizes, contrasts and names of all operator's pages, as the browser computes them."""
 
 import pytest
 from playwright.sync_api import expect

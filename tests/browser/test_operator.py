@@ -1,4 +1,4 @@
-"""The operator's screen over real DDS: what is shown of a vehicle, and of its faults."""
+"""The operator's page over real DDS: the vehicle and its faults."""
 
 import re
 

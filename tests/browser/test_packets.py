@@ -1,5 +1,5 @@
-"""Forged DDS packets, a DDS process that is killed, stopped or takes all memory, and a network interface that goes: the
-rest lives on, says so, and data are back soon."""
+"""Forged DDS packets, a DDS process that is killed, stopped or takes all memory, and a network interface that goes
+down: everything else goes on, says so, and data are back soon."""
 
 import contextlib
 import json

@@ -1,4 +1,4 @@
-"""Links between the developer's pages: no document is loaded for them, and all is as if one were."""
+"""Links between the developer's pages load no document, and behave as if they did."""
 
 import re
 import signal

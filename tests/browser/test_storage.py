@@ -1,6 +1,6 @@
 """A full disk, a read-only one, a broken database: the display goes on and says so.
 
-It needs mount namespaces, as root or through those of users; where they are not to be had it fails.
+The tests need mount namespaces, as root or through user namespaces, and fail without them.
 """
 
 import json

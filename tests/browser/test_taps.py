@@ -1,4 +1,4 @@
-"""Taps that come together: a stop waits for nothing, and what is not sent says so."""
+"""Simultaneous taps: a stop waits for nothing, and a tap that is not sent says so."""
 
 import pytest
 from playwright.sync_api import expect
