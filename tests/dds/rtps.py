@@ -175,7 +175,7 @@ class Attacker:
 
     def gaps(self):
         self.join()
-        # Behind a number that is missing: one that begins with the first costs nothing.
+        # Behind a missing number: a GAP that begins with the first costs nothing.
         self.send(self.header(self.prefix) + gap(ANYBODY, USER_WRITER, 3, 2**40))
 
     def builtin(self):
