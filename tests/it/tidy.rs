@@ -1,5 +1,5 @@
-//! The rules of the house that the compiler does not hold: who may use whom, how long a file may
-//! be, where a clock is read, and that no template is dead.
+//! The rules of the source that the compiler does not check: which folders may use which, how long a file
+//! may be, where a clock is read, and that no template is unused.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;

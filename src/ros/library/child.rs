@@ -6,7 +6,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::future::poll_fn;
-use std::io::{Read as _, Write as _};
 use std::net::Ipv4Addr;
 use std::os::fd::AsFd as _;
 use std::os::unix::net::UnixStream;
@@ -15,6 +14,7 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
+use bytes::Bytes;
 use futures_util::StreamExt as _;
 use rustdds::dds::ReadError;
 use rustdds::no_key::SimpleDataReader;
@@ -22,10 +22,12 @@ use rustdds::{
     DomainParticipant, DomainParticipantBuilder, QosPolicyBuilder, RTPSEntity as _, StatusEvented as _,
     Subscriber, Topic,
 };
+use tokio::io::AsyncWriteExt as _;
+use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::signal::unix::{SignalKind, signal};
-use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio::time::MissedTickBehavior;
+use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
 
 use super::canary::Canary;
 use super::crowd::Crowd;
@@ -38,8 +40,6 @@ use crate::clock::Clock;
 use crate::engine::time::{Span, Timestamp};
 use crate::msg::sample_bytes::{Guid, RawBody};
 
-/// Orders that may wait. The program sends far fewer: more mean that this process hangs.
-const ORDERS_MAX: usize = 4096;
 /// How often it repeats a beat that has not come back.
 const AGAIN: Duration = Duration::from_millis(25);
 /// The shortest and the longest time between two looks at the discovered endpoints.
@@ -85,59 +85,42 @@ fn confine(parent: u32, megabytes: u64) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Executes the orders that come over the socket, until the socket closes. A process of its own (`alone`)
-/// then ends, even if the library hangs.
+/// Executes the orders that come over the socket, until the socket closes.
 pub fn serve(socket: UnixStream, alone: bool) {
-    let (sender, orders) = mpsc::channel(ORDERS_MAX);
-    let served = socket.try_clone().and_then(|reading| {
-        std::thread::Builder::new().name("orders".to_owned()).spawn(move || {
-            listen(reading, &sender);
-            if alone {
-                std::process::exit(0);
-            }
-        })?;
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        runtime.block_on(live(socket, orders, alone));
+    let served = tokio::runtime::Builder::new_current_thread().enable_all().build().and_then(|runtime| {
+        let lived = runtime.block_on(live(socket, alone));
         runtime.shutdown_background();
-        Ok(())
+        lived
     });
     if let Err(error) = served {
         tracing::error!("the DDS process cannot be started: {error}");
     }
 }
 
-/// Reads orders until the socket closes, or nobody executes them any more.
-fn listen(mut socket: UnixStream, orders: &mpsc::Sender<Order>) {
-    let mut length = [0; 4];
-    while socket.read_exact(&mut length).is_ok() {
-        let length = u32::from_le_bytes(length) as usize;
-        if length > wire::FRAME_BYTES_MAX {
-            return;
-        }
-        let mut frame = vec![0; length];
-        if socket.read_exact(&mut frame).is_err() {
-            return;
-        }
-        for order in wire::orders(&frame.into()).unwrap_or_default() {
-            if orders.try_send(order).is_err() {
-                return;
-            }
-        }
-    }
+/// Orders, in frames.
+type Orders = FramedRead<OwnedReadHalf, LengthDelimitedCodec>;
+
+/// The next orders. `None` if the program is gone or sends nonsense.
+async fn next(orders: &mut Orders) -> Option<Vec<Order>> {
+    wire::orders(&orders.next().await?.ok()?.freeze()).ok()
 }
 
-async fn live(socket: UnixStream, mut orders: mpsc::Receiver<Order>, alone: bool) {
+async fn live(socket: UnixStream, alone: bool) -> std::io::Result<()> {
     if alone {
         // The parent decides when to end: a signal to all processes of a service must not end this one
         // before the last messages to the vehicle are published. After this call, these signals are ignored
         // for good.
         let _ = [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup()].map(signal);
     }
-    let Some(Order::Open { domain, networks }) = orders.recv().await else { return };
-    let mut out = Out { socket, frame: Frame::new(), samples: Frame::new() };
-    let ended = match Child::open(domain, networks, &mut out) {
+    socket.set_nonblocking(true)?;
+    let (reading, writing) = tokio::net::UnixStream::from_std(socket)?.into_split();
+    let mut orders = FramedRead::new(reading, wire::frames());
+    let mut first = next(&mut orders).await.unwrap_or_default().into_iter();
+    let Some(Order::Open { domain, networks }) = first.next() else { return Ok(()) };
+    let mut out = Out { socket: writing, frame: Frame::new(), samples: Frame::new() };
+    let ended = match Child::open(domain, networks, &mut out).await {
         Ok(mut child) => {
-            let ended = child.run(&mut orders, &mut out).await;
+            let ended = child.run(first.collect(), &mut orders, &mut out).await;
             child.close().await;
             ended
         }
@@ -145,23 +128,24 @@ async fn live(socket: UnixStream, mut orders: mpsc::Receiver<Order>, alone: bool
     };
     if let Err(reason) = ended {
         out.frame.news(&News::Broken { reason: wire::cut(&reason) });
-        let _ = out.send();
+        let _ = out.send().await;
     }
+    Ok(())
 }
 
 /// The messages to the parent. Writing waits if the parent does not read.
 struct Out {
-    socket: UnixStream,
+    socket: OwnedWriteHalf,
     frame: Frame,
     /// Samples, which follow the description of their writers.
     samples: Frame,
 }
 
 impl Out {
-    fn send(&mut self) -> Result<(), String> {
+    async fn send(&mut self) -> Result<(), String> {
         for frame in [&mut self.frame, &mut self.samples] {
             if !frame.is_empty() {
-                self.socket.write_all(&frame.take()).map_err(|error| error.to_string())?;
+                self.socket.write_all(&frame.take()).await.map_err(|error| error.to_string())?;
             }
         }
         Ok(())
@@ -191,7 +175,7 @@ pub fn refused(error: impl std::fmt::Display) -> String {
 }
 
 impl Child {
-    fn open(domain: u16, networks: Option<Vec<Ipv4Addr>>, out: &mut Out) -> Result<Child, String> {
+    async fn open(domain: u16, networks: Option<Vec<Ipv4Addr>>, out: &mut Out) -> Result<Child, String> {
         let mut builder = DomainParticipantBuilder::new(domain);
         if let Some(addresses) = networks {
             builder = builder.with_only_networks(addresses);
@@ -201,7 +185,7 @@ impl Child {
         let canary = Canary::open(&participant, &subscriber)?;
         let (guid, id) = (participant.guid().to_bytes(), participant.participant_id());
         out.frame.news(&News::Ready { guid, participant: id });
-        out.send()?;
+        out.send().await?;
         Ok(Child {
             participant,
             subscriber,
@@ -214,7 +198,8 @@ impl Child {
         })
     }
 
-    async fn run(&mut self, orders: &mut mpsc::Receiver<Order>, out: &mut Out) -> Result<(), String> {
+    async fn run(&mut self, first: Vec<Order>, orders: &mut Orders, out: &mut Out) -> Result<(), String> {
+        self.obey_all(first, out)?;
         let listener = self.participant.clone();
         let listener = listener.status_listener();
         let mut events = listener.as_async_status_stream();
@@ -225,9 +210,9 @@ impl Child {
         let mut look_at = looked;
         loop {
             tokio::select! {
-                order = orders.recv() => match order {
-                    None | Some(Order::Close) => return Ok(()),
-                    Some(order) => self.obey(order, out)?,
+                orders = next(orders) => match orders {
+                    Some(orders) if !orders.contains(&Order::Close) => self.obey_all(orders, out)?,
+                    _ => return Ok(()),
                 },
                 Some(done) = self.writing.join_next() => {
                     let (number, error) = done.map_err(|panic| panic.to_string())?;
@@ -260,8 +245,12 @@ impl Child {
                     }
                 }
             }
-            out.send()?;
+            out.send().await?;
         }
+    }
+
+    fn obey_all(&mut self, orders: Vec<Order>, out: &mut Out) -> Result<(), String> {
+        orders.into_iter().try_for_each(|order| self.obey(order, out))
     }
 
     fn obey(&mut self, order: Order, out: &mut Out) -> Result<(), String> {
@@ -344,7 +333,7 @@ impl Child {
     fn speak(&mut self) {
         self.canary.listen();
         if !std::mem::replace(&mut self.canary.writing, true) {
-            let beat = self.canary.said.to_le_bytes().to_vec();
+            let beat = Bytes::copy_from_slice(&self.canary.said.to_le_bytes());
             self.writing.spawn(write(self.canary.writer.clone(), 0, beat));
         }
     }
@@ -419,8 +408,8 @@ impl Hearings {
 }
 
 /// Writes. The library would never report that its threads have ended.
-async fn write(writer: Arc<RawWriter>, number: u32, body: Vec<u8>) -> (u32, Option<String>) {
-    let written = match tokio::time::timeout(WRITING_MAX, writer.async_write(body.into(), None)).await {
+async fn write(writer: Arc<RawWriter>, number: u32, body: Bytes) -> (u32, Option<String>) {
+    let written = match tokio::time::timeout(WRITING_MAX, writer.async_write(body, None)).await {
         Ok(written) => written.map_err(|error| wire::cut(&error)),
         Err(_) => Err(format!("the DDS library does not answer within {WRITING_MAX:?}")),
     };

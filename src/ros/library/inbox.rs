@@ -1,14 +1,15 @@
 //! Hands the messages of a DDS process to their receivers: readers, writers and discovery.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::io::ErrorKind;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll};
 
-use bytes::Bytes;
-use tokio::io::AsyncReadExt as _;
+use futures_util::StreamExt as _;
 use tokio::net::unix::OwnedReadHalf;
 use tokio::sync::{mpsc, oneshot, watch};
+use tokio_util::codec::FramedRead;
 
 use super::qos::Via;
 use super::raw_bytes::BODY_BYTES_MAX;
@@ -203,20 +204,21 @@ impl Shared {
 }
 
 /// Receives until the process is gone or sends nonsense.
-pub async fn receive(mut socket: OwnedReadHalf, shared: Arc<Shared>, ready: oneshot::Sender<(Guid, u16)>) {
+pub async fn receive(socket: OwnedReadHalf, shared: Arc<Shared>, ready: oneshot::Sender<(Guid, u16)>) {
     let mut ready = Some(ready);
+    let mut frames = FramedRead::with_capacity(socket, wire::frames(), wire::FRAME_BYTES);
     loop {
         let frame = tokio::select! {
-            frame = frame(&mut socket) => frame,
+            frame = frames.next() => frame,
             _ = shared.ended() => break,
         };
         let frame = match frame {
-            Ok(Some(frame)) => frame,
-            Ok(None) => break,
-            Err(reason) => {
-                shared.end(reason, true);
+            Some(Ok(frame)) => frame.freeze(),
+            Some(Err(error)) if error.kind() == ErrorKind::InvalidData => {
+                shared.end("it says more at once than it may", true);
                 break;
             }
+            Some(Err(_)) | None => break,
         };
         let taken = wire::news(&frame).map_err(|_| "it says what makes no sense").and_then(|all| {
             all.into_iter().try_for_each(|news| match (news, &mut ready) {
@@ -234,20 +236,7 @@ pub async fn receive(mut socket: OwnedReadHalf, shared: Arc<Shared>, ready: ones
     }
     shared.hang_up();
     // If the process has ended by itself, the watch says why.
-    drop((socket, ready));
-}
-
-/// The next frame; `None` if the process is gone.
-async fn frame(socket: &mut OwnedReadHalf) -> Result<Option<Bytes>, &'static str> {
-    let Ok(length) = socket.read_u32_le().await else { return Ok(None) };
-    let length = length as usize;
-    if length > wire::FRAME_BYTES_MAX {
-        return Err("it says more at once than it may");
-    }
-    // The claimed length is not allocated in advance.
-    let mut frame = Vec::with_capacity(length.min(2 * wire::FRAME_BYTES));
-    let read = socket.take(length as u64).read_to_end(&mut frame).await;
-    Ok(read.is_ok_and(|read| read == length).then(|| frame.into()))
+    drop((frames, ready));
 }
 
 /// A reader in a DDS process.

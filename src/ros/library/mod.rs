@@ -236,7 +236,7 @@ impl Writer {
     pub async fn write(&self, body: Vec<u8>) -> Result<(), String> {
         let number = self.participant.next();
         let written = self.participant.0.shared.expect_written(number);
-        self.participant.order(Order::Write { id: self.id, number, body });
+        self.participant.order(Order::Write { id: self.id, number, body: body.into() });
         let answer = tokio::time::timeout(WRITING_MAX, written).await;
         self.participant.0.shared.forget_written(number);
         match answer {

@@ -5,10 +5,11 @@
 
 use std::net::Ipv4Addr;
 
+use bytes::Bytes;
+use tokio_util::codec::LengthDelimitedCodec;
+
 use super::qos::Via;
 use super::raw_bytes::BODY_BYTES_MAX;
-use bytes::Bytes;
-
 use super::{Found, Quality, RawSample};
 use crate::engine::discovery::{Liveliness, LivelinessKind};
 use crate::msg::cdr::{Endian, Fault, FaultKind};
@@ -63,7 +64,7 @@ pub enum Order {
     Write {
         id: u32,
         number: u32,
-        body: Vec<u8>,
+        body: Bytes,
     },
     /// End, and say goodbye to the other participants.
     Close,
@@ -110,6 +111,11 @@ pub enum News {
     },
 }
 
+/// Finds the frames in what comes over the socket. A longer one than may be is an error.
+pub fn frames() -> LengthDelimitedCodec {
+    LengthDelimitedCodec::builder().little_endian().max_frame_length(FRAME_BYTES_MAX).new_codec()
+}
+
 /// Writes messages into a frame.
 #[derive(Debug, Default)]
 pub struct Frame(Vec<u8>);
@@ -128,11 +134,11 @@ impl Frame {
     }
 
     /// The finished frame; further messages go into a new one.
-    pub fn take(&mut self) -> Vec<u8> {
+    pub fn take(&mut self) -> Bytes {
         let mut bytes = std::mem::replace(&mut self.0, vec![0; 4]);
         let length = u32::try_from(bytes.len() - 4).unwrap_or(u32::MAX);
         bytes[..4].copy_from_slice(&length.to_le_bytes());
-        bytes
+        bytes.into()
     }
 
     fn u8(&mut self, value: u8) -> &mut Frame {
@@ -163,6 +169,8 @@ impl Frame {
     }
 
     fn bytes(&mut self, value: &[u8]) -> &mut Frame {
+        // At once: a large message would be copied again each time that its frame grows.
+        self.0.reserve(value.len() + 64);
         self.u32(u32::try_from(value.len()).unwrap_or(u32::MAX));
         self.0.extend(value);
         self
@@ -367,11 +375,7 @@ impl<'a> Reading<'a> {
                 type_name: self.text()?,
                 quality: Quality::ALL[usize::from(self.below(3)?)],
             },
-            6 => Order::Write {
-                id: self.u32()?,
-                number: self.u32()?,
-                body: self.bytes(BODY_BYTES_MAX)?.to_vec(),
-            },
+            6 => Order::Write { id: self.u32()?, number: self.u32()?, body: self.body()? },
             _ => Order::Close,
         })
     }

@@ -1,4 +1,4 @@
-//! The snapshot as programs read it.
+//! The snapshot in the form that programs read.
 
 use std::sync::Arc;
 use std::time::{Duration, UNIX_EPOCH};
