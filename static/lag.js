@@ -1,10 +1,10 @@
-// How late heartbeats come. Each says the server's own time, and what that and the monotonic clock
-// of this page are apart grows by delay on the way alone. The page's wall clock takes no part.
+// Measures how late heartbeats arrive. Each carries the server's own time; the difference to the monotonic
+// clock of this page grows only with delay on the way. The page's wall clock is not used.
 (() => {
   "use strict";
-  // Two clocks that both run right drift apart by less than this.
+  // Two correct clocks drift apart by less than this.
   const DRIFT = 0.0002;
-  // A connection that took longer to open may have been as late as that from its beginning.
+  // A connection that took longer to open may have been late by that time from the beginning.
   const OPENING_MS = 500;
 
   globalThis.Lag = class {
@@ -18,7 +18,7 @@
       this.#tried = performance.now();
     }
 
-    // It is there. What an earlier one has told is no measure for this one.
+    // It is open. The figures of an earlier connection do not apply to it.
     open() {
       const opening = performance.now() - this.#tried;
       this.#opening = opening > OPENING_MS ? opening : 0;

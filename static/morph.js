@@ -1,5 +1,5 @@
-// Makes an element what another one is by as few changes as that takes: what stays keeps its focus,
-// its place and its layout. Elements with an id are taken for each other by it, all others by their order.
+// Changes an element into another one with few changes: unchanged parts keep their focus, position and
+// layout. Elements with an id are matched by it, all others by their order.
 (() => {
   "use strict";
 
@@ -8,11 +8,11 @@
   const attributes = (old, fresh) => {
     for (const { name, value } of fresh.attributes) {
       if (old.getAttribute(name) === value) continue;
-      // Sizes that a script has set: as an attribute the page's policy would refuse them.
+      // Sizes that a script has set: the page's policy would refuse them as an attribute.
       if (name === "style") old.style.cssText = value;
       else old.setAttribute(name, value);
     }
-    // It has all of them now; what it has besides goes.
+    // It has all new nodes now; the remaining old ones are removed.
     if (old.attributes.length === fresh.attributes.length) return;
     for (const { name } of [...old.attributes]) if (!fresh.hasAttribute(name)) old.removeAttribute(name);
   };

@@ -1,4 +1,4 @@
-// What the display itself is asked for: to stay awake, and to remember who works at it.
+// The display of the vehicle: it stays awake, and remembers the names that were used at it.
 (() => {
   "use strict";
   const NAMES = "telltale.names";
@@ -17,7 +17,7 @@
   document.addEventListener("visibilitychange", stayAwake);
   stayAwake();
 
-  // The names that were typed here and worked stand on the login page as buttons; no others do.
+  // Names that were typed here and logged in successfully stand on the login page as buttons.
   try {
     if (role === "operator" && sessionStorage.getItem("telltale.trying") === user) {
       const kept = JSON.parse(localStorage.getItem(NAMES) ?? "[]");

@@ -1,5 +1,5 @@
-// Waits until the server answers a request. Pages do so before they open a socket again: browsers make
-// sockets wait longer and longer after some that failed, and requests never.
+// Waits until the server answers a request. Pages do so before they open a socket again, because browsers
+// delay sockets more and more after failures, and never delay requests.
 (() => {
   "use strict";
   const ANSWER_MS = 2000;
@@ -20,7 +20,7 @@
       }
     }
 
-    // Whatever it answers, it is there.
+    // Any answer shows that the server is there.
     async answers() {
       while (!(await this.ask("/readyz"))) await pause(RETRY_MS);
     }

@@ -1,5 +1,6 @@
-// One sound for each alarm that calls: none for what a root cause masks, none when an alarm moves
-// to its cause, none for more that a component raises at once, none twice. Made here, so that it needs no file.
+// One sound for each alarm that calls: none for modules that a root cause masks, none when an alarm moves
+// to its cause, none for further alarms of a component at the same time, and none twice. The sound is
+// generated, so it needs no file.
 (() => {
   "use strict";
   const HEARD = "telltale.heard";
@@ -9,7 +10,7 @@
   const body = document.body;
   const tool = document.querySelector("[data-tool=sound]");
   const silence = new URL("silence.wav", document.currentScript.src);
-  // Made when sound is permitted: earlier the browser would complain.
+  // Created when sound is permitted: earlier the browser would complain.
   let context = null;
   // A user who only looks on hears nothing unless they want to.
   let wanted = body.dataset.role === "operator";
@@ -50,7 +51,7 @@
     const causes = document.getElementById("causes");
     if (!causes) return;
     const numbers = causes.dataset.alarms.split(" ").filter(Boolean).map(Number);
-    // Numbers only grow; smaller ones are those of a server that began anew.
+    // Numbers only grow; smaller ones come from a server that started anew.
     const raised = Number(causes.dataset.lastAlarm);
     const last = raised < heard() ? 0 : heard();
     const fresh = numbers.filter((number) => number > last);

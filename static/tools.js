@@ -1,5 +1,5 @@
-// What one developer's page has that others have not: the timeline's fields, the graph's size; and
-// the keys. Listens at the document, for pages come and go.
+// Functions of single developer pages (the fields of the timeline, the size of the graph) and keyboard
+// shortcuts. It listens at the document, because pages come and go.
 (() => {
   "use strict";
 

@@ -1,17 +1,19 @@
-// Says whether the display is live. It trusts the server's heartbeat and the monotonic clock
-// alone: not htmx, not the socket's state. A heartbeat that comes late counts from when it was sent. The looks of "stale" and "dead" are the stylesheet's.
+// Decides whether the display is live. It trusts only the server's heartbeat and the monotonic clock, not
+// htmx and not the socket's state. A late heartbeat counts from when it was sent. The stylesheet defines
+// the looks of "stale" and "dead".
 (() => {
   "use strict";
   const STALE_MS = 1000;
   const DEAD_MS = 2000;
   const CHECK_MS = 100;
-  // An alarm calls once in this time.
+  // An alarm flashes once in this time.
   const CALL_MS = 1000;
   // A connection that hangs without an end, or brings everything late, is replaced after this.
   const HANG_MS = 4000;
-  // One that is being opened gets longer: the server has just answered, and a browser may hold it back.
+  // A connection that is being opened gets longer: the server has just answered, and a browser may hold it
+  // back.
   const OPENING_MS = 15000;
-  // Between two that were not opened.
+  // The pause between two attempts that failed.
   const RETRY_MS = 1000;
 
   const body = document.body;
@@ -86,7 +88,7 @@
     late_ms = lag.of(message);
     everBeat = true;
     serverAt = Date.parse(message.at);
-    // Taps say by which heartbeat they were made.
+    // Each tap says with which heartbeat it was made.
     globalThis.telltale = { beatAt: message.at };
     delete body.dataset.waiting;
     mark.dataset.phase = message.beat % 8;
@@ -94,8 +96,8 @@
     judge();
   };
 
-  // Loads the page of the other version as soon as no tap waits for its answer: a request would end
-  // with this page, and nobody would say so.
+  // Loads the page of the other version as soon as no tap waits for its answer: a reload would abort the
+  // request, and nobody would report it.
   const renew = () => {
     if (!outdated || "unanswered" in body.dataset) return;
     outdated = false;
@@ -129,7 +131,7 @@
     if (!isTried && !isGood) connect(document.documentElement.lang);
   };
 
-  // Says what is on the screen. Where nothing is painted nothing is said, and the server knows.
+  // Reports what is on the screen. If nothing is painted nothing is reported, and the server knows.
   const confirmShown = (socket, { seq, beat }) => {
     requestAnimationFrame(() => {
       if (unshownSince === null && socket.readyState === WebSocket.OPEN) {
@@ -178,7 +180,7 @@
     reconnect(wasOpen ? 0 : RETRY_MS);
   });
 
-  // Large messages are read once: htmx takes from here what it swaps in.
+  // Large messages are parsed once: htmx takes the parts to swap in from here.
   document.addEventListener("htmx:ws:before:message:incoming", ({ detail: { message } }) => {
     if (typeof message.data !== "string") return;
     const read = JSON.parse(message.data);

@@ -1,4 +1,5 @@
-//! ROS 2 messages without DDS: CDR, the messages that are spoken, fields of any message, and what is read of a topic. Pure.
+//! ROS 2 messages without DDS: CDR, Telltale's own messages, fields of any message, and the topics that a
+//! model needs. Pure.
 
 pub mod cdr;
 pub mod fields;

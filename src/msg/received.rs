@@ -1,5 +1,5 @@
-//! What goes to the engine, and the message that it was made of. The engine takes the input; who records takes
-//! the message too, in the order in which the engine took its inputs.
+//! An input for the engine together with the message from which it was made. The engine takes the input; a
+//! recorder takes the message too, in the order in which the engine took its inputs.
 
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -8,19 +8,19 @@ use super::sample_bytes::{Guid, RawBody};
 use crate::engine::input::Input;
 use crate::engine::time::Timestamp;
 
-/// A message as it was received. All inputs that were made of it share it.
+/// A received message. All inputs that were made from it share it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Message {
-    /// As ROS names it: `/diagnostics`.
+    /// By its ROS name: `/diagnostics`.
     pub topic: Arc<str>,
     /// `package/msg/Name`.
     pub type_name: Arc<str>,
     pub writer: Guid,
-    /// The writer's own number of it.
+    /// The sequence number that the writer gave it.
     pub sequence: i64,
-    /// When it was published by the publisher's wall clock, if it says.
+    /// When it was published, by the publisher's wall clock, if it says.
     pub source: Option<SystemTime>,
-    /// When it was received by this machine's wall clock.
+    /// When it was received, by this machine's wall clock.
     pub received: SystemTime,
     pub body: RawBody,
 }
@@ -41,13 +41,13 @@ impl Message {
 pub struct Stamped {
     pub input: Input,
     pub received: Timestamp,
-    /// The message that it was made of, if it was one. One that means nothing to the engine, such as an
-    /// unreadable one, comes with [`Input::Tick`].
+    /// The message from which it was made, if there is one. A message without a meaning for the engine,
+    /// such as an unreadable one, comes with [`Input::Tick`].
     pub message: Option<Arc<Message>>,
 }
 
 impl Stamped {
-    /// An input that is no message.
+    /// An input without a message.
     pub fn new(input: Input, received: Timestamp) -> Stamped {
         Stamped { input, received, message: None }
     }

@@ -1,4 +1,4 @@
-//! A message as it was received, before it is decoded.
+//! A received message before it is decoded.
 
 use bytes::Bytes;
 

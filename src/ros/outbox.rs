@@ -1,4 +1,4 @@
-//! The way to the engine, bounded in bytes as well as in number.
+//! The queue to the engine, bounded in bytes as well as in number.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -9,10 +9,10 @@ use crate::engine::input::Input;
 use crate::engine::model::sample::FieldValue;
 use crate::msg::received::Stamped;
 
-/// Bytes of messages that may wait for the engine from one topic, beside the last one.
+/// Bytes of messages that may wait for the engine from one topic, beside the last message.
 const WAITING_BYTES_MAX: usize = 16 << 20;
 
-/// Why a topic is read no longer.
+/// Why a topic is no longer read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum End {
     /// As told.
@@ -21,7 +21,7 @@ pub enum End {
     NobodyListens,
     /// The participant has to be replaced.
     Rebuild(String),
-    /// The participant is gone, and nothing was heard of late.
+    /// The participant is gone, and nothing was heard lately.
     Lost(String),
 }
 
@@ -38,16 +38,16 @@ impl Outbox {
         Outbox { inputs, stop, sizes: VecDeque::new(), bytes: 0 }
     }
 
-    /// Waits while the queue is full. Meanwhile the library keeps the newest samples of the topic
-    /// and drops the oldest, which shows as a gap.
+    /// Waits while the queue is full. Meanwhile the library keeps the newest samples of the topic and drops
+    /// the oldest, which shows as a gap.
     ///
     /// # Errors
-    /// The end came while it waited.
+    /// The task was stopped while it waited.
     pub async fn send(&mut self, stamped: Stamped, bytes: usize) -> Result<(), End> {
         let Outbox { inputs, stop, sizes, bytes: waiting } = self;
         let sent = async {
             loop {
-                // Of what was sent, at most so many still wait: others share the queue.
+                // At most so many of the sent inputs still wait: others share the queue.
                 let queued = inputs.max_capacity() - inputs.capacity();
                 while sizes.len() > queued {
                     *waiting -= sizes.pop_front().unwrap_or(0);
@@ -71,11 +71,11 @@ impl Outbox {
 
 /// Ends when `stop` is true, or its sender is gone.
 pub async fn stopped(stop: &mut watch::Receiver<bool>) {
-    // An error means that the sender is gone: nobody is left to read for.
+    // An error means that the sender is gone: nobody needs the inputs any more.
     let _ = stop.wait_for(|stop| *stop).await;
 }
 
-/// About what an input takes while it waits for the engine.
+/// The approximate memory of an input that waits for the engine.
 pub fn waiting_bytes(input: &Input, body_bytes: usize) -> usize {
     const SMALL: usize = 64;
     match input {

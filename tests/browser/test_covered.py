@@ -1,11 +1,11 @@
-"""Where the page's own scripts do not run, time alone covers all that is said of the vehicle."""
+"""If the page's own scripts do not run, everything about the vehicle is covered after a time."""
 
 import pytest
 from playwright.sync_api import expect
 
 from vehicle import OPERATOR, Client, until
 
-# What may still be seen in the places of the vehicle.
+# What may still be visible in place of the vehicle.
 BRIGHT = """() => [...document.querySelectorAll(".measure *, .measure, .tile > .icon, .cause, .actions *, .panel *")]
   .filter(it => it.checkVisibility({ checkVisibilityCSS: true })).map(it => it.outerHTML.slice(0, 80))"""
 # Colours that are not quite transparent, of what surrounds a tile.

@@ -1,4 +1,4 @@
-//! Modules that statuses make: they come, they leave when they are silent for too long, and they come again.
+//! Discovered modules: they appear, leave when they are silent for too long, and appear again.
 
 use std::sync::Arc;
 
@@ -76,7 +76,7 @@ fn a_silent_module_leaves_with_a_record_and_its_name_may_come_again() {
         events.into_iter().filter_map(|event| Record::of(event, &after)).map(|it| it.what).collect();
     let left = Recorded::Left { node: "sensors//sensors/trailer".into() };
     assert_eq!(records.iter().filter(|it| **it == left).count(), 1);
-    // The alarm is over, and it is listed by its name until somebody knows of it.
+    // The alarm is over, and it is listed by its name until somebody acknowledges it.
     assert_eq!(alarms(&after), [(1, "sensors//sensors/trailer".into(), false)]);
     // It comes again, healthy, under its old name, and the past one is still of it.
     let again = report(&mut engine, &[("/sensors/trailer", 0), ("own", 0)], 2500);
@@ -103,7 +103,7 @@ fn names_without_end_take_no_memory_and_no_room() {
     }
     let snapshot = engine.snapshot();
     assert_eq!(snapshot.counters.dropped_names, 0);
-    // Those that are there, and those that an alarm speaks of.
+    // The present modules, and those that an alarm refers to.
     assert!(most <= 8 + 21 + 256 + 8, "{most}");
     let alarms = alarms(&snapshot);
     assert!(alarms.iter().all(|(id, name, _)| *name == format!("sensors//sensors/{}", id - 1)), "{alarms:?}");
@@ -150,7 +150,7 @@ fn a_restart_and_a_reload_keep_the_alarms_of_what_left_and_make_nothing_of_it() 
         let after = engine.snapshot();
         assert_eq!(alarms(&after), expected);
         assert_eq!(names(&after), ["sensors//sensors/there"]);
-        // What is not heard after a restart either is not there for ever.
+        // A module that is not heard after a restart either is not kept for ever.
         let later = tick(engine, 9000);
         assert_eq!(names(&later), [""; 0]);
         assert!(alarms(&later).iter().all(|(_, _, active)| !active));
@@ -167,7 +167,7 @@ fn a_stray_that_no_group_takes_leaves_as_the_defaults_say() {
     let gone = tick(&mut engine, 3000);
     assert_eq!(names(&gone), [""; 0]);
     assert!(alarms(&gone).iter().all(|(_, _, active)| !active));
-    // What is declared is expected: it stays and is stale.
+    // A declared module is expected: it stays and is stale.
     let Some(NodeId::Module(own)) = gone.node("sensors/own") else { panic!("it is there") };
     assert!(gone.module(own).1.silent);
 }

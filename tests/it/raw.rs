@@ -1,4 +1,4 @@
-//! Each input comes with the message that it was made of: what a recording is made from.
+//! Each input comes with the message from which it was made, for recordings.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -59,11 +59,11 @@ async fn a_message_goes_with_its_inputs_as_it_was_received() {
     let late = Duration::from_secs(1);
     assert!(first.source.is_some_and(|source| source + late > began), "{:?}", first.source);
     assert!(first.received + late > began);
-    // One that means nothing comes too, in its place.
+    // A message without a meaning comes too, in its place.
     let (input, second) = next(&mut inputs).await;
     assert_eq!((input, second.sequence, second.len()), (Input::Tick, first.sequence + 1, 16));
     assert_eq!(second.writer, first.writer);
-    // Whoever reads it, there is one.
+    // There is one message, however many inputs use it.
     let mut lamp = Peer::start(&domain, "pub --topic rt/lamp --type Bool");
     lamp.wait_matched(1);
     lamp.write(&json!({ "bool": true }));

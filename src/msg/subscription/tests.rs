@@ -1,4 +1,4 @@
-//! Which topics are read for a model, and what becomes of their messages.
+//! Tests of the topics that are read for a model, and of the inputs that their messages mean.
 
 use super::*;
 use crate::engine::input::StatusArray;

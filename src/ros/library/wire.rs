@@ -1,24 +1,25 @@
-//! What the program and its DDS process say to one another: frames over a Unix socket.
+//! The messages between the program and its DDS process: frames over a Unix socket.
 //!
-//! A frame is its length and messages one after the other. All numbers are in little endian. Whatever is
-//! not exactly so is an error: what the DDS process says is trusted no more than a packet.
+//! A frame is its length, followed by messages. All numbers are in little endian. Everything else is an
+//! error: messages of the DDS process are trusted no more than a packet.
 
 use std::net::Ipv4Addr;
 
+use bytes::Bytes;
+use tokio_util::codec::LengthDelimitedCodec;
+
 use super::qos::Via;
 use super::raw_bytes::BODY_BYTES_MAX;
-use bytes::Bytes;
-
 use super::{Found, Quality, RawSample};
 use crate::engine::discovery::{Liveliness, LivelinessKind};
 use crate::msg::cdr::{Endian, Fault, FaultKind};
 use crate::msg::sample_bytes::Guid;
 
-/// A frame is closed when it is longer than this; one message may be longer.
+/// A frame is closed when it is longer than this; a single message may be longer.
 pub const FRAME_BYTES: usize = 256 << 10;
-/// No frame is longer: the largest message, behind others.
+/// The longest frame: the largest message, behind others.
 pub const FRAME_BYTES_MAX: usize = BODY_BYTES_MAX + 2 * FRAME_BYTES;
-/// Names of topics and types that are longer are of no ROS.
+/// Longer names of topics and types do not occur in ROS.
 pub const NAME_BYTES_MAX: usize = 1024;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -28,7 +29,7 @@ pub struct Nonsense(usize);
 /// From the program to the DDS process.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Order {
-    /// The first: make a participant. Without `networks` on all interfaces.
+    /// The first order: make a participant, on all interfaces if `networks` is missing.
     Open {
         domain: u16,
         networks: Option<Vec<Ipv4Addr>>,
@@ -63,7 +64,7 @@ pub enum Order {
     Write {
         id: u32,
         number: u32,
-        body: Vec<u8>,
+        body: Bytes,
     },
     /// End, and say goodbye to the other participants.
     Close,
@@ -90,7 +91,7 @@ pub enum News {
         reader: u32,
         sample: RawSample,
     },
-    /// One sample could not be handed over.
+    /// A sample could not be handed over.
     Fault {
         reader: u32,
         reason: String,
@@ -99,7 +100,8 @@ pub enum News {
         number: u32,
         error: Option<String>,
     },
-    /// It lives. `heard` is the newest of its own beats, counted from 1, that came to it through the network.
+    /// It lives. `heard` is the newest of its own beats, counted from 1, that came to it through the
+    /// network.
     Beat {
         heard: u64,
     },
@@ -107,6 +109,11 @@ pub enum News {
     Broken {
         reason: String,
     },
+}
+
+/// Finds the frames in what comes over the socket. A longer one than may be is an error.
+pub fn frames() -> LengthDelimitedCodec {
+    LengthDelimitedCodec::builder().little_endian().max_frame_length(FRAME_BYTES_MAX).new_codec()
 }
 
 /// Writes messages into a frame.
@@ -126,12 +133,12 @@ impl Frame {
         self.0.len() > FRAME_BYTES
     }
 
-    /// The frame as it travels; what follows goes into a new one.
-    pub fn take(&mut self) -> Vec<u8> {
+    /// The finished frame; further messages go into a new one.
+    pub fn take(&mut self) -> Bytes {
         let mut bytes = std::mem::replace(&mut self.0, vec![0; 4]);
         let length = u32::try_from(bytes.len() - 4).unwrap_or(u32::MAX);
         bytes[..4].copy_from_slice(&length.to_le_bytes());
-        bytes
+        bytes.into()
     }
 
     fn u8(&mut self, value: u8) -> &mut Frame {
@@ -162,6 +169,8 @@ impl Frame {
     }
 
     fn bytes(&mut self, value: &[u8]) -> &mut Frame {
+        // At once: a large message would be copied again each time that its frame grows.
+        self.0.reserve(value.len() + 64);
         self.u32(u32::try_from(value.len()).unwrap_or(u32::MAX));
         self.0.extend(value);
         self
@@ -251,7 +260,7 @@ struct Reading<'a> {
 /// All orders of a frame.
 ///
 /// # Errors
-/// It is not exactly orders.
+/// The frame does not consist of valid orders.
 pub fn orders(frame: &Bytes) -> Result<Vec<Order>, Nonsense> {
     all(frame, Reading::order)
 }
@@ -259,7 +268,7 @@ pub fn orders(frame: &Bytes) -> Result<Vec<Order>, Nonsense> {
 /// All news of a frame.
 ///
 /// # Errors
-/// It is not exactly news.
+/// The frame does not consist of valid news.
 pub fn news(frame: &Bytes) -> Result<Vec<News>, Nonsense> {
     all(frame, Reading::news)
 }
@@ -366,11 +375,7 @@ impl<'a> Reading<'a> {
                 type_name: self.text()?,
                 quality: Quality::ALL[usize::from(self.below(3)?)],
             },
-            6 => Order::Write {
-                id: self.u32()?,
-                number: self.u32()?,
-                body: self.bytes(BODY_BYTES_MAX)?.to_vec(),
-            },
+            6 => Order::Write { id: self.u32()?, number: self.u32()?, body: self.body()? },
             _ => Order::Close,
         })
     }
@@ -438,7 +443,7 @@ fn via_number(via: Via) -> u8 {
     }
 }
 
-/// A text of the DDS library, cut to what a message holds.
+/// A text of the DDS library, cut to the length of a message.
 pub fn cut(text: &impl ToString) -> String {
     let mut text = text.to_string();
     text.truncate(text.floor_char_boundary(NAME_BYTES_MAX));

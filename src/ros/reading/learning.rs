@@ -1,4 +1,5 @@
-//! Topics that wait for somebody who publishes them, to be read as what that says.
+//! Topics whose type the configuration leaves out: they wait for a publisher, and are then read with its
+//! type.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -14,7 +15,7 @@ use crate::msg::received::Stamped;
 use crate::msg::subscription::{Learned, Subscription};
 use crate::ros::library::Participant;
 
-/// That nobody publishes a topic is said only when discovery had this time to find somebody.
+/// A topic is reported to have no publisher only after discovery had this time.
 const DISCOVERY: Span = Span::from_secs(5);
 
 /// The topics of a configuration that have no type yet, each once.
@@ -27,7 +28,7 @@ pub struct Learning {
 struct Waiting {
     subscription: Arc<Subscription>,
     searching_until: Timestamp,
-    /// The types that were said last; the engine counts one that it cannot take.
+    /// The types that were reported last; the engine counts one that it cannot take.
     said: Option<BTreeSet<String>>,
 }
 
@@ -36,7 +37,7 @@ impl Learning {
         Learning { waiting: BTreeMap::new(), inputs, clock }
     }
 
-    /// Waits for the type of these topics and of no others.
+    /// Waits for the types of these topics only.
     pub fn follow(&mut self, untyped: Vec<Arc<Subscription>>) {
         let searching_until = self.clock.now() + DISCOVERY;
         let waiting = untyped.into_iter().map(|subscription| {
@@ -46,7 +47,7 @@ impl Learning {
         self.waiting = waiting.collect();
     }
 
-    /// What can be read now that it could not be before.
+    /// The topics that can be read now and could not be read before.
     pub fn look(&mut self, participant: &Participant) -> Vec<Arc<Subscription>> {
         if self.waiting.is_empty() {
             return Vec::new();
@@ -95,7 +96,7 @@ impl Learning {
     }
 }
 
-/// Says what cannot be read of a topic whose type is known now. Returns whether there was room for that.
+/// Reports the fields of a newly learned type that cannot be read. Returns whether the queue had room.
 fn say_missing(
     inputs: &mpsc::Sender<Stamped>,
     waiting: &Waiting,
@@ -108,7 +109,7 @@ fn say_missing(
     inputs.try_send(Stamped::new(Input::Reception(trouble), received)).is_ok()
 }
 
-/// Says that a topic cannot be read. Returns whether there was room for that; else it is tried again.
+/// Reports that a topic cannot be read. Returns whether the queue had room; otherwise it is tried again.
 fn say(
     inputs: &mpsc::Sender<Stamped>,
     waiting: &Waiting,

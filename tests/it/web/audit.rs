@@ -1,4 +1,4 @@
-//! The audit log: what is in it, who reads it, and that a flood does not fill it.
+//! The audit log: its content, its readers, and that a flood does not fill it.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! What is said over the socket is heard as it was said, and garbage is refused.
+//! Messages arrive over the socket as they were sent, and garbage is refused.
 
 use proptest::prelude::*;
 
@@ -19,7 +19,7 @@ fn some_orders() -> Vec<Order> {
         Order::Deepen { topic: topic.clone(), type_name: type_name.clone(), depth: 512 },
         Order::Taken { id: 1, bytes: 4096 },
         Order::Writer { id: 2, topic, type_name, quality: Quality::BestEffort },
-        Order::Write { id: 2, number: 9, body: vec![1, 2, 3, 4] },
+        Order::Write { id: 2, number: 9, body: Bytes::from_static(&[1, 2, 3, 4]) },
         Order::EndReader { id: 1 },
         Order::Close,
     ]
@@ -63,7 +63,7 @@ fn some_news() -> Vec<News> {
 fn frame(write: impl FnOnce(&mut Frame)) -> Bytes {
     let mut frame = Frame::new();
     write(&mut frame);
-    frame.take().split_off(4).into()
+    frame.take().split_off(4)
 }
 
 #[test]
@@ -86,9 +86,9 @@ fn what_is_cut_or_too_long_is_refused_and_never_taken_in_part() {
     let name = "x".repeat(NAME_BYTES_MAX + 1);
     assert!(super::news(&frame(|frame| frame.news(&News::Broken { reason: name.clone() }))).is_err());
     assert_eq!(cut(&name).len(), NAME_BYTES_MAX);
-    // A body that claims to be larger than any.
+    // A body that claims to be larger than allowed.
     let mut claim =
-        Vec::from(frame(|frame| frame.order(&Order::Write { id: 1, number: 1, body: vec![0; 8] })));
+        frame(|frame| frame.order(&Order::Write { id: 1, number: 1, body: vec![0; 8].into() })).to_vec();
     claim[9..13].copy_from_slice(&u32::MAX.to_le_bytes());
     assert!(super::orders(&claim.into()).is_err());
 }

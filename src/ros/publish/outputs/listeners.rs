@@ -1,5 +1,4 @@
-//! Whether anybody listens to the requests that are published for the vehicle: what discovery knows
-//! of readers that would match.
+//! Whether anybody listens to the requests to the vehicle: the matching readers that discovery knows.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -17,10 +16,10 @@ use crate::ros::outbox::stopped;
 
 const LOOK: Duration = Duration::from_millis(250);
 
-/// Who is there already is discovered within this.
+/// Existing readers are discovered within this time.
 const DISCOVERED_WITHIN: Span = Span::from_secs(3);
 
-/// Tells the engine whenever it changes, until this participant's life is over.
+/// Reports each change to the engine, until this participant's life is over.
 pub async fn watch(publisher: Arc<Publisher>, mut ground: Ground) {
     let requests: Vec<(Output, Box<str>)> = ground.topics.iter().filter_map(request).collect();
     let opened = ground.clock.now();
@@ -61,7 +60,7 @@ fn is_news(heard: bool, told: Option<bool>, opened: Timestamp, now: Timestamp) -
     }
 }
 
-/// A full queue is asked again with the next look.
+/// A full queue is tried again with the next look.
 fn tell(ground: &Ground, news: ListenNews) -> bool {
     let ListenNews { topic, heard, .. } = &news;
     match heard {

@@ -53,8 +53,13 @@ fn a_silent_module_says_so_before_its_last_words() {
 fn the_developers_filter_finds_the_words_that_are_shown() {
     let silent = silent_camera();
     let found = |lang, text: &str| {
-        let asked = developer::asked(&[("q", text)]);
-        let page = developer_page(&silent, &context(lang, Palette::Day), &asked, &Trends::default());
+        let asked = crate::web::developer::tests::asked(&[("q", text)]);
+        let page = crate::web::developer::statuses::page(
+            &silent,
+            &context(lang, Palette::Day),
+            &asked,
+            &Trends::default(),
+        );
         page.contains("Images arrive")
     };
     for (lang, text) in [
