@@ -159,7 +159,7 @@ fn the_shuttle_is_valid() {
     // It is the example of what can be diagnosed: every kind is in it.
     let kinds: BTreeSet<_> =
         loaded.model.modules.iter().map(|it| format!("{:?}", std::mem::discriminant(&it.monitor))).collect();
-    assert_eq!(kinds.len(), raw_monitor::KINDS.len());
+    assert_eq!(kinds.len(), file::monitors::KINDS.len());
 }
 
 #[test]

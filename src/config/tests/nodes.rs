@@ -280,7 +280,7 @@ fn what_is_forgotten_was_silent_before() {
     let policies: Vec<_> = model.groups[0].filters.iter().map(|it| it.policy.clone()).collect();
     assert_eq!(policies[0], None);
     assert_eq!(
-        policies[1].as_ref().map(crate::config::words::policy).as_deref(),
+        policies[1].as_ref().map(crate::config::describe::words::policy).as_deref(),
         Some("error after 2s of silence, forgotten after 1m")
     );
 }

@@ -3,9 +3,9 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::raw;
-use super::raw_monitor::Monitor;
-use super::resolve::twice;
+use super::twice;
+use crate::config::file;
+use crate::config::file::monitors::Monitor;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::yaml::{Log, Problem, Span, Spanned, suggest};
 
@@ -13,7 +13,7 @@ use crate::yaml::{Log, Problem, Span, Spanned, suggest};
 const RESERVED: [&str; 2] = ["other", "telltale"];
 
 /// All nodes in the engine's order: groups before the groups inside of them.
-pub(super) struct Names<'r> {
+pub(in crate::config) struct Names<'r> {
     groups: Vec<GroupName<'r>>,
     modules: Vec<ModuleName<'r>>,
     by_path: HashMap<Arc<str>, NodeId>,
@@ -21,16 +21,16 @@ pub(super) struct Names<'r> {
     incomplete: bool,
 }
 
-pub(super) struct GroupName<'r> {
+pub(in crate::config) struct GroupName<'r> {
     pub path: Arc<str>,
     pub parent: Option<GroupId>,
-    pub raw: &'r raw::Group,
+    pub raw: &'r file::Group,
 }
 
-pub(super) struct ModuleName<'r> {
+pub(in crate::config) struct ModuleName<'r> {
     pub path: Arc<str>,
     pub group: GroupId,
-    pub raw: &'r raw::Module,
+    pub raw: &'r file::Module,
 }
 
 impl GroupName<'_> {
@@ -41,7 +41,7 @@ impl GroupName<'_> {
 }
 
 impl<'r> Names<'r> {
-    pub fn of(file: &'r raw::File, log: &mut Log) -> Names<'r> {
+    pub fn of(file: &'r file::File, log: &mut Log) -> Names<'r> {
         let mut names =
             Names { groups: Vec::new(), modules: Vec::new(), by_path: HashMap::new(), incomplete: false };
         for group in &file.groups {
@@ -62,7 +62,7 @@ impl<'r> Names<'r> {
         names
     }
 
-    fn add_group(&mut self, raw: &'r raw::Group, parent: Option<GroupId>, log: &mut Log) {
+    fn add_group(&mut self, raw: &'r file::Group, parent: Option<GroupId>, log: &mut Log) {
         let id = GroupId(self.groups.len() as u32);
         let path = self.path(raw.id.as_ref(), raw.span, parent, "group", log);
         let span = raw.id.as_ref().map_or(raw.span, |id| id.span);
@@ -158,7 +158,7 @@ impl<'r> Names<'r> {
     }
 
     /// What a node itself depends on, as written.
-    pub fn dependencies(&self, node: NodeId) -> &'r [raw::Dependency] {
+    pub fn dependencies(&self, node: NodeId) -> &'r [file::Dependency] {
         match node {
             NodeId::Group(id) => &self.groups[id.0 as usize].raw.depends_on,
             NodeId::Module(id) => &self.modules[id.0 as usize].raw.depends_on,
@@ -196,7 +196,7 @@ impl ModuleName<'_> {
 }
 
 /// Ids make paths, HTML ids and topic names: few characters are safe in all of them.
-pub(super) fn check_id(id: &Spanned<String>, what: &str, log: &mut Log) -> bool {
+pub(in crate::config) fn check_id(id: &Spanned<String>, what: &str, log: &mut Log) -> bool {
     let good = id.value.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"_.-".contains(&byte));
     if !good {
         let problem = Problem::at(id.span, format!("`{}` cannot be the id of a {what}", id.value));
@@ -206,7 +206,7 @@ pub(super) fn check_id(id: &Spanned<String>, what: &str, log: &mut Log) -> bool 
 }
 
 /// Two modules of one group that take the same status would say the same thing twice.
-pub(super) fn check_statuses(names: &Names, log: &mut Log) {
+pub(in crate::config) fn check_statuses(names: &Names, log: &mut Log) {
     let mut seen: HashMap<(GroupId, &str), Span> = HashMap::new();
     for (_, module) in names.modules() {
         let Some(status) = module.status() else { continue };

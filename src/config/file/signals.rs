@@ -1,8 +1,8 @@
 //! Signals as they are written: a field, or a condition over values (`DESIGN.md` 5).
 
-use super::raw_monitor::INPUTS_MAX;
-use super::raw_source::{ScalarSource, Source, Topic};
-use super::words::counted;
+use super::monitors::INPUTS_MAX;
+use super::sources::{ScalarSource, Source, Topic};
+use crate::config::describe::words::counted;
 use crate::engine::model::monitors::FieldKind;
 use crate::engine::time;
 use crate::yaml::decode::AllEntries;
@@ -12,14 +12,14 @@ use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned};
 const VALUE: &str = "value";
 
 #[derive(Debug)]
-pub(super) struct Signal {
+pub(in crate::config) struct Signal {
     pub from: Option<SignalFrom>,
     pub timeout: Option<Spanned<time::Span>>,
     pub present_for: Option<Spanned<time::Span>>,
 }
 
 #[derive(Debug)]
-pub(super) enum SignalFrom {
+pub(in crate::config) enum SignalFrom {
     Field {
         topic: Spanned<String>,
         type_name: Option<Spanned<String>>,

@@ -22,7 +22,7 @@ pub enum Place {
 }
 
 #[derive(Debug, Clone)]
-pub(super) struct Places {
+pub(in crate::config) struct Places {
     pub sources: Sources,
     /// By the ids of the model.
     pub groups: Vec<NodePlace>,
@@ -38,7 +38,7 @@ pub(super) struct Places {
 }
 
 #[derive(Debug, Clone)]
-pub(super) struct TopicPlace {
+pub(in crate::config) struct TopicPlace {
     pub name: Span,
     pub type_name: Span,
     /// Where the stamp of its messages is first wanted.
@@ -47,7 +47,7 @@ pub(super) struct TopicPlace {
 }
 
 #[derive(Debug, Clone)]
-pub(super) struct NodePlace {
+pub(in crate::config) struct NodePlace {
     pub id: Span,
     pub when: Option<Span>,
     /// By position in the node's `depends_on`.

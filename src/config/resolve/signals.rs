@@ -2,12 +2,14 @@
 
 use std::collections::HashMap;
 
+use super::monitors;
 use super::names::check_id;
-use super::raw::{Signal, SignalFrom};
-use super::raw_source::Source;
-use super::resolve::twice;
-use super::topics::{self, Topics};
-use super::{expression, monitors};
+use super::topics::Topics;
+use super::twice;
+use crate::config::expression;
+use crate::config::file::ros_names::check_path;
+use crate::config::file::sources::Source;
+use crate::config::file::{Signal, SignalFrom};
 use crate::engine::model::monitors::Class;
 use crate::engine::model::{FieldSource, MonitorSpec, POSED_SIGNAL, SignalSource, SignalSpec};
 use crate::engine::time;
@@ -15,7 +17,7 @@ use crate::yaml::tree::Key;
 use crate::yaml::{Log, Problem, Span, Spanned};
 
 /// Signals, and for each the places of its type and its field, or of its condition.
-pub(super) fn signals(
+pub(in crate::config) fn signals(
     written: &[(Key, Signal)],
     topics: &mut Topics,
     log: &mut Log,
@@ -69,7 +71,7 @@ fn field_source(
     topics.read(topic, type_name, log);
     let path = match field {
         Some(field) => {
-            topics::check_path(field, log);
+            check_path(field, log);
             &field.value
         }
         None if type_name.is_some_and(|it| it.value.starts_with("std_msgs/")) => "data",
@@ -100,7 +102,7 @@ fn of_any_type(topic: &Spanned<String>) -> (SignalSource, (Span, Span)) {
 }
 
 /// Gives signals the types that other places of the file say of their topics.
-pub(super) fn complete(signals: &mut [SignalSpec], topics: &Topics) {
+pub(in crate::config) fn complete(signals: &mut [SignalSpec], topics: &Topics) {
     for signal in signals {
         if let SignalSource::Field(source) = &mut signal.source
             && source.type_name.is_empty()

@@ -1,8 +1,9 @@
 //! Agreements as they are written: two sources of one kind, and the limits that belong to it.
 
-use super::raw_bands::{self, Unit, bands};
-use super::raw_monitor::{Monitor, Source, WINDOW_MAX, age, span};
-use super::raw_source::AnySource;
+use super::bands;
+use super::bands::{Unit, bands};
+use super::monitors::{Monitor, Source, WINDOW_MAX, age, span};
+use super::sources::AnySource;
 use crate::engine::model::monitors::{AgreementRule, Bands, FieldKind};
 use crate::engine::time;
 use crate::yaml::{Fields, Log, Node, Problem, Span};
@@ -20,7 +21,7 @@ struct Limits {
     of_list: Option<Span>,
 }
 
-pub(super) fn agreement(node: &Node, log: &mut Log) -> Option<Monitor> {
+pub(in crate::config) fn agreement(node: &Node, log: &mut Log) -> Option<Monitor> {
     let mut fields = Fields::of(node, "an agreement monitor", log)?;
     let a = fields.required("a").map(|AnySource(source)| source);
     let b = fields.required("b").map(|AnySource(source)| source);
@@ -58,7 +59,7 @@ impl Limits {
         let numbers = bands(fields, Unit::Size);
         let mut part = |key, what, unit| {
             let node = fields.node(key)?;
-            raw_bands::map(node, what, unit, fields.log)
+            bands::map(node, what, unit, fields.log)
         };
         Limits {
             numbers,
@@ -66,7 +67,7 @@ impl Limits {
             rotation_deg: part("rotation_deg", "the limits of a rotation", Unit::Degrees),
             count: part("count", "the limits of a difference in number", Unit::Size),
             nearest: part("nearest", "the limits of a distance", Unit::Size),
-            has_numbers: raw_bands::any(fields),
+            has_numbers: bands::any(fields),
             of_pose: ["translation", "rotation_deg"].into_iter().find_map(|key| fields.key_span(key)),
             of_list: ["count", "nearest"].into_iter().find_map(|key| fields.key_span(key)),
         }
@@ -106,7 +107,7 @@ impl Limits {
         } else if !own {
             let text = "without a limit this would never be anything but OK";
             match kind {
-                FieldKind::Scalar => raw_bands::without_a_limit(node.span, "", log),
+                FieldKind::Scalar => bands::without_a_limit(node.span, "", log),
                 FieldKind::Pose => log
                     .push(Problem::at(node.span, text).help(
                         "add `translation: { error_above: 1 }` or `rotation_deg: { error_above: 10 }`",

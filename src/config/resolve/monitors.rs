@@ -1,13 +1,17 @@
 //! From monitors as they are written to those that the engine takes.
 
-use super::expression;
-use super::raw_monitor::{Expression, Monitor, Source};
 use super::topics::Topics;
+use crate::config::expression;
+use crate::config::file::monitors::{Expression, Monitor, Source};
 use crate::engine::model::monitors::{MonitorSpec, ValueSource, WatchdogSpec};
 use crate::yaml::{Log, Problem, Span};
 
 /// What a monitor says to the engine; `None` where the log says why not.
-pub(super) fn resolve(monitor: &Monitor, topics: &mut Topics, log: &mut Log) -> Option<MonitorSpec> {
+pub(in crate::config) fn resolve(
+    monitor: &Monitor,
+    topics: &mut Topics,
+    log: &mut Log,
+) -> Option<MonitorSpec> {
     Some(match monitor {
         Monitor::SelfState { status } => {
             MonitorSpec::SelfState { status: status.as_ref()?.value.as_str().into() }
@@ -59,7 +63,7 @@ fn span_of(source: &Source) -> Span {
     }
 }
 
-pub(super) fn source(source: &Source, topics: &mut Topics, log: &mut Log) -> ValueSource {
+pub(in crate::config) fn source(source: &Source, topics: &mut Topics, log: &mut Log) -> ValueSource {
     match source {
         Source::Field { topic, path, kind } => {
             let (topic, field) = topics.field(topic, path, *kind, log);

@@ -9,7 +9,7 @@ const KEYS: [&str; 4] = ["warning_below", "error_below", "warning_above", "error
 
 /// What the limits of a monitor are written in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Unit {
+pub(in crate::config) enum Unit {
     /// Any number.
     Number,
     /// A number that is never below 0: a ratio, a distance.
@@ -60,7 +60,7 @@ impl Unit {
 }
 
 /// `9`, `9 Hz`, `0.5Hz`.
-pub(super) fn hertz(text: &str) -> Option<f64> {
+pub(in crate::config) fn hertz(text: &str) -> Option<f64> {
     let number = text.strip_suffix("Hz").map_or(text, str::trim_end);
     number.parse().ok().filter(|hertz: &f64| hertz.is_finite())
 }
@@ -72,12 +72,12 @@ fn seconds(text: &str) -> Option<f64> {
 }
 
 /// Reads the four keys. The log says what cannot be; no limit at all can.
-pub(super) fn bands(fields: &mut Fields, unit: Unit) -> Bands {
+pub(in crate::config) fn bands(fields: &mut Fields, unit: Unit) -> Bands {
     of_keys(fields, unit, |_| true)
 }
 
 /// The same for what can only be too much: the other two keys are unknown.
-pub(super) fn above(fields: &mut Fields, unit: Unit) -> Bands {
+pub(in crate::config) fn above(fields: &mut Fields, unit: Unit) -> Bands {
     of_keys(fields, unit, |key| key.ends_with("above"))
 }
 
@@ -126,18 +126,18 @@ fn check_order(lower: Option<Spanned<f64>>, upper: Option<Spanned<f64>>, text: &
 }
 
 /// Logs that nothing limits anything.
-pub(super) fn without_a_limit(span: Span, more: &str, log: &mut Log) {
+pub(in crate::config) fn without_a_limit(span: Span, more: &str, log: &mut Log) {
     let problem = Problem::at(span, "without a limit this would never be anything but OK");
     log.push(problem.help(format!("add at least one of {}{more}", KEYS.join(", "))));
 }
 
 /// Whether any key of the four is there, readable or not.
-pub(super) fn any(fields: &Fields) -> bool {
+pub(in crate::config) fn any(fields: &Fields) -> bool {
     KEYS.iter().any(|key| fields.key_span(key).is_some())
 }
 
 /// Limits in a map of their own.
-pub(super) fn map(node: &Node, what: &'static str, unit: Unit, log: &mut Log) -> Option<Bands> {
+pub(in crate::config) fn map(node: &Node, what: &'static str, unit: Unit, log: &mut Log) -> Option<Bands> {
     let mut fields = Fields::of(node, what, log)?;
     let found = bands(&mut fields, unit);
     if !any(&fields) {

@@ -28,7 +28,7 @@ impl FromNode for Span {
     }
 }
 
-pub(super) fn parse(text: &str) -> Option<Span> {
+pub(in crate::config) fn parse(text: &str) -> Option<Span> {
     let unit_start = text.find(|c: char| !c.is_ascii_digit() && c != '.')?;
     let (number, unit) = (&text[..unit_start], text[unit_start..].trim_start());
     let (_, scale) = UNITS.iter().find(|(name, _)| *name == unit)?;

@@ -1,16 +1,23 @@
 //! From what is written to what the engine takes.
 
+mod countermeasures;
+mod filters;
+mod monitors;
+mod names;
+mod publishing;
+mod relations;
+mod signals;
+mod topics;
+
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::names::{self, Names, check_id};
-use super::places::{NodePlace, Places};
-use super::publishing::RawPublishing;
-use super::raw;
-use super::relations::{self, Signals};
-use super::topics::Topics;
-use super::{Loaded, countermeasures, monitors, publishing, words};
+use super::Loaded;
+use super::describe::places::{NodePlace, Places};
+use super::describe::words;
+use super::file;
+use super::file::publishing::RawPublishing;
 use crate::engine::model::wording::Wording;
 use crate::engine::model::{
     Combine, Driving, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, NodeNames, Parts, Policy,
@@ -20,12 +27,15 @@ use crate::engine::text::Text;
 use crate::engine::time;
 use crate::yaml::decode::All;
 use crate::yaml::{Log, Problem, Sources, Span, Spanned};
+use names::{Names, check_id};
+use relations::Signals;
+use topics::Topics;
 
 const LOCALIZED_AFTER: time::Span = time::Span::from_secs(2);
 const TILE_MAX: u64 = 12;
 
 /// What a file says, if it can be said to the engine; the log says what is wrong.
-pub(super) fn resolve(file: &raw::File, message_folders: Vec<PathBuf>, log: &mut Log) -> Option<Loaded> {
+pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mut Log) -> Option<Loaded> {
     let vehicle = file.vehicle.as_ref();
     let id = vehicle.and_then(|vehicle| vehicle.id.as_ref());
     let id: Arc<str> = id.filter(|id| check_id(id, "vehicle", log)).map_or("vehicle", |id| &id.value).into();
@@ -36,7 +46,7 @@ pub(super) fn resolve(file: &raw::File, message_folders: Vec<PathBuf>, log: &mut
     let declared = Policy { forget_after: None, ..discovered.clone() };
 
     let mut topics = Topics::new(file.diagnostics.as_ref(), file.clock.unwrap_or_default(), log);
-    let (mut signals, signal_places) = super::signals::signals(&file.signals.0, &mut topics, log);
+    let (mut signals, signal_places) = signals::signals(&file.signals.0, &mut topics, log);
     let names = Names::of(file, log);
     let index = signals.iter().enumerate().map(|(index, signal)| (&*signal.name, index)).collect();
     let countermeasures = countermeasures::rules(&file.countermeasures, &names, &index, log);
@@ -48,7 +58,7 @@ pub(super) fn resolve(file: &raw::File, message_folders: Vec<PathBuf>, log: &mut
     let stages = vehicle.and_then(|vehicle| vehicle.stages).unwrap_or(StageModel::Shuttle);
     let rules = &driving.countermeasures;
     let publishing = publishing::publishing(file.publish.as_ref(), stages, rules, &topics, log);
-    super::signals::complete(&mut signals, &topics);
+    signals::complete(&mut signals, &topics);
     driving.unpublished = publishing.switched_off();
     let (watched, topics) = topics.finish();
     let limits = limits(file.limits.as_ref(), log);
@@ -79,7 +89,7 @@ pub(super) fn resolve(file: &raw::File, message_folders: Vec<PathBuf>, log: &mut
 }
 
 fn places(names: &Names) -> Places {
-    let place = |node: NodeId, when: Option<&raw::When>| NodePlace {
+    let place = |node: NodeId, when: Option<&file::When>| NodePlace {
         id: names.span(node),
         when: when.map(|when| when.span),
         depends_on: names.dependencies(node).iter().map(|dependency| dependency.span).collect(),
@@ -97,7 +107,7 @@ fn places(names: &Names) -> Places {
     }
 }
 
-pub(super) fn policy(raw: &raw::Policy, around: &Policy, log: &mut Log) -> Policy {
+pub(super) fn policy(raw: &file::Policy, around: &Policy, log: &mut Log) -> Policy {
     if let Some(timeout) = raw.timeout.filter(|timeout| timeout.value.is_zero()) {
         let problem = Problem::at(timeout.span, "a timeout of nothing would make everything stale at once");
         log.push(problem.help("write a duration above 0, for example `2s`"));
@@ -134,8 +144,8 @@ pub(super) fn policy(raw: &raw::Policy, around: &Policy, log: &mut Log) -> Polic
 }
 
 /// Whole names of nodes.
-pub(super) fn writers(raw: Option<&raw::Writers>, log: &mut Log) -> Option<NodeNames> {
-    let raw::Writers { value: All(written), span } = raw?;
+pub(super) fn writers(raw: Option<&file::Writers>, log: &mut Log) -> Option<NodeNames> {
+    let file::Writers { value: All(written), span } = raw?;
     if written.is_empty() {
         let problem = Problem::at(*span, "without a node nobody could say it");
         log.push(problem.help("name the nodes, or remove `writers`"));
@@ -158,7 +168,7 @@ pub(super) fn writers(raw: Option<&raw::Writers>, log: &mut Log) -> Option<NodeN
     Some(names.into())
 }
 
-fn stops(file: &raw::File, log: &mut Log) -> Vec<Stop> {
+fn stops(file: &file::File, log: &mut Log) -> Vec<Stop> {
     let mut seen: HashMap<&str, Span> = HashMap::new();
     let mut stops = Vec::new();
     for raw in &file.stops {
@@ -175,7 +185,7 @@ fn stops(file: &raw::File, log: &mut Log) -> Vec<Stop> {
     stops
 }
 
-fn limits(raw: Option<&raw::Limits>, log: &mut Log) -> Limits {
+fn limits(raw: Option<&file::Limits>, log: &mut Log) -> Limits {
     let default = Limits::default();
     let Some(raw) = raw else { return default };
     let mut limit = |value: Option<Spanned<u64>>, otherwise: usize, least: u64, most: u64| {
@@ -212,7 +222,7 @@ fn groups(names: &Names, signals: &Signals, defaults: &Policy, log: &mut Log) ->
             combine: raw.combine.unwrap_or(Combine::Worst),
             when: raw.when.as_ref().and_then(|when| relations::when(when, signals, log)),
             depends_on: relations::depends_on(names, NodeId::Group(id), &raw.depends_on, log),
-            filters: super::filters::filters(&raw.filters, names, defaults, log),
+            filters: filters::filters(&raw.filters, names, defaults, log),
             tile,
         });
     }
@@ -220,7 +230,7 @@ fn groups(names: &Names, signals: &Signals, defaults: &Policy, log: &mut Log) ->
 }
 
 fn check_tile(
-    tile: &Spanned<raw::Tile>,
+    tile: &Spanned<file::Tile>,
     nested: bool,
     taken: &mut HashMap<(u8, u8), Span>,
     log: &mut Log,

@@ -7,9 +7,10 @@ use regex_automata::dfa::{Automaton, StartKind, dense};
 use regex_automata::util::start;
 use regex_syntax::hir::Hir;
 
-use super::glob;
 use super::names::Names;
-use super::raw::{self, FilterKind};
+use crate::config::file;
+use crate::config::file::FilterKind;
+use crate::config::glob;
 use crate::engine::model::filter::Filter;
 use crate::engine::model::{Match, Policy};
 use crate::yaml::{Log, Problem, Span};
@@ -17,7 +18,12 @@ use crate::yaml::{Log, Problem, Span};
 /// Larger automata are not looked at.
 const AUTOMATON_BYTES_MAX: usize = 1 << 20;
 
-pub(super) fn filters(raw: &[raw::Filter], names: &Names, defaults: &Policy, log: &mut Log) -> Vec<Match> {
+pub(in crate::config) fn filters(
+    raw: &[file::Filter],
+    names: &Names,
+    defaults: &Policy,
+    log: &mut Log,
+) -> Vec<Match> {
     let mut filters: Vec<(Filter, Span)> = Vec::new();
     let mut matches = Vec::new();
     for filter in raw {
@@ -40,11 +46,11 @@ pub(super) fn filters(raw: &[raw::Filter], names: &Names, defaults: &Policy, log
                     .help("remove the filter"),
             );
         }
-        let raw::Policy { timeout, stale, forget_after, .. } = &filter.policy;
+        let file::Policy { timeout, stale, forget_after, .. } = &filter.policy;
         let differs = timeout.is_some() || stale.is_some() || forget_after.is_some();
-        let writers = super::resolve::writers(filter.writers.as_ref(), log);
+        let writers = super::writers(filter.writers.as_ref(), log);
         let policy = (differs || writers.is_some()).then(|| {
-            let policy = super::resolve::policy(&filter.policy, defaults, log);
+            let policy = super::policy(&filter.policy, defaults, log);
             Policy { writers, ..policy }
         });
         matches.push(Match { filter: resolved.clone(), policy });
@@ -53,7 +59,7 @@ pub(super) fn filters(raw: &[raw::Filter], names: &Names, defaults: &Policy, log
     matches
 }
 
-fn resolve(filter: &raw::Filter, log: &mut Log) -> Option<Filter> {
+fn resolve(filter: &file::Filter, log: &mut Log) -> Option<Filter> {
     let text: Box<str> = filter.text.value.as_str().into();
     match filter.kind {
         FilterKind::Name => Some(Filter::Name(text)),
@@ -63,7 +69,7 @@ fn resolve(filter: &raw::Filter, log: &mut Log) -> Option<Filter> {
     }
 }
 
-fn regex(filter: &raw::Filter, log: &mut Log) -> Option<Filter> {
+fn regex(filter: &file::Filter, log: &mut Log) -> Option<Filter> {
     let pattern = &filter.text.value;
     let span = filter.text.span;
     let hir = match regex_syntax::parse(pattern) {

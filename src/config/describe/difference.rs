@@ -3,7 +3,8 @@
 use std::collections::HashMap;
 use std::fmt;
 
-use super::{Loaded, words};
+use super::words;
+use crate::config::Loaded;
 use crate::engine::model::monitors::StampClock;
 use crate::engine::model::output::Publication;
 use crate::engine::model::wording::{ByStage, Wording};

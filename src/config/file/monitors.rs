@@ -1,10 +1,11 @@
 //! Monitors as they are written (`DESIGN.md` 5).
 
-use super::raw_agreement;
-use super::raw_bands::{self, Unit, bands};
-use super::raw_source::ScalarSource;
-pub(super) use super::raw_source::{Source, Topic};
-use super::raw_watchdog;
+use super::agreement;
+use super::bands;
+use super::bands::{Unit, bands};
+use super::sources::ScalarSource;
+pub(in crate::config) use super::sources::{Source, Topic};
+use super::watchdog;
 use crate::engine::model::monitors::Class;
 use crate::engine::model::monitors::{AgreementRule, Bands, ProbeTarget, ValueRule};
 use crate::engine::model::sample::FieldValue;
@@ -13,7 +14,7 @@ use crate::yaml::decode::{AllEntries, did_you_mean};
 use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Spanned, suggest};
 
 /// The kinds of monitor (`ENGINE.md` 7).
-pub(super) const KINDS: [&str; 10] = [
+pub(in crate::config) const KINDS: [&str; 10] = [
     "self_state",
     "frequency",
     "latency",
@@ -27,15 +28,15 @@ pub(super) const KINDS: [&str; 10] = [
 ];
 
 /// What is kept grows with these.
-pub(super) const WINDOW_MAX: time::Span = time::Span::from_secs(600);
-pub(super) const AGE_MAX: time::Span = time::Span::from_secs(3600);
-pub(super) const INPUTS_MAX: usize = 32;
+pub(in crate::config) const WINDOW_MAX: time::Span = time::Span::from_secs(600);
+pub(in crate::config) const AGE_MAX: time::Span = time::Span::from_secs(3600);
+pub(in crate::config) const INPUTS_MAX: usize = 32;
 
 const WINDOW: time::Span = time::Span::from_secs(2);
 const AGE: time::Span = time::Span::from_secs(1);
 
 #[derive(Debug)]
-pub(super) enum Monitor {
+pub(in crate::config) enum Monitor {
     /// Without a status it is the module that names it.
     SelfState {
         status: Option<Spanned<String>>,
@@ -87,7 +88,7 @@ pub(super) enum Monitor {
 }
 
 #[derive(Debug)]
-pub(super) struct Expression {
+pub(in crate::config) struct Expression {
     pub inputs: Vec<(Spanned<String>, Source)>,
     pub max_age: time::Span,
     pub warning: Option<Spanned<String>>,
@@ -113,10 +114,10 @@ impl FromNode for Monitor {
             "frequency" => rate(value, log),
             "latency" => latency(value, log),
             "value" => single(value, log),
-            "watchdog" => raw_watchdog::watchdog(value, log),
+            "watchdog" => watchdog::watchdog(value, log),
             "rate_ratio" => rate_ratio(value, log),
             "sequence" => sequence(value, log),
-            "agreement" => raw_agreement::agreement(value, log),
+            "agreement" => agreement::agreement(value, log),
             "expression" => expression(value, log),
             other => {
                 let help = suggest(other, KINDS).map_or_else(known, did_you_mean);
@@ -164,9 +165,9 @@ fn single(node: &Node, log: &mut Log) -> Option<Monitor> {
     let error: Option<Spanned<Literal>> = fields.optional("error_unless");
     let warning: Option<Spanned<Literal>> = fields.optional("warning_unless");
     let unless = ["error_unless", "warning_unless"].into_iter().find_map(|key| fields.key_span(key));
-    match (raw_bands::any(&fields), unless) {
+    match (bands::any(&fields), unless) {
         (false, None) => {
-            raw_bands::without_a_limit(node.span, ", error_unless, warning_unless", fields.log);
+            bands::without_a_limit(node.span, ", error_unless, warning_unless", fields.log);
         }
         (true, Some(unless)) => {
             let problem = Problem::at(unless, "limits and `..._unless` do not go together");
@@ -244,7 +245,10 @@ fn expression(node: &Node, log: &mut Log) -> Option<Monitor> {
     }
     let class = fields.optional("class");
     if let Some(inputs) = inputs.as_ref().filter(|inputs| !(1..=INPUTS_MAX).contains(&inputs.0.len())) {
-        let text = format!("{}, not 1 to {INPUTS_MAX}", super::words::counted(inputs.0.len(), "input"));
+        let text = format!(
+            "{}, not 1 to {INPUTS_MAX}",
+            crate::config::describe::words::counted(inputs.0.len(), "input")
+        );
         let problem = Problem::at(fields.key_span("inputs").unwrap_or(node.span), text);
         fields
             .log
@@ -262,8 +266,8 @@ fn expression(node: &Node, log: &mut Log) -> Option<Monitor> {
 
 fn some_bands(fields: &mut Fields, unit: Unit) -> Bands {
     let found = bands(fields, unit);
-    if !raw_bands::any(fields) {
-        raw_bands::without_a_limit(fields.span(), "", fields.log);
+    if !bands::any(fields) {
+        bands::without_a_limit(fields.span(), "", fields.log);
     }
     found
 }
@@ -272,12 +276,12 @@ fn window(fields: &mut Fields) -> time::Span {
     span(fields, "window", time::Span::from_millis(1), WINDOW_MAX).unwrap_or(WINDOW)
 }
 
-pub(super) fn age(fields: &mut Fields, key: &'static str) -> time::Span {
+pub(in crate::config) fn age(fields: &mut Fields, key: &'static str) -> time::Span {
     span(fields, key, time::Span::from_nanos(1), AGE_MAX).unwrap_or(AGE)
 }
 
 /// A duration within bounds.
-pub(super) fn span(
+pub(in crate::config) fn span(
     fields: &mut Fields,
     key: &'static str,
     least: time::Span,
@@ -285,7 +289,8 @@ pub(super) fn span(
 ) -> Option<time::Span> {
     let span: Spanned<time::Span> = fields.optional(key)?;
     if !(least..=most).contains(&span.value) {
-        let (least, most) = (super::words::span(least), super::words::span(most));
+        let (least, most) =
+            (crate::config::describe::words::span(least), crate::config::describe::words::span(most));
         let problem = Problem::at(span.span, format!("`{key}` is not between {least} and {most}"));
         fields.log.push(problem.help("choose another duration"));
     }

@@ -1,7 +1,8 @@
 //! Watchdogs as they are written: what is asked, how often, and how soon it has to answer.
 
-use super::raw_bands::{self, Unit};
-use super::raw_monitor::{AGE_MAX, Monitor, span};
+use super::bands;
+use super::bands::Unit;
+use super::monitors::{AGE_MAX, Monitor, span};
 use crate::engine::model::monitors::{Bands, ProbeTarget};
 use crate::engine::time;
 use crate::yaml::{Fields, FromNode, Log, Node, Problem, Spanned};
@@ -12,7 +13,7 @@ const MISSES_MAX: u64 = 1000;
 const EVERY: time::Span = time::Span::from_secs(1);
 const MISSES: u32 = 3;
 
-pub(super) fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor> {
+pub(in crate::config) fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor> {
     let mut fields = Fields::of(node, "a watchdog monitor", log)?;
     let kinds = ["icmp", "tcp", "node", "service", "qos"];
     let found: Vec<_> = kinds.into_iter().filter_map(|kind| Some((kind, fields.node(kind)?))).collect();
@@ -41,7 +42,7 @@ pub(super) fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor> {
 
 /// Limits on the time until an answer.
 fn limits(fields: &mut Fields, target: Option<&ProbeTarget>, every: time::Span) -> Bands {
-    let bands = raw_bands::above(fields, Unit::Duration);
+    let bands = bands::above(fields, Unit::Duration);
     let first = ["warning_above", "error_above"].into_iter().find_map(|key| fields.key_span(key));
     let asks_discovery = matches!(
         target,
@@ -59,7 +60,7 @@ fn limits(fields: &mut Fields, target: Option<&ProbeTarget>, every: time::Span) 
         if limit.is_some_and(|limit| limit >= every_s) {
             let text = format!("`{key}` is never reached: no answer within `every` is a miss");
             let problem = Problem::at(fields.key_span(key).unwrap_or(fields.span()), text);
-            let every = super::words::span(every);
+            let every = crate::config::describe::words::span(every);
             fields.log.push(problem.help(format!("choose less than {every}, or ask less often")));
         } else if limit.is_some_and(|limit| limit <= 0.0) {
             let problem = Problem::at(
@@ -84,7 +85,7 @@ fn target(kind: &str, node: &Node, log: &mut Log) -> Option<ProbeTarget> {
         let name = bracketed.or_else(|| (!name.contains(':')).then_some(name))?;
         (host(name) && port.parse::<u16>().is_ok_and(|port| port > 0)).then_some(())
     };
-    let full_name = super::topics::is_full_name(&text);
+    let full_name = super::ros_names::is_full_name(&text);
     let (target, good, help) = match kind {
         "icmp" => (
             ProbeTarget::Icmp { host: text.as_str().into() },

@@ -7,7 +7,7 @@ use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem};
 
 /// What the text alone stands for depends on the key.
 #[derive(Debug)]
-pub(super) enum RawWording {
+pub(in crate::config) enum RawWording {
     Text(Text),
     Levels(Wording),
 }

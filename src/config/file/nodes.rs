@@ -1,9 +1,10 @@
 //! Groups and modules as they are written, and what they say of each other.
 
-use super::glob::{self, is_glob};
-use super::raw::Policy;
-use super::raw_monitor::Monitor;
-use super::raw_wording::RawWording;
+use super::monitors::Monitor;
+use super::policy::Policy;
+use super::wording::RawWording;
+use crate::config::glob;
+use crate::config::glob::is_glob;
 use crate::engine::model::{Combine, Stage};
 use crate::engine::state::State;
 use crate::engine::text::Text;
@@ -11,7 +12,7 @@ use crate::yaml::decode::{All, Entries, did_you_mean, scalar, word};
 use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Span, Spanned, suggest};
 
 #[derive(Debug)]
-pub(super) struct Group {
+pub(in crate::config) struct Group {
     pub span: Span,
     pub id: Option<Spanned<String>>,
     pub name: Option<Text>,
@@ -51,7 +52,7 @@ impl FromNode for Combine {
 }
 
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Tile {
+pub(in crate::config) struct Tile {
     pub column: Option<u64>,
     pub row: Option<u64>,
 }
@@ -66,7 +67,7 @@ impl FromNode for Tile {
 }
 
 #[derive(Debug)]
-pub(super) struct Filter {
+pub(in crate::config) struct Filter {
     pub span: Span,
     pub kind: FilterKind,
     pub text: Spanned<String>,
@@ -76,10 +77,10 @@ pub(super) struct Filter {
 }
 
 /// The nodes that may say a status.
-pub(super) type Writers = Spanned<All<Spanned<String>>>;
+pub(in crate::config) type Writers = Spanned<All<Spanned<String>>>;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum FilterKind {
+pub(in crate::config) enum FilterKind {
     Name,
     Namespace,
     Contains,
@@ -146,14 +147,14 @@ fn unknown(fields: &Fields, filter: &Node) -> Option<Problem> {
 }
 
 #[derive(Debug)]
-pub(super) struct Dependency {
+pub(in crate::config) struct Dependency {
     pub span: Span,
     pub on: DependsOn,
     pub masks_unknown: bool,
 }
 
 #[derive(Debug)]
-pub(super) enum DependsOn {
+pub(in crate::config) enum DependsOn {
     Node(Spanned<String>),
     AnyOf(Vec<Spanned<String>>),
 }
@@ -201,7 +202,7 @@ impl FromNode for MasksWhen {
 }
 
 #[derive(Debug)]
-pub(super) struct When {
+pub(in crate::config) struct When {
     pub span: Span,
     /// Empty if no stage is named.
     pub stages: Vec<Stage>,
@@ -234,7 +235,7 @@ impl FromNode for Stage {
 }
 
 #[derive(Debug)]
-pub(super) struct Module {
+pub(in crate::config) struct Module {
     pub span: Span,
     pub id: Option<Spanned<String>>,
     pub name: Option<RawWording>,

@@ -3,15 +3,15 @@
 use std::collections::HashMap;
 
 use super::names::Names;
-use super::raw;
+use crate::config::file;
 use crate::engine::model::order::{Cycle, CycleEdge, CycleStep};
 use crate::engine::model::{Dependency, DependsOn, NodeId, POSED_SIGNAL, When};
 use crate::yaml::{Log, Problem, Span, Spanned, suggest};
 
 /// Positions of the signals by name.
-pub(super) type Signals<'a> = HashMap<&'a str, usize>;
+pub(in crate::config) type Signals<'a> = HashMap<&'a str, usize>;
 
-pub(super) fn when(raw: &raw::When, signals: &Signals, log: &mut Log) -> Option<When> {
+pub(in crate::config) fn when(raw: &file::When, signals: &Signals, log: &mut Log) -> Option<When> {
     let mut found = Vec::new();
     let mut posed = None;
     for (key, value) in &raw.signals.0 {
@@ -32,18 +32,18 @@ pub(super) fn when(raw: &raw::When, signals: &Signals, log: &mut Log) -> Option<
     Some(When { stages: raw.stages.clone(), signals: found, posed })
 }
 
-pub(super) fn depends_on(
+pub(in crate::config) fn depends_on(
     names: &Names,
     node: NodeId,
-    raw: &[raw::Dependency],
+    raw: &[file::Dependency],
     log: &mut Log,
 ) -> Vec<Dependency> {
     let mut seen: HashMap<NodeId, Span> = HashMap::new();
     let mut resolved = Vec::new();
     for dependency in raw {
         let on = match &dependency.on {
-            raw::DependsOn::Node(name) => find(names, node, name, &mut seen, log).map(DependsOn::Node),
-            raw::DependsOn::AnyOf(members) => any_of(names, node, dependency.span, members, log),
+            file::DependsOn::Node(name) => find(names, node, name, &mut seen, log).map(DependsOn::Node),
+            file::DependsOn::AnyOf(members) => any_of(names, node, dependency.span, members, log),
         };
         resolved.extend(on.map(|on| Dependency { on, masks_unknown: dependency.masks_unknown }));
     }
@@ -99,7 +99,7 @@ fn find(
 }
 
 /// A cycle as a problem: the whole way in words, and the line of each step.
-pub(super) fn describe_cycle(names: &Names, cycle: &Cycle) -> Problem {
+pub(in crate::config) fn describe_cycle(names: &Names, cycle: &Cycle) -> Problem {
     let steps = &cycle.0;
     let nodes = || steps.iter().map(|step| step.node);
     let mut places = steps.iter().zip(nodes().cycle().skip(1)).map(|(step, next)| place(names, step, next));
@@ -119,9 +119,9 @@ fn place(names: &Names, step: &CycleStep, next: NodeId) -> (Span, String) {
     let CycleEdge::Depends { holder, .. } = step.by else {
         return (names.span(next), format!("{target} is a member of {}", names.path_of(step.node)));
     };
-    let named = |dependency: &raw::Dependency| match &dependency.on {
-        raw::DependsOn::Node(name) => (name.value == **target).then_some(name.span),
-        raw::DependsOn::AnyOf(members) => {
+    let named = |dependency: &file::Dependency| match &dependency.on {
+        file::DependsOn::Node(name) => (name.value == **target).then_some(name.span),
+        file::DependsOn::AnyOf(members) => {
             members.iter().find(|name| name.value == **target).map(|name| name.span)
         }
     };

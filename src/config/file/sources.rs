@@ -6,7 +6,7 @@ use crate::yaml::decode::{All, scalar, word};
 use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned};
 
 #[derive(Debug)]
-pub(super) struct Topic {
+pub(in crate::config) struct Topic {
     pub name: Spanned<String>,
     /// Without it, another place of the file says it, or the topic's publisher.
     pub type_name: Option<Spanned<String>>,
@@ -35,7 +35,7 @@ impl FromNode for Topic {
 
 /// `diagnostics: { topics: [/diagnostics, { topic: /robot1/diagnostics, prefix: 'robot1: ' }] }`
 #[derive(Debug)]
-pub(super) struct RawDiagnostics {
+pub(in crate::config) struct RawDiagnostics {
     pub topics: Vec<RawDiagnosticsTopic>,
     pub span: Span,
 }
@@ -50,7 +50,7 @@ impl FromNode for RawDiagnostics {
 }
 
 #[derive(Debug)]
-pub(super) struct RawDiagnosticsTopic {
+pub(in crate::config) struct RawDiagnosticsTopic {
     pub topic: Option<Spanned<String>>,
     pub prefix: Option<Spanned<String>>,
 }
@@ -76,7 +76,7 @@ impl FromNode for StampClock {
 }
 
 #[derive(Debug)]
-pub(super) enum Source {
+pub(in crate::config) enum Source {
     Field { topic: Topic, path: Spanned<String>, kind: FieldKind },
     Key { status: Spanned<String>, key: Spanned<String>, unit: Option<Spanned<String>> },
 }
@@ -125,7 +125,7 @@ impl Source {
 }
 
 /// One value.
-pub(super) struct ScalarSource(pub Source);
+pub(in crate::config) struct ScalarSource(pub Source);
 
 impl FromNode for ScalarSource {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
@@ -137,7 +137,7 @@ impl FromNode for ScalarSource {
 }
 
 /// One value, a pose, or a list of positions.
-pub(super) struct AnySource(pub Source);
+pub(in crate::config) struct AnySource(pub Source);
 
 impl FromNode for AnySource {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {

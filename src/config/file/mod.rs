@@ -1,20 +1,32 @@
 //! The file as it is written: every key that a configuration knows, with its place. Nothing here
 //! is checked against anything else; `resolve` does that.
 
-use super::countermeasures::RawRule;
-use super::publishing::RawPublishing;
-pub(super) use super::raw_node::{
-    Dependency, DependsOn, Filter, FilterKind, Group, Module, Tile, When, Writers,
-};
-pub(super) use super::raw_signal::{Signal, SignalFrom};
-use super::raw_source::RawDiagnostics;
+pub(super) mod agreement;
+pub(super) mod bands;
+pub(super) mod countermeasure;
+pub(super) mod monitors;
+pub(super) mod nodes;
+pub(super) mod policy;
+pub(super) mod publishing;
+pub(super) mod ros_names;
+pub(super) mod signals;
+pub(super) mod sources;
+pub(super) mod units;
+pub(super) mod watchdog;
+pub(super) mod wording;
+
 use crate::engine::model::monitors::StampClock;
 use crate::engine::model::{Other, StageModel};
-use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::time;
 use crate::yaml::decode::{Entries, scalar, word};
 use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Span, Spanned};
+use countermeasure::RawRule;
+pub(super) use nodes::{Dependency, DependsOn, Filter, FilterKind, Group, Module, Tile, When, Writers};
+pub(super) use policy::Policy;
+use publishing::RawPublishing;
+pub(super) use signals::{Signal, SignalFrom};
+use sources::RawDiagnostics;
 
 #[derive(Debug, Default)]
 pub(super) struct File {
@@ -129,55 +141,6 @@ impl FromNode for Stop {
         };
         fields.finish();
         Some(stop)
-    }
-}
-
-/// How reports become states, where it differs from what holds around it.
-#[derive(Debug, Default, Clone, Copy)]
-pub(super) struct Policy {
-    pub timeout: Option<Spanned<time::Span>>,
-    pub stale: Option<State>,
-    pub raise_after: Option<time::Span>,
-    pub clear_after: Option<time::Span>,
-    /// While nobody publishes what the module watches.
-    pub no_publisher: Option<State>,
-    /// Only a module's own: what latches must be named.
-    pub latch: Option<time::Span>,
-    /// Of a module, of a filter, and by default of what filters and strays make.
-    pub forget_after: Option<Spanned<time::Span>>,
-}
-
-impl Policy {
-    pub fn of(fields: &mut Fields) -> Policy {
-        let no_publisher = fields.node("no_publisher").and_then(|node| {
-            let states = [State::Unknown, State::Error].map(|state| (state.as_str(), state));
-            word(node, fields.log, "state", &states)
-        });
-        Policy {
-            no_publisher,
-            raise_after: fields.optional("raise_after"),
-            clear_after: fields.optional("clear_after"),
-            ..Policy::of_silence(fields)
-        }
-    }
-
-    /// What becomes of who is silent.
-    fn of_silence(fields: &mut Fields) -> Policy {
-        let stale = fields.node("stale").and_then(|node| {
-            let states = [State::Unknown, State::Warning, State::Error].map(|state| (state.as_str(), state));
-            word(node, fields.log, "stale state", &states)
-        });
-        Policy { timeout: fields.optional("timeout"), stale, ..Policy::default() }
-    }
-
-    /// Of the modules that a filter makes.
-    pub fn of_filter(fields: &mut Fields) -> Policy {
-        Policy { forget_after: fields.optional("forget_after"), ..Policy::of_silence(fields) }
-    }
-
-    pub fn of_module(fields: &mut Fields) -> Policy {
-        let (latch, forget_after) = (fields.optional("latch"), fields.optional("forget_after"));
-        Policy { latch, forget_after, ..Policy::of(fields) }
     }
 }
 
