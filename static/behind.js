@@ -1,5 +1,5 @@
-// What stands behind the tiles and on sheets, by the ids of its elements. What is open is taken in
-// as it comes, what somebody opens before it is seen. All else is hidden and follows bit by bit.
+// The operator's page: takes in what stands behind the tiles and on sheets, element by element. An open
+// panel is brought up to date at once, one that is opened before it is seen; hidden ones follow bit by bit.
 (() => {
   "use strict";
   const APART_MS = 150;

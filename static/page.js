@@ -1,4 +1,4 @@
-// What every page can do without the server: its colours and its language.
+// Every page: the buttons for day or night and for the language.
 (() => {
   "use strict";
   const root = document.documentElement;

@@ -1,4 +1,4 @@
-// What the display itself is asked for: to stay awake, and to remember who works at it.
+// The operator's display: keeps it awake, and remembers the names of those who logged in there.
 (() => {
   "use strict";
   const NAMES = "telltale.names";

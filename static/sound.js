@@ -1,4 +1,4 @@
-// One sound for each alarm that calls: none for what a root cause masks, none when an alarm moves
+// The operator's sound: one for each alarm that calls. None for what a root cause masks, none when an alarm moves
 // to its cause, none for more that a component raises at once, none twice. Made here, so that it needs no file.
 (() => {
   "use strict";

@@ -27,7 +27,7 @@ def session(server, vehicle):
     return [dict(zip(("name", "value"), pair.split("=", 1)), url=server.url) for pair in client.cookie().split("; ")]
 
 
-@pytest.mark.parametrize("without", ["any script", "watchdog.js", "lag.js", "server.js", "behind.js", "htmx.min.js"])
+@pytest.mark.parametrize("without", ["any script", "watchdog.js", "live.js", "behind.js", "htmx.min.js"])
 def test_a_page_whose_scripts_do_not_run_is_covered(server, session, chromium, without):
     context = chromium.new_context(viewport={"width": 1280, "height": 800}, java_script_enabled=without != "any script")
     context.add_cookies(session)
