@@ -1,5 +1,5 @@
 //! The rules of the house that the compiler does not hold: who may use whom, how long a file may
-//! be, where a clock is read, and that no template is dead.
+//! be, where a clock is read, that no template is dead, and how pages, scripts and styles begin.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -26,6 +26,7 @@ const IMPURE: &[&str] =
     &["tokio", "serde", "tracing", "std::fs", "std::net", "std::thread", "std::env", "async fn", "println!"];
 
 const LINES_MAX: usize = 450;
+const COLUMNS_MAX: usize = 140;
 
 fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
@@ -192,6 +193,33 @@ fn files_are_short_enough_to_be_read() {
         }
     }
     assert!(long.is_empty(), "{long:#?}");
+}
+
+#[test]
+fn scripts_and_styles_have_lines_that_can_be_read() {
+    let mut long = Vec::new();
+    for file in files(&root().join("static"), "js").into_iter().chain(files(&root().join("static"), "css")) {
+        if file.iter().any(|it| it == "vendor") {
+            continue;
+        }
+        let text = fs::read_to_string(&file).expect("static files are readable");
+        let over = text.lines().enumerate().filter(|(_, line)| line.chars().count() > COLUMNS_MAX);
+        long.extend(over.map(|(index, _)| format!("{}:{}", file.display(), index + 1)));
+    }
+    assert!(long.is_empty(), "longer than {COLUMNS_MAX} columns: {long:#?}");
+}
+
+#[test]
+fn pages_scripts_and_styles_say_first_what_they_are_for() {
+    for (folder, extension, opening) in
+        [("static", "js", "// "), ("static", "css", "/* "), ("templates", "html", "{# ")]
+    {
+        for file in files(&root().join(folder), extension) {
+            let text = fs::read_to_string(&file).expect("they are readable");
+            let is_vendored = file.iter().any(|it| it == "vendor");
+            assert!(is_vendored || text.starts_with(opening), "{} has no first line", file.display());
+        }
+    }
 }
 
 #[test]
