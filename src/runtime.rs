@@ -10,13 +10,14 @@ use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
 use crate::clock::Clock;
 use crate::engine::Engine;
-use crate::engine::input::{Input, OperatorAction, Refusal, Response, Stamped};
+use crate::engine::input::{Input, OperatorAction, Refusal, Response};
 use crate::engine::model::{Model, Stage};
 use crate::engine::restart::foresee::Foreseen;
 use crate::engine::restart::resume::Restored;
 use crate::engine::snapshot::{Countermeasure, Snapshot};
 use crate::engine::time::{Span, Timestamp};
 use crate::engine::view::record::Record;
+pub use crate::msg::received::Stamped;
 use recorder::Recorder;
 
 /// Inputs that may wait for the engine. A full queue holds its senders back: the bridge's
@@ -216,7 +217,7 @@ impl Loop {
                     if received == 0 {
                         return;
                     }
-                    for Stamped { input, received } in batch.drain(..) {
+                    for Stamped { input, received, .. } in batch.drain(..) {
                         self.engine.handle(&input, received);
                         self.tell_turn();
                     }
@@ -324,7 +325,7 @@ mod tests {
         let mut array = StatusArray::default();
         array.push_status(2, "pump", "broken", "");
         let input = Input::Diagnostics(array);
-        link.inputs.send(Stamped { input, received: clock.now() }).await.unwrap();
+        link.inputs.send(Stamped::new(input, clock.now())).await.unwrap();
         let heard = |published: &Published| published.snapshot.node("other/pump").is_some();
         let seen = link.snapshots.wait_for(heard).await.unwrap();
         let Some(NodeId::Module(id)) = seen.snapshot.node("other/pump") else { panic!("it is a module") };

@@ -1,6 +1,6 @@
-// The operator's taps: each is one POST with the version of the state it was shown with, sent at
-// once or not at all; a stop also goes over the socket. Nothing waits in a queue, and nothing is sent
-// while the display is not live.
+// Sends the operator's taps: each is one POST with the version of the state it was shown with, sent at once
+// or not at all; a stop also goes over the socket. Nothing is queued, and nothing is sent while the display
+// is not live.
 (() => {
   "use strict";
   const ANSWER_MS = 2000;
@@ -18,7 +18,7 @@
   const confirmation = document.getElementById("confirm");
   const notice = document.getElementById("notice");
 
-  // The addresses that were sent to and did not answer yet.
+  // The addresses with an unanswered request.
   const sent = new Set();
   let quietTimer = 0;
   let quietUntil = 0;
@@ -28,7 +28,7 @@
   let noticeTimer = 0;
   let refusedTimer = 0;
 
-  // The stylesheet lets no tap through meanwhile, but for a stop.
+  // The stylesheet lets no tap through meanwhile, except for a stop.
   const quiet = (ms, why) => {
     if (why === "second" || performance.now() >= quietUntil) quietWhy = why;
     quietUntil = Math.max(quietUntil, performance.now() + ms);
@@ -59,7 +59,7 @@
     noticeTimer = setTimeout(hideNotice, kind === "second" || kind === "changed" ? MISSED_MS : NOTICE_MS);
   };
 
-  // What the stylesheet lets no tap reach says so: nobody waits for what was never sent.
+  // A tap that the stylesheet blocks says so: nobody waits for something that was never sent.
   const isOver = (button, { clientX: x, clientY: y }) => {
     const box = button.getBoundingClientRect();
     return x >= box.left && x <= box.right && y >= box.top && y <= box.bottom;
@@ -71,7 +71,7 @@
     });
   };
 
-  // The bar lists what stands in the way: it calls, and what has no room there opens.
+  // The bar lists the reasons against the step: it flashes, and opens the list if it does not fit.
   const showChecks = () => {
     hideNotice();
     bar.dataset.refused = "";
@@ -124,7 +124,7 @@
     else if (tap !== undefined) asked.get(tap)?.({ status, said });
   });
 
-  // Somebody takes the seat of a vehicle that drives.
+  // Another operator takes over a driving vehicle.
   const sayHandOver = (words) => {
     if (words) show("handover", "hand-over", [words]);
     else if (noticeOf === "hand-over") hideNotice();
@@ -156,8 +156,8 @@
     return { status: answer.status, said: await answer.json() };
   };
 
-  // Where no other connection can be had, the open one takes the stop. The server does it once, and
-  // says the same on both ways.
+  // If no other connection is possible, the open socket takes the stop. The server does it once, and gives
+  // both ways the same answer.
   const stopByBoth = (address, fields) => {
     fields.set("tap", `${Date.now()}-${Math.random()}`);
     return Promise.any([byPost(address, fields, "high"), bySocket(fields)]);
@@ -182,7 +182,7 @@
     if (act === "confirm") closeConfirmation();
     if (act === "clearance" && bar.querySelector(".step .checks li:not(.holds)")) showChecks();
     else show("refused", address, said.refused ?? [said.error]);
-    // What was shown was old: everything is asked for anew.
+    // The page showed an old state: everything is requested again.
     if ("seq" in said) document.dispatchEvent(new CustomEvent("telltale:refresh"));
     return undefined;
   };
@@ -210,7 +210,7 @@
     }
   });
 
-  // A tap on this button is none beside what stands open, which would close it.
+  // A tap on this button must not count as a tap beside an open panel, which would close it.
   const dismiss = notice.querySelector("[name=dismiss]");
   const keepOpen = () => {
     dismiss.popoverTargetElement = document.querySelector(".panel:popover-open");
@@ -233,7 +233,7 @@
   let listed = offeredIn("#causes");
   let listTimer = 0;
 
-  // A button that has just come to mean another alarm takes no tap that was aimed at the last one.
+  // A button that just got another alarm takes no tap that was aimed at the previous one.
   const settle = () => {
     const now = offeredIn("#causes");
     if (now === listed) return;
@@ -243,7 +243,7 @@
     listTimer = setTimeout(() => delete list.dataset.quiet, AFTER_CHANGE_MS);
   };
 
-  // What the first of two taps has done may be seen before it is answered.
+  // The effect of the first of two taps may be visible before it is answered.
   sayMissed(bar, "#step button", () => (sent.size > 0 ? "second" : quietWhy));
   sayMissed(list, "form button", () => "changed");
 
@@ -252,11 +252,11 @@
     if (now !== before) quiet(AFTER_CHANGE_MS, "changed");
     before = now;
     settle();
-    // It is not offered any more, such as when the vehicle drives off.
+    // It is no longer offered, for example when the vehicle drives off.
     if (!document.getElementById("shutdown")) document.getElementById("sheet-shutdown").hidePopover();
-    // What stood in the way is gone.
+    // The reasons against it are gone.
     if (!bar.querySelector(".step .checks li:not(.holds)")) delete bar.dataset.refused;
-    // The server would refuse: what was asked for was another state.
+    // The server would refuse it: it was offered for another state.
     if (!confirmation.hidden && version() !== askedWith) closeConfirmation();
   });
 

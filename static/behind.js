@@ -3,20 +3,20 @@
 (() => {
   "use strict";
   const APART_MS = 150;
-  // While states come without a pause there is no time for what nobody sees.
+  // While states come without a pause, hidden panels are updated more slowly.
   const BUSY_MS = 400;
   const APART_BUSY_MS = 2000;
 
   const panelOf = (id) => document.getElementById(id)?.closest("[popover]");
 
   globalThis.Behind = class {
-    // The newest of each element that is not taken in yet.
+    // The newest version of each element that is not in the page yet.
     #waiting = new Map();
     #takenAt = 0;
     #busyUntil = 0;
     #isNew = true;
 
-    // On a new connection all comes at once, perhaps in another language.
+    // A new connection brings everything at once, perhaps in another language.
     begin() {
       this.#isNew = true;
     }
@@ -24,7 +24,7 @@
     // A message of the server: what is in sight is content.
     hear({ content, behind }) {
       if (typeof content === "string") this.#busyUntil = performance.now() + BUSY_MS;
-      // What comes anew keeps its place in the row.
+      // A newer version keeps the place of the older one in the queue.
       for (const [id, element] of Object.entries(behind ?? {})) this.#waiting.set(id, element);
       const all = this.#isNew;
       if (behind) this.#isNew = false;
@@ -35,7 +35,7 @@
       this.#take((id) => panelOf(id) === panel);
     }
 
-    // Takes in what has waited longest, if it is time.
+    // Updates the element that has waited longest, if it is time.
     follow() {
       const now = performance.now();
       const apart = now < this.#busyUntil ? APART_BUSY_MS : APART_MS;

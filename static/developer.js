@@ -5,7 +5,7 @@
   // Between two answers: four a second look live.
   const RENEW_MIN_MS = 250;
   const ANSWER_MS = 5000;
-  // News that is not on the page for so long makes it stale, and dead.
+  // Without the announced news for this long the page is stale, and then dead.
   const BEHIND_STALE_MS = 2000;
   const BEHIND_DEAD_MS = 5000;
   const SCROLLED_MS = 150;
@@ -17,7 +17,7 @@
   const content = () => document.getElementById("dev");
 
   let newest = Number(content().dataset.revision);
-  // What a locked vehicle shows is another page, but for those that tell nothing of its parts.
+  // A locked vehicle has another page, except for pages that say nothing about its parts.
   const locked = body.dataset.stage === "locked";
   let behindSince = null;
   let renewedAt = performance.now();
@@ -39,17 +39,17 @@
 
   // --- what stands here
 
-  // Which page an address is of, whatever it asks of it.
+  // The page that an address belongs to, without its parameters.
   const WHY = "/developer/why";
   const pageOf = ({ pathname, search }) => (pathname === WHY ? pathname + search : pathname);
   const known = new Set([WHY, ...[...document.querySelectorAll("nav a")].map((link) => link.pathname)]);
-  // What a form has answered stands under the address of its page: nothing is sent twice.
+  // The answer to a form stands under the address of its page, so a reload sends nothing twice.
   if (!known.has(location.pathname)) history.replaceState(null, "", main().dataset.page);
   let standing = pageOf(location);
   const { frame } = main().dataset;
 
-  // One question at a time; a newer wish ends an older one, which then has no answer.
-  // The server is told by a header when nobody did anything: an open page keeps no session alive.
+  // One request at a time; a newer one aborts the older one, which then has no answer. A header tells the
+  // server when nobody did anything: an open page keeps no session alive.
   const ask = async (address, part, byItself) => {
     asking?.abort();
     const abort = new AbortController();
@@ -66,9 +66,9 @@
       template.innerHTML = text;
       const element = template.content.querySelector(part === "main" ? "main" : "#dev");
       if (!element) throw new Error("no page of this server");
-      // Another program, configuration, user or language: what stands around it is old.
+      // Another program, configuration, user or language: the frame of the page is old.
       if (element.dataset.frame !== undefined && element.dataset.frame !== frame) throw new Error("another frame");
-      // Made ready before it is compared: what was so already stays untouched.
+      // Prepared before the comparison, so that unchanged elements stay untouched.
       localTimes(element);
       return element;
     } catch (error) {
@@ -89,7 +89,7 @@
     dispatchEvent(new Event("telltale:shown"));
   };
 
-  // Another page takes the place of this one, as if it had been loaded.
+  // Replaces this page by another one, as if it had been loaded.
   const stand = (fresh, url) => {
     main().replaceWith(fresh);
     standing = pageOf(url);
@@ -102,7 +102,7 @@
     dressForms();
     dispatchEvent(new Event("telltale:page"));
     shown();
-    // Who cannot see it hears what page it is, and goes on from its beginning.
+    // A screen reader hears the name of the page and goes on from its beginning.
     title.focus({ preventScroll: true });
   };
 
@@ -111,7 +111,7 @@
     name !== "style" && !(name === "value" && element === document.activeElement);
 
   const renew = async (byItself) => {
-    // Where an answer did not come before the next wish, another page than the address's stands here.
+    // If the next request came before the answer, the page and its address differ.
     const isOther = pageOf(location) !== standing;
     try {
       const fresh = await ask(location.href, isOther ? "main" : "content", byItself);
@@ -120,7 +120,7 @@
       Idiomorph.morph(content(), fresh, { callbacks: { beforeAttributeUpdated } });
       shown();
     } catch {
-      // What failed shows as the page's age; nothing stands under the address of something else.
+      // A failed request shows as the age of the page; the content always belongs to the address.
       if (isOther) location.reload();
     }
   };
@@ -167,7 +167,7 @@
 
   // --- another address
 
-  // The page that stands here, otherwise.
+  // The same page with other parameters.
   const go = (address, replace) => {
     const { state } = history;
     if (replace) history.replaceState(state, "", address);
@@ -176,7 +176,7 @@
     return renew();
   };
 
-  // Another page. What cannot be brought here is left to the browser.
+  // Another page. If it cannot be brought here, the browser loads it.
   const visit = async (url) => {
     let fresh;
     try {
@@ -209,7 +209,7 @@
       for (const hidden of form.querySelectorAll("input[type=hidden]")) hidden.remove();
       const named = new Set([...form.elements].map((element) => element.name));
       for (const [name, value] of new URLSearchParams(location.search)) {
-        // What another filter leaves is looked at from its beginning.
+        // A new filter is shown from the beginning.
         if (named.has(name) || name.startsWith("page")) continue;
         form.prepend(Object.assign(document.createElement("input"), { type: "hidden", name, value }));
       }

@@ -1,5 +1,5 @@
-// The login by touch: keys that fill the form, and the names that were used at this display.
-// The form works without it.
+// The login by touch: keys that fill the form, and the names that were used at this display. The form also
+// works without it.
 (() => {
   "use strict";
   const NAMES_KEPT = 3;
@@ -19,7 +19,7 @@
     }
   };
 
-  // --- the keys that the field in hand needs
+  // --- the keys that the focused field needs
 
   let field = name.value ? secret : name;
 
@@ -45,7 +45,7 @@
   // A touch on a key leaves the field its focus, so that a keyboard goes on where it was.
   pad.addEventListener("pointerdown", (event) => event.preventDefault());
 
-  // --- who was here before
+  // --- the names that were used here
 
   const choose = (who) => {
     name.value = who;
@@ -75,8 +75,8 @@
   name.addEventListener("input", mark);
   mark();
 
-  // What is missing is said in the page's words, in place of what the last try came to, but below
-  // whom one would take over from.
+  // Missing input is reported in the page's words, in place of the last error, but below the operator to be
+  // replaced.
   form.noValidate = true;
   const failure = form.querySelector(".failure:not(.missing, .unfit)");
   const missing = form.querySelector(".missing");
@@ -88,7 +88,7 @@
     input.focus();
   };
 
-  // The operator's page keeps the name once the login has worked.
+  // The operator's page stores the name once the login has worked.
   form.addEventListener("submit", (event) => {
     const empty = [name, secret].find((input) => input.value === "");
     if (empty) {

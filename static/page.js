@@ -22,7 +22,7 @@
     const lang = root.lang === "de" ? "en" : "de";
     remember("lang", lang);
     const live = new CustomEvent("telltale:language", { detail: { lang }, cancelable: true });
-    // A page with a live connection takes its words from there; any other loads itself anew.
+    // A page with a live connection gets its new texts from there; any other page reloads.
     if (document.dispatchEvent(live)) location.reload();
   };
 

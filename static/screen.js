@@ -17,7 +17,7 @@
   document.addEventListener("visibilitychange", stayAwake);
   stayAwake();
 
-  // The names that were typed here and worked stand on the login page as buttons; no others do.
+  // Names that were typed here and logged in successfully stand on the login page as buttons.
   try {
     if (role === "operator" && sessionStorage.getItem("telltale.trying") === user) {
       const kept = JSON.parse(localStorage.getItem(NAMES) ?? "[]");

@@ -9,7 +9,7 @@
   const body = document.body;
   const tool = document.querySelector("[data-tool=sound]");
   const silence = new URL("silence.wav", document.currentScript.src);
-  // Made when sound is permitted: earlier the browser would complain.
+  // Created when sound is permitted: earlier the browser would complain.
   let context = null;
   // A user who only looks on hears nothing unless they want to.
   let wanted = body.dataset.role === "operator";
@@ -50,7 +50,7 @@
     const causes = document.getElementById("causes");
     if (!causes) return;
     const numbers = causes.dataset.alarms.split(" ").filter(Boolean).map(Number);
-    // Numbers only grow; smaller ones are those of a server that began anew.
+    // Numbers only grow; smaller ones come from a server that started anew.
     const raised = Number(causes.dataset.lastAlarm);
     const last = raised < heard() ? 0 : heard();
     const fresh = numbers.filter((number) => number > last);

@@ -48,8 +48,8 @@
     renew();
   };
 
-  // Loads the page of the other version as soon as no tap waits for its answer: a request would end
-  // with this page, and nobody would say so.
+  // Loads the page of the other version as soon as no tap waits for its answer: a reload would abort the
+  // request, and nobody would report it.
   const renew = () => {
     if (!outdated || "unanswered" in body.dataset) return;
     outdated = false;
@@ -78,7 +78,7 @@
   });
   globalThis.telltale = { live };
 
-  // Says what is on the screen. Where nothing is painted nothing is said, and the server knows.
+  // Reports what is on the screen. If nothing is painted nothing is reported, and the server knows.
   const confirmShown = (socket, { seq, beat }) => {
     requestAnimationFrame(() => {
       if (unshownSince === null && socket.readyState === WebSocket.OPEN) {
@@ -107,7 +107,7 @@
     if (event.detail.reason !== "removed") live.closed(event.detail.code);
   });
 
-  // Large messages are read once: htmx takes from here what it swaps in.
+  // Large messages are parsed once: htmx takes the parts to swap in from here.
   document.addEventListener("htmx:ws:before:message:incoming", ({ detail: { message } }) => {
     if (typeof message.data !== "string") return;
     const read = Live.read(message.data);

@@ -8,9 +8,9 @@
 # TELLTALE_CRASH_ROUNDS=200 kills the program that often, not 20 times. The tests of full and
 # read-only disks need mount namespaces.
 #
-# What is missing is installed where that is possible (Debian, as root), else it is named and
-# nothing runs. Nothing is skipped: a test that did not run fails the whole. DDS stays on the
-# loopback interface. The last line is `N passed, N failed`.
+# On Debian, as root, the script installs what is missing; otherwise it names the missing packages and runs
+# nothing. Nothing is skipped: a test that did not run fails the whole run. DDS stays on the loopback
+# interface. The last line is `N passed, N failed`.
 set -uo pipefail
 cd "$(dirname "$0")/.."
 root=$PWD
@@ -66,7 +66,7 @@ prepare_python() {
     fi
 }
 
-# One library for each source, with all that it includes.
+# One library for each source, rebuilt when an included file changes.
 prepare_fastdds() {
     local source=tests/dds/fastdds.cpp flags=(-std=c++17 -O1 -Wall -Wextra -shared -fPIC) key
     key=$({ g++ -dumpfullversion; echo "${flags[@]}"; g++ "${flags[@]}" -E "$source"; } | sha256sum | cut -c1-16)
@@ -89,10 +89,10 @@ count() {
     fi
 }
 
-# Adds up what cargo's test binaries say. Ignored tests count as failed.
+# Adds up the results of cargo's test binaries. Ignored tests count as failed.
 rust_tests() {
     say "rust: unit, property, router, DDS"
-    # Those with peers wait most of the time.
+    # Tests with peers wait most of the time.
     local threads
     threads=$(nproc)
     export RUST_TEST_THREADS=$((threads < 4 ? 4 : threads))
@@ -116,9 +116,9 @@ scenarios() {
     count scenarios "$good" "$bad"
 }
 
-# The real program, foreign DDS peers, a real browser. Most of these tests wait most of the time, so
-# three processes run them side by side, each in DDS domains and at ports of its own. What measures
-# time (`pytest.mark.alone`) runs after that, with nothing beside it.
+# The real program, foreign DDS peers and a real browser. Most of these tests wait most of the time, so
+# three processes run them side by side, each with DDS domains and ports of its own. Tests that measure time
+# (`pytest.mark.alone`) run afterwards, with nothing beside them.
 browser_tests() {
     say "the whole program side by side: foreign DDS peers, real browser"
     browser_part together -m "not alone" --numprocesses 3 --dist worksteal

@@ -83,7 +83,7 @@ class Soak:
         thread.start()
         return thread
 
-    # What an operator does.
+    # The operator's actions.
 
     def stop_vehicle(self):
         started = time.monotonic()
@@ -108,7 +108,7 @@ class Soak:
             self.answered += 1
             self.late += took > LATE_S
 
-    # What happens to the vehicle.
+    # The vehicle's statuses and faults.
 
     def fail_something(self):
         name = random.choice(list(self.vehicle.statuses))
@@ -143,7 +143,7 @@ class Soak:
         with open(self.folder / "peers.log", "ab") as log:
             return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
 
-    # What others do.
+    # Other clients and attackers.
 
     def wrong_login(self):
         try:
@@ -247,7 +247,7 @@ class Soak:
         thread = threading.Thread(target=lambda: asyncio.run(all_of_them()), daemon=True)
         thread.start()
 
-    # What is measured.
+    # The measurements.
 
     def processes(self):
         """The program and what it started, as process numbers."""

@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# Runs the whole program for a given time under load, faults and attacks, and says whether it grows.
+# Runs the whole program for a given time under load, faults and attacks, and reports whether it grows.
 #
 #   tests/soak.sh [SECONDS]      600 without a number
 #   tests/soak.sh 3600 --release     the optimized program, as on a vehicle
 #
-# It needs what tests/run.sh installs: run that once before. All of it happens in a network namespace
-# of its own, on the loopback interface. What is printed is described in tests/soak.py.
+# It needs the packages that tests/run.sh installs: run that once before. Everything happens in a network
+# namespace of its own, on the loopback interface. tests/soak.py describes the output.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 die() { printf 'tests/soak.sh: %s\n' "$*" >&2; exit 2; }
@@ -23,7 +23,7 @@ python=$(ls -d target/tests/venv-*/bin/python 2>/dev/null | head -n 1) || true
 cargo build --locked --bin telltale "${build[@]}"
 export TELLTALE=$PWD/target/$profile/telltale PYTHONDONTWRITEBYTECODE=1
 
-# A namespace of its own where that is allowed; else the loopback interface of this machine.
+# A namespace of its own if that is allowed; otherwise the loopback interface of this machine.
 inside='ip link set lo up; ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo; exec "$@"'
 if unshare --net true 2>/dev/null; then
     exec unshare --net bash -c "$inside" soak "$python" tests/soak.py "$seconds"

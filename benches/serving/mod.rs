@@ -152,17 +152,27 @@ impl Server {
         serde_json::from_str(&body[start..=end]).expect("JSON")
     }
 
-    /// Seconds of processor time used so far, and resident MB.
+    /// Seconds of processor time used so far, and resident MB, with those of the DDS process.
     pub fn used(&self) -> (f64, f64) {
-        let pid = self.child.id();
-        let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).expect("it runs");
-        let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
-        let ticks = |at: usize| fields[at].parse::<f64>().expect("a number");
-        let status = std::fs::read_to_string(format!("/proc/{pid}/status")).expect("it runs");
-        let rss = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).expect("it has memory");
-        let kib: f64 = rss.trim().trim_end_matches(" kB").parse().expect("a number");
-        ((ticks(11) + ticks(12)) / 100.0, kib / 1024.0)
+        let server = self.child.id();
+        let tasks = std::fs::read_dir(format!("/proc/{server}/task")).expect("it runs").flatten();
+        let children = tasks.filter_map(|task| std::fs::read_to_string(task.path().join("children")).ok());
+        let children: String = children.collect();
+        let children = children.split_whitespace().filter_map(|pid| pid.parse().ok());
+        let sum = |sum: (f64, f64), one: (f64, f64)| (sum.0 + one.0, sum.1 + one.1);
+        std::iter::once(server).chain(children).map(used_by).fold((0.0, 0.0), sum)
     }
+}
+
+/// Seconds of processor time that a process used so far, and its resident MB.
+fn used_by(pid: u32) -> (f64, f64) {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).expect("it runs");
+    let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
+    let ticks = |at: usize| fields[at].parse::<f64>().expect("a number");
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).expect("it runs");
+    let rss = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).expect("it has memory");
+    let kib: f64 = rss.trim().trim_end_matches(" kB").parse().expect("a number");
+    ((ticks(11) + ticks(12)) / 100.0, kib / 1024.0)
 }
 
 impl Drop for Server {

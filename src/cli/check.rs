@@ -6,11 +6,10 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use super::{EXIT_NO, EXIT_USAGE, fields, graph};
+use crate::config::describe::words;
 use crate::config::soundness::{Soundness, What};
-use crate::config::{self, Loaded, words};
-use crate::engine::model::{
-    Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, Stage, StageModel, When,
-};
+use crate::config::{self, Loaded};
+use crate::engine::model::{Combine, Dependency, GroupId, Model, NodeId, Stage, StageModel, When};
 use crate::engine::stage::machine::{Guard, TRANSITIONS, Transition};
 use crate::engine::state::State;
 use crate::yaml::Problems;
@@ -239,27 +238,11 @@ fn dot(model: &Model) -> String {
     for index in (0..model.groups.len()).filter(|&index| model.groups[index].parent.is_none()) {
         dot_group(&mut out, model, GroupId(index as u32), 1);
     }
-    for (node, depends_on) in dependencies(model) {
+    for (node, depends_on) in graph::dependencies(model) {
         dot_edges(&mut out, model, node, depends_on);
     }
     out.push_str("}\n");
     out
-}
-
-/// All nodes with what they depend on: groups, then modules.
-pub(super) fn dependencies(model: &Model) -> impl Iterator<Item = (NodeId, &[Dependency])> {
-    let groups = (0..).map(GroupId).zip(&model.groups);
-    let groups = groups.map(|(id, group)| (NodeId::Group(id), &*group.depends_on));
-    let modules = (0..).map(ModuleId).zip(&model.modules);
-    groups.chain(modules.map(|(id, module)| (NodeId::Module(id), &*module.depends_on)))
-}
-
-/// What a dependency names, and whether that is a redundancy set.
-pub(super) fn targets(dependency: &Dependency) -> (&[NodeId], bool) {
-    match &dependency.on {
-        DependsOn::Node(node) => (std::slice::from_ref(node), false),
-        DependsOn::AnyOf(members) => (members, true),
-    }
 }
 
 fn dot_group(out: &mut String, model: &Model, id: GroupId, depth: usize) {
@@ -285,7 +268,7 @@ fn dot_edges(out: &mut String, model: &Model, from: NodeId, depends_on: &[Depend
         NodeId::Module(_) => String::new(),
     };
     for dependency in depends_on {
-        let (targets, any_of) = targets(dependency);
+        let (targets, any_of) = graph::targets(dependency);
         let style = if any_of { "dashed" } else { "solid" };
         for &to in targets {
             let (tail, head) = (cluster(from, "ltail"), cluster(to, "lhead"));

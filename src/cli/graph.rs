@@ -3,9 +3,10 @@
 use std::collections::HashMap;
 use std::fmt::Write as _;
 
-use super::check::dependencies;
-use crate::config::words::node_name;
-use crate::engine::model::{Combine, GroupId, Model, ModuleId, NodeId, POSED_SIGNAL, When};
+use crate::config::describe::words::node_name;
+use crate::engine::model::{
+    Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, POSED_SIGNAL, When,
+};
 use crate::picture::layers::{Item, Layers};
 
 const STYLE: &str = include_str!("graph.css");
@@ -56,6 +57,22 @@ pub fn draw(model: &Model) -> String {
     )
 }
 
+/// All nodes with what they depend on: groups, then modules.
+pub(super) fn dependencies(model: &Model) -> impl Iterator<Item = (NodeId, &[Dependency])> {
+    let groups = (0..).map(GroupId).zip(&model.groups);
+    let groups = groups.map(|(id, group)| (NodeId::Group(id), &*group.depends_on));
+    let modules = (0..).map(ModuleId).zip(&model.modules);
+    groups.chain(modules.map(|(id, module)| (NodeId::Module(id), &*module.depends_on)))
+}
+
+/// What a dependency names, and whether that is a redundancy set.
+pub(super) fn targets(dependency: &Dependency) -> (&[NodeId], bool) {
+    match &dependency.on {
+        DependsOn::Node(node) => (std::slice::from_ref(node), false),
+        DependsOn::AnyOf(members) => (members, true),
+    }
+}
+
 fn column_x(column: usize) -> f64 {
     MARGIN + column as f64 * (BOX_WIDTH + COLUMN_GAP)
 }
@@ -72,7 +89,7 @@ fn edges(model: &Model) -> Vec<Edge> {
     let mut edges = Vec::new();
     for (from, depends_on) in dependencies(model) {
         for dependency in depends_on {
-            let (targets, any_of) = super::check::targets(dependency);
+            let (targets, any_of) = targets(dependency);
             let masks_unknown = dependency.masks_unknown;
             edges.extend(targets.iter().map(|&on| Edge { from, on, any_of, masks_unknown }));
         }

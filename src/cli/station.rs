@@ -16,11 +16,12 @@ use super::ending::Ending;
 use super::{dds, outputs, reload, timekeeping};
 use crate::clock::Clock;
 use crate::config::Loaded;
-use crate::engine::input::{Input, Stamped};
+use crate::engine::input::Input;
 use crate::engine::model::Model;
 use crate::engine::view::record::Record as Happening;
 use crate::ros::publish::outputs::Outputs;
 use crate::ros::{self, Bridge, BridgeOptions};
+use crate::runtime::Stamped;
 use crate::runtime::{self, Link};
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{History, Store};
@@ -226,7 +227,7 @@ async fn tell_of_storage(store: Store, inputs: mpsc::Sender<Stamped>, clock: Clo
     drop(store);
     loop {
         let fault = faults.borrow_and_update().as_deref().map(Box::from);
-        let news = Stamped { input: Input::Storage { fault }, received: clock.now() };
+        let news = Stamped::new(Input::Storage { fault }, clock.now());
         if inputs.send(news).await.is_err() || faults.changed().await.is_err() {
             return;
         }

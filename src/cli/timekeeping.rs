@@ -7,8 +7,9 @@ use std::time::{Duration, SystemTime};
 use tokio::sync::mpsc;
 
 use crate::clock::Clock;
-use crate::engine::input::{Input, Stamped, Upkeep};
+use crate::engine::input::{Input, Upkeep};
 use crate::engine::text::Text;
+use crate::runtime::Stamped;
 use crate::web::{Tls, Validity};
 
 const LOOK_EVERY: Duration = Duration::from_secs(5);
@@ -45,7 +46,7 @@ pub async fn watch(
             }
             said = found.clone();
             // Where nobody takes it any more, the program ends.
-            let _ = inputs.send(Stamped { input: Input::Upkeep(found), received: clock.now() }).await;
+            let _ = inputs.send(Stamped::new(Input::Upkeep(found), clock.now())).await;
         }
         tokio::time::sleep(LOOK_EVERY).await;
     }

@@ -1,45 +1,27 @@
 //! The configuration: from YAML files to a [`Model`] that cannot be wrong. Every problem is found
 //! in one pass and says file, line and what to do.
 
-mod countermeasures;
-mod difference;
+pub mod describe;
 pub mod expression;
-mod filters;
+mod file;
 mod glob;
-mod monitors;
-mod names;
-mod places;
 pub mod publishing;
-mod raw;
-mod raw_agreement;
-mod raw_bands;
-mod raw_monitor;
-mod raw_node;
-mod raw_signal;
-mod raw_source;
-mod raw_watchdog;
-mod raw_wording;
-mod relations;
 mod resolve;
-mod signals;
 pub mod soundness;
-mod topics;
-mod units;
-pub mod words;
 
-pub use difference::{Change, Difference, difference};
-pub use places::Place;
+pub use describe::difference::{Change, Difference, difference};
+pub use describe::places::Place;
 
 use std::collections::HashSet;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use self::places::Places;
 use self::publishing::Publishing;
 use self::soundness::Soundness;
 use crate::engine::model::Model;
 use crate::yaml::{FromNode, Log, Node, Problem, Problems, Sources, Span, Spanned, tree};
+use describe::places::Places;
 
 /// More files than this are not included.
 const FILES_MAX: usize = 64;
@@ -162,7 +144,7 @@ fn of_source(sources: Sources, file: u16) -> Examined {
 }
 
 fn finish(mut sources: Sources, mut log: Log, node: Option<&Node>) -> Examined {
-    let file = node.and_then(|node| raw::File::from_node(node, &mut log).map(|file| (file, node.span.file)));
+    let file = node.and_then(|node| file::File::from_node(node, &mut log).map(|file| (file, node.span.file)));
     let loaded = file.and_then(|(mut file, number)| {
         include(&mut file, number, &mut sources, &mut log);
         let folders = message_folders(&file, &sources, &mut log);
@@ -178,7 +160,7 @@ fn finish(mut sources: Sources, mut log: Log, node: Option<&Node>) -> Examined {
 }
 
 /// The folders with definitions of messages, each relative to the file that names it.
-fn message_folders(file: &raw::File, sources: &Sources, log: &mut Log) -> Vec<PathBuf> {
+fn message_folders(file: &file::File, sources: &Sources, log: &mut Log) -> Vec<PathBuf> {
     let mut folders = Vec::new();
     for written in &file.message_folders {
         let base = Path::new(sources.name(written.span.file)).parent().unwrap_or(Path::new(""));
@@ -198,7 +180,7 @@ fn message_folders(file: &raw::File, sources: &Sources, log: &mut Log) -> Vec<Pa
 }
 
 /// Adds what the included files say to the lists of the main one, in the order of inclusion.
-fn include(main: &mut raw::File, number: u16, sources: &mut Sources, log: &mut Log) {
+fn include(main: &mut file::File, number: u16, sources: &mut Sources, log: &mut Log) {
     let mut seen: HashSet<PathBuf> = HashSet::new();
     seen.extend(Path::new(sources.name(number)).canonicalize());
     let mut waiting: Vec<(Spanned<String>, u16)> = includes(main, number);
@@ -225,11 +207,11 @@ fn include(main: &mut raw::File, number: u16, sources: &mut Sources, log: &mut L
 }
 
 /// Reversed, so that the first is taken from the end first.
-fn includes(file: &raw::File, number: u16) -> Vec<(Spanned<String>, u16)> {
+fn includes(file: &file::File, number: u16) -> Vec<(Spanned<String>, u16)> {
     file.include.iter().rev().map(|path| (path.clone(), number)).collect()
 }
 
-fn read_included(path: &Path, from: Span, sources: &mut Sources, log: &mut Log) -> Option<(raw::File, u16)> {
+fn read_included(path: &Path, from: Span, sources: &mut Sources, log: &mut Log) -> Option<(file::File, u16)> {
     let number = match sources.read(path) {
         Ok(number) => number,
         Err(problem) => {
@@ -238,7 +220,7 @@ fn read_included(path: &Path, from: Span, sources: &mut Sources, log: &mut Log) 
         }
     };
     let node = tree::parse(sources, number, log)?;
-    let file = raw::File::from_node(&node, log)?;
+    let file = file::File::from_node(&node, log)?;
     for &(key, span) in &file.main_only {
         let problem = Problem::at(span, format!("`{key}` in a file that is included"));
         log.push(problem.help(format!("move `{key}` to `{}`", sources.name(from.file))));

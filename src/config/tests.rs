@@ -109,7 +109,10 @@ groups:
         (policy.raise_after, policy.latch),
         (time::Span::from_millis(10), Some(time::Span::from_millis(500)))
     );
-    assert_eq!(model.modules[0].help, Some(Wording::help(Text { en: "Stop.".into(), de: "Halt.".into() })));
+    assert_eq!(
+        model.modules[0].help,
+        Some(Wording::help(Text { en: "Stop.".into(), de: "Halt.".into() }).into())
+    );
 
     let (a, m) = (NodeId::Group(GroupId(0)), NodeId::Module(ModuleId(0)));
     let depends: Vec<_> =
@@ -156,7 +159,7 @@ fn the_shuttle_is_valid() {
     // It is the example of what can be diagnosed: every kind is in it.
     let kinds: BTreeSet<_> =
         loaded.model.modules.iter().map(|it| format!("{:?}", std::mem::discriminant(&it.monitor))).collect();
-    assert_eq!(kinds.len(), raw_monitor::KINDS.len());
+    assert_eq!(kinds.len(), file::monitors::KINDS.len());
 }
 
 #[test]

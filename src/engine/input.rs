@@ -10,7 +10,6 @@ pub use super::discovery::{NodeOf, WriterId, WriterList};
 use super::model::sample::{Probe, Sample, TopicNews};
 use super::state::State;
 use super::text::Text;
-use super::time::Timestamp;
 
 /// One thing that happened. Handled by [`Engine::handle`](super::Engine::handle), nowhere else.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,13 +68,6 @@ pub enum Input {
 pub struct Upkeep {
     pub clock: Option<Text>,
     pub certificate: Option<Text>,
-}
-
-/// An input with the instant of its receipt on the monotonic clock.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Stamped {
-    pub input: Input,
-    pub received: Timestamp,
 }
 
 /// A fault of the reception: counted for its topic and shown to the developer.

@@ -1,16 +1,16 @@
-//! The encoding of messages on the wire (XCDR1): a reader that never panics and never allocates
-//! what a length merely claims, and a writer that pads as foreign readers need it.
+//! XCDR1, the encoding of messages on the wire: a reader that never panics and never allocates a merely
+//! claimed length, and a writer that pads as foreign readers need it.
 
 use std::fmt;
 
-/// The order of bytes, as the encapsulation of a message says.
+/// The byte order that the encapsulation of a message names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Endian {
     Big,
     Little,
 }
 
-/// Where a message stopped to be what its type says.
+/// Where and why a message does not follow its type.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fault {
     /// Offset in the body, after the encapsulation.
@@ -20,13 +20,13 @@ pub struct Fault {
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum FaultKind {
-    /// The message ends where `needed` more bytes belong; `left` are there.
+    /// The message ends where `needed` more bytes are expected and only `left` are there.
     Cut { needed: u64, left: usize },
-    /// More elements than this program takes.
+    /// More elements than this program accepts.
     TooMany { claimed: u32, limit: usize },
-    /// The whole message is larger than this program takes.
+    /// The whole message is larger than this program accepts.
     TooLarge { bytes: usize, limit: usize },
-    /// The encapsulation is none that this program reads.
+    /// This program cannot read this encapsulation.
     Encoding([u8; 2]),
 }
 
@@ -71,7 +71,7 @@ impl<'a> Reader<'a> {
     }
 
     /// # Errors
-    /// The body ends before, as in all that follow.
+    /// The body ends too early, as in all methods below.
     #[inline]
     pub fn u8(&mut self) -> Result<u8, Fault> {
         let byte = *self.body.get(self.at).ok_or_else(|| self.cut(1))?;
@@ -101,7 +101,7 @@ impl<'a> Reader<'a> {
         Ok(bytes)
     }
 
-    /// Passes over this many bytes.
+    /// Skips this many bytes.
     ///
     /// # Errors
     #[inline]
@@ -123,8 +123,8 @@ impl<'a> Reader<'a> {
         Ok(bytes)
     }
 
-    /// The bytes of a string without its terminator. A missing terminator and the length 0, which
-    /// the standard forbids, are tolerated: some publishers send them.
+    /// The bytes of a string without its terminator. A missing terminator and the length 0, which the
+    /// standard forbids, are tolerated, because some publishers send them.
     ///
     /// # Errors
     #[inline]
@@ -175,7 +175,7 @@ impl Writer {
     }
 
     pub fn string(&mut self, text: &str) {
-        // A string of 4 GiB cannot come to be here: all text is bounded where it enters.
+        // A string of 4 GiB cannot occur: all text is bounded where it enters.
         self.u32(u32::try_from(text.len() + 1).unwrap_or(u32::MAX));
         self.body.extend_from_slice(text.as_bytes());
         self.body.push(0);
@@ -189,7 +189,7 @@ impl Writer {
         self.body.is_empty()
     }
 
-    /// The body, padded to a multiple of four: Cyclone DDS drops fragmented messages that are not.
+    /// The body, padded to a multiple of four: Cyclone DDS drops fragmented messages without padding.
     pub fn finish(mut self) -> Vec<u8> {
         self.align(4);
         self.body

@@ -1,7 +1,7 @@
-//! The messages that are spoken, field by field.
+//! The ROS messages that Telltale itself reads and writes, field by field.
 //!
-//! Decoding is lenient: one bad string never loses an array. What is not UTF-8 is replaced, what
-//! is too long is cut, and an array that ends in its middle yields the statuses before the cut.
+//! Decoding is lenient: one bad string never loses an array. Bytes that are not UTF-8 are replaced, long
+//! strings are cut, and an array that ends in its middle yields the statuses before the cut.
 
 pub mod encode;
 
@@ -18,11 +18,11 @@ pub const PARTICIPANT_ENTITIES_INFO: &str = "rmw_dds_common/msg/ParticipantEntit
 /// Statuses that are taken from one array; the rest is dropped and reported.
 pub const STATUSES_MAX: usize = 100_000;
 
-/// A status with nothing in it: level, three empty strings, no values.
+/// The size of an empty status: level, three empty strings, no values.
 const STATUS_BYTES_MIN: usize = 20;
 
-/// What a ROS type is called on the wire: `std_msgs/msg/Bool` is `std_msgs::msg::dds_::Bool_`.
-/// `None` if the name has no three parts.
+/// The name of a ROS type on the wire: `std_msgs/msg/Bool` is `std_msgs::msg::dds_::Bool_`. `None` if the
+/// name does not have three parts.
 pub fn dds_type_name(ros: &str) -> Option<String> {
     let mut parts = ros.split('/');
     let (package, kind, name) = (parts.next()?, parts.next()?, parts.next()?);
@@ -33,7 +33,7 @@ pub fn dds_type_name(ros: &str) -> Option<String> {
     whole.then(|| format!("{package}::{kind}::dds_::{name}_"))
 }
 
-/// The inverse, for people to read; other names are returned as they are.
+/// The inverse, for people; other names are returned unchanged.
 pub fn ros_type_name(dds: &str) -> String {
     match dds.split("::").collect::<Vec<_>>()[..] {
         [package, kind, "dds_", name] => {
@@ -43,8 +43,8 @@ pub fn ros_type_name(dds: &str) -> String {
     }
 }
 
-/// The statuses of a `diagnostic_msgs/DiagnosticArray`: all that stand whole before the fault, if
-/// there is one.
+/// The statuses of a `diagnostic_msgs/DiagnosticArray`: all that are complete before the fault, if there is
+/// one.
 pub fn diagnostic_array(body: &[u8], endian: Endian, limits: &Limits) -> (StatusArray, Option<Fault>) {
     let mut reader = Reader::new(body, endian);
     let claimed = match array_header(&mut reader) {
@@ -87,7 +87,7 @@ fn status(reader: &mut Reader, array: &mut StatusArray, limits: &Limits) -> Resu
         let key = reader.string()?;
         let value = reader.string()?;
         if index < limits.values_per_status {
-            // So much more that it can be seen to be cut.
+            // Long enough to show that it was cut.
             let value = shortened(value, limits.string_bytes.saturating_add(CHARACTER_BYTES));
             array.push_value_lossy(shortened(key, limits.string_bytes), value);
         }
@@ -98,13 +98,13 @@ fn status(reader: &mut Reader, array: &mut StatusArray, limits: &Limits) -> Resu
 /// The longest character of UTF-8.
 const CHARACTER_BYTES: usize = 4;
 
-/// The first `bytes_max` bytes of a text, less those of a character that this would split.
+/// The first `bytes_max` bytes of a text, without a character that this would split.
 fn shortened(text: &[u8], bytes_max: usize) -> &[u8] {
     if text.len() <= bytes_max {
         return text;
     }
     let continues = |byte: u8| byte & 0b1100_0000 == 0b1000_0000;
-    // A character has at most three bytes after its first; more of them is no UTF-8 anyway.
+    // A character has at most three bytes after its first; more of them are not UTF-8.
     let border = (bytes_max.saturating_sub(3)..=bytes_max).rev().find(|&at| !continues(text[at]));
     &text[..border.unwrap_or(bytes_max)]
 }
@@ -117,8 +117,8 @@ pub fn boolean(body: &[u8], endian: Endian) -> Result<bool, Fault> {
     Reader::new(body, endian).u8().map(|byte| byte != 0)
 }
 
-/// The bodies of as few `diagnostic_msgs/DiagnosticArray` as hold the statuses in at most about
-/// `bytes_max` each. A status larger than that travels alone; no statuses make one empty message.
+/// The bodies of as few `diagnostic_msgs/DiagnosticArray` as hold the statuses in at most about `bytes_max`
+/// each. A larger status gets a message of its own; no statuses make one empty message.
 pub fn encode_diagnostic_arrays(array: &StatusArray, stamp: SystemTime, bytes_max: usize) -> Vec<Vec<u8>> {
     let mut bodies = Vec::with_capacity(1);
     let mut first = 0;
@@ -141,7 +141,7 @@ fn encode_diagnostic_array(array: &StatusArray, first: usize, count: usize, stam
     let statuses = || array.iter().skip(first).take(count);
     let mut writer = Writer::with_capacity(24 + statuses().map(encoded_bytes).sum::<usize>());
     encode::header(&mut writer, encode::Header { stamp, frame_id: "" });
-    // Bounded by the addresses of a `StatusArray`, which are of 32 bits.
+    // Bounded by the 32-bit addresses of a `StatusArray`.
     writer.u32(count as u32);
     statuses().for_each(|status| write_status(&mut writer, status));
     writer.finish()
@@ -166,15 +166,15 @@ fn write_status(writer: &mut Writer, status: Status<'_>) {
     }
 }
 
-/// At most what a status takes on the wire: a string has its length, terminator and padding.
+/// The largest size of a status on the wire: a string has its length, terminator and padding.
 fn encoded_bytes(status: Status<'_>) -> usize {
     let string = |text: &str| text.len() + 8;
     let values: usize = status.values().map(|(key, value)| string(key) + string(value)).sum();
     8 + string(status.name()) + string(status.message()) + string(status.hardware_id()) + values
 }
 
-/// How long a gid is in `ros_discovery_info`: it changed between distributions, and a message of
-/// the wrong size makes the other side's processes throw.
+/// The size of a gid in `ros_discovery_info`. It differs between distributions, and a message of the wrong
+/// size makes the other processes throw.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GidSize {
     /// Iron and later.
@@ -184,7 +184,7 @@ pub enum GidSize {
 }
 
 impl GidSize {
-    /// What `ROS_DISTRO` tells.
+    /// The size in the distribution that `ROS_DISTRO` names.
     pub fn of_distro(name: &str) -> Option<GidSize> {
         match name {
             "foxy" | "galactic" | "humble" => Some(GidSize::Bytes24),
@@ -193,14 +193,14 @@ impl GidSize {
         }
     }
 
-    /// What a `rmw_dds_common/ParticipantEntitiesInfo` of another participant tells: read with the
-    /// right size, nothing is left but padding.
+    /// The size in a `rmw_dds_common/ParticipantEntitiesInfo` of another participant: read with the right
+    /// size, only padding is left.
     pub fn of_message(body: &[u8], endian: Endian) -> Option<GidSize> {
         let fits = |size: GidSize| {
             let mut reader = Reader::new(body, endian);
             skip_participant_entities(&mut reader, size.bytes()).is_ok() && reader.remaining() < 4
         };
-        // What fits both tells nothing.
+        // A message that fits both sizes tells nothing.
         match (fits(GidSize::Bytes16), fits(GidSize::Bytes24)) {
             (true, false) => Some(GidSize::Bytes16),
             (false, true) => Some(GidSize::Bytes24),
@@ -229,7 +229,7 @@ fn skip_participant_entities(reader: &mut Reader, gid_bytes: usize) -> Result<()
     Ok(())
 }
 
-/// A node of ROS 2 as it is announced.
+/// A ROS 2 node as it is announced.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct NodeEntities<'a> {
     /// With its namespace: `/ns/name`.

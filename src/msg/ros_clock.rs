@@ -9,17 +9,17 @@ use crate::engine::model::sample::Sample;
 pub const TOPIC: &str = "/clock";
 pub const TYPE: &str = "rosgraph_msgs/msg/Clock";
 
-/// A longer step is a pause or a jump, not how fine the clock is.
+/// A longer step is a pause or a jump, not the resolution of the clock.
 const STEP_MAX_NS: i64 = 1_000_000_000;
 
-/// What was heard last, in nanoseconds. It outlives participants.
+/// The last time that was heard, in nanoseconds. It outlives participants.
 #[derive(Debug, Clone)]
 pub struct RosClock(Arc<Heard>);
 
 #[derive(Debug)]
 struct Heard {
     now: AtomicI64,
-    /// From the message before to the last one.
+    /// The step from the message before to the last one.
     step: AtomicI64,
 }
 
@@ -36,8 +36,9 @@ impl RosClock {
         self.0.now.load(Ordering::Relaxed)
     }
 
-    /// The time at which a message with this stamp came. Nodes stamp by a finer clock than `/clock`, which
-    /// may come ten times a second: until its next message a stamp ahead of it by one step is of now.
+    /// The time at which a message with this stamp arrived. Nodes stamp by a finer clock than `/clock`,
+    /// which may come ten times a second: until its next message, a stamp ahead of it by one step counts as
+    /// now.
     pub fn at_stamp(&self, stamp_ns: Option<i64>) -> i64 {
         let (now, step) = (self.now_ns(), self.0.step.load(Ordering::Relaxed));
         let is_of_now =

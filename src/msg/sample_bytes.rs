@@ -1,4 +1,6 @@
-//! A message as it was received, before it is decoded.
+//! A received message before it is decoded.
+
+use bytes::Bytes;
 
 use super::cdr::{Endian, Fault};
 
@@ -6,4 +8,4 @@ use super::cdr::{Endian, Fault};
 pub type Guid = [u8; 16];
 
 /// A message without its encapsulation, or why it cannot be read.
-pub type RawBody = Result<(Vec<u8>, Endian), Fault>;
+pub type RawBody = Result<(Bytes, Endian), Fault>;

@@ -1,4 +1,4 @@
-//! What is read: `/diagnostics`, and the topics of the model's signals and monitors, each once.
+//! The topics to read: `/diagnostics`, and the topics of the model's signals and monitors, each once.
 
 mod untyped;
 
@@ -34,30 +34,30 @@ pub enum SubscriptionError {
     Fields { topic: Box<str>, why: FieldsError },
 }
 
-/// Everything that a model needs from outside.
+/// Everything that a model needs to read.
 #[derive(Debug)]
 pub struct Plan {
     pub subscriptions: Vec<Arc<Subscription>>,
     pub watchdogs: Vec<Arc<WatchdogSpec>>,
 }
 
-/// One topic and what becomes of its messages.
+/// One topic and the use of its messages.
 #[derive(Debug, Clone)]
 pub struct Subscription {
-    /// As ROS names it: `/diagnostics`.
-    pub topic: Box<str>,
-    pub type_name: Box<str>,
+    /// By its ROS name: `/diagnostics`.
+    pub topic: Arc<str>,
+    pub type_name: Arc<str>,
     pub dds_topic: String,
     pub dds_type: String,
-    /// What stands in front of the names of its statuses, where it has such.
+    /// The prefix of the names of its statuses, if it has one.
     diagnostics: Option<Box<str>>,
-    /// The time of others is published here.
+    /// This topic is `/clock`, the time of a simulation.
     pub is_clock: bool,
-    /// By which clock stamps are.
+    /// The clock of its stamps.
     pub stamps: StampClock,
     signals: Vec<Signal>,
     watch: Option<Watch>,
-    /// What is wanted of it where its type has to be learned; nothing is read then.
+    /// The wanted fields, if the type must be learned; nothing is read until then.
     untyped: Option<Arc<Untyped>>,
     limits: Limits,
 }
@@ -68,11 +68,11 @@ struct Signal {
     meaning: Meaning,
 }
 
-/// What a message says of a signal.
+/// The meaning of a message for a signal.
 #[derive(Debug, Clone)]
 enum Meaning {
     Level(BooleanReader),
-    /// Every message means true that is what its type says. Of an unknown type, every message.
+    /// Each message that follows its type means true. If the type is unknown, each message does.
     Event(Option<EventReader>),
 }
 
@@ -83,15 +83,16 @@ struct Watch {
     reader: Reader,
 }
 
-/// When a message was published, and what that makes of it.
+/// When a message was published, as far as that matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum When {
     Now,
-    /// When we listened and did not know its publisher: it is taken, and neither counted nor timed.
+    /// After our reader was made, and before we knew its publisher: it is taken, but neither counted nor
+    /// timed.
     Late,
-    /// Before our time, by a publisher that keeps it for readers that come later.
+    /// Before our start, by a publisher that keeps it for late readers.
     Kept,
-    /// Before our time, for others: it says that somebody publishes, and nothing of now.
+    /// Before our start, for others: it shows that somebody publishes, and nothing current.
     Past,
 }
 
@@ -109,7 +110,7 @@ impl Plan {
     /// `/diagnostics` comes first.
     ///
     /// # Errors
-    /// A signal or a field that no message of its type can feed.
+    /// A signal or a field that no message of its type can provide.
     pub fn of(model: &Model, definitions: &Definitions) -> Result<Plan, SubscriptionError> {
         let mut all = Vec::new();
         let Watched { diagnostics, stamps, .. } = &model.watched;
@@ -123,7 +124,7 @@ impl Plan {
         if *stamps == StampClock::Ros {
             subscribe(&mut all, ros_clock::TOPIC, ros_clock::TYPE, &model.limits)?.is_clock = true;
         }
-        // What a condition reads is watched.
+        // The inputs of a condition are watched.
         let fields = model.signals.iter().filter_map(|spec| Some((spec, spec.source.field()?)));
         for (spec, source) in fields.filter(|(_, source)| !source.type_name.is_empty()) {
             let meaning = meaning(spec, source, definitions)?;
@@ -145,7 +146,7 @@ impl Plan {
     }
 }
 
-/// The subscription of a topic, made where there is none yet.
+/// The subscription of a topic, which is made if there is none yet.
 fn subscribe<'a>(
     all: &'a mut Vec<Subscription>,
     topic: &str,
@@ -157,7 +158,7 @@ fn subscribe<'a>(
         Some(at) if *all[at].type_name != *type_name => {
             return Err(SubscriptionError::TwoTypes {
                 topic: topic.into(),
-                first: all[at].type_name.clone(),
+                first: (*all[at].type_name).into(),
                 second: type_name.into(),
             });
         }
@@ -186,7 +187,7 @@ fn subscribe<'a>(
     Ok(&mut all[at])
 }
 
-/// A field that is true or false is a level; where there is none, a message can be an event.
+/// A boolean field is a level; without one, a message can be an event.
 fn meaning(
     spec: &SignalSpec,
     source: &FieldSource,
@@ -205,21 +206,21 @@ fn meaning(
 }
 
 impl Subscription {
-    /// Whether the last message from before our time counts. The level of a signal and a watched
-    /// value do; an event does not, and neither does what is only counted. Where the age of messages
-    /// is watched, an old one would be judged as late.
+    /// Whether the last message from before our start counts. The level of a signal and a watched value
+    /// count; an event does not, nor does a message that is only counted. Where the age of messages is
+    /// watched, an old one would be judged as late.
     pub fn wants_last_value(&self) -> bool {
         self.signals.iter().any(|signal| matches!(signal.meaning, Meaning::Level(_)))
             || self.watch.as_ref().is_some_and(Watch::wants_last_value)
     }
 
-    /// What monitors watch of this topic.
+    /// The fields that monitors watch of this topic.
     pub fn watched(&self) -> Option<&Arc<TopicSpec>> {
         let untyped = || self.untyped.as_ref().and_then(|untyped| untyped.watch.as_ref());
         self.watch.as_ref().map(|watch| &watch.spec).or_else(untyped)
     }
 
-    /// What a message of this topic means, and what was wrong with it.
+    /// The inputs that a message of this topic means, and its faults.
     pub fn decode(&self, received: Received<'_>) -> (Vec<Input>, Option<Miss>) {
         let mut inputs = Vec::with_capacity(1);
         if received.when == When::Past {
@@ -252,7 +253,8 @@ impl Subscription {
         if let Some(prefix) = self.diagnostics.as_ref().filter(|_| !history) {
             let (array, fault) = messages::diagnostic_array(body, endian, &self.limits);
             let array = if prefix.is_empty() { array } else { array.prefixed(prefix) };
-            // An empty array that is whole is a message too; a fault before the first status is none.
+            // A complete empty array is a message too; a message with a fault before the first status is
+            // not.
             if !array.is_empty() || fault.is_none() {
                 inputs.push(Input::Diagnostics(array.said_by(WriterId(writer))));
             }
@@ -296,7 +298,7 @@ impl Watch {
         }
     }
 
-    /// Nothing but that a message came.
+    /// Only that a message came.
     fn past(&self, received_wall_ns: i64) -> Sample {
         let values = vec![FieldValue::Absent; self.spec.fields.len()].into();
         Sample { source: self.spec.clone(), stamp_ns: None, received_wall_ns, late: true, values }

@@ -1,17 +1,17 @@
-//! Where the boxes of a graph stand: in columns by what they depend on, with lanes for the lines
-//! that pass a column.
+//! The layout of a graph: boxes in columns by what they depend on, with lanes for the lines that pass a
+//! column.
 
 use std::collections::HashMap;
 
 use crate::engine::model::GroupId;
 
-/// Times the columns are sorted by what they are connected to.
+/// How often the columns are sorted by their connections.
 const SWEEPS: usize = 6;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Item {
     Tile(GroupId),
-    /// A line passes here: the number of its edge.
+    /// A line passes here: the index of its edge.
     Lane(usize),
 }
 
@@ -24,7 +24,7 @@ pub struct Layers {
 }
 
 impl Layers {
-    /// `edges` lead from what stands left to what stands right of it.
+    /// `edges` lead from a left box to a box right of it.
     pub fn of(tiles: &[(GroupId, f64)], edges: &[(GroupId, GroupId)], gap: f64, lane: f64) -> Layers {
         let column = columns(tiles, edges);
         let count = column.values().max().map_or(0, |last| last + 1);
@@ -57,8 +57,8 @@ impl Layers {
     }
 }
 
-/// One column right of everything that it depends on. Tiles whose members depend on each other
-/// crosswise have no such order: they are pushed right as often as there are tiles, then left there.
+/// One column right of everything that it depends on. Tiles whose members depend on each other crosswise
+/// have no such order: they are pushed right as often as there are tiles, then left there.
 fn columns(tiles: &[(GroupId, f64)], edges: &[(GroupId, GroupId)]) -> HashMap<GroupId, usize> {
     let mut column: HashMap<GroupId, usize> = tiles.iter().map(|(id, _)| (*id, 0)).collect();
     for _ in 0..tiles.len() {
@@ -67,7 +67,7 @@ fn columns(tiles: &[(GroupId, f64)], edges: &[(GroupId, GroupId)]) -> HashMap<Gr
             column.entry(*right).and_modify(|at| *at = least.max(*at));
         }
     }
-    // Without gaps, which a circle leaves.
+    // Without empty columns, which a circle leaves.
     let mut used: Vec<usize> = column.values().copied().collect();
     used.sort_unstable();
     used.dedup();
@@ -77,7 +77,7 @@ fn columns(tiles: &[(GroupId, f64)], edges: &[(GroupId, GroupId)]) -> HashMap<Gr
     column
 }
 
-/// Puts each item near what it is connected to, in turn from the left and from the right.
+/// Puts each item near its connections, in turn from the left and from the right.
 fn sort(columns: &mut [Vec<Item>], links: &[(Item, Item)]) {
     for sweep in 0..SWEEPS {
         let from_left = sweep % 2 == 0;

@@ -1,4 +1,4 @@
-//! Where things stand in a picture, for all who draw: pure, and without a line of SVG.
+//! Layouts of pictures, shared by figures and pages: pure, and without SVG.
 
 pub mod layers;
 pub mod strips;

@@ -1,5 +1,5 @@
-//! States over time as strips of segments, as in Fig. 6 of the paper: what a scenario's figure and
-//! the page of the timeline both draw.
+//! States over time as strips of segments, as in Fig. 6 of the paper. Figures of scenarios and the page of
+//! the timeline draw them.
 
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ pub struct Strip {
     pub label: String,
     /// Stands below the strip of the group that contains it.
     pub inner: bool,
-    /// Without gaps from one to the next; the time before a node exists has none.
+    /// Without gaps; the time before a node exists has no segment.
     pub segments: Vec<Segment>,
 }
 
@@ -27,11 +27,11 @@ pub struct Segment {
     pub from: Timestamp,
     pub to: Timestamp,
     pub look: Look,
-    /// What the node reports behind an IGNORE.
+    /// The state that the node reports behind an IGNORE.
     pub own: Option<State>,
-    /// Which cause masks it, or owes what it showed.
+    /// The cause that masks it, or to which its earlier ERROR is attributed.
     pub cause: Option<Arc<str>>,
-    /// What the module said when it began.
+    /// The module's message when it began.
     pub said: Option<Said>,
 }
 
@@ -66,7 +66,7 @@ impl Look {
     ];
 }
 
-/// How a node looks that shows a state; one that is ignored is masked, or not relevant.
+/// The look of a node's state; an ignored node is masked, or not relevant.
 pub fn look(state: State, is_masked: bool) -> Look {
     match state {
         State::Ignore if is_masked => Look::Masked,
@@ -83,7 +83,7 @@ pub fn stamp(ms: i64) -> Timestamp {
     Timestamp::from_millis(u64::try_from(ms).unwrap_or(0))
 }
 
-/// What a history holds of a node.
+/// The history of a node.
 pub fn recorded(stretches: &[Stretch]) -> Vec<Segment> {
     let segment = |stretch: &Stretch| Segment {
         from: stamp(stretch.from_ms),
@@ -98,7 +98,7 @@ pub fn recorded(stretches: &[Stretch]) -> Vec<Segment> {
     merged(segments)
 }
 
-/// Joins neighbours that look the same; the words are those of the first.
+/// Joins neighbours that look the same; the first one's words stay.
 pub fn merged(segments: Vec<Segment>) -> Vec<Segment> {
     let mut merged: Vec<Segment> = Vec::new();
     for segment in segments {
@@ -114,7 +114,7 @@ pub fn merged(segments: Vec<Segment>) -> Vec<Segment> {
     merged
 }
 
-/// An ERROR that turns into waiting for a cause was owed to that cause (`ENGINE.md` 6).
+/// An ERROR that turns into waiting for a cause is attributed to that cause (`ENGINE.md` 6).
 pub fn owe(segments: &mut [Segment]) {
     for index in 1..segments.len() {
         if (segments[index - 1].look, segments[index].look) == (Look::Error, Look::Masked) {
@@ -124,7 +124,7 @@ pub fn owe(segments: &mut [Segment]) {
     }
 }
 
-/// The word by which stylesheets know a look.
+/// The name of a look in stylesheets.
 pub fn class(look: Look) -> &'static str {
     match look {
         Look::Ok => "ok",
@@ -140,14 +140,14 @@ pub fn class(look: Look) -> &'static str {
     }
 }
 
-/// The smallest of 1, 2, 5, 10, ... (times a millisecond) that leaves few enough ticks.
+/// The smallest of 1, 2, 5, 10, ... milliseconds that leaves few enough ticks.
 pub fn tick_step(whole: Span) -> Span {
     let steps = (0..15).flat_map(|power| [1, 2, 5].map(|digit| digit * 10_u64.pow(power)));
     let wide = |millis: &u64| whole.as_millis() / millis < TICKS_MAX;
     Span::from_millis(steps.into_iter().find(wide).unwrap_or(u64::MAX / 2))
 }
 
-/// The first instant not before `from` that is whole steps away from `zero`.
+/// The first instant not before `from` that is a whole number of steps from `zero`.
 pub fn first_tick(from: Timestamp, zero: Timestamp, step: Span) -> Timestamp {
     let step = step.as_nanos().max(1);
     let offset = zero.as_nanos() % step;

@@ -1,6 +1,7 @@
-//! The DDS bridge: what the vehicle's ROS 2 publishes becomes [`Input`](crate::engine::input::Input)s.
+//! The DDS bridge: turns what the vehicle's ROS 2 nodes publish into
+//! [`Input`](crate::engine::input::Input)s.
 //!
-//! One participant, a task for each topic, raw readers and a lenient decoder of our own. Where the
+//! It has one participant, a task for each topic, raw readers and a lenient decoder of its own. Where the
 //! DDS library cannot recover by itself, the participant is replaced and the bridge goes on.
 
 mod discovery;
@@ -29,10 +30,11 @@ pub use publish::publisher::{PublishError, Publisher};
 
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
-use crate::engine::input::{Input, Stamped};
+use crate::engine::input::Input;
 use crate::engine::model::Model;
 use crate::msg::fields::Definitions;
 use crate::msg::messages::GidSize;
+use crate::msg::received::Stamped;
 use crate::msg::ros_clock::RosClock;
 use crate::msg::subscription::Plan;
 use discovery::graph::{Siblings, Tallies};
@@ -42,14 +44,14 @@ use outbox::{End, stopped};
 use probe::Kennel;
 use session::{Ground, Legacy};
 
-/// For the log's filter: the library has a line for each forged packet, so anybody could fill the disk with
-/// them. What matters of it is said here.
+/// For the log's filter: the library writes a line for each forged packet, so anybody could fill the disk
+/// with them. The bridge logs the important errors itself.
 pub const LOG_FILTER: &str = "rustdds=off";
 
-/// Time between two tries to make a participant, and the least that one lives.
+/// The pause between two attempts to make a participant, and the shortest life of one.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// One that lives for so long after another was ill, and hears itself, is taken for sound.
+/// After an ill participant, the next one counts as sound once it has lived this long and hears itself.
 const SETTLED: Duration = Duration::from_secs(2);
 
 #[derive(Debug, thiserror::Error)]
@@ -62,12 +64,12 @@ pub enum BridgeError {
     Participant(String),
 }
 
-/// What the bridge knows of the graph of ROS 2.
+/// The ROS 2 graph as the bridge knows it.
 #[derive(Debug, Clone)]
 pub struct Graph {
     pub gid_size: watch::Receiver<Option<GidSize>>,
     pub discovery: watch::Receiver<Arc<Discovery>>,
-    /// Whose endpoints are our own.
+    /// Our other participants, whose endpoints are our own.
     siblings: Siblings,
 }
 
@@ -87,12 +89,12 @@ pub struct Bridge {
 /// Starts to read `/diagnostics`, the signals of the model and what its monitors watch. Every message is stamped with the
 /// instant at which it was taken from the library.
 ///
-/// When `inputs` is full, readers wait, the library keeps the newest messages of each topic, and
-/// what is lost so is counted in a [`ReceptionTrouble`](crate::engine::input::ReceptionTrouble),
-/// from the first message of each publisher on.
+/// When `inputs` is full, readers wait and the library keeps the newest messages of each topic. Lost
+/// messages are counted in a [`ReceptionTrouble`](crate::engine::input::ReceptionTrouble), from the first
+/// message of each publisher on.
 ///
 /// # Errors
-/// The interface is not there, a signal cannot be read, or DDS gets no sockets.
+/// The interface does not exist, a signal cannot be read, or DDS gets no sockets.
 pub async fn start(
     options: BridgeOptions,
     model: &Model,
@@ -129,20 +131,21 @@ pub async fn start(
     Ok(Bridge { stop, rebuild, discovery, plan, definitions, gid_size, siblings, task })
 }
 
-/// Whether everything that a model needs can be read.
+/// Checks that everything that a model needs can be read.
 ///
 /// # Errors
-/// The first thing that cannot; all fields are better asked for with [`Definitions`].
+/// The first field that cannot be read; to check all fields, use [`Definitions`].
 pub fn check(model: &Model, definitions: &Definitions) -> Result<(), SubscriptionError> {
     Plan::of(model, definitions).map(drop)
 }
 
 impl Bridge {
-    /// Reads what another model needs. Topics that stay are read on without a gap, and all that
-    /// an engine forgets with its old model is said anew: so the engine has to run by it already.
+    /// Reads the topics of another model. Topics that stay are read on without a gap, and everything that
+    /// an engine forgets with its old model is sent again: so the engine must already run with the new
+    /// model.
     ///
     /// # Errors
-    /// A signal or a field cannot be read. Then all stays as it is.
+    /// A signal or a field cannot be read. Then nothing changes.
     pub fn follow(&self, model: &Model) -> Result<(), BridgeError> {
         self.plan.send_replace(Arc::new(Plan::of(model, &self.definitions)?));
         Ok(())
@@ -159,13 +162,13 @@ impl Bridge {
         self.discovery.clone()
     }
 
-    /// What those who publish in a participant of their own need to know of the others.
+    /// The state of the graph for participants that only publish.
     pub fn graph(&self) -> Graph {
         let (gid_size, discovery) = (self.gid_size(), self.discovery());
         Graph { gid_size, discovery, siblings: self.siblings.clone() }
     }
 
-    /// How long a gid is in the announcements of nodes, as soon as that is known.
+    /// The size of a gid in the announcements of nodes, as soon as it is known.
     pub fn gid_size(&self) -> watch::Receiver<Option<GidSize>> {
         self.gid_size.clone()
     }
@@ -220,16 +223,17 @@ async fn run(mut participant: Participant, ground: Ground) {
     }
 }
 
-/// Waits until one that follows an ill one is taken for sound. While the interface is gone none is.
+/// Waits until a participant that follows an ill one counts as sound. While the interface is gone none
+/// does.
 async fn settled(participant: &Participant) {
     tokio::time::sleep(SETTLED).await;
     participant.hears_itself().await;
 }
 
-/// Says whether the vehicle can be heard. Returns whether somebody took it.
+/// Reports whether the vehicle can be heard. Returns whether the report was received.
 async fn tell_of_dds(ground: &Ground, fault: Option<&str>) -> bool {
     let input = Input::Dds { fault: fault.map(Box::from) };
-    let said = ground.inputs.send(Stamped { input, received: ground.clock.now() });
+    let said = ground.inputs.send(Stamped::new(input, ground.clock.now()));
     let mut stop = ground.stop.clone();
     tokio::select! {
         said = said => said.is_ok(),
@@ -237,7 +241,7 @@ async fn tell_of_dds(ground: &Ground, fault: Option<&str>) -> bool {
     }
 }
 
-/// Tries after `pause` until there is a participant again, or the bridge is to end.
+/// Tries again after `pause` until there is a participant, or the bridge is to end.
 async fn reopen(ground: &Ground, mut pause: Duration, down: &mut bool) -> Option<Participant> {
     let mut stop = ground.stop.clone();
     let mut told = false;

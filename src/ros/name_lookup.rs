@@ -1,5 +1,5 @@
-//! Names to addresses. The system's resolver may hang for half a minute, so it runs in a thread of
-//! its own, one at a time for each name, and a cancelled question is not asked twice.
+//! Resolves host names. The system's resolver may hang for half a minute, so it runs in a thread of its
+//! own, one at a time for each name, and a cancelled query is not started twice.
 
 use std::io;
 use std::net::{SocketAddr, ToSocketAddrs as _};
@@ -9,7 +9,7 @@ use tokio::sync::oneshot;
 use crate::clock::Clock;
 use crate::engine::time::{Span, Timestamp};
 
-/// A name is asked for again after this time.
+/// A name is resolved again after this time.
 const FRESH: Span = Span::from_secs(30);
 
 /// One `HOST:PORT`, or `HOST` where the port does not matter.
@@ -32,13 +32,13 @@ impl Lookup {
         Lookup { host_and_port, clock, known: None, pending: None }
     }
 
-    /// One whose resolver is a test.
+    /// With another resolver, for tests.
     #[cfg(test)]
     pub fn answered_by(pending: oneshot::Receiver<io::Result<Vec<SocketAddr>>>, clock: Clock) -> Lookup {
         Lookup { host_and_port: String::new(), clock, known: None, pending: Some(pending) }
     }
 
-    /// Whether an answer of the resolver is waited for.
+    /// Whether an answer of the resolver is pending.
     pub fn is_pending(&self) -> bool {
         self.pending.is_some()
     }
@@ -74,7 +74,7 @@ impl Lookup {
 fn ask(host_and_port: String) -> io::Result<oneshot::Receiver<io::Result<Vec<SocketAddr>>>> {
     let (answer, pending) = oneshot::channel();
     std::thread::Builder::new().name("lookup".to_owned()).spawn(move || {
-        // Who asked may have gone.
+        // The caller may have gone.
         let _ = answer.send(host_and_port.to_socket_addrs().map(Iterator::collect));
     })?;
     Ok(pending)

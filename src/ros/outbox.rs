@@ -1,18 +1,18 @@
-//! The way to the engine, bounded in bytes as well as in number.
+//! The queue to the engine, bounded in bytes as well as in number.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use tokio::sync::{mpsc, watch};
 
-use crate::engine::input::{Input, Stamped};
+use crate::engine::input::Input;
 use crate::engine::model::sample::FieldValue;
-use crate::engine::time::Timestamp;
+use crate::msg::received::Stamped;
 
-/// Bytes of messages that may wait for the engine from one topic, beside the last one.
+/// Bytes of messages that may wait for the engine from one topic, beside the last message.
 const WAITING_BYTES_MAX: usize = 16 << 20;
 
-/// Why a topic is read no longer.
+/// Why a topic is no longer read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum End {
     /// As told.
@@ -21,7 +21,7 @@ pub enum End {
     NobodyListens,
     /// The participant has to be replaced.
     Rebuild(String),
-    /// The participant is gone, and nothing was heard of late.
+    /// The participant is gone, and nothing was heard lately.
     Lost(String),
 }
 
@@ -38,16 +38,16 @@ impl Outbox {
         Outbox { inputs, stop, sizes: VecDeque::new(), bytes: 0 }
     }
 
-    /// Waits while the queue is full. Meanwhile the library keeps the newest samples of the topic
-    /// and drops the oldest, which shows as a gap.
+    /// Waits while the queue is full. Meanwhile the library keeps the newest samples of the topic and drops
+    /// the oldest, which shows as a gap.
     ///
     /// # Errors
-    /// The end came while it waited.
-    pub async fn send(&mut self, input: Input, received: Timestamp, bytes: usize) -> Result<(), End> {
+    /// The task was stopped while it waited.
+    pub async fn send(&mut self, stamped: Stamped, bytes: usize) -> Result<(), End> {
         let Outbox { inputs, stop, sizes, bytes: waiting } = self;
         let sent = async {
             loop {
-                // Of what was sent, at most so many still wait: others share the queue.
+                // At most so many of the sent inputs still wait: others share the queue.
                 let queued = inputs.max_capacity() - inputs.capacity();
                 while sizes.len() > queued {
                     *waiting -= sizes.pop_front().unwrap_or(0);
@@ -57,7 +57,7 @@ impl Outbox {
                 }
                 tokio::time::sleep(Duration::from_millis(1)).await;
             }
-            inputs.send(Stamped { input, received }).await.map_err(|_| End::NobodyListens)
+            inputs.send(stamped).await.map_err(|_| End::NobodyListens)
         };
         tokio::select! {
             sent = sent => sent?,
@@ -71,11 +71,11 @@ impl Outbox {
 
 /// Ends when `stop` is true, or its sender is gone.
 pub async fn stopped(stop: &mut watch::Receiver<bool>) {
-    // An error means that the sender is gone: nobody is left to read for.
+    // An error means that the sender is gone: nobody needs the inputs any more.
     let _ = stop.wait_for(|stop| *stop).await;
 }
 
-/// About what an input takes while it waits for the engine.
+/// The approximate memory of an input that waits for the engine.
 pub fn waiting_bytes(input: &Input, body_bytes: usize) -> usize {
     const SMALL: usize = 64;
     match input {
@@ -94,6 +94,11 @@ pub fn waiting_bytes(input: &Input, body_bytes: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::time::Timestamp;
+
+    fn tick() -> Stamped {
+        Stamped::new(Input::Tick, Timestamp::ZERO)
+    }
 
     fn outbox(queue: usize) -> (Outbox, mpsc::Receiver<Stamped>, watch::Sender<bool>) {
         let (inputs, received) = mpsc::channel(queue);
@@ -106,19 +111,19 @@ mod tests {
         let (mut outbox, mut received, _stop) = outbox(1000);
         let large = WAITING_BYTES_MAX / 2;
         for _ in 0..3 {
-            outbox.send(Input::Tick, Timestamp::ZERO, large).await.unwrap();
+            outbox.send(tick(), large).await.unwrap();
         }
-        let held = tokio::time::timeout(Duration::from_secs(5), outbox.send(Input::Tick, Timestamp::ZERO, 1));
+        let held = tokio::time::timeout(Duration::from_secs(5), outbox.send(tick(), 1));
         assert!(held.await.is_err());
         received.recv().await.unwrap();
-        outbox.send(Input::Tick, Timestamp::ZERO, 1).await.unwrap();
+        outbox.send(tick(), 1).await.unwrap();
     }
 
     #[tokio::test(start_paused = true)]
     async fn an_end_is_noticed_while_it_waits() {
         let (mut outbox, received, stop) = outbox(1);
-        outbox.send(Input::Tick, Timestamp::ZERO, 1).await.unwrap();
-        let (end, _) = tokio::join!(outbox.send(Input::Tick, Timestamp::ZERO, 1), async {
+        outbox.send(tick(), 1).await.unwrap();
+        let (end, _) = tokio::join!(outbox.send(tick(), 1), async {
             tokio::time::sleep(Duration::from_secs(1)).await;
             stop.send(true)
         });
@@ -126,6 +131,6 @@ mod tests {
         drop(received);
         let (mut outbox, received, _stop) = super::tests::outbox(1);
         drop(received);
-        assert_eq!(outbox.send(Input::Tick, Timestamp::ZERO, 1).await, Err(End::NobodyListens));
+        assert_eq!(outbox.send(tick(), 1).await, Err(End::NobodyListens));
     }
 }

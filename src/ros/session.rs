@@ -1,4 +1,4 @@
-//! The life of one participant: its topics are read until something asks for another one.
+//! The life of one participant: its topics are read until a new participant is needed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -23,16 +23,16 @@ use super::reading::learning::Learning;
 use super::reading::topic::{Memory, Orders, Surroundings, Topic};
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
-use crate::engine::input::Stamped;
 use crate::msg::messages;
 use crate::msg::messages::GidSize;
+use crate::msg::received::Stamped;
 use crate::msg::ros_clock::RosClock;
 use crate::msg::subscription::{Plan, Subscription};
 
-/// How often the clocks are compared; the addresses are at every fourth look.
+/// How often the clocks are compared; the addresses are compared at every fourth look.
 const LOOK: Duration = Duration::from_millis(250);
 
-/// What lasts as long as the bridge.
+/// State that lives as long as the bridge.
 pub struct Ground {
     pub options: BridgeOptions,
     /// Changes at every new configuration.
@@ -40,11 +40,11 @@ pub struct Ground {
     pub inputs: mpsc::Sender<Stamped>,
     /// For the watchdogs that ask whether a node is there.
     pub nodes: watch::Sender<Nodes>,
-    /// How long a gid is here, as soon as it is known.
+    /// The size of a gid, as soon as it is known.
     pub gid_size: watch::Sender<Option<GidSize>>,
     pub clock: Clock,
     pub stop: watch::Receiver<bool>,
-    /// What discovery sees, and how much of it was received.
+    /// The graph from discovery, and the number of received messages.
     pub discovery: Arc<watch::Sender<Arc<Discovery>>>,
     pub tallies: Tallies,
     pub siblings: Siblings,
@@ -56,14 +56,14 @@ pub struct Ground {
 /// A topic and its type, by their names on the wire.
 type Key = (String, String);
 
-/// What a participant leaves to the next one.
+/// State that a participant leaves to the next one.
 #[derive(Default)]
 pub struct Legacy {
     memories: BTreeMap<Key, Memory>,
 }
 
-/// Reads until the end. The readers are gone when it returns, and after them all else that holds
-/// the participant.
+/// Reads until the end. When it returns, the readers and everything else that holds the participant are
+/// gone.
 pub async fn run(participant: &Participant, ground: &Ground, legacy: &mut Legacy) -> End {
     let _announcer = peers::announce(participant, &ground.options);
     let (stop, stopping) = watch::channel(false);
@@ -106,19 +106,19 @@ pub async fn run(participant: &Participant, ground: &Ground, legacy: &mut Legacy
     let speaking =
         tokio::spawn(status_writers::run(participant.clone(), nodes, inputs, ground.clock, stopping));
     let end = watch_over(participant, ground, plan, &mut topics, legacy).await;
-    // The receivers live in the tasks; with none left there is nothing to stop.
+    // The receivers live in the tasks; without tasks there is nothing to stop.
     let _ = stop.send(true);
     while let Some(ended) = topics.tasks.join_next().await {
         keep(legacy, ended);
     }
-    // A panic was in the library; the participant is dropped all the same.
+    // A panic came from the library; the participant is dropped anyway.
     let _ = looking.await;
     let _ = speaking.await;
     let _ = presence.await;
     end
 }
 
-/// The tasks that read, and the ways to give them orders.
+/// The tasks that read, and the channels for their orders.
 struct Topics {
     tasks: JoinSet<(Key, Memory, End)>,
     running: BTreeMap<Key, Running>,
@@ -142,13 +142,13 @@ impl Topics {
         topics
     }
 
-    /// What can be read of a plan at once. The types of the rest have to be learned; what was learned
-    /// before holds.
+    /// The topics of a plan that can be read at once. The types of the others must be learned; types that
+    /// were learned before stay.
     fn typed(&mut self, plan: &Plan) -> Vec<Arc<Subscription>> {
         let known = |subscription: &Arc<Subscription>| {
             let running = self.running.keys().find(|(topic, _)| *topic == subscription.dds_topic);
             let type_name = messages::ros_type_name(&running.filter(|_| subscription.is_untyped())?.1);
-            // What is missing of it is said where its type is learned, so that is done again.
+            // A missing definition is reported where the type is learned, so that is done again.
             let learned = subscription.learn(&type_name).ok().filter(|learned| learned.missing.is_empty())?;
             Some(Arc::new(learned.subscription))
         };
@@ -158,7 +158,7 @@ impl Topics {
         typed
     }
 
-    /// Reads the topics whose type somebody says now.
+    /// Reads the topics whose type a publisher has announced now.
     fn learn(&mut self, legacy: &mut Legacy) {
         for subscription in &self.learning.look(&self.around.participant) {
             self.add(subscription, legacy);
@@ -178,16 +178,16 @@ impl Topics {
         });
     }
 
-    /// Reads what another configuration needs: topics that stay are read on without a gap.
+    /// Reads the topics of another configuration: topics that stay are read on without a gap.
     ///
     /// # Errors
-    /// Only a new participant can do that.
+    /// That needs a new participant.
     async fn follow(&mut self, plan: &Plan, legacy: &mut Legacy) -> Result<(), End> {
         let subscriptions = self.typed(plan);
         let wanted: BTreeSet<Key> = subscriptions.iter().map(|subscription| key(subscription)).collect();
         let gone = self.running.keys().filter(|key| !wanted.contains(*key)).cloned().collect::<Vec<_>>();
         for key in &gone {
-            // Its task ends for want of orders.
+            // Its task ends when it gets no more orders.
             self.running.remove(key);
         }
         for _ in &gone {
@@ -254,7 +254,7 @@ async fn watch_over(
                 if let Some(back) = steps.look(clock.wall(), clock.now()) {
                     return End::Rebuild(format!("the wall clock was set back by {back:?}"));
                 }
-                // An error to list the interfaces says nothing about them.
+                // An error while listing the interfaces says nothing about them.
                 if look.is_multiple_of(4) && interfaces::addresses().is_ok_and(|now| addresses.look(&now)) {
                     return End::Rebuild("the addresses of the network interfaces have changed".to_owned());
                 }
@@ -263,13 +263,13 @@ async fn watch_over(
     }
 }
 
-/// Why a participant is beyond use.
+/// Why a participant is unusable.
 fn lost(ended: Ended) -> End {
     let reason = ended.reason.into_string();
     if ended.ill { End::Lost(reason) } else { End::Rebuild(reason) }
 }
 
-/// Keeps what an ended topic remembers. One that panicked, in the library, remembers nothing.
+/// Keeps the memory of an ended topic. A task that panicked, in the library, leaves none.
 fn keep(legacy: &mut Legacy, ended: Result<(Key, Memory, End), JoinError>) -> End {
     match ended {
         Ok((key, memory, end)) => {

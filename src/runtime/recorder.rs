@@ -1,4 +1,4 @@
-//! Hands on what happened, for a history, without ever waiting for it.
+//! Hands events on to a history, without ever waiting for it.
 
 use std::sync::mpsc::{SyncSender, TrySendError};
 
@@ -8,13 +8,13 @@ use crate::engine::view::record::{Record, Recorded};
 
 /// Records wait this long for others, so that they are written together.
 const EVERY: Span = Span::from_millis(100);
-/// So many do not wait.
+/// A full batch does not wait.
 const BATCH: usize = 512;
 
-/// What happened and is not handed on yet. A queue that is full loses a whole batch; how many
-/// records that were stands in the next one that it takes.
+/// The events that were not handed on yet. A full queue loses a whole batch; the number of its records
+/// stands in the next batch that the queue takes.
 pub struct Recorder {
-    /// `None` where nobody wants to know, or the one who did is gone.
+    /// `None` if there is no history, or its reader is gone.
     queue: Option<SyncSender<Vec<Record>>>,
     waiting: Vec<Record>,
     handed_on: Timestamp,
@@ -31,7 +31,7 @@ impl Recorder {
         recorder
     }
 
-    /// Notes all that is: the engine started, or runs by another configuration.
+    /// Records the whole state: the engine started, or runs with another configuration.
     pub fn begin(&mut self, engine: &mut Engine, anew: bool) {
         if self.queue.is_some() {
             self.take(engine);
@@ -39,7 +39,7 @@ impl Recorder {
         }
     }
 
-    /// Notes what happened, by the names that hold now.
+    /// Records events, with the names that are valid now.
     pub fn take(&mut self, engine: &mut Engine) {
         let events = engine.take_events();
         if !events.is_empty() {
@@ -48,7 +48,7 @@ impl Recorder {
         }
     }
 
-    /// Notes what happened, and hands it on in time.
+    /// Records events, and hands them on in time.
     pub fn follow(&mut self, engine: &mut Engine, now: Timestamp) {
         self.take(engine);
         let is_due = self.waiting.len() >= BATCH || now.since(self.handed_on) >= EVERY;

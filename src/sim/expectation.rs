@@ -1,4 +1,4 @@
-//! What a scenario expects, against what the engine shows.
+//! Compares what a scenario expects with what the engine shows.
 
 use super::scenario::{What, seconds, why_of, why_word};
 use crate::engine::model::NodeId;
@@ -63,7 +63,7 @@ pub(super) fn compare(snapshot: &Snapshot, alarms: u64, what: &What) -> Result<(
     }
 }
 
-/// Compares something of a node, which `about` names together with the node.
+/// Compares a property of a node; `about` names both.
 fn of_node(
     snapshot: &Snapshot,
     about: &str,
@@ -90,7 +90,7 @@ fn list(names: &[impl AsRef<str>]) -> String {
     format!("[{}]", names.iter().map(AsRef::as_ref).collect::<Vec<_>>().join(", "))
 }
 
-/// What a node's state comes from, itself included where it is the cause.
+/// The cause of a node's state, which may be the node itself.
 fn roots(snapshot: &Snapshot, node: NodeId) -> Vec<NodeId> {
     if let (_, Some(Reason::Masked { by })) = snapshot.shown(node) {
         return by.to_vec();
@@ -105,7 +105,7 @@ fn roots(snapshot: &Snapshot, node: NodeId) -> Vec<NodeId> {
     }
 }
 
-/// What a node shows and why, for the author who looks for the fault in a scenario.
+/// The state of a node and its reason, for the author who looks for the fault in a scenario.
 fn explain(snapshot: &Snapshot, node: NodeId) -> String {
     let (state, reason) = snapshot.shown(node);
     let name = snapshot.node_name(node);

@@ -1,7 +1,7 @@
 //! Draws the states of a scenario over time, as in Fig. 6 of the paper. A pure function: the same
 //! panels make the same bytes.
 //!
-//! Every state differs by colour and by pattern or word, so that nobody needs to see the colours.
+//! States differ by colour and by pattern or word, so nobody needs to see the colours.
 
 use std::fmt::Write as _;
 
@@ -13,7 +13,7 @@ use crate::yaml::plain;
 
 const STYLE: &str = include_str!("figure.css");
 
-/// What the fills of states are made of beside their colours.
+/// The patterns of states, beside their colours.
 const PATTERNS: &str = r##"<defs>
 <pattern id="warning" width="9" height="9" patternUnits="userSpaceOnUse" patternTransform="rotate(45)"><rect width="9" height="9" fill="#f2b632"/><rect width="2" height="9" fill="#d99a12"/></pattern>
 <pattern id="masked" width="6" height="6" patternUnits="userSpaceOnUse" patternTransform="rotate(-45)"><rect width="6" height="6" fill="#e7eaee"/><rect width="1.5" height="6" fill="#8c959f"/></pattern>
@@ -32,12 +32,12 @@ const STRIP_STEP: f64 = 28.0;
 const OWN_HEIGHT: f64 = 5.0;
 const AXIS_HEIGHT: f64 = 44.0;
 const LEGEND_STEP: f64 = 24.0;
-/// What a letter of a word in a bar takes at most.
+/// The greatest width of a letter in a bar.
 const LETTER_WIDTH: f64 = 7.9;
-/// Longer labels lose their beginning; the whole name is in what a pointer tells.
+/// Longer labels lose their beginning; the tooltip has the full name.
 const LABEL_LETTERS: usize = 24;
 
-/// One figure of all panels, two in a row, each with a letter if there are several.
+/// One figure of all panels, two in a row, with a letter each if there are several.
 pub fn draw(panels: &[Panel]) -> String {
     let columns = panels.len().clamp(1, 2);
     let panel_width = LABEL_WIDTH + PLOT_WIDTH;
@@ -92,7 +92,7 @@ impl Drawing<'_> {
             self.strip(strip, self.strip_y(index));
         }
         self.zero();
-        // After the line at zero, which would cross them out.
+        // Drawn after the line at zero, which would cross them out.
         for (index, strip) in self.panel.strips.iter().enumerate() {
             strip.segments.iter().for_each(|segment| self.segment_word(segment, self.strip_y(index)));
         }
@@ -151,7 +151,7 @@ impl Drawing<'_> {
         word(self.out, segment.look, ends, y, free);
     }
 
-    /// What a pointer at a segment tells.
+    /// The tooltip of a segment.
     fn words(&self, strip: &Strip, segment: &Segment) -> String {
         let zero = self.panel.zero.as_ref().map_or(Timestamp::ZERO, |(zero, _)| *zero);
         let (from, to) = (relative(segment.from, zero), relative(segment.to, zero));
@@ -232,12 +232,12 @@ impl Drawing<'_> {
     }
 }
 
-/// What a node reports behind an IGNORE, where that is more than nothing or fine.
+/// The state that a node reports behind an IGNORE, if it is worse than OK.
 fn worth_a_line(segment: &Segment) -> Option<State> {
     segment.own.filter(|own| *own > State::Ok)
 }
 
-/// The state in a bar, as long as there is room: its word, or a letter, or nothing.
+/// The state in a bar: its word, a letter or nothing, depending on the room.
 fn word(out: &mut String, look: Look, (left, right): (f64, f64), y: f64, height: f64) {
     let room = |text: &str| text.chars().count() as f64 * LETTER_WIDTH + 4.0 <= right - left;
     let Some(text) = [short_word(look), letter(look)].into_iter().find(|text| room(text)) else { return };
@@ -300,8 +300,8 @@ struct Legend {
     height: f64,
 }
 
-/// Explains everything that a figure can hold, so that what is not there is known not to be; the arrow
-/// alone only where there is one.
+/// Explains all states and marks, also those that the figure does not contain; the arrow only if there is
+/// one.
 fn legend(panels: &[Panel], width: f64) -> Legend {
     let mut entries: Vec<(String, String)> = Look::ALL
         .into_iter()
@@ -356,7 +356,7 @@ fn ending(text: &str, letters: usize) -> String {
 }
 
 fn escaped(text: &str) -> String {
-    // What would turn the direction of reading around is shown by its number, as on a terminal.
+    // Characters that would change the reading direction are shown by their number, as on a terminal.
     let text = plain::escaped(text);
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
@@ -365,7 +365,7 @@ fn escaped(text: &str) -> String {
             '<' => escaped.push_str("&lt;"),
             '>' => escaped.push_str("&gt;"),
             '"' => escaped.push_str("&quot;"),
-            // What XML cannot hold in any spelling.
+            // Characters that XML cannot contain in any form.
             c if c.is_control() => escaped.push(' '),
             c => escaped.push(c),
         }

@@ -1,7 +1,7 @@
 //! Runs a scenario through the engine in virtual time. Nothing here reads a clock or a file.
 //!
-//! At one instant deadlines act first, then steps in the order of the file, then expectations are
-//! compared: they hold for the state after everything at that instant was handled.
+//! At one instant, deadlines act first, then steps in the order of the file; then expectations are compared
+//! with the resulting state.
 
 use std::borrow::Cow;
 use std::cmp::Reverse;
@@ -20,20 +20,20 @@ use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 use crate::yaml;
 
-/// What a right clock shows when a scenario starts: 2026-11-20 12:00:00 UTC.
+/// The time of a right clock when a scenario starts: 2026-11-20 12:00:00 UTC.
 const START_WALL_NS: i64 = 1_795_176_000 * 1_000_000_000;
 
-/// What happens, and what is expected of it.
+/// The steps, and what is expected of them.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Scenario {
-    /// Entered at once, with what it implies.
+    /// The stage at the start, with everything it implies.
     pub start: Option<Stage>,
     pub steps: Vec<Step>,
     pub expectations: Vec<Expectation>,
     pub figure: Figure,
 }
 
-/// What a figure of the scenario shows.
+/// The content of a scenario's figure.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Figure {
     /// One strip each, from top to bottom.
@@ -41,27 +41,27 @@ pub struct Figure {
     pub signals: Vec<String>,
     pub from: Timestamp,
     pub to: Timestamp,
-    /// Where the axis has its zero, and what happens there.
+    /// The zero of the axis, and the event there.
     pub zero: Option<(Timestamp, String)>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Step {
-    /// Where it is written.
+    /// Its place in the file.
     pub span: yaml::Span,
     pub at: Timestamp,
     pub repeat: Option<Repeat>,
     /// Samples get their times when they happen.
     pub inputs: Vec<Input>,
-    /// What the header of a sample says; `None`: it has no stamp.
+    /// The stamp in the header of a sample; `None` without one.
     pub stamp: Option<Stamp>,
-    /// How far this machine's wall clock is stepped. Only stamps are ever compared with it.
+    /// The step of this machine's wall clock. Only stamps are compared with that clock.
     pub clock_step_ns: i64,
-    /// Whether the engine is to refuse it; `None`: either will do.
+    /// Whether the engine must refuse it; `None` if either will do.
     pub refused: Option<bool>,
 }
 
-/// A step happens again after each `every`, the last time not after `until`.
+/// A step is repeated after each `every`, for the last time not after `until`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Repeat {
     pub every: Span,
@@ -75,7 +75,7 @@ pub struct Expectation {
     pub what: What,
 }
 
-/// Nodes are named as on the wire; they may be discovered only while the scenario runs.
+/// Nodes by their names on the wire; they may be discovered only while the scenario runs.
 #[derive(Debug, Clone, PartialEq)]
 pub enum What {
     Stage(Stage),
@@ -87,13 +87,13 @@ pub enum What {
     /// All root causes, worst first.
     Ranking(Vec<String>),
     Why(String, Why),
-    /// Members shown OK, of those counted.
+    /// Members that show OK, of the counted members.
     Counts(String, u32, u32),
-    /// Raised since the start; one that moved to its cause counts once.
+    /// Alarms raised since the start; an alarm that moved to its cause counts once.
     Alarms(u64),
-    /// The strongest that is held.
+    /// The strongest countermeasure that is held.
     Countermeasure(Option<Kind>),
-    /// All that are active: their numbers and the nodes that they stand for.
+    /// All active alarms: their numbers and nodes.
     ActiveAlarms(Vec<(String, String)>),
 }
 
@@ -110,7 +110,7 @@ pub enum Why {
 pub struct Failure {
     pub span: yaml::Span,
     pub at: Timestamp,
-    /// What it is about: `perception`, `the stage`.
+    /// The subject: `perception`, `the stage`.
     pub subject: String,
     pub expected: String,
     pub got: String,
@@ -118,20 +118,20 @@ pub struct Failure {
     pub why: Option<String>,
 }
 
-/// A node that shows something else than before, or reports something else behind what it shows.
+/// A change of the state that a node shows, or of the state that it reports behind that.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Transition {
     pub at: Timestamp,
     pub node: Arc<str>,
     pub state: State,
     pub why: Why,
-    /// What it would show if nothing were masked.
+    /// The state that it would show if nothing were masked.
     pub own: State,
-    /// What masks it, ranked.
+    /// Its causes if it is masked, by rank.
     pub causes: Vec<Arc<str>>,
 }
 
-/// A signal that conditions see changed; `None` is unknown.
+/// A change of a signal that conditions see; `None` is unknown.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SignalChange {
     pub at: Timestamp,
@@ -139,7 +139,7 @@ pub struct SignalChange {
     pub value: Option<bool>,
 }
 
-/// An alarm that was raised for a symptom and now stands for its cause.
+/// An alarm of a symptom that moved to its cause.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moved {
     pub at: Timestamp,
@@ -147,15 +147,15 @@ pub struct Moved {
     pub cause: Arc<str>,
 }
 
-/// What came of a run.
+/// The result of a run.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Outcome {
     pub failures: Vec<Failure>,
-    /// In order of time; the first ones say how everything began.
+    /// In order of time; the first changes are the initial states.
     pub transitions: Vec<Transition>,
     pub signals: Vec<SignalChange>,
     pub moved: Vec<Moved>,
-    /// How many were raised, and how often a display sounds.
+    /// The number of alarms that were raised, and of sounds on a display.
     pub alarms: u64,
     pub sounds: usize,
 }
@@ -198,7 +198,7 @@ pub fn run(model: Arc<Model>, scenario: &Scenario) -> Outcome {
     }
 }
 
-/// The same vehicle without knowledge of its dependencies, as in scenario 1 of the paper.
+/// The vehicle without its dependencies, as in scenario 1 of the paper.
 pub fn without_dependencies(model: &Model) -> Model {
     let mut parts = (**model).clone();
     parts.groups.iter_mut().for_each(|group| group.depends_on.clear());
@@ -211,7 +211,7 @@ type Shown = (State, Why, State);
 
 struct Run {
     engine: Engine,
-    /// What each node showed last: groups, then modules.
+    /// The last state of each node: groups, then modules.
     shown: Vec<(NodeId, Shown)>,
     seq: Option<u64>,
     clock_offset_ns: i64,
@@ -219,7 +219,7 @@ struct Run {
 }
 
 impl Run {
-    /// Lets every deadline up to `now` act at its own instant.
+    /// Handles every deadline up to `now` at its own instant.
     fn pass_time(&mut self, now: Timestamp) {
         while let Some(due) = self.engine.next_deadline().filter(|&due| due <= now) {
             self.engine.handle(&Input::Tick, due);
@@ -251,7 +251,7 @@ impl Run {
         }
     }
 
-    /// A sample as it is received now: stamped by a clock that is right, received by this machine's.
+    /// A sample as it is received now: stamped by a right clock, received by this machine's clock.
     fn timed<'i>(&self, input: &'i Input, stamp: Option<Stamp>, now: Timestamp) -> Cow<'i, Input> {
         let Input::Sample(sample) = input else { return Cow::Borrowed(input) };
         let since_start = i64::try_from(now.as_nanos()).unwrap_or(i64::MAX);

@@ -1,4 +1,4 @@
-//! Scenario files: read, and bound to the model of a vehicle.
+//! Scenario files: reads them and binds them to the model of a vehicle.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -13,10 +13,10 @@ use crate::engine::time::Timestamp;
 use crate::yaml::decode::{Entries, did_you_mean};
 use crate::yaml::{FromNode, Kind, Log, Node, Problem, Problems, Sources, Span, suggest, tree};
 
-/// Repetitions of all steps together: what is more is a slip of the pen.
+/// Repetitions of all steps together: more are certainly a mistake.
 const INPUTS_MAX: u64 = 10_000_000;
 
-/// A scenario file that was read, before it is bound to its configuration.
+/// A scenario file before it is bound to its configuration.
 #[derive(Debug)]
 pub struct File {
     pub sources: Sources,
@@ -25,13 +25,13 @@ pub struct File {
     /// Whether the vehicle knows its dependencies.
     pub dependencies: bool,
     raw: Raw,
-    /// What is wrong with the file by itself; the names in it are looked at all the same.
+    /// The problems of the file itself; the names in it are checked all the same.
     wrong: Vec<Problem>,
 }
 
 #[derive(Debug)]
 pub enum Config {
-    /// Relative to the directory of the program if the scenario is.
+    /// Relative to the working directory if the scenario's path is.
     Path(PathBuf),
     Inline(Node),
 }
@@ -39,7 +39,7 @@ pub enum Config {
 /// Reads a scenario file.
 ///
 /// # Errors
-/// Why nothing can be made of it. What else is wrong is said by [`File::bind`].
+/// Why nothing can be made of it. Other problems are reported by [`File::bind`].
 pub fn load(path: &Path) -> Result<File, Problems> {
     let mut sources = Sources::default();
     match sources.read(path) {
@@ -74,7 +74,7 @@ fn of_source(sources: Sources, file: u16) -> Result<File, Problems> {
 }
 
 impl File {
-    /// What is wrong with the file by itself, if anything is.
+    /// The problems of the file itself, if there are any.
     pub fn wrong(&self) -> Option<Problems> {
         (!self.wrong.is_empty()).then(|| Problems::new(self.sources.clone(), self.wrong.clone()))
     }
@@ -82,7 +82,7 @@ impl File {
     /// The scenario as it runs on this model.
     ///
     /// # Errors
-    /// What is wrong with it, and every name in it that the model does not have.
+    /// Its problems, and every name in it that the model does not have.
     pub fn bind(&self, model: &Model) -> Result<Scenario, Problems> {
         let mut log = Log::default();
         let end = self.raw.end();
@@ -120,7 +120,7 @@ struct Bind<'a> {
     end: Timestamp,
     named: HashSet<&'a str>,
     writers: Vec<&'a str>,
-    /// Nothing is wrong with the file by itself, so its times mean something.
+    /// If the file itself has no problems, its times are valid.
     whole: bool,
 }
 
@@ -160,7 +160,7 @@ impl Bind<'_> {
         Some(Step { span: raw.span, at, repeat, inputs, stamp, clock_step_ns, refused: raw.refused })
     }
 
-    /// Whose the writers are that steps name, known from the start.
+    /// The nodes of the writers that steps name, known from the start.
     fn announcement(&self, span: Span) -> Option<Step> {
         if self.writers.is_empty() {
             return None;
@@ -178,7 +178,7 @@ impl Bind<'_> {
         })
     }
 
-    /// The number of a node in the file is the id of its writer; 0 is nobody's.
+    /// The writer's id is the number of its node in the file; 0 belongs to no node.
     fn writer(&self, name: &str) -> WriterId {
         let number =
             self.writers.iter().position(|known| *known == name).map_or(0, |index| index as u128 + 1);
@@ -204,7 +204,7 @@ impl Bind<'_> {
         array
     }
 
-    /// What is acknowledged by name must be a node.
+    /// A name that is acknowledged must be a node.
     fn check_action(&self, action: &OperatorAction, span: Span, log: &mut Log) {
         if let OperatorAction::Acknowledge { alarm: AlarmRef::Node(name) } = action {
             self.check_node(name, span, log);
@@ -250,7 +250,8 @@ impl Bind<'_> {
         }
     }
 
-    /// Without a list of nodes: those whose states the file expects, in the order of their first naming.
+    /// Without a list of nodes: the nodes whose states the file expects, in the order in which they are
+    /// first named.
     fn figure(&self, raw: Option<&RawFigure>, expectations: &[Expectation], log: &mut Log) -> Figure {
         let none = RawFigure::default();
         let raw = raw.unwrap_or(&none);
@@ -279,7 +280,7 @@ impl Bind<'_> {
         }
     }
 
-    /// A node is declared, or it can be made in a group that takes statuses by filter.
+    /// A node is declared, or can be created in a group with filters.
     fn check_node(&self, name: &str, span: Span, log: &mut Log) {
         let groups = || self.model.groups.iter().map(|group| &*group.path).chain(["other", "telltale"]);
         let known = || groups().chain(self.model.modules.iter().map(|module| &*module.id));

@@ -1,10 +1,10 @@
-//! What an operator does in a scenario file.
+//! The operator's actions in scenario files.
 
 use crate::engine::input::{AlarmRef, OperatorAction, Place};
 use crate::yaml::decode::{scalar, word};
 use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem};
 
-/// What acknowledges the stop that the operator asked for.
+/// The word that acknowledges the stop that the operator asked for.
 const OPERATOR_STOP: &str = "operator_stop";
 
 const CLEAR: OperatorAction = OperatorAction::Clear { display_live: true, storage_ok: true };
@@ -55,8 +55,8 @@ impl FromNode for Where {
     }
 }
 
-/// The second step of a clearance, with what the display and the store say: both are well if nothing
-/// else is written. `ask: true` is the first step.
+/// The second step of a clearance, with the state of display and store, which are fine unless the step says
+/// otherwise. `ask: true` is the first step.
 struct Clearance(OperatorAction);
 
 impl FromNode for Clearance {

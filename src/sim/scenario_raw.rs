@@ -1,4 +1,4 @@
-//! What is written in a scenario file: every key that it knows, with its place.
+//! The keys of a scenario file as they are written, with their places.
 
 use std::collections::HashSet;
 
@@ -33,7 +33,7 @@ impl Raw {
         judged || !self.expect.is_empty() || self.figure.is_some()
     }
 
-    /// The nodes that steps name as writers, in the order of their first naming.
+    /// The nodes that steps name as writers, in the order in which they are first named.
     pub fn writers(&self) -> Vec<&str> {
         let mut writers = Vec::new();
         for name in self.steps.iter().filter_map(|step| step.writer.as_deref()) {
@@ -44,14 +44,14 @@ impl Raw {
         writers
     }
 
-    /// The last instant that is named.
+    /// The last instant in the file.
     pub fn end(&self) -> Timestamp {
         let steps = self.steps.iter().flat_map(|step| [step.at, step.until]);
         let expectations = self.expect.iter().map(|expect| expect.at);
         steps.chain(expectations).flatten().max().unwrap_or(Timestamp::ZERO)
     }
 
-    /// Statuses that some step names.
+    /// Statuses that a step names.
     pub fn named_statuses(&self) -> HashSet<&str> {
         let statuses = self.steps.iter().filter_map(|step| match &step.action {
             Some(Action::Statuses(statuses)) => Some(statuses),
@@ -92,7 +92,7 @@ impl FromNode for Raw {
     }
 }
 
-/// What `--figure` draws of the scenario.
+/// The figure of the scenario, for `--figure`.
 #[derive(Debug, Default)]
 pub(super) struct RawFigure {
     pub nodes: Option<Vec<Spanned<String>>>,
@@ -100,7 +100,7 @@ pub(super) struct RawFigure {
     pub from: Option<Timestamp>,
     pub to: Option<Timestamp>,
     pub zero: Option<Timestamp>,
-    /// What happens at `zero`.
+    /// The event at `zero`.
     pub event: Option<String>,
 }
 
@@ -159,7 +159,7 @@ pub(super) struct RawStep {
     pub every: Option<Spanned<time::Span>>,
     pub until: Option<Timestamp>,
     pub action: Option<Action>,
-    /// The node that says the statuses.
+    /// The node that publishes the statuses.
     pub writer: Option<String>,
     pub refused: Option<bool>,
 }
@@ -168,7 +168,7 @@ pub(super) struct RawStep {
 pub(super) enum Action {
     /// One array.
     Statuses(Vec<RawStatus>),
-    /// One array of everything that is declared and that no step names.
+    /// An array of every declared status that no step names.
     Others(u8),
     Signals(Entries<bool>),
     Operator(OperatorAction),
@@ -176,7 +176,7 @@ pub(super) enum Action {
     Publishers(RawPublishers),
     Listeners(RawListeners),
     Probe(RawProbe),
-    /// By so many nanoseconds.
+    /// Steps the wall clock by this many nanoseconds.
     ClockStep(i64),
 }
 

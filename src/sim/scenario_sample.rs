@@ -1,4 +1,4 @@
-//! What scenario files say of watched topics and probes: written, then bound to a model.
+//! Samples of topics and results of probes in scenario files: as written, then bound to a model.
 
 use std::sync::Arc;
 
@@ -14,12 +14,12 @@ use crate::engine::time;
 use crate::yaml::decode::{Entries, did_you_mean, word};
 use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Spanned, suggest};
 
-/// What the header of a message says.
+/// The stamp in the header of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stamp {
     /// An instant: nanoseconds since the start.
     At(i64),
-    /// It was made this many nanoseconds before it is received.
+    /// The age of the message on arrival, in nanoseconds.
     Behind(i64),
 }
 
@@ -123,7 +123,7 @@ fn pose(node: &Node, log: &mut Log) -> Option<Pose> {
     Some(Pose { x_m: x, y_m: y, z_m: z, qx, qy, qz, qw })
 }
 
-/// `{ topic: /t, count: 0, type: std_msgs/msg/String }`: who publishes a topic.
+/// `{ topic: /t, count: 0, type: std_msgs/msg/String }`: the publishers of a topic.
 #[derive(Debug)]
 pub(super) struct RawPublishers {
     topic: Spanned<String>,
@@ -141,7 +141,8 @@ impl FromNode for RawPublishers {
     }
 }
 
-/// `{ request: maneuver_stop, count: 0 }`: how many of the vehicle's programs subscribe to a request.
+/// `{ request: maneuver_stop, count: 0 }`: the number of programs of the vehicle that subscribe to a
+/// request.
 #[derive(Debug)]
 pub(super) struct RawListeners {
     request: Spanned<Measure>,
@@ -166,7 +167,8 @@ impl FromNode for RawListeners {
     }
 }
 
-/// `{ node: /planner, answered: false }`, `{ icmp: lidar, answered: true, after: 0.02 }`: how a probe ended.
+/// `{ node: /planner, answered: false }`, `{ icmp: lidar, answered: true, after: 0.02 }`: the result of a
+/// probe.
 #[derive(Debug)]
 pub(super) struct RawProbe {
     target: Spanned<ProbeTarget>,
@@ -224,7 +226,7 @@ impl FromNode for RawProbe {
     }
 }
 
-/// A sample without its times, which are those of the step.
+/// A sample without its times, which come from the step.
 pub(super) fn sample(raw: &RawSample, model: &Model, log: &mut Log) -> Option<Input> {
     let source = topic(&raw.topic, model, log)?;
     let absent = || FieldValue::Unreadable("the scenario says nothing of it".into());
@@ -281,7 +283,7 @@ pub(super) fn publishers(raw: &RawPublishers, model: &Model, log: &mut Log) -> O
     Some(Input::Topic(TopicNews { source, publishers: raw.count, other_type }))
 }
 
-/// One for each watchdog that asks so.
+/// One for each watchdog with this target.
 pub(super) fn probes(raw: &RawProbe, model: &Model, log: &mut Log) -> Vec<Input> {
     let watchdogs = model.watched.watchdogs.iter().filter(|watchdog| watchdog.target == raw.target.value);
     let inputs: Vec<Input> = watchdogs
@@ -308,7 +310,7 @@ fn topic<'m>(name: &Spanned<String>, model: &'m Model, log: &mut Log) -> Option<
     found
 }
 
-/// Nobody can listen to what is not published.
+/// A topic that is not published has no listeners.
 pub(super) fn listeners(raw: &RawListeners, model: &Model, log: &mut Log) -> Option<Input> {
     let Spanned { value: kind, span } = raw.request;
     let output = kind.output()?;

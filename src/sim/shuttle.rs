@@ -1,8 +1,8 @@
-//! A shuttle on a loop of stops. Pure: it is told what time it is and answers with the messages
-//! that its nodes published until then. Same seed, same instants, same orders, same messages.
+//! The simulated shuttle on a loop of stops. Pure: given the time, it returns the messages that its nodes
+//! published until then. The same seed, instants and orders give the same messages.
 //!
-//! Faults are faults of the data: packets stop, stamps lag, the position jumps. Everything else
-//! follows from its flow as it does in a vehicle: who uses the data at once notices at once, who
+//! Faults are faults of the data: packets stop, stamps lag, the position jumps. Everything else follows
+//! from the flow of data as in a vehicle: a node that uses the data at once notices at once, one that
 //! counts in a sliding window notices later (paper, Sec. V).
 
 mod drive;
@@ -25,17 +25,17 @@ use statuses::Node;
 use topics::Topics;
 use world::World;
 
-/// How finely the shuttle's own time runs. Calling [`Shuttle::advance`] this often loses nothing.
+/// The step of the shuttle's own time. Calling [`Shuttle::advance`] this often loses nothing.
 pub const STEP: Span = Span::from_millis(STEP_MS);
 const STEP_MS: u64 = 10;
 
-/// Time that one call makes up for at most: a process that was stopped does not flood the bus.
+/// The longest time that one call catches up: a process that was stopped does not flood the bus.
 const CATCH_UP_STEPS: u64 = 500;
 
-/// Long enough that every part of the shuttle has its data when the first message leaves.
+/// Long enough that every part of the shuttle has its data when the first message is sent.
 const WARM_UP_STEPS: u64 = 300;
 
-/// What a node of the shuttle published, and when: the stamp of its header, if it has one, unless
+/// A message of a node of the shuttle and its time, which is the stamp of its header, if it has one, unless
 /// the message says otherwise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sent {
@@ -43,16 +43,16 @@ pub struct Sent {
     pub message: Message,
 }
 
-/// Metres, seconds and radians; poses are in the frame of the map unless it says otherwise.
+/// Metres, seconds and radians; poses are in the frame of the map unless stated otherwise.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Message {
-    /// On `/diagnostics`, as one node groups it.
+    /// On `/diagnostics`, the statuses of one node.
     Diagnostics(StatusArray),
     /// The packets of one turn of the LiDAR.
     Scan,
-    /// Where the localization says that the shuttle is.
+    /// The position by the localization.
     Position(Pose),
-    /// Where the wheels say that it is, from where they began to count.
+    /// The position by the wheels, from where they began to count.
     Odometry {
         pose: Pose,
         speed_mps: f64,
@@ -66,39 +66,39 @@ pub enum Message {
         voltage_v: f64,
         current_a: f64,
     },
-    /// What is around the shuttle, as old as it is when it is published.
+    /// The surroundings of the shuttle, with the age of the map.
     Costmap {
         age: Span,
     },
-    /// Others on the road, seen from the shuttle.
+    /// Other road users, relative to the shuttle.
     Objects(Vec<Pose>),
     /// Free road ahead.
     FreeDistance(f64),
-    /// The way that the planner wants to take.
+    /// The trajectory of the planner.
     Trajectory(Vec<Pose>),
-    /// What the controller asks of the drive.
+    /// The commands of the controller to the drive.
     SpeedCommand(f64),
-    /// Where the mission wants to go.
+    /// The next stop of the mission.
     Goal(Pose),
     /// The shuttle drives by itself.
     Active(bool),
     MissionState(&'static str),
-    /// It brakes, or stands, because that was asked for.
+    /// It brakes, or stands, because of a request.
     Decelerates(bool),
-    /// It makes a safe stop because that was asked for.
+    /// It makes a safe stop because of a request.
     Stops(bool),
 }
 
-/// What is said to the shuttle.
+/// An order to the shuttle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Order {
-    /// It stands about there.
+    /// The operator says that it stands about there.
     Localize(Pose),
     /// Whether it may drive to its goal.
     Clear(bool),
-    /// To slow down by so many m/s²; to be repeated as long as it is meant.
+    /// A request to slow down by so many m/s²; it holds while it is repeated.
     Decelerate(f64),
-    /// Whether it is to make a safe stop, and to stand.
+    /// Whether it must make a safe stop and stand.
     Stop(bool),
 }
 
@@ -109,13 +109,13 @@ pub enum Fault {
     SensorOutage,
     /// The position jumps by more than a metre, and back, again and again.
     LocalizationJump,
-    /// The obstacle map comes late.
+    /// The obstacle map is late.
     CostmapDelay,
-    /// The planner submits no trajectory: it matters only while driving.
+    /// The planner submits no trajectory, which matters only while driving.
     PlannerStall,
     /// No frames from the vehicle's bus.
     CanLoss,
-    /// The battery is nearly empty: a warning.
+    /// The battery is nearly empty, which is a WARNING.
     LowBattery,
     /// The driver of the front camera ends, and its node with it.
     CameraCrash,
@@ -149,7 +149,7 @@ impl Fault {
         Fault::ALL.into_iter().find(|fault| fault.as_str() == word)
     }
 
-    /// What happens, in one line for people.
+    /// Its effect, in one line for people.
     pub const fn about(self) -> &'static str {
         match self {
             Fault::SensorOutage => "LiDAR packets stop; Localization notices before Sensors does",
@@ -173,8 +173,8 @@ pub struct Shuttle {
 }
 
 impl Shuttle {
-    /// A shuttle that has been standing at the first of its stops for a while at `start`. One that
-    /// drives alone knows where it is; another one waits to be told.
+    /// A shuttle that has been standing at its first stop for a while at `start`. One that drives by itself
+    /// knows its position; another one waits to be told.
     pub fn new(seed: u64, start: Timestamp, stops: &[Stop], departure: Departure) -> Shuttle {
         let drive = Drive::new(Route::through(stops), departure);
         let mut world = World::new(seed, drive, departure == Departure::Alone);
@@ -184,8 +184,8 @@ impl Shuttle {
         Shuttle { world, topics: Topics::default(), due: start + STEP }
     }
 
-    /// Lets time pass until `now` and returns what was published meanwhile, in order. Of more than
-    /// five seconds at once only the last five happen.
+    /// Advances to `now` and returns the messages published meanwhile, in order. Of more than five seconds,
+    /// only the last five happen.
     pub fn advance(&mut self, now: Timestamp) -> Vec<Sent> {
         let backlog = now.since(self.due).as_nanos() / STEP.as_nanos();
         if backlog > CATCH_UP_STEPS {
@@ -202,7 +202,7 @@ impl Shuttle {
         sent
     }
 
-    /// The names of its nodes that run.
+    /// The names of its running nodes.
     pub fn nodes(&self) -> Vec<&'static str> {
         let running = Node::ALL.into_iter().filter(|node| node.runs(&self.world));
         running.map(Node::name).collect()
@@ -212,7 +212,7 @@ impl Shuttle {
         self.world.set_fault(fault, on);
     }
 
-    /// What is no number asks for nothing.
+    /// A value that is not a number requests nothing.
     pub fn obey(&mut self, order: Order) {
         match order {
             Order::Localize(pose) => {

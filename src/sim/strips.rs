@@ -1,4 +1,4 @@
-//! What a run shows over time, as strips of segments: what a figure draws.
+//! The course of a run as strips of segments, for a figure.
 
 use super::scenario::{Figure, Outcome, Transition, Why};
 use crate::engine::state::State;
@@ -11,10 +11,10 @@ pub struct Panel {
     pub title: String,
     pub from: Timestamp,
     pub to: Timestamp,
-    /// Where the axis has its zero, and what happens there.
+    /// The zero of the axis, and the event there.
     pub zero: Option<(Timestamp, String)>,
     pub strips: Vec<Strip>,
-    /// From the strip of a symptom to that of its cause.
+    /// From the strip of the symptom to the strip of its cause.
     pub moved: Vec<Arrow>,
 }
 
@@ -26,7 +26,7 @@ pub struct Arrow {
     pub cause: usize,
 }
 
-/// The strips that a scenario's figure asks for.
+/// The strips of a scenario's figure.
 pub fn panel(title: &str, figure: &Figure, outcome: &Outcome) -> Panel {
     let nodes = figure.nodes.iter().map(|name| node_strip(name, figure, outcome));
     let signals = figure.signals.iter().map(|name| signal_strip(name, figure, outcome));
@@ -60,7 +60,7 @@ fn node_strip(name: &str, figure: &Figure, outcome: &Outcome) -> Strip {
     }
     segments.retain(|segment| segment.from < segment.to);
     owe(&mut segments);
-    // The strip of the group right around it says where the rest of the name belongs.
+    // The strip of the next outer group shows the rest of the name.
     let around = name.rsplit_once('/').filter(|(group, _)| figure.nodes.iter().any(|node| node == group));
     Strip {
         name: name.to_owned(),
@@ -105,7 +105,7 @@ fn cut(segments: Vec<Segment>, figure: &Figure) -> Vec<Segment> {
     segments.into_iter().map(cut).filter(|segment| segment.from < segment.to).collect()
 }
 
-/// From the strip of the symptom, or of the innermost group around it that is shown, to the cause's.
+/// From the strip of the symptom, or of the innermost shown group around it, to the strip of the cause.
 pub fn arrow(at: Timestamp, symptom: &str, cause: &str, strips: &[Strip]) -> Option<Arrow> {
     let nearest = |name: &str| {
         let contains = |strip: &Strip| {

@@ -1,9 +1,9 @@
-//! What happened, in a file of its own: every transition with its cause, stages, signals, alarms.
+//! The history: every transition with its cause, stages, signals and alarms, in a file of its own.
 //!
-//! A thread writes what the engine's task hands over, in batches. It is no part of what the
-//! vehicle's state rests on: a failure is logged and counted, and everything else goes on. The
-//! file is bounded: past [`ROWS_MAX`] records the oldest go, but the last of each node stays, so that
-//! every moment that is kept knows what everything showed.
+//! A thread writes the batches that the engine's task hands over. The state of the vehicle does not depend
+//! on it: a failure is logged and counted, and everything else goes on. The file is bounded: beyond
+//! [`ROWS_MAX`] records the oldest go, but the last of each node stays, so that the state of every node is
+//! known for every kept moment.
 
 mod read;
 mod reader;
@@ -25,10 +25,10 @@ use super::private_file::make_private_file;
 use crate::clock::Clock;
 use crate::engine::view::record::Record;
 
-/// The file beside the users': it may grow large, and may be removed.
+/// The file of the history. It may grow large, and may be removed.
 pub const HISTORY_FILE: &str = "history.db";
-/// Records that are kept, each about 80 bytes on the disk, and what a
-/// module said, which is cut at 200.
+/// Records that are kept. Each takes about 80 bytes on the disk, and the module's message, which is cut at
+/// 200.
 pub const ROWS_MAX: usize = 1_000_000;
 /// Batches that wait for the disk. A full queue refuses the next one: see `runtime`.
 const QUEUE: usize = 64;
@@ -54,7 +54,7 @@ const SCHEMA: &str = "
     CREATE TABLE IF NOT EXISTS alive (one INTEGER PRIMARY KEY CHECK (one = 1), at_ms INTEGER NOT NULL) STRICT;
 ";
 
-/// A page that waits longer has no use for the answer any more.
+/// A page that waits longer no longer needs the answer.
 const READ_WITHIN: Duration = Duration::from_secs(5);
 
 /// The handle of the history. Clones use the same one.
@@ -65,7 +65,7 @@ pub struct History {
     clock: Clock,
 }
 
-/// What a history holds that nobody here writes: for a command beside a running `serve`.
+/// A history that another process writes: for a command beside a running `serve`.
 ///
 /// # Errors
 /// If there is none in `folder`, or it cannot be read.
@@ -81,11 +81,11 @@ impl History {
     /// Opens or makes the file in `folder`, and starts to write what comes through the queue.
     ///
     /// # Errors
-    /// If the file cannot be written or is none of ours.
+    /// If the file cannot be written or is not a history.
     pub fn open(folder: &Path, clock: Clock) -> Result<(History, SyncSender<Vec<Record>>), StoreError> {
         let path = folder.join(HISTORY_FILE);
         let error = |reason| StoreError::Open { path: path.clone(), reason };
-        // It tells where and when the vehicle failed: for nobody else's eyes.
+        // It tells where and when the vehicle failed, so only the owner may read it.
         make_private_file(&path).map_err(|reason| StoreError::Folder { path: folder.to_owned(), reason })?;
         let connection = Connection::open(&path).map_err(error)?;
         let reading = || {
@@ -96,7 +96,7 @@ impl History {
         History::start(connection, |_| reading(), clock, ROWS_MAX).map_err(error)
     }
 
-    /// A history that ends with the process. It has one connection for all.
+    /// A history in memory. It has one connection for reading and writing.
     ///
     /// # Errors
     /// If SQLite fails.
@@ -105,7 +105,7 @@ impl History {
         Ok(History::start(Connection::open_in_memory()?, shared, clock, ROWS_MAX)?)
     }
 
-    /// `reading` makes the connection for readers, once the tables are there.
+    /// `reading` opens the connection for readers, once the tables exist.
     fn start(
         connection: Connection,
         reading: impl FnOnce(&Arc<Mutex<Connection>>) -> rusqlite::Result<Arc<Mutex<Connection>>>,
@@ -124,7 +124,7 @@ impl History {
         let history = History { connection, reader, clock };
         let (queue, records) = sync_channel(QUEUE);
         let shared = history.clone();
-        // Without a thread the queue fills and records are counted as lost: no reason to end.
+        // Without a thread the queue fills and records are counted as lost; the program goes on.
         let spawned = std::thread::Builder::new()
             .name("history".to_owned())
             .spawn(move || shared.write(writer, &records));
@@ -134,10 +134,10 @@ impl History {
         Ok((history, queue))
     }
 
-    /// What is recorded of some nodes and of everything else in a span of time.
+    /// The records of some nodes, and everything else, in a span of time.
     ///
     /// # Errors
-    /// What the database says, or that it took too long.
+    /// An error of the database, or that it took too long.
     pub async fn past(&self, query: HistoryQuery) -> Result<Past, StoreError> {
         self.reader.read(READ_WITHIN, move |connection| read::past(connection, &query)).await
     }
@@ -170,7 +170,7 @@ impl History {
     }
 }
 
-/// Makes the tables, or adds to those of an earlier version what they lack.
+/// Makes the tables, or adds the columns that a file of an earlier version lacks.
 fn prepare(connection: &Connection) -> rusqlite::Result<()> {
     connection.execute_batch(SCHEMA)?;
     if !read::has_words(connection)? {

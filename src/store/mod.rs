@@ -1,5 +1,5 @@
-//! What outlives a restart: users, sessions, the vehicle's memory and the audit log, in SQLite,
-//! behind a thread of its own.
+//! The store: users, sessions, the vehicle's state and the audit log, kept over restarts in SQLite, behind
+//! a thread of its own.
 //!
 //! One thread owns the connection and takes jobs from a bounded queue. Sessions are read from
 //! memory, so that a request never waits for the disk; every change is on the disk
@@ -50,7 +50,7 @@ use users::secret::Hashing;
 /// How long a change by another process (`telltale user remove`) may stay unnoticed.
 const FOREIGN_CHANGE_POLL: Duration = Duration::from_millis(500);
 
-/// What can go wrong between a caller and the database.
+/// The errors between a caller and the database.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     #[error("the data folder {} cannot be used: {reason}. Make it writable or name another one with --data", path.display())]
@@ -134,12 +134,12 @@ pub enum StoreError {
 }
 
 impl StoreError {
-    /// Whether it is the disk or the database, and not how it was asked.
+    /// Whether the disk or the database failed, and not the request.
     pub const fn is_of_storage(&self) -> bool {
         matches!(self, StoreError::Database(_) | StoreError::Files(_))
     }
 
-    /// Whether it is that the disk takes nothing, or what lies beside the database cannot be read.
+    /// Whether the disk takes nothing, or a file beside the database cannot be read.
     fn is_of_disk(&self) -> bool {
         use rusqlite::ErrorCode::{CannotOpen, DatabaseBusy, DiskFull, ReadOnly, SystemIoFailure};
         match self {
@@ -152,7 +152,7 @@ impl StoreError {
         }
     }
 
-    /// What is broken of a database that can be reached; `None` if it is something else.
+    /// The damage of a database that can be reached; `None` for other errors.
     fn damage(&self) -> Option<String> {
         use rusqlite::ErrorCode::{CannotOpen, DatabaseBusy, DiskFull, ReadOnly};
         match self {
@@ -179,30 +179,30 @@ pub struct Store {
     floor: SystemTime,
 }
 
-/// What the thread owns.
+/// The state of the store's thread.
 #[derive(Debug)]
 struct Database {
     connection: Connection,
     sessions: Arc<Sessions>,
     clock: Clock,
-    /// Nothing is judged by a time before it.
+    /// Nothing is judged by a time before this one.
     floor: SystemTime,
     log: Log,
     health: Health,
     pace: Arc<Pace>,
     backups: database::backup::Schedule,
-    /// Of the vehicle's memory that was written last by this process.
+    /// The number of the vehicle's state that this process wrote last.
     remembered_seq: u64,
-    /// SQLite's count of changes by others, as last seen.
+    /// SQLite's count of changes by other processes, at the last look.
     data_version: i64,
-    /// It is the server's, which notes what it has taken in.
+    /// This store is the server's, which notes the changes of users that it has taken in.
     serves: bool,
     /// Somebody wants it closed, and waits for that.
     closing: Option<oneshot::Sender<()>>,
 }
 
 impl Store {
-    /// Opens or makes `telltale.db` in `folder`, and the folder too.
+    /// Opens or makes `telltale.db` in `folder`, and the folder if it is missing.
     ///
     /// # Errors
     /// If the folder or the file cannot be written, or a newer telltale made it.
@@ -210,12 +210,12 @@ impl Store {
         Store::start(database::schema::open(folder)?, Some(folder), clock, demo, false)
     }
 
-    /// Opens it for the server, which notes what changes of users it has taken in. A database that can
-    /// be read and not written is opened too. It is written as soon as that is possible; until then
+    /// Opens it for the server, which notes the changes of users that it has taken in. A database that can
+    /// be read and not written is opened too, and written as soon as that is possible; until then
     /// [`Store::fault`] says why not.
     ///
-    /// Of a database that is damaged, what can be read is copied into memory: with that people log in
-    /// and look at the diagnosis. Nothing is kept then, and [`Store::fault`] says so until a restart.
+    /// The readable part of a damaged database is copied into memory: with that people log in and look at
+    /// the diagnosis. Nothing is kept then, and [`Store::fault`] says so until a restart.
     ///
     /// # Errors
     /// If there is no database and none can be made, it may not be read, or a newer telltale made it.
@@ -263,7 +263,7 @@ impl Store {
         Store::open(folder, clock, demo)
     }
 
-    /// A store that ends with the process, for tests and demonstrations.
+    /// A store in memory, for tests and demonstrations.
     ///
     /// # Errors
     /// If SQLite fails.
@@ -311,7 +311,7 @@ impl Store {
             closing: None,
         };
         database.reload_sessions()?;
-        // What it has taken in is noted now, or when the disk takes it.
+        // The number of the changes that were taken in is written now, or when the disk takes it.
         if let Err(error) = database.notice_foreign_changes() {
             database.health.judge(&error);
         }
@@ -331,7 +331,7 @@ impl Store {
         })
     }
 
-    /// Where the database lies; `None` for one that ends with the process.
+    /// The path of the database; `None` for one in memory.
     pub fn folder(&self) -> Option<&Path> {
         self.folder.as_deref()
     }
@@ -343,8 +343,8 @@ impl Store {
         self.call_from(Lane::Elsewhere, asked).await.is_ok()
     }
 
-    /// Waits until everything is written that was asked for or is owed, the head of the audit log too,
-    /// and the database is closed: it is one file then, unless another process uses it.
+    /// Waits until everything is written, the head of the audit log too, and the database is closed. It is
+    /// then one file, unless another process uses it.
     pub async fn close(self) {
         if let Err(error) = self.write_owed().await {
             tracing::error!(%error, "the end of some sessions is not recorded");
@@ -354,7 +354,7 @@ impl Store {
             database.closing = Some(closing);
             Ok(())
         };
-        // A store that has ended has written what it could.
+        // A store that has ended has written everything it could.
         if self.call(ask).await.is_ok() {
             let _ = closed.await;
         }
@@ -398,8 +398,8 @@ impl Database {
     fn end(mut self) {
         self.log.note();
         self.log.say();
-        // SQLite deletes the log by its name. If that is the log of another database by now, this one
-        // is left as it is.
+        // SQLite deletes the log by its name. If that is now the log of another database, it is left as it
+        // is.
         if self.check_files().is_err() {
             std::mem::forget(self.connection);
         }

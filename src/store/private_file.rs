@@ -1,8 +1,8 @@
-//! Files and folders that nobody but their owner may read.
+//! Makes files and folders that only their owner may read.
 
 use std::path::Path;
 
-/// Makes a folder that nobody else may look into.
+/// Makes a folder that only its owner may look into.
 ///
 /// # Errors
 /// If it cannot be made.
@@ -17,8 +17,8 @@ pub fn make_folder(folder: &Path) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)
 }
 
-/// The file holds hashes of secrets: nobody else may read it, whatever the umask. A file that is there
-/// is not opened: to close it would give up the locks that this process has on it.
+/// Makes a file that only its owner may read, whatever the umask: it holds hashes of secrets. An existing
+/// file is not opened: closing it would release the locks of this process on it.
 pub(super) fn make_private_file(path: &Path) -> std::io::Result<()> {
     let mut options = std::fs::OpenOptions::new();
     options.write(true).create_new(true);

@@ -1,6 +1,6 @@
-//! Who may have how many jobs waiting for the database. What strangers cause has a small share of its
-//! own, in which they wait for one another: nobody who works with the vehicle finds the store busy
-//! because of them.
+//! The queue of jobs for the database, with a share for strangers. Their jobs have few places, in which
+//! they wait for one another, so that nobody who works with the vehicle finds the store busy because of
+//! them.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -11,12 +11,12 @@ use super::{Database, Lane, Store, StoreError};
 
 /// Jobs that may wait for the database. A full queue refuses the next one: see [`StoreError::Busy`].
 const JOBS_MAX: usize = 256;
-/// Those of them that come from elsewhere, or from nobody who is known.
+/// The places for jobs from elsewhere and from unknown callers.
 const STRANGERS_MAX: usize = 16;
 
 pub(super) type Job = Box<dyn FnOnce(&mut Database) + Send>;
 
-/// The queue of the store's thread. Clones are the same.
+/// The queue of the store's thread. Clones share it.
 #[derive(Debug, Clone)]
 pub(super) struct Queue {
     jobs: Sender<Job>,
@@ -24,8 +24,7 @@ pub(super) struct Queue {
     of_strangers: Arc<Semaphore>,
 }
 
-/// The place of one job. The job holds it until it is done, also if nobody waits for its answer any
-/// more.
+/// The place of one job. The job holds it until it is done, even if nobody waits for its answer any more.
 struct Place {
     _place: OwnedSemaphorePermit,
     _of_stranger: Option<OwnedSemaphorePermit>,
@@ -54,7 +53,7 @@ impl Store {
         self.run_job(place, job).await
     }
 
-    /// The same for somebody who comes from there. Others wait for a place.
+    /// Runs `job` for a caller from that lane. Callers from elsewhere wait for a place.
     pub(super) async fn call_from<T: Send + 'static>(
         &self,
         lane: Lane,
@@ -68,7 +67,7 @@ impl Store {
         self.run_job(place, job).await
     }
 
-    /// The same for what has to be written because something else was: it waits for a place.
+    /// Runs a job that must be written because of an earlier one: it waits for a place.
     pub(super) async fn call_surely<T: Send + 'static>(
         &self,
         job: impl FnOnce(&mut Database) -> Result<T, StoreError> + Send + 'static,
@@ -90,7 +89,7 @@ impl Store {
                 database.health.judge(error);
             }
             drop(place);
-            // A caller that went away no longer cares for the answer.
+            // A caller that went away no longer needs the answer.
             let _ = reply.send(came_to);
         });
         self.queue.jobs.send(job).map_err(|_| StoreError::Ended)?;
@@ -107,7 +106,7 @@ mod tests {
     use crate::store::audit::{Action, Record, TELLTALE};
     use crate::store::{DemoSecrets, Role};
 
-    /// Lets every other task come to where it waits.
+    /// Lets every other task run until it waits.
     async fn turns() {
         for _ in 0..100 {
             tokio::task::yield_now().await;
@@ -118,7 +117,7 @@ mod tests {
     async fn strangers_fill_their_own_share_alone_whether_they_wait_or_not() {
         let store = Store::in_memory(Clock::start(), DemoSecrets::Refused).unwrap();
         store.add_user("anna", Role::Operator, "135791").await.unwrap();
-        // The disk takes its time.
+        // The disk is slow.
         let (go_on, stuck) = sync_channel::<()>(0);
         let slow = tokio::spawn({
             let store = store.clone();
@@ -140,7 +139,7 @@ mod tests {
             }));
         }
         turns().await;
-        // Those who go away leave their jobs behind.
+        // Callers that go away leave their jobs behind.
         strangers.drain(..500).for_each(|stranger| stranger.abort());
         turns().await;
         assert_eq!(store.queue.places.available_permits(), JOBS_MAX - 1 - STRANGERS_MAX);

@@ -1,4 +1,4 @@
-//! Times as the database keeps them: milliseconds since 1970.
+//! Times in the database: milliseconds since 1970.
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 

@@ -1,5 +1,5 @@
-//! What of the vehicle outlives a restart: its stage, its alarms with their numbers, and what an
-//! operator decided.
+//! The state of the vehicle that outlives a restart: its stage, its alarms with their numbers, and the
+//! decisions of the operator.
 
 use std::time::{Duration, SystemTime};
 
@@ -14,21 +14,21 @@ use crate::engine::restart::resume::{Restored, RestoredAlarm, RestoredMeasure};
 use crate::engine::snapshot::MapPose;
 use crate::engine::time::{Span, Timestamp};
 
-/// More than an engine keeps of anything; the rest of a longer list is not remembered.
+/// More than an engine keeps of anything; the rest of a longer list is not stored.
 const ROWS_MAX: usize = 8192;
 
-/// The vehicle as it is to be remembered. Who sits in the operator's seat is with the sessions.
+/// The vehicle's state to be stored. The operator's seat is stored with the sessions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VehicleMemory {
-    /// Counts the states of this process: an older one than that remembered last is not written.
+    /// Counts the states of this process: a state older than the one stored last is not written.
     pub seq: u64,
-    /// The wall time of `vehicle`: the monotonic clock starts anew.
+    /// The wall time of `vehicle`, because the monotonic clock starts anew.
     pub at: SystemTime,
     pub vehicle: Restored,
 }
 
 impl VehicleMemory {
-    /// Whether nothing that matters has changed since the earlier one: time passes for every alarm.
+    /// Whether nothing that matters has changed since the earlier state; the age of alarms does not matter.
     pub fn says_the_same(&self, earlier: &VehicleMemory) -> bool {
         let [mut now, mut then] = [self.vehicle.clone(), earlier.vehicle.clone()];
         for alarm in now.alarms.iter_mut().chain(&mut then.alarms) {
@@ -39,8 +39,8 @@ impl VehicleMemory {
 }
 
 impl Store {
-    /// Remembers the vehicle, and writes what led there into the audit log, both or neither. When
-    /// this returns, it is on the disk; only then may an action be acknowledged.
+    /// Stores the vehicle's state, and writes the records that led there, in one transaction. When this
+    /// returns, both are on the disk; only then may an action be acknowledged.
     ///
     /// # Errors
     /// If the database fails: the action must not be acknowledged then.
@@ -48,8 +48,8 @@ impl Store {
         self.call(move |database| database.keep(Some(&memory), &records)).await
     }
 
-    /// [`Store::remember`] of what is about to be done. What comes to the disk's turn after `until` is
-    /// not written.
+    /// [`Store::remember`] for an action that is about to be done. If the disk gets to it after `until`,
+    /// nothing is written.
     ///
     /// # Errors
     /// As there, and [`StoreError::TooLate`].
@@ -68,8 +68,8 @@ impl Store {
         .await
     }
 
-    /// The vehicle as it was remembered last, with the operator who sits in the seat still; `None`
-    /// at the first start.
+    /// The vehicle's state that was stored last, with the operator who still has the seat; `None` at the
+    /// first start.
     ///
     /// # Errors
     /// If the database fails.
@@ -127,7 +127,7 @@ pub(super) fn write(connection: &Connection, memory: &VehicleMemory) -> Result<(
 }
 
 impl Database {
-    /// An older memory than that remembered last is not written; the records are.
+    /// A state older than the one stored last is not written; the records are.
     fn keep(&mut self, memory: Option<&VehicleMemory>, records: &[Record]) -> Result<(), StoreError> {
         let new = memory.filter(|memory| memory.seq >= self.remembered_seq);
         self.change(records, |transaction| new.map_or(Ok(()), |memory| write(transaction, memory)))?;
@@ -161,7 +161,7 @@ impl Database {
     }
 }
 
-/// A word that names no stage is a fault of the database; the vehicle is locked then.
+/// An unknown word for a stage is a fault of the database; the vehicle is locked then.
 fn read_first(row: &Row<'_>) -> rusqlite::Result<Restored> {
     let word: String = row.get(0)?;
     let pose = match (row.get::<_, Option<i64>>(2)?, row.get(3)?, row.get(4)?, row.get(5)?) {

@@ -15,7 +15,16 @@ use flate2::read::GzEncoder;
 use rust_embed::RustEmbed;
 use sha2::{Digest, Sha256};
 
-use super::view::LOGIN_ASSETS;
+/// Files below `static/` that the login page needs: served without a session, so none of them may
+/// name a part of the vehicle. An entry that ends in `/` names a folder.
+const LOGIN_ASSETS: &[&str] = &[
+    "telltale.css",
+    "page.js",
+    "pad.js",
+    "icon.svg",
+    "telltale.webmanifest",
+    "vendor/inter-latin-wght-normal.woff2",
+];
 
 #[derive(RustEmbed)]
 #[folder = "static/"]

@@ -11,14 +11,14 @@ use serde::Deserialize;
 use serde_json::json;
 use tokio::sync::mpsc;
 
-use super::answer::{Reader, Speaks, json_answer, refusal};
-use super::audit::record_of;
-use super::guard::SignedIn;
-use super::login::{Peer, source_of};
+use super::AppState;
+use super::admission::peer::{Peer, source_of};
+use super::http::errors::Trouble;
+use super::http::guard::SignedIn;
+use super::http::respond::{Reader, Speaks, json_answer, refusal};
 use super::pages::page_context;
-use super::state::AppState;
+use super::record::audit::record_of;
 use super::view::{self, DemoFault};
-use super::wording::Trouble;
 use crate::store::audit::Action;
 
 /// The faults there are, and the way to the shuttle that has them.

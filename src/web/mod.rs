@@ -1,57 +1,154 @@
 //! The HTTP server: pages, sessions, the WebSocket and the wire.
 
-mod act;
-mod answer;
+mod admission;
 pub mod assets;
-mod audit;
-mod bare;
-mod client;
+mod auth;
 mod demo;
-mod developer;
-mod displays;
-mod enrolled;
-mod entrance;
-mod farewell;
-pub mod frame;
-mod guard;
-mod handover;
-mod headers;
-mod keep;
-mod lines;
-mod listen;
-mod login;
-mod meter;
-mod origins;
-mod owed;
-mod pace;
+pub mod developer;
+mod engine_link;
+mod http;
+pub mod live;
+mod operator;
 mod pages;
-mod pending;
-mod plain;
-mod proxies;
-mod refusals;
+mod record;
 mod router;
-mod seat;
-mod socket;
-mod state;
-mod steps;
-mod stops;
-pub mod text;
-mod throttle;
-mod tls;
-mod trends;
-mod vehicle;
-mod versions;
+mod serve;
 pub mod view;
-mod wording;
 
+use std::hash::RandomState;
+use std::ops::Deref;
+use std::sync::{Arc, Mutex};
+
+use tokio::sync::{Semaphore, mpsc, watch};
+
+use self::view::Trends;
+use crate::clock::Clock;
+use crate::engine::discovery::Discovery;
+use crate::runtime::{Link, Reread};
+use crate::store::{History, Store};
+use admission::login_throttle::Throttle;
+use auth::handover::HandOvers;
+use auth::session_ends::Farewells;
+use live::byte_budget::Accounts;
+use live::displays::Displays;
+use live::frame::Frames;
+use operator::act::PLACES;
+use operator::pending_clearance::PendingClearance;
+use operator::stop_once::Stops;
+use record::audit::Limit;
+use record::outbox::Owed;
+
+pub use admission::peer::Peer;
+pub use admission::proxies::{Network, NoNetwork, Proxies};
+pub use admission::vehicle_displays::{Display, Enrolled, NoDisplay};
+pub use auth::expiry::DEVELOPER_IDLE_MAX;
 pub use demo::{DemoFaults, FaultSwitch};
-pub use enrolled::{Display, Enrolled, NoDisplay};
-pub use guard::{Access, cookie_name};
-pub use listen::serve;
-pub use login::Peer;
-pub use origins::{NoOrigin, Origins};
-pub use proxies::{Network, NoNetwork, Proxies};
+pub use http::guard::{Access, cookie_name};
+pub use http::origins::{NoOrigin, Origins};
 pub use router::{BODY_BYTES_MAX, Route, router, routes};
-pub use seat::DEVELOPER_IDLE_MAX;
-pub use state::{AppState, Settings};
-pub use tls::{RENEW_BEFORE, Tls, TlsError, Validity};
+pub use serve::accept::serve;
+pub use serve::tls::{RENEW_BEFORE, Tls, TlsError, Validity};
+
+/// What the command line says about the server.
+#[derive(Debug)]
+pub struct Settings {
+    pub origins: Origins,
+    /// Browsers come over TLS: cookies are for that alone.
+    pub secure: bool,
+    /// Where a PIN will do.
+    pub enrolled: Enrolled,
+    /// Switches of the simulated shuttle; `None` on a vehicle.
+    pub demo: Option<DemoFaults>,
+    /// Who reads the configuration's file again; `None` where it comes from no file.
+    pub rereads: Option<mpsc::Sender<Reread>>,
+    /// What happened; `None` where it cannot be kept.
+    pub history: Option<History>,
+    /// What DDS discovery sees; `None` without DDS.
+    pub discovery: Option<watch::Receiver<Arc<Discovery>>>,
+}
+
+/// Shared by all requests; clones are the same.
+#[derive(Debug, Clone)]
+pub struct AppState(Arc<Shared>);
+
+#[derive(Debug)]
+pub struct Shared {
+    pub link: Link,
+    pub store: Store,
+    pub clock: Clock,
+    pub settings: Settings,
+    pub frames: Frames,
+    pub displays: Displays,
+    /// What the accounts may still send over their sockets.
+    accounts: Accounts,
+    pub farewells: Farewells,
+    pub trends: Trends,
+    pub pending: PendingClearance,
+    pub stops: Stops,
+    pub hand_overs: HandOvers,
+    pub throttle: Mutex<Throttle>,
+    /// Makes numbers of names that are no user's, by a key of this run.
+    unknown_names: RandomState,
+    audit_limit: Mutex<Limit>,
+    /// Held while the audit log is read.
+    audit_readers: tokio::sync::Mutex<()>,
+    /// Held while somebody takes the operator's seat or leaves it.
+    seat: tokio::sync::Mutex<()>,
+    /// Held while a change of the seat is undone that the disk took too late.
+    undoing: Arc<tokio::sync::Mutex<()>>,
+    /// Held from the judgement of an action until it is done, and while the vehicle is remembered:
+    /// what is on the disk never falls behind an action that was written there. After `seat`.
+    acting: tokio::sync::Mutex<()>,
+    /// For those who wait for `acting`, or for the disk, with an action.
+    places: Arc<Semaphore>,
+    /// Records that wait for a disk that takes nothing.
+    owed: Mutex<Owed>,
+    /// Held while somebody has the configuration taken.
+    reloading: tokio::sync::Mutex<()>,
+    /// Turns true when the server ends.
+    pub closing: watch::Sender<bool>,
+}
+
+impl AppState {
+    pub fn new(link: Link, store: Store, clock: Clock, settings: Settings) -> AppState {
+        AppState(Arc::new(Shared {
+            link,
+            store,
+            clock,
+            settings,
+            frames: Frames::default(),
+            displays: Displays::default(),
+            accounts: Accounts::default(),
+            farewells: Farewells::default(),
+            trends: Trends::default(),
+            pending: PendingClearance::default(),
+            stops: Stops::default(),
+            hand_overs: HandOvers::default(),
+            throttle: Mutex::default(),
+            unknown_names: RandomState::new(),
+            audit_limit: Mutex::default(),
+            audit_readers: tokio::sync::Mutex::default(),
+            seat: tokio::sync::Mutex::default(),
+            undoing: Arc::default(),
+            acting: tokio::sync::Mutex::default(),
+            places: Arc::new(Semaphore::new(PLACES)),
+            owed: Mutex::default(),
+            reloading: tokio::sync::Mutex::default(),
+            closing: watch::channel(false).0,
+        }))
+    }
+}
+
+impl Deref for AppState {
+    type Target = Shared;
+
+    fn deref(&self) -> &Shared {
+        &self.0
+    }
+}
+
+/// Waits until the server ends.
+pub async fn turned(closing: &mut watch::Receiver<bool>) {
+    // A sender that is gone has ended with the server.
+    let _ = closing.wait_for(|closing| *closing).await;
+}

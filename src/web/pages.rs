@@ -8,12 +8,11 @@ use axum::http::header::CONTENT_TYPE;
 use axum::response::{Html, IntoResponse, Response};
 use tokio::time::timeout;
 
-use super::answer::{Reader, refusal};
-use super::frame::permitted;
-use super::guard::SignedIn;
-use super::state::AppState;
-use super::view::{self, PageContext};
-use super::wording::Trouble;
+use super::AppState;
+use super::http::errors::Trouble;
+use super::http::guard::SignedIn;
+use super::http::respond::{Reader, refusal};
+use super::view::{self, PageContext, permitted};
 use crate::store::Session;
 
 /// `GET /`

@@ -15,10 +15,14 @@ use tower_http::compression::predicate::{DefaultPredicate, Predicate as _};
 use tower_http::limit::RequestBodyLimitLayer;
 use tower_http::timeout::TimeoutLayer;
 
-use super::guard::Access::{Asset, Open, Roles, Session};
-use super::guard::{Access, AccessTable, guard};
-use super::state::AppState;
-use super::{demo, developer, headers, login, pages, plain, socket, vehicle};
+use super::AppState;
+use super::auth::login;
+use super::http::guard::Access::{Asset, Open, Roles, Session};
+use super::http::guard::{Access, AccessTable, guard};
+use super::http::{headers, plain_errors};
+use super::live::socket;
+use super::operator::actions;
+use super::{demo, developer, pages};
 use crate::store::Role::{Authority, Developer, Operator};
 
 /// The largest body of a request.
@@ -43,25 +47,25 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_post("/login", Open, login::login),
         on_post("/logout", Session, login::logout),
         on_get("/ws", Session, socket::page),
-        on_post("/vehicle/localize", Roles(&[Operator]), vehicle::localize),
-        on_post("/vehicle/clearance", Roles(&[Operator]), vehicle::clearance),
-        on_post("/vehicle/clearance/confirm", Roles(&[Operator]), vehicle::confirm),
-        on_post("/vehicle/stop", Roles(&[Operator]), vehicle::stop),
+        on_post("/vehicle/localize", Roles(&[Operator]), actions::localize),
+        on_post("/vehicle/clearance", Roles(&[Operator]), actions::clearance),
+        on_post("/vehicle/clearance/confirm", Roles(&[Operator]), actions::confirm),
+        on_post("/vehicle/stop", Roles(&[Operator]), actions::stop),
         on_post("/vehicle/shutdown", Roles(&[Operator]), login::shutdown),
         // Ids hold slashes: these end in `/acknowledge` and `/reset`.
-        on_post("/alarms/{*path}", Roles(&[Operator]), vehicle::acknowledge),
-        on_post("/modules/{*path}", Roles(&[Operator]), vehicle::reset),
-        on_get("/developer", Roles(&[Developer, Authority]), developer::statuses),
-        on_get("/developer/why", Roles(&[Developer, Authority]), developer::why),
-        on_get("/developer/graph", Roles(&[Developer, Authority]), developer::graph),
-        on_get("/developer/timeline", Roles(&[Developer, Authority]), developer::timeline),
-        on_get("/developer/masking", Roles(&[Developer, Authority]), developer::masking),
-        on_get("/developer/coverage", Roles(&[Developer, Authority]), developer::coverage),
-        on_get("/developer/topics", Roles(&[Developer, Authority]), developer::topics),
+        on_post("/alarms/{*path}", Roles(&[Operator]), actions::acknowledge),
+        on_post("/modules/{*path}", Roles(&[Operator]), actions::reset),
+        on_get("/developer", Roles(&[Developer, Authority]), developer::statuses::get),
+        on_get("/developer/why", Roles(&[Developer, Authority]), developer::why::get),
+        on_get("/developer/graph", Roles(&[Developer, Authority]), developer::graph::get),
+        on_get("/developer/timeline", Roles(&[Developer, Authority]), developer::timeline::get),
+        on_get("/developer/masking", Roles(&[Developer, Authority]), developer::masking::get),
+        on_get("/developer/coverage", Roles(&[Developer, Authority]), developer::coverage::get),
+        on_get("/developer/topics", Roles(&[Developer, Authority]), developer::topics::get),
         on_get("/developer/live", Roles(&[Developer, Authority]), socket::pulse),
-        on_get("/developer/configuration", Roles(&[Developer, Authority]), developer::configuration),
-        on_get("/developer/audit", Roles(&[Developer, Authority]), developer::audit),
-        on_post("/developer/configuration/reload", Roles(&[Developer]), developer::reload),
+        on_get("/developer/configuration", Roles(&[Developer, Authority]), developer::configuration::get),
+        on_get("/developer/audit", Roles(&[Developer, Authority]), developer::audit::get),
+        on_post("/developer/configuration/reload", Roles(&[Developer]), developer::reload::post),
         on_get("/api/v1/snapshot", Session, pages::snapshot),
         on_get("/api/v1/stream", Session, socket::stream),
         on_get("/healthz", Open, pages::healthz),
@@ -90,7 +94,7 @@ pub fn router(app: AppState) -> Router {
         .layer(from_fn_with_state((app.clone(), Arc::new(table)), guard))
         .layer(RequestBodyLimitLayer::new(BODY_BYTES_MAX))
         .layer(TimeoutLayer::with_status_code(StatusCode::REQUEST_TIMEOUT, REQUEST_TIMEOUT))
-        .layer(from_fn(plain::in_words))
+        .layer(from_fn(plain_errors::in_words))
         .layer(from_fn_with_state(app.settings.secure, headers::secure))
         .layer(CompressionLayer::new().compress_when(DefaultPredicate::new().and(is_made_now)))
         .with_state(app)

@@ -1,4 +1,4 @@
-//! From the tree to types. What is wrong is logged and reading goes on.
+//! From the tree to types. Problems are logged and reading goes on.
 
 use super::problem::Problem;
 use super::source::Span;
@@ -22,7 +22,7 @@ impl Log {
     }
 }
 
-/// A type that is read from a node. `None`: it could not be, and the log says why.
+/// A type that is read from a node. `None` if it could not be read; the log says why.
 pub trait FromNode: Sized {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self>;
 }
@@ -55,7 +55,7 @@ impl<T: FromNode> FromNode for Vec<T> {
     }
 }
 
-/// A list in which every item counts: if one cannot be read, there is no list.
+/// A list that is `None` if one of its items cannot be read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct All<T>(pub Vec<T>);
 
@@ -127,7 +127,7 @@ impl FromNode for f64 {
     }
 }
 
-/// A map whose keys are free names.
+/// A map with free keys.
 #[derive(Debug, Clone)]
 pub struct Entries<T>(pub Vec<(Key, T)>);
 
@@ -148,7 +148,7 @@ impl<T: FromNode> FromNode for Entries<T> {
     }
 }
 
-/// Such a map in which every entry counts: if one cannot be read, there is no map.
+/// A map with free keys that is `None` if one of its entries cannot be read.
 #[derive(Debug, Clone)]
 pub struct AllEntries<T>(pub Vec<(Key, T)>);
 
@@ -160,7 +160,7 @@ impl<T: FromNode> FromNode for AllEntries<T> {
     }
 }
 
-/// A map whose keys are given. Whatever was not asked for when it is finished is an unknown key.
+/// A map with given keys. Keys that nobody asked for by the end are unknown keys.
 #[derive(Debug)]
 pub struct Fields<'n, 'l> {
     /// With its article: `a group`.
@@ -203,7 +203,7 @@ impl<'n, 'l> Fields<'n, 'l> {
         T::from_node(node?, self.log)
     }
 
-    /// Where a key stands, if it does.
+    /// The place of a key, if it is there.
     pub fn key_span(&self, key: &str) -> Option<Span> {
         self.entries.iter().find(|(found, _)| found.text == key).map(|(found, _)| found.span)
     }
@@ -212,12 +212,12 @@ impl<'n, 'l> Fields<'n, 'l> {
         self.span
     }
 
-    /// Whether somebody asked for this key.
+    /// Whether the code asked for this key.
     pub fn knows(&self, key: &str) -> bool {
         self.asked.contains(&key)
     }
 
-    /// Logs every key that nobody asked for.
+    /// Logs every key that the code did not ask for.
     pub fn finish(self) {
         for (key, _) in self.entries.iter().filter(|(key, _)| !self.asked.contains(&key.text.as_str())) {
             let problem = Problem::at(key.span, format!("unknown key `{}` in {}", key.text, self.what));
@@ -236,7 +236,7 @@ pub fn scalar(node: &Node) -> Option<&str> {
     }
 }
 
-/// One of a few words.
+/// One of a few given words.
 pub fn word<T: Copy>(node: &Node, log: &mut Log, what: &str, choices: &[(&str, T)]) -> Option<T> {
     let text = scalar(node);
     if let Some(&(_, value)) = choices.iter().find(|(word, _)| Some(*word) == text) {
@@ -249,7 +249,7 @@ pub fn word<T: Copy>(node: &Node, log: &mut Log, what: &str, choices: &[(&str, T
     None
 }
 
-/// A decimal number times `scale`, exactly: `0.1` of a second is 100,000,000 ns. What is finer is cut.
+/// A decimal number times `scale`, exactly: `0.1` of a second is 100,000,000 ns. Finer digits are cut.
 pub fn scaled(text: &str, scale: u64) -> Option<u64> {
     let (whole, fraction) = text.split_once('.').unwrap_or((text, "0"));
     let digits =
@@ -267,11 +267,11 @@ pub fn suggest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
     let name = name.to_lowercase();
     let distance = |candidate: &str| {
         let candidate = candidate.to_lowercase();
-        // A word that is cut short.
+        // A shortened word.
         if name.len() > 3 && candidate.starts_with(&name) {
             return 1;
         }
-        // Of a path, the last part alone is often written, or a wrong way to it.
+        // Often the last part of a path is written alone, or with a wrong way to it.
         let by_end = match name.contains('/') {
             false => strsim::damerau_levenshtein(&name, last(&candidate)),
             true if last(&name) == last(&candidate) => 1,

@@ -1,5 +1,5 @@
-//! Text of a file made fit for a terminal: what would move the cursor, colour what follows or turn
-//! the direction of reading around is shown by its number.
+//! Makes text of a file safe for a terminal: characters that would move the cursor, colour the rest or turn
+//! the reading direction are shown by their number.
 
 use std::borrow::Cow;
 
@@ -15,8 +15,8 @@ pub fn escaped(text: &str) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
-/// `text` with a mark of the same number of bytes for each such character, so that places in it stay
-/// where they are.
+/// `text` with a mark of the same number of bytes for each such character, so that places in it stay the
+/// same.
 pub fn masked(text: &str) -> String {
     let mark = |letter: char| match letter.len_utf8() {
         1 => '?',

@@ -1,4 +1,4 @@
-//! What is wrong in a file: where, what, and what to do about it.
+//! Problems in files: where, what, and what to do about it.
 
 use std::fmt;
 
@@ -13,22 +13,22 @@ use super::source::{Sources, Span};
 /// Problems beyond this many are counted, not kept.
 const PROBLEMS_MAX: usize = 200;
 
-/// One thing that is wrong in a file.
+/// One problem in a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Problem {
     /// A sentence without a full stop.
     pub message: String,
-    /// Where; `None` if the file as a whole is meant.
+    /// Its place; `None` for the file as a whole.
     pub span: Option<Span>,
-    /// The file as a whole, where that is meant.
+    /// The file, for a problem of the file as a whole.
     pub file: Option<Box<str>>,
-    /// What stands under the caret.
+    /// The text under the caret.
     pub label: Box<str>,
-    /// Other places that matter, each with a word.
+    /// Other relevant places, each with a word.
     pub also: Vec<(Span, String)>,
     /// What to do.
     pub help: Option<Box<str>>,
-    /// Worth a look, but no reason to refuse the file.
+    /// A warning, which is no reason to refuse the file.
     pub warning: bool,
 }
 
@@ -45,7 +45,7 @@ impl Problem {
         }
     }
 
-    /// The same as something that the file may be used with.
+    /// The problem as a warning.
     pub fn as_warning(mut self) -> Problem {
         self.warning = true;
         self
@@ -86,7 +86,7 @@ impl Problem {
     }
 }
 
-/// All that is wrong, with the texts that it is wrong in. Never empty where it is an error.
+/// All problems, with the texts in which they are. As an error, never empty.
 #[derive(Debug, Clone)]
 pub struct Problems {
     sources: Sources,
@@ -104,8 +104,8 @@ impl Problems {
         Problems { sources, list, more }
     }
 
-    /// These and others of the same texts. Of two at one place the first counts: the second follows
-    /// from it.
+    /// These problems and others of the same texts. Of two at one place, only the first counts, because the
+    /// second follows from it.
     pub fn and(self, others: Problems) -> Problems {
         let known: Vec<Span> = self.list.iter().filter_map(|problem| problem.span).collect();
         let is_new = |problem: &Problem| problem.span.is_none_or(|span| !known.contains(&span));
@@ -138,7 +138,7 @@ impl Problems {
         self.list.iter().map(of).collect()
     }
 
-    /// How many more there are than are kept.
+    /// The number of problems beyond those that are kept.
     pub fn more(&self) -> usize {
         self.more
     }
@@ -168,7 +168,7 @@ impl Problems {
         let sources = self.sources.printable();
         for problem in self.list.iter().map(Problem::printable) {
             let report = Report { problem: &problem, sources: &sources };
-            // Writing to a String cannot fail, and a span that miette cannot show still has its words.
+            // Writing to a String cannot fail, and a span that miette cannot show still has its text.
             if handler.render_report(&mut text, &report).is_err() {
                 text.push_str(&problem.message);
             }

@@ -7,7 +7,7 @@ use std::path::Path;
 use super::plain;
 use super::problem::Problem;
 
-/// No file of ours is larger; what is, is something else.
+/// No configuration or scenario is larger.
 const FILE_BYTES_MAX: u64 = 64 << 20;
 
 /// A range of bytes in one of the [`Sources`].
@@ -18,7 +18,7 @@ pub struct Span {
     pub end: u32,
 }
 
-/// All texts that one configuration or scenario is made of.
+/// All texts of one configuration or scenario.
 #[derive(Debug, Clone, Default)]
 pub struct Sources(Vec<Source>);
 
@@ -72,7 +72,7 @@ impl Sources {
         Ok(self.add(name, &text))
     }
 
-    /// The same for a terminal: every place in the texts stays where it is.
+    /// The text for a terminal: every place stays the same.
     pub fn printable(&self) -> Sources {
         let printable = |source: &Source| Source {
             name: plain::escaped(&source.name).into_owned(),

@@ -9,9 +9,9 @@ use super::problem::Problem;
 use super::slips;
 use super::source::{Sources, Span};
 
-/// Collections inside of collections. Groups nest far less deep.
+/// The nesting of collections. Groups nest far less deep.
 const DEPTH_MAX: usize = 64;
-/// What aliases may add in all: a small file must not become a large tree.
+/// Values that aliases may add in total: a small file must not become a large tree.
 const ALIASED_NODES_MAX: usize = 100_000;
 
 /// A value with its place.
@@ -23,7 +23,7 @@ pub struct Node {
 
 #[derive(Debug, Clone, PartialEq)]
 pub enum Kind {
-    /// As written, after quotes and escapes; `plain` without quotes.
+    /// As written, after quotes and escapes; `plain` if it had no quotes.
     Scalar {
         text: String,
         plain: bool,
@@ -44,7 +44,7 @@ impl Node {
         matches!(&self.kind, Kind::Scalar { text, plain: true } if matches!(text.as_str(), "" | "~" | "null"))
     }
 
-    /// What it is, for messages.
+    /// Its kind, for messages.
     pub fn describe(&self) -> String {
         match &self.kind {
             _ if self.is_null() => "nothing".into(),
@@ -107,7 +107,7 @@ impl<'s> Tree<'s, '_> {
         }
     }
 
-    /// After the one document there may be nothing else.
+    /// Only one document is allowed.
     fn end(&mut self) -> Result<(), Problem> {
         loop {
             match self.next()? {
@@ -231,8 +231,8 @@ impl<'s> Tree<'s, '_> {
         problem.help("check the indentation, the quotes and the brackets here and in the line above")
     }
 
-    /// A block collection has an empty span; then the first character, so that a caret shows. A
-    /// plain scalar's or a block collection's end may reach into the next line: it is cut there.
+    /// A block collection has an empty span; then the span is its first character, so that a caret shows.
+    /// The end of a plain scalar or a block collection may reach into the next line: it is cut there.
     fn span(&self, start: usize, end: usize) -> Span {
         let start = self.text.floor_char_boundary(start.min(self.text.len()));
         let rest = &self.text[start..];

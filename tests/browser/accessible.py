@@ -1,9 +1,9 @@
-"""What axe-core finds on a page as it stands now."""
+"""The violations that axe-core finds on the present page."""
 
 from pathlib import Path
 
 AXE = (Path(__file__).parent / "axe/axe.min.js").read_text()
-# What it finds, and how live the display was meanwhile.
+# The violations that axe-core finds, and how live the display was meanwhile.
 RUN = """async () => {
   const states = new Set([document.body.dataset.live]);
   const watch = new MutationObserver(() => states.add(document.body.dataset.live));

@@ -10,7 +10,8 @@ from operating import watch
 from vehicle import CHROMIUM, Vehicle, serving
 
 
-# A busy machine takes long for what takes a moment. What has to happen in time says so itself.
+# A busy machine may take this long for things that take a moment. Tests that measure time have limits of
+# their own.
 PATIENCE_MS = 20_000
 expect.set_options(timeout=PATIENCE_MS)
 

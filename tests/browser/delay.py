@@ -1,4 +1,4 @@
-"""A way to the server that holds back what the server says."""
+"""A connection that delays the messages of the server."""
 
 import asyncio
 import threading

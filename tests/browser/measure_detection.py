@@ -40,9 +40,9 @@ NUMBER, POSE = "std_msgs::msg::dds_::Float64_", "geometry_msgs::msg::dds_::PoseS
 ROS_NAMES = {NUMBER: "std_msgs/msg/Float64", POSE: "geometry_msgs/msg/PoseStamped"}
 # Discovery, and the first window after it.
 SETTLED_S = 6
-# From the bytes to the frame, on a machine that others use too.
+# From the bytes to the frame, on a shared machine.
 WAY_S = 0.05
-# A peer that was held up for longer by the machine spoils what is measured meanwhile.
+# A trial does not count if the machine delayed the peer by more.
 LATE_S = 0.03
 
 
@@ -395,7 +395,7 @@ def cases(publisher):
 def config(path, measured):
     lines = ["vehicle: { stages: none }", "defaults: { timeout: 500ms }", "groups:", "  - id: m", "    modules:"]
     lines += [f"      - {{ id: c{number}, monitor: {{ {case.monitor} }} }}" for number, case in enumerate(measured)]
-    # Something to be there before a reload brings the rest.
+    # Must be there before a reload adds the rest.
     lines += ["      - { id: first, status: first }"]
     path.write_text("\n".join(lines) + "\n")
 

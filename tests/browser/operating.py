@@ -1,4 +1,4 @@
-"""What an operator's hands do at a touch display."""
+"""The touches of an operator at a display."""
 
 from playwright.sync_api import TimeoutError, expect
 
@@ -110,7 +110,7 @@ def acknowledge_all(page):
         try:
             one.tap(timeout=3000)
         except TimeoutError:
-            # What is over may go by itself, before the tap.
+            # An entry that is over may disappear before the tap.
             assert meant() != alarm, f"{alarm} cannot be tapped"
             continue
         expect(one).to_have_count(0)

@@ -66,7 +66,7 @@ def story(page, server, camera):
     localize(page)
     expect(page.locator("#tile-can")).to_have_attribute("data-state", "warning")
     camera.take("standby")
-    # What is not enabled takes a tap all the same, and says why nothing comes of it.
+    # A disabled button takes a tap all the same, and says why nothing happens.
     step(page, "clearance").tap(force=True)
     expect(page.locator("#actions[data-refused]")).to_be_visible()
     camera.take("refused")
@@ -77,7 +77,7 @@ def story(page, server, camera):
     camera.take("ready")
     ready.tap()
     camera.take("confirm")
-    # What changed meanwhile takes the question back.
+    # A change meanwhile withdraws the question.
     if not step(page, "confirm").is_visible():
         clear(page)
     else:

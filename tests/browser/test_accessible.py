@@ -1,5 +1,5 @@
-"""axe-core finds nothing on any page: the developer's, the authority's, the login in all its states,
-what opens over the operator's page, and the pages that refuse something."""
+"""axe-core finds no violation on any page: the developer's, the authority's, the login in all its states,
+the panels over the operator's page, and error pages."""
 
 import re
 import shutil
@@ -180,7 +180,7 @@ def test_what_opens_over_the_operators_page(chromium, trouble, tmp_path, lang, p
         page.locator("#sheet-stops .close").tap()
         ask_for_clearance(page)
         check(page, "the confirmation")
-        # It may have gone by itself: it stands for ten seconds.
+        # It may have disappeared by itself: it is shown for ten seconds.
         page.locator("#confirm button[name=cancel]").evaluate("button => button.click()")
         expect(page.locator("#confirm")).to_be_hidden()
         client.post("/demo/fault", name="low_battery", active="true")

@@ -1,4 +1,4 @@
-"""STOP is answered within a second, whatever strangers do to the server."""
+"""STOP is answered within a second while strangers attack the server."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from vehicle import OPERATOR, PYTHON, ROOT, Client, megabytes, until
 
 pytestmark = pytest.mark.alone
 
-# Where pictures of the page are put, for people to look at.
+# The folder for pictures of the page, for people to look at.
 SCREENS = os.environ.get("TELLTALE_SCREENS")
 STOPS = 10
 STOP_EVERY_S = 0.5
@@ -142,7 +142,7 @@ def test_a_stop_goes_over_the_socket_where_no_request_gets_through(driving, trou
 
 
 def test_a_stop_goes_over_http_where_the_socket_does_not_bring_it(driving, trouble):
-    # What the page says over its socket is held back.
+    # Messages that the page sends over its socket are held back.
     driving.evaluate("() => { WebSocket.prototype.send = () => {}; }")
     with driving.expect_response("**/vehicle/stop") as stopped:
         step(driving, "stop").click()

@@ -1,7 +1,6 @@
 """Other programs at the database while the server runs: sqlite3, Python's module, `telltale user`.
 
-Whatever they do, and in whatever order they come and go, nothing that was acknowledged is lost, and
-what was taken from a user is in force.
+In whatever order they come and go, no acknowledged data are lost, and changes of users take effect.
 """
 
 import base64
@@ -19,7 +18,7 @@ import pytest
 
 from vehicle import OPERATOR, TELLTALE, Client, until
 
-# A probe every five seconds, and some.
+# A probe every five seconds, and a margin.
 NOTICE_S = 12
 PASSWORD = "a long password"
 FILES = ("telltale.db", "telltale.db-wal", "telltale.db-shm")
@@ -290,7 +289,7 @@ def test_a_command_says_that_the_disk_of_the_server_hangs(server):
     server.add_user("dora", PASSWORD, role="developer")
     client = Client(server, *OPERATOR)
     pipe = server.folder / f"audit.head.{server.process.pid}"
-    # The head may be written right now, by this name.
+    # The head may be written right now, under this name.
     until(lambda: subprocess.run(["mkfifo", pipe], capture_output=True).returncode == 0, 5, "a pipe")
     with pytest.raises(urllib.error.HTTPError):
         client.post("/vehicle/stop", version=client.snapshot()["seq"])
@@ -323,7 +322,7 @@ def test_a_file_of_the_database_that_vanishes_is_a_fault_that_is_shown(server, n
     first = client.snapshot()["at"]
     until(lambda: client.snapshot()["at"] > first, 2, "the snapshots go on")
     if how == "removed" and name != FILES[0]:
-        # What was acknowledged is in the database itself by now.
+        # Acknowledged data are in the database file itself by now.
         server.kill()
         server.start()
         assert [status(server, "/api/v1/snapshot", Cookie=cookie) for cookie in cookies] == [200] * len(cookies)

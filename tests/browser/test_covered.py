@@ -1,11 +1,13 @@
-"""Where the page's own scripts do not run, time alone covers all that is said of the vehicle."""
+"""If the page's own scripts do not run, everything about the vehicle is covered after a time."""
+
+import contextlib
 
 import pytest
 from playwright.sync_api import expect
 
-from vehicle import OPERATOR, Client, until
+from vehicle import OPERATOR, Client, Vehicle, serving, until
 
-# What may still be seen in the places of the vehicle.
+# What may still be visible in place of the vehicle.
 BRIGHT = """() => [...document.querySelectorAll(".measure *, .measure, .tile > .icon, .cause, .actions *, .panel *")]
   .filter(it => it.checkVisibility({ checkVisibilityCSS: true })).map(it => it.outerHTML.slice(0, 80))"""
 # Colours that are not quite transparent, of what surrounds a tile.
@@ -14,7 +16,22 @@ BORDERS = """() => [...document.querySelectorAll(".tile")].map(it => getComputed
   .filter(it => it !== "none" && !/^\\w+\\([^)]*[,/] 0\\)/.test(it))"""
 
 
-@pytest.fixture
+# These tests only look, so one server and one vehicle serve them all.
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    with serving(tmp_path_factory.mktemp("server")) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def vehicle(server):
+    with contextlib.closing(Vehicle(server.domain, server.folder)) as vehicle:
+        yield vehicle
+
+
+@pytest.fixture(scope="module")
 def session(server, vehicle):
     """Of an operator whose vehicle drives, brakes for a stop and has a fault."""
     client = Client(server, *OPERATOR)

@@ -1,6 +1,6 @@
-"""Nothing that was acknowledged is lost, whenever the program is killed.
+"""No acknowledged data are lost, whenever the program is killed.
 
-TELLTALE_CRASH_ROUNDS says how often: 20 unless told otherwise, 200 for a longer run.
+TELLTALE_CRASH_ROUNDS sets how often it is killed: 20 by default, 200 for a long run.
 """
 
 import json
@@ -19,7 +19,7 @@ RESTART_S = 3
 DEVELOPER = ("dora", "a long password")
 # A user's oldest sessions end when there are more.
 LOGINS_MAX = 8
-# A machine may be busy: a round ends by what was acknowledged, not by the clock.
+# A machine may be busy: a round ends after a number of acknowledged actions, not after a time.
 ROUND_S_MAX = 30
 
 

@@ -1,4 +1,4 @@
-"""A display that cannot lie, on a way that is slow: what comes late is not live."""
+"""The display on a slow connection: a late state is never shown as live."""
 
 import time
 
@@ -49,7 +49,7 @@ def developer(server, way, chromium, trouble):
 
 
 def test_a_delay_that_grows_slowly_is_seen(server, vehicle, way, page, developer, trouble):
-    # What a page may know of the time of day is wrong and goes backwards.
+    # The wall clock that the page sees is wrong and runs backwards.
     for each in (page, developer):
         each.add_init_script("const start = Date.now(); Date.now = () => start - 4 * performance.now();")
     log_in(page, way)
@@ -67,7 +67,7 @@ def test_a_delay_that_grows_slowly_is_seen(server, vehicle, way, page, developer
         seen += [(late_s, live(page), "operator"), (late_s, live(developer), "developer")]
     assert "live" not in [state for late_s, state, _ in seen if late_s > 1.4], seen
     assert {state for late_s, state, _ in seen if late_s > 2.5} == {"dead"}, seen
-    # It stays so while the delay does, however often the page connects anew.
+    # It stays so while the delay lasts, even if the page connects again.
     ends = time.monotonic() + 9
     while time.monotonic() < ends:
         page.wait_for_timeout(100)
@@ -80,7 +80,7 @@ def test_a_delay_that_grows_slowly_is_seen(server, vehicle, way, page, developer
 def test_a_socket_that_opens_slowly_is_waited_for(server, vehicle, way, page, developer, trouble):
     for each in (page, developer):
         each.add_init_script(SOCKETS)
-        # The server answers, as before a socket that the browser holds back.
+        # The server answers requests, as when a browser holds a socket back.
         each.route("**/readyz", lambda route: route.fulfill(body="ready"))
     log_in(page, way)
     expect_standing(page)

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.alone
 
 OPERATOR = ("operator", "246810")
 DEPARTURE_S = 30
-# From a departure to the next stop, and a fault on the way.
+# From a departure to the next stop, with a fault on the way.
 A_LEG_S = 70
 
 
@@ -68,7 +68,7 @@ def masked_by(snapshot, name):
 
 
 def healthy(snapshot):
-    # Nobody claims the statuses of `other`; whatever they say, they count for nothing.
+    # No group takes the statuses of `other`, so they do not count.
     shown = {group["id"]: group["state"] for group in snapshot["groups"] if group["id"] != "other"}
     planner = [shown.pop("planning"), shown.pop("execution")]
     driving = snapshot["stage"] == "active"

@@ -182,13 +182,13 @@ def test_five_thousand_modules_are_handled_in_a_tenth_of_a_second(chromium, tmp_
 
     thread = threading.Thread(target=publish, daemon=True)
     thread.start()
-    # Scripts of a test are no part of the page: its policy must let them in.
+    # Scripts of a test are not part of the page: its policy must allow them.
     context = chromium.new_context(viewport={"width": 1280, "height": 800}, locale="en-GB", bypass_csp=True)
     page = context.new_page()
     try:
         log_in(page, server)
         visit(page, server, "/developer")
-        # Beside them there are those by which the diagnosis checks itself.
+        # Beside them there are Telltale's own modules.
         expect(page.locator("#matching")).to_have_text(re.compile(f"^{GROUPS * MODULES // 100}\\d\\d$"))
         every = page.locator("#matching").text_content()
         type_in = "const f = document.getElementById('filter'); f.value = '%s'; f.dispatchEvent(new Event('input', { bubbles: true }))"
@@ -201,7 +201,7 @@ def test_five_thousand_modules_are_handled_in_a_tenth_of_a_second(chromium, tmp_
             (click % "next", first % "g00/m030"),
             (click % "previous", first % "g00/m000"),
         ]
-        # The best of a few rounds: other programs on this machine are no part of the question.
+        # The best of a few rounds: other programs on this machine must not count.
         rounds = []
         for _ in range(4):
             times = sorted(page.evaluate(ACT, list(act)) for _ in range(5) for act in acts)

@@ -1,5 +1,5 @@
-"""What the display shows in every condition of its own: stale, dead, without a socket, without a
-session, in any size, and with sheets open."""
+"""The display in each of its own conditions: stale, dead, without a socket, without a session, in any
+size, and with open sheets."""
 
 import signal
 import subprocess
@@ -50,7 +50,7 @@ def clean_in_both_palettes(page, name):
     """Nothing for axe-core to find, whatever can be touched."""
     for palette in ("day", "night"):
         page.evaluate("palette => void (document.documentElement.dataset.palette = palette)", palette)
-        # The ink of what was a fault stays for a moment.
+        # The colour of an ended fault stays for a moment.
         page.wait_for_timeout(400)
         found = violations(page)
         assert not found, f"{name}, {palette}:\n{found}"
@@ -64,7 +64,7 @@ def test_sheets_details_and_a_display_that_is_not_live_can_be_read_by_all(demo, 
     clean_in_both_palettes(page, "stops")
     page.locator("#sheet-stops .close").tap()
     client = Client(demo, *DEMO_OPERATOR)
-    # Two that are over, and two that are there: more than have room.
+    # Two entries that are over and two that are active: more than fit.
     for fault, tile in (("localization_jump", "localization"), ("can_loss", "can")):
         client.post("/demo/fault", name=fault, active="true")
         expect(page.locator(f"#tile-{tile}")).to_have_attribute("data-state", "error")
@@ -187,7 +187,7 @@ def test_the_login_says_why_a_session_is_over(others, chromium, trouble, lang, e
     expect(page).to_have_url(others.url + "/login")
     expect(page.locator(".farewell")).to_have_text(says)
     assert not violations(page), violations(page)
-    # Nothing that an address says is shown.
+    # Nothing from the address is shown.
     page.goto(others.url + "/login?why=forged&farewell=forged")
     expect(page.locator(".farewell")).to_have_text(says)
     assert "forged" not in page.content()
@@ -199,7 +199,7 @@ def test_the_login_says_why_a_session_is_over(others, chromium, trouble, lang, e
 def test_after_an_update_of_the_server_the_page_loads_itself_anew(demo, display):
     page, client, held = display, Client(demo, *DEMO_OPERATOR), []
     stage(page, "localizing")
-    # A tap that is on its way is answered first, however long that takes here.
+    # A tap that was sent is answered first, however long that takes here.
     page.evaluate("() => void (AbortSignal.timeout = () => new AbortController().signal)")
     page.route("**/vehicle/localize", lambda route: held.append(route))
     step(page, "localize").first.tap()
@@ -227,7 +227,7 @@ def test_a_browser_without_sockets_says_that_it_shows_nothing_live(demo, display
     page.locator("[data-tool=language]").evaluate("button => button.click()")
     expect(unfit).to_contain_text("Anderen verwenden")
     trouble.expect("WebSocket")
-    # A user who is not logged in yet need not do it for nothing.
+    # A user without WebSocket learns it before the login.
     page.context.clear_cookies()
     page.goto(demo.url + "/login")
     expect(page.locator(".unfit")).to_contain_text("Use another one")
@@ -328,7 +328,7 @@ def test_what_is_outside_of_the_configuration_is_one_quiet_line(tmp_path, chromi
         expect(page.locator("#causes")).to_have_attribute("data-alarms", "")
         check_sizes(page, "other")
         clean_in_both_palettes(page, "other")
-        # It stands below what is wrong, and nothing of that is cut for it.
+        # It stands below the faults, and none of them is cut for it.
         writer.write(statuses=[status("brake", 2), status("motor", 2), status("stray", 2)])
         expect(page.locator(".cause")).to_have_count(2)
         check_sizes(page, "other and what is wrong")

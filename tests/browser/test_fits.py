@@ -1,4 +1,4 @@
-"""What must have room: a phone in German, and the words of the audit log."""
+"""Texts fit: on a phone in German, and in the audit log."""
 
 import pytest
 from playwright.sync_api import expect
@@ -8,7 +8,7 @@ from vehicle import OPERATOR, Client, until
 
 CUT = """() => [...document.querySelectorAll("#countermeasure p *, #countermeasure p, .cause .title, .cause .help, .top .vehicle")]
   .filter(it => it.scrollWidth > it.clientWidth + 1 && getComputedStyle(it).display !== "inline").map(it => it.textContent)"""
-# What a screen reader may come to say, in closed sheets too.
+# Texts for screen readers, in closed sheets too.
 SAID = """() => {
   const shown = it => { for (; it; it = it.parentElement) {
     if (it.hidden || (getComputedStyle(it).display === "none" && !it.popover)) return false; } return true; };

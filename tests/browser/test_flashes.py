@@ -14,7 +14,7 @@ pytestmark = pytest.mark.alone
 FLASHES_MAX = 3
 NAME = "velodyne_packet_alive"
 
-# The colour that each large part shows, in each frame: its ground, and what lies over it.
+# The colour of each large part in each frame: its background, and what covers it.
 WATCH = """() => {
   const rgb = color => color.match(/[\\d.]+/g).map(Number);
   const linear = c => (c /= 255) <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4;

@@ -1,4 +1,4 @@
-"""A display that cannot lie: it says by itself when the server is not there."""
+"""The display says by itself when the server is gone."""
 
 import json
 import signal

@@ -1,4 +1,4 @@
-"""What can be read before an operator comes, and the login that an operator then meets."""
+"""The page before a login, and the login itself."""
 
 import re
 
@@ -23,7 +23,7 @@ def test_what_tells_no_state_stays_while_the_vehicle_is_locked(server, page, tro
     page.wait_for_timeout(3_000)
     assert len(loads) == 1, loads
     expect(page.locator("body")).to_have_attribute("data-stage", "locked")
-    # What is a diagnosis comes with the operator, and goes.
+    # Parts of the diagnosis appear with the operator, and disappear.
     page.goto(f"{server.url}/developer")
     expect(page.locator("#dev .empty")).to_contain_text("Locked")
     Client(server, *OPERATOR)
@@ -68,7 +68,7 @@ def test_from_the_take_over_leads_a_large_button_back(server, vehicle, display, 
     back = page.locator("a.back")
     expect(back).to_have_text("Zurück zum Fahrzeug")
     assert back.bounding_box()["height"] >= 88
-    # Who leads the vehicle stays in sight beside what is missing.
+    # The operator's name stays visible beside the missing parts.
     page.locator(".digits [data-key=enter]").tap()
     expect(page.locator(".missing")).to_have_text("PIN oder Passwort fehlt.", use_inner_text=True)
     expect(page.locator(".failure").filter(has_text="anna begleitet die Fahrt.")).to_be_visible()

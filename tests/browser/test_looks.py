@@ -1,4 +1,4 @@
-"""Sizes, contrasts and names, as the browser computes them, of every page that an operator sees."""
+"""Sizes, contrasts and names of all operator's pages, as the browser computes them."""
 
 import pytest
 from playwright.sync_api import expect
@@ -119,7 +119,7 @@ def check_sizes(page, name):
 
 
 def check_contrasts(page, name):
-    # A colour that is on its way out still has its ground, which no computed style tells.
+    # The background of a fading colour is not in any computed style.
     page.wait_for_function("() => !document.getAnimations().some(it => it instanceof CSSTransition)")
     for what, ratio in page.evaluate(CONTRAST, "p, .tile span:not(.hush, .cover, .cover *), .cause span:not(.hush), button, label, .checks span"):
         assert ratio >= 4.5, f"{name}: {what}: {ratio:.2f}"
@@ -159,7 +159,7 @@ def test_every_state_holds_its_sizes_its_contrasts_and_its_names(demo, chromium,
     client.post("/demo/fault", name="low_battery", active="false")
     expect(page.locator("#tile-can")).to_have_attribute("data-state", "ok")
     clear(page)
-    # A step that a change takes back is refused.
+    # A tap on a step that was just withdrawn is refused.
     trouble.expect("409")
     stage(page, "active", 20)
     in_both_palettes(page, "active")

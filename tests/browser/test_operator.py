@@ -1,4 +1,4 @@
-"""The operator's screen over real DDS: what is shown of a vehicle, and of its faults."""
+"""The operator's page over real DDS: the vehicle and its faults."""
 
 import re
 
@@ -35,7 +35,7 @@ def expect_tile(page, name, state, reason=None):
 def expect_standing(page):
     """Logged in at a stop: all is well, and nobody asks the planner."""
     expect(page.locator("body")).to_have_attribute("data-stage", re.compile("localizing|standby"))
-    # A tap at a page that is not live does nothing.
+    # A tap on a page that is not live does nothing.
     expect(page.locator("body")).to_have_attribute("data-live", "live")
     if page.locator("body").get_attribute("data-stage") == "localizing":
         page.locator("#actions button[name=localize]").first.click()
@@ -144,7 +144,7 @@ def test_what_stands_behind_a_tile_is_of_now_when_it_opens(server, vehicle, page
     log_in(page, server)
     expect_standing(page)
     row = page.locator(f"#detail-sensors [data-module='{CAUSE}']")
-    # What nobody has opened is not taken in of itself.
+    # A closed panel is not updated at once.
     page.evaluate("() => void (Behind.prototype.follow = () => {})")
     vehicle.set("velodyne_packet_alive", 2, "Only 2.0 scans per second")
     expect_tile(page, "sensors", "error")
@@ -157,7 +157,7 @@ def test_what_stands_behind_a_tile_is_of_now_when_it_opens(server, vehicle, page
     tile(page, "sensors").click()
     assert "Only 2.0 scans per second" in page.evaluate("() => window.opened")
     expect(row).to_be_visible()
-    # And while it is open it follows.
+    # While it is open it is updated.
     vehicle.set("velodyne_packet_alive", 1, "Only 8.0 scans per second")
     expect(row).to_contain_text("Only 8.0 scans per second")
     expect(row.locator("time")).to_have_text(re.compile(r"^\d+ s$"))

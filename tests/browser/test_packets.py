@@ -1,5 +1,5 @@
-"""Forged DDS packets, a DDS process that is killed, stopped or takes all memory, and a network interface that goes: the
-rest lives on, says so, and data are back soon."""
+"""Forged DDS packets, a DDS process that is killed, stopped or takes all memory, and a network interface that goes
+down: everything else goes on, says so, and data are back soon."""
 
 import contextlib
 import json
@@ -19,13 +19,15 @@ pytestmark = pytest.mark.alone
 BACK_S = 5
 SILENT_S = 2
 MEMORY_MB = 400
-# Beside what the limit counts: the program itself, which the processes have in memory, too.
+# The program itself, which the processes have in memory beside their limit.
 PROCESS_MB = MEMORY_MB + 100
-# The processes, what they share and what is counted late.
+# Shared memory of the processes, and memory that is measured late.
 TOGETHER_MB = 2 * MEMORY_MB + 600
 STATUS = "velodyne_packet_alive"
+# `TELLTALE_FUZZ_S=3600 ... pytest -s -k fuzzing` fuzzes by the hour, and prints a line for each minute.
+FUZZED_S = int(os.environ.get("TELLTALE_FUZZ_S", "0"))
 
-# Two machines with a cable between them, for the test that is named; it runs at one end of it.
+# Runs the named test at one end of a cable between two machines (network namespaces).
 OTHER_MACHINE = os.environ.get("TELLTALE_TEST_OTHER_MACHINE")
 CABLE = """
 set -e
@@ -138,10 +140,11 @@ def attack(*words, seconds):
     words = [PYTHON, str(ROOT / "tests/dds/rtps.py"), "--domain", str(own_domain()), *words, "--seconds", str(seconds)]
     done = subprocess.run(words, capture_output=True, text=True, timeout=seconds + 30)
     assert done.returncode == 0 and json.loads(done.stdout)["sent"] > 0, done.stderr
+    return json.loads(done.stdout)["sent"]
 
 
 def test_one_heartbeat_that_claims_all_numbers_costs_a_moment(watched):
-    # A packet that comes before its participant is known does nothing.
+    # A packet before its participant is known has no effect.
     for _ in range(10):
         attack("heartbeat", "--once", seconds=5)
         with contextlib.suppress(AssertionError):
@@ -158,22 +161,42 @@ def test_one_heartbeat_that_claims_all_numbers_costs_a_moment(watched):
         (["heartbeat"], 3),
         (["gap"], 3),
         (["builtin"], 3),
-        # Only the server's participants: the peer takes seconds to recover, too.
+        # Only the server's participants: the peer itself takes seconds to recover.
         (["flood", "--rate", "3000", "--participants", "2"], 8),
-        (["fuzz", "--rate", "1000"], 12),
+        (["endpoints", "--rate", "3000", "--participants", "2"], 8),
     ],
     ids=lambda value: value[0] if isinstance(value, list) else str(value),
 )
 def test_data_are_back_five_seconds_after_the_last_forged_packet(watched, words, seconds, tmp_path):
     attack(*words, seconds=seconds)
     watched.wait_for_data()
-    # Who comes new is found, too.
-    writer = Writer(watched.server.domain, "rt/diagnostics", "DiagnosticArray", tmp_path / "new.log")
+    hears_a_new_publisher(watched, tmp_path)
+
+
+def hears_a_new_publisher(watched, folder):
+    word = f"new at {time.monotonic()}"
+    writer = Writer(watched.server.domain, "rt/diagnostics", "DiagnosticArray", folder / "new.log")
     with contextlib.closing(writer):
         def heard():
-            writer.write(statuses=[{"level": 1, "name": "tf_quality", "message": "new"}])
-            return "new" in json.dumps(watched.client.snapshot())
+            writer.write(statuses=[{"level": 1, "name": "tf_quality", "message": word}])
+            return word in json.dumps(watched.client.snapshot())
         until(heard, BACK_S, "a new publisher is heard")
+
+
+def test_data_are_back_five_seconds_after_each_round_of_fuzzing(watched, tmp_path):
+    rounds = FUZZED_S // 60
+    for number in range(max(rounds, 1)):
+        rate = (1000, 300, 3000)[number % 3]
+        sent = attack("fuzz", "--rate", str(rate), "--seed", str(number), seconds=60 if rounds else 12)
+        ended = time.monotonic()
+        watched.wait_for_data()
+        back_s = time.monotonic() - ended
+        hears_a_new_publisher(watched, tmp_path)
+        print(
+            f"round {number}: {sent} packets, data back after {back_s:.1f} s, page silent {watched.silent_s:.2f} s at most, "
+            f"a DDS process {watched.process_mb:.0f} MB at most, all together {watched.memory_mb:.0f} MB", flush=True,
+        )
+        watched.check()
 
 
 def test_sigterm_ends_all_within_three_seconds_in_the_middle_of_it(tmp_path):
@@ -238,7 +261,7 @@ def test_an_interface_that_goes_is_said_and_data_are_back_when_it_comes(tmp_path
     if OTHER_MACHINE:
         return at_one_end_of_the_cable(tmp_path)
     this = [PYTHON, "-m", "pytest", "-q", "-p", "no:cacheprovider", __file__, "-k", "an_interface_that_goes"]
-    # Root may lay cables; others in a user namespace of their own.
+    # Root may lay cables; other users in a user namespace of their own.
     is_root = subprocess.run(["unshare", "--net", "true"], stderr=subprocess.DEVNULL).returncode == 0
     own = ["--net"] if is_root else ["--user", "--map-root-user", "--net"]
     done = subprocess.run(["unshare", *own, "sh", "-c", CABLE, "sh", *this], capture_output=True, text=True, timeout=120)
@@ -266,7 +289,7 @@ def at_one_end_of_the_cable(folder):
             watched.wait_for_fault()
             assert watched.module(STATUS)["own"] == "unknown", "nothing is known while nothing is heard"
             until(is_replaced_twice, 15, lambda: f"the processes are replaced: {seen}")
-            # What manages interfaces takes the address, too.
+            # Programs that manage interfaces remove the address, too.
             ip("addr", "del", "10.77.0.1/24", "dev", "here")
             until(lambda: watched.module("outputs")["own"] == "warning", 10, "nothing can be sent")
             ip("link", "set", "here", "up")

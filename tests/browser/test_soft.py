@@ -1,13 +1,15 @@
-"""Links between the developer's pages: no document is loaded for them, and all is as if one were."""
+"""Links between the developer's pages load no document, and behave as if they did."""
 
+import contextlib
 import re
 import signal
 
+import pytest
 from playwright.sync_api import expect
 
 from accessible import violations
-from test_developer import CAUSE, STATUS, developer, row, visit  # noqa: F401: a fixture
-from vehicle import until
+from test_developer import CAUSE, STATUS, log_in, prepare, row, visit
+from vehicle import Vehicle, serving, until
 
 MARK = "() => { window.kept = true }"
 IS_KEPT = "() => window.kept === true"
@@ -17,6 +19,35 @@ POST = """() => {
   document.body.append(form);
   form.submit();
 }"""
+
+
+# These tests change nothing that lasts, so one server and one vehicle serve them all.
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    with serving(tmp_path_factory.mktemp("server")) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def vehicle(server):
+    with contextlib.closing(Vehicle(server.domain, server.folder)) as vehicle:
+        yield vehicle
+
+
+@pytest.fixture(scope="module")
+def operator(server, vehicle):
+    return prepare(server)
+
+
+@pytest.fixture
+def developer(server, vehicle, operator, page):
+    """A page of a developer's, with a session of its own, of a vehicle that stands well."""
+    vehicle.set(STATUS, 0)
+    until(lambda: operator.snapshot()["overall"] == "ok", 20, operator.snapshot)
+    log_in(page, server)
+    return page
 
 
 def at(page, path, heading):
@@ -46,7 +77,7 @@ def test_a_link_brings_the_other_page_and_the_history_leads_back_and_forward(ser
     page.get_by_role("link", name="Graph", exact=True).click()
     at(page, "/developer/graph", "Graph")
     assert current(page) == ["Graph"] and scrolled(page) == 0
-    # Who cannot see it hears the new page's name, and goes on from its beginning.
+    # A screen reader hears the new page's name, and goes on from its beginning.
     expect(page.locator("main h2")).to_be_focused()
     page.keyboard.press("Tab")
     expect(page.locator("[data-zoom=in]")).to_be_focused()
@@ -69,7 +100,7 @@ def test_a_link_brings_the_other_page_and_the_history_leads_back_and_forward(ser
     page.reload()
     expect(page.locator("#graph")).to_be_visible()
     assert not page.evaluate(IS_KEPT)
-    # The entries before are of a document that is gone.
+    # The earlier entries belong to a document that is gone.
     page.go_back()
     expect(page.locator("main h2")).to_have_text("Statuses")
     expect(page.locator("select[name=level]")).to_have_value("ok")
@@ -113,7 +144,7 @@ def test_steps_within_a_page_and_between_pages_are_steps_of_one_history(server, 
     page.go_back()
     page.go_back()
     at(page, "/developer/why?node=localization", "Why: localization")
-    # A way to the page that stands here is a way to its beginning.
+    # A link to the current page leads to its beginning.
     page.get_by_role("link", name="Statuses", exact=True).click()
     at(page, "/developer", "Statuses")
     page.locator("#filter").fill("odometry")
@@ -175,7 +206,7 @@ def test_who_is_no_longer_logged_in_is_led_to_the_login(server, vehicle, develop
     page = developer
     visit(page, server, "/developer")
     cookies = page.context.cookies()
-    # A tab whose session is gone, though its socket still stands.
+    # A tab whose session has ended, while its socket is still open.
     page.context.clear_cookies()
     page.get_by_role("link", name="Graph", exact=True).click()
     page.wait_for_url(server.url + "/login")
@@ -199,7 +230,7 @@ def test_a_page_that_cannot_be_brought_is_left_to_the_browser(server, vehicle, d
     expect(page.locator("body")).to_contain_text("nothing at this address")
     page.go_back()
     expect(page.locator("body")).to_have_attribute("data-live", "live")
-    # A server that hangs: the page that stands says so, and the other one comes when it can.
+    # A server that hangs: the current page says so, and the other page comes when it can.
     page.evaluate(MARK)
     server.send(signal.SIGSTOP)
     page.get_by_role("link", name="Masking", exact=True).click()

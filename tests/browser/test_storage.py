@@ -1,6 +1,6 @@
 """A full disk, a read-only one, a broken database: the display goes on and says so.
 
-It needs mount namespaces, as root or through those of users; where they are not to be had it fails.
+The tests need mount namespaces, as root or through user namespaces, and fail without them.
 """
 
 import json
@@ -14,7 +14,7 @@ import pytest
 from vehicle import CONFIG, OPERATOR, STARTUP_S, TELLTALE, Client, Server, own_domain, until
 
 IS_ROOT = os.geteuid() == 0
-# A probe every five seconds, and some.
+# A probe every five seconds, and a margin.
 NOTICE_S = 12
 FILL = "dd if=/dev/zero of=fill bs=4k 2>/dev/null || true; dd if=/dev/zero of=rest bs=1k 2>/dev/null || true"
 
@@ -112,7 +112,7 @@ def test_a_disk_that_becomes_read_only_is_a_warning_and_the_display_goes_on(moun
     message = until(lambda: storage(client), NOTICE_S, "a warning")
     assert "read-only" in message, message
     goes_on(client)
-    # From outside of it: nobody can unmount the folder in which they are.
+    # From outside: nobody can unmount the folder in which they are.
     mounted.inside(f"cd /; umount {mounted.data}")
     until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
 

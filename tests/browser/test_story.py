@@ -39,7 +39,7 @@ def test_the_story_by_touch_alone(demo, display, trouble):
     localize(page)
     expect(page.locator("#countermeasure")).not_to_have_attribute("data-request", re.compile("."))
     clear(page)
-    # A step that a change takes back is refused.
+    # A tap on a step that was just withdrawn is refused.
     trouble.expect("409")
     stage(page, "active", 20)
     expect(page.locator("#causes .calm")).to_be_visible()
@@ -64,7 +64,7 @@ def test_the_story_by_touch_alone(demo, display, trouble):
     expect(page.locator("#tile-localization")).to_have_attribute("data-state", "ok", timeout=20_000)
     expect(banner).to_contain_text("Acknowledge to release")
     expect(page.locator("#step .text")).to_have_text("Still held back. Acknowledge to release.")
-    # Each alarm that came of it is acknowledged by itself.
+    # Each resulting alarm is acknowledged by itself.
     acknowledge_all(page)
     expect(banner).to_have_count(0)
     assert sounded(page) == before + 1
@@ -99,7 +99,7 @@ def test_a_refused_clearance_lists_every_check_and_a_double_tap_clears_nothing(d
     refused.tap(force=True)
     expect(page.locator("#actions[data-refused] .checks")).to_be_visible()
     expect(page.locator("#notice")).to_be_hidden()
-    # The sheet is of now as soon as it opens.
+    # The sheet is up to date as soon as it opens.
     sheet = page.locator("#sheet-checks")
     sheet.evaluate("sheet => sheet.showPopover()")
     assert page.locator("#all-checks li:not(.holds)").count() >= 2
@@ -138,7 +138,7 @@ def test_a_tap_while_the_server_hangs_is_not_kept_for_later(demo, display, troub
     stage(page, "localizing")
     demo.send(signal.SIGSTOP)
     page.wait_for_timeout(300)
-    # The display still says that it is live: the tap goes out, and waits with the server.
+    # The display still counts as live: the tap is sent, and waits at the server.
     step(page, "localize").first.tap()
     expect(page.locator("body")).to_have_attribute("data-live", "dead", timeout=5_000)
     page.wait_for_timeout(3_500)
@@ -190,7 +190,7 @@ def test_the_work_is_ended_in_two_steps_and_not_while_driving(display, trouble):
     stage(page, "localizing")
     localize(page)
     clear(page)
-    # A step that a change takes back is refused.
+    # A tap on a step that was just withdrawn is refused.
     trouble.expect("409")
     stage(page, "active", 20)
     expect(shutdown).to_have_count(0)

@@ -1,4 +1,4 @@
-"""Taps that come together: a stop waits for nothing, and what is not sent says so."""
+"""Simultaneous taps: a stop waits for nothing, and a tap that is not sent says so."""
 
 import pytest
 from playwright.sync_api import expect
@@ -46,7 +46,7 @@ def test_a_stop_goes_out_while_another_tap_is_not_answered(driving, trouble):
         step(page, "stop").click()
     assert stopped.value.status == 200 and len(held) == 1
     expect(page.locator("#countermeasure[data-request=maneuver_stop]")).to_be_visible()
-    # It comes too late by then, or for what has changed.
+    # It comes too late by then, or its subject has changed.
     let_go(held)
     trouble.expect("409", "WebSocket", "ERR_")
 

@@ -2,7 +2,7 @@
 in `wire.py` and of the program's own decoder.
 
 `encode("Odometry", {"pose": {"pose": {"position": {"x": 1.5}}}})` gives the bytes with their
-encapsulation. What is left out is zero or empty.
+encapsulation. Omitted fields are zero or empty.
 """
 
 from dataclasses import dataclass, fields, is_dataclass

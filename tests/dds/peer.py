@@ -83,7 +83,7 @@ def encode(command, gid):
     elif "text" in command:
         data = wire.text(command["text"])
     elif "message" in command:
-        # Late: it needs Cyclone, whose configuration is read then.
+        # Imported late: it needs Cyclone, which reads its configuration then.
         import interfaces
 
         data = interfaces.encode(command["message"], command.get("fields"))

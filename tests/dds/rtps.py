@@ -5,6 +5,7 @@
     rtps.py --domain 7 gap                        ... and one that takes them back
     rtps.py --domain 7 builtin                    the same from the writers of discovery
     rtps.py --domain 7 flood --rate 3000          participants that are none
+    rtps.py --domain 7 endpoints --rate 3000      one participant with writers and readers without end
     rtps.py --domain 7 fuzz --seed 5              packets made by the grammar, and changed ones
 
 It joins as a participant of its own where an attack needs one that is known. At the end it prints how many packets
@@ -174,7 +175,7 @@ class Attacker:
 
     def gaps(self):
         self.join()
-        # Behind a number that is missing: one that begins with the first costs nothing.
+        # Behind a missing number: a GAP that begins with the first costs nothing.
         self.send(self.header(self.prefix) + gap(ANYBODY, USER_WRITER, 3, 2**40))
 
     def builtin(self):
@@ -187,6 +188,14 @@ class Attacker:
     def flood(self):
         """As many participants as there are packets."""
         self.send(self.announcement(self.stranger()), offsets=(10,))
+
+    def endpoints(self):
+        """One participant, with as many writers and readers as there are packets, each of a topic of its own."""
+        if self.sent % 500 == 0:
+            self.send(self.announcement(self.prefix), offsets=(10,))
+        kind = b"\3" if self.sent % 2 else b"\4"
+        entity = struct.pack(">I", self.sent)[1:] + kind
+        self.send(self.endpoint(self.prefix, entity, f"rt/{self.sent}", DIAGNOSTICS[1], self.sent), offsets=(10,))
 
     def fuzz(self):
         self.learn()
@@ -295,6 +304,7 @@ def main():
         "gap": Attacker.gaps,
         "builtin": Attacker.builtin,
         "flood": Attacker.flood,
+        "endpoints": Attacker.endpoints,
         "fuzz": Attacker.fuzz,
     }
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])

@@ -1,4 +1,4 @@
-//! Names that are configured and never come while ones like them do.
+//! Hints for configured names that are never heard while similar names are.
 
 use telltale::config;
 use telltale::engine::Engine;
@@ -48,13 +48,13 @@ fn a_status_that_never_comes_names_the_one_that_does() {
     assert_eq!(message(&snapshot, "a/heat").0, "never heard; `Computer: heat` is heard");
     assert_eq!(hint(&snapshot, "amcl").as_deref(), Some("nothing matches; `/amcl: x` in other looks alike"));
     assert_eq!((hint(&snapshot, "planner"), hint(&snapshot, "other")), (None, None));
-    // A reload of the same says the same.
+    // A reload of the same configuration gives the same hint.
     engine.reload(model, Timestamp::from_millis(200));
     assert_eq!(
         (message(&engine.snapshot(), "a/imu"), hint(&engine.snapshot(), "amcl").is_some()),
         (said, true)
     );
-    // What comes at last says what it says itself.
+    // Once the status comes, its own message is shown.
     hear(&mut engine, 300, "imu: status");
     hear(&mut engine, 300, "amcl: y");
     let snapshot = engine.snapshot();

@@ -1,4 +1,4 @@
-//! Modules that statuses make: they come, they leave when they are silent for too long, and they come again.
+//! Discovered modules: they appear, leave when they are silent for too long, and appear again.
 
 use std::sync::Arc;
 
@@ -76,7 +76,7 @@ fn a_silent_module_leaves_with_a_record_and_its_name_may_come_again() {
         events.into_iter().filter_map(|event| Record::of(event, &after)).map(|it| it.what).collect();
     let left = Recorded::Left { node: "sensors//sensors/trailer".into() };
     assert_eq!(records.iter().filter(|it| **it == left).count(), 1);
-    // The alarm is over, and it is listed by its name until somebody knows of it.
+    // The alarm is over, and it is listed by its name until somebody acknowledges it.
     assert_eq!(alarms(&after), [(1, "sensors//sensors/trailer".into(), false)]);
     // It comes again, healthy, under its old name, and the past one is still of it.
     let again = report(&mut engine, &[("/sensors/trailer", 0), ("own", 0)], 2500);
@@ -103,7 +103,7 @@ fn names_without_end_take_no_memory_and_no_room() {
     }
     let snapshot = engine.snapshot();
     assert_eq!(snapshot.counters.dropped_names, 0);
-    // Those that are there, and those that an alarm speaks of.
+    // The present modules, and those that an alarm refers to.
     assert!(most <= 8 + 21 + 256 + 8, "{most}");
     let alarms = alarms(&snapshot);
     assert!(alarms.iter().all(|(id, name, _)| *name == format!("sensors//sensors/{}", id - 1)), "{alarms:?}");
@@ -150,7 +150,7 @@ fn a_restart_and_a_reload_keep_the_alarms_of_what_left_and_make_nothing_of_it() 
         let after = engine.snapshot();
         assert_eq!(alarms(&after), expected);
         assert_eq!(names(&after), ["sensors//sensors/there"]);
-        // What is not heard after a restart either is not there for ever.
+        // A module that is not heard after a restart either is not kept for ever.
         let later = tick(engine, 9000);
         assert_eq!(names(&later), [""; 0]);
         assert!(alarms(&later).iter().all(|(_, _, active)| !active));
@@ -167,7 +167,7 @@ fn a_stray_that_no_group_takes_leaves_as_the_defaults_say() {
     let gone = tick(&mut engine, 3000);
     assert_eq!(names(&gone), [""; 0]);
     assert!(alarms(&gone).iter().all(|(_, _, active)| !active));
-    // What is declared is expected: it stays and is stale.
+    // A declared module is expected: it stays and is stale.
     let Some(NodeId::Module(own)) = gone.node("sensors/own") else { panic!("it is there") };
     assert!(gone.module(own).1.silent);
 }
@@ -199,4 +199,24 @@ fn a_reload_gives_no_place_away_and_keeps_what_was_refused() {
     assert!(words(&more).is_some_and(|(_, said)| said.starts_with("2 statuses")), "{:?}", words(&more));
     engine.reload(model(CONFIG), at(3500));
     assert_eq!(words(&engine.snapshot()), None);
+}
+
+#[test]
+fn a_name_that_stands_elsewhere_in_its_array_than_before_is_found_all_the_same() {
+    let mut engine = Engine::new(model(CONFIG), Timestamp::ZERO);
+    let states = |engine: &mut Engine, statuses: &[(&str, u8)], millis| {
+        let snapshot = report(engine, statuses, millis);
+        let state = |id| (snapshot.module(id).0.id.to_string(), snapshot.module(id).1.state);
+        let discovered = snapshot.module_ids().filter(|&id| snapshot.module(id).0.discovered);
+        discovered.map(state).map(|(name, state)| format!("{name} {state}")).collect::<Vec<_>>()
+    };
+    let (a, b, c) = ("sensors//sensors/a", "/fixed/b", "/fixed/c");
+    let first = states(&mut engine, &[("/sensors/a", 0), (b, 0), (c, 0)], 0);
+    assert_eq!(first, [format!("{a} ok"), format!("sensors/{b} ok"), format!("sensors/{c} ok")]);
+    let turned = states(&mut engine, &[(c, 2), ("/sensors/a", 0), (b, 1)], 10);
+    assert_eq!(turned, [format!("{a} ok"), format!("sensors/{b} warning"), format!("sensors/{c} error")]);
+    // Where it stood, one stands that left meanwhile, and one without a name.
+    tick(&mut engine, 2010);
+    let left = states(&mut engine, &[(c, 0), ("", 2), (b, 0)], 2020);
+    assert_eq!(left, [format!("sensors/{b} ok"), format!("sensors/{c} ok"), "other/ error".to_owned()]);
 }

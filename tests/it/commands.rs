@@ -1,4 +1,4 @@
-//! `check` and `user` as programs and shells use them.
+//! The commands `check`, `user` and others as programs and shells use them.
 
 use std::io::Write as _;
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! Countermeasures, acceptances and stages over what scenarios cannot say: topics that cannot be
+//! Countermeasures, acceptances and stages in cases that scenarios cannot express: topics that cannot be
 //! sent, restarts, reloads and many modules.
 
 use std::sync::Arc;
@@ -75,7 +75,7 @@ impl Vehicle {
         self.input(&Input::Signal { name: "active".into(), value });
     }
 
-    /// The program ends and begins again, with what was stored.
+    /// The program ends and starts again with its stored state.
     fn restart(&mut self) {
         self.engine = Engine::resume(model(), &self.look().to_restore(), self.now);
     }
@@ -89,7 +89,7 @@ fn state(snapshot: &Snapshot, name: &str) -> State {
     snapshot.shown(snapshot.node(name).unwrap()).0
 }
 
-/// Words of the strongest that is asked: its kind, its causes and whether it waits for the operator.
+/// The strongest request in words: its kind, its causes and whether it waits for the operator.
 fn asked(snapshot: &Snapshot) -> Option<(&'static str, Vec<&str>, bool)> {
     let measure = snapshot.countermeasure()?;
     let causes = measure.causes.iter().map(|cause| &**snapshot.node_name(cause.node)).collect();

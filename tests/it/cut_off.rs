@@ -1,4 +1,5 @@
-//! While the part that speaks DDS is down nothing of the vehicle is known: no false OK, and no false ERROR.
+//! While the part that speaks DDS is down, nothing of the vehicle is known: no false OK, and no false
+//! ERROR.
 
 use std::sync::Arc;
 
@@ -119,7 +120,7 @@ fn all_that_came_by_dds_is_unknown_at_once_and_until_it_is_heard_again() {
     assert_eq!(vehicle.states(), down, "what is in ERROR stays so, and the host is asked without DDS");
     let snapshot = vehicle.engine.snapshot();
     assert_eq!(shown(&snapshot, "telltale/dds"), Error);
-    // That nobody is heard is no fault of anybody.
+    // A silence of everybody is nobody's fault.
     for _ in 0..20 {
         vehicle.pass(500);
         vehicle.probe(ProbeOutcome::Missed("no node /planner is announced".into()));

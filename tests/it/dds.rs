@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 use telltale::clock::Clock;
-use telltale::engine::input::{Input, ReceptionTrouble, Stamped, StatusArray, TroubleKind};
+use telltale::engine::input::{Input, ReceptionTrouble, StatusArray, TroubleKind};
 use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::{
     Driving, FieldSource, Limits, Model, Parts, Policy, SignalSource, SignalSpec, StageModel,
@@ -11,6 +11,7 @@ use telltale::engine::text::Text;
 use telltale::engine::time::Span;
 use telltale::msg::messages::GidSize;
 use telltale::ros::{self, Bridge, BridgeOptions, Publisher};
+use telltale::runtime::Stamped;
 use tokio::sync::mpsc;
 
 use crate::peer::{Domain, PATIENCE, Peer, Vendor};
@@ -32,14 +33,14 @@ impl Reading {
         Reading { bridge, inputs, received: Vec::new() }
     }
 
-    /// Receives until an input fits; what came before it stays in `received`.
+    /// Receives until an input fits; earlier ones stay in `received`.
     pub async fn until<T>(&mut self, what: &str, mut fits: impl FnMut(&Input) -> Option<T>) -> T {
         let found = async {
             loop {
                 let input = self.inputs.recv().await.expect("the bridge lives").input;
                 let found = fits(&input);
-                // Who could say something is said by the clock.
-                if !matches!(input, Input::Writers(_)) {
+                // Who could say something is said by the clock; what means nothing comes for recorders alone.
+                if !matches!(input, Input::Writers(_) | Input::Tick) {
                     self.received.push(input);
                 }
                 if let Some(found) = found {
@@ -160,7 +161,7 @@ async fn one_bad_string_does_not_lose_its_array(vendor: Vendor) {
     let mut reading = Reading::start(&domain).await;
     let mut peer = Peer::start(&domain, "pub");
     peer.wait_matched(1);
-    // A lone surrogate is a byte that is no UTF-8.
+    // A lone surrogate is a byte that is not UTF-8.
     peer.tell_raw(r#"{"statuses": [{"name": "a", "message": "b\udcffc"}, {"name": "b"}]}"#);
     let array = reading.status("b").await;
     assert_eq!((array.len(), array.get(0).message()), (2, "b\u{fffd}c"));
@@ -179,7 +180,7 @@ async fn a_cut_message_is_told_and_the_next_one_is_read(vendor: Vendor) {
     let trouble = reading.trouble(TroubleKind::Malformed).await;
     assert_eq!((&*trouble.topic, trouble.count), ("/diagnostics", 1));
     assert!(trouble.text.contains("cut at byte"), "{}", trouble.text);
-    // A lying length, noise, next to nothing.
+    // A wrong length, noise, almost nothing.
     for raw in ["00010000ffffffffffffffffffffffff", "000100000102ffffff0001", "00010000ff"] {
         peer.write(&json!({"raw": raw}));
     }
@@ -193,13 +194,13 @@ async fn a_flood_of_bad_messages_is_summed_up(vendor: Vendor) {
     let mut reading = Reading::start(&domain).await;
     let mut peer = Peer::start(&domain, "pub");
     peer.wait_matched(1);
-    // Losses count from the first message that is received of a publisher.
+    // Losses count from the first received message of a publisher.
     peer.write(&one("first"));
     reading.status("first").await;
     peer.write(&json!({"raw": "0001000001", "times": 2000}));
     peer.write(&one("good"));
     reading.status("good").await;
-    // What a busy machine loses of such a flood is told as well: nothing is unaccounted for.
+    // Losses of such a flood on a busy machine are reported as well: every message is accounted for.
     let counts = |inputs: &[Input]| {
         let troubles = inputs.iter().filter_map(|input| match input {
             Input::Reception(trouble) => Some(trouble.count),
@@ -222,7 +223,7 @@ async fn what_a_slow_engine_loses_is_counted(vendor: Vendor) {
     let bridge = ros::start(options, &model(), sender, Clock::start()).await.expect("the bridge starts");
     let mut peer = Peer::start(&domain, "pub");
     peer.wait_matched(1);
-    // Gaps count from the first message that is received of a publisher.
+    // Gaps count from the first received message of a publisher.
     peer.write(&one("first"));
     while !matches!(inputs.recv().await.expect("the bridge lives").input, Input::Diagnostics(_)) {}
     peer.write(&json!({"statuses": [{"name": "many"}], "times": 20_000}));
@@ -319,7 +320,7 @@ async fn a_new_participant_goes_on_where_the_old_one_ended(vendor: Vendor) {
     for round in 0..2 {
         reading.bridge.rebuild();
         let mut peer = Peer::start(&domain, "--durability transient_local pub");
-        // Published to whichever participant is there: what the old one took is not told again.
+        // Published to whichever participant exists: messages that the old one took are not sent again.
         peer.wait_matched(1);
         let name = format!("round {round}");
         peer.write(&one(&name));
@@ -362,7 +363,7 @@ async fn large_arrays_arrive_from_both_sides(vendor: Vendor) {
     for index in 0..10_000 {
         array.push_status(2, &format!("node {index}"), "an odd length of text", "");
     }
-    // Nobody says when the reader has matched: publish until it hears of it.
+    // No event tells when the reader has matched, so it publishes until the reader hears it.
     let stamp = std::time::UNIX_EPOCH + std::time::Duration::new(1_700_000_000, 5);
     let mut names = std::collections::BTreeSet::new();
     let mut largest = 0;
@@ -380,7 +381,7 @@ async fn large_arrays_arrive_from_both_sides(vendor: Vendor) {
         }
     }
     assert_eq!(names.len(), 10_000);
-    // Above what fits into one datagram, so that fragments were put together.
+    // Larger than one datagram, so that fragments were put together.
     assert!(largest > 100_000, "{largest}");
     publisher.shutdown().await;
 }
@@ -421,7 +422,7 @@ async fn the_node_is_announced_in_the_size_that_the_others_use(vendor: Vendor) {
         }
         let is_ours = |line: &Value| line["value"]["nodes"][0]["name"] == "telltale";
         if expected == 0 {
-            // What is heard over the same two participants comes after an announcement would have.
+            // A message over the same two participants arrives after an announcement would have.
             let mut peer = Peer::start(&domain, "pub");
             peer.wait_matched(1);
             peer.write(&one("a while later"));

@@ -1,5 +1,5 @@
-//! The way to the vehicle, against foreign DDS peers: what is published for it, and how the simulated
-//! shuttle obeys.
+//! Messages to the vehicle, against foreign DDS peers: what Telltale publishes, and how the simulated
+//! shuttle reacts.
 
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use telltale::clock::Clock;
 use telltale::config;
 use telltale::engine::Engine;
-use telltale::engine::input::{Input, ListenNews, OperatorAction, Place, Stamped, StatusArray};
+use telltale::engine::input::{Input, ListenNews, OperatorAction, Place, StatusArray};
 use telltale::engine::model::Stage;
 use telltale::engine::model::output::Output;
 use telltale::engine::model::sample::Pose;
@@ -21,6 +21,7 @@ use telltale::msg::messages::encode::{Header, Motion};
 use telltale::ros::publish::outputs;
 use telltale::ros::publish::outputs::Outputs;
 use telltale::ros::{self, Bridge, BridgeOptions};
+use telltale::runtime::Stamped;
 use tokio::sync::{mpsc, watch};
 
 use crate::peer::{Domain, Peer, Vendor};
@@ -31,7 +32,7 @@ pub struct Published {
     now_ms: u64,
     snapshots: watch::Sender<Arc<Snapshot>>,
     pub outputs: Outputs,
-    /// What the engine is told.
+    /// The inputs to the engine.
     pub news: mpsc::Receiver<Stamped>,
     /// It knows who else is there.
     pub bridge: Bridge,
@@ -129,13 +130,13 @@ async fn stage_clearance_pose_and_countermeasures_reach_a_foreign_peer(vendor: V
     let domain = Domain::of(vendor);
     let mut published = Published::start(&domain).await;
     published.happen(&Input::Operator(OperatorAction::Login { name: "anna".into() }));
-    // Who comes late learns the levels.
+    // A late joiner gets the levels.
     let levels = "rt/telltale/stage=String rt/telltale/clearance=Bool rt/telltale/maneuver_stop_request=Bool";
     let mut late = Peer::start(&domain, &format!("--durability transient_local sub --topic {levels}"));
     hear(&mut late, "/telltale/stage", |value| value["data"] == "localizing");
     let events = "rt/initialpose=PoseWithCovarianceStamped rt/telltale/deceleration_request=AccelStamped";
     let mut peer = Peer::start(&domain, &format!("sub --topic {events}"));
-    // A pose is an event: it is given again until the peer is found.
+    // A pose is an event: it is sent again until the peer is found.
     let localize = Input::Operator(OperatorAction::Localize { place: Place::Stop("station".into()) });
     let pose = loop {
         published.happen(&localize);
@@ -220,7 +221,7 @@ struct Shuttle(Child);
 
 impl Drop for Shuttle {
     fn drop(&mut self) {
-        // It may have ended by itself; the test has failed then.
+        // It may have ended by itself; then the test has failed.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }

@@ -1,4 +1,4 @@
-//! The figures of `docs/evaluation.md` are what the program draws today, and a history can be drawn.
+//! The figures of `docs/evaluation.md` are those that the program draws today, and a history can be drawn.
 
 use std::collections::BTreeMap;
 use std::fs;

@@ -1,11 +1,11 @@
-//! What monitors watch, over DDS: topics of any type from foreign peers, encoded by the types of
-//! Eclipse Cyclone DDS, and watchdogs.
+//! Fields that monitors watch, over DDS: topics of any type from foreign peers, encoded by the types of
+//! Eclipse Cyclone DDS; and watchdogs.
 
 use std::sync::Arc;
 
 use serde_json::{Value, json};
 use telltale::clock::Clock;
-use telltale::engine::input::{Input, Stamped, TroubleKind};
+use telltale::engine::input::{Input, TroubleKind};
 use telltale::engine::model::monitors::{
     FieldKind, FieldSpec, ProbeTarget, TopicSpec, WatchdogSpec, Watched,
 };
@@ -15,6 +15,7 @@ use telltale::engine::text::Text;
 use telltale::engine::time::Span;
 use telltale::msg::messages::encode;
 use telltale::ros::{self, Bridge, BridgeOptions, Publisher, Quality};
+use telltale::runtime::Stamped;
 use tokio::sync::mpsc;
 
 use crate::peer::{Domain, PATIENCE, Peer, Vendor};
@@ -158,7 +159,7 @@ async fn fields_of_foreign_messages_arrive_right(vendor: Vendor) {
     assert_eq!(sample.stamp_ns, STAMP_NS);
     assert!(sample.received_wall_ns > 1_700_000_000_000_000_005);
 
-    // Best effort: what is lost of it is published again.
+    // Best effort: lost messages are published again.
     let points = json!({"message": "PointCloud2", "fields": {
         "header": stamped("lidar"), "height": 1, "width": 5000, "point_step": 12, "row_step": 60_000,
         "fields": [{"name": "x", "datatype": 7, "count": 1}, {"name": "y", "offset": 4, "datatype": 7, "count": 1}],
@@ -247,7 +248,7 @@ async fn another_configuration_learns_the_last_value_and_who_publishes(vendor: V
     watching.bridge.follow(&second).expect("it can be read");
     let news = watching.news("/pose", 1).await;
     assert!(Arc::ptr_eq(&news.source, &second.watched.topics[0]));
-    // What is counted alone has no history; of a value, the last one is learnt.
+    // A topic whose messages are only counted has no history; of a value, the last one is read.
     let sample = watching.sample("/pose").await;
     assert!(Arc::ptr_eq(&sample.source, &second.watched.topics[0]));
     assert_eq!(&*sample.values, [number(7.0)]);

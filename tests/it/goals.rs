@@ -1,4 +1,4 @@
-//! A goal that is no pose, over DDS from a foreign publisher to what the operator is told.
+//! A goal that is not a pose, over DDS, from a foreign publisher to the operator's message.
 
 use std::sync::Arc;
 

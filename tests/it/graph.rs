@@ -1,4 +1,4 @@
-//! How this program stands in the graph of ROS 2, beside others who publish the same.
+//! Telltale in the ROS 2 graph, beside other programs that publish the same topics.
 
 use std::time::Duration;
 
@@ -74,10 +74,10 @@ async fn another_aggregator_is_told_of_and_left_alone_until_it_is_gone(vendor: V
     let other = Peer::start(&domain, "pub --topic rt/diagnostics_agg");
     let words = told(&mut published).await.expect("who it is");
     assert!(words.starts_with("/diagnostics_agg by participant "), "{words}");
-    // One may have been on its way; three would have come.
+    // One may have been under way; otherwise three would have come.
     let heard = trees(&mut listener, 3).await;
     assert!(heard.len() <= 1, "{} in three seconds", heard.len());
-    // Another topic of the same name but of another type is no aggregator.
+    // Another topic of the same name and another type is not an aggregator.
     let stranger = Peer::start(&domain, "pub --topic rt/diagnostics_agg --type String");
     other.end();
     assert_eq!(told(&mut published).await, None);

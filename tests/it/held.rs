@@ -1,4 +1,5 @@
-//! What is held for the operator's word stays held: over restarts, reloads, other causes and old alarms.
+//! Requests that wait for an acknowledgement stay held: over restarts, reloads, other causes and old
+//! alarms.
 
 use std::sync::Arc;
 
@@ -23,7 +24,7 @@ fn model(text: &str) -> Arc<Model> {
     config::parse("c.yaml", text).unwrap_or_else(|problems| panic!("{problems}")).model
 }
 
-/// The causes of what is asked, with whether each is there and acknowledged; and whether it waits.
+/// The causes of the request, with whether each is active and acknowledged; and whether the request waits.
 type Asked = (Vec<(String, bool, bool)>, bool);
 
 struct Vehicle {

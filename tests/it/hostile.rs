@@ -1,14 +1,15 @@
-//! Whatever a file holds, it is read or refused in words.
+//! Any file is read, or refused with a message.
 
 use proptest::prelude::*;
 
-use telltale::config::{difference, parse};
+use telltale::config::difference;
+use telltale::config::parse;
 use telltale::sim::scenario_file;
 
 const SHUTTLE: &str = include_str!("../../config/shuttle.yaml");
 const SCENARIO: &str = include_str!("../../config/scenarios/2-sensor-outage.yaml");
 
-/// What breaks YAML, and what breaks columns.
+/// Characters that break YAML and columns.
 const PIECES: &[&str] = &[
     "", ":", ": ", "- ", "[", "]", "{", "}", "'", "\"", "\n", "\r\n", "\t", "  ", "#", "&a ", "*a", "!x ",
     "|", ">", "~", "ä", "漢", "🚌", "\u{feff}", "\u{200b}", "\u{7}", "%", "?", ",", "---\n", "0", "-1",

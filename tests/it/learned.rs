@@ -1,4 +1,4 @@
-//! Topics whose type the configuration leaves out, over DDS: it is learned from their publishers.
+//! Topics whose type the configuration leaves out, over DDS: the type is learned from their publishers.
 
 use std::time::Duration;
 

@@ -39,6 +39,7 @@ mod observed;
 mod peer;
 mod properties;
 mod publishers;
+mod raw;
 mod recorded;
 mod signals;
 mod sizes;

@@ -1,4 +1,4 @@
-//! What statuses say is bounded in bytes; what they are is not touched by it.
+//! The texts of statuses are bounded in bytes; their states do not depend on it.
 
 use std::sync::Arc;
 use std::time::UNIX_EPOCH;
@@ -10,7 +10,7 @@ use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
 use telltale::runtime::Published;
-use telltale::web::frame::Frames;
+use telltale::web::live::frame::Frames;
 
 const TEXT: &str = "
 vehicle: { stages: none }
@@ -72,7 +72,7 @@ fn a_flood_of_long_values_takes_no_more_than_its_share_and_hides_no_state() {
         assert_eq!(&*view.report.message, format!("message of flood {number}"));
         assert!(view.report.cut > 100_000, "{number} is cut by {}", view.report.cut);
     }
-    // A monitor reads what was received, not what is kept of it.
+    // A monitor reads the received values, not the kept ones.
     assert_eq!(view(&snapshot, "a/heat").own, State::Error);
     let memory = view(&snapshot, "telltale/memory");
     assert_eq!(memory.own, State::Warning);
@@ -84,12 +84,12 @@ fn a_flood_of_long_values_takes_no_more_than_its_share_and_hides_no_state() {
     let answer: serde_json::Value = serde_json::from_str(json.as_str()).unwrap();
     assert_eq!(answer["left_out"], "values");
 
-    // What says the same again changes nothing that is shown.
+    // A repeated status changes nothing that is shown.
     let revision = engine.revision();
     say(&mut engine, 2, 0, "flood 2000", 32, &value);
     assert_eq!(engine.revision(), revision);
 
-    // The flood ends: what is said next is whole again.
+    // The flood ends: the next status is complete again.
     for number in 0..4096_u32 {
         say(&mut engine, 2 + (number % 2) as u8, 0, &format!("flood {number}"), 1, "1");
     }
@@ -111,7 +111,7 @@ fn one_writer_takes_no_more_than_its_share() {
     let snapshot = engine.snapshot();
     assert!(held(&snapshot) <= 200_000, "{}", held(&snapshot));
     assert_eq!(view(&snapshot, "telltale/memory").own, State::Warning);
-    // What is left out survives a reload, and so does whose it was.
+    // What was cut stays so over a reload, and so does its writer.
     engine.reload(config::parse("test", &text).unwrap().model, Timestamp::from_millis(20));
     let after = engine.snapshot();
     assert_eq!(after.counters, snapshot.counters);

@@ -1,5 +1,5 @@
-//! From a foreign publisher to the state and the words of a monitor: the bridge and the engine as
-//! `serve` runs them, and whatever may be wrong with a topic.
+//! From a foreign publisher to the state and the message of a monitor: the bridge and the engine as `serve`
+//! runs them, with all faults of a topic.
 
 use std::time::{Duration, UNIX_EPOCH};
 
@@ -82,7 +82,7 @@ impl Watching {
         }
     }
 
-    /// Waits until something wrong with the reception of a topic was told.
+    /// Waits until a fault in the reception of a topic was reported.
     async fn tells(&mut self, topic: &str, kind: TroubleKind) {
         let told = self.link.snapshots.wait_for(|published| {
             let mut reception = published.snapshot.reception.iter();
@@ -162,7 +162,7 @@ async fn whatever_is_wrong_with_a_message_is_said(vendor: Vendor) {
         (lie, ("speed", Unknown, "cannot be read")),
         (speed("1e300"), ("speed", Error, "")),
         (cut, ("speed", Unknown, "cannot be read")),
-        // Text that is no UTF-8 in another field is nothing against the number.
+        // Text that is not UTF-8 in another field does not affect the number.
         (json!({"raw": bad_text}).to_string(), ("speed", Good, "0, at most 9 wanted")),
     ];
     // Cyclone writes the encapsulation itself, and something after it.
@@ -183,7 +183,7 @@ async fn whatever_is_wrong_with_a_message_is_said(vendor: Vendor) {
     }
     watching.tells("/speed", TroubleKind::Malformed).await;
     if matches!(vendor, Vendor::FastDds) {
-        // The library waits for what is empty till the publisher keeps it no longer.
+        // The library waits for an empty sample until the publisher no longer keeps it.
         speeds.write(&json!({"raw": ""}));
         watching.shows_for(speeds, &speed("4"), ("speed", Good, "4")).await;
         watching.tells("/speed", TroubleKind::Lost).await;
@@ -224,7 +224,7 @@ async fn a_flood_a_crash_and_another_type_are_said(vendor: Vendor) {
     let flood = json!({"message": "TwistStamped", "times": 10_000});
     watching.shows_for(&mut peer, &flood.to_string(), ("rate", Warning, "Hz, 1 to 1000 wanted")).await;
     watching.shows("rate", Error, "0 Hz, 1 to 1000 wanted").await;
-    // It is gone without a word.
+    // It is gone without a goodbye.
     peer.kill();
     watching.shows("speed", Unknown, "nobody publishes /speed").await;
     watching.shows("rate", Error, "0 Hz, 1 to 1000 wanted; nobody publishes /speed").await;

@@ -1,4 +1,4 @@
-//! Two machines that multicast does not join: two network namespaces with a cable between them.
+//! Two machines without multicast between them: two network namespaces with a cable.
 
 use std::process::Command;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use crate::peer::{Domain, PATIENCE, Peer};
 /// The process that holds the namespace of the other machine.
 const OTHER: &str = "TELLTALE_TEST_OTHER_MACHINE";
 
-/// After so long a peer that says nothing is gone.
+/// The time after which a silent peer counts as gone.
 const LEASE_S: u64 = 2;
 
 /// Lays the cable and runs the test at its first end.
@@ -42,7 +42,7 @@ async fn a_host_without_multicast_is_reached_by_its_address_alone() {
         return of_the_two_machines(&other).await;
     }
     let this = std::env::current_exe().expect("it runs");
-    // Root may lay cables; others in a user namespace of their own.
+    // Root may lay cables; other users in a user namespace of their own.
     let may = Command::new("unshare").args(["--net", "true"]).status().expect("unshare is there").success();
     let own: &[&str] = if may { &["--net"] } else { &["--user", "--map-root-user", "--net"] };
     let ran = Command::new("unshare").args(own).args(["sh", "-c", CABLE, "sh"]).arg(this).status();
@@ -72,7 +72,7 @@ async fn of_the_two_machines(other: &str) {
     peer.write(&one("later"));
     reading.status("later").await;
     reading.bridge.shutdown().await;
-    // It had as long as the other one, and multicast would have found the peer.
+    // It had as long as the other peer, and multicast would have found it.
     assert!(!is_found(&blind.bridge.discovery().borrow()), "it was found without its address");
     blind.bridge.shutdown().await;
 

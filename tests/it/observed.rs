@@ -1,5 +1,5 @@
-//! What a configuration has the bridge look at besides: topics of diagnostics, the clock of a simulation,
-//! and whether others come together.
+//! Optional topics of the bridge: further topics of diagnostics, the clock of a simulation, and the QoS of
+//! others.
 
 use serde_json::json;
 use telltale::config;

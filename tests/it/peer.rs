@@ -136,7 +136,7 @@ impl Peer {
         self.expect("matched");
     }
 
-    /// Has it leave as a process does that ends by itself.
+    /// Ends it as a process that ends by itself.
     pub fn end(mut self) {
         self.input = None;
         self.expect("done");

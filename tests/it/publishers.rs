@@ -1,4 +1,4 @@
-//! Publishers of others are read in the way that they offer: none of them has a reason to complain.
+//! Publishers are read with the quality of service that they offer, so none has a reason to complain.
 
 use std::time::Duration;
 
@@ -27,7 +27,7 @@ fn complaints(peer: &mut Peer) -> i64 {
     peer.tell_and_expect(&json!({"complaints": true}), "complaints")["complaints"].as_i64().expect("a number")
 }
 
-/// Waits until our side has found so many publishers too: what is of best effort is lost before.
+/// Waits until our side has found this many publishers too: earlier best-effort messages are lost.
 pub async fn found(reading: &Reading, topic: &str, publishers: usize) {
     let mut discovery = reading.bridge.discovery();
     let is_found = discovery
@@ -53,7 +53,7 @@ async fn a_second_publisher_of_another_quality_is_read_too_and_nothing_twice(ven
     let mut best_effort = Peer::start(&domain, "--reliability best_effort pub");
     best_effort.wait_matched(1);
     reliable.wait_matched(1);
-    // The reader that it matches may be the one that is just replaced.
+    // It may match the reader that is just being replaced.
     let others = async {
         for number in 0.. {
             best_effort.write(&one(&format!("other {number}")));

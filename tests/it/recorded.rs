@@ -1,4 +1,4 @@
-//! What modules said when they began to show something is recorded with it.
+//! A module's message is recorded when its state changes.
 
 use telltale::config;
 use telltale::engine::Engine;
@@ -73,7 +73,7 @@ fn a_silence_and_a_reported_error_are_recorded_in_their_words() {
         ["ignore: nothing seen"]
     );
 
-    // The first lines of a history say it of what is.
+    // The first records of a history contain the message of the present state.
     let present = Record::present(&engine.snapshot(), true);
     assert_eq!(words(present.clone(), camera), ["error: no picture"]);
     assert_eq!(words(present, "sensors"), ["error: "]);

@@ -59,7 +59,7 @@ fn what_was_heard_for_a_condition_outlives_a_reload_that_renumbers_the_topics() 
     vehicle.model = other.clone();
     vehicle.engine.reload(other, Timestamp::from_millis(1200));
     assert_eq!((vehicle.value(1300, "docked"), vehicle.value(1300, "both")), (Some(true), Some(true)));
-    // One input alone is judged with what the other said before the reload.
+    // One input alone is judged with the last value of the other before the reload.
     vehicle.hear(1400, "/b", FieldValue::Number(3.0));
     assert_eq!(vehicle.value(1400, "both"), Some(false));
     assert_eq!((vehicle.value(2999, "docked"), vehicle.value(3000, "docked")), (Some(true), None));

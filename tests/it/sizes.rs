@@ -1,5 +1,5 @@
-//! How large answers, pages and messages get at the bounds of what the vehicle may say: long names, long
-//! words and values, and many that wait for many.
+//! The sizes of answers, pages and messages at the bounds of the input: long names, long messages and
+//! values, and many modules that wait for many causes.
 
 use std::time::UNIX_EPOCH;
 
@@ -11,11 +11,9 @@ use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
 use telltale::runtime::Published;
 use telltale::store::Role;
-use telltale::web::frame::Frames;
-use telltale::web::view::{
-    Asked, Lang, PageContext, Palette, Part, Trends, coverage_page, developer_page, graph_page, masking_page,
-    operator_page, topics_page, why_page,
-};
+use telltale::web::developer::{Asked, coverage, graph, masking, statuses, topics, why};
+use telltale::web::live::frame::Frames;
+use telltale::web::view::{Lang, PageContext, Palette, Part, Trends, operator_page};
 
 const PAGE_BYTES: usize = 1 << 20;
 const ANSWER_BYTES: usize = 16 << 20;
@@ -33,7 +31,7 @@ fn engine(stage: Stage) -> Engine {
     engine
 }
 
-/// Says all of it in one message.
+/// Sends all of it in one message.
 fn say(
     engine: &mut Engine,
     writer: u8,
@@ -109,14 +107,14 @@ fn check_all(case: &str, published: &Published) {
         snapshot.module_ids().find(of_group).map(|id| snapshot.module(id).0.id.to_string()).unwrap()
     };
     for (page, text) in [
-        ("statuses", developer_page(published, &context(), &asked, &trends)),
-        ("graph", graph_page(published, &context(), &asked)),
-        ("masking", masking_page(published, &context(), &asked)),
-        ("coverage", coverage_page(published, &context(), &asked)),
-        ("topics", topics_page(published, &context(), &asked, &Default::default())),
-        ("why, group", why_page(published, node("g1"), &context(), &trends)),
-        ("why, module", why_page(published, node(&named("g0/")), &context(), &trends)),
-        ("why, masked", why_page(published, node(&named("g1/")), &context(), &trends)),
+        ("statuses", statuses::page(published, &context(), &asked, &trends)),
+        ("graph", graph::page(published, &context(), &asked)),
+        ("masking", masking::page(published, &context(), &asked)),
+        ("coverage", coverage::page(published, &context(), &asked)),
+        ("topics", topics::page(published, &context(), &asked, &Default::default())),
+        ("why, group", why::page(published, node("g1"), &context(), &trends)),
+        ("why, module", why::page(published, node(&named("g0/")), &context(), &trends)),
+        ("why, masked", why::page(published, node(&named("g1/")), &context(), &trends)),
     ] {
         check(&format!("{case}: {page}"), text.len(), DEVELOPER_BYTES);
     }
@@ -142,7 +140,7 @@ fn pages_and_their_messages_are_bounded() {
 
 #[test]
 fn an_answer_leaves_out_what_makes_it_too_large() {
-    // Each of the thousands that wait names those that they wait for, whose names are long.
+    // Each of the thousands of waiting modules names its causes, whose names are long.
     let masked = flooded(Stage::Active, 'w', [2, 2], 0, 3996);
     let said = answer("many causes", &masked);
     assert_eq!((said["left_out"].as_str(), said["overall"].as_str()), (Some("words"), Some("error")));
@@ -152,7 +150,7 @@ fn an_answer_leaves_out_what_makes_it_too_large() {
         assert_eq!(module["reason"]["by"].as_array().map_or(1, Vec::len), 1, "{module}");
         assert!(module["message"].as_str().unwrap().len() <= 200, "{module}");
     }
-    // Words that six bytes are needed for each letter of.
+    // Messages whose letters take six bytes each.
     let said = answer("control characters", &flooded(Stage::Active, '\u{1}', [2, 2], 0, 3996));
     assert_eq!((said["left_out"].as_str(), said["stage"].as_str()), (Some("modules"), Some("active")));
     let said = answer("few", &{

@@ -1,4 +1,4 @@
-//! What the program says when it cannot start: what is wrong, what to do, exit code 2.
+//! Errors at the start: what is wrong, what to do, exit code 2.
 
 use std::net::TcpListener;
 use std::path::PathBuf;
@@ -19,7 +19,7 @@ fn telltale_with(words: &[&str], variables: &[(&str, &str)]) -> Output {
     command.envs(variables.iter().copied()).args(words).output().expect("the program can be run")
 }
 
-/// A folder of this test's own, below the one that cargo gives for that.
+/// A folder for this test, below the folder that cargo provides.
 fn folder(name: &str) -> PathBuf {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("start-{name}"));
     std::fs::create_dir_all(&folder).expect("cargo's folder can be written");
@@ -93,7 +93,7 @@ fn an_interface_and_a_domain_that_do_not_exist_are_told() {
 fn enforced_security_is_refused_and_other_variables_without_effect_are_warned_of() {
     let data = folder("security");
     let data = data.to_str().expect("the path is text");
-    // What comes after the environment is refused too, so that it ends.
+    // A later option is refused too, so that the program ends.
     let serve =
         ["serve", "--config", SHUTTLE, "--listen", "203.0.113.9:1", "--insecure-http", "--data", data];
     let enforced = [("ROS_SECURITY_ENABLE", "true"), ("ROS_SECURITY_STRATEGY", "Enforce")];
@@ -199,7 +199,7 @@ fn only_the_first_user_makes_a_database() {
     ] {
         refuses(&[words, &["--data", data]].concat(), &["there is no database", "nowhere", "--data"]);
         assert!(!folder.exists(), "{words:?} made {data}");
-        // What may not be looked into is not called empty.
+        // A folder that may not be read is not called empty.
         refuses(
             &[words, &["--data", "/dev/null/data"]].concat(),
             &["/dev/null/data cannot be used", "--data"],

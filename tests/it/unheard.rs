@@ -1,4 +1,4 @@
-//! Requests that nobody hears: they are never said to be sent, and go out once somebody listens.
+//! Requests that nobody hears: they never count as sent, and go out once somebody listens.
 
 use std::sync::Arc;
 
@@ -66,7 +66,7 @@ impl Vehicle {
     }
 }
 
-/// What the diagnosis says of what it publishes.
+/// The state of Telltale's own module for its outputs.
 fn outputs(snapshot: &Snapshot) -> (State, String) {
     let node = snapshot.node("telltale/outputs").unwrap();
     let telltale::engine::model::NodeId::Module(id) = node else { panic!("{node:?}") };

@@ -1,4 +1,4 @@
-//! One status said by several writers, and by whom it may be said.
+//! One status from several writers, and the nodes that may publish it.
 
 use std::sync::Arc;
 
@@ -51,7 +51,7 @@ impl Vehicle {
         vehicle
     }
 
-    /// Discovery knows all but those who are gone.
+    /// Discovery knows all writers but these.
     fn list(&mut self, millis: u64, gone: &[u8]) {
         let at = Timestamp::from_millis(millis);
         let there = self.named.iter().filter(|(writer, _)| !gone.contains(writer));
@@ -111,7 +111,8 @@ fn a_flood_of_ok_covers_no_error() {
         view.report.german.as_deref(),
         Some("lidar: /one meldet FEHLER, /two meldet OK; das Schlechtere zählt")
     );
-    // The worse one ends. It counts for the module's timeout while the other one speaks, and is named a while.
+    // The worse one ends. It counts for the module's timeout while the other one speaks, and is named for a
+    // while.
     for millis in (6000..20_000).step_by(10) {
         vehicle.say(millis, 2, OK, "lidar");
         let expected = if millis < 7800 { State::Error } else { State::Ok };
@@ -152,7 +153,7 @@ fn who_left_counts_no_more_and_the_last_word_stays_the_last() {
     vehicle.list(500, &[1]);
     vehicle.say(600, 2, OK, "lidar");
     assert_eq!(vehicle.own(600, "a/lidar"), State::Ok);
-    // What came after discovery was asked is of somebody who is there.
+    // A status that came after discovery was asked is from an existing writer.
     vehicle.say(700, 1, ERROR, "lidar");
     vehicle.say(800, 2, OK, "lidar");
     assert_eq!(vehicle.own(800, "a/lidar"), State::Error);
@@ -165,7 +166,7 @@ fn who_left_counts_no_more_and_the_last_word_stays_the_last() {
 fn writers_that_agree_but_for_a_moment_are_no_dispute() {
     let mut vehicle = Vehicle::new(&[]);
     for second in 0..30 {
-        // Two that measure the same, one of them half a second later.
+        // Two nodes that measure the same, one of them half a second later.
         let level = if second % 7 < 3 { ERROR } else { OK };
         vehicle.say(1000 * second, 1, level, "lidar");
         vehicle.say(1000 * second + 500, 2, level, "lidar");

@@ -1,8 +1,9 @@
 use super::*;
 use crate::clock::Clock;
-use crate::engine::input::{Input, Stamped, StatusArray};
+use crate::engine::input::{Input, StatusArray};
 use crate::engine::snapshot::Snapshot;
 use crate::engine::state::State;
+use crate::runtime::Stamped;
 use crate::runtime::{self, Link};
 
 const OLD: &str = "vehicle: { stages: none }
@@ -47,7 +48,7 @@ impl Bench {
         array.push_status(2, "k", "broken", "");
         array.push_status(2, "g", "broken", "");
         let input = Input::Diagnostics(array);
-        self.link.inputs.send(Stamped { input, received: self.clock.now() }).await.unwrap();
+        self.link.inputs.send(Stamped::new(input, self.clock.now())).await.unwrap();
         self.link.snapshots.wait_for(|it| shown(&it.snapshot, "a/kept") == Some(State::Error)).await.unwrap();
     }
 

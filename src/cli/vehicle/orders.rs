@@ -6,7 +6,7 @@ use tokio::sync::mpsc;
 
 use crate::clock::Clock;
 use crate::config::publishing::Publishing;
-use crate::engine::input::{Input, Stamped};
+use crate::engine::input::Input;
 use crate::engine::model::monitors::{FieldKind, FieldSpec, TopicSpec, Watched};
 use crate::engine::model::sample::FieldValue;
 use crate::engine::model::{
@@ -16,6 +16,7 @@ use crate::engine::text::Text;
 use crate::msg::messages::encode::{ACCEL_STAMPED, POSE_WITH_COVARIANCE_STAMPED};
 use crate::msg::messages::{BOOL, GidSize};
 use crate::ros::{self, Bridge, BridgeError, BridgeOptions};
+use crate::runtime::Stamped;
 use crate::sim::shuttle::Order;
 
 const CLEAR: &str = "clear";

@@ -1,7 +1,7 @@
 //! Findings as problems with their places.
 
 use super::{Dead, Example, Finding, What};
-use crate::config::places::Places;
+use crate::config::describe::places::Places;
 use crate::engine::model::{Model, NodeId};
 use crate::yaml::{Problem, Span};
 

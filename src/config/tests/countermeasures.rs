@@ -1,7 +1,7 @@
 //! Countermeasures: what they ask for, and what can be wrong with them.
 
 use super::*;
-use crate::config::words;
+use crate::config::describe::words;
 
 const HEAD: &str = "signals: { braking: { topic: /b, type: std_msgs/msg/Bool } }\ngroups: [{ id: planning, modules: [{ id: m, status: s }] }, { id: execution, modules: [{ id: m, status: t }] }]\n";
 

@@ -1,6 +1,7 @@
 //! What a reload says of two configurations.
 
-use crate::config::{difference, parse};
+use crate::config::describe::difference::difference;
+use crate::config::parse;
 
 /// All differences between two texts, as sentences.
 #[track_caller]

@@ -1,7 +1,7 @@
 //! What monitors watch, and what can be wrong with them.
 
 use super::*;
-use crate::config::words;
+use crate::config::describe::words;
 use crate::engine::model::monitors::{FieldKind, ProbeTarget, ValueSource};
 
 /// One monitor, whose text begins in column 3 of line 5.

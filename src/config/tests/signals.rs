@@ -1,7 +1,8 @@
 //! Signals that are conditions over values.
 
 use super::check_beside_group;
-use crate::config::{parse, words};
+use crate::config::describe::words;
+use crate::config::parse;
 
 fn said(signal: &str) -> Vec<String> {
     let text = format!("{}signals: {{ {signal} }}\n", super::GROUP);

@@ -1,6 +1,6 @@
 //! The text of a message definition, `Name.msg`, as ROS 2 writes it.
 
-/// What a member is, where it is no message.
+/// The type of a member that is not a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Primitive {
     Bool,
@@ -17,7 +17,7 @@ pub enum Primitive {
 }
 
 impl Primitive {
-    /// On the wire, which is also its alignment.
+    /// Its size on the wire, which is also its alignment.
     pub const fn bytes(self) -> u8 {
         match self {
             Primitive::Bool | Primitive::I8 | Primitive::U8 => 1,
@@ -27,7 +27,7 @@ impl Primitive {
         }
     }
 
-    /// `char` is a number of 8 bits in ROS 2, and so is `byte`.
+    /// In ROS 2 `char` is a number of 8 bits, and so is `byte`.
     fn from_word(word: &str) -> Option<Primitive> {
         Some(match word {
             "bool" => Primitive::Bool,
@@ -59,7 +59,7 @@ pub enum Base {
 pub enum Arity {
     One,
     Fixed(u32),
-    /// With or without a bound: on the wire it is the same.
+    /// With or without a bound: on the wire both are the same.
     Sequence,
 }
 
@@ -70,14 +70,14 @@ pub struct Member {
     pub arity: Arity,
 }
 
-/// Members of one message; more are no message.
+/// Members of one message; no message has more.
 const MEMBERS_MAX: usize = 1000;
 
-/// The members of a message of this package, in order. Constants and default values are passed over:
-/// neither is on the wire.
+/// The members of a message of this package, in order. Constants and default values are skipped, because
+/// they are not on the wire.
 ///
 /// # Errors
-/// The first line that is no line of a definition.
+/// The first line that does not belong into a definition.
 pub fn parse(package: &str, text: &str) -> Result<Vec<Member>, String> {
     let mut members: Vec<Member> = Vec::new();
     for (number, line) in text.lines().enumerate() {
@@ -148,7 +148,7 @@ fn kind_of(package: &str, kind: &str) -> Result<(Base, Arity), String> {
     Ok((base, arity))
 }
 
-/// The whole name: `Pose` is of the same package, `package/Pose` of another.
+/// The full name: `Pose` is of the same package, `package/Pose` of another.
 fn message_name(package: &str, name: &str) -> Option<String> {
     let word = |part: &str| {
         part.starts_with(|it: char| it.is_ascii_alphabetic())

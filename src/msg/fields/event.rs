@@ -1,4 +1,4 @@
-//! Whether a message is what its type says: an event counts only if it is.
+//! Whether a message follows its type completely: an event counts only then.
 
 use std::sync::Arc;
 
@@ -20,11 +20,10 @@ impl EventReader {
         (!shape.wide).then_some(EventReader(shape))
     }
 
-    /// Goes through the whole message: positions, directions and rotations (`geometry_msgs`) have to
-    /// be some.
+    /// Checks the whole message: its positions, directions and rotations (`geometry_msgs`) must be valid.
     ///
     /// # Errors
-    /// Why it is no such message.
+    /// The reason why the message does not count.
     pub fn check(&self, body: &[u8], endian: Endian) -> Result<(), Miss> {
         judge(&self.0, &mut Reader::new(body, endian), "")
     }
@@ -44,7 +43,7 @@ fn judge(shape: &Shape, reader: &mut Reader<'_>, name: &str) -> Result<(), Miss>
     }
 }
 
-/// Nothing but numbers with a decimal point, of the package that says what is where.
+/// A `geometry_msgs` type of floats only.
 fn is_geometry(message: &Message) -> bool {
     let is_float = |shape: &Shape| matches!(shape.kind, Kind::Primitive(Primitive::F32 | Primitive::F64));
     message.type_name.starts_with("geometry_msgs/")

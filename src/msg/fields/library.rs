@@ -1,5 +1,5 @@
-//! Where the definitions of types come from: the folders of a ROS 2 installation, then the common
-//! packages that are built in.
+//! Finds the definitions of message types: in the folders of a ROS 2 installation, then among the built-in
+//! packages.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -11,7 +11,7 @@ use super::definition::{self, Arity, Base};
 use super::shape::{Message, Shape};
 use crate::msg::messages;
 
-/// Each message stands after a line `=== Name`.
+/// Each message follows a line `=== Name`.
 const BUILT_IN: [(&str, &str); 16] = [
     ("action_msgs", include_str!("action_msgs.msgs")),
     ("actionlib_msgs", include_str!("actionlib_msgs.msgs")),
@@ -31,14 +31,14 @@ const BUILT_IN: [(&str, &str); 16] = [
     ("visualization_msgs", include_str!("visualization_msgs.msgs")),
 ];
 
-/// No definition of a message is as long.
+/// No definition of a message is longer.
 const FILE_BYTES_MAX: u64 = 256 << 10;
-/// Messages within messages.
+/// The nesting of messages in messages.
 const DEPTH_MAX: usize = 32;
-/// Types that one message is made of.
+/// The types in one message.
 const TYPES_MAX: usize = 500;
 
-/// Looks up the type of one message with all that it is made of.
+/// Resolves the type of one message with all types in it.
 pub struct Library<'a> {
     folders: &'a [PathBuf],
     known: BTreeMap<Box<str>, Arc<Shape>>,
@@ -99,8 +99,7 @@ impl<'a> Library<'a> {
         Ok(shape)
     }
 
-    /// Why there is no such type, where its package is known and so would have it. A type of another
-    /// package may well exist.
+    /// The error for a missing type of a known package. A type of another package may exist.
     pub fn misnamed(&self, type_name: &str) -> Option<TypeError> {
         let error = self.text(type_name).err()?;
         let (package, name) = type_name.split_once("/msg/")?;
@@ -190,7 +189,7 @@ fn sections(text: &'static str) -> impl Iterator<Item = (&'static str, &'static 
     text.split("=== ").skip(1).map(|section| section.split_once('\n').unwrap_or((section, "")))
 }
 
-/// A built-in type that is written much like this one.
+/// A built-in type with a similar name.
 fn similar(type_name: &str) -> Option<String> {
     let all = BUILT_IN
         .iter()

@@ -1,10 +1,11 @@
-//! Fields of any message, read by their paths: compiled once from the definition of the type, then
-//! read straight from the bytes, passing over all that is not asked for.
+//! Fields of any message, by their paths: compiled once from the definition of the type, then read directly
+//! from the bytes, skipping everything else.
 //!
-//! A path names fields from outside to inside, `twist.twist.linear.x`. `[2]` is an element of an
-//! array, counted from 0; `[child_frame_id=base_link]` is the first element with that value, and a
-//! message without one says nothing of the field, as each broadcaster of `/tf` sends its own frames;
-//! `.length` is the number of elements. `detections[].bbox` are all elements, for lists of positions. A Time or Duration is a number of seconds.
+//! A path names fields from the outside inwards, `twist.twist.linear.x`. `[2]` is an element of an array,
+//! counted from 0. `[child_frame_id=base_link]` is the first element with that value; a message without one
+//! says nothing about the field, because each broadcaster of `/tf` sends only its own frames. `.length` is
+//! the number of elements. `detections[].bbox` are all elements, for lists of positions. A Time or Duration
+//! is a number of seconds.
 
 mod definition;
 mod event;
@@ -28,19 +29,19 @@ pub use program::Miss;
 use program::Program;
 use shape::{Kind, Shape};
 
-/// The definitions of messages: those in folders, then the common packages that are built in.
+/// The definitions of messages: first those in folders, then the built-in packages.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Definitions {
     folders: Vec<PathBuf>,
 }
 
-/// Everything about a topic that cannot be read.
+/// A field of a topic that cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FieldsError(pub Vec<FieldError>);
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FieldError {
-    /// The field that it is about; `None` if it is the type or its stamp.
+    /// The field; `None` if the error concerns the type or its stamp.
     pub path: Option<Box<str>>,
     pub text: String,
     /// What to do.
@@ -48,14 +49,15 @@ pub struct FieldError {
 }
 
 impl Definitions {
-    /// Each folder is the `share` of a ROS 2 installation or is laid out as one:
-    /// `FOLDER/package/msg/Name.msg`. The first that has a type wins; all win over what is built in.
+    /// Each folder is the `share` of a ROS 2 installation or has the same structure:
+    /// `FOLDER/package/msg/Name.msg`. The first folder with a type wins; all win over the built-in
+    /// definitions.
     pub fn new(folders: Vec<PathBuf>) -> Definitions {
         Definitions { folders }
     }
 
-    /// The folders, then `share` of every ROS 2 installation that was sourced: `AMENT_PREFIX_PATH`,
-    /// which `env` looks up.
+    /// The folders, then `share` of every sourced ROS 2 installation: `AMENT_PREFIX_PATH`, which `env`
+    /// looks up.
     pub fn of_environment(mut folders: Vec<PathBuf>, env: impl Fn(&str) -> Option<String>) -> Definitions {
         let prefixes = env("AMENT_PREFIX_PATH").unwrap_or_default();
         let prefixes = prefixes.split(':').filter(|prefix| !prefix.is_empty());
@@ -63,23 +65,23 @@ impl Definitions {
         Definitions::new(folders)
     }
 
-    /// The same with further folders, behind those that it has.
+    /// With further folders behind the present ones.
     pub fn with(&self, folders: &[PathBuf]) -> Definitions {
         Definitions::new(self.folders.iter().chain(folders).cloned().collect())
     }
 
-    /// Compiles a reader for what is wanted of a topic. A topic where nothing but the fact that a
-    /// message came is wanted can have any type, but none that its own package does not have.
+    /// Compiles a reader for the wanted fields of a topic. A topic of which only the arrival of messages
+    /// matters can have any type, unless the type's own package is known and does not have it.
     ///
     /// # Errors
-    /// Every field that the type does not have, that is no such value, or the type that is not known.
+    /// Every field that the type does not have or that has another kind of value, or the unknown type.
     pub fn check(&self, spec: &TopicSpec) -> Result<Reader, FieldsError> {
         let (reader, errors) = self.reader(spec)?;
         if errors.is_empty() { Ok(reader) } else { Err(FieldsError(errors)) }
     }
 
-    /// The same with everything that is wrong beside it: a field that cannot be read is unreadable in every
-    /// message, and the others have their values.
+    /// Compiles the readable fields, and returns the errors beside the reader: an unreadable field is
+    /// unreadable in every message, and the others have their values.
     ///
     /// # Errors
     /// The type is not known, so nothing can be read.
@@ -113,10 +115,10 @@ impl Definitions {
         Ok((Reader { fields, stamp, whole }, errors))
     }
 
-    /// A reader for a field that is true or false.
+    /// A reader for a boolean field.
     ///
     /// # Errors
-    /// Why there is none.
+    /// Why the field cannot be read.
     pub fn boolean(&self, type_name: &str, path: &str) -> Result<BooleanReader, FieldError> {
         let shape = Library::new(&self.folders).shape(type_name);
         let shape = shape.map_err(|error| FieldError { path: None, text: error.text, help: error.help })?;
@@ -128,7 +130,7 @@ impl Definitions {
         Err(FieldError { path: Some(path.into()), text, help: "name a field of type bool".to_owned() })
     }
 
-    /// Judges whether messages are what their type says; `None` where nothing says what that is.
+    /// Judges whether messages follow their type; `None` if the type is not known.
     pub fn event(&self, type_name: &str) -> Option<EventReader> {
         Library::new(&self.folders).shape(type_name).ok().and_then(EventReader::of)
     }
@@ -144,8 +146,8 @@ fn compile(shape: &Arc<Shape>, field: &FieldSpec) -> Result<Program, FieldError>
 
 const PATHS: &str = "write the names of fields with dots between them: twist.twist.linear.x";
 
-/// The stamp of the header, which is the first member; or a Time that is called `stamp`; or, where an
-/// array is all that a message begins with, the stamp of its first element, as in a TFMessage.
+/// The stamp of the header, if that is the first member; or a Time called `stamp`; or, if a message begins
+/// with an array, the stamp of its first element, as in a TFMessage.
 fn stamp_of(shape: &Arc<Shape>) -> Option<Program> {
     let Kind::Message(message) = &shape.kind else { return None };
     let (first, first_shape) = message.members.first()?;
@@ -165,15 +167,15 @@ fn stamp_of(shape: &Arc<Shape>) -> Option<Program> {
 /// Reads the fields of one topic.
 #[derive(Debug, Clone)]
 pub struct Reader {
-    /// Each, or why there is no value of it.
+    /// Each field, or why it has no value.
     fields: Vec<Result<Program, Box<str>>>,
     stamp: Option<Program>,
-    /// The type, to see that a message is not cut behind its fields; `None` where that cannot be said.
+    /// The type, for noticing a message that is cut behind its fields; `None` if that cannot be judged.
     whole: Option<Arc<Shape>>,
 }
 
 impl Reader {
-    /// Of messages that can be counted and not be read.
+    /// For messages that can be counted and not read.
     pub fn of_nothing(spec: &TopicSpec, why: &FieldsError) -> Reader {
         let why = why.0.first().map(FieldError::brief).unwrap_or_default();
         let fields = spec.fields.iter().map(|_| Err(why.as_str().into())).collect();
@@ -181,19 +183,19 @@ impl Reader {
     }
 }
 
-/// What was read of one message.
+/// The values of one message.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reading {
     pub values: Box<[FieldValue]>,
-    /// Nanoseconds since 1970 on the publisher's clock.
+    /// Nanoseconds since 1970 by the publisher's clock.
     pub stamp_ns: Option<i64>,
-    /// Where the message was not what its type says. Fields before it have their values.
+    /// Where the message does not follow its type. Fields before that have their values.
     pub fault: Option<Fault>,
 }
 
 impl Reader {
-    /// Reads a body without its encapsulation. Whatever it holds, each field has a value or the
-    /// reason why there is none. NaN and infinities are numbers.
+    /// Reads a body without its encapsulation. Each field has a value or a reason, whatever the body holds.
+    /// NaN and infinities are numbers.
     pub fn read(&self, body: &[u8], endian: Endian) -> Reading {
         let reader = cdr::Reader::new(body, endian);
         let mut fault = None;
@@ -220,29 +222,29 @@ impl Reader {
         Reading { values, stamp_ns, fault }
     }
 
-    /// What each field is, in their order; `None` for a pose, and for what is not there.
+    /// The kinds of the fields' values, in order; `None` for a pose, and for a missing field.
     pub fn kinds(&self) -> impl Iterator<Item = Option<ScalarKind>> {
         self.fields.iter().map(|program| program.as_ref().ok()?.kind())
     }
 
-    /// Between which numbers each field can be, in their order, where its type says.
+    /// The range of each field, in order, if its type has one.
     pub fn ranges(&self) -> impl Iterator<Item = Option<(f64, f64)>> {
         self.fields.iter().map(|program| program.as_ref().ok()?.range())
     }
 
-    /// Nothing but the fact that a message came is wanted.
+    /// Only the arrival of messages matters.
     pub fn is_empty(&self) -> bool {
         self.fields.is_empty() && self.stamp.is_none()
     }
 
-    /// What is known of a message that cannot be read at all.
+    /// The result for a message that cannot be read at all.
     pub fn unreadable(&self, why: &Fault) -> Reading {
         let value = FieldValue::Unreadable(why.to_string().into());
         Reading { values: vec![value; self.fields.len()].into(), stamp_ns: None, fault: Some(why.clone()) }
     }
 }
 
-/// Reads one field that is true or false.
+/// Reads one boolean field.
 #[derive(Debug, Clone)]
 pub struct BooleanReader(Program);
 
@@ -258,8 +260,8 @@ impl BooleanReader {
 }
 
 impl FieldError {
-    /// The same where the path is known and the list of all fields would be too long:
-    /// "sensor_msgs/msg/BatteryState has no field `percent`; did you mean `percentage`?"
+    /// For a known path and a long list of fields: "sensor_msgs/msg/BatteryState has no field `percent`;
+    /// did you mean `percentage`?"
     pub fn brief(&self) -> String {
         let path = self.path.as_ref().map(|path| format!("`{path}`: ")).unwrap_or_default();
         let text = self.text.strip_prefix(&*path).unwrap_or(&self.text);

@@ -7,14 +7,14 @@ pub enum Step {
     Index(u32),
     /// All elements.
     Each,
-    /// The first element whose member is this.
+    /// The first element with a member of this value.
     Where {
         key: Vec<Step>,
         value: Box<str>,
     },
 }
 
-/// The longest path that is taken.
+/// The longest accepted path.
 const BYTES_MAX: usize = 1000;
 
 /// # Errors
@@ -52,7 +52,7 @@ fn member<'a>(text: &'a str, steps: &mut Vec<Step>) -> Result<&'a str, String> {
     Ok(rest)
 }
 
-/// What stands between brackets; the opening one is passed already.
+/// The text between brackets; the opening bracket is already read.
 fn element<'a>(text: &'a str, steps: &mut Vec<Step>) -> Result<&'a str, String> {
     const WRITE: &str =
         "write a number from 0 on, `[0]`, or a field and its value, `[child_frame_id=base_link]`";

@@ -1,4 +1,4 @@
-//! Lists of positions: the elements of an array that are at some x and y, or hold what is.
+//! Lists of positions: the elements of an array that have x and y, or contain a member that does.
 
 use super::definition::Primitive;
 use super::path::Step;
@@ -8,20 +8,20 @@ use crate::engine::model::sample::Positions as Found;
 use crate::engine::model::sample::{FieldValue, POSITIONS_MAX, Position};
 use crate::msg::cdr::Reader;
 
-/// What holds a position in the messages of the common packages.
+/// The members that contain a position in the messages of the common packages.
 const HOLDERS: [&str; 5] = ["position", "pose", "center", "translation", "transform"];
 
 #[derive(Debug, Clone)]
 pub struct Positions {
     array: Array,
-    /// From an element on.
+    /// The way from an element to its position.
     x: Program,
     y: Program,
 }
 
 impl Positions {
-    /// `[]` in the path stands for each element; without one the path ends at the array. Returns how
-    /// to get to the array, too.
+    /// `[]` in the path stands for each element; without it the path ends at the array. Also returns the
+    /// way to the array.
     pub(super) fn compile(
         mut compiler: Compiler,
         steps: &[Step],
@@ -58,7 +58,7 @@ impl Positions {
     }
 
     /// # Errors
-    /// The body ends before, or an element has no position.
+    /// The body ends too early, or an element has no position.
     pub(super) fn read(&self, reader: &mut Reader<'_>) -> Result<Found, Miss> {
         let count = self.array.count(reader)?;
         let mut taken = Vec::with_capacity((count as usize).min(POSITIONS_MAX));
@@ -76,7 +76,7 @@ impl Positions {
 fn number(program: &Program, reader: &Reader<'_>, index: u32) -> Result<f64, Miss> {
     match program.read(reader.clone()) {
         Ok(FieldValue::Number(number)) => Ok(number),
-        // One without a position is none of the others, and not nothing.
+        // An element without a position must not be skipped.
         Ok(_) | Err(Miss::Absent) => Err(Miss::Refused(format!("element {index} has no position"))),
         Err(miss) => Err(miss),
     }

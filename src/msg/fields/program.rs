@@ -1,4 +1,4 @@
-//! A path, compiled: what to pass over in a message, and what to read then.
+//! Compiled paths: what to skip in a message, and what to read then.
 
 mod range;
 
@@ -13,7 +13,7 @@ use crate::engine::model::monitors::{FieldKind, ScalarKind};
 use crate::engine::model::sample::{FieldValue, Pose};
 use crate::msg::cdr::{Fault, Reader};
 
-/// A longer string is no value that anybody compares.
+/// Nobody compares a longer string with a value.
 const TEXT_BYTES_MAX: usize = 4096;
 
 #[derive(Debug, Clone)]
@@ -30,7 +30,7 @@ pub(super) enum Move {
         array: Array,
         index: u32,
     },
-    /// To the first element whose key is this.
+    /// To the first element with this key.
     Where {
         array: Array,
         key: Box<Program>,
@@ -58,11 +58,11 @@ pub(super) enum Wanted {
 /// Why a message has no value for a field.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Miss {
-    /// It is not what its type says.
+    /// The message does not follow its type.
     Fault(Fault),
-    /// No element is the one that is asked for: this message is of others.
+    /// The wanted element is missing: this message is about others.
     Absent,
-    /// It is there and cannot be taken.
+    /// The field is there, and its value cannot be used.
     Refused(String),
 }
 
@@ -91,7 +91,7 @@ pub struct PathError {
 
 impl Program {
     /// # Errors
-    /// What the type does not have, or what is there instead.
+    /// The missing field, or the field that is there instead.
     pub fn compile(shape: &Arc<Shape>, steps: &[Step], kind: FieldKind) -> Result<Program, PathError> {
         let mut compiler = Compiler::at(shape.clone());
         if kind == FieldKind::Positions {
@@ -115,7 +115,7 @@ impl Program {
         }
     }
 
-    /// What its value is; `None` for a pose and for positions.
+    /// The kind of its value; `None` for a pose and for positions.
     pub fn kind(&self) -> Option<ScalarKind> {
         Some(match &self.leaf {
             Leaf::Primitive(Primitive::Bool) => ScalarKind::Bool,
@@ -125,7 +125,7 @@ impl Program {
         })
     }
 
-    /// Whether it reads a point in time.
+    /// Whether it reads a time.
     pub fn is_time(&self) -> bool {
         matches!(self.leaf, Leaf::Time)
     }
@@ -149,14 +149,14 @@ impl Program {
         })
     }
 
-    /// A point in time in nanoseconds since 1970; `None` where it is none.
+    /// A time in nanoseconds since 1970; `None` for a value that is not a time.
     pub fn read_stamp(&self, mut reader: Reader<'_>) -> Option<i64> {
         self.go(&mut reader).ok()?;
         let (seconds, nanos) = time(&mut reader).ok()?;
         (nanos < 1_000_000_000).then(|| i64::from(seconds) * 1_000_000_000 + i64::from(nanos))
     }
 
-    /// Moves to where the value is.
+    /// Moves to the position of the value.
     fn go(&self, reader: &mut Reader<'_>) -> Result<(), Miss> {
         for step in &self.moves {
             match step {
@@ -199,7 +199,7 @@ fn find(array: &Array, key: &Program, wanted: &Wanted, reader: &mut Reader<'_>) 
 }
 
 /// # Errors
-/// The body ends before.
+/// The body ends too early.
 pub(super) fn number(primitive: Primitive, reader: &mut Reader<'_>) -> Result<f64, Fault> {
     Ok(match primitive {
         Primitive::Bool => f64::from(u8::from(reader.u8()? != 0)),
@@ -209,7 +209,7 @@ pub(super) fn number(primitive: Primitive, reader: &mut Reader<'_>) -> Result<f6
         Primitive::I16 => f64::from(i16::from_le_bytes(reader.scalar()?)),
         Primitive::U32 => f64::from(u32::from_le_bytes(reader.scalar()?)),
         Primitive::I32 => f64::from(i32::from_le_bytes(reader.scalar()?)),
-        // Above 2^53 the nearest number that is one.
+        // Above 2^53, the nearest number that is a double.
         Primitive::U64 => u64::from_le_bytes(reader.scalar()?) as f64,
         Primitive::I64 => i64::from_le_bytes(reader.scalar()?) as f64,
         Primitive::F32 => f64::from(f32::from_le_bytes(reader.scalar()?)),
@@ -235,7 +235,7 @@ fn pose(reader: &mut Reader<'_>) -> Result<Pose, Fault> {
     Ok(Pose { x_m: next()?, y_m: next()?, z_m: next()?, qx: next()?, qy: next()?, qz: next()?, qw: next()? })
 }
 
-/// On its way along a path.
+/// A position on the way along a path.
 #[derive(Clone)]
 pub(super) struct Compiler {
     moves: Vec<Move>,
@@ -251,7 +251,7 @@ impl Compiler {
         &self.here
     }
 
-    /// The array that it has come to, and how it got there.
+    /// The array at this position, and the way to it.
     pub(super) fn into_array(self) -> Result<(Array, Vec<Move>), PathError> {
         let array = self.array("[]")?;
         Ok((array, self.moves))
@@ -367,7 +367,7 @@ impl Compiler {
         Ok(Program { moves: self.moves, leaf })
     }
 
-    /// Goes on into `pose` and `transform` until it is at one.
+    /// Goes on into `pose` and `transform` until it reaches a pose.
     fn pose(mut self) -> Result<Program, PathError> {
         loop {
             let here = self.here.clone();
@@ -393,7 +393,7 @@ impl Compiler {
 }
 
 fn no_such_member(message: &Message, name: &str) -> PathError {
-    // A word that is cut short is nearer than one with other letters: `percent` is no `present`.
+    // A shortened word is closer than a word with other letters: `percent` is not `present`.
     let distance = |known: &str| match name.len() > 3 && known.starts_with(name) {
         true => 0,
         false => strsim::damerau_levenshtein(known, name),

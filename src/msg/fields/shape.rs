@@ -1,4 +1,4 @@
-//! What a message looks like on the wire, and how to pass over any part of it without looking inside.
+//! The layout of messages on the wire, and how to skip any part without looking inside.
 
 use std::sync::Arc;
 
@@ -9,9 +9,9 @@ use crate::msg::cdr::{Fault, FaultKind, Reader};
 #[derive(Debug, Clone)]
 pub struct Shape {
     pub kind: Kind,
-    /// Set where nothing in it has a length of its own.
+    /// Set if no part of it has a length of its own.
     plain: Option<Strides>,
-    /// The least that it takes, without padding; never 0.
+    /// Its smallest size, without padding; never 0.
     bytes_min: u64,
     /// It holds a `wstring`, which implementations of ROS 2 write in different ways.
     pub wide: bool,
@@ -36,7 +36,7 @@ pub struct Message {
 #[derive(Debug, Clone)]
 pub struct Array {
     pub element: Arc<Shape>,
-    /// `None`: a sequence, whose length stands before it.
+    /// `None` for a sequence, which begins with its length.
     pub fixed: Option<u32>,
 }
 
@@ -87,7 +87,7 @@ impl Shape {
     }
 
     /// # Errors
-    /// The body ends before, as in all that follow.
+    /// The body ends too early, as in all methods below.
     pub fn skip(&self, reader: &mut Reader<'_>) -> Result<(), Fault> {
         if let Some(plain) = &self.plain {
             return reader.skip(stride(plain, reader.at() as u64));
@@ -102,7 +102,7 @@ impl Shape {
         }
     }
 
-    /// What it is called in a message for people.
+    /// Its name in a message for people.
     pub fn name(&self) -> String {
         match &self.kind {
             Kind::Primitive(Primitive::Bool) => "a boolean".to_owned(),
@@ -115,8 +115,8 @@ impl Shape {
 }
 
 impl Array {
-    /// The number of elements. One that the rest of the body cannot hold is refused before anything
-    /// is done so many times.
+    /// The number of elements. A number that the rest of the body cannot hold is refused before any loop
+    /// over it.
     ///
     /// # Errors
     pub fn count(&self, reader: &mut Reader<'_>) -> Result<u32, Fault> {
@@ -132,7 +132,7 @@ impl Array {
         Ok(count)
     }
 
-    /// Passes over so many elements.
+    /// Skips this many elements.
     ///
     /// # Errors
     pub fn skip(&self, count: u32, reader: &mut Reader<'_>) -> Result<(), Fault> {
@@ -147,8 +147,8 @@ fn stride(plain: &Strides, offset: u64) -> u64 {
     plain[(offset % 8) as usize]
 }
 
-/// The bytes of `count` plain shapes one after the other. The offset modulo 8 comes round within 8
-/// of them, so it takes no more steps for a million than for a dozen.
+/// The size of `count` plain shapes in a row. The offset modulo 8 repeats within 8 of them, so a million
+/// take no more steps than a dozen.
 fn repeated(plain: &Strides, start: u64, count: u64) -> u64 {
     let mut seen: [Option<(u64, u64)>; 8] = [None; 8];
     let (mut done, mut bytes) = (0_u64, 0_u64);

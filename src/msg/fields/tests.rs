@@ -55,7 +55,7 @@ fn what_a_newer_release_adds_behind_is_passed_over_and_an_older_one_is_whole() {
     let reader = reader("sensor_msgs/msg/Range", true, &scalars(&["range"]));
     let header = [&0_u64.to_le_bytes()[..], &1_u32.to_le_bytes(), &[0; 4]].concat();
     let numbers = [0.1_f32, 0.2, 4.0, 1.5, 0.01].map(f32::to_le_bytes).concat();
-    // Up to Humble four numbers, then a variance behind them.
+    // Up to Humble four numbers; later a variance follows.
     for (bytes, whole) in [(16, true), (20, true), (14, false)] {
         let reading = reader.read(&[&header[..], &numbers[..bytes]].concat(), Endian::Little);
         assert_eq!(reading.fault.is_none(), whole, "{bytes} bytes: {reading:?}");

@@ -1,5 +1,5 @@
-//! The bodies of messages that a shuttle publishes. Poses are in metres, their rotations are unit
-//! quaternions; what a simulation has nothing to say about is zero, as ROS 2 initializes it.
+//! The bodies of the messages that the simulated shuttle publishes. Poses are in metres, their rotations
+//! are unit quaternions; fields that a simulation does not use are zero, as ROS 2 initializes them.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -21,7 +21,7 @@ pub const TF_MESSAGE: &str = "tf2_msgs/msg/TFMessage";
 pub const TWIST_STAMPED: &str = "geometry_msgs/msg/TwistStamped";
 pub const VELODYNE_SCAN: &str = "velodyne_msgs/msg/VelodyneScan";
 
-/// Bytes of one packet of a Velodyne, as it comes over the network.
+/// Bytes of one Velodyne packet on the network.
 pub const VELODYNE_PACKET_BYTES: usize = 1206;
 
 /// `std_msgs/Header`.
@@ -53,7 +53,7 @@ pub struct Grid<'a> {
     pub width: u32,
     pub origin_x_m: f64,
     pub origin_y_m: f64,
-    /// Rows of `width` cells: 0 to 100, or -1 where nothing is known.
+    /// Rows of `width` cells: 0 to 100, or -1 if unknown.
     pub cells: &'a [i8],
 }
 
@@ -87,7 +87,7 @@ pub fn twist_stamped(head: Header<'_>, velocity: Motion) -> Vec<u8> {
     })
 }
 
-/// `sensor_msgs/BatteryState`: the charge from 0 to 1, as it is; what is not measured is no number.
+/// `sensor_msgs/BatteryState`: the charge from 0 to 1; values that are not measured are NaN.
 pub fn battery_state(head: Header<'_>, charge: f32, voltage_v: f32, current_a: f32) -> Vec<u8> {
     const NOT_MEASURED: f32 = f32::NAN;
     const DISCHARGES: u8 = 2;
@@ -155,7 +155,7 @@ pub fn tf_message(transforms: &[Transform<'_>]) -> Vec<u8> {
     })
 }
 
-/// As many whole rows as there are cells for.
+/// Only whole rows.
 pub fn occupancy_grid(head: Header<'_>, grid: Grid<'_>) -> Vec<u8> {
     let rows = grid.cells.len().checked_div(grid.width as usize).unwrap_or(0);
     let cells = &grid.cells[..rows * grid.width as usize];
@@ -171,7 +171,7 @@ pub fn occupancy_grid(head: Header<'_>, grid: Grid<'_>) -> Vec<u8> {
     })
 }
 
-/// `velodyne_msgs/VelodyneScan`: so many packets with nothing in them.
+/// `velodyne_msgs/VelodyneScan` with this many empty packets.
 pub fn velodyne_scan(head: Header<'_>, packets: usize) -> Vec<u8> {
     body(|writer| {
         header(writer, head);
@@ -183,7 +183,7 @@ pub fn velodyne_scan(head: Header<'_>, packets: usize) -> Vec<u8> {
     })
 }
 
-/// `sensor_msgs/PointCloud2` of `points` points in its origin: three `float32` each, one row.
+/// `sensor_msgs/PointCloud2` of `points` points at its origin: three `float32` each, one row.
 pub fn point_cloud(head: Header<'_>, points: u32) -> Vec<u8> {
     const FLOAT32: u8 = 7;
     const POINT_BYTES: u32 = 12;
@@ -221,12 +221,12 @@ fn body(write: impl FnOnce(&mut Writer)) -> Vec<u8> {
 
 fn stamp(writer: &mut Writer, stamp: SystemTime) {
     let since_epoch = stamp.duration_since(UNIX_EPOCH).unwrap_or_default();
-    // Seconds are an int32 in ROS 2: they last until 2038.
+    // Seconds are an int32 in ROS 2 and last until 2038.
     writer.u32(u32::try_from(since_epoch.as_secs()).unwrap_or(i32::MAX as u32));
     writer.u32(since_epoch.subsec_nanos());
 }
 
-/// The length of an array: nothing here has 2^32 elements.
+/// The length of an array; no array here has 2^32 elements.
 fn count(writer: &mut Writer, elements: usize) {
     writer.u32(u32::try_from(elements).unwrap_or(u32::MAX));
 }

@@ -109,7 +109,7 @@ fn limits_hold() {
     assert_eq!(fault, None);
     let status = decoded.get(0);
     assert_eq!((status.name(), status.message(), status.hardware_id()), ("grün", "123456", "123456"));
-    // A value that is cut is longer than the limit, so that nobody takes it for whole.
+    // A value that was cut is longer than the limit, so that nobody takes it for complete.
     assert_eq!(status.values().collect::<Vec<_>>(), [("a", "1234567890")]);
 }
 
@@ -175,15 +175,15 @@ fn the_size_of_a_gid_is_told_by_its_message() {
     assert_eq!(GidSize::of_distro("unheard-of"), None);
 }
 
-/// What a decoder must hold for every string of bytes: it returns, within its limits, and every
-/// range it made can be read.
+/// The property of a decoder for any bytes: it returns, within its limits, and every range it made can be
+/// read.
 fn decode_all(body: &[u8]) {
     let narrow = Limits { string_bytes: 16, values_per_status: 2, ..limits() };
     for endian in [Endian::Big, Endian::Little] {
         let (array, _) = diagnostic_array(body, endian, &narrow);
         for status in array.iter() {
             let longest = [status.name(), status.message(), status.hardware_id()].map(str::len);
-            // A byte that is no UTF-8 grows to the three of U+FFFD.
+            // A byte that is not UTF-8 becomes the three bytes of U+FFFD.
             assert!(longest.into_iter().all(|bytes| bytes <= 3 * narrow.string_bytes));
             assert!(status.values().count() <= narrow.values_per_status);
         }

@@ -1,4 +1,4 @@
-//! Which topics are read for a model, and what becomes of their messages.
+//! Tests of the topics that are read for a model, and of the inputs that their messages mean.
 
 use super::*;
 use crate::engine::input::StatusArray;
@@ -69,7 +69,7 @@ fn messages_become_inputs() {
     .unwrap();
     let signal = |name: &str, value| Input::Signal { name: name.into(), value };
     let decode = |index: usize, body: &[u8]| {
-        let body = Ok((body.to_vec(), Endian::Little));
+        let body = Ok((body.to_vec().into(), Endian::Little));
         all[index].decode(Received { body: &body, writer: [0; 16], wall_ns: 0, when: When::Now })
     };
     assert_eq!(decode(1, &[1, 0, 0, 0]), (vec![signal("active", true), signal("moving", true)], None));
@@ -122,7 +122,7 @@ fn a_signal_and_monitors_share_one_topic() {
     assert_eq!(all.iter().map(|one| one.wants_last_value()).collect::<Vec<_>>(), [false, true, true, false]);
 
     let header = encode::Header { stamp: std::time::UNIX_EPOCH, frame_id: "" };
-    let body = Ok((encode::point_cloud(header, 3), Endian::Little));
+    let body = Ok((encode::point_cloud(header, 3).into(), Endian::Little));
     let decode = |when| all[1].decode(Received { body: &body, writer: [0; 16], wall_ns: 7, when });
     let signal = Input::Signal { name: "dense".into(), value: true };
     let sample = |stamp_ns, late, value| {
@@ -142,7 +142,7 @@ fn a_signal_and_monitors_share_one_topic() {
     let Input::Sample(sample) = &inputs[0] else { panic!("{inputs:?}") };
     assert!(matches!(&sample.values[..], [FieldValue::Unreadable(_)]) && wrong.is_some());
     let (inputs, wrong) = all[3].decode(Received {
-        body: &Ok((vec![], Endian::Big)),
+        body: &Ok((vec![].into(), Endian::Big)),
         writer: [0; 16],
         wall_ns: 7,
         when: When::Now,

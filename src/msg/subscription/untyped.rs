@@ -1,4 +1,4 @@
-//! Topics whose type the configuration leaves out: their publishers say it.
+//! Topics whose type the configuration leaves out; their publishers announce it.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use crate::engine::model::monitors::{StampClock, TopicSpec};
 use crate::engine::model::{FieldSource, Limits, Model, SignalSpec};
 use crate::msg::fields::{Definitions, Reader};
 
-/// What is wanted of a topic, until its type is known.
+/// The wanted fields of a topic until its type is known.
 #[derive(Debug, Clone)]
 pub(super) struct Untyped {
     signals: Vec<SignalSpec>,
@@ -20,7 +20,7 @@ pub(super) struct Untyped {
 #[derive(Debug)]
 pub struct Learned {
     pub subscription: Subscription,
-    /// What cannot be read of messages of this type, one sentence each. All else is.
+    /// The fields that messages of this type do not have, one sentence each. All others are read.
     pub missing: Vec<String>,
 }
 
@@ -57,16 +57,16 @@ impl Subscription {
         }
     }
 
-    /// Whether its type has to be learned before it can be read.
+    /// Whether its type must be learned before it can be read.
     pub fn is_untyped(&self) -> bool {
         self.untyped.is_some()
     }
 
-    /// The same as messages of this type, `package/msg/Name`. What a message of it does not have is missing
-    /// alone: the rest is read.
+    /// The subscription with this type, `package/msg/Name`. Only missing fields are missing: the others are
+    /// read.
     ///
     /// # Errors
-    /// Nothing that is wanted can be read of them.
+    /// None of the wanted fields can be read from it.
     pub fn learn(&self, type_name: &str) -> Result<Learned, SubscriptionError> {
         let mut missing = Vec::new();
         let Some(untyped) = &self.untyped else { return Ok(Learned { subscription: self.clone(), missing }) };
@@ -92,13 +92,13 @@ impl Subscription {
                     missing.extend(errors.iter().map(FieldError::brief));
                     reader
                 }
-                // Its messages can be counted all the same.
+                // Its messages can still be counted.
                 Err(why) => {
                     missing.push(why.to_string());
                     Reader::of_nothing(&typed, &why)
                 }
             };
-            // The engine knows its samples by what the configuration says.
+            // The engine identifies its samples by the configuration.
             learned.watch = Some(Watch { spec: spec.clone(), reader });
         }
         match refused {
@@ -132,7 +132,7 @@ groups: [{ id: g, modules: [{ id: rate, monitor: { frequency: { topic: /lamp, er
         assert_eq!(topics, ["/lamp", "/number"]);
         let lamp = untyped[0].learn("std_msgs/msg/Bool").unwrap().subscription;
         assert_eq!((&*lamp.dds_type, lamp.is_untyped()), ("std_msgs::msg::dds_::Bool_", false));
-        let body = Ok((vec![1], Endian::Little));
+        let body = Ok((vec![1].into(), Endian::Little));
         let (inputs, wrong) =
             lamp.decode(Received { body: &body, writer: [0; 16], wall_ns: 0, when: When::Now });
         assert!(inputs.len() == 2 && wrong.is_none(), "{inputs:?} {wrong:?}");
@@ -179,7 +179,7 @@ groups:
                 "std_msgs/msg/Float64 has no field `dat`; did you mean `data`?"
             ]
         );
-        let body = Ok((2.5_f64.to_le_bytes().to_vec(), Endian::Little));
+        let body = Ok((2.5_f64.to_le_bytes().to_vec().into(), Endian::Little));
         let (inputs, wrong) = number.subscription.decode(Received {
             body: &body,
             writer: [0; 16],

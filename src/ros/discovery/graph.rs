@@ -1,4 +1,5 @@
-//! What discovery sees of all topics, looked at once a second, for who develops.
+//! A list of all topics with their publishers and subscribers, from discovery, once a second. The
+//! developer's page of topics shows it.
 
 use crate::ros::library::discovered::PREFIX;
 use crate::ros::library::discovered::participant_name;
@@ -19,7 +20,7 @@ use crate::ros::outbox::stopped;
 
 const LOOK: Duration = Duration::from_secs(1);
 
-/// Messages received since the start, by the topic's name on the wire. As many as are read.
+/// Messages received since the start, by the topic's name on the wire; only of topics that are read.
 #[derive(Debug, Clone, Default)]
 pub struct Tallies(Arc<Mutex<BTreeMap<String, u64>>>);
 
@@ -37,12 +38,12 @@ impl Tallies {
     }
 }
 
-/// Our participants beside the bridge's own, in hexadecimal digits, and the last ones that have ended: one
-/// that was killed said no goodbye, and discovery knows it for as long as its lease.
+/// Our participants beside the bridge's own, in hexadecimal digits, including the last ones that ended: a
+/// killed participant said no goodbye, and discovery knows it until its lease is over.
 #[derive(Debug, Clone, Default)]
 pub struct Siblings(Arc<Mutex<VecDeque<String>>>);
 
-/// Far more than end within a lease.
+/// Many more than end within a lease.
 const SIBLINGS_MAX: usize = 256;
 
 impl Siblings {
@@ -59,7 +60,7 @@ impl Siblings {
     }
 }
 
-/// Looks until it is stopped.
+/// Runs until it is stopped.
 pub async fn run(
     participant: Participant,
     tallies: Tallies,
@@ -91,7 +92,7 @@ pub async fn run(
         let rates = rates(&before, &now);
         for (name, rate) in rates {
             let place = discovery.topics.binary_search_by(|topic| topic.name.cmp(&name));
-            // What is read and nobody publishes is worth a row of its own.
+            // A topic that is read and that nobody publishes also gets a row.
             let place = place.unwrap_or_else(|place| {
                 discovery.topics.insert(place, TopicSeen { name, ..TopicSeen::default() });
                 place
@@ -103,7 +104,7 @@ pub async fn run(
     }
 }
 
-/// Messages per second of what is read, by the names of ROS.
+/// Messages per second of the topics that are read, by their ROS names.
 fn rates(
     before: &(Timestamp, BTreeMap<String, u64>),
     now: &(Timestamp, BTreeMap<String, u64>),

@@ -1,4 +1,5 @@
-//! What DDS discovery tells: topics, nodes, who writes statuses; and our own announcement.
+//! The results of DDS discovery: topics, nodes and the writers of statuses; and the announcement of
+//! Telltale's own nodes.
 
 pub(super) mod graph;
 pub(super) mod nodes;

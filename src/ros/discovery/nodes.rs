@@ -1,6 +1,6 @@
-//! Which nodes there are: what each participant announces on `ros_discovery_info`, as long as
-//! discovery knows the participant. And which services: who serves one reads its requests and writes
-//! its replies.
+//! The nodes and services of the ROS 2 graph. Each participant announces its nodes on `ros_discovery_info`;
+//! they count while discovery knows the participant. A participant serves a service if it reads the
+//! requests and writes the replies.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,12 +10,12 @@ use crate::msg::cdr::{Endian, Fault, Reader};
 use crate::msg::messages::GidSize;
 use crate::msg::sample_bytes::Guid;
 
-/// Participants that are remembered; more of them are no vehicle.
+/// Participants that are remembered; no vehicle has more.
 const PARTICIPANTS_MAX: usize = 1024;
 /// Nodes of one participant.
 const NODES_MAX: usize = 1024;
 const NAME_BYTES_MAX: usize = 1024;
-/// Services that are known at once.
+/// Services that are remembered.
 const SERVICES_MAX: usize = 8192;
 
 /// Readers and writers of one participant whose node is remembered.
@@ -23,27 +23,27 @@ const ENDPOINTS_MAX: usize = 4096;
 /// Bytes of a GUID that name the participant (RTPS 2.5, 9.3.1).
 const PREFIX: usize = 12;
 
-/// That a node is not there is said only when discovery had this time to find it.
+/// A node is reported as missing only after discovery had this time to find it.
 const DISCOVERY: Span = Span::from_secs(5);
 
 #[derive(Debug, Clone, Default)]
 pub struct Nodes {
-    /// Since when they are looked for; `None` while there is no participant.
+    /// The start of the search; `None` while there is no participant.
     since: Option<Timestamp>,
-    /// By the writer that announced it.
+    /// Announcements by the writer that sent them.
     announced: BTreeMap<Guid, Announcement>,
-    /// The writers that are there. One that comes back may not announce again.
+    /// The writers that exist now. A writer that comes back may not announce again.
     present: BTreeSet<Guid>,
-    /// Whole names of the services that somebody serves.
+    /// Full names of the services that somebody serves.
     services: BTreeSet<Box<str>>,
 }
 
-/// What one participant announces.
+/// The announcement of one participant.
 #[derive(Debug, Clone, Default)]
 struct Announcement {
     /// Whole names.
     names: BTreeSet<Box<str>>,
-    /// To which node a reader or writer belongs.
+    /// The node to which a reader or writer belongs.
     endpoints: BTreeMap<Guid, Box<str>>,
 }
 
@@ -52,7 +52,7 @@ impl Nodes {
         Nodes { since: Some(since), ..Nodes::default() }
     }
 
-    /// Takes an announcement. `size` decides where both sizes of a gid would fit.
+    /// Takes an announcement. `size` decides if both sizes of a gid would fit.
     pub fn announce(&mut self, writer: Guid, body: &[u8], endian: Endian, size: Option<GidSize>) {
         let Some(announcement) = announcement(body, endian, size, &writer) else { return };
         if self.announced.len() >= PARTICIPANTS_MAX {
@@ -64,8 +64,8 @@ impl Nodes {
         }
     }
 
-    /// Takes which writers discovery knows: what others announced counts no longer. Discovery does not
-    /// know those of the participant that asks, which is there itself.
+    /// Takes the writers that discovery knows; announcements of other writers no longer count. Discovery
+    /// does not know the writers of the participant that asks, which certainly exist.
     pub fn update(&mut self, own: &Guid, mut writers: BTreeSet<Guid>, services: BTreeSet<Box<str>>) {
         let announced = self.announced.keys().copied();
         writers.extend(announced.filter(|writer| writer[..PREFIX] == own[..PREFIX]));
@@ -73,7 +73,7 @@ impl Nodes {
         self.services = services;
     }
 
-    /// Whole names of the nodes that are there, in order.
+    /// Full names of the existing nodes, in order.
     pub fn all(&self) -> Vec<String> {
         let present = self.announced.iter().filter(|(writer, _)| self.present.contains(*writer));
         let names = present.flat_map(|(_, announcement)| &announcement.names).map(|name| &**name);
@@ -88,7 +88,7 @@ impl Nodes {
         endpoints.map(|(guid, name)| (*guid, &**name)).collect()
     }
 
-    /// Whether a node is there. Its name has its namespace, `/ns/name`.
+    /// Whether a node exists, by its name with namespace, `/ns/name`.
     pub fn ask(&self, name: &str, now: Timestamp) -> ProbeOutcome {
         let whole = format!("/{}", name.trim_start_matches('/'));
         let present = |writer: &Guid| self.present.contains(writer);
@@ -98,7 +98,7 @@ impl Nodes {
         self.missing(now, || format!("no node {whole} is announced"))
     }
 
-    /// Whether somebody serves a service. Its name has its namespace, `/ns/name`.
+    /// Whether somebody serves a service, by its name with namespace, `/ns/name`.
     pub fn ask_service(&self, name: &str, now: Timestamp) -> ProbeOutcome {
         let whole = format!("/{}", name.trim_start_matches('/'));
         if self.services.contains(&*whole) {
@@ -118,8 +118,8 @@ impl Nodes {
     }
 }
 
-/// The services that somebody serves, by the topics of the readers and writers that discovery knows.
-/// A client has them the other way round, and one half alone answers nobody.
+/// The services that somebody serves, from the topics of the readers and writers that discovery knows. A
+/// client has reader and writer the other way round, and one of both alone answers nobody.
 pub fn services<'a>(
     readers: impl Iterator<Item = (&'a str, Guid)>,
     writers: impl Iterator<Item = (&'a str, Guid)>,
@@ -159,7 +159,7 @@ fn read_nodes(reader: &mut Reader<'_>, gid_bytes: usize, by: &Guid) -> Result<An
         for _readers_then_writers in 0..2 {
             for _ in 0..reader.u32()? {
                 let gid = reader.octets(gid_bytes)?;
-                // A participant speaks for its own alone.
+                // A participant speaks only for itself.
                 if let Some(name) = whole.as_ref()
                     && gid.starts_with(&by[..PREFIX])
                     && found.endpoints.len() < ENDPOINTS_MAX
@@ -176,7 +176,7 @@ fn read_nodes(reader: &mut Reader<'_>, gid_bytes: usize, by: &Guid) -> Result<An
     Ok(found)
 }
 
-/// `/ns/name`, unless it is too long for a name.
+/// `/ns/name`, unless that is too long.
 fn whole_name(namespace: &[u8], name: &[u8]) -> Option<Box<str>> {
     if namespace.len() + name.len() >= NAME_BYTES_MAX {
         return None;
@@ -199,7 +199,7 @@ mod tests {
         assert!(matches!(nodes.ask("/camera", at(6000)), ProbeOutcome::Missed(_)));
         for (writer, size) in [([1; 16], GidSize::Bytes16), ([2; 16], GidSize::Bytes24)] {
             let name = if writer[0] == 1 { "camera" } else { "/lidar" };
-            // The second gid is of another participant.
+            // The second gid belongs to another participant.
             let node = NodeEntities { name, readers: &[writer], writers: &[[3 + writer[0]; 16]] };
             let body = encode_nodes([9; 16], &[node], size);
             nodes.announce(writer, &body, Endian::Little, None);
@@ -211,7 +211,7 @@ mod tests {
         nodes.update(&[9; 16], [[2; 16]].into(), BTreeSet::new());
         assert_eq!(nodes.all(), ["/lidar"]);
         assert!(matches!(nodes.ask("/camera", at(6000)), ProbeOutcome::Missed(_)));
-        // Cut, noise, lengths that lie: what was announced before stays.
+        // A cut message, noise, wrong lengths: the earlier announcement stays.
         for body in [&[0xff; 64][..], &[], &[1; 20]] {
             nodes.announce([2; 16], body, Endian::Little, Some(GidSize::Bytes16));
         }

@@ -1,8 +1,8 @@
-//! Hosts that multicast does not reach: our participant is announced to each of them by unicast.
+//! Announces our participant by unicast to hosts that multicast does not reach.
 //!
-//! The DDS library announces itself by multicast and to this machine alone. It answers every participant that
-//! it hears of, though, and from then on goes on by itself: so all that is missing is the first word. That is one
-//! datagram, the announcement of the Simple Participant Discovery Protocol (RTPS 2.5, 8.5.3 and 9.6.2.2).
+//! The DDS library announces itself by multicast and to this machine only. But it answers every participant
+//! that it hears of, and keeps up that contact. So only the first message is missing: one datagram with the
+//! announcement of the Simple Participant Discovery Protocol (RTPS 2.5, 8.5.3 and 9.6.2.2).
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::time::Duration;
@@ -17,14 +17,14 @@ use crate::ros::name_lookup::Lookup;
 use crate::ros::options::interfaces;
 use crate::ros::options::{BridgeOptions, Interface};
 
-/// How often; a peer that was started since is found so soon.
+/// The interval of announcements, and so the time to find a peer that is started later.
 const PERIOD: Duration = Duration::from_secs(2);
-/// The participants of one host that are spoken to: ROS 2 counts them from 0.
+/// The number of participants that are addressed on one host: ROS 2 counts them from 0.
 const PARTICIPANTS: u16 = 32;
-/// That a name is resolved is waited for no longer in one round.
+/// The longest wait for name resolution in one round.
 const RESOLVING: Duration = Duration::from_millis(500);
 
-/// As the library sets it, and how long it would keep us: it says so more often itself.
+/// The lease of the announcement, as the library sets it. The library renews it more often.
 const LEASE_S: u32 = 60;
 const VENDOR: [u8; 2] = [0x01, 0x12];
 /// Announcer and detector of participants, publications, subscriptions and topics, and the messages that
@@ -41,7 +41,7 @@ impl Drop for Announcer {
     }
 }
 
-/// Nothing, where no peers are listed.
+/// Nothing is announced if no peers are listed.
 pub fn announce(participant: &Participant, options: &BridgeOptions) -> Option<Announcer> {
     if options.peers.is_empty() {
         return None;
@@ -64,7 +64,7 @@ struct Own {
     interface: Interface,
 }
 
-/// A host, and what was last said to be wrong with it.
+/// A host, and the error that was last reported for it.
 struct Peer {
     name: String,
     lookup: Lookup,
@@ -76,10 +76,10 @@ impl Peer {
         Peer { name: name.to_owned(), lookup: Lookup::of_host(name, clock), trouble: None }
     }
 
-    /// Sends the message to every participant that the host may have. What is wrong is returned when it
-    /// begins, and after a round that went well again.
+    /// Sends the message to every participant that the host may have. An error is returned when it begins,
+    /// and again if it returns after a round without one.
     async fn speak(&mut self, socket: &UdpSocket, message: &[u8], domain: u16) -> Option<String> {
-        // A resolver that has no answer yet may have one in the next round.
+        // A resolver without an answer may have one in the next round.
         let resolved = tokio::time::timeout(RESOLVING, self.lookup.addresses()).await.ok()?;
         let v4 = |addresses: Vec<SocketAddr>| addresses.iter().map(SocketAddr::ip).find(|ip| ip.is_ipv4());
         let mut trouble = None;
@@ -121,7 +121,7 @@ async fn run(own: Own, mut peers: Vec<Peer>) {
     }
 }
 
-/// By which others reach us.
+/// The addresses by which others reach us.
 fn addresses(interface: Interface) -> Vec<Ipv4Addr> {
     match interface {
         Interface::Ip(ip) => vec![ip],
@@ -133,12 +133,12 @@ fn addresses(interface: Interface) -> Vec<Ipv4Addr> {
     }
 }
 
-/// Where a participant listens for announcements (RTPS 2.5, 9.6.2.3).
+/// The port on which a participant listens for announcements (RTPS 2.5, 9.6.2.3).
 fn discovery_port(domain: u16, participant: u16) -> u16 {
     7410 + 250 * domain + 2 * participant
 }
 
-/// The announcement as it travels, in little endian.
+/// The announcement as bytes, in little endian.
 fn announcement(own: &Own, addresses: &[Ipv4Addr]) -> Vec<u8> {
     const PARTICIPANT_READER: [u8; 4] = [0, 1, 0, 0xc7];
     const PARTICIPANT_WRITER: [u8; 4] = [0, 1, 0, 0xc2];
@@ -148,7 +148,7 @@ fn announcement(own: &Own, addresses: &[Ipv4Addr]) -> Vec<u8> {
     let mut data = vec![0, 0, 16, 0];
     data.extend(PARTICIPANT_READER);
     data.extend(PARTICIPANT_WRITER);
-    // Of the library's own announcements each has a higher number.
+    // Each of the library's own announcements has a higher number.
     data.extend(0_u32.to_le_bytes());
     data.extend(1_u32.to_le_bytes());
     // Parameters in little endian.

@@ -1,7 +1,8 @@
-//! The graph of ROS 2: our node in it, so that `ros2 node list` shows who reads, and those of others.
+//! Announces Telltale's node in the ROS 2 graph, so that `ros2 node list` shows it, and follows the
+//! announcements of other nodes.
 //!
-//! Nothing is announced before the size of a gid is known: of the wrong size, the announcement
-//! makes other processes throw.
+//! Nothing is announced before the size of a gid is known: an announcement of the wrong size makes other
+//! processes throw.
 
 use crate::ros::library::discovered::TOPIC;
 use std::collections::BTreeSet;
@@ -21,21 +22,21 @@ use crate::ros::library::qos::Via;
 use crate::ros::library::{Heard, Participant, Quality, Seen, Writer};
 use crate::ros::outbox::stopped;
 
-/// Samples of the topic that the library keeps: one for each participant that comes at once.
+/// Samples of the topic that the library keeps: one for each participant, in case all announce at once.
 const DEPTH: usize = 512;
-/// How often nodes are forgotten whose participants are gone.
+/// How often nodes are removed whose participants are gone.
 const LOOK: Duration = Duration::from_secs(1);
 
 pub struct Surroundings {
     pub nodes: watch::Sender<Nodes>,
-    /// How long a gid is here, as soon as it is known.
+    /// The size of a gid, as soon as it is known.
     pub gid_size: watch::Sender<Option<GidSize>>,
     pub clock: Clock,
-    /// Our own name in the graph.
+    /// Our node's name in the graph.
     pub node: String,
 }
 
-/// Announces the node and follows those of others until it is stopped.
+/// Announces our node and follows other nodes until it is stopped.
 pub async fn run(participant: Participant, around: Surroundings, mut stop: watch::Receiver<bool>) {
     around.nodes.send_replace(Nodes::new(around.clock.now()));
     let nodes = &around.nodes;
@@ -47,7 +48,7 @@ pub async fn run(participant: Participant, around: Surroundings, mut stop: watch
     around.nodes.send_replace(Nodes::default());
 }
 
-/// A writer of announcements, which keeps the last one for who comes later, as every rmw has it.
+/// A writer of announcements. It keeps the last one for late joiners, as every rmw does.
 pub fn announcer(participant: &Participant) -> Writer {
     participant.writer(TOPIC, &type_name(), Quality::LastValue)
 }
@@ -68,19 +69,20 @@ async fn announce(
         let readers: Vec<Guid> = own_readers.borrow_and_update().iter().copied().collect();
         let node = NodeEntities { name: node, readers: &readers, writers: &[] };
         let body = messages::encode_nodes(participant.guid(), &[node], size);
-        // Whether a participant hears itself is up to the network.
+        // Not every network lets a participant hear itself.
         nodes.send_modify(|nodes| nodes.announce(own, &body, Endian::Little, Some(size)));
         if let Err(error) = writer.write(body).await {
             tracing::warn!("the node was not announced to ROS 2: {error}");
         }
         if own_readers.changed().await.is_err() {
-            // Nothing changes any more; the writer keeps the last announcement for who comes later.
+            // Nothing changes any more; the writer keeps the last announcement for late joiners.
             return std::future::pending().await;
         }
     }
 }
 
-/// Takes the announcements of other participants, without end; the first tells the size, if it is not known.
+/// Takes the announcements of other participants, for ever. The first tells the size of a gid, if it is not
+/// known.
 async fn listen(
     participant: &Participant,
     learn: &watch::Sender<Option<GidSize>>,
@@ -118,7 +120,7 @@ fn seen(seen: &Seen) -> (BTreeSet<Guid>, BTreeSet<Box<str>>) {
     (announcing, nodes::services(readers, writers))
 }
 
-/// The name has three parts, so it has one on the wire.
+/// A name with three parts always has a name on the wire.
 fn type_name() -> String {
     messages::dds_type_name(PARTICIPANT_ENTITIES_INFO).unwrap_or_default()
 }

@@ -1,5 +1,5 @@
-//! Who can say a status: the writers of diagnostics that discovery knows, and the nodes that they belong
-//! to. Nothing of it is proven: DDS without security believes what participants say of themselves.
+//! The writers of diagnostics that discovery knows, with their nodes. None of it is proven: without DDS
+//! Security, the announcements of participants are believed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -9,23 +9,24 @@ use tokio::sync::{mpsc, watch};
 
 use super::nodes::Nodes;
 use crate::clock::Clock;
-use crate::engine::input::{Input, NodeOf, Stamped, WriterId, WriterList};
+use crate::engine::input::{Input, NodeOf, WriterId, WriterList};
 use crate::engine::time::{Span, Timestamp};
 use crate::msg::messages;
 use crate::msg::messages::DIAGNOSTIC_ARRAY;
+use crate::msg::received::Stamped;
 use crate::msg::sample_bytes::Guid;
 use crate::ros::library::Participant;
 use crate::ros::outbox::stopped;
 
 const LOOK: Duration = Duration::from_secs(1);
-/// A list that did not change is said again after so many looks: what came from a writer after it was
-/// gone is gone then, too.
+/// An unchanged list is sent again after so many looks, so that statuses of a writer that arrived after its
+/// end are removed, too.
 const REPEAT_LOOKS: u32 = 5;
-/// Writers that are told apart; more of them are no vehicle.
+/// Writers that are distinguished; no vehicle has more.
 const WRITERS_MAX: usize = 1024;
-/// Discovery has this time to find everybody.
+/// The time that discovery has to find everybody.
 const DISCOVERY: Span = Span::from_secs(5);
-/// A participant announces its nodes within this time of being found, or speaks no ROS 2.
+/// A participant announces its nodes within this time of being found, or is not a ROS 2 participant.
 const ANNOUNCED: Span = Span::from_secs(10);
 
 /// Follows discovery from one look to the next.
@@ -42,7 +43,7 @@ impl Speakers {
         Speakers { since, found: BTreeMap::new(), said: None, looks: 0 }
     }
 
-    /// Takes what is known now; returns what is to be said of it.
+    /// Takes the present writers; returns the input for the engine.
     fn look(
         &mut self,
         writers: &BTreeSet<Guid>,
@@ -64,7 +65,7 @@ impl Speakers {
             (WriterId(*guid), node)
         };
         let known = self.found.iter().map(node).collect();
-        // With more than are told apart, nobody is known to have left.
+        // If there are more writers than can be distinguished, none is known to have left.
         let complete = now.since(self.since) >= DISCOVERY && writers.len() <= WRITERS_MAX;
         let list = WriterList { as_of: now, complete, writers: known };
         self.looks += 1;
@@ -78,7 +79,7 @@ impl Speakers {
     }
 }
 
-/// Looks until it is stopped, or nobody takes the inputs any more.
+/// Runs until it is stopped, or nobody takes the inputs any more.
 pub async fn run(
     participant: Participant,
     nodes: watch::Receiver<Nodes>,
@@ -94,11 +95,11 @@ pub async fn run(
             () = stopped(&mut stop) => return,
             _ = looks.tick() => {}
         }
-        // Before discovery is asked: what comes meanwhile is newer than its answer.
+        // Taken before discovery is asked: messages that come meanwhile are newer than its answer.
         let now = clock.now();
         let list = speakers.look(&writers(&participant), &nodes.borrow().endpoints(), now);
         let Some(list) = list else { continue };
-        let input = Stamped { input: Input::Writers(Arc::new(list)), received: now };
+        let input = Stamped::new(Input::Writers(Arc::new(list)), now);
         tokio::select! {
             () = stopped(&mut stop) => return,
             sent = inputs.send(input) => if sent.is_err() { return },

@@ -1,4 +1,5 @@
-//! What a DDS process says to itself, to know that it hears.
+//! Finds a deaf DDS process: it sends numbered beats to itself through the network and notes the newest
+//! that came back.
 
 use std::sync::Arc;
 
@@ -12,12 +13,13 @@ use super::qos::{self, RawWriter};
 use super::raw_bytes::RawAdapter;
 use crate::msg::sample_bytes::RawBody;
 
-/// What this participant says to itself, through the library's thread for all that is sent and received.
+/// The writer and reader with which this participant hears itself, through the library's thread that sends
+/// and receives.
 pub struct Canary {
     pub writer: Arc<RawWriter>,
     reader: SimpleDataReader<RawBody, RawAdapter>,
     pub writing: bool,
-    /// The beat that is said, and the newest that was heard: what is heard late is old.
+    /// The last beat that was sent, and the newest that was heard: a late beat is an old beat.
     pub said: u64,
     pub heard: u64,
 }
@@ -36,7 +38,7 @@ impl Canary {
         while let Ok(Some(heard)) = self.reader.try_take_one() {
             if heard.writer_guid == self.writer.guid()
                 && let Ok((body, _)) = heard.into_value()
-                && let Ok(beat) = body.try_into().map(u64::from_le_bytes)
+                && let Ok(beat) = body[..].try_into().map(u64::from_le_bytes)
                 && beat <= self.said
             {
                 self.heard = self.heard.max(beat);
@@ -44,7 +46,7 @@ impl Canary {
         }
     }
 
-    /// Whether what was said before the last beat is not back yet.
+    /// Whether the beat before the last one has not come back yet.
     pub fn is_late(&self) -> bool {
         self.heard + 1 < self.said
     }

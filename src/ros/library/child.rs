@@ -1,12 +1,11 @@
-//! The DDS process: the only place that touches the DDS library. It makes what it is ordered to, and hands
-//! up what it receives and discovers, as bytes.
+//! The DDS process: the only place that touches the DDS library. It executes orders, and passes received
+//! samples and discovered endpoints up as bytes.
 //!
-//! A packet from the network can make the library take all memory or hang. So it runs where that ends
-//! nothing else, and `watch` looks at it from outside.
+//! A packet from the network can make the library take all memory or hang. So it runs in a process of its
+//! own, and `watch` looks at it from outside.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::future::poll_fn;
-use std::io::{Read as _, Write as _};
 use std::net::Ipv4Addr;
 use std::os::fd::AsFd as _;
 use std::os::unix::net::UnixStream;
@@ -15,6 +14,7 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
+use bytes::Bytes;
 use futures_util::StreamExt as _;
 use rustdds::dds::ReadError;
 use rustdds::no_key::SimpleDataReader;
@@ -22,10 +22,12 @@ use rustdds::{
     DomainParticipant, DomainParticipantBuilder, QosPolicyBuilder, RTPSEntity as _, StatusEvented as _,
     Subscriber, Topic,
 };
+use tokio::io::AsyncWriteExt as _;
+use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::signal::unix::{SignalKind, signal};
-use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio::time::MissedTickBehavior;
+use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
 
 use super::canary::Canary;
 use super::crowd::Crowd;
@@ -38,16 +40,14 @@ use crate::clock::Clock;
 use crate::engine::time::{Span, Timestamp};
 use crate::msg::sample_bytes::{Guid, RawBody};
 
-/// Orders that may wait. The program gives far fewer: more mean that this process hangs.
-const ORDERS_MAX: usize = 4096;
-/// How often it speaks to itself where what it said is not back.
+/// How often it repeats a beat that has not come back.
 const AGAIN: Duration = Duration::from_millis(25);
-/// The least time between two looks at what is discovered, and how often without any news.
+/// The shortest and the longest time between two looks at the discovered endpoints.
 const LOOK_MIN: Span = Span::from_millis(5);
 const LOOK_MAX: Span = Span::from_secs(1);
-/// Writers that discovery does not know are looked for again only after it has news.
+/// A writer that discovery does not know is looked for again only after news of discovery.
 const UNKNOWN_MAX: usize = 1024;
-/// So long the library has to end its threads.
+/// The time that the library has to end its threads.
 const ENDING: Duration = Duration::from_secs(1);
 
 /// `telltale dds-process PARENT MEGABYTES`, with the socket to its parent as standard input.
@@ -56,7 +56,7 @@ pub fn process(parent: u32, megabytes: u64) -> ExitCode {
         eprintln!("telltale dds-process: {error}");
         return ExitCode::FAILURE;
     }
-    // A thread of the library that fails tells nobody: the process would go on deaf.
+    // Nobody notices when a thread of the library panics: the process would go on deaf.
     std::panic::set_hook(Box::new(|panic| {
         eprintln!("telltale dds-process: {panic}");
         std::process::abort();
@@ -69,8 +69,8 @@ pub fn process(parent: u32, megabytes: u64) -> ExitCode {
     std::process::exit(0)
 }
 
-/// No more memory than `megabytes`, no longer life than the parent's, and the first to go where the
-/// machine has no memory left.
+/// Limits the process: no more memory than `megabytes`, no longer life than its parent's, and the first to
+/// be killed when the machine runs out of memory.
 fn confine(parent: u32, megabytes: u64) -> std::io::Result<()> {
     use rustix::process::{Resource, Rlimit, Signal};
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL))?;
@@ -80,63 +80,47 @@ fn confine(parent: u32, megabytes: u64) -> std::io::Result<()> {
     let limit = |bytes| Rlimit { current: Some(bytes), maximum: Some(bytes) };
     rustix::process::setrlimit(Resource::Data, limit(megabytes << 20))?;
     rustix::process::setrlimit(Resource::Core, limit(0))?;
-    // Where that cannot be written the limit above still holds.
+    // If that cannot be written, the limit above still holds.
     let _ = std::fs::write("/proc/self/oom_score_adj", "500");
     Ok(())
 }
 
-/// Does what comes over the socket until that ends. A process of its own (`alone`) ends with it, also while
-/// the library hangs.
+/// Executes the orders that come over the socket, until the socket closes.
 pub fn serve(socket: UnixStream, alone: bool) {
-    let (sender, orders) = mpsc::channel(ORDERS_MAX);
-    let served = socket.try_clone().and_then(|reading| {
-        std::thread::Builder::new().name("orders".to_owned()).spawn(move || {
-            listen(reading, &sender);
-            if alone {
-                std::process::exit(0);
-            }
-        })?;
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        runtime.block_on(live(socket, orders, alone));
+    let served = tokio::runtime::Builder::new_current_thread().enable_all().build().and_then(|runtime| {
+        let lived = runtime.block_on(live(socket, alone));
         runtime.shutdown_background();
-        Ok(())
+        lived
     });
     if let Err(error) = served {
         tracing::error!("the DDS process cannot be started: {error}");
     }
 }
 
-/// Reads orders until the other side is gone, or they are not done any more.
-fn listen(mut socket: UnixStream, orders: &mpsc::Sender<Order>) {
-    let mut length = [0; 4];
-    while socket.read_exact(&mut length).is_ok() {
-        let length = u32::from_le_bytes(length) as usize;
-        if length > wire::FRAME_BYTES_MAX {
-            return;
-        }
-        let mut frame = vec![0; length];
-        if socket.read_exact(&mut frame).is_err() {
-            return;
-        }
-        for order in wire::orders(&frame).unwrap_or_default() {
-            if orders.try_send(order).is_err() {
-                return;
-            }
-        }
-    }
+/// Orders, in frames.
+type Orders = FramedRead<OwnedReadHalf, LengthDelimitedCodec>;
+
+/// The next orders. `None` if the program is gone or sends nonsense.
+async fn next(orders: &mut Orders) -> Option<Vec<Order>> {
+    wire::orders(&orders.next().await?.ok()?.freeze()).ok()
 }
 
-async fn live(socket: UnixStream, mut orders: mpsc::Receiver<Order>, alone: bool) {
+async fn live(socket: UnixStream, alone: bool) -> std::io::Result<()> {
     if alone {
-        // The parent decides when to end: a signal for all processes of a service must not end this one
-        // before the vehicle was told. Once asked for, signals do nothing else for good.
+        // The parent decides when to end: a signal to all processes of a service must not end this one
+        // before the last messages to the vehicle are published. After this call, these signals are ignored
+        // for good.
         let _ = [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup()].map(signal);
     }
-    let Some(Order::Open { domain, networks }) = orders.recv().await else { return };
-    let mut out = Out { socket, frame: Frame::new(), samples: Frame::new() };
-    let ended = match Child::open(domain, networks, &mut out) {
+    socket.set_nonblocking(true)?;
+    let (reading, writing) = tokio::net::UnixStream::from_std(socket)?.into_split();
+    let mut orders = FramedRead::new(reading, wire::frames());
+    let mut first = next(&mut orders).await.unwrap_or_default().into_iter();
+    let Some(Order::Open { domain, networks }) = first.next() else { return Ok(()) };
+    let mut out = Out { socket: writing, frame: Frame::new(), samples: Frame::new() };
+    let ended = match Child::open(domain, networks, &mut out).await {
         Ok(mut child) => {
-            let ended = child.run(&mut orders, &mut out).await;
+            let ended = child.run(first.collect(), &mut orders, &mut out).await;
             child.close().await;
             ended
         }
@@ -144,30 +128,31 @@ async fn live(socket: UnixStream, mut orders: mpsc::Receiver<Order>, alone: bool
     };
     if let Err(reason) = ended {
         out.frame.news(&News::Broken { reason: wire::cut(&reason) });
-        let _ = out.send();
+        let _ = out.send().await;
     }
+    Ok(())
 }
 
-/// The way to the parent. Where that does not read, this waits.
+/// The messages to the parent. Writing waits if the parent does not read.
 struct Out {
-    socket: UnixStream,
+    socket: OwnedWriteHalf,
     frame: Frame,
-    /// Samples, which follow what is told of their writers.
+    /// Samples, which follow the description of their writers.
     samples: Frame,
 }
 
 impl Out {
-    fn send(&mut self) -> Result<(), String> {
+    async fn send(&mut self) -> Result<(), String> {
         for frame in [&mut self.frame, &mut self.samples] {
             if !frame.is_empty() {
-                self.socket.write_all(&frame.take()).map_err(|error| error.to_string())?;
+                self.socket.write_all(&frame.take()).await.map_err(|error| error.to_string())?;
             }
         }
         Ok(())
     }
 }
 
-/// A reader, and what was handed up of it and is not taken yet.
+/// A reader, and the bytes that were passed up and not taken yet.
 struct Hearing {
     id: u32,
     reader: SimpleDataReader<RawBody, RawAdapter>,
@@ -190,7 +175,7 @@ pub fn refused(error: impl std::fmt::Display) -> String {
 }
 
 impl Child {
-    fn open(domain: u16, networks: Option<Vec<Ipv4Addr>>, out: &mut Out) -> Result<Child, String> {
+    async fn open(domain: u16, networks: Option<Vec<Ipv4Addr>>, out: &mut Out) -> Result<Child, String> {
         let mut builder = DomainParticipantBuilder::new(domain);
         if let Some(addresses) = networks {
             builder = builder.with_only_networks(addresses);
@@ -200,7 +185,7 @@ impl Child {
         let canary = Canary::open(&participant, &subscriber)?;
         let (guid, id) = (participant.guid().to_bytes(), participant.participant_id());
         out.frame.news(&News::Ready { guid, participant: id });
-        out.send()?;
+        out.send().await?;
         Ok(Child {
             participant,
             subscriber,
@@ -213,7 +198,8 @@ impl Child {
         })
     }
 
-    async fn run(&mut self, orders: &mut mpsc::Receiver<Order>, out: &mut Out) -> Result<(), String> {
+    async fn run(&mut self, first: Vec<Order>, orders: &mut Orders, out: &mut Out) -> Result<(), String> {
+        self.obey_all(first, out)?;
         let listener = self.participant.clone();
         let listener = listener.status_listener();
         let mut events = listener.as_async_status_stream();
@@ -224,9 +210,9 @@ impl Child {
         let mut look_at = looked;
         loop {
             tokio::select! {
-                order = orders.recv() => match order {
-                    None | Some(Order::Close) => return Ok(()),
-                    Some(order) => self.obey(order, out)?,
+                orders = next(orders) => match orders {
+                    Some(orders) if !orders.contains(&Order::Close) => self.obey_all(orders, out)?,
+                    _ => return Ok(()),
                 },
                 Some(done) = self.writing.join_next() => {
                     let (number, error) = done.map_err(|panic| panic.to_string())?;
@@ -247,7 +233,7 @@ impl Child {
                     looked = now + Span::from_nanos(4 * now.since(started).as_nanos());
                     look_at = looked + LOOK_MAX;
                 }
-                // Where much is lost, that one is lost says nothing.
+                // The return value says nothing: in a flood single beats are lost.
                 _ = again.tick(), if self.canary.is_late() => self.speak(),
                 _ = beats.tick() => {
                     self.ask(clock.now())?;
@@ -259,8 +245,12 @@ impl Child {
                     }
                 }
             }
-            out.send()?;
+            out.send().await?;
         }
+    }
+
+    fn obey_all(&mut self, orders: Vec<Order>, out: &mut Out) -> Result<(), String> {
+        orders.into_iter().try_for_each(|order| self.obey(order, out))
     }
 
     fn obey(&mut self, order: Order, out: &mut Out) -> Result<(), String> {
@@ -307,7 +297,7 @@ impl Child {
         Ok(topic)
     }
 
-    /// Tells what discovery knows otherwise than before.
+    /// Reports endpoints that are new or have changed.
     fn tell_discovered(&mut self, out: &mut Out) {
         let now = discovered::all(&self.participant);
         for (guid, found) in &now {
@@ -322,8 +312,8 @@ impl Child {
         self.hearings.told = now;
     }
 
-    /// Where the library's discovery has ended, it takes no orders. This one has no effect but on writers
-    /// that must assert their own liveliness; there are none.
+    /// If the library's discovery thread has ended, it takes no orders. This order affects only writers
+    /// that must assert their own liveliness, and there are none.
     fn ask(&mut self, now: Timestamp) -> Result<(), String> {
         if self.participant.assert_liveliness().is_err() {
             return Err("the threads of the DDS library have ended".to_owned());
@@ -343,12 +333,12 @@ impl Child {
     fn speak(&mut self) {
         self.canary.listen();
         if !std::mem::replace(&mut self.canary.writing, true) {
-            let beat = self.canary.said.to_le_bytes().to_vec();
+            let beat = Bytes::copy_from_slice(&self.canary.said.to_le_bytes());
             self.writing.spawn(write(self.canary.writer.clone(), 0, beat));
         }
     }
 
-    /// Readers and writers first: they hold the participant.
+    /// Readers and writers are dropped first, because they hold the participant.
     async fn close(self) {
         let Child { participant, subscriber, topics, hearings, writers, mut writing, canary, .. } = self;
         writing.shutdown().await;
@@ -361,20 +351,20 @@ impl Child {
 /// A received sample and its writer.
 struct Hearings {
     readers: Vec<Hearing>,
-    /// Endpoints as the parent knows them.
+    /// Endpoints that the parent knows.
     told: BTreeMap<Guid, super::Found>,
     unknown: BTreeSet<Guid>,
 }
 
 impl Hearings {
-    /// Ready once something was received; it is in `samples` then. True, where a writer of it is not known.
+    /// Ready once something was received; it is in `samples` then. True if one of its writers is not known.
     fn poll(&mut self, context: &mut Context<'_>, samples: &mut Frame) -> Poll<Result<bool, String>> {
         let mut strangers = self.take(samples)?;
         if samples.is_empty() {
             for known in self.readers.iter().filter(|known| known.in_flight < WINDOW_BYTES) {
                 known.reader.set_waker(Some(context.waker().clone()));
             }
-            // What came between the look and the waker would wake nobody.
+            // A sample that came between the look and the waker would wake nobody.
             strangers = self.take(samples)?;
         }
         if samples.is_empty() { Poll::Pending } else { Poll::Ready(Ok(strangers)) }
@@ -384,7 +374,7 @@ impl Hearings {
         let mut strangers = false;
         for hearing in &mut self.readers {
             hearing.reader.drain_read_notifications();
-            // Nothing is also said for a sample that is no data; the next may follow.
+            // `None` is also returned for a sample without data; the next one may follow.
             let mut nothing = 0;
             while nothing < 2 && hearing.in_flight < WINDOW_BYTES && !samples.is_full() {
                 match hearing.reader.try_take_one() {
@@ -417,9 +407,9 @@ impl Hearings {
     }
 }
 
-/// Writes, unless the library has ended its threads and would never say so.
-async fn write(writer: Arc<RawWriter>, number: u32, body: Vec<u8>) -> (u32, Option<String>) {
-    let written = match tokio::time::timeout(WRITING_MAX, writer.async_write(body.into(), None)).await {
+/// Writes. The library would never report that its threads have ended.
+async fn write(writer: Arc<RawWriter>, number: u32, body: Bytes) -> (u32, Option<String>) {
+    let written = match tokio::time::timeout(WRITING_MAX, writer.async_write(body, None)).await {
         Ok(written) => written.map_err(|error| wire::cut(&error)),
         Err(_) => Err(format!("the DDS library does not answer within {WRITING_MAX:?}")),
     };

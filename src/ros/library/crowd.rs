@@ -1,5 +1,6 @@
-//! Finds the library's discovery busy without end, as after a flood of announcements of participants that
-//! are none: the library hears on, but finds nobody new for half a minute.
+//! Finds a discovery thread of the library that is busy for ever, for example after a flood of
+//! announcements of participants that do not exist. The library still hears known participants, but finds
+//! nobody new for half a minute.
 
 use std::fs;
 use std::path::PathBuf;
@@ -8,14 +9,14 @@ use rustdds::DomainParticipantStatusEvent as Event;
 
 use crate::engine::time::{Span, Timestamp};
 
-/// No vehicle has so many participants. With fewer, what keeps discovery busy is honest work that ends.
+/// No vehicle has so many participants. With fewer, discovery is busy with real work that ends.
 const PARTICIPANTS_MAX: u64 = 256;
-/// So many looks in a row at which discovery did not rest since the one before.
+/// The number of consecutive looks at which discovery did not rest.
 const BUSY_MAX: u32 = 4;
-/// As the kernel cuts the name of the library's thread.
+/// The name of the library's thread as the kernel cuts it.
 const THREAD: &str = "RustDDS discove";
 
-/// How long a thread ran or waited for a processor, and when that was read.
+/// The time for which a thread ran or waited for a processor, and when that was read.
 type Awake = (Timestamp, Span);
 
 #[derive(Debug, Default)]
@@ -27,8 +28,8 @@ pub struct Crowd {
 }
 
 impl Crowd {
-    /// For the one participant of this process. Where there are others, or the system does not tell, nothing
-    /// is found.
+    /// For the only participant of this process. If there are several, or the system gives no figures,
+    /// nothing is found.
     pub fn of_this_process() -> Crowd {
         let tasks = fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
         let is_discovery = |path: &PathBuf| {
@@ -47,7 +48,7 @@ impl Crowd {
         }
     }
 
-    /// To be asked at each beat. True once discovery is beyond use.
+    /// Called at each beat. True once discovery is unusable.
     pub fn is_too_much(&mut self, now: Timestamp) -> bool {
         let Some(awake) = self
             .thread
@@ -63,7 +64,7 @@ impl Crowd {
         let Some((then, before)) = self.last.replace(look) else { return false };
         let (passed, awake) =
             (look.0.since(then).as_nanos(), look.1.as_nanos().saturating_sub(before.as_nanos()));
-        // It rests where it was asleep for a tenth of the time.
+        // It rests if it was asleep for a tenth of the time.
         self.busy = if awake >= passed / 10 * 9 { self.busy + 1 } else { 0 };
         self.participants > PARTICIPANTS_MAX && self.busy >= BUSY_MAX
     }
@@ -80,7 +81,8 @@ fn awake(schedstat: &str) -> Option<Span> {
 mod tests {
     use super::*;
 
-    /// At which of 40 looks, four a second, discovery that is awake for `percent` of the time is given up.
+    /// The look (of 40, four a second) at which discovery that is awake for `percent` of the time is given
+    /// up.
     fn given_up(participants: u64, percent: u64) -> Option<u64> {
         let mut crowd = Crowd { participants, ..Crowd::default() };
         (0..40).find(|look| {

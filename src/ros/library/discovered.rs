@@ -1,4 +1,4 @@
-//! What the discovery of the DDS library knows of the endpoints of others.
+//! The endpoints of other participants that the DDS library has discovered.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use crate::msg::sample_bytes::Guid;
 /// Bytes of a GUID that name the participant (RTPS 2.5, 9.3.1).
 pub const PREFIX: usize = 12;
 
-/// Topics on which participants hear themselves; none of ROS begins so.
+/// The prefix of the topics on which participants hear themselves; no ROS topic begins so.
 const CANARY: &str = "telltale_alive/";
 
 /// The topic on which one participant hears itself.
@@ -21,14 +21,14 @@ pub fn canary_topic(guid: &Guid) -> String {
     format!("{CANARY}{}", participant_name(guid))
 }
 
-/// All endpoints that can be of ROS, at most as many as the parent takes.
+/// All endpoints that can belong to ROS, at most as many as the parent takes.
 pub fn all(participant: &DomainParticipant) -> BTreeMap<Guid, Found> {
     let writers = participant.discovered_writers().into_iter().map(|found| {
         let data = found.publication_topic_data;
         Found {
             guid: data.key.to_bytes(),
             writes: true,
-            // A writer that does not say is reliable and volatile (DDS 1.4, 2.2.3).
+            // A writer without these settings is reliable and volatile (DDS 1.4, 2.2.3).
             reliable: data.reliability != Some(Reliability::BestEffort),
             transient_local: keeps(data.durability),
             deadline_ns: deadline(data.deadline),
@@ -45,7 +45,7 @@ pub fn all(participant: &DomainParticipant) -> BTreeMap<Guid, Found> {
         Found {
             guid: data.key().to_bytes(),
             writes: false,
-            // A reader that does not say takes what comes.
+            // A reader without these settings accepts everything.
             reliable: matches!(qos.reliability(), Some(Reliability::Reliable { .. })),
             transient_local: keeps(qos.durability()),
             deadline_ns: deadline(qos.deadline()),
@@ -71,7 +71,7 @@ fn deadline(deadline: Option<Deadline>) -> Option<u64> {
     deadline.and_then(|Deadline(period)| nanos(period))
 }
 
-/// One that does not say is asserted by the library, without end (DDS 1.4, 2.2.3.11).
+/// Without this setting the library asserts liveliness, with an infinite lease (DDS 1.4, 2.2.3.11).
 fn liveliness(said: Option<policy::Liveliness>) -> Liveliness {
     use policy::Liveliness::{Automatic, ManualByParticipant, ManualByTopic};
     let (kind, lease) = match said {
@@ -83,12 +83,12 @@ fn liveliness(said: Option<policy::Liveliness>) -> Liveliness {
     Liveliness { kind, lease_ns: nanos(lease) }
 }
 
-/// `None` is without end.
+/// `None` is infinite.
 fn nanos(duration: rustdds::Duration) -> Option<u64> {
     (duration != rustdds::Duration::INFINITE).then(|| u64::try_from(duration.to_nanoseconds()).unwrap_or(0))
 }
 
-/// A participant by the GUID of anything in it.
+/// The participant of a GUID.
 pub fn participant_name(guid: &Guid) -> String {
     hex(&guid[..PREFIX])
 }

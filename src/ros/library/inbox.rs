@@ -1,13 +1,15 @@
-//! What a DDS process says, handed to those who wait for it: readers, writers and discovery.
+//! Hands the messages of a DDS process to their receivers: readers, writers and discovery.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::io::ErrorKind;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll};
 
-use tokio::io::AsyncReadExt as _;
+use futures_util::StreamExt as _;
 use tokio::net::unix::OwnedReadHalf;
 use tokio::sync::{mpsc, oneshot, watch};
+use tokio_util::codec::FramedRead;
 
 use super::qos::Via;
 use super::raw_bytes::BODY_BYTES_MAX;
@@ -16,13 +18,13 @@ use super::wire::{self, News, Order};
 use super::{Participant, RawSample, SAMPLE_BYTES, Seen, WINDOW_BYTES};
 use crate::msg::sample_bytes::Guid;
 
-/// The window, and one message that began within it, and the frame that was under way.
+/// The window, one message that began within it, and the frame that was under way.
 const UNTAKEN_MAX: usize = WINDOW_BYTES + BODY_BYTES_MAX + 2 * SAMPLE_BYTES;
 
 /// What a reader gets.
 pub enum Heard {
     Sample(RawSample),
-    /// One was not handed over.
+    /// A sample was not handed over.
     Fault(String),
 }
 
@@ -35,16 +37,16 @@ impl Heard {
     }
 }
 
-/// Where the samples of one reader wait. The window bounds it.
+/// The queue for the samples of one reader, bounded by the window.
 #[derive(Debug)]
 struct Hearing {
     samples: mpsc::UnboundedSender<Heard>,
     untaken: Arc<AtomicUsize>,
-    /// It belongs to our node in the graph of ROS 2.
+    /// It belongs to our node in the ROS 2 graph.
     of_node: bool,
 }
 
-/// What the task that receives shares with the participant, and both with the watch.
+/// State shared by the receiving task, the participant and the watch.
 #[derive(Debug)]
 pub struct Shared {
     seen: Mutex<Seen>,
@@ -57,7 +59,7 @@ pub struct Shared {
     ended: watch::Sender<Option<Ended>>,
     /// The process is gone.
     over: watch::Sender<bool>,
-    /// How often it said that it lives, and the newest of these beats that it heard itself.
+    /// How often the process said that it lives, and the newest of these beats that it heard itself.
     pub beats: AtomicU64,
     pub heard: AtomicU64,
 }
@@ -89,7 +91,7 @@ impl Shared {
         lock(&self.seen)
     }
 
-    /// The participant is beyond use. The first reason counts.
+    /// The participant is unusable. The first reason counts.
     pub fn end(&self, reason: &str, ill: bool) {
         self.ended.send_if_modified(|ended| {
             let first = ended.is_none();
@@ -120,7 +122,7 @@ impl Shared {
         let _ = self.over.subscribe().wait_for(|over| *over).await;
     }
 
-    /// For what waits to be made.
+    /// For a reader or writer that is being made.
     pub fn make(&self, id: u32) -> watch::Receiver<Option<Guid>> {
         let (sender, receiver) = watch::channel(None);
         lock(&self.made).insert(id, sender);
@@ -142,7 +144,7 @@ impl Shared {
     /// Takes one message.
     ///
     /// # Errors
-    /// It is one that no sound process sends.
+    /// A sound process never sends this message.
     fn take(&self, news: News) -> Result<(), &'static str> {
         match news {
             News::Ready { .. } => return Err("it starts twice"),
@@ -183,7 +185,7 @@ impl Shared {
 
     fn hear(&self, reader: u32, heard: Heard) -> Result<(), &'static str> {
         let readers = lock(&self.readers);
-        // One that was ended may have been heard still.
+        // A reader that was ended may still have received a sample.
         let Some(hearing) = readers.get(&reader) else { return Ok(()) };
         let weight = heard.weight();
         if hearing.untaken.fetch_add(weight, Ordering::Relaxed) + weight > UNTAKEN_MAX {
@@ -194,28 +196,29 @@ impl Shared {
         Ok(())
     }
 
-    /// Nothing comes any more: nobody is to wait for it.
+    /// Nothing comes any more: nobody must wait for it.
     fn hang_up(&self) {
         lock(&self.written).clear();
         lock(&self.made).clear();
     }
 }
 
-/// Receives until the process is gone or says what makes no sense.
-pub async fn receive(mut socket: OwnedReadHalf, shared: Arc<Shared>, ready: oneshot::Sender<(Guid, u16)>) {
+/// Receives until the process is gone or sends nonsense.
+pub async fn receive(socket: OwnedReadHalf, shared: Arc<Shared>, ready: oneshot::Sender<(Guid, u16)>) {
     let mut ready = Some(ready);
+    let mut frames = FramedRead::with_capacity(socket, wire::frames(), wire::FRAME_BYTES);
     loop {
         let frame = tokio::select! {
-            frame = frame(&mut socket) => frame,
+            frame = frames.next() => frame,
             _ = shared.ended() => break,
         };
         let frame = match frame {
-            Ok(Some(frame)) => frame,
-            Ok(None) => break,
-            Err(reason) => {
-                shared.end(reason, true);
+            Some(Ok(frame)) => frame.freeze(),
+            Some(Err(error)) if error.kind() == ErrorKind::InvalidData => {
+                shared.end("it says more at once than it may", true);
                 break;
             }
+            Some(Err(_)) | None => break,
         };
         let taken = wire::news(&frame).map_err(|_| "it says what makes no sense").and_then(|all| {
             all.into_iter().try_for_each(|news| match (news, &mut ready) {
@@ -232,21 +235,8 @@ pub async fn receive(mut socket: OwnedReadHalf, shared: Arc<Shared>, ready: ones
         }
     }
     shared.hang_up();
-    // The watch says why, where the process has ended by itself.
-    drop((socket, ready));
-}
-
-/// The next frame; nothing, where the process is gone.
-async fn frame(socket: &mut OwnedReadHalf) -> Result<Option<Vec<u8>>, &'static str> {
-    let Ok(length) = socket.read_u32_le().await else { return Ok(None) };
-    let length = length as usize;
-    if length > wire::FRAME_BYTES_MAX {
-        return Err("it says more at once than it may");
-    }
-    // What was claimed is believed as it comes.
-    let mut frame = Vec::with_capacity(length.min(2 * wire::FRAME_BYTES));
-    let read = socket.take(length as u64).read_to_end(&mut frame).await;
-    Ok(read.is_ok_and(|read| read == length).then_some(frame))
+    // If the process has ended by itself, the watch says why.
+    drop((frames, ready));
 }
 
 /// A reader in a DDS process.
@@ -256,7 +246,7 @@ pub struct Reader {
     via: Via,
     samples: mpsc::UnboundedReceiver<Heard>,
     untaken: Arc<AtomicUsize>,
-    /// What was taken and the process was not told yet.
+    /// Bytes that were taken and not reported to the process yet.
     taken: usize,
     participant: Participant,
 }
@@ -274,14 +264,14 @@ impl Reader {
         self.via
     }
 
-    /// The next that was received. Where there is none, the context is woken when there is.
+    /// The next received sample. If there is none, the context is woken when one comes.
     pub fn poll(&mut self, context: &mut Context<'_>) -> Poll<Heard> {
         // Its sender lives until the reader is dropped.
         let Poll::Ready(Some(heard)) = self.samples.poll_recv(context) else { return Poll::Pending };
         let weight = heard.weight();
         self.untaken.fetch_sub(weight, Ordering::Relaxed);
         self.taken += weight;
-        // In large steps: each is a message.
+        // Reported in large steps, because each report is a message.
         if self.taken >= WINDOW_BYTES / 4 {
             let bytes = u32::try_from(std::mem::take(&mut self.taken)).unwrap_or(u32::MAX);
             self.participant.order(Order::Taken { id: self.id, bytes });

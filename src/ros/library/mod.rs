@@ -43,17 +43,17 @@ use qos::Via;
 /// How often the DDS process says that it lives.
 const BEAT: Duration = Duration::from_millis(250);
 /// Bytes of samples of one reader that are under way or wait to be taken here. The library keeps the rest,
-/// and drops the oldest where that is too much.
+/// and drops the oldest if that is too much.
 const WINDOW_BYTES: usize = 4 << 20;
-/// What a sample counts beside its body.
+/// What a sample counts in addition to its body.
 const SAMPLE_BYTES: usize = 128;
 /// Endpoints of others that are remembered.
 const ENDPOINTS_MAX: usize = 16_384;
-/// Orders that wait for the DDS process; where there are more, it does not take them.
+/// Orders that wait for the DDS process. If there are more, the process no longer takes them.
 const ORDERS_MAX: usize = 1024;
-/// A participant is made within this, or not at all.
+/// The longest time to make a participant.
 const OPENING: Duration = Duration::from_secs(10);
-/// Writing waits for slow readers a tenth of that.
+/// The longest time to write. Waiting for slow readers takes a tenth of it.
 const WRITING_MAX: Duration = Duration::from_secs(1);
 
 /// A sample as the DDS process received it.
@@ -61,7 +61,7 @@ const WRITING_MAX: Duration = Duration::from_secs(1);
 pub struct RawSample {
     pub writer: Guid,
     pub sequence: i64,
-    /// The publisher's clock, if it says: seconds since 1970 in 32.32 bits.
+    /// The publisher's clock, if the sample has it: seconds since 1970 in 32.32 bits.
     pub source: Option<u64>,
     pub body: RawBody,
 }
@@ -87,10 +87,10 @@ struct Inner {
 }
 
 impl Participant {
-    /// Starts a DDS process, and in it a participant.
+    /// Starts a DDS process with a participant.
     ///
     /// # Errors
-    /// The interface is not there, the process cannot be started, or no socket or port is to be had.
+    /// The interface does not exist, the process cannot be started, or no socket or port is available.
     pub async fn open(options: &BridgeOptions) -> Result<Participant, BridgeError> {
         let networks = options::networks(options.interface)?;
         let failed = |error: std::io::Error| BridgeError::Participant(error.to_string());
@@ -132,12 +132,12 @@ impl Participant {
         self.0.guid
     }
 
-    /// Its number on this machine, which tells its ports.
+    /// Its number on this machine, which determines its ports.
     pub fn id(&self) -> u16 {
         self.0.id
     }
 
-    /// What discovery knows of others.
+    /// The endpoints of others that discovery knows.
     pub fn seen(&self) -> MutexGuard<'_, Seen> {
         self.0.shared.seen()
     }
@@ -147,12 +147,12 @@ impl Participant {
         self.0.shared.news.subscribe()
     }
 
-    /// The readers that it has, as far as they are made.
+    /// The readers that are made so far.
     pub fn own_readers(&self) -> tokio::sync::watch::Receiver<BTreeSet<Guid>> {
         self.0.shared.own_readers.subscribe()
     }
 
-    /// Waits until the participant is beyond use, and says why.
+    /// Waits until the participant is unusable, and returns the reason.
     pub async fn ended(&self) -> Ended {
         self.0.shared.ended().await
     }
@@ -161,31 +161,31 @@ impl Participant {
         self.0.shared.has_ended()
     }
 
-    /// Waits until it hears itself, where any participant here ever did.
+    /// Waits until it hears itself, if any participant on this network ever did.
     pub async fn hears_itself(&self) {
         while watch::is_self_heard() && self.0.shared.heard.load(Ordering::Relaxed) == 0 {
             tokio::time::sleep(BEAT).await;
         }
     }
 
-    /// Lets the library keep so many samples of a topic from now on. It can only grow.
+    /// Lets the library keep so many samples of a topic from now on. The number can only grow.
     pub fn deepen(&self, topic: &str, type_name: &str, depth: usize) {
         let (topic, type_name) = (topic.to_owned(), type_name.to_owned());
         self.order(Order::Deepen { topic, type_name, depth: depth as u32 });
     }
 
-    /// A reader of a topic; the library keeps `depth` of its samples. Where it cannot be made, the
-    /// participant ends.
+    /// A reader of a topic; the library keeps `depth` of its samples. If it cannot be made, the participant
+    /// ends.
     pub fn reader(&self, topic: &str, type_name: &str, via: Via, depth: usize) -> Reader {
         let id = self.next();
-        // What a participant needs for itself is of none of its nodes.
+        // The topic on which a participant hears itself belongs to none of its nodes.
         let reader = Reader::new(id, via, topic != discovered::TOPIC, self.clone());
         let (topic, type_name) = (topic.to_owned(), type_name.to_owned());
         self.order(Order::Reader { id, topic, type_name, via, depth: depth as u32 });
         reader
     }
 
-    /// A writer of a topic. Where it cannot be made, the participant ends.
+    /// A writer of a topic. If it cannot be made, the participant ends.
     pub fn writer(&self, topic: &str, type_name: &str, quality: Quality) -> Writer {
         let id = self.next();
         let (topic, type_name) = (topic.to_owned(), type_name.to_owned());
@@ -221,7 +221,7 @@ pub struct Writer {
 }
 
 impl Writer {
-    /// Waits until it is made. Never, where the participant has ended.
+    /// Waits until it is made; for ever if the participant has ended.
     pub async fn guid(&self) -> Guid {
         match self.made.clone().wait_for(Option::is_some).await.map(|guid| *guid) {
             Ok(Some(guid)) => guid,
@@ -236,7 +236,7 @@ impl Writer {
     pub async fn write(&self, body: Vec<u8>) -> Result<(), String> {
         let number = self.participant.next();
         let written = self.participant.0.shared.expect_written(number);
-        self.participant.order(Order::Write { id: self.id, number, body });
+        self.participant.order(Order::Write { id: self.id, number, body: body.into() });
         let answer = tokio::time::timeout(WRITING_MAX, written).await;
         self.participant.0.shared.forget_written(number);
         match answer {
@@ -249,6 +249,6 @@ impl Writer {
 }
 
 impl DdsProcess {
-    /// No sensible use of DDS was seen to need more.
+    /// No realistic use of DDS was seen to need more.
     pub const MEGABYTES: u32 = 1024;
 }

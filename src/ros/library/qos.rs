@@ -16,25 +16,25 @@ pub enum Quality {
     Reliable,
     /// Best effort, volatile: as sensors publish.
     BestEffort,
-    /// Reliable, transient local: who comes later learns the last value.
+    /// Reliable, transient local: late joiners get the last value.
     LastValue,
 }
 
 impl Quality {
     pub const ALL: [Quality; 3] = [Quality::Reliable, Quality::BestEffort, Quality::LastValue];
 
-    /// Its place in [`Quality::ALL`].
+    /// Its index in [`Quality::ALL`].
     pub const fn number(self) -> u8 {
         self as u8
     }
 }
 
-/// The reader that a sample came through. They share one cache of samples in the library, so each
-/// may see what was meant for another.
+/// The reader through which a sample came. The readers of a topic share one cache in the library, so each
+/// may see samples for another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Via {
     Reliable,
-    /// Reliable, and asks for the last value from before its time.
+    /// Reliable, and asks for the last value from before its start.
     LastValue,
     BestEffort,
 }
@@ -77,7 +77,7 @@ pub fn writer(participant: &DomainParticipant, topic: &Topic, quality: Quality) 
     participant.create_publisher(&qos)?.create_datawriter_no_key(topic, Some(qos))
 }
 
-/// No deadline, no lifespan: whatever is asked for beyond what a writer offers breaks the match.
+/// No deadline and no lifespan: each setting beyond a writer's offer prevents the match.
 fn asked(via: Via) -> QosPolicies {
     let qos = QosPolicyBuilder::new();
     match via {

@@ -1,6 +1,6 @@
-//! Samples as bytes: the library's own decoding would lose a whole array for one bad string, and
-//! a panic in it would poison the cache of the topic. It also runs under that cache's lock, so
-//! here the bytes are copied out and nothing more.
+//! Samples as bytes. The library's own decoding would lose a whole array for one bad string, and a panic in
+//! it would poison the cache of the topic. It also runs under the lock of that cache, so this code only
+//! copies the bytes out.
 
 use crate::msg::sample_bytes::RawBody;
 use std::convert::Infallible;
@@ -11,12 +11,12 @@ use rustdds::no_key::{Decode, DefaultDecoder, DeserializerAdapter, SerializerAda
 
 use crate::msg::cdr::{Endian, Fault, FaultKind};
 
-/// A message larger than this is not taken: 100,000 statuses of 600 bytes are smaller.
+/// A larger message is refused: 100,000 statuses of 600 bytes are smaller.
 pub const BODY_BYTES_MAX: usize = 64 << 20;
 
 pub struct RawAdapter;
 
-/// Every encapsulation is accepted here, so that an unknown one is told with its topic.
+/// Every encapsulation is accepted here, so that an unknown one can be reported with its topic.
 static ENCODINGS: [Encoding; 17] = [
     Encoding::CDR_LE,
     Encoding::CDR_BE,
@@ -71,11 +71,11 @@ impl Decode<'_, RawBody> for CopyOut {
             let what = FaultKind::TooLarge { bytes: input.len(), limit: BODY_BYTES_MAX };
             return Ok(Err(Fault { at: 0, what }));
         }
-        Ok(Ok((input.to_vec(), endian)))
+        Ok(Ok((Bytes::copy_from_slice(input), endian)))
     }
 }
 
-/// A body that is written as it stands, in little endian.
+/// A body that is written unchanged, in little endian.
 impl SerializerAdapter<Bytes> for RawAdapter {
     type Error = Infallible;
 
@@ -98,8 +98,8 @@ mod tests {
             Ok(body) => body.map_err(|fault| fault.to_string()),
             Err(never) => match never {},
         };
-        assert_eq!(taken(Encoding::CDR_LE, b"ab"), Ok((b"ab".to_vec(), Endian::Little)));
-        assert_eq!(taken(Encoding::CDR_BE, b"ab"), Ok((b"ab".to_vec(), Endian::Big)));
+        assert_eq!(taken(Encoding::CDR_LE, b"ab"), Ok((Bytes::from_static(b"ab"), Endian::Little)));
+        assert_eq!(taken(Encoding::CDR_BE, b"ab"), Ok((Bytes::from_static(b"ab"), Endian::Big)));
         let error = taken(Encoding::XCDR2_LE, b"ab").unwrap_err();
         assert!(error.contains("encoding 0007"), "{error}");
     }

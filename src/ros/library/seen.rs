@@ -1,4 +1,4 @@
-//! What a DDS process has told of the endpoints of others.
+//! The endpoints of others that a DDS process has reported.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +18,7 @@ pub struct Found {
     pub transient_local: bool,
     pub deadline_ns: Option<u64>,
     pub liveliness: Liveliness,
-    /// A reader: whether it takes what is offered with each [`Quality`], a bit each.
+    /// A reader: for each [`Quality`] a bit, whether it accepts that offer.
     pub takes: u8,
 }
 
@@ -36,7 +36,7 @@ pub struct Seen {
 }
 
 impl Seen {
-    /// Takes one that is new or has changed. False, where that are more than a process may tell of.
+    /// Takes an endpoint that is new or has changed. False if there are more than a process may report.
     pub fn add(&mut self, found: Found) -> bool {
         self.remove(&found.guid);
         if self.topics.len() >= ENDPOINTS_MAX {

@@ -1,5 +1,5 @@
-//! Looks at a DDS process from outside: whether it says that it lives, hears itself through the network, and
-//! keeps to its memory. What is ill is ended.
+//! Watches a DDS process from outside: whether it says that it lives, hears itself through the network, and
+//! keeps to its memory limit. An ill process is ended.
 
 use std::io;
 use std::os::fd::OwnedFd;
@@ -15,19 +15,19 @@ use super::child;
 use super::inbox::Shared;
 use crate::ros::DdsProcess;
 
-/// How often it is looked at.
+/// The interval of looks.
 const LOOK: Duration = Duration::from_millis(250);
-/// So many looks in a row without a word of it, and it is ended. Looks are counted and not time, so that a
-/// program that was stopped itself does not blame it.
+/// A process that says nothing at so many consecutive looks is ended. Looks are counted, not time, so that
+/// a program that was stopped itself does not blame the process.
 const SILENT_MAX: u32 = 8;
-/// So many of its beats (four a second) the newest that it heard is old, and it is ended. Others that are
-/// heard are no excuse: in a flood all that is heard is late.
+/// A process is ended if the newest of its beats (four a second) that it heard is so many beats old.
+/// Hearing others is no excuse: in a flood everything is heard late.
 const LATE_MAX: u64 = 8;
-/// The same where it heard none yet, and one before it heard itself here.
+/// The same for a process that has heard none of its beats yet, if an earlier one heard itself here.
 const NEVER_HEARD_MAX: u64 = 12;
-/// A participant here has heard itself. Whether that is so, is up to the network.
+/// A participant on this network has heard itself. Not every network permits that.
 static HEARS_ITSELF: AtomicBool = AtomicBool::new(false);
-/// So many looks it has to end by itself.
+/// Looks at which a process may still be ending by itself.
 const ENDING_MAX: u32 = 5;
 
 /// Whether the network lets a participant hear itself.
@@ -35,7 +35,7 @@ pub fn is_self_heard() -> bool {
     HEARS_ITSELF.load(Ordering::Relaxed)
 }
 
-/// Why a participant is beyond use.
+/// Why a participant is unusable.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Ended {
     pub reason: Box<str>,
@@ -50,21 +50,21 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Lets it end by itself, if it does so soon.
+    /// Lets the process end by itself, if it does so soon.
     pub fn close(&self) {
         // An error means that it is gone.
         let _ = self.close.send(());
     }
 }
 
-/// What runs the DDS library.
+/// The way in which the DDS library is run.
 enum Runner {
     Process(Child),
     Thread(std::thread::JoinHandle<()>),
 }
 
-/// Starts the DDS process at the other end of `socket`, and a thread that looks at it. The thread that
-/// starts a process must live as long as that: else the kernel takes the parent for dead.
+/// Starts the DDS process at the other end of `socket`, and a thread that watches it. The thread that
+/// starts a process must live as long as the process: otherwise the kernel takes the parent for dead.
 ///
 /// # Errors
 /// Neither thread nor process can be started.
@@ -91,16 +91,16 @@ fn run(how: DdsProcess, socket: UnixStream) -> io::Result<Runner> {
         let thread = std::thread::Builder::new().name("dds".to_owned());
         return thread.spawn(move || child::serve(socket, false)).map(Runner::Thread);
     };
-    // As it was started, though another version may lie there now.
+    // The program file that is running, even if another version lies at its path now.
     let mut command = Command::new("/proc/self/exe");
     command.arg0("telltale").arg("dds-process");
     command.arg(std::process::id().to_string()).arg(megabytes.to_string());
     command.stdin(Stdio::from(OwnedFd::from(socket))).stdout(Stdio::null());
-    // What a terminal sends to all processes is for the program.
+    // Signals of a terminal to all processes are for the program only.
     command.process_group(0).spawn().map(Runner::Process)
 }
 
-/// Until it has ended, is ill, or is to end.
+/// Runs until the process has ended, is ill, or is to end.
 fn look_after(runner: &mut Runner, how: DdsProcess, shared: &Shared, closing: &mpsc::Receiver<()>) {
     let mut health = Health::default();
     loop {
@@ -149,7 +149,7 @@ impl Runner {
         }
     }
 
-    /// A thread cannot be ended; it sees that its socket is closed.
+    /// A thread cannot be ended; it notices that its socket is closed.
     fn end(&mut self) {
         if let Runner::Process(child) = self {
             // It may be gone already.
@@ -158,7 +158,7 @@ impl Runner {
         }
     }
 
-    /// What is in memory of it.
+    /// Its resident memory.
     fn megabytes(&self) -> u64 {
         let Runner::Process(child) = self else { return 0 };
         let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap_or_default();
@@ -177,7 +177,7 @@ fn describe(status: ExitStatus) -> String {
     }
 }
 
-/// What is known of a process at one look.
+/// The figures of a process at one look.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Told {
     beats: u64,
@@ -185,7 +185,7 @@ struct Told {
     megabytes: u64,
 }
 
-/// Judges a process by what it tells, look by look.
+/// Judges a process by its figures, look by look.
 #[derive(Debug, Default)]
 struct Health {
     last: Told,
@@ -200,7 +200,8 @@ impl Health {
         {
             return Some(format!("it takes {} MB of memory; its limit is {megabytes}", told.megabytes));
         }
-        // Until the first word it makes its participant, and the caller does not wait for that for ever.
+        // Until its first beat it makes its participant, and the caller waits for that only for a limited
+        // time.
         let begun = told.beats > 0;
         self.silent = if told.beats != last.beats || !begun { 0 } else { self.silent + 1 };
         if self.silent >= SILENT_MAX {
@@ -221,7 +222,7 @@ mod tests {
 
     const HOW: DdsProcess = DdsProcess::Child { megabytes: 100 };
 
-    /// At which look it is found ill, and why; nothing within 30 looks.
+    /// The look at which it is found ill, and why; `None` within 30 looks.
     fn found_ill(hears_itself: bool, told: impl Fn(u64) -> Told) -> Option<(u64, String)> {
         let mut health = Health::default();
         (0..30).find_map(|look| Some((look, health.look(told(look), HOW, hears_itself)?)))
@@ -232,9 +233,9 @@ mod tests {
         assert_eq!(found_ill(true, |look| Told { beats: look, heard: look, ..Told::default() }), None);
         // Still making its participant.
         assert_eq!(found_ill(true, |_| Told::default()), None);
-        // On a network on which nobody ever heard itself.
+        // On a network that lets nobody hear itself.
         assert_eq!(found_ill(false, |look| Told { beats: look, ..Told::default() }), None);
-        // What it heard is a second old now and then.
+        // The newest beat that it heard is a second old now and then.
         let slow = |look| Told { beats: look, heard: look / 5 * 5, ..Told::default() };
         assert_eq!(found_ill(true, slow), None);
     }
@@ -249,7 +250,7 @@ mod tests {
         assert_eq!(found_ill(true, deaf(4)), found(12, "it hears nothing any more, or late"));
         let never = "it hears nothing, not even itself";
         assert_eq!(found_ill(true, deaf(0)), found(12, never), "from its beginning");
-        // It goes on to hear, and falls behind by half of the time.
+        // It still hears, but falls behind by half of the time.
         let behind = |look| Told { beats: look, heard: look.div_ceil(2), ..Told::default() };
         assert_eq!(found_ill(true, behind), found(16, "it hears nothing any more, or late"));
         let large = |look| Told { beats: look, heard: look, megabytes: 99 + look };

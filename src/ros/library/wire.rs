@@ -1,9 +1,12 @@
-//! What the program and its DDS process say to one another: frames over a Unix socket.
+//! The messages between the program and its DDS process: frames over a Unix socket.
 //!
-//! A frame is its length and messages one after the other. All numbers are in little endian. Whatever is
-//! not exactly so is an error: what the DDS process says is trusted no more than a packet.
+//! A frame is its length, followed by messages. All numbers are in little endian. Everything else is an
+//! error: messages of the DDS process are trusted no more than a packet.
 
 use std::net::Ipv4Addr;
+
+use bytes::Bytes;
+use tokio_util::codec::LengthDelimitedCodec;
 
 use super::qos::Via;
 use super::raw_bytes::BODY_BYTES_MAX;
@@ -12,11 +15,11 @@ use crate::engine::discovery::{Liveliness, LivelinessKind};
 use crate::msg::cdr::{Endian, Fault, FaultKind};
 use crate::msg::sample_bytes::Guid;
 
-/// A frame is closed when it is longer than this; one message may be longer.
+/// A frame is closed when it is longer than this; a single message may be longer.
 pub const FRAME_BYTES: usize = 256 << 10;
-/// No frame is longer: the largest message, behind others.
+/// The longest frame: the largest message, behind others.
 pub const FRAME_BYTES_MAX: usize = BODY_BYTES_MAX + 2 * FRAME_BYTES;
-/// Names of topics and types that are longer are of no ROS.
+/// Longer names of topics and types do not occur in ROS.
 pub const NAME_BYTES_MAX: usize = 1024;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -26,7 +29,7 @@ pub struct Nonsense(usize);
 /// From the program to the DDS process.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Order {
-    /// The first: make a participant. Without `networks` on all interfaces.
+    /// The first order: make a participant, on all interfaces if `networks` is missing.
     Open {
         domain: u16,
         networks: Option<Vec<Ipv4Addr>>,
@@ -61,7 +64,7 @@ pub enum Order {
     Write {
         id: u32,
         number: u32,
-        body: Vec<u8>,
+        body: Bytes,
     },
     /// End, and say goodbye to the other participants.
     Close,
@@ -88,7 +91,7 @@ pub enum News {
         reader: u32,
         sample: RawSample,
     },
-    /// One sample could not be handed over.
+    /// A sample could not be handed over.
     Fault {
         reader: u32,
         reason: String,
@@ -97,7 +100,8 @@ pub enum News {
         number: u32,
         error: Option<String>,
     },
-    /// It lives. `heard` is the newest of its own beats, counted from 1, that came to it through the network.
+    /// It lives. `heard` is the newest of its own beats, counted from 1, that came to it through the
+    /// network.
     Beat {
         heard: u64,
     },
@@ -105,6 +109,11 @@ pub enum News {
     Broken {
         reason: String,
     },
+}
+
+/// Finds the frames in what comes over the socket. A longer one than may be is an error.
+pub fn frames() -> LengthDelimitedCodec {
+    LengthDelimitedCodec::builder().little_endian().max_frame_length(FRAME_BYTES_MAX).new_codec()
 }
 
 /// Writes messages into a frame.
@@ -124,12 +133,12 @@ impl Frame {
         self.0.len() > FRAME_BYTES
     }
 
-    /// The frame as it travels; what follows goes into a new one.
-    pub fn take(&mut self) -> Vec<u8> {
+    /// The finished frame; further messages go into a new one.
+    pub fn take(&mut self) -> Bytes {
         let mut bytes = std::mem::replace(&mut self.0, vec![0; 4]);
         let length = u32::try_from(bytes.len() - 4).unwrap_or(u32::MAX);
         bytes[..4].copy_from_slice(&length.to_le_bytes());
-        bytes
+        bytes.into()
     }
 
     fn u8(&mut self, value: u8) -> &mut Frame {
@@ -160,6 +169,8 @@ impl Frame {
     }
 
     fn bytes(&mut self, value: &[u8]) -> &mut Frame {
+        // At once: a large message would be copied again each time that its frame grows.
+        self.0.reserve(value.len() + 64);
         self.u32(u32::try_from(value.len()).unwrap_or(u32::MAX));
         self.0.extend(value);
         self
@@ -242,28 +253,28 @@ impl Frame {
 
 /// Reads the messages of a frame.
 struct Reading<'a> {
-    frame: &'a [u8],
+    frame: &'a Bytes,
     at: usize,
 }
 
 /// All orders of a frame.
 ///
 /// # Errors
-/// It is not exactly orders.
-pub fn orders(frame: &[u8]) -> Result<Vec<Order>, Nonsense> {
+/// The frame does not consist of valid orders.
+pub fn orders(frame: &Bytes) -> Result<Vec<Order>, Nonsense> {
     all(frame, Reading::order)
 }
 
 /// All news of a frame.
 ///
 /// # Errors
-/// It is not exactly news.
-pub fn news(frame: &[u8]) -> Result<Vec<News>, Nonsense> {
+/// The frame does not consist of valid news.
+pub fn news(frame: &Bytes) -> Result<Vec<News>, Nonsense> {
     all(frame, Reading::news)
 }
 
 fn all<'a, T>(
-    frame: &'a [u8],
+    frame: &'a Bytes,
     one: impl Fn(&mut Reading<'a>) -> Result<T, Nonsense>,
 ) -> Result<Vec<T>, Nonsense> {
     let mut reading = Reading { frame, at: 0 };
@@ -325,6 +336,14 @@ impl<'a> Reading<'a> {
         if length > limit { Err(Nonsense(at)) } else { self.slice(length) }
     }
 
+    /// The body of a sample. One that fills its frame stays in it; a smaller one is copied, so that nothing
+    /// keeps a frame of more than twice its own length.
+    fn body(&mut self) -> Result<Bytes, Nonsense> {
+        let body = self.bytes(BODY_BYTES_MAX)?;
+        let fills = body.len() >= self.frame.len() / 2;
+        Ok(if fills { self.frame.slice_ref(body) } else { Bytes::copy_from_slice(body) })
+    }
+
     fn text(&mut self) -> Result<String, Nonsense> {
         let at = self.at;
         let bytes = self.bytes(NAME_BYTES_MAX)?;
@@ -356,11 +375,7 @@ impl<'a> Reading<'a> {
                 type_name: self.text()?,
                 quality: Quality::ALL[usize::from(self.below(3)?)],
             },
-            6 => Order::Write {
-                id: self.u32()?,
-                number: self.u32()?,
-                body: self.bytes(BODY_BYTES_MAX)?.to_vec(),
-            },
+            6 => Order::Write { id: self.u32()?, number: self.u32()?, body: self.body()? },
             _ => Order::Close,
         })
     }
@@ -406,8 +421,8 @@ impl<'a> Reading<'a> {
     fn sample(&mut self) -> Result<RawSample, Nonsense> {
         let (writer, sequence, source) = (self.array()?, self.u64()? as i64, self.option()?);
         let body = match self.below(4)? {
-            0 => Ok((self.bytes(BODY_BYTES_MAX)?.to_vec(), Endian::Little)),
-            1 => Ok((self.bytes(BODY_BYTES_MAX)?.to_vec(), Endian::Big)),
+            0 => Ok((self.body()?, Endian::Little)),
+            1 => Ok((self.body()?, Endian::Big)),
             2 => {
                 let bytes = usize::try_from(self.u64()?).unwrap_or(usize::MAX);
                 Err(FaultKind::TooLarge { bytes, limit: BODY_BYTES_MAX })
@@ -428,7 +443,7 @@ fn via_number(via: Via) -> u8 {
     }
 }
 
-/// A text of the DDS library, cut to what a message holds.
+/// A text of the DDS library, cut to the length of a message.
 pub fn cut(text: &impl ToString) -> String {
     let mut text = text.to_string();
     text.truncate(text.floor_char_boundary(NAME_BYTES_MAX));

@@ -1,9 +1,9 @@
-//! What the environment asks of DDS, as ROS 2 reads it, and this program cannot do: it is said, and
-//! where it is about protection, nothing is started.
+//! Environment variables of ROS 2 that Telltale cannot honour: each is reported, and if security is
+//! enforced, nothing is started.
 
 use super::OptionsError;
 
-/// The implementations that speak DDS, as this program does.
+/// RMW implementations that speak DDS, as this program does.
 const DDS_RMWS: [&str; 5] = [
     "rmw_cyclonedds_cpp",
     "rmw_fastrtps_cpp",
@@ -15,7 +15,7 @@ const DDS_RMWS: [&str; 5] = [
 /// A line for each variable that has no effect here.
 ///
 /// # Errors
-/// DDS is to be spoken with security alone.
+/// DDS may be spoken only with security.
 pub fn unheeded(env: &impl Fn(&str) -> Option<String>) -> Result<Vec<String>, OptionsError> {
     let mut lines = Vec::new();
     if env("ROS_SECURITY_ENABLE").as_deref() == Some("true") {

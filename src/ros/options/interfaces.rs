@@ -1,4 +1,4 @@
-//! The machine's IPv4 addresses, and when their change asks for a new participant.
+//! The machine's IPv4 addresses, and when their change requires a new participant.
 
 use std::collections::BTreeSet;
 use std::io;
@@ -24,8 +24,8 @@ pub fn addresses() -> io::Result<Vec<Address>> {
     Ok(found.collect())
 }
 
-/// Notices that the addresses in use are not those the participant was made with: it never learns
-/// of new ones by itself.
+/// Notices that the addresses in use are no longer those the participant was made with: the participant
+/// never learns of new ones by itself.
 #[derive(Debug)]
 pub struct AddressWatch {
     interface: Interface,
@@ -40,8 +40,8 @@ impl AddressWatch {
         AddressWatch { interface, last: built_with.clone(), built_with, lost_one: false }
     }
 
-    /// True when a new participant is due: addresses have changed, or came back after they were
-    /// gone, and were the same at two looks, so that an interface that comes up in steps costs one.
+    /// True when a new participant is due: addresses have changed or come back, and were the same at two
+    /// looks, so that an interface that comes up in steps causes only one.
     pub fn look(&mut self, now: &[Address]) -> bool {
         let current = in_use(self.interface, now);
         self.lost_one |= !self.built_with.is_subset(&current);
@@ -76,7 +76,7 @@ mod tests {
     #[test]
     fn a_new_participant_is_due_once_a_change_is_stable() {
         type Looks = &'static [&'static [Ipv4Addr]];
-        // Interface, addresses at the start, then at each look; due at the last look alone or never.
+        // Interface, addresses at the start, then at each look; due at the last look or never.
         let cases: [(Interface, &[Ipv4Addr], Looks, bool); 8] = [
             (Interface::All, &[A], &[&[A], &[A]], false),
             (Interface::All, &[], &[&[A], &[A]], true),

@@ -1,4 +1,5 @@
-//! Where on the network the bridge listens: flags, then what ROS 2 reads from the environment.
+//! Options of the bridge: where on the network it listens, from flags and then from the environment of ROS
+//! 2.
 
 pub(super) mod environment;
 pub(super) mod interfaces;
@@ -15,7 +16,7 @@ pub const DOMAIN_MAX: u16 = 232;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Interface {
-    /// The one that has this address.
+    /// The interface that has this address.
     Ip(Ipv4Addr),
     /// Nothing leaves the machine.
     Loopback,
@@ -26,17 +27,17 @@ pub enum Interface {
 pub struct BridgeOptions {
     pub domain: u16,
     pub interface: Interface,
-    /// What the distribution says; otherwise the bridge learns it from others.
+    /// The size of a gid in this distribution; if it is unknown, the bridge learns it from others.
     pub gid_size: Option<GidSize>,
-    /// Of the messages whose fields are read.
+    /// Definitions of the messages whose fields are read.
     pub definitions: Definitions,
-    /// As which the bridge is announced in the graph of ROS 2.
+    /// The name of the bridge in the ROS 2 graph.
     pub node: &'static str,
-    /// Below it are our nodes, and topics that are written without a first slash: empty, or `/ns`.
+    /// The namespace of our nodes and of topics without a first slash: empty, or `/ns`.
     pub namespace: Box<str>,
     /// Hosts that multicast does not reach, by address or name.
     pub peers: Vec<Box<str>>,
-    /// What the environment asks for in vain, a line each.
+    /// Settings of the environment that have no effect, a line each.
     pub unheeded: Vec<String>,
     /// Where the DDS library runs.
     pub dds_process: DdsProcess,
@@ -45,15 +46,15 @@ pub struct BridgeOptions {
 /// Where the DDS library runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DdsProcess {
-    /// In a child process of this program, which may take so much memory.
+    /// In a child process of this program, with this limit on its memory.
     Child { megabytes: u32 },
-    /// In this process: for tests and benchmarks of the library, whose program is another.
+    /// In this process: for tests and benchmarks of the library, which are another program.
     Thread,
 }
 
 const NODE: &str = "telltale";
 
-/// Each costs 32 datagrams every other second.
+/// Each peer costs 32 datagrams every other second.
 const PEERS_MAX: usize = 64;
 
 #[derive(Debug, thiserror::Error)]
@@ -106,7 +107,7 @@ impl fmt::Display for Existing {
 }
 
 impl BridgeOptions {
-    /// Loopback alone, as demonstrations and tests use it.
+    /// Loopback only, for demonstrations and tests.
     pub fn loopback(domain: u16) -> BridgeOptions {
         BridgeOptions {
             dds_process: DdsProcess::Thread,
@@ -121,7 +122,7 @@ impl BridgeOptions {
         }
     }
 
-    /// A name as ROS 2 resolves it: what has no slash in front is below the namespace.
+    /// A name as ROS 2 resolves it: names without a first slash are below the namespace.
     pub fn whole_name(&self, name: &str) -> String {
         if name.starts_with('/') { name.to_owned() } else { format!("{}/{name}", self.namespace) }
     }
@@ -131,7 +132,7 @@ impl BridgeOptions {
     /// interface's name.
     ///
     /// # Errors
-    /// What is out of range, not understood or not there, and what to do.
+    /// A value that is out of range, not understood or does not exist, and what to do.
     pub fn resolve(
         domain: Option<u16>,
         interface: Option<&str>,
@@ -221,7 +222,7 @@ fn peers_of(
     Ok(peers)
 }
 
-/// ROS 2 itself knows `--ros-args -r __ns:=` alone; the variable is what ROS 1 and many launch files use.
+/// ROS 2 itself knows only `--ros-args -r __ns:=`; the variable comes from ROS 1 and many launch files.
 fn namespace(env: &impl Fn(&str) -> Option<String>) -> Result<Box<str>, OptionsError> {
     const VARIABLE: &str = "ROS_NAMESPACE";
     let Some(value) = env(VARIABLE) else { return Ok(Box::default()) };
@@ -243,7 +244,7 @@ fn namespace(env: &impl Fn(&str) -> Option<String>) -> Result<Box<str>, OptionsE
 fn interface_of_environment(env: &impl Fn(&str) -> Option<String>) -> Result<Interface, OptionsError> {
     const ONLY: &str = "ROS_LOCALHOST_ONLY";
     const RANGE: &str = "ROS_AUTOMATIC_DISCOVERY_RANGE";
-    // Deprecated, but where it is enabled it wins, as in rcl.
+    // Deprecated, but if it is enabled it wins, as in rcl.
     match env(ONLY).as_deref() {
         None | Some("0") => {}
         Some("1") => return Ok(Interface::Loopback),

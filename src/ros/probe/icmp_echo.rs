@@ -1,4 +1,4 @@
-//! ICMP echo without privileges: the kernel's datagram sockets for it, where the system allows them.
+//! ICMP echo without privileges, through the kernel's datagram sockets, if the system allows them.
 
 use std::io::{self, ErrorKind};
 use std::net::{IpAddr, SocketAddr};
@@ -12,10 +12,10 @@ pub const FORBIDDEN: &str = "this system does not let the program send ICMP echo
 const PAYLOAD: &[u8; 8] = b"telltale";
 const HEADER_BYTES: usize = 8;
 
-/// Sends one echo and waits for its reply, without an end.
+/// Sends one echo and waits for its reply, for ever.
 ///
 /// # Errors
-/// `Forbidden` where the system has no such socket for us; the others say that the host is not there.
+/// `Forbidden` if the system denies us such a socket; the other errors mean that the host does not answer.
 pub async fn echo(ip: IpAddr) -> Result<(), EchoError> {
     let socket = open(ip).map_err(|error| match error.kind() {
         ErrorKind::PermissionDenied | ErrorKind::Unsupported => EchoError::Forbidden,

@@ -1,4 +1,4 @@
-//! Watchdogs: hosts, ports, nodes and services that are asked again and again whether they are there.
+//! Watchdogs: ask repeatedly whether hosts, ports, nodes and services are there.
 
 pub(super) mod icmp_echo;
 
@@ -16,20 +16,21 @@ use super::name_lookup::Lookup;
 use super::outbox::stopped;
 use crate::clock::Clock;
 use crate::engine::discovery::{Discovery, Mismatch};
-use crate::engine::input::{Input, Stamped};
+use crate::engine::input::Input;
 use crate::engine::model::monitors::{ProbeTarget, WatchdogSpec};
 use crate::engine::model::sample::{Probe, ProbeOutcome};
 use crate::engine::time::Span;
+use crate::msg::received::Stamped;
 use crate::msg::subscription::Plan;
 use icmp_echo::EchoError;
 
-/// Probes under way at once; each takes a socket. Others wait for their turn.
+/// Probes that run at once; each needs a socket. Others wait for their turn.
 const AT_ONCE_MAX: usize = 128;
 
-/// No target is asked more often.
+/// The shortest interval between probes of one target.
 const EVERY_MIN: Duration = Duration::from_millis(10);
 
-/// What every watchdog shares.
+/// State shared by all watchdogs.
 #[derive(Clone)]
 pub struct Kennel {
     pub inputs: mpsc::Sender<Stamped>,
@@ -38,7 +39,7 @@ pub struct Kennel {
     pub clock: Clock,
 }
 
-/// Runs the watchdogs of the plan until it is stopped. With another plan all of them start anew.
+/// Runs the watchdogs of the plan until it is stopped. A new plan restarts all of them.
 pub async fn run(kennel: Kennel, mut plan: watch::Receiver<Arc<Plan>>, mut stop: watch::Receiver<bool>) {
     let turns = Arc::new(Semaphore::new(AT_ONCE_MAX));
     loop {
@@ -57,7 +58,7 @@ pub async fn run(kennel: Kennel, mut plan: watch::Receiver<Arc<Plan>>, mut stop:
     }
 }
 
-/// Asks one target, never twice at once, until nobody listens.
+/// Probes one target, never twice at once, until nobody listens.
 async fn watch(spec: Arc<WatchdogSpec>, kennel: Kennel, turns: Arc<Semaphore>) {
     let period = Duration::from_nanos(spec.every.as_nanos()).max(EVERY_MIN);
     let mut asker = Asker::new(&spec.target, &kennel);
@@ -71,7 +72,7 @@ async fn watch(spec: Arc<WatchdogSpec>, kennel: Kennel, turns: Arc<Semaphore>) {
         drop(turn);
         let received = kennel.clock.now();
         let input = Input::Probe(Probe { source: spec.clone(), outcome });
-        if kennel.inputs.send(Stamped { input, received }).await.is_err() {
+        if kennel.inputs.send(Stamped::new(input, received)).await.is_err() {
             return;
         }
     }
@@ -132,7 +133,7 @@ impl Asker {
     }
 }
 
-/// Whether everybody on a topic can come together, as far as discovery knows.
+/// Whether all publishers and subscribers of a topic can match, as far as discovery knows.
 fn matching(topic: &str, seen: &Discovery) -> ProbeOutcome {
     if seen.at.is_none() {
         return ProbeOutcome::Impossible("the topics are being discovered still".into());
@@ -147,7 +148,7 @@ fn matching(topic: &str, seen: &Discovery) -> ProbeOutcome {
     if why.is_empty() { ProbeOutcome::Announced } else { ProbeOutcome::Missed(why.join(", ").into()) }
 }
 
-/// How long the target took: resolving its name is not part of that.
+/// The time that the target took, without the resolution of its name.
 async fn tcp(lookup: &mut Lookup, clock: Clock) -> Result<Span, ProbeOutcome> {
     let addresses = lookup.addresses().await.map_err(|error| unresolved(&error))?;
     let start = clock.now();
@@ -171,7 +172,7 @@ fn unresolved(error: &io::Error) -> ProbeOutcome {
     ProbeOutcome::Impossible(format!("its name cannot be resolved: {error}").into())
 }
 
-/// What tells about the target, and what about this machine alone.
+/// Distinguishes errors that say something about the target from errors of this machine.
 fn failed(error: &io::Error) -> ProbeOutcome {
     const NO_FILES_LEFT: [i32; 2] = [23, 24];
     let ours = matches!(error.kind(), ErrorKind::PermissionDenied | ErrorKind::AddrNotAvailable)
@@ -270,7 +271,7 @@ mod tests {
                 async { if is_tcp { tcp(&mut lookup, clock).await } else { icmp(&mut lookup, clock).await } };
             match tokio::join!(asked, resolver).0 {
                 Ok(after) => assert!(after < slow, "{after:?}"),
-                // Where the system lets nobody send an echo.
+                // A system that lets nobody send an echo.
                 Err(outcome) => {
                     assert!(!is_tcp && matches!(outcome, ProbeOutcome::Impossible(_)), "{outcome:?}")
                 }

@@ -1,4 +1,4 @@
-//! What this program publishes over DDS.
+//! Everything that Telltale publishes over DDS.
 
 pub mod outputs;
 pub(super) mod publisher;

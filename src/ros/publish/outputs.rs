@@ -1,8 +1,8 @@
-//! What is published for others: the aggregated diagnosis for the tools of ROS 2, and for the
-//! vehicle the stage, the clearance, the operator's pose and the countermeasures.
+//! Telltale's outputs: the aggregated diagnosis for the tools of ROS 2, and for the vehicle the stage, the
+//! clearance, the operator's pose and the countermeasures.
 //!
-//! All of it follows from the latest snapshot. What concerns the vehicle leaves in the moment the
-//! snapshot is there, by a task that does nothing else; the aggregated diagnosis takes its time.
+//! All outputs follow from the latest snapshot. A task of its own sends those for the vehicle as soon as
+//! the snapshot is there; the aggregated diagnosis is sent at its own pace.
 
 mod aggregate;
 mod announce;
@@ -20,7 +20,6 @@ use tokio::task::{JoinHandle, JoinSet};
 use tokio::time::{Instant, MissedTickBehavior};
 
 use crate::clock::Clock;
-use crate::engine::input::Stamped;
 use crate::engine::model::output::{Output, Publication};
 use crate::engine::model::sample::Pose;
 use crate::engine::snapshot::{MapPose, Snapshot};
@@ -28,6 +27,7 @@ use crate::engine::time::Span;
 use crate::msg::messages::encode;
 use crate::msg::messages::encode::{Header, Motion};
 use crate::msg::messages::{BOOL, DIAGNOSTIC_ARRAY};
+use crate::msg::received::Stamped;
 use crate::ros::options::interfaces;
 use crate::ros::options::interfaces::AddressWatch;
 use crate::ros::outbox::stopped;
@@ -37,13 +37,13 @@ use news::{tell, tell_all};
 
 const STATUS: &str = "diagnostic_msgs/msg/DiagnosticStatus";
 
-/// How often the participant is looked after; the addresses are at every fourth look.
+/// How often the participant is checked; the addresses are compared at every fourth look.
 const LOOK: Duration = Duration::from_millis(250);
 const RETRY: Duration = Duration::from_secs(1);
-/// A request to decelerate is repeated this often where nothing else is configured.
+/// The default interval at which a request to decelerate is repeated.
 const REPEAT: Span = Span::from_millis(50);
 
-/// The type of a publication, and how it is offered.
+/// The type of a publication, and its quality of service.
 const fn offer(publication: Publication) -> (&'static str, Quality) {
     match publication {
         Publication::DiagnosticsAgg => (DIAGNOSTIC_ARRAY, Quality::Reliable),
@@ -55,14 +55,15 @@ const fn offer(publication: Publication) -> (&'static str, Quality) {
     }
 }
 
-/// One topic that is published.
+/// One published topic.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OutputTopic {
     pub publication: Publication,
     pub topic: Box<str>,
-    /// How often, where that is to be said.
+    /// The interval, for a publication that is repeated.
     pub period: Option<Span>,
-    /// Also where another program publishes the same. What is for the vehicle always is.
+    /// Whether it is published even if another program publishes the same. Outputs for the vehicle always
+    /// are.
     pub beside_others: bool,
 }
 
@@ -74,7 +75,7 @@ pub struct Outputs {
     task: JoinHandle<()>,
 }
 
-/// What outlives a participant.
+/// State that outlives a participant.
 struct Around {
     snapshots: watch::Receiver<Arc<Snapshot>>,
     inputs: mpsc::Sender<Stamped>,
@@ -82,23 +83,22 @@ struct Around {
     clock: Clock,
 }
 
-/// What all tasks share.
+/// State shared by all tasks.
 #[derive(Clone)]
 struct Ground {
     topics: Arc<[OutputTopic]>,
     snapshots: watch::Receiver<Arc<Snapshot>>,
     inputs: mpsc::Sender<Stamped>,
     clock: Clock,
-    /// This participant's life is over.
+    /// The end of this participant's life.
     end: watch::Receiver<bool>,
 }
 
-/// Starts to publish what follows from the snapshots, in a participant of its own: it is never
-/// replaced because of something that is read. What cannot be sent for the vehicle is told to the
-/// engine through `inputs`.
+/// Starts to publish the outputs that follow from the snapshots, in a participant of its own, which is
+/// never replaced because of a reader. Failures to send to the vehicle go to the engine through `inputs`.
 ///
 /// # Errors
-/// The interface is not there, or DDS gets no sockets.
+/// The interface does not exist, or DDS gets no sockets.
 pub async fn start(
     options: BridgeOptions,
     topics: Vec<OutputTopic>,
@@ -145,7 +145,7 @@ async fn open(options: &BridgeOptions, topics: &Arc<[OutputTopic]>) -> Result<Pu
     Ok(publisher)
 }
 
-/// Lives through one participant after the other.
+/// Makes one participant after the other.
 async fn run(
     options: BridgeOptions,
     mut wanted: watch::Receiver<Arc<[OutputTopic]>>,
@@ -184,7 +184,7 @@ async fn run(
                 tasks.spawn(beside::tell(rivals.clone(), ground.inputs.clone(), clock, ground.end.clone()));
                 tasks.spawn(diagnosis(publisher.clone(), rivals, ground));
                 look_after(&publisher, &options, &mut wanted, &mut stop).await;
-                // The receivers live in the tasks; with none left there is nothing to end.
+                // The receivers live in the tasks; without tasks there is nothing to end.
                 let _ = ends.send(true);
                 levels = control.await.unwrap_or_else(|_| Levels::new(REPEAT, &snapshots.borrow()));
                 tasks.join_all().await;
@@ -192,7 +192,7 @@ async fn run(
                     publisher.shutdown().await;
                 }
                 levels.forget();
-                // Where one after the other is ill, not faster than the reading ones.
+                // If one participant after the other is ill, not faster than the bridge replaces its own.
                 let lived = Duration::from_nanos(clock.now().since(opened_at).as_nanos());
                 tokio::select! {
                     () = stopped(&mut stop) => {}
@@ -216,7 +216,7 @@ async fn run(
     }
 }
 
-/// Until the participant has to be replaced, or all is to end.
+/// Runs until the participant must be replaced, or everything is to end.
 async fn look_after(
     publisher: &Publisher,
     options: &BridgeOptions,
@@ -238,7 +238,7 @@ async fn look_after(
             }
             _ = looks.tick() => {
                 look += 1;
-                // An error to list the interfaces says nothing about them.
+                // An error while listing the interfaces says nothing about them.
                 if look.is_multiple_of(4) && interfaces::addresses().is_ok_and(|now| addresses.look(&now)) {
                     tracing::warn!("the DDS participant that publishes is replaced: the addresses have changed");
                     return;
@@ -248,7 +248,7 @@ async fn look_after(
     }
 }
 
-/// Tells the vehicle what it is to know, at once.
+/// Publishes the outputs for the vehicle at once.
 async fn control(publisher: Arc<Publisher>, mut ground: Ground, mut levels: Levels) -> Levels {
     let mut speech = Speech::new(publisher, &ground);
     if let Some(period) = speech.period {
@@ -281,13 +281,13 @@ async fn control(publisher: Arc<Publisher>, mut ground: Ground, mut levels: Leve
     levels
 }
 
-/// The way from a level to its topic, and back to the engine where that fails.
+/// Publishes a level on its topic, and reports failures to the engine.
 struct Speech {
     publisher: Arc<Publisher>,
     topics: BTreeMap<Output, Box<str>>,
-    /// Of requests to decelerate.
+    /// The interval for requests to decelerate.
     period: Option<Span>,
-    /// What the engine was told last; at first it thinks that all is well.
+    /// The state that the engine was told last; at first it assumes that everything is sent.
     failed: BTreeMap<Output, bool>,
 }
 
@@ -308,7 +308,7 @@ impl Speech {
         }
     }
 
-    /// Whether it is said, or has no topic to be said on.
+    /// Whether it was sent, or has no topic.
     async fn say(&mut self, say: Say, ground: &Ground) -> bool {
         let Some(topic) = self.topics.get(&say.output()) else { return true };
         let stamp = ground.clock.wall();
@@ -342,14 +342,14 @@ fn pose_of(MapPose { x_m, y_m, yaw_deg }: MapPose) -> Pose {
     Pose { x_m, y_m, qz, qw, ..Pose::default() }
 }
 
-/// As RViz gives it: half a metre and fifteen degrees.
+/// As RViz publishes it: half a metre and fifteen degrees.
 fn covariance() -> [f64; 36] {
     let mut covariance = [0.0; 36];
     (covariance[0], covariance[7], covariance[35]) = (0.25, 0.25, 0.068_5);
     covariance
 }
 
-/// Publishes the aggregated diagnosis in its own time, and the state of the whole also when it changes.
+/// Publishes the aggregated diagnosis at its own pace, and the overall state also when it changes.
 async fn diagnosis(publisher: Arc<Publisher>, rivals: beside::Rivals, mut ground: Ground) {
     let of = |publication| ground.topics.iter().find(|topic| topic.publication == publication).cloned();
     let (tree, top) = (of(Publication::DiagnosticsAgg), of(Publication::TopLevelState));
@@ -392,7 +392,7 @@ async fn diagnosis(publisher: Arc<Publisher>, rivals: beside::Rivals, mut ground
     }
 }
 
-/// Tools that look on are not the vehicle: what they miss is no fault of it.
+/// Tools are not the vehicle: a failure to send to them is not reported as a fault.
 fn log(published: Result<(), PublishError>) {
     if let Err(error) = published {
         tracing::debug!("{error}");

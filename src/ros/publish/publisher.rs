@@ -16,7 +16,7 @@ use crate::ros::library::{Participant, Writer};
 use crate::ros::options::BridgeOptions;
 use crate::ros::{BridgeError, DIAGNOSTICS};
 
-/// Larger arrays travel as several messages: readers of other vendors were seen to lose large ones.
+/// Larger arrays are sent as several messages: readers of other vendors were seen to lose large ones.
 const MESSAGE_BYTES_MAX: usize = 128 << 10;
 
 #[derive(Debug, thiserror::Error)]
@@ -27,23 +27,24 @@ pub enum PublishError {
     NoSuchTopic(String),
 }
 
-/// The writers of one participant of its own.
+/// The writers of one participant.
 pub struct Publisher {
     options: BridgeOptions,
     participant: Participant,
-    /// With the name as ROS has it.
+    /// By its ROS name.
     writers: Vec<(Box<str>, Writer)>,
-    /// Of the nodes that this participant has, once there were any.
+    /// For the nodes of this participant, once it had any.
     announcer: Option<Writer>,
-    /// To the hosts that multicast does not reach.
+    /// Announces the participant to hosts that multicast does not reach.
     peers: Option<Announcer>,
 }
 
 impl Publisher {
-    /// Offers `/diagnostics` (reliable) and each of `boolean_topics` as `std_msgs/Bool` (its last value).
+    /// Offers `/diagnostics` (reliable) and each of `boolean_topics` as `std_msgs/Bool` (with the last
+    /// value).
     ///
     /// # Errors
-    /// The interface is not there, or DDS gets no sockets.
+    /// The interface does not exist, or DDS gets no sockets.
     pub async fn open(options: &BridgeOptions, boolean_topics: &[&str]) -> Result<Publisher, BridgeError> {
         let mut publisher = Publisher::empty(options).await?;
         publisher.offer(DIAGNOSTICS, DIAGNOSTIC_ARRAY, Quality::Reliable)?;
@@ -56,14 +57,15 @@ impl Publisher {
     /// Offers nothing yet.
     ///
     /// # Errors
-    /// The interface is not there, or DDS gets no sockets.
+    /// The interface does not exist, or DDS gets no sockets.
     pub async fn empty(options: &BridgeOptions) -> Result<Publisher, BridgeError> {
         let participant = Participant::open(options).await?;
         let peers = peers::announce(&participant, options);
         Ok(Publisher { options: options.clone(), participant, writers: Vec::new(), announcer: None, peers })
     }
 
-    /// Offers one more topic of any type, `package/msg/Name`. One that is offered already stays as it is.
+    /// Offers one more topic of any type, `package/msg/Name`. A topic that is already offered does not
+    /// change.
     ///
     /// # Errors
     /// No type has such a name.
@@ -79,8 +81,8 @@ impl Publisher {
         Ok(())
     }
 
-    /// Publishes one message on a topic that is offered: the CDR of its body in little endian, without
-    /// the encapsulation, as [`messages::encode`] makes it.
+    /// Publishes one message on an offered topic: the CDR of its body in little endian, without the
+    /// encapsulation, as [`messages::encode`] makes it.
     ///
     /// # Errors
     /// The topic is not offered, or a reader holds the writer back for too long.
@@ -94,7 +96,7 @@ impl Publisher {
             .map_err(|reason| PublishError::NotWritten { topic: topic.to_owned(), reason })
     }
 
-    /// Publishes the statuses on `/diagnostics`, in as many messages as it takes.
+    /// Publishes the statuses on `/diagnostics`, in as many messages as needed.
     ///
     /// # Errors
     /// A reader holds the writer back for too long; the rest of the array is dropped.
@@ -123,8 +125,8 @@ impl Publisher {
         self.announcer = Some(presence::announcer(&self.participant));
     }
 
-    /// Announces which nodes of ROS 2 run in this participant, as an rmw does, each with the topics that
-    /// it publishes; the last announcement counts. A wrong `size` makes processes of other distributions
+    /// Announces the ROS 2 nodes of this participant, as an rmw does, each with the topics that it
+    /// publishes; the last announcement counts. A wrong `size` makes processes of other distributions
     /// throw.
     ///
     /// # Errors
@@ -171,7 +173,7 @@ impl Publisher {
         Ok((topic, writer))
     }
 
-    /// Whether a reader is discovered that takes what is offered so on a topic.
+    /// Whether a reader is discovered that accepts this offer on a topic.
     pub fn has_reader(&self, topic: &str, type_name: &str, quality: Quality) -> bool {
         let topic = format!("rt{}", self.options.whole_name(topic));
         let Some(type_name) = messages::dds_type_name(type_name) else { return false };
@@ -179,12 +181,12 @@ impl Publisher {
         seen.readers_of(&topic).any(|reader| reader.type_name == type_name && reader.takes(quality))
     }
 
-    /// Whether the participant is beyond use: its process was ill or has died. A new publisher is due then.
+    /// Whether the participant is unusable: its process was ill or has died. A new publisher is due then.
     pub fn has_stopped(&self) -> bool {
         self.participant.has_ended()
     }
 
-    /// Waits until that is so, and says why.
+    /// Waits until the participant is unusable, and returns the reason.
     pub async fn stopped(&self) -> Box<str> {
         self.participant.ended().await.reason
     }

@@ -1,14 +1,15 @@
-//! The wall clock against the monotonic one.
+//! Finds steps of the wall clock by comparing it with the monotonic clock.
 
 use std::time::{Duration, SystemTime};
 
 use crate::engine::time::{Span, Timestamp};
 
-/// Less than this is slewing, or the scheduler: readers that it stops go on by themselves.
+/// A smaller difference comes from slewing or the scheduler; readers that such a step stops recover by
+/// themselves.
 const STEP_BACK_MIN: Duration = Duration::from_millis(100);
 
-/// Notices a wall clock that was stepped back. The DDS library orders the samples of best-effort
-/// readers by wall time, and would wait until it is again what it was before the step.
+/// Notices a wall clock that was stepped back. The DDS library orders the samples of best-effort readers by
+/// wall time, and would wait until the clock reaches the time before the step again.
 #[derive(Debug)]
 pub struct StepWatch {
     wall: SystemTime,
@@ -20,7 +21,7 @@ impl StepWatch {
         StepWatch { wall, now }
     }
 
-    /// How far the wall clock was stepped back since the last look, if it was.
+    /// How far the wall clock was stepped back since the last look; `None` if it was not.
     pub fn look(&mut self, wall: SystemTime, now: Timestamp) -> Option<Duration> {
         let elapsed: Span = now.since(self.now);
         let expected = self.wall + Duration::from_nanos(elapsed.as_nanos());

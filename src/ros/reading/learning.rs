@@ -1,4 +1,5 @@
-//! Topics that wait for somebody who publishes them, to be read as what that says.
+//! Topics whose type the configuration leaves out: they wait for a publisher, and are then read with its
+//! type.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -6,14 +7,15 @@ use std::sync::Arc;
 use tokio::sync::mpsc;
 
 use crate::clock::Clock;
-use crate::engine::input::{Input, ReceptionTrouble, Stamped, TroubleKind};
+use crate::engine::input::{Input, ReceptionTrouble, TroubleKind};
 use crate::engine::model::sample::TopicNews;
 use crate::engine::time::{Span, Timestamp};
 use crate::msg::messages;
+use crate::msg::received::Stamped;
 use crate::msg::subscription::{Learned, Subscription};
 use crate::ros::library::Participant;
 
-/// That nobody publishes a topic is said only when discovery had this time to find somebody.
+/// A topic is reported to have no publisher only after discovery had this time.
 const DISCOVERY: Span = Span::from_secs(5);
 
 /// The topics of a configuration that have no type yet, each once.
@@ -26,7 +28,7 @@ pub struct Learning {
 struct Waiting {
     subscription: Arc<Subscription>,
     searching_until: Timestamp,
-    /// The types that were said last; the engine counts one that it cannot take.
+    /// The types that were reported last; the engine counts one that it cannot take.
     said: Option<BTreeSet<String>>,
 }
 
@@ -35,7 +37,7 @@ impl Learning {
         Learning { waiting: BTreeMap::new(), inputs, clock }
     }
 
-    /// Waits for the type of these topics and of no others.
+    /// Waits for the types of these topics only.
     pub fn follow(&mut self, untyped: Vec<Arc<Subscription>>) {
         let searching_until = self.clock.now() + DISCOVERY;
         let waiting = untyped.into_iter().map(|subscription| {
@@ -45,7 +47,7 @@ impl Learning {
         self.waiting = waiting.collect();
     }
 
-    /// What can be read now that it could not be before.
+    /// The topics that can be read now and could not be read before.
     pub fn look(&mut self, participant: &Participant) -> Vec<Arc<Subscription>> {
         if self.waiting.is_empty() {
             return Vec::new();
@@ -94,20 +96,20 @@ impl Learning {
     }
 }
 
-/// Says what cannot be read of a topic whose type is known now. Returns whether there was room for that.
+/// Reports the fields of a newly learned type that cannot be read. Returns whether the queue had room.
 fn say_missing(
     inputs: &mpsc::Sender<Stamped>,
     waiting: &Waiting,
     missing: &[String],
     received: Timestamp,
 ) -> bool {
-    let topic = waiting.subscription.topic.clone();
+    let topic = (*waiting.subscription.topic).into();
     let (count, text) = (missing.len() as u64, missing.join("; ").into());
     let trouble = ReceptionTrouble { topic, kind: TroubleKind::WrongType, count, text };
-    inputs.try_send(Stamped { input: Input::Reception(trouble), received }).is_ok()
+    inputs.try_send(Stamped::new(Input::Reception(trouble), received)).is_ok()
 }
 
-/// Says that a topic cannot be read. Returns whether there was room for that; else it is tried again.
+/// Reports that a topic cannot be read. Returns whether the queue had room; otherwise it is tried again.
 fn say(
     inputs: &mpsc::Sender<Stamped>,
     waiting: &Waiting,
@@ -118,7 +120,7 @@ fn say(
     let topic = &waiting.subscription.topic;
     let trouble = why.map(|text| {
         let (kind, text) = (TroubleKind::WrongType, text.into());
-        Input::Reception(ReceptionTrouble { topic: topic.clone(), kind, count: 1, text })
+        Input::Reception(ReceptionTrouble { topic: (**topic).into(), kind, count: 1, text })
     });
     let names: Vec<&str> = found.iter().map(String::as_str).collect();
     let news = waiting.subscription.watched().map(|source| {
@@ -128,7 +130,7 @@ fn say(
     let said: Vec<Input> = trouble.into_iter().chain(news).collect();
     let Ok(room) = inputs.try_reserve_many(said.len()) else { return false };
     for (permit, input) in room.zip(said) {
-        permit.send(Stamped { input, received });
+        permit.send(Stamped::new(input, received));
     }
     true
 }

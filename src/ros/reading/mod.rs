@@ -1,4 +1,4 @@
-//! Topics that are read: their publishers, their readers, and what is lost or wrong on the way.
+//! Reading topics: their publishers, their readers, and losses and faults on the way.
 
 pub(super) mod clock_step;
 pub(super) mod learning;

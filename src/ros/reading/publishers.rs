@@ -1,5 +1,5 @@
-//! The publishers of one topic: which of them are heard, through which reader, and what of theirs
-//! was lost.
+//! The publishers of one topic: which of them are heard, through which reader, and how many of their
+//! messages were lost.
 
 use crate::msg::sample_bytes::Guid;
 use crate::ros::library::qos::Via;
@@ -8,36 +8,36 @@ use std::time::{Duration, SystemTime};
 
 use crate::engine::time::{Span, Timestamp};
 
-/// Writers whose last sequence number is remembered. More of them come only from publishers that
-/// come and go; then those that are gone are forgotten.
+/// Writers whose last sequence number is remembered. More of them come only from publishers that come and
+/// go; then writers that are gone are forgotten.
 const REMEMBERED_MAX: usize = 1024;
 
-/// What comes from a writer this long after it was discovered may be from before our time.
+/// A sample that arrives within this time after its writer was discovered may be from before our start.
 const HISTORY: Span = Span::from_secs(3);
-/// A publisher of another quality is likely to come back this long after it has gone, as a driver that
-/// is started again does: until then the reader stays one that fits it too.
+/// A publisher of another quality is expected back for this long after it has gone, such as a restarted
+/// driver: until then the reader stays one that fits it too.
 const QUALITY_REMEMBERED: Span = Span::from_secs(600);
-/// Publishers that are there already are found within this time of the first one: only then is it known
-/// what fits all of them.
+/// Publishers that exist already are found within this time after the first one: only then is it known
+/// which reader fits all of them.
 const SETTLING: Span = Span::from_secs(1);
-/// Clocks of machines that are kept in step differ by less, and a message takes less on its way.
+/// Clocks of synchronized machines differ by less, and a message takes less time on its way.
 const CLOCKS_DIFFER: Duration = Duration::from_millis(50);
-/// History is handed over at once. What comes later than this after the first message of a publisher
-/// is of now if that does not say when it published, or if its messages come no faster than they
-/// were published: then its clock is behind ours.
+/// History is handed over at once. If a publisher gives no source stamps, or its messages come no faster
+/// than they were published (so its clock is behind ours), a message that arrives later than this after its
+/// first one is current.
 const HISTORY_BURST: Span = Span::from_millis(300);
 
-/// When a message was published, as far as that changes what it means.
+/// When a message was published, as far as that matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Published {
-    /// Before we listened: nobody published it to us.
+    /// Before our reader existed: it was not published to us.
     Before,
-    /// When we listened, and did not know its writer yet: it may well be meant for us, but comes late.
+    /// While our reader existed, but before we knew its writer: it may be meant for us, but comes late.
     Unfound,
     Now,
 }
 
-/// What discovery says of a writer.
+/// A writer as discovery describes it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Offer {
     /// As it stands on the wire.
@@ -56,7 +56,7 @@ impl Offer {
 pub enum Verdict {
     /// The sample is new; `lost` are missing before it.
     Take { lost: u64 },
-    /// Seen already, or to come through another reader.
+    /// Received before, or to be received through another reader.
     Skip,
     /// Not of our type.
     WrongType,
@@ -64,14 +64,14 @@ pub enum Verdict {
 
 #[derive(Debug, Default)]
 pub struct Writers {
-    /// Since when there is a reader, by our wall clock.
+    /// When our reader was made, by our wall clock.
     listening: Option<SystemTime>,
     known: BTreeMap<Guid, Known>,
-    /// The last sequence number of each writer: what is not after it was seen already.
+    /// The last sequence number of each writer: samples up to it were received before.
     last: BTreeMap<Guid, i64>,
-    /// When the writers that were there at first are known.
+    /// When the initial writers are known.
     settled_at: Option<Timestamp>,
-    /// Until when the reader fits a writer of best effort, and one that keeps no last value.
+    /// Until when the reader must fit a best-effort writer, and one that keeps no last value.
     best_effort_until: Option<Timestamp>,
     volatile_until: Option<Timestamp>,
 }
@@ -85,17 +85,17 @@ struct Known {
     heard: bool,
     /// A reliable reader hears it.
     reliably: bool,
-    /// When its first message was received, and when it says that it was published.
+    /// When its first message was received, and when that was published by its source stamp.
     first: Option<(Timestamp, Option<SystemTime>)>,
 }
 
 impl Writers {
-    /// A new reader is there.
+    /// A new reader exists.
     pub fn listen(&mut self, wall: SystemTime) {
         self.listening = Some(wall);
     }
 
-    /// Takes what discovery says `now`. Returns the wrong types of writers that were not known before.
+    /// Takes the news of discovery at `now`. Returns the wrong types of writers that were not known before.
     pub fn update(
         &mut self,
         offers: BTreeMap<Guid, Offer>,
@@ -136,7 +136,7 @@ impl Writers {
         self.known.get(writer).map(|known| &*known.offer.type_name)
     }
 
-    /// How many offer our type, and another type that is offered.
+    /// The number of writers of our type, and another type that is offered.
     pub fn publishers(&self, dds_type: &str) -> (u32, Option<&str>) {
         let types = || self.known.values().map(|known| &*known.offer.type_name);
         let ours = types().filter(|theirs| *theirs == dds_type).count();
@@ -149,9 +149,9 @@ impl Writers {
         self.known.get(writer).is_some_and(ours)
     }
 
-    /// When a message was published. The library asks every writer for what it still has, even for a
-    /// reader that wants none: a transient-local writer has its last messages, a volatile one what
-    /// a reader that died has not acknowledged. By the writer's clock, as long as that can be true.
+    /// Judges when a message was published. The library asks every writer for its history, even for a
+    /// reader that wants none: a transient-local writer has its last messages, a volatile one those that a
+    /// killed reader did not acknowledge. The writer's clock decides, as long as it is plausible.
     pub fn published(&mut self, writer: &Guid, source: Option<SystemTime>, now: Timestamp) -> Published {
         let listening = self.listening;
         let Some(known) = self.known.get_mut(writer) else { return Published::Now };
@@ -172,8 +172,8 @@ impl Writers {
         if before && !known.heard { Published::Before } else { Published::Unfound }
     }
 
-    /// The one reader that fits every writer of our type: asking a writer for more than it offers makes
-    /// it complain in its own log. `None`: there is none yet, or none any more.
+    /// The one reader that fits every writer of our type: a writer that is asked for more than it offers
+    /// complains in its own log. `None` if there is no writer yet, or none any more.
     pub fn fitting(&mut self, wants_last_value: bool, dds_type: &str, now: Timestamp) -> Option<Via> {
         let offers = || self.known.values().map(|known| &known.offer).filter(|it| it.type_name == dds_type);
         let found = offers().next().is_some();
@@ -195,7 +195,7 @@ impl Writers {
         })
     }
 
-    /// When to ask again what fits.
+    /// When to ask again which reader fits.
     pub fn settles_at(&self, now: Timestamp) -> Option<Timestamp> {
         self.settled_at.filter(|at| now < *at)
     }
@@ -206,7 +206,7 @@ impl Writers {
         offers.any(|offer| offer.type_name == dds_type && offer.keeps_last_value())
     }
 
-    /// No reliable reader is left: what comes is taken in the order of its arrival.
+    /// No reliable reader is left: samples are taken in the order of their arrival.
     pub fn heard_by_best_effort_alone(&mut self) {
         self.known.values_mut().for_each(|known| known.reliably = false);
     }
@@ -218,7 +218,8 @@ impl Writers {
                 return Verdict::WrongType;
             }
             *reliably |= via != Via::BestEffort;
-            // A best-effort reader hands over in the order of arrival: it would overtake a repair.
+            // A best-effort reader hands samples over in the order of arrival: one of them would overtake a
+            // repair.
             if *reliably && via == Via::BestEffort {
                 return Verdict::Skip;
             }
@@ -236,7 +237,7 @@ impl Writers {
     }
 }
 
-/// Whether messages came much faster than they were published, in the time since the first.
+/// Whether messages came much faster than they were published, since the first.
 fn is_faster(first: Option<SystemTime>, source: SystemTime, took: Span) -> bool {
     let published = first.and_then(|first| source.duration_since(first).ok()).unwrap_or_default();
     published.as_nanos() > 2 * u128::from(took.as_nanos())
@@ -340,7 +341,7 @@ mod tests {
         assert_eq!(writers.fitting(true, OURS, at(605_000)), Some(Via::LastValue));
     }
 
-    /// Listens from 98 s on the wall, knows the writers from 100 s there and 5 s here.
+    /// Listens from 98 s on the wall clock; knows the writers from 100 s there and 5 s here.
     fn found(offers: &[(Guid, Offer)], heard: &[Guid]) -> Writers {
         let wall = |seconds| SystemTime::UNIX_EPOCH + Duration::from_secs(seconds);
         let mut writers = Writers::default();
@@ -349,7 +350,7 @@ mod tests {
             writers.judge(guid, 1, Via::Reliable, OURS);
         }
         writers.update(offers.iter().cloned().collect(), OURS, (Timestamp::from_millis(5000), wall(100)));
-        // Discovery has news of others: these are as old as they were.
+        // Discovery has news of others; the age of these does not change.
         writers.update(offers.iter().cloned().collect(), OURS, (Timestamp::from_millis(60_000), wall(100)));
         writers
     }
@@ -380,7 +381,7 @@ mod tests {
             ];
             check(&mut writers, &cases);
         }
-        // What was heard before a participant was replaced is no stranger.
+        // A writer that was heard before its participant was replaced is not new.
         check(&mut found(&[(A, offer(OURS, true, false))], &[A]), &[(A, Some(97_000), 5100, Unfound)]);
     }
 

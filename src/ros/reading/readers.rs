@@ -1,4 +1,4 @@
-//! The DDS reader of one topic, of the kind that fits its writers, and the one that it replaces.
+//! The DDS reader of one topic, of the kind that fits its writers, and the reader that it replaces.
 
 use std::collections::VecDeque;
 use std::task::{Context, Poll};
@@ -11,23 +11,23 @@ use crate::msg::subscription::Subscription;
 use crate::ros::library::qos::Via;
 use crate::ros::library::{Heard, Participant, RawSample, Reader};
 
-/// Samples taken at once; more than the library keeps of a topic, so that no writer starves
-/// another when the engine holds us back.
+/// Samples taken at once; more than the library keeps of a topic, so that no writer starves another when
+/// the queue to the engine is full.
 const BATCH_MAX: usize = 2 * DEPTH_MAX;
 const BATCH_BYTES_MAX: usize = RETAINED_BYTES_MAX;
 
-/// The library keeps the last `depth` samples of a topic, read or not. A flood of small messages
-/// needs a deep history, large ones would fill the memory with it: so it starts shallow, and grows
-/// where a backlog shows that it must and the size of the messages lets it.
+/// The library keeps the last `depth` samples of a topic, read or not. A flood of small messages needs a
+/// deep history; with large messages that would fill the memory. So the depth starts small, and grows where
+/// a backlog requires it and the size of the messages permits it.
 const DEPTH_START: usize = 256;
 const DEPTH_MAX: usize = 4096;
 const DEPTH_MIN: usize = 8;
 const RETAINED_BYTES: usize = 64 << 20;
-/// With more than this, a participant with a smaller depth replaces the present one: a depth can
-/// only grow.
+/// With more bytes than this, a participant with a smaller depth replaces the present one, because a depth
+/// can only grow.
 const RETAINED_BYTES_MAX: usize = 2 * RETAINED_BYTES;
 
-/// A reader that is replaced stays until the writers surely know the new one, so that nothing is lost.
+/// A replaced reader stays until the writers surely know the new one, so that nothing is lost.
 const OVERLAP: Span = Span::from_secs(2);
 
 /// One received message.
@@ -36,7 +36,7 @@ pub struct Sample {
     pub writer: Guid,
     pub sequence: i64,
     pub via: Via,
-    /// The publisher's wall clock, if it says.
+    /// The source stamp by the publisher's wall clock, if there is one.
     pub source: Option<SystemTime>,
     pub body: RawBody,
 }
@@ -47,13 +47,13 @@ pub struct Readers {
     type_name: String,
     depth: usize,
     readers: Vec<Reader>,
-    /// The kind that is to stay, and since when it is there.
+    /// The kind of the current reader, and since when it exists.
     fitting: (Via, Timestamp),
 }
 
 impl Readers {
     /// Starts without a reader: a publisher that waits for one must not send its only message before the
-    /// library knows whose it is.
+    /// library knows that publisher.
     pub fn new(
         participant: Participant,
         subscription: &Subscription,
@@ -65,8 +65,8 @@ impl Readers {
         Readers { participant, topic, type_name, depth, readers: Vec::with_capacity(2), fitting }
     }
 
-    /// Makes the reader that fits, and ends the others once it had time to be found. To be asked every
-    /// now and then. Returns whether the readers are others now.
+    /// Makes the reader that fits, and ends the others once the new one had time to be found. To be called
+    /// now and then. Returns whether the readers changed.
     pub fn follow(&mut self, via: Via, now: Timestamp) -> bool {
         if self.fitting.0 != via {
             self.fitting = (via, now);
@@ -82,17 +82,17 @@ impl Readers {
         self.readers.len() != before
     }
 
-    /// The kind that is to stay, once there is one.
+    /// The kind of the current reader, once there is one.
     pub fn fitting(&self) -> Option<Via> {
         (!self.readers.is_empty()).then_some(self.fitting.0)
     }
 
-    /// When the readers that are replaced are to end.
+    /// When the replaced readers are to end.
     pub fn overlap_ends(&self) -> Option<Timestamp> {
         (self.readers.len() > 1).then(|| self.fitting.1 + OVERLAP)
     }
 
-    /// Whether one of them has what is lost sent again.
+    /// Whether one of them is reliable, so that lost samples are sent again.
     pub fn any_reliable(&self) -> bool {
         self.readers.iter().any(|reader| reader.via() != Via::BestEffort)
     }
@@ -103,7 +103,8 @@ impl Readers {
         self.participant.deepen(&self.topic, &self.type_name, depth);
     }
 
-    /// Ready once something was received; it is appended to `batch`, or to `faults` where it was not handed over.
+    /// Ready once something was received: it is appended to `batch`, or to `faults` if it was not handed
+    /// over.
     pub fn poll(
         &mut self,
         context: &mut Context<'_>,
@@ -137,7 +138,7 @@ fn wall_time(ticks: u64) -> SystemTime {
     SystemTime::UNIX_EPOCH + Duration::new(ticks >> 32, nanos as u32)
 }
 
-/// Follows what the library keeps of a topic, and says which depth fits.
+/// Follows the samples that the library keeps of a topic, and computes the depth that fits.
 #[derive(Debug)]
 pub struct Retention {
     depth: usize,
@@ -150,7 +151,7 @@ pub struct Retention {
 pub enum Advice {
     Fits,
     Deepen(usize),
-    /// Only a new participant can keep fewer.
+    /// Fewer samples need a new participant.
     Rebuild(usize),
 }
 
@@ -167,7 +168,7 @@ impl Retention {
         self.depth
     }
 
-    /// Takes the sizes of what was received at once.
+    /// Takes the sizes of the samples that were received at once.
     pub fn observe(&mut self, received: impl ExactSizeIterator<Item = usize>) -> Advice {
         let backlog = received.len();
         for size in received {

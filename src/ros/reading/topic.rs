@@ -1,4 +1,4 @@
-//! One topic in a task of its own: what its readers receive becomes inputs.
+//! One topic in a task of its own: turns the samples of its readers into inputs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::future::poll_fn;
@@ -11,15 +11,15 @@ use super::publishers::{Offer, Published, Verdict, Writers};
 use super::readers::{Advice, Readers, Retention, Sample};
 use super::trouble::Troubles;
 use crate::clock::Clock;
-use crate::engine::input::{Input, Stamped, TroubleKind};
+use crate::engine::input::{Input, TroubleKind};
 use crate::engine::model::monitors::StampClock;
 use crate::engine::model::sample::TopicNews;
 use crate::engine::time::{Span, Timestamp};
 use crate::msg::fields::Miss;
 use crate::msg::messages;
+use crate::msg::received::{Message, Stamped};
 use crate::msg::ros_clock::RosClock;
 use crate::msg::sample_bytes::Guid;
-use crate::msg::sample_bytes::RawBody;
 use crate::msg::subscription::{Received, Subscription, When};
 use crate::ros::discovery::graph::Tallies;
 use crate::ros::library::qos::Via;
@@ -29,33 +29,34 @@ use crate::ros::outbox::{End, Outbox, stopped, waiting_bytes};
 /// Writers that discovery does not know are asked for again only after it has news.
 const UNKNOWN_MAX: usize = 1024;
 
-/// That nobody publishes a topic is said only when discovery had this time to find somebody.
+/// A topic is reported to have no publisher only after discovery had this time.
 const DISCOVERY: Span = Span::from_secs(5);
 
 /// A larger last value is not kept for monitors that are configured later.
 const KEPT_BYTES_MAX: usize = 64 << 10;
 
-/// What every topic of a participant's life shares.
+/// State shared by all topics of a participant.
 #[derive(Clone)]
 pub struct Surroundings {
     pub participant: Participant,
     pub inputs: mpsc::Sender<Stamped>,
     pub clock: Clock,
-    /// Counts what is received.
+    /// Counts received messages.
     pub tallies: Tallies,
     pub ros_clock: RosClock,
     pub stop: watch::Receiver<bool>,
 }
 
-/// What outlives a participant: gaps are counted across a rebuild, and what was seen before it is
-/// not taken again.
+/// State that outlives a participant: gaps are counted across a replacement, and samples are not taken
+/// twice.
 #[derive(Debug)]
 pub struct Memory {
     writers: Writers,
     troubles: Troubles,
     retention: Retention,
-    /// The last message of a publisher that keeps it for late readers: a new configuration is one.
-    last_value: Option<(Guid, RawBody)>,
+    /// The last message of a publisher that keeps it for late readers, because a new configuration counts
+    /// as one.
+    last_value: Option<Arc<Message>>,
 }
 
 impl Memory {
@@ -69,11 +70,11 @@ impl Memory {
     }
 }
 
-/// What is told to the task of a topic.
+/// Orders to the task of a topic.
 pub struct Orders {
     /// Changes when discovery has news of this topic.
     pub discovered: watch::Receiver<u64>,
-    /// What is read of the topic; marked as changed at every new configuration, even if it is the same.
+    /// The fields to read; marked as changed at every new configuration, even if they are the same.
     pub subscription: watch::Receiver<Arc<Subscription>>,
 }
 
@@ -81,9 +82,9 @@ pub struct Topic {
     subscription: Arc<Subscription>,
     /// Until then discovery may not have found everybody.
     searching_until: Timestamp,
-    /// The publishers and the other type that were said last.
+    /// The publishers and the other type that were reported last.
     said: Option<(u32, Option<Box<str>>)>,
-    /// It was said that last values are not asked for.
+    /// It was reported that last values are not asked for.
     told_of_mix: bool,
     around: Surroundings,
     readers: Readers,
@@ -114,7 +115,7 @@ impl Topic {
         topic
     }
 
-    /// Reads until the end, or until nobody is left who gives orders.
+    /// Reads until the end, or until nobody gives orders any more.
     pub async fn run(mut self, mut orders: Orders) -> (Memory, End) {
         let end = match self.read(&mut orders).await {
             Ok(never) => match never {},
@@ -158,8 +159,8 @@ impl Topic {
         }
     }
 
-    /// Reads by another configuration from now on. It learns the last value as who comes late does,
-    /// and hears anew who publishes.
+    /// Reads by another configuration from now on. It gets the last value as a late joiner does, and the
+    /// publishers are reported again.
     async fn follow_configuration(&mut self, next: Arc<Subscription>) -> Result<(), End> {
         self.subscription = next;
         self.said = None;
@@ -168,10 +169,10 @@ impl Topic {
         if !self.subscription.wants_last_value() {
             return Ok(());
         }
-        let Some((writer, body)) = self.memory.last_value.take() else { return Ok(()) };
-        if self.memory.writers.keeps_last_value(&writer, &self.subscription.dds_type) {
-            self.hand_over(&body, writer, When::Kept, self.around.clock.now()).await?;
-            self.memory.last_value = Some((writer, body));
+        let Some(message) = self.memory.last_value.take() else { return Ok(()) };
+        if self.memory.writers.keeps_last_value(&message.writer, &self.subscription.dds_type) {
+            self.hand_over(&message, When::Kept, self.around.clock.now()).await?;
+            self.memory.last_value = Some(message);
         }
         Ok(())
     }
@@ -219,9 +220,18 @@ impl Topic {
             }),
         }
         let keeps = self.memory.writers.keeps_last_value(&sample.writer, dds_type);
+        let message = Arc::new(Message {
+            topic: self.subscription.topic.clone(),
+            type_name: self.subscription.type_name.clone(),
+            writer: sample.writer,
+            sequence: sample.sequence,
+            source: sample.source,
+            received: self.around.clock.wall(),
+            body: sample.body,
+        });
         if keeps {
-            let small = sample.body.as_ref().is_ok_and(|(body, _)| body.len() <= KEPT_BYTES_MAX);
-            self.memory.last_value = small.then(|| (sample.writer, sample.body.clone()));
+            let small = message.body.is_ok() && message.len() <= KEPT_BYTES_MAX;
+            self.memory.last_value = small.then(|| message.clone());
         }
         let when = match published {
             Published::Now => When::Now,
@@ -229,17 +239,17 @@ impl Topic {
             Published::Before if keeps => When::Kept,
             Published::Before => When::Past,
         };
-        self.hand_over(&sample.body, sample.writer, when, received).await
+        self.hand_over(&message, when, received).await
     }
 
-    /// Sends what a message means.
+    /// Sends the inputs that a message means.
     async fn hand_over(
         &mut self,
-        body: &RawBody,
-        writer: Guid,
+        message: &Arc<Message>,
         when: When,
         received: Timestamp,
     ) -> Result<(), End> {
+        let Message { body, writer, .. } = &**message;
         let since_epoch = self.around.clock.wall().duration_since(UNIX_EPOCH).unwrap_or_default();
         let wall_ns = match self.subscription.stamps {
             StampClock::System => i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX),
@@ -250,8 +260,8 @@ impl Topic {
         {
             self.memory.troubles.add(TroubleKind::Malformed, 1, || fault.to_string());
         }
-        let (inputs, wrong) = self.subscription.decode(Received { body, writer, wall_ns, when });
-        let bytes = body.as_ref().map_or(0, |(body, _)| body.len());
+        let (mut inputs, wrong) = self.subscription.decode(Received { body, writer: *writer, wall_ns, when });
+        let bytes = message.len();
         if let Some(wrong) = wrong {
             let text = || match (&wrong, body) {
                 (Miss::Fault(fault), Ok(_)) => format!("{fault}, of {bytes} in all"),
@@ -259,12 +269,18 @@ impl Topic {
             };
             self.memory.troubles.add(TroubleKind::Malformed, 1, text);
         }
+        if inputs.is_empty() {
+            inputs.push(Input::Tick);
+        }
+        // The first of them answers for what the message takes.
+        let mut body_bytes = bytes;
         for mut input in inputs {
             if let (StampClock::Ros, Input::Sample(sample)) = (self.subscription.stamps, &mut input) {
                 sample.received_wall_ns = self.around.ros_clock.at_stamp(sample.stamp_ns);
             }
-            let waiting = waiting_bytes(&input, bytes);
-            self.outbox.send(input, received, waiting).await?;
+            let waiting = waiting_bytes(&input, bytes) + std::mem::take(&mut body_bytes);
+            let stamped = Stamped { input, received, message: Some(message.clone()) };
+            self.outbox.send(stamped, waiting).await?;
         }
         Ok(())
     }
@@ -278,24 +294,24 @@ impl Topic {
     async fn tell_troubles(&mut self) -> Result<(), End> {
         let now = self.around.clock.now();
         for trouble in self.memory.troubles.take(&self.subscription.topic, now) {
-            self.outbox.send(Input::Reception(trouble), now, 0).await?;
+            self.outbox.send(Stamped::new(Input::Reception(trouble), now), 0).await?;
         }
         Ok(())
     }
 
-    /// When the news is due that there is nobody.
+    /// When it is due to be reported that there is no publisher.
     fn news_due(&self) -> Option<Timestamp> {
         let silent = self.said.is_none() && self.subscription.watched().is_some();
         silent.then_some(self.searching_until)
     }
 
-    /// When another reader may fit, without any news.
+    /// When another reader may fit, without any news of discovery.
     fn follow_due(&self) -> Option<Timestamp> {
         let settled = self.memory.writers.settles_at(self.around.clock.now());
         [settled, self.readers.overlap_ends()].into_iter().flatten().min()
     }
 
-    /// Says who publishes, if monitors watch the topic and it has changed.
+    /// Reports the publishers, if monitors watch the topic and they have changed.
     async fn tell_news(&mut self) -> Result<(), End> {
         let Some(source) = self.subscription.watched() else { return Ok(()) };
         let (publishers, other) = self.memory.writers.publishers(&self.subscription.dds_type);
@@ -308,10 +324,10 @@ impl Topic {
         }
         let input = TopicNews { source: source.clone(), publishers, other_type: news.1.clone() };
         self.said = Some(news);
-        self.outbox.send(Input::Topic(input), now, 0).await
+        self.outbox.send(Stamped::new(Input::Topic(input), now), 0).await
     }
 
-    /// Takes over which writers there are, and reads them in the way that fits all of them.
+    /// Takes the present writers, and chooses the reader that fits all of them.
     fn follow_discovery(&mut self) {
         let offers = offers(&self.around.participant, &self.subscription.dds_topic);
         let dds_type = &self.subscription.dds_type;
@@ -322,7 +338,7 @@ impl Topic {
             self.memory.troubles.add(TroubleKind::WrongType, 1, text);
         }
         let wants_last_value = self.subscription.wants_last_value();
-        // While there is nobody, the reader stays what it was.
+        // While there is no publisher, the reader does not change.
         let fitting = self.memory.writers.fitting(wants_last_value, dds_type, now.0);
         let Some(via) = fitting.or_else(|| self.readers.fitting()) else { return };
         if self.readers.follow(via, now.0) && !self.readers.any_reliable() {
@@ -333,7 +349,7 @@ impl Topic {
         }
     }
 
-    /// Once: it can be the reason for a signal that stays unknown.
+    /// Reported once: it can be the reason for a signal that stays unknown.
     fn tell_of_mix(&mut self) {
         if !std::mem::replace(&mut self.told_of_mix, true) {
             tracing::info!(
@@ -352,7 +368,7 @@ async fn until(due: Option<std::time::Instant>) {
     }
 }
 
-/// What discovery knows of the writers of a topic.
+/// The writers of a topic as discovery knows them.
 fn offers(participant: &Participant, dds_topic: &str) -> BTreeMap<Guid, Offer> {
     let seen = participant.seen();
     let offers = seen.writers_of(dds_topic).map(|writer| {

@@ -1,14 +1,14 @@
-//! Faults of the reception, gathered so that a flood of them costs little.
+//! Faults of reception, collected so that a flood of them costs little.
 
 use crate::engine::input::{ReceptionTrouble, TroubleKind};
 use crate::engine::time::{Span, Timestamp};
 
-/// At most one input a kind in this time.
+/// At most one input of a kind in this time.
 const QUIET: Span = Span::from_millis(250);
 
 const KINDS: [TroubleKind; 3] = [TroubleKind::Malformed, TroubleKind::WrongType, TroubleKind::Lost];
 
-/// What went wrong on one topic and was not told yet.
+/// The faults of one topic that were not reported yet.
 #[derive(Debug, Default)]
 pub struct Troubles {
     kinds: [Pending; KINDS.len()],
@@ -17,13 +17,13 @@ pub struct Troubles {
 #[derive(Debug, Default)]
 struct Pending {
     count: u64,
-    /// Of the first one: with a flood, one is as good as another.
+    /// The text of the first one, which stands for all in a flood.
     text: String,
     told: Option<Timestamp>,
 }
 
 impl Troubles {
-    /// Adds `count` of them. `text` is asked for only when it will be told.
+    /// Adds `count` faults. `text` is called only when it will be reported.
     pub fn add(&mut self, kind: TroubleKind, count: u64, text: impl FnOnce() -> String) {
         let pending = self.pending(kind);
         if pending.count == 0 {
@@ -32,12 +32,12 @@ impl Troubles {
         pending.count = pending.count.saturating_add(count);
     }
 
-    /// When [`Self::take`] gives something next.
+    /// When [`Self::take`] returns something next.
     pub fn due(&self) -> Option<Timestamp> {
         self.kinds.iter().filter(|pending| pending.count > 0).map(Pending::due).min()
     }
 
-    /// What is to be told now.
+    /// The faults to report now.
     pub fn take(&mut self, topic: &str, now: Timestamp) -> Vec<ReceptionTrouble> {
         let mut due = Vec::new();
         for kind in KINDS {

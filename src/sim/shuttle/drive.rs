@@ -1,26 +1,27 @@
-//! The journey: standing at a stop, driving to the next one, and again.
+//! The journey of the shuttle: stand at a stop, drive to the next one, and again.
 
 use super::obedience::Obedience;
 use super::route::{Place, Route};
 
 /// From the arrival until the mission names the next goal.
 const BOARDING_MS: u64 = 5_000;
-/// A shuttle that drives by itself stands longer: nobody hurries it, and somebody who has just
-/// started to watch wants to see it stand.
+/// A shuttle that drives by itself stands longer, so that somebody who has just started to watch sees it
+/// stand.
 const BOARDING_ALONE_MS: u64 = 7_500;
 const FIRST_BOARDING_ALONE_MS: u64 = 17_500;
-/// The planner starts before the shuttle does: its checks are settled when they begin to matter.
+/// The planner starts before the shuttle, so that its checks have settled when they begin to matter.
 const PLANNER_LEAD_MS: u64 = 2_500;
-/// The planner outlives the arrival a little: its last words must not race the end of the drive.
+/// The planner runs a little beyond the arrival, so that its last messages do not race the end of the
+/// drive.
 const PLANNER_TRAIL_MS: u64 = 500;
 const SPEED_MPS_MAX: f64 = 7.0;
 const ACCELERATION_MPS2: f64 = 1.0;
 /// Without a trajectory it rolls to a halt.
 const ROLL_OUT_MPS2: f64 = 0.5;
-/// The last centimetres are crept, or the braking curve would never end.
+/// The speed on the last centimetres; the braking curve alone would never end.
 const CREEP_MPS: f64 = 0.2;
 
-/// Who says when the shuttle may leave a stop.
+/// Who decides when the shuttle may leave a stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Departure {
     /// Nobody: it leaves by itself.
@@ -33,11 +34,11 @@ pub enum Departure {
 pub(super) struct Drive {
     route: Route,
     departure: Departure,
-    /// The stop where it stands or which it left last.
+    /// The stop where it stands, or which it left last.
     stop: usize,
     phase: Phase,
     cleared: bool,
-    /// A clearance that was given and is not used up.
+    /// A clearance that is not used up.
     fresh: bool,
     pub obedience: Obedience,
     pub speed_mps: f64,
@@ -53,7 +54,7 @@ enum Phase {
     },
     /// There is a goal, and the shuttle may not leave yet.
     Waiting,
-    /// It may; the planner begins.
+    /// It may leave; the planner begins.
     Departing {
         elapsed_ms: u64,
     },
@@ -82,14 +83,14 @@ impl Drive {
         }
     }
 
-    /// One clearance is good for one journey: only one that was not there before counts.
+    /// One clearance is good for one journey: only a new one counts.
     pub fn clear(&mut self, cleared: bool) {
         self.fresh = cleared && (self.fresh || !self.cleared);
         self.cleared = cleared;
     }
 
-    /// `located`: the shuttle knows where it is, or the mission names no goal. `has_plan`: a fresh
-    /// trajectory is there. Without one the shuttle brakes and waits.
+    /// `located`: the shuttle knows its position; otherwise the mission names no goal. `has_plan`: there is
+    /// a fresh trajectory; without one the shuttle brakes and waits.
     pub fn step(&mut self, step_ms: u64, located: bool, has_plan: bool) {
         let braking_mps2 = self.obedience.step(step_ms);
         match self.phase {
@@ -147,7 +148,7 @@ impl Drive {
         self.phase = Phase::Boarding { elapsed_ms: 0, total_ms };
     }
 
-    /// It drives by itself. True until the arrival, also while it waits on the way.
+    /// It drives by itself: true until the arrival, also while it waits on the way.
     pub fn active(&self) -> bool {
         matches!(self.phase, Phase::Driving { .. })
     }
@@ -160,25 +161,25 @@ impl Drive {
         }
     }
 
-    /// Where the mission wants to go next, while it waits to go there.
+    /// The next stop of the mission, while it waits to leave.
     pub fn goal(&self) -> Option<Place> {
         let waits = matches!(self.phase, Phase::Waiting | Phase::Departing { .. });
         waits.then(|| self.route.place(self.route.next(self.stop), 0.0))
     }
 
-    /// Where the shuttle is in truth.
+    /// The true pose of the shuttle.
     pub fn place(&self) -> Place {
         let left_m = self.left_m().unwrap_or(f64::INFINITY);
         self.route.place(self.stop, self.route.length_m(self.stop) - left_m)
     }
 
-    /// Where it will be so much farther on, at the next stop at most.
+    /// Its pose after so many more metres, at the next stop at most.
     pub fn ahead(&self, way_m: f64) -> Place {
         let along_m = self.left_m().map_or(0.0, |left_m| self.route.length_m(self.stop) - left_m);
         self.route.place(self.stop, along_m + way_m)
     }
 
-    /// The way that is left to the next stop; none while standing at one.
+    /// The remaining way to the next stop; `None` while standing at one.
     pub fn left_m(&self) -> Option<f64> {
         match self.phase {
             Phase::Driving { left_m, .. } => Some(left_m),
@@ -186,7 +187,7 @@ impl Drive {
         }
     }
 
-    /// For how long it has been on its way.
+    /// For how long it has been driving.
     pub fn driving_ms(&self) -> u64 {
         match self.phase {
             Phase::Driving { since_ms, .. } => since_ms,
@@ -194,7 +195,7 @@ impl Drive {
         }
     }
 
-    /// The mission's word for how far it is.
+    /// The mission's status text.
     pub fn state(&self) -> &'static str {
         match self.phase {
             Phase::Boarding { .. } => "boarding",

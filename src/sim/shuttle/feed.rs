@@ -1,6 +1,6 @@
-//! Streams of messages inside the shuttle, and the noise on what is measured.
+//! Streams of messages inside the shuttle, and the noise of measured values.
 
-/// Messages of one kind: when the last one came.
+/// A stream of messages: when the last one arrived.
 #[derive(Debug, Clone)]
 pub(super) struct Feed {
     period_ms: u64,
@@ -13,7 +13,7 @@ impl Feed {
         Feed { period_ms, next_ms: 0, last_ms: 0 }
     }
 
-    /// The source keeps its rhythm whether or not what it sends arrives. Whether one arrived now.
+    /// The source keeps its rhythm whether or not its messages arrive. Returns whether one arrived now.
     pub fn run(&mut self, now_ms: u64, jitter_ms: u64, arrives: bool) -> bool {
         if self.next_ms + jitter_ms > now_ms {
             return false;
@@ -30,7 +30,7 @@ impl Feed {
     }
 }
 
-/// SplitMix64: enough for plausible numbers, and the same ones everywhere.
+/// SplitMix64: good enough for plausible numbers, and the same everywhere.
 #[derive(Debug, Clone)]
 pub(super) struct Noise {
     state: u64,

@@ -1,20 +1,20 @@
-//! How the shuttle knows where it is: scans that are matched against the map, and wheels that count.
+//! The localization of the shuttle: scans that are matched against the map, and wheels that count.
 
 use super::feed::Noise;
 use super::route::Place;
 
-/// How far from the truth a given position may be for the scans to find it.
+/// The largest error of a given position with which the scans still find the true one.
 const FINDS_WITHIN_M: f64 = 5.0;
 const FINDS_WITHIN_TURN: f64 = 0.6;
 const FINDS_AFTER_MS: u64 = 1000;
-/// Matching needs a few scans before its position is believed again.
+/// Matching needs a few scans before its position is trusted again.
 const SETTLE_MS: u64 = 200;
-/// Without scans the position stands still for so long, then none is published any more.
+/// Without scans the position stays the same for so long, then none is published any more.
 const GIVES_UP_AFTER_MS: u64 = 500;
 pub(super) const JUMP_M: f64 = 1.2;
-/// A position between two that fit goes from one to the other and back.
+/// A position between two places that fit jumps from one to the other and back.
 const JUMP_EVERY_MS: u64 = 500;
-/// Wheels of an unknown tyre pressure, on a road that is never quite even.
+/// The error of the wheels: unknown tyre pressure, an uneven road.
 const WHEEL_ERROR: f64 = 1.003;
 const YAW_ERROR: f64 = 1.002;
 
@@ -25,17 +25,17 @@ pub(super) struct Localizer {
     /// When the position was last confirmed by a scan.
     pose_at_ms: u64,
     jumps_since_ms: Option<u64>,
-    /// Without wheels it says nothing, until it matches again with them.
+    /// Without wheels it publishes nothing until it has matched again with them.
     silent: bool,
-    /// Where it says it is.
+    /// Its estimate of the position.
     pub pose: Place,
-    /// Where the wheels say it is, from where they began to count.
+    /// The position by the wheels, from where they began to count.
     pub odometry: Place,
     pub yaw_rate: f64,
     truth: Place,
 }
 
-/// What the localization knows of its position.
+/// The state of the localization.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Knows {
     Nothing,
@@ -47,14 +47,14 @@ enum Knows {
     Found,
 }
 
-/// What comes in time.
+/// The inputs that arrive in time.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Fed {
     pub scans: bool,
     pub wheels: bool,
 }
 
-/// What it says of itself.
+/// Its own diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Match {
     NoPosition,
@@ -64,7 +64,7 @@ pub(super) enum Match {
 }
 
 impl Localizer {
-    /// `located`: it knows where it is from the start.
+    /// `located`: it knows its position from the start.
     pub fn new(truth: Place, located: bool) -> Localizer {
         Localizer {
             knows: if located { Knows::Found } else { Knows::Nothing },
@@ -79,7 +79,7 @@ impl Localizer {
         }
     }
 
-    /// Somebody says where the shuttle is.
+    /// An operator gives the position.
     pub fn hint(&mut self, place: Place, now_ms: u64) {
         let near = place.distance_m(self.truth) <= FINDS_WITHIN_M
             && place.turn_to(self.truth).abs() <= FINDS_WITHIN_TURN;
@@ -115,7 +115,7 @@ impl Localizer {
         }
     }
 
-    /// A frame of the wheels, after the shuttle moved so far and turned so much.
+    /// A frame of the wheels, after this movement and turn.
     pub fn count(&mut self, moved_m: f64, turn: f64, step_s: f64, noise: &mut Noise) {
         self.yaw_rate = turn / step_s;
         let slip = if moved_m > 0.0 { noise.around(0.0005) } else { 0.0 };

@@ -1,30 +1,30 @@
-//! What the vehicle does about a countermeasure that is asked of it (paper, Sec. IV-D).
+//! The vehicle's reaction to a requested countermeasure (paper, Sec. IV-D).
 
-/// A request to decelerate is repeated twenty times a second; this long after the last one it is
-/// over. A few lost messages do not end it.
+/// A request to decelerate is repeated twenty times a second and ends this long after the last one. A few
+/// lost messages do not end it.
 const REQUEST_LASTS_MS: u64 = 300;
-/// After the last request the shuttle keeps its speed for a while before it goes on: a moment
-/// without requests must not make it push.
+/// After the last request the shuttle keeps its speed for a while before it goes on, so that a moment
+/// without requests causes no jerk.
 const HOLD_MS: u64 = 1000;
-/// Whatever is asked for, the brakes give no more.
+/// The brakes give no more, whatever is requested.
 const BRAKES_MPS2_MAX: f64 = 6.0;
-/// A safe stop of the maneuver component: so that nobody who stands falls.
+/// A safe stop of the maneuver component, gentle enough that nobody who stands falls.
 const COMFORT_MPS2: f64 = 0.8;
 const COMFORT_MPS3: f64 = 0.8;
 
 /// The countermeasures in force.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Obedience {
-    /// How much, and for how long without being asked again.
+    /// The deceleration, and for how long it holds without another request.
     deceleration: Option<(f64, u64)>,
     stop: bool,
-    /// How hard the safe stop brakes by now.
+    /// The present deceleration of the safe stop.
     comfort_mps2: f64,
     hold_ms: u64,
 }
 
 impl Obedience {
-    /// Takes a request. What is no deceleration asks for nothing.
+    /// Takes a request. A value that is not a deceleration requests nothing.
     pub fn decelerate(&mut self, mps2: f64) {
         if mps2 > 0.0 {
             self.deceleration = Some((mps2.min(BRAKES_MPS2_MAX), REQUEST_LASTS_MS));
@@ -35,7 +35,7 @@ impl Obedience {
         self.stop = asked;
     }
 
-    /// It brakes, or stands, because it was asked to.
+    /// It brakes, or stands, because of a request.
     pub fn decelerates(&self) -> bool {
         self.deceleration.is_some()
     }
@@ -44,7 +44,7 @@ impl Obedience {
         self.stop
     }
 
-    /// The deceleration of this step at least; none where nothing keeps the shuttle from driving on.
+    /// The least deceleration of this step; `None` if nothing keeps the shuttle from driving on.
     pub fn step(&mut self, step_ms: u64) -> Option<f64> {
         let step_s = step_ms as f64 / 1000.0;
         self.comfort_mps2 =

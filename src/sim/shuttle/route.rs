@@ -1,12 +1,12 @@
-//! The way: smooth legs from stop to stop, in the frame of the map.
+//! The route: smooth legs from stop to stop, in the frame of the map.
 
 use crate::engine::model::Stop;
 use crate::engine::model::sample::Pose;
 
-/// Points of each leg: a few decimetres from one to the next.
+/// Points of each leg, a few decimetres apart.
 const POINTS: usize = 512;
 
-/// Where the shuttle is and where it looks: metres, and radians counterclockwise from the x axis.
+/// Position and direction: metres, and radians counterclockwise from the x axis.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Place {
     pub x_m: f64,
@@ -26,7 +26,7 @@ impl Place {
         Pose { x_m: self.x_m, y_m: self.y_m, qz, qw, ..Pose::default() }
     }
 
-    /// So far ahead and to the left of here, turned by so much.
+    /// The pose so far ahead and to the left, turned by so much.
     pub fn moved(self, ahead_m: f64, left_m: f64, turn: f64) -> Place {
         let (sin, cos) = self.yaw.sin_cos();
         Place {
@@ -40,7 +40,7 @@ impl Place {
         (self.x_m - other.x_m).hypot(self.y_m - other.y_m)
     }
 
-    /// How far one has to turn from here to look where `other` does.
+    /// The turn from this direction to that of `other`.
     pub fn turn_to(self, other: Place) -> f64 {
         wrapped(other.yaw - self.yaw)
     }
@@ -54,7 +54,7 @@ impl Place {
     }
 }
 
-/// The same direction between -pi and pi.
+/// The direction as a value between -pi and pi.
 fn wrapped(angle: f64) -> f64 {
     let turn = std::f64::consts::TAU;
     angle - turn * (angle / turn).round()
@@ -68,15 +68,14 @@ pub(super) struct Route {
 
 #[derive(Debug, Clone)]
 struct Leg {
-    /// Of the stop where it begins.
+    /// The stop at its beginning.
     name: Box<str>,
-    /// With the way from the start of the leg.
+    /// Each point with its distance from the start of the leg.
     points: Vec<(f64, Place)>,
 }
 
 impl Route {
-    /// Through these stops; there is nowhere to go with fewer than two of them, so then through
-    /// three of its own.
+    /// A route through these stops; fewer than two stops make no route, so then through three of its own.
     pub fn through(stops: &[Stop]) -> Route {
         let mut stops: Vec<(Box<str>, Place)> = stops.iter().map(stop).collect();
         if stops.len() < 2 {
@@ -109,7 +108,7 @@ impl Route {
         self.legs[stop].points[POINTS].0
     }
 
-    /// Where one is so far after a stop; at the next one if that is closer.
+    /// The pose so far after a stop, at most at the next one.
     pub fn place(&self, stop: usize, along_m: f64) -> Place {
         let points = &self.legs[stop].points;
         let after = points.partition_point(|(way_m, _)| *way_m <= along_m).clamp(1, POINTS);
@@ -123,7 +122,7 @@ fn stop(stop: &Stop) -> (Box<str>, Place) {
     (stop.name.en.as_ref().into(), Place { x_m: stop.x_m, y_m: stop.y_m, yaw: stop.yaw_deg.to_radians() })
 }
 
-/// A cubic curve that leaves and arrives in the directions of its ends.
+/// A cubic curve with the directions of both ends.
 fn points(from: Place, to: Place) -> Vec<(f64, Place)> {
     let pull_m = from.distance_m(to).max(1.0);
     let tangent = |place: Place| (pull_m * place.yaw.cos(), pull_m * place.yaw.sin());

@@ -1,5 +1,5 @@
-//! What nodes of the shuttle say about themselves, in the words of their developers: what only
-//! they can know. What can be seen from outside is on their topics.
+//! The statuses of the shuttle's nodes, in the words of their developers. They say only what the nodes
+//! alone can know; the rest shows on their topics.
 
 use super::Fault;
 use super::localizer::Match;
@@ -10,8 +10,7 @@ const OK: u8 = 0;
 const WARN: u8 = 1;
 const ERROR: u8 = 2;
 
-/// Age of the vehicle's feedback at which those who need it give up: later than the bus itself
-/// is found dead.
+/// The age of the vehicle's feedback at which its users give up: later than the bus itself is found dead.
 const FEEDBACK_AGE_MS_MAX: u64 = 450;
 
 /// A process of the shuttle that publishes diagnostics.
@@ -43,7 +42,7 @@ impl Node {
         Node::Controller,
     ];
 
-    /// What ROS 2 calls it.
+    /// Its ROS 2 name.
     pub const fn name(self) -> &'static str {
         match self {
             Node::LidarDrivers => "lidar_drivers",
@@ -59,17 +58,17 @@ impl Node {
         }
     }
 
-    /// Whether its process is there.
+    /// Whether its process runs.
     pub fn runs(self, world: &World) -> bool {
         self != Node::Camera || !world.has(Fault::CameraCrash)
     }
 
-    /// Ten times a second, and none at the same moment as another.
+    /// Ten times a second, each at another moment.
     pub fn is_due(self, now_ms: u64) -> bool {
         now_ms % 100 == self as u64 * 10
     }
 
-    /// Its statuses now; none where it is gone or has nothing to do.
+    /// Its statuses now; none if it is gone or has nothing to do.
     pub fn report(self, world: &mut World) -> Option<StatusArray> {
         let rests = matches!(self, Node::Planner | Node::Controller) && !world.drive.planner_runs();
         if rests || !self.runs(world) {
@@ -199,7 +198,7 @@ fn planner(world: &mut World, out: &mut StatusArray) {
 }
 
 fn controller(world: &mut World, out: &mut StatusArray) {
-    // What it missed before it set off is no fault.
+    // Plans that were missing before the departure are no fault.
     let plan_age_ms = world.plan_age_ms().min(world.drive.driving_ms());
     let deviation_m = world.measured(0.04, 0.02);
     let (level, message) = match plan_age_ms {

@@ -6,7 +6,7 @@ fn at(ms: u64) -> Timestamp {
     Timestamp::from_millis(ms)
 }
 
-/// A shuttle that is watched: everything that it published, and when.
+/// A shuttle with everything that it published, and when.
 struct Watched {
     shuttle: Shuttle,
     now_ms: u64,
@@ -33,7 +33,7 @@ impl Watched {
         self.giving(ms, None);
     }
 
-    /// Lets time pass with an order twenty times a second.
+    /// Advances with an order twenty times a second.
     fn giving(&mut self, ms: u64, order: Option<Order>) {
         for _ in 0..ms / 10 {
             if let Some(order) = order.filter(|_| self.now_ms.is_multiple_of(50)) {
@@ -45,7 +45,7 @@ impl Watched {
         }
     }
 
-    /// The moments and contents of some messages.
+    /// The times and contents of some messages.
     fn all<T>(&self, pick: impl Fn(&Message) -> Option<T>) -> Vec<(u64, T)> {
         self.heard.iter().filter_map(|(at_ms, message)| Some((*at_ms, pick(message)?))).collect()
     }
@@ -62,7 +62,7 @@ impl Watched {
         self.last(speed).expect("the wheels are heard")
     }
 
-    /// Levels above OK, latest by status.
+    /// Levels above OK, the latest of each status.
     fn complaints(&self) -> Vec<(String, u8)> {
         let mut levels = std::collections::BTreeMap::new();
         for (_, message) in &self.heard {
@@ -194,7 +194,7 @@ fn the_whole_story_localize_wait_for_a_goal_clear_drive_arrive_and_again() {
         watched.pass(70_000);
         assert_eq!((watched.active(), watched.speed_mps()), (Some(false), 0.0), "it has arrived");
         assert!(watched.last(position).expect("it knows").distance_m(goal) < 0.1);
-        // The old clearance is used up, also if somebody repeats it.
+        // The old clearance is used up, even if it is repeated.
         watched.shuttle.obey(Order::Clear(true));
         watched.pass(20_000);
         assert_eq!(watched.active(), Some(false));

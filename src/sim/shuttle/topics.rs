@@ -1,4 +1,4 @@
-//! What the nodes of the shuttle publish, and how often.
+//! The topics of the shuttle's nodes, and their rates.
 
 use super::Message;
 use super::localizer::Localizer;
@@ -13,11 +13,11 @@ const STATE_EVERY_MS: u64 = 1000;
 const GOAL_EVERY_MS: u64 = 1000;
 const CONFIRMATION_EVERY_MS: u64 = 100;
 
-/// How far the planner plans.
+/// The length of the planner's trajectory.
 const PLAN_M: f64 = 30.0;
 const PLAN_POINTS: usize = 16;
 
-/// What was said last of what is said when it changes.
+/// The last values of topics that are published on change.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Topics {
     active: Option<bool>,
@@ -28,7 +28,7 @@ pub(super) struct Topics {
 }
 
 impl Topics {
-    /// What is published in this step.
+    /// The messages of this step.
     pub fn publish(&mut self, world: &mut World, mut send: impl FnMut(Message)) {
         vehicle(world, &mut send);
         localization(world, &mut send);

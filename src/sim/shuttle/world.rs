@@ -1,5 +1,5 @@
-//! What goes on inside the shuttle: data flows from the sensors to the actuators, and each part
-//! knows how old its input is.
+//! The flow of data inside the shuttle, from the sensors to the actuators. Each part knows the age of its
+//! input.
 
 use super::Fault;
 use super::drive::Drive;
@@ -9,16 +9,16 @@ use super::localizer::{Fed, Localizer};
 const SCAN_PERIOD_MS: u64 = 100;
 const FRAME_PERIOD_MS: u64 = 20;
 const PLAN_PERIOD_MS: u64 = 100;
-/// A scan later than this is missed by those who wait for it.
+/// A scan later than this is missed by the nodes that wait for it.
 const SCAN_AGE_MS_MAX: u64 = 150;
 const FRAME_AGE_MS_MAX: u64 = 200;
 const COSTMAP_DELAY_MS: f64 = 62.0;
 const COSTMAP_DELAY_MS_FAULTY: f64 = 350.0;
 /// Diagnosis complains earlier; a planner gives up on a map that is older than this.
 const COSTMAP_DELAY_MS_MAX: f64 = 500.0;
-/// A map of nothing new is not published for ever.
+/// A map without new data is not published for ever.
 const COSTMAP_MISSED_MS_MAX: u64 = 2000;
-/// After a slow spell the map works off its backlog for a while.
+/// After a slow period the map works off its backlog for a while.
 const COSTMAP_BACKLOG_MS: u64 = 600;
 /// Without a scan for so long, nothing is seen.
 const BLIND_AFTER_MS: u64 = 400;
@@ -37,9 +37,9 @@ pub(super) struct World {
     scans: Feed,
     frames: Feed,
     plans: Feed,
-    /// What arrived in this step.
+    /// The inputs that arrived in this step.
     pub arrived: Arrived,
-    /// When the position was last good to drive by.
+    /// When the position was last good enough to drive.
     pose_good_at_ms: u64,
     costmap_delay_ms: f64,
     costmap_slow_at_ms: Option<u64>,
@@ -101,7 +101,7 @@ impl World {
         };
         let jumps = self.has(Fault::LocalizationJump);
         self.localizer.step(now, place, fed, jumps, &mut self.noise);
-        // The wheels count on while nobody is told.
+        // The wheels go on counting while nobody receives them.
         let step_s = step_ms as f64 / 1000.0;
         let turn = before.turn_to(place);
         self.localizer.count(self.drive.speed_mps * step_s, turn, step_s, &mut self.noise);
@@ -118,7 +118,7 @@ impl World {
         self.charge = (self.charge - used).max(0.25);
     }
 
-    /// The map is made of scans at known positions: it is as late as both.
+    /// The map is made of scans at known positions, so it is as late as both.
     fn map_obstacles(&mut self) {
         if self.has(Fault::CostmapDelay) {
             self.costmap_slow_at_ms = Some(self.now_ms);
@@ -146,12 +146,12 @@ impl World {
         self.localizer.pose_age_ms(self.now_ms) <= SCAN_AGE_MS_MAX && !self.has(Fault::LocalizationJump)
     }
 
-    /// Who works with the position bridges a short gap before giving up.
+    /// Users of the position bridge a short gap before they give up.
     pub fn pose_is_missed(&self) -> bool {
         self.now_ms - self.pose_good_at_ms > POSE_GAP_MS_MAX
     }
 
-    /// Nothing is seen of what is around.
+    /// None of the surroundings is seen.
     pub fn blind(&self) -> bool {
         self.scan_age_ms() > BLIND_AFTER_MS
     }
@@ -160,12 +160,12 @@ impl World {
         self.measured(self.costmap_delay_ms, 8.0)
     }
 
-    /// Of the battery, from 0 to 1.
+    /// The charge of the battery, from 0 to 1.
     pub fn charge(&self) -> f64 {
         if self.has(Fault::LowBattery) { CHARGE_FAULTY } else { self.charge }
     }
 
-    /// A value as it is measured: `mean`, give or take `spread`.
+    /// A measured value: `mean`, give or take `spread`.
     pub fn measured(&mut self, mean: f64, spread: f64) -> f64 {
         mean + self.noise.around(spread)
     }

@@ -1,8 +1,8 @@
-//! The actions that the audit log knows, with their words in the database.
+//! The actions that the audit log records, with the words under which the database stores them.
 
 macro_rules! actions {
     ($($name:ident: $word:literal, $about:literal;)*) => {
-        /// What somebody did or tried to do.
+        /// An action that somebody did or tried to do.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
         pub enum Action { $(#[doc = $about] $name,)* }
 
@@ -52,8 +52,8 @@ actions! {
 }
 
 impl Action {
-    /// Whether the head of the log is told elsewhere as soon as this is written. What strangers can cause
-    /// is not among it.
+    /// Whether the head of the chain is written to the program's log as soon as this action is recorded.
+    /// Actions that strangers can cause are not.
     pub(super) const fn matters(self) -> bool {
         !matches!(self, Action::Request | Action::Omitted | Action::Pruned)
     }

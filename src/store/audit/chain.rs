@@ -1,4 +1,4 @@
-//! The hash chain of the audit log: how a record is written for its hash, and who checks it.
+//! The hash chain of the audit log: how a record is hashed, and how a chain is verified.
 
 use std::fmt;
 
@@ -8,15 +8,15 @@ use sha2::{Digest, Sha256};
 use super::{Action, Entry, Key, PRUNED_UP_TO};
 use crate::store::{Role, StoreError};
 
-/// Breaches that are told one by one; the rest is counted with the last.
+/// Breaches that are reported one by one; the others are counted with the last.
 const BREACHES_MAX: usize = 1000;
 
-/// Made of a record and of the hash before it.
+/// The hash of a record, made from the record and the hash of the record before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Hash(pub(in crate::store) [u8; 32]);
 
 impl Hash {
-    /// What stands before the first record.
+    /// The hash before the first record.
     pub(in crate::store) const NONE: Hash = Hash([0; 32]);
 
     pub(in crate::store) fn parse(text: &str) -> Option<Hash> {
@@ -38,7 +38,7 @@ impl fmt::Display for Hash {
     }
 }
 
-/// The last record of a chain, as it is noted elsewhere: `120:9f86d0...`.
+/// The last record of a chain, in the form in which it is noted elsewhere: `120:9f86d0...`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Head {
     pub number: u64,
@@ -91,16 +91,16 @@ pub(in crate::store) fn hash(
     Hash(key.map_or_else(|| Sha256::digest(&message).into(), |key| key.sign(&message)))
 }
 
-/// What is wrong with a chain, and where.
+/// A breach: what is wrong with a chain, and where.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Breach {
-    /// The first record that is not as it was written, and the last in a row.
+    /// The first record that is not as it was written, and the last one of such records in a row.
     pub number: u64,
     pub to: u64,
     pub what: String,
 }
 
-/// Who has looked into the breaches before a record.
+/// The authority who has looked into the breaches before a record.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Acknowledged {
     pub number: u64,
@@ -110,24 +110,26 @@ pub struct Acknowledged {
     pub count: u64,
 }
 
-/// What a whole chain is worth.
+/// The result of verifying a whole chain.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Verdict {
-    /// How many records are there and whole.
+    /// The number of intact records.
     pub records: u64,
     pub head: Head,
     /// The first breach that nobody has acknowledged.
     pub breach: Option<Breach>,
-    /// How many there are of those.
+    /// The number of breaches that nobody has acknowledged.
     pub breaches: u64,
     pub acknowledged: Option<Acknowledged>,
-    /// The last record that was noted elsewhere: that there were others after it, nobody would know.
+    /// The last record that a head noted elsewhere proves. Nobody would notice if records after it were cut
+    /// off.
     pub proven: u64,
-    /// What an authority acknowledges: stands for all breaches within the chain, and changes with each.
+    /// A hash of all breaches within the chain, which an authority acknowledges. It changes with each of
+    /// them.
     pub(in crate::store) evidence: Hash,
 }
 
-/// Kinds of breaches, as [`Verdict::evidence`] tells them apart: never renumbered.
+/// Kinds of breaches, as [`Verdict::evidence`] tells them apart. Numbers are never reused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Missing = 1,
@@ -137,22 +139,22 @@ enum Kind {
     Extra = 5,
 }
 
-/// Goes through a chain from its first record to its last.
+/// Verifies a chain from its first record to its last.
 #[derive(Debug)]
 pub(in crate::store) struct Verifier {
-    /// Noted elsewhere: the chain must hold these.
+    /// Heads that were noted elsewhere: the chain must contain them.
     known: Vec<Head>,
     key: Option<Key>,
-    /// A record was written with the key: all that follow have to be.
+    /// A record was written with the key, so all later records must be.
     is_keyed: bool,
     records: u64,
     last: Option<Head>,
-    /// Within the chain: what an authority can acknowledge.
+    /// Breaches within the chain, which an authority can acknowledge.
     open: Vec<Breach>,
     last_kind: Option<Kind>,
     evidence: Sha256,
     acknowledged: Option<Acknowledged>,
-    /// Against what was noted elsewhere.
+    /// Breaches against heads that were noted elsewhere.
     against: Option<Breach>,
 }
 
@@ -229,7 +231,8 @@ impl Verifier {
         *last = Head { number: entry.number, hash: entry.hash };
     }
 
-    /// Before the first record with a key there may be those of an earlier version: its hash is of them too.
+    /// Records of an earlier version may stand before the first record with a key: its hash covers them
+    /// too.
     fn is_as_written(&mut self, entry: &Entry, previous: Hash) -> bool {
         if self.key.is_some() && entry.sealed(self.key.as_ref(), previous) == entry.hash {
             self.is_keyed = true;
@@ -238,7 +241,7 @@ impl Verifier {
         !self.is_keyed && entry.sealed(None, previous) == entry.hash
     }
 
-    /// What a record says of the chain that is as it was written.
+    /// Judges what an intact record says about the chain.
     fn judge(&mut self, entry: &Entry) {
         let number = entry.number;
         if entry.action == Action::ChainBroken.as_str() {
@@ -246,7 +249,7 @@ impl Verifier {
             self.breach(Kind::Found, number, number, &entry.content(), what);
         }
         if entry.action == Action::HeadMissing.as_str() {
-            // A head that was noted elsewhere may say that nothing was cut off there.
+            // A head that was noted elsewhere may prove that nothing was cut off there.
             if self.known.iter().any(|known| known.number == number - 1) {
                 self.witness(Kind::Found, number, number, &entry.content());
             } else {
@@ -321,8 +324,8 @@ impl Verifier {
     }
 }
 
-/// What the first record stands on: nothing, or the last of those that were taken away for their
-/// age. A record further up in the chain names that one.
+/// The hash on which the first record stands: none, or that of the last pruned record. A later record in
+/// the chain names that one.
 fn beginning(connection: &Connection) -> Result<Head, StoreError> {
     let first: Option<i64> = connection.query_row("SELECT min(number) FROM audit", [], |row| row.get(0))?;
     if first.is_none_or(|first| first <= 1) {

@@ -1,4 +1,4 @@
-//! The file beside the database in which the end of the audit log is noted.
+//! The file `audit.head` beside the database, which holds the end of the audit log.
 
 use crate::store::database::files::HEAD_FILE_NAME;
 use std::fs::{self, File, OpenOptions};
@@ -8,8 +8,8 @@ use std::path::Path;
 
 use crate::store::{FILE_NAME, Head, StoreError};
 
-/// The head that was noted; `None` if there is no such file, or no head in it. What is there and may
-/// not be read is no loss, so it must not become one in the log.
+/// The head in the file; `None` if there is no such file, or no head in it. A file that exists and may not
+/// be read is an error: the log must not record it as lost.
 pub(in crate::store) fn read_head(file: &Path) -> Result<Option<Head>, StoreError> {
     match fs::read(file) {
         Ok(text) => Ok(Head::parse(&String::from_utf8_lossy(&text))),
@@ -18,7 +18,7 @@ pub(in crate::store) fn read_head(file: &Path) -> Result<Option<Head>, StoreErro
     }
 }
 
-/// To whom a file belongs, and to whom it would have to.
+/// The owner of a file, and the owner that it should have.
 pub(in crate::store) fn whose(file: &Path) -> String {
     let user = rustix::process::geteuid().as_raw();
     fs::metadata(file).map_or(String::new(), |it| {
@@ -27,21 +27,21 @@ pub(in crate::store) fn whose(file: &Path) -> String {
     })
 }
 
-/// Removes what a process left behind that ended while it wrote the head.
+/// Removes the temporary file of a process that ended while it wrote the head.
 pub(in crate::store) fn remove_leftovers(file: &Path) {
     let entries = file.parent().and_then(|folder| fs::read_dir(folder).ok()).into_iter().flatten().flatten();
     for entry in entries {
         let name = entry.file_name();
         let process = name.to_str().and_then(|name| name.strip_prefix(HEAD_FILE_NAME)?.strip_prefix('.'));
         let Some(process) = process.and_then(|it| it.parse::<u32>().ok()) else { continue };
-        // One that runs may be writing it now.
+        // A running process may be writing it now.
         if !Path::new("/proc").join(process.to_string()).exists() {
             let _ = fs::remove_file(entry.path());
         }
     }
 }
 
-/// Whole or not at all, whenever the power goes.
+/// Writes the file atomically, so that a loss of power leaves the old or the new head.
 pub(in crate::store) fn write_head(file: &Path, head: Head) -> io::Result<()> {
     let new = file.with_extension(format!("head.{}", std::process::id()));
     let mut options = OpenOptions::new();
@@ -53,13 +53,15 @@ pub(in crate::store) fn write_head(file: &Path, head: Head) -> io::Result<()> {
     fs::rename(&new, file)
 }
 
-/// Root on the command line notes the head for those whose database it is: they have to read it.
+/// If root writes the head on the command line, the file gets the owner of the database, who must be able
+/// to read it.
 pub(in crate::store) fn give_to_owner(file: &Path, new: &File) {
     let database = file.with_file_name(FILE_NAME);
     if let (Ok(theirs), Ok(ours)) = (database.metadata(), new.metadata())
         && theirs.uid() != ours.uid()
     {
-        // Who is not root cannot, and has written the database of somebody else as it is.
+        // A process without root's rights cannot change the owner, and has written the database of somebody
+        // else as it is.
         let _ = fchown(new, Some(theirs.uid()), Some(theirs.gid()));
     }
 }

@@ -1,5 +1,5 @@
-//! The key of the audit log: with it the hash of each record is made, so that nobody who can write the
-//! database alone can write a chain that fits. It lies beside the database, or wherever a symbolic link
+//! The key of the audit log. The hash of each record is made with it, so that somebody who can write only
+//! the database cannot write a chain that fits. The key lies beside the database, or where a symbolic link
 //! of that name leads.
 
 use std::fmt;
@@ -14,7 +14,7 @@ use super::head::{give_to_owner, whose};
 use crate::store::StoreError;
 use crate::store::private_file::make_private_file;
 
-/// The key, in the data folder.
+/// The file of the key, in the data folder.
 pub const KEY_FILE_NAME: &str = "audit.key";
 
 /// The key with which records are hashed.
@@ -24,7 +24,7 @@ pub(in crate::store) struct Key {
     hmac: hmac::Key,
 }
 
-/// What a key can be told by, without it: the database names that of its log.
+/// Identifies a key without revealing it: the database stores the identifier of its log's key.
 pub(in crate::store) type KeyId = [u8; 32];
 
 impl Key {
@@ -63,11 +63,11 @@ impl Key {
         Ok(crate::store::Hash::parse(text.trim()).map(|hash| Key::new(hash.0)))
     }
 
-    /// Writes it beside the place where it is to lie; [`put_in_place`] takes it there.
+    /// Writes the key to a temporary name; [`put_in_place`] gives it its own.
     pub(super) fn write_beside(&self, file: &Path) -> Result<(), StoreError> {
         let new = beside(file);
         let write = || -> io::Result<()> {
-            // What a start left behind that ended too early.
+            // A start that ended too early left this behind.
             match fs::remove_file(&new) {
                 Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
                 _ => make_private_file(&new)?,
@@ -81,12 +81,13 @@ impl Key {
     }
 }
 
-/// Takes a new key to its place once the database names it. A power cut in between leaves it beside.
+/// Gives a new key its name once the database refers to it. After a power cut in between, it still has the
+/// temporary one.
 pub(super) fn put_in_place(file: &Path) -> Result<(), StoreError> {
     fs::rename(beside(file), file).map_err(|reason| StoreError::Folder { path: file.to_owned(), reason })
 }
 
-/// A new key that did not come to its place.
+/// A new key that still has its temporary name.
 pub(super) fn left_beside(file: &Path) -> Result<Option<Key>, StoreError> {
     Key::read(&beside(file))
 }

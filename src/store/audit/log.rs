@@ -1,5 +1,5 @@
-//! Where the chain ends, as it is known outside of the database: in memory, in a file beside it, and in the
-//! log of the program. What is appended must stand on that.
+//! The end of the chain as it is known outside the database: in memory, in a file beside it, and in the
+//! program's log. Each new record must follow it.
 
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -12,30 +12,30 @@ use super::{Action, Entry, Record, TELLTALE, append, hash_of};
 use crate::store::database::files::HEAD_FILE_NAME;
 use crate::store::{Head, StoreError};
 
-/// The program's log notes the head after so many records that do not matter by themselves.
+/// The program's log gets the head after this many records that do not matter by themselves.
 const LOG_HEAD_EVERY: u64 = 100;
-/// Records after which the head is noted even if more wait to be written.
+/// The file gets the head after this many records, even if more wait to be written.
 const HEAD_LAG_MAX: u64 = 64;
 
-/// The head of the chain, as it is noted outside of the database.
+/// The head of the chain, as it is noted outside the database.
 #[derive(Debug)]
 pub(in crate::store) struct Log {
-    /// `None` for a store that ends with the process.
+    /// `None` for a store in memory.
     head_file: Option<PathBuf>,
-    /// `None` where it cannot be read: nothing is written then.
+    /// `None` if it cannot be read: nothing is written then.
     key: Option<Key>,
-    /// The record that was written last.
+    /// The last record that this process wrote.
     head: Head,
-    /// The one that [`HEAD_FILE_NAME`] names.
+    /// The record that [`HEAD_FILE_NAME`] names.
     noted: Head,
     logged: u64,
-    /// Why the head could not be noted last time.
+    /// Why the last attempt to write the head failed.
     fault: Option<String>,
 }
 
 impl Log {
-    /// Takes up the chain where it ends. If it does not reach what was noted, or was written without the
-    /// key, that becomes a record.
+    /// Continues the chain where it ends. If it does not reach the noted head, or was written without the
+    /// key, that is recorded.
     pub(in crate::store) fn open(
         connection: &mut Connection,
         folder: Option<&Path>,
@@ -80,10 +80,10 @@ impl Log {
         Ok(log)
     }
 
-    /// Reads where the chain ends, of a database that cannot be written.
+    /// Reads where the chain ends, from a database that cannot be written.
     pub(in crate::store) fn read(connection: &Connection, folder: &Path) -> Result<Log, StoreError> {
         let head_file = folder.join(HEAD_FILE_NAME);
-        // Where they cannot be read, that is why the database is not written.
+        // If they cannot be read, that is why the database is not written.
         let noted = read_head(&head_file).ok().flatten().unwrap_or(Head::NONE);
         let key = Key::read(&folder.join(KEY_FILE_NAME)).ok().flatten();
         let head = Head::of(connection)?;
@@ -98,9 +98,9 @@ impl Log {
         self.key.as_ref().ok_or_else(|| StoreError::Files(format!("{KEY_FILE_NAME} cannot be read")))
     }
 
-    /// Holds the end of the chain in the database, before something is appended, against the one that was
-    /// written last and the one that is noted. Others may have appended, with the key. Returns what is
-    /// wrong, to be recorded first.
+    /// Compares, before something is appended, the end of the chain in the database with the record that
+    /// was written last and with the noted head. Others may have appended, with the key. Returns the
+    /// breaches, which are to be recorded first.
     pub(super) fn check(&self, transaction: &Transaction<'_>) -> Result<Option<Record>, StoreError> {
         let (key, last) = (self.key()?, Head::of(transaction)?);
         if last != self.head && !self.is_continued(transaction, key, last)? {
@@ -114,7 +114,7 @@ impl Log {
             {
                 Some(broken(format!("{HEAD_FILE_NAME} said {noted}")))
             }
-            // That it cannot be read shows when it is written.
+            // A file that cannot be read shows as an error when it is written.
             _ => None,
         })
     }
@@ -133,8 +133,8 @@ impl Log {
         Ok(true)
     }
 
-    /// The chain ends there now. What `matters` is noted in the log of the program at once, and what was
-    /// wrong (`news`) beside the database too, so that it is said once.
+    /// The chain now ends there. A record that matters is noted in the program's log at once, and one about
+    /// a breach (`news`) also beside the database, so that it is said once.
     pub(super) fn written(&mut self, head: Head, matters: bool, news: Option<&Record>) {
         self.head = head;
         if let Some(news) = news {
@@ -149,7 +149,7 @@ impl Log {
         }
     }
 
-    /// Notes the head in the log of the program.
+    /// Writes the head into the program's log.
     pub(in crate::store) fn say(&mut self) {
         self.logged = self.head.number;
         if self.head_file.is_some() && self.head.number > 0 {
@@ -157,7 +157,7 @@ impl Log {
         }
     }
 
-    /// Notes the head beside the database.
+    /// Writes the head into the file beside the database.
     pub(in crate::store) fn note(&mut self) {
         if self.noted == self.head {
             return;
@@ -174,15 +174,15 @@ impl Log {
     }
 }
 
-/// The key of a log, and what is to be recorded of it.
+/// The key of a log, and what must be recorded about it.
 struct Keyed {
     key: Key,
     news: Option<Record>,
-    /// It lies beside its place still.
+    /// It still has its temporary name.
     is_new: bool,
 }
 
-/// Finds the key that the database names. A log of an earlier version has none yet.
+/// Finds the key that the database refers to. A log of an earlier version has none yet.
 fn take_key(transaction: &Transaction<'_>, file: &Path, last: Head) -> Result<Keyed, StoreError> {
     let sql = "SELECT id FROM audit_key";
     let named: Option<KeyId> = transaction.query_row(sql, [], |row| row.get(0)).optional()?;
@@ -218,7 +218,7 @@ fn take_key(transaction: &Transaction<'_>, file: &Path, last: Head) -> Result<Ke
     Ok(Keyed { key, news, is_new })
 }
 
-/// Whether a record was written with this key, on the one before it.
+/// Whether a record was written with this key and follows the one before it.
 fn is_sealed(connection: &Connection, key: &Key, number: u64) -> Result<bool, StoreError> {
     let sql = "SELECT number, at_ms, who, role, source, action, target, outcome, hash
                FROM audit WHERE number = ?1";

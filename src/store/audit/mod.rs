@@ -1,10 +1,9 @@
-//! The audit log: who did what and what came of it, as a chain in which nothing can be changed,
-//! left out or cut off without being noticed.
+//! The audit log: who did what, with which outcome, as a chain in which no change, omission or cut goes
+//! unnoticed.
 //!
-//! A record is on the disk before its caller is answered. Its hash is made with a key that lies outside of
-//! the database ([`KEY_FILE_NAME`]), so an attacker who can write the database alone cannot write a chain that fits.
-//! The head of the chain is noted in [`HEAD_FILE_NAME`] and in the log of the program, so an end that was
-//! cut off is found.
+//! A record is on the disk before its caller is answered. Its hash is made with a key outside the database
+//! ([`KEY_FILE_NAME`]), so an attacker who can write only the database cannot write a chain that fits. The
+//! head of the chain is noted in [`HEAD_FILE_NAME`] and in the program's log, so a cut at the end is found.
 
 mod action;
 pub(super) mod chain;
@@ -27,7 +26,7 @@ pub use key::KEY_FILE_NAME;
 pub(super) use key::Key;
 pub(super) use log::Log;
 
-/// Records that are kept. Past this the oldest are taken away, which is a record itself.
+/// The number of records that are kept. Beyond it the oldest are pruned, which is recorded.
 const RECORDS_MAX: u64 = 1_000_000;
 const PRUNE_AT_ONCE: u64 = 1000;
 pub(super) const PRUNED_UP_TO: &str = "up to ";
@@ -35,18 +34,18 @@ pub(super) const PRUNED_UP_TO: &str = "up to ";
 /// A field that is longer is cut.
 const FIELD_CHARS_MAX: usize = 300;
 
-/// What is said of a breach that is acknowledged; what it is about has room behind it.
+/// The length of the reason for acknowledging a breach; the record needs room for the breach as well.
 const WHY_CHARS_MAX: usize = 200;
 
-/// Records that are read at once to verify the chain: others get their turn in between.
+/// Records that are read at once while the chain is verified: other jobs get their turn in between.
 const VERIFY_AT_ONCE: u32 = 1000;
 
-/// The source of what was done on the command line.
+/// The source of actions on the command line.
 pub const COMMAND_LINE: &str = "command line";
-/// The source of what the program does by itself.
+/// The source of actions of the program itself.
 pub const TELLTALE: &str = "telltale";
 
-/// What is to be written into the log.
+/// A record to be written.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Record {
     /// The user's name; empty where nobody is known.
@@ -55,14 +54,14 @@ pub struct Record {
     /// An address, or [`COMMAND_LINE`], or [`TELLTALE`].
     pub source: String,
     pub action: Action,
-    /// What it was done to.
+    /// The object of the action.
     pub target: String,
     /// Why it was refused or failed; `None` if it was done.
     pub refusal: Option<String>,
 }
 
 impl Record {
-    /// Something that was done by nobody in particular.
+    /// A record without a user.
     pub fn of(action: Action, source: impl Into<String>) -> Record {
         let (who, target) = (String::new(), String::new());
         Record { who, role: None, source: source.into(), action, target, refusal: None }
@@ -113,12 +112,12 @@ impl Entry {
         [&self.who, &self.role, &self.source, &self.action, &self.target, &self.outcome]
     }
 
-    /// The hash that it has to have, on the record with that hash.
+    /// The hash that the record must have after a record with that hash.
     pub(super) fn sealed(&self, key: Option<&Key>, previous: Hash) -> Hash {
         chain::hash(key, previous, self.number, self.at_ms, self.fields())
     }
 
-    /// All of it, whatever it stands on.
+    /// A hash of all fields without the record before it, and the record's own hash.
     pub(super) fn content(&self) -> [u8; 64] {
         let mut content = [0; 64];
         content[..32].copy_from_slice(&self.sealed(None, Hash::NONE).0);
@@ -147,12 +146,12 @@ impl Store {
     /// Writes a record. When this returns, it is on the disk.
     ///
     /// # Errors
-    /// If the database fails: what is to be recorded must not be acknowledged then.
+    /// If the database fails: the recorded action must not be acknowledged then.
     pub async fn audit(&self, record: Record) -> Result<(), StoreError> {
         self.call(move |database| database.record(record)).await
     }
 
-    /// [`Store::audit`] of what somebody caused who comes from there.
+    /// [`Store::audit`] of an action that somebody caused from that lane.
     ///
     /// # Errors
     /// As there.
@@ -160,7 +159,7 @@ impl Store {
         self.call_from(lane, move |database| database.record(record)).await
     }
 
-    /// Records before number `before`, the newest first, at most `count`.
+    /// At most `count` records before number `before`, the newest first.
     ///
     /// # Errors
     /// If the database fails.
@@ -176,13 +175,13 @@ impl Store {
         .await
     }
 
-    /// Goes through the whole chain; others get their turn in between.
+    /// Verifies the whole chain; other jobs get their turn in between.
     ///
     /// # Errors
     /// If the database fails.
     pub async fn verify_audit(&self) -> Result<Verdict, StoreError> {
         let begin = |database: &mut Database| {
-            // A log in memory is not the one that was asked for.
+            // A log in memory is not the log that was asked for.
             database.health.check_keeps()?;
             Ok(Verifier::new(database.log.noted(), Some(database.log.key()?.clone())))
         };
@@ -201,8 +200,8 @@ impl Store {
         }
     }
 
-    /// Records that an authority has looked into what is wrong with the log. Tells how many breaches that
-    /// were; none, if there is nothing to acknowledge.
+    /// Records that an authority has looked into the breaches of the log. Returns their number; zero if
+    /// there is nothing to acknowledge.
     ///
     /// # Errors
     /// If the user is no authority, or the database fails.
@@ -220,15 +219,15 @@ impl Store {
     }
 }
 
-/// Verifies the chain in a data folder and changes nothing there. Beside the head that lies there
-/// the chain must hold the `heads` that were noted elsewhere. The key is read from `key`, or from the folder.
+/// Verifies the chain in a data folder and changes nothing there. The chain must contain the head that lies
+/// there and the `heads` that were noted elsewhere. The key is read from `key`, or from the folder.
 ///
 /// # Errors
 /// If there is no database, or it or the key cannot be read.
 pub fn verify_audit_in(folder: &Path, heads: &[Head], key: Option<&Path>) -> Result<Verdict, StoreError> {
     let (connection, _, _) = super::database::schema::read_only(folder)?;
     let mut known = heads.to_vec();
-    // The head is never ahead of the database, so it is read first.
+    // The file with the head is never ahead of the database, so it is read first.
     let noted = read_head(&folder.join(HEAD_FILE_NAME))?;
     known.extend(noted);
     let in_folder = folder.join(KEY_FILE_NAME);
@@ -238,7 +237,7 @@ pub fn verify_audit_in(folder: &Path, heads: &[Head], key: Option<&Path>) -> Res
 }
 
 impl Database {
-    /// Of what was refused nothing has to be kept for it to stay refused.
+    /// A refusal need not be stored to stay a refusal.
     fn record(&mut self, record: Record) -> Result<(), StoreError> {
         if record.refusal.is_some() {
             return self.change_sessions(&[record], |_| Ok(()));
@@ -246,8 +245,8 @@ impl Database {
         self.change(&[record], |_| Ok(()))
     }
 
-    /// [`Database::change`] of who is logged in. Where the database is a copy in memory, because it is
-    /// damaged, people log in and out all the same: nobody needs to know of it after a restart.
+    /// [`Database::change`] of a login or logout. With a damaged database's copy in memory, people log in
+    /// and out all the same: nobody needs to know of it after a restart.
     pub(super) fn change_sessions<T>(
         &mut self,
         records: &[Record],
@@ -262,7 +261,7 @@ impl Database {
         self.write(records, change)
     }
 
-    /// Makes a change and writes its records, whole or not at all. It is on the disk when this returns.
+    /// Makes a change and writes its records in one transaction. Both are on the disk when this returns.
     pub(super) fn change<T>(
         &mut self,
         records: &[Record],
@@ -291,7 +290,7 @@ impl Database {
         }
         if let Err(fault) = self.health.check_files() {
             transaction.rollback()?;
-            // Saves what was acknowledged before it is told that nothing more will be.
+            // Saves what was acknowledged before it reports that nothing more will be.
             self.check_files()?;
             return Err(fault);
         }

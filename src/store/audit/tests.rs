@@ -5,7 +5,7 @@ use crate::clock::Clock;
 use crate::engine::time::Span;
 use crate::store::{Breach, DemoSecrets, FILE_NAME, Head};
 
-/// A data folder with some records, and without the store that wrote them.
+/// A data folder with some records; the store that wrote them is closed.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -26,7 +26,7 @@ impl Folder {
         Store::open(&self.0, Clock::start(), DemoSecrets::Refused).unwrap()
     }
 
-    /// Waits until the store's thread has noted the head and closed the database.
+    /// Waits until the store's thread has written the head and closed the database.
     fn closed(&self, store: Store) {
         drop(store);
         let expected = self.database(|connection| Head::of(connection).unwrap());
@@ -53,7 +53,7 @@ impl Folder {
         Key::read(&self.0.join(KEY_FILE_NAME)).unwrap().unwrap()
     }
 
-    /// Writes the chain anew as somebody does who has no key, with other people in it.
+    /// Rebuilds the chain with other people in it, without the key.
     fn forge(&self, records: u64) {
         let (mut last, mut sql) = (Hash::NONE, String::new());
         for number in 1..=records {
@@ -66,7 +66,7 @@ impl Folder {
         self.run(&sql);
     }
 
-    /// Notes the end of the chain, as it is now, beside the database.
+    /// Writes the present end of the chain into the file beside the database.
     fn note(&self) {
         let head = self.database(|connection| Head::of(connection).unwrap());
         std::fs::write(self.0.join(HEAD_FILE_NAME), head.to_string()).unwrap();
@@ -79,7 +79,7 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        // What a failed test leaves behind lies in the folder for that.
+        // If this fails, the folder stays among the temporary files.
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }
@@ -178,7 +178,7 @@ async fn the_oldest_records_are_taken_away_and_the_chain_still_holds() {
     let first = verdict.head.number - verdict.records + 1;
     folder.run(&format!("DELETE FROM audit WHERE number = {first}"));
     assert_eq!(folder.breach().map(|breach| breach.number), Some(first), "it was kept");
-    // Somebody takes more away and says so in the words of the program, but without the key.
+    // An attacker removes more and records it in the program's words, but without the key.
     let base = folder.database(|connection| hash_of(connection, first + 99).unwrap().unwrap());
     let last = folder.verdict().head;
     let target = format!("{PRUNED_UP_TO}{}", Head { number: first + 99, hash: base });
@@ -198,7 +198,7 @@ async fn a_head_that_cannot_be_read_is_not_called_missing() {
     let folder = Folder::with_records("unreadable", 3).await;
     let head = folder.0.join(HEAD_FILE_NAME);
     let noted = std::fs::read(&head).unwrap();
-    // As for a file of somebody else; root runs the tests, too.
+    // Like a file of somebody else; tests may run as root.
     std::fs::remove_file(&head).unwrap();
     std::fs::create_dir(&head).unwrap();
     let names = |error: String| {
@@ -211,7 +211,7 @@ async fn a_head_that_cannot_be_read_is_not_called_missing() {
     let (clock, hand) = Clock::with_hand();
     let store = Store::open_or_read(&folder.0, clock, DemoSecrets::Refused).unwrap();
     names(store.fault().borrow().as_deref().unwrap().to_owned());
-    // Between the two it looked once more.
+    // In between it looked once more.
     for _ in 0..2 {
         assert!(store.audit(Record::of(Action::Start, TELLTALE)).await.is_err());
     }
@@ -263,7 +263,7 @@ async fn what_is_done_to_the_log_while_it_is_written_is_found_with_the_next_reco
         let folder = Folder::with_records("running", 10).await;
         let store = folder.store();
         let record = || Record::of(Action::Stop, "127.0.0.1");
-        // One that is in order, and the note of it.
+        // An ordinary record, and the head after it.
         let note = |database: &mut Database| {
             database.log.note();
             Ok(())
@@ -310,7 +310,7 @@ async fn a_chain_that_was_written_anew_while_nobody_served_needs_the_key() {
     folder.closed(folder.store());
     let breach = folder.breach().unwrap();
     assert_eq!(breach.number, 11, "{breach:?}");
-    // Without the key nothing of it can be proven, and the next start says so for good.
+    // Without the key nothing of it can be proven, and every later start says so.
     for gone in [true, false] {
         let folder = Folder::with_records("keyless", 10).await;
         let key = folder.0.join(KEY_FILE_NAME);
@@ -346,7 +346,7 @@ async fn the_log_of_an_earlier_version_is_kept_and_goes_on_with_a_key() {
     assert_eq!(mode & 0o777, 0o600);
     folder.run("UPDATE audit SET who = 'anna' WHERE number = 2");
     assert_eq!(folder.breach().map(|it| it.number), Some(2));
-    // Without the records that have the key it is no log of an earlier version any more.
+    // Without the records that have the key it is no longer a log of an earlier version.
     folder.run("UPDATE audit SET who = 'eve' WHERE number = 2; DELETE FROM audit WHERE number > 5");
     folder.note();
     assert!(folder.breach().unwrap().what.contains("without the key"));
@@ -372,7 +372,7 @@ async fn a_breach_is_one_until_an_authority_acknowledges_it_and_another_is_anoth
     assert_eq!((verdict.breach, verdict.breaches), (None, 0));
     let known = verdict.acknowledged.unwrap();
     assert_eq!((&*known.by, known.count), ("carl", 3));
-    // What was acknowledged is not changed again behind it.
+    // Acknowledged records are not changed again unnoticed.
     folder.run("UPDATE audit SET who = 'mallory' WHERE number = 3");
     let verdict = folder.verdict();
     assert_eq!((verdict.breach.map(|it| it.number), verdict.breaches), (Some(3), 3));

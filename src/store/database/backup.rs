@@ -1,5 +1,5 @@
-//! A copy of the database for each day, in the folder `backups` beside it. A copy counts once it was
-//! looked through and found whole.
+//! Daily copies of the database, in the folder `backups` beside it. A copy counts once it was checked and
+//! found whole.
 
 use std::fs::{self, File};
 use std::io;
@@ -22,13 +22,14 @@ pub const BACKUPS: &str = "backups";
 /// Copies that are kept; the oldest goes.
 const KEPT: usize = 7;
 const EVERY: Span = Span::from_secs(24 * 3600);
-/// After a start, and after a change of users: others who come up at the same time have the disk first.
+/// The delay after a start and after a change of users: other programs that start at the same time have the
+/// disk first.
 const SOON: Span = Span::from_secs(5);
 const AGAIN_AFTER: Span = Span::from_secs(3600);
-/// So much room is left beside a copy.
+/// Free room that must remain beside a copy.
 const FREE_BYTES_MIN: u64 = 16 << 20;
 
-/// Why there is no copy.
+/// Why no copy could be made.
 #[derive(Debug, thiserror::Error)]
 pub(in crate::store) enum BackupError {
     #[error("there is no room for it: it needs {needed} bytes, and {free} are free")]
@@ -45,7 +46,7 @@ pub(in crate::store) enum BackupError {
     Io(#[from] io::Error),
 }
 
-/// When the next copy is due, and the one that is being made.
+/// When the next copy is due, and the copy that is being made.
 #[derive(Debug, Default)]
 pub(in crate::store) struct Schedule {
     /// `None` before the first look.
@@ -54,14 +55,14 @@ pub(in crate::store) struct Schedule {
 }
 
 impl Schedule {
-    /// What the next copy holds is new: it is made soon.
+    /// The database has something new that must be in a copy soon.
     pub(in crate::store) fn hasten(&mut self, now: Timestamp) {
         self.due = Some(self.due.map_or(now + SOON, |due| due.min(now + SOON)));
     }
 }
 
 impl Database {
-    /// Has a copy made in a thread of its own when it is time to, and takes in what came of the last.
+    /// Starts a copy in a thread of its own when it is due, and takes the result of the last one.
     pub(in crate::store) fn back_up_if_due(&mut self) {
         let Some(folder) = self.health.folder().filter(|_| self.serves).map(Path::to_owned) else { return };
         let now = self.clock.now();
@@ -88,7 +89,7 @@ impl Database {
         let (report, running) = sync_channel(1);
         let wall = self.clock.wall();
         let spawned = std::thread::Builder::new().name("backup".to_owned()).spawn(move || {
-            // On Linux this is of the calling thread alone.
+            // On Linux this sets the priority of the calling thread only.
             let _ = rustix::process::nice(19);
             let _ = report.send(make(&folder, wall));
         });
@@ -99,8 +100,8 @@ impl Database {
     }
 }
 
-/// Makes the copy of today, in place of one that was made earlier today. It reads by a connection of its
-/// own, so writers do not wait.
+/// Makes today's copy, in place of an earlier one of today. It reads with a connection of its own, so
+/// writers do not wait.
 pub(in crate::store) fn make(folder: &Path, wall: SystemTime) -> Result<PathBuf, BackupError> {
     let (from, _, _) = schema::read_only(folder)?;
     let backups = folder.join(BACKUPS);
@@ -131,13 +132,13 @@ fn check_room(from: &Connection, backups: &Path) -> Result<(), BackupError> {
 }
 
 fn copy(from: &Connection, new: &Path) -> Result<(), BackupError> {
-    // What an earlier run left behind.
+    // Left behind by an earlier run.
     if new.exists() {
         fs::remove_file(new)?;
     }
     make_private_file(new)?;
     let mut to = Connection::open(new)?;
-    // One look at the database for the whole copy: who writes meanwhile would make it begin anew.
+    // One transaction for the whole copy: otherwise each write of others would restart it.
     from.execute_batch("BEGIN; SELECT 1 FROM users LIMIT 1")?;
     let stepped = Backup::new(from, &mut to).and_then(|backup| backup.step(-1));
     from.execute_batch("COMMIT")?;
@@ -145,7 +146,7 @@ fn copy(from: &Connection, new: &Path) -> Result<(), BackupError> {
     if stepped != StepResult::Done {
         return Err(BackupError::Copy(format!("it ended with {stepped:?}")));
     }
-    // It is one file.
+    // The copy is one file.
     to.pragma_update_and_check(None, "journal_mode", "DELETE", |_| Ok(()))?;
     if let Some(damage) = schema::damage_of(&to) {
         return Err(match schema::damage_of(from) {
@@ -167,7 +168,7 @@ pub(in crate::store) fn list(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// Opens a copy, if it is whole and holds users.
+/// Opens a copy if it is whole and holds users.
 pub(in crate::store) fn open(file: &Path) -> Result<Connection, StoreError> {
     let damaged = |what: String| StoreError::Backup { path: file.to_owned(), what };
     let connection = connect_reading(file, "immutable=1").map_err(|error| damaged(error.to_string()))?;
@@ -182,7 +183,7 @@ pub(in crate::store) fn newest(folder: &Path) -> Option<(PathBuf, Connection)> {
     })
 }
 
-/// Whether a data folder shows that there was a database in it: what shows it.
+/// The file that shows that a data folder once held a database, if there is one.
 pub(in crate::store) fn trace_of_database(folder: &Path) -> Option<String> {
     let head = folder.join(super::files::HEAD_FILE_NAME);
     if head.exists() {
@@ -191,7 +192,7 @@ pub(in crate::store) fn trace_of_database(folder: &Path) -> Option<String> {
     list(folder).first().map(|file| file.display().to_string())
 }
 
-/// Whether there is a file with something in it.
+/// Whether there is a file that is not empty.
 pub(in crate::store) fn holds_something(folder: &Path) -> bool {
     fs::metadata(folder.join(FILE_NAME)).is_ok_and(|file| file.len() > 0)
 }

@@ -1,8 +1,8 @@
 //! The files of the database as they lie in the data folder, and what may be wrong with them.
 //!
-//! Nothing here opens and closes the database. POSIX gives up all locks of a process on a file as soon
-//! as the process closes any descriptor of it: SQLite would lose its lock on the database without
-//! noticing, and the next program that closes the database would delete the log under the server.
+//! Nothing here opens and closes the database. POSIX releases all locks of a process on a file as soon as
+//! the process closes any descriptor of it: SQLite would lose its lock on the database without noticing,
+//! and the next program that closes the database would delete the log under the server.
 
 use std::fs::File;
 use std::mem::ManuallyDrop;
@@ -11,14 +11,14 @@ use std::path::{Path, PathBuf};
 
 use crate::store::FILE_NAME;
 
-/// The head of the chain, beside the database.
+/// The file with the head of the chain, beside the database.
 pub const HEAD_FILE_NAME: &str = "audit.head";
 
-/// With less room than this in the data folder nothing is promised any more.
+/// With less free room than this in the data folder the storage counts as full.
 const FREE_BYTES_MIN: u64 = 1 << 20;
 
 const DATABASE_STARTS_WITH: &[u8; 16] = b"SQLite format 3\0";
-/// The first four bytes of the log, but for the last bit, which tells the order of bytes.
+/// The first four bytes of the log, without the last bit, which gives the order of bytes.
 const LOG_STARTS_WITH: u32 = 0x377f_0682;
 
 /// The data folder with the files that were opened in it.
@@ -36,9 +36,9 @@ struct Opened {
     path: PathBuf,
     /// `None` if there was none.
     identity: Option<Identity>,
-    /// To look into it. It is never closed, see above.
+    /// For reading its first bytes. It is never closed, see above.
     file: Option<ManuallyDrop<File>>,
-    /// In bytes, when it was looked at last.
+    /// In bytes, at the last look.
     size: u64,
 }
 
@@ -46,15 +46,15 @@ struct Opened {
 type Identity = (u64, u64);
 
 impl Place {
-    /// The files as they are now, just after SQLite has opened them.
+    /// The files as they are just after SQLite has opened them.
     pub(in crate::store) fn new(folder: &Path) -> Place {
         let opened = |suffix: &str| Opened::new(folder.join(format!("{FILE_NAME}{suffix}")));
         let (database, log) = (opened("").held(), opened("-wal").held());
         Place { folder: folder.to_owned(), database, log, index: opened("-shm") }
     }
 
-    /// Whether what is written now is there for the next start: the files are those that were opened.
-    /// A database that is only read has no log of its own.
+    /// Whether the next start will find what is written now: the files are those that were opened. A
+    /// database that is only read has no log of its own.
     pub(in crate::store) fn check_files(&self, is_reading: bool) -> Result<(), String> {
         self.database.check_identity()?;
         self.database.check_start(|start| start.starts_with(DATABASE_STARTS_WITH))?;
@@ -64,15 +64,15 @@ impl Place {
         for file in [&self.log, &self.index] {
             file.check_identity().map_err(|fault| format!("{fault}: restart telltale"))?;
         }
-        // Another program may have emptied the log. What is written next begins it again.
+        // Another program may have emptied the log. The next write begins it again.
         if self.log.size_now() == Some(0) {
             return Ok(());
         }
         self.log.check_start(is_log).map_err(|fault| format!("{fault}: restart telltale"))
     }
 
-    /// Whether what lies in the log may be taken into the database: both are whole, and no other program
-    /// can have begun another log or index, since those are as they were, or gone.
+    /// Whether the content of the log may be taken into the database: both are whole, and no other program
+    /// can have begun another log or index, because those are unchanged or gone.
     pub(in crate::store) fn can_be_saved(&self) -> bool {
         let is_ours_or_gone = |file: &Opened| identity(&file.path).is_none_or(|it| Some(it) == file.identity);
         self.check_files(true).is_ok()
@@ -81,8 +81,8 @@ impl Place {
             && is_ours_or_gone(&self.index)
     }
 
-    /// Whether the database became shorter than what it has to hold. It does become shorter if another
-    /// program tidies it up; it holds all pages then.
+    /// Whether the database became shorter than its content. It also becomes shorter if another program
+    /// vacuums it, but then it holds all pages.
     pub(in crate::store) fn check_size(&mut self, bytes_held: u64) -> Result<(), String> {
         let Some(size) = self.database.size_now() else { return Ok(()) };
         if size < self.database.size && size < bytes_held {
@@ -92,7 +92,7 @@ impl Place {
         Ok(())
     }
 
-    /// Whether there is room to write.
+    /// Whether there is enough room to write.
     pub(in crate::store) fn check_room(&self) -> Result<(), String> {
         let folder = self.folder.display();
         let system = rustix::fs::statvfs(&self.folder).map_err(|error| format!("{folder}: {error}"))?;
@@ -120,7 +120,7 @@ impl Opened {
         Opened { path, identity, file: None, size }
     }
 
-    /// With a descriptor to look into it. What cannot be opened is not looked into.
+    /// With a descriptor for reading its first bytes; a file that cannot be opened has none.
     fn held(mut self) -> Opened {
         self.file = File::open(&self.path).ok().map(ManuallyDrop::new);
         self

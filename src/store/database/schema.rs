@@ -1,4 +1,4 @@
-//! The file, its settings and its schema.
+//! The database file: its settings, and its schema with all migrations.
 
 use crate::store::private_file::{make_folder, make_private_file};
 use std::path::{Path, PathBuf};
@@ -101,7 +101,7 @@ const MIGRATIONS: &[&str] = &[
     ) STRICT;
     INSERT INTO user_changes VALUES (1, 0, 0);
 ",
-    // By which key the audit log is written.
+    // The key with which the audit log is written.
     "
     CREATE TABLE audit_key (
         one INTEGER PRIMARY KEY CHECK (one = 1),
@@ -119,7 +119,7 @@ const MIGRATIONS: &[&str] = &[
 ",
 ];
 
-/// From this schema on everything is there that a server needs which may not write.
+/// Schemas from this one on have everything that a server without write access needs.
 const READABLE_SINCE: u32 = 3;
 
 pub(in crate::store) fn open(folder: &Path) -> Result<Connection, StoreError> {
@@ -136,13 +136,13 @@ pub(in crate::store) fn open(folder: &Path) -> Result<Connection, StoreError> {
     make_private_file(&path).map_err(folder_error)?;
     let open_error = |reason| StoreError::Open { path: path.clone(), reason };
     let mut connection = Connection::open(&path).map_err(open_error)?;
-    // SQLite opens what it may not write for reading alone, and says so at the first write.
+    // SQLite opens a file that it may not write for reading only, and reports that at the first write.
     if connection.is_readonly(rusqlite::MAIN_DB).map_err(open_error)? {
         return Err(open_error(rusqlite::Error::SqliteFailure(ffi::Error::new(ffi::SQLITE_READONLY), None)));
     }
     configure(&connection).map_err(open_error)?;
     migrate(&mut connection, &path, trace.as_deref())?;
-    // A damage that shows now keeps nobody from the display; one that shows later would.
+    // Damage that is found now does not keep the display from starting; damage that is found later would.
     match damage_of_state(&connection) {
         Some(what) => Err(StoreError::Damaged { path, what }),
         None => Ok(connection),
@@ -153,7 +153,7 @@ fn gone(path: PathBuf, trace: &str) -> StoreError {
     StoreError::Damaged { path, what: format!("it is gone or empty, and {trace} shows that there was one") }
 }
 
-/// What is wrong with all tables but the audit log, which may be large; `None` if nothing is.
+/// Damage in all tables but the audit log, which may be large; `None` if there is none.
 fn damage_of_state(connection: &Connection) -> Option<String> {
     let sql =
         "SELECT name FROM sqlite_schema WHERE type = 'table' AND name NOT IN ('audit', 'sqlite_sequence')";
@@ -167,7 +167,7 @@ fn damage_of_state(connection: &Connection) -> Option<String> {
     tables.iter().find_map(|table| found_by(connection, &format!("PRAGMA integrity_check('{table}')")))
 }
 
-/// What is wrong with a database, also one of an earlier schema; `None` if nothing is.
+/// Damage in a database, also one of an earlier schema; `None` if there is none.
 pub(in crate::store) fn damage_of(connection: &Connection) -> Option<String> {
     let has_users = connection.query_row("SELECT count(*) FROM users", [], |_| Ok(()));
     has_users
@@ -184,7 +184,7 @@ fn found_by(connection: &Connection, check: &str) -> Option<String> {
     }
 }
 
-/// The database of a folder, which is there.
+/// The database of a folder, which must exist.
 pub(in crate::store) fn existing(folder: &Path) -> Result<PathBuf, StoreError> {
     let path = folder.join(FILE_NAME);
     match path.try_exists() {
@@ -194,8 +194,7 @@ pub(in crate::store) fn existing(folder: &Path) -> Result<PathBuf, StoreError> {
     }
 }
 
-/// Opens a database of today's schema that may be read and not written: on a disk that is full or
-/// read-only.
+/// Opens a database of today's schema for reading only: on a disk that is full or read-only.
 pub(in crate::store) fn open_reading(folder: &Path) -> Result<Connection, StoreError> {
     let (connection, path, found) = read_only(folder)?;
     let known = MIGRATIONS.len() as u32;
@@ -205,7 +204,7 @@ pub(in crate::store) fn open_reading(folder: &Path) -> Result<Connection, StoreE
     Ok(connection)
 }
 
-/// Opens a database of any schema to read it. Also tells its path and its schema.
+/// Opens a database of any schema for reading. Also returns its path and its schema.
 pub(in crate::store) fn read_only(folder: &Path) -> Result<(Connection, PathBuf, u32), StoreError> {
     let path = existing(folder)?;
     let open = |parameter: &str| {
@@ -216,7 +215,7 @@ pub(in crate::store) fn read_only(folder: &Path) -> Result<(Connection, PathBuf,
     };
     let log = std::fs::metadata(folder.join(format!("{FILE_NAME}-wal")));
     let is_whole = log.map_or(true, |log| log.len() == 0);
-    // Without a log beside it the file is all there is, and needs none of the files that a log needs.
+    // Without a log beside it the database is one file, and needs none of the files that a log needs.
     let opened = open("mode=ro").or_else(|error| if is_whole { open("immutable=1") } else { Err(error) });
     match opened {
         Ok((connection, found)) => Ok((connection, path, found)),
@@ -224,8 +223,8 @@ pub(in crate::store) fn read_only(folder: &Path) -> Result<(Connection, PathBuf,
     }
 }
 
-/// A connection that reads alone, with a parameter of SQLite's: `mode=ro`, or `immutable=1` for a file
-/// that nobody writes.
+/// A connection for reading only, with a parameter of SQLite: `mode=ro`, or `immutable=1` for a file that
+/// nobody writes.
 pub(in crate::store) fn connect_reading(path: &Path, parameter: &str) -> rusqlite::Result<Connection> {
     let flags =
         OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;
@@ -234,7 +233,7 @@ pub(in crate::store) fn connect_reading(path: &Path, parameter: &str) -> rusqlit
     Ok(connection)
 }
 
-/// A path as SQLite reads it with a parameter behind it.
+/// A path as a URI of SQLite, with a parameter.
 fn uri(path: &Path, parameter: &str) -> String {
     let escaped: String = path.to_string_lossy().chars().fold(String::new(), |mut uri, letter| {
         match letter {
@@ -272,11 +271,11 @@ pub(in crate::store) fn make_new(path: &Path) -> Result<Connection, StoreError> 
     Ok(connection)
 }
 
-/// With the `trace` of a database that was here, an empty one is not begun.
+/// If a `trace` shows that there was a database here, no empty one is made.
 fn migrate(connection: &mut Connection, path: &Path, trace: Option<&str>) -> Result<(), StoreError> {
     let open_error = |reason| StoreError::Open { path: path.to_owned(), reason };
     let known = MIGRATIONS.len() as u32;
-    // The lock is taken before the version is read: two processes may start at once.
+    // The lock is taken before the version is read, because two processes may start at once.
     let transaction =
         connection.transaction_with_behavior(TransactionBehavior::Immediate).map_err(open_error)?;
     let found: u32 =
@@ -285,7 +284,7 @@ fn migrate(connection: &mut Connection, path: &Path, trace: Option<&str>) -> Res
         return Err(StoreError::Newer { path: path.to_owned(), found, known });
     }
     if found == known {
-        // Nothing is written: a disk that is full must not keep the display from starting.
+        // Nothing is written: a full disk must not keep the display from starting.
         return Ok(());
     }
     if let (0, Some(trace)) = (found, trace) {
@@ -304,7 +303,7 @@ mod tests {
     use crate::clock::Clock;
     use crate::store::{DemoSecrets, Role, Store};
 
-    /// A folder that goes with the test.
+    /// A folder that is removed with the test.
     struct Folder(std::path::PathBuf);
 
     impl Folder {
@@ -315,7 +314,7 @@ mod tests {
 
     impl Drop for Folder {
         fn drop(&mut self) {
-            // What a failed test leaves behind lies in the folder for that.
+            // If this fails, the folder stays among the temporary files.
             let _ = std::fs::remove_dir_all(&self.0);
         }
     }

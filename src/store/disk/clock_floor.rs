@@ -1,5 +1,6 @@
-//! A floor for the wall clock. A clock that starts in 1970, or some months ago, must not make valid again
-//! what has expired: nothing is judged by a time before this version was made or before the newest record.
+//! A floor for the wall clock. A clock that starts in 1970, or some months ago, must not make expired
+//! sessions and tokens valid again: they are judged by no time before the release of this version or before
+//! the newest record.
 
 use std::time::{Duration, SystemTime};
 
@@ -9,13 +10,13 @@ use crate::clock::earliest;
 use crate::store::unix_time::{from_unix_ms, to_unix_ms};
 use crate::store::{Database, Store, StoreError};
 
-/// A record that is further ahead was written by a clock that was wrong, and says nothing.
+/// A record that is further ahead was written by a wrong clock and is ignored.
 const CREDIBLE: Duration = Duration::from_secs(20 * 365 * 24 * 3600);
 
-/// Records among which the newest is looked for.
+/// The number of records among which the newest is searched.
 const RECORDS: i64 = 10_000;
 
-/// The time that has come for certain.
+/// A time that has certainly passed.
 pub(in crate::store) fn of(connection: &Connection) -> Result<SystemTime, StoreError> {
     let sql = "SELECT max(at) FROM (
             SELECT at_ms AS at FROM (SELECT at_ms FROM audit ORDER BY number DESC LIMIT ?2)
@@ -29,8 +30,7 @@ pub(in crate::store) fn of(connection: &Connection) -> Result<SystemTime, StoreE
 }
 
 impl Store {
-    /// The time that had come for certain when the database was opened: what the wall clock shows before it
-    /// is wrong.
+    /// The time that had certainly passed when the database was opened: an earlier wall clock is wrong.
     pub fn floor(&self) -> SystemTime {
         self.floor
     }

@@ -1,4 +1,5 @@
-//! Which files of the server everybody on its machine can read or change, and the command that ends that.
+//! Finds files of the server that everybody on its machine can read or change, and the command that ends
+//! that.
 
 use std::fmt::{self, Display, Formatter};
 use std::fs;
@@ -12,25 +13,26 @@ use crate::store::{FILE_NAME, HISTORY_FILE};
 const READ: u32 = 0o004;
 const WRITE: u32 = 0o002;
 
-/// A file, or the data folder, at which others get.
+/// A file, or the data folder, that others can access.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Exposed {
     pub path: PathBuf,
     /// Its permissions.
     pub mode: u32,
-    /// What of [`READ`] and [`WRITE`] others should not have.
+    /// The bits of [`READ`] and [`WRITE`] that others should not have.
     excess: u32,
 }
 
-/// What others can read or change of a data folder and this key of TLS. What a group can is left to who
-/// made the group. Nothing is opened: to close the database would give up the locks on it.
+/// The files of a data folder, and the key of TLS, that others can read or change. Group permissions do not
+/// count: somebody made that group. Nothing is opened, because closing the database would release its
+/// locks.
 pub fn exposed(folder: &Path, key: Option<&Path>) -> Vec<Exposed> {
     let databases = [FILE_NAME, HISTORY_FILE].into_iter();
     let databases = databases.flat_map(|name| ["", "-wal", "-shm"].map(|end| format!("{name}{end}")));
     let names = databases.chain([KEY_FILE_NAME, HEAD_FILE_NAME].map(str::to_owned));
     let files = names.map(|name| folder.join(name)).chain(backup::list(folder));
     let files = files.chain(key.map(Path::to_owned)).filter_map(|file| look(file, READ | WRITE));
-    // Its files may not be replaced; that somebody sees their names is no harm.
+    // Others must not be able to replace its files; seeing their names is harmless.
     look(folder.to_owned(), WRITE).into_iter().chain(files).collect()
 }
 
@@ -80,7 +82,7 @@ mod tests {
         make(&elsewhere, 0o640);
         make(&root.join("audit.key"), 0o600);
         symlink(root.join("audit.key"), folder.join("audit.key")).unwrap();
-        // The administrator who makes the folder, or systemd, may let others look into it.
+        // The administrator who makes the folder, or systemd, may let others list it.
         set(&folder, 0o755);
         let said = || exposed(&folder, Some(&elsewhere)).iter().map(ToString::to_string).collect::<Vec<_>>();
         assert!(said().is_empty(), "{:?}", said());

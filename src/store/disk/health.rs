@@ -1,4 +1,5 @@
-//! Whether what is acknowledged can still be kept: the disk, the file, and a write every few seconds.
+//! Watches whether the storage can keep what is acknowledged: the disk, the files, and a small write every
+//! few seconds.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,30 +15,30 @@ use crate::store::{Database, Store, StoreError};
 
 const PROBE_EVERY: Span = Span::from_secs(5);
 
-/// What is wrong with the storage, for a developer; `None` while it works.
+/// The fault of the storage, for a developer; `None` while it works.
 pub type Fault = Option<Arc<str>>;
 
 impl Store {
-    /// What is wrong with the storage, now and whenever it changes.
+    /// The fault of the storage, now and whenever it changes.
     pub fn fault(&self) -> watch::Receiver<Fault> {
         self.fault.clone()
     }
 }
 
-/// What is watched of the storage.
+/// The watched state of the storage.
 #[derive(Debug)]
 pub(in crate::store) struct Health {
-    /// The data folder and the file as it was opened; `None` for a store that ends with the process.
+    /// The data folder with the files that were opened; `None` for a store in memory.
     place: Option<Place>,
     fault: watch::Sender<Fault>,
     probed: Option<Timestamp>,
-    /// The database is open for reading alone.
+    /// The database is open for reading only.
     is_reading: bool,
-    /// A job found the database damaged, and it was not looked through since.
+    /// A job found the database damaged, and it has not been checked since.
     is_suspect: bool,
-    /// What no restart of the disk mends: the database is damaged.
+    /// A fault that stays when the disk works again: the database is damaged.
     broken: Option<Arc<str>>,
-    /// The database is a copy in memory of what could be read of the broken one.
+    /// The database is a copy in memory of the readable part of a damaged one.
     is_salvaged: bool,
 }
 
@@ -61,14 +62,14 @@ impl Health {
         self.say(Some(why));
     }
 
-    /// The database is a copy in memory of what could be read of a broken one: nothing is kept.
+    /// The database is a copy in memory of the readable part of a damaged one: nothing is kept.
     pub(in crate::store) fn is_salvaged(&mut self, why: &str) {
         self.is_salvaged = true;
         self.place = None;
         self.is_broken(why);
     }
 
-    /// Whether what is written is there after a restart.
+    /// Whether a restart will find what is written now.
     pub(in crate::store) fn check_keeps(&self) -> Result<(), StoreError> {
         match &self.broken {
             Some(broken) if self.is_salvaged => Err(StoreError::Files(broken.to_string())),
@@ -76,17 +77,17 @@ impl Health {
         }
     }
 
-    /// Where the files lie; `None` for a database in memory.
+    /// The folder of the files; `None` for a database in memory.
     pub(in crate::store) fn folder(&self) -> Option<&Path> {
         self.place.as_ref().map(Place::folder)
     }
 
-    /// Whether nothing is wrong as far as is known.
+    /// Whether no fault is known.
     pub(in crate::store) fn is_well(&self) -> bool {
         self.fault.borrow().is_none() && !self.is_reading && !self.is_suspect
     }
 
-    /// The database could be opened for reading alone.
+    /// The database could be opened for reading only.
     pub(in crate::store) fn cannot_write(&mut self, why: &str) {
         self.is_reading = true;
         self.say(Some(why));
@@ -96,7 +97,7 @@ impl Health {
         self.is_reading
     }
 
-    /// Whether the files are those that were opened: what is written into others, nobody finds again.
+    /// Whether the files are those that were opened: a restart would not find what is written into others.
     pub(in crate::store) fn check_files(&self) -> Result<(), StoreError> {
         let checked = self.place.as_ref().map_or(Ok(()), |place| place.check_files(self.is_reading));
         checked.map_err(StoreError::Files)
@@ -106,8 +107,8 @@ impl Health {
         self.fault.subscribe()
     }
 
-    /// Judges what a job came to: an error of the disk is told at once, not at the next probe. Of a
-    /// database that is open for reading alone it is known why.
+    /// Judges the result of a job: an error of the disk is reported at once, not at the next probe. For a
+    /// database that is open for reading only the reason is known.
     pub(in crate::store) fn judge(&mut self, error: &StoreError) {
         if let StoreError::Files(fault) = error {
             self.say(Some(fault));
@@ -130,12 +131,12 @@ impl Health {
         }
     }
 
-    /// Other parts of the store say here what they find wrong.
+    /// Other parts of the store report their faults here.
     pub(in crate::store) fn voice(&self) -> watch::Sender<Fault> {
         self.fault.clone()
     }
 
-    /// Something took too long to be believed: the next probe is due.
+    /// Something took suspiciously long: the next probe is due.
     pub(in crate::store) fn doubt(&mut self) {
         self.probed = None;
     }
@@ -160,7 +161,7 @@ pub(in crate::store) fn say(voice: &watch::Sender<Fault>, fault: Option<&str>) {
 }
 
 impl Database {
-    /// Looks after the storage when it is time to.
+    /// Probes the storage when that is due.
     pub(in crate::store) fn probe_if_due(&mut self) {
         let now = self.clock.now();
         if self.health.probed.is_some_and(|probed| now.since(probed) < PROBE_EVERY) {
@@ -171,11 +172,11 @@ impl Database {
         self.health.say(fault.as_deref());
     }
 
-    /// Opens for writing what could only be read so far.
+    /// Opens a database for writing that could only be read so far.
     fn open_again(&mut self) -> Result<(), String> {
         let place = self.health.place.as_ref().filter(|_| self.health.is_reading);
         let Some(folder) = place.map(|place| place.folder().to_owned()) else { return Ok(()) };
-        // Connections of one process share the log's index, and with it that nothing may be written.
+        // Connections of one process share the index of the log, and with it that it may not be written.
         let nothing = Connection::open_in_memory().map_err(|error| error.to_string())?;
         drop(std::mem::replace(&mut self.connection, nothing));
         let reopened = schema::open(&folder).and_then(|mut connection| {
@@ -191,7 +192,7 @@ impl Database {
         }
         self.health.place = Some(Place::new(&folder));
         self.health.is_reading = false;
-        // Also to note what was changed meanwhile.
+        // This also stores what changed meanwhile.
         self.data_version = 0;
         self.notice_foreign_changes().map_err(|error| error.to_string())
     }
@@ -210,19 +211,19 @@ impl Database {
         }
         let failed = |error| format!("the database failed: {error}");
         self.connection.execute("UPDATE beat SET count = count + 1", []).map_err(failed)?;
-        // A log that was emptied under it shows now, by its start.
+        // A log that was emptied under it shows now, by its first bytes.
         self.check_files().map_err(|fault| fault.to_string())?;
         self.check_size()?;
         self.look_through()?;
         self.health.broken.as_ref().map_or(Ok(()), |broken| Err(broken.to_string()))
     }
 
-    /// Checks that the files are those that were opened. If not, what was acknowledged is saved as far
-    /// as that is possible.
+    /// Checks that the files are those that were opened. If not, it saves what was acknowledged as far as
+    /// possible.
     pub(in crate::store) fn check_files(&mut self) -> Result<(), StoreError> {
         let Err(fault) = self.health.check_files() else { return Ok(()) };
-        // What was acknowledged so far lies in a log that has no name any more. The database has one:
-        // it takes all of that in, unless somebody else works with it by another log.
+        // What was acknowledged so far lies in a log that has no name any more. The database still has one:
+        // it takes all of that in, unless another program works with it through another log.
         if !self.health.is_reading && self.health.place.as_ref().is_some_and(Place::can_be_saved) {
             let saved = self.connection.query_row("PRAGMA wal_checkpoint(PASSIVE)", [], |_| Ok(()));
             if let Err(error) = saved {
@@ -241,7 +242,7 @@ impl Database {
         place.check_size(pages.unsigned_abs().saturating_mul(size.unsigned_abs()))
     }
 
-    /// Goes through a database that was found damaged: one write that works does not mend it.
+    /// Checks a database that was found damaged: one successful write does not prove that it is whole.
     fn look_through(&mut self) -> Result<(), String> {
         if !self.health.is_suspect {
             return Ok(());
@@ -252,7 +253,7 @@ impl Database {
                 self.health.is_suspect = false;
                 Ok(())
             }
-            // Each login would find it damaged again.
+            // Otherwise each login would find it damaged again.
             Ok(found) | Err(found) => Err(self.go_on_in_memory(&found)),
         }
     }
@@ -331,7 +332,7 @@ mod tests {
             assert!(matches!(refused, Err(StoreError::Files(_))), "{refused:?}");
             let said = store.fault.borrow().clone().expect("at once, not at the next probe");
             assert!(said.contains("removed or replaced") && said.contains("restart"), "{said}");
-            // Somebody takes the database alone, as a restart after a loss of power does.
+            // Opens the database file without its log, as a restart after a loss of power does.
             let copy = Folder::new(&format!("copy{suffix}"));
             crate::store::private_file::make_folder(&copy.0).unwrap();
             let taken = std::process::Command::new("cp")
@@ -353,14 +354,14 @@ mod tests {
             let code = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_CORRUPT);
             Err::<(), _>(StoreError::Database(rusqlite::Error::SqliteFailure(code, None)))
         };
-        // The next one by itself is not due for a while.
+        // The next probe by itself is not due for a while.
         assert_eq!(probe(&store).await, None);
         store.call(move |_| damage()).await.unwrap_err();
         assert!(store.fault.borrow().is_some());
         assert_eq!(probe(&store).await, None, "it was looked through and is whole");
         store
             .call(|database| {
-                // An index that lost its entries: every write works, and what is read is wrong.
+                // An index without its entries: every write works, and reads are wrong.
                 let spoil = "PRAGMA writable_schema = ON;
                     UPDATE sqlite_schema SET rootpage = (SELECT rootpage FROM sqlite_schema WHERE name = 'beat')
                         WHERE name = 'tokens_by_user';

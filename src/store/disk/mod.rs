@@ -1,4 +1,4 @@
-//! What may be wrong with the disk, the database or the clock, and how it is mended.
+//! Faults of the disk, the database and the clock, and their repair.
 
 pub(super) mod clock_floor;
 pub(super) mod exposed;

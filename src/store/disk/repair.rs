@@ -1,5 +1,5 @@
-//! What `telltale data` does: look through a data folder, repair its database, take a backup.
-//! Nobody may serve from the folder meanwhile, except while it is looked through.
+//! The work of `telltale data`: checks a data folder, repairs its database, restores a backup. No server
+//! may run on the folder meanwhile, except during a check.
 
 use crate::store::private_file::{make_folder, make_private_file};
 use std::fs::{self, File};
@@ -16,19 +16,19 @@ use crate::store::audit::{Action, COMMAND_LINE, Record};
 use crate::store::database::{backup, schema};
 use crate::store::{FILE_NAME, Store, StoreError};
 
-/// What is found in a data folder.
+/// The result of checking a data folder.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DataState {
     pub database: PathBuf,
     /// `None` if it is whole.
     pub damage: Option<String>,
-    /// How many users it holds, if that can be read.
+    /// The number of users, if it can be read.
     pub users: Option<u64>,
     /// The newest first.
     pub backups: Vec<BackupState>,
 }
 
-/// A backup and whether it can be taken.
+/// A backup, and whether it can be restored.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BackupState {
     pub file: PathBuf,
@@ -37,20 +37,20 @@ pub struct BackupState {
     pub users: Option<u64>,
 }
 
-/// What became of a database that was repaired or replaced.
+/// The result of repairing or replacing a database.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mended {
     pub users: u64,
-    /// What is lost or older than it was.
+    /// The data that are lost or older than before.
     pub losses: Vec<String>,
-    /// Where the files lie that were there before.
+    /// The folder with the old files.
     pub kept: PathBuf,
 }
 
-/// Looks through the database of a folder and its backups, and changes nothing. A server may run.
+/// Checks the database of a folder and its backups, and changes nothing. A server may run.
 ///
 /// # Errors
-/// If the folder cannot be read, or there never was a database in it.
+/// If the folder cannot be read, or never held a database.
 pub fn check_data(folder: &Path) -> Result<DataState, StoreError> {
     let database = folder.join(FILE_NAME);
     let trace = backup::trace_of_database(folder);
@@ -77,8 +77,8 @@ fn count(connection: &Connection) -> Option<u64> {
     count.ok().map(i64::unsigned_abs)
 }
 
-/// Makes a new database of all that can be read of a damaged one, with users and records of the audit
-/// log from the newest backup where they cannot be. The old files are moved aside.
+/// Makes a new database of everything that can be read of a damaged one, with users and records of the
+/// audit log from the newest backup if they cannot be read. The old files are moved aside.
 ///
 /// # Errors
 /// If it cannot be written, or no user can be found: nothing is changed then.
@@ -96,8 +96,8 @@ pub fn repair(folder: &Path, clock: Clock) -> Result<Mended, StoreError> {
     Ok(Mended { users: salvaged.users, losses: salvaged.losses, kept })
 }
 
-/// Puts a backup in the place of the database: this one, or the newest that is whole. Nobody is logged
-/// in then. The old files are moved aside.
+/// Replaces the database with a backup: this one, or the newest that is whole. Nobody is logged in then.
+/// The old files are moved aside.
 ///
 /// # Errors
 /// If there is no backup that is whole, or it cannot be written: nothing is changed then.
@@ -111,7 +111,7 @@ pub fn restore(folder: &Path, file: Option<&Path>, clock: Clock) -> Result<(Path
     let mut connection = Connection::open(&new)?;
     rusqlite::backup::Backup::new(&from, &mut connection)?.step(-1)?;
     connection.pragma_update_and_check(None, "journal_mode", "DELETE", |_| Ok(()))?;
-    // A session that has ended since would be open again.
+    // A session that has ended since the backup would be open again.
     connection.execute_batch("DELETE FROM seat; DELETE FROM sessions")?;
     let users = count(&connection).unwrap_or(0);
     let kept = put_in_place(folder, &new, connection, clock.wall())?;
@@ -120,7 +120,7 @@ pub fn restore(folder: &Path, file: Option<&Path>, clock: Clock) -> Result<(Path
     Ok((file, Mended { users, losses, kept }))
 }
 
-/// A name for the new database, at which nothing lies.
+/// An unused name for the new database.
 fn new_file(folder: &Path) -> Result<PathBuf, StoreError> {
     let new = folder.join(format!("{FILE_NAME}.new"));
     match fs::remove_file(&new) {
@@ -129,7 +129,7 @@ fn new_file(folder: &Path) -> Result<PathBuf, StoreError> {
     }
 }
 
-/// Takes the new database once it was found whole, and moves the files of the old one aside.
+/// Puts the new database in place once it was found whole, and moves the files of the old one aside.
 fn put_in_place(
     folder: &Path,
     new: &Path,
@@ -145,7 +145,7 @@ fn put_in_place(
     let moved = || -> io::Result<()> {
         File::open(new)?.sync_all()?;
         make_folder(&kept)?;
-        // The log goes first: the next start must not take it for that of the new database.
+        // The log is moved first: the next start must not take it for that of the new database.
         for suffix in ["-wal", "-shm", ""] {
             let name = format!("{FILE_NAME}{suffix}");
             match fs::rename(folder.join(&name), kept.join(&name)) {
@@ -161,7 +161,8 @@ fn put_in_place(
     Ok(kept)
 }
 
-/// Root repairs it for those whose folder it is: they have to read and write it.
+/// If root repairs the database, the files get the owner of the folder, who must be able to read and write
+/// them.
 fn give_to_owner(folder: &Path, file: &Path) -> io::Result<()> {
     use std::os::unix::fs::{MetadataExt as _, chown};
     let (owner, ours) = (fs::metadata(folder)?, fs::metadata(file)?);
@@ -172,7 +173,7 @@ fn folder_error(folder: &Path, reason: io::Error) -> StoreError {
     StoreError::Folder { path: folder.to_owned(), reason }
 }
 
-/// Writes into the audit log what was done.
+/// Records the repair in the audit log.
 fn note(folder: &Path, clock: Clock, action: Action, target: &str) -> Result<(), StoreError> {
     let store = Store::open(folder, clock, DemoSecrets::Refused)?;
     let runtime = tokio::runtime::Builder::new_current_thread().build();

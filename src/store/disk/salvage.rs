@@ -1,7 +1,7 @@
-//! What can still be read of a broken database: copied, row by row, into one that is whole.
+//! Copies the readable part of a damaged database, row by row, into a whole one.
 //!
-//! A server that finds its database broken works on such a copy in memory. `telltale data repair`
-//! makes one on the disk.
+//! A server that finds its database damaged works on such a copy in memory. `telltale data repair` makes
+//! one on the disk.
 
 use std::path::Path;
 use std::time::Duration;
@@ -14,13 +14,13 @@ use crate::store::database::{backup, schema};
 use crate::store::unix_time::to_unix_ms;
 use crate::store::{Database, FILE_NAME, SessionKind, StoreError};
 
-/// Rows of one table that fit into memory, whatever a broken file claims to hold.
+/// The number of rows of one table that fit into memory, whatever a damaged file claims to hold.
 const ROWS_IN_MEMORY_MAX: usize = 100_000;
 
-/// What became of a database that was copied as far as it can be read.
+/// The result of copying a damaged database.
 #[derive(Debug, Default)]
 pub(in crate::store) struct Salvaged {
-    /// What is lost or older than it should be, in words for people; empty if all could be read.
+    /// The data that are lost or older than they should be, for people; empty if everything could be read.
     pub losses: Vec<String>,
     pub users: u64,
 }
@@ -32,11 +32,10 @@ enum Keep {
     Present,
 }
 
-/// Copies all but the audit log into a database that ends with the process, and says in the log of the
-/// program what is missing.
+/// Copies everything but the audit log into a database in memory, and logs what is missing.
 ///
 /// # Errors
-/// If there is no memory for it.
+/// If there is not enough memory.
 pub(in crate::store) fn into_memory(folder: &Path) -> Result<Connection, StoreError> {
     let mut connection = schema::open_in_memory()?;
     let is_needed = |table: &str| table != "audit";
@@ -48,7 +47,7 @@ pub(in crate::store) fn into_memory(folder: &Path) -> Result<Connection, StoreEr
     Ok(connection)
 }
 
-/// What is said of a server that goes on with a copy in memory.
+/// The report of a server that goes on with a copy in memory.
 pub(in crate::store) fn fault(folder: &Path, damage: &str) -> String {
     let path = folder.join(FILE_NAME);
     format!(
@@ -58,8 +57,8 @@ pub(in crate::store) fn fault(folder: &Path, damage: &str) -> String {
 }
 
 impl Database {
-    /// Leaves a database that was found damaged as it is, and goes on with a copy in memory. Returns what
-    /// is wrong.
+    /// Leaves a database that was found damaged as it is, and goes on with a copy in memory. Returns the
+    /// fault.
     pub(in crate::store) fn go_on_in_memory(&mut self, damage: &str) -> String {
         let Some(folder) = self.health.folder().map(Path::to_owned) else {
             return format!("the database is damaged: {damage}");
@@ -79,7 +78,7 @@ impl Database {
 
     fn replacement(&self, folder: &Path) -> Result<(Connection, Log), StoreError> {
         let mut connection = into_memory(folder)?;
-        // Who is logged in stays so, whether that could be read or not.
+        // Open sessions stay, whether or not they could be read.
         let (wall, now) = (self.clock.wall(), self.clock.now());
         let sessions = self.sessions.all();
         for session in sessions.iter().filter(|session| session.kind == SessionKind::Person) {
@@ -95,10 +94,10 @@ impl Database {
     }
 }
 
-/// Copies all of it into an empty database of today's schema.
+/// Copies everything into an empty database of today's schema.
 ///
 /// # Errors
-/// If that one cannot be written.
+/// If the new database cannot be written.
 pub(in crate::store) fn into_new(folder: &Path, new: &mut Connection) -> Result<Salvaged, StoreError> {
     salvage(folder, new, |_| true, usize::MAX)
 }
@@ -129,8 +128,8 @@ fn salvage(
             None => "nothing could be read of the database".to_owned(),
         });
     }
-    // Users are needed to log in, and the audit log has to be as whole as it can be. Sessions, tokens
-    // and the vehicle of yesterday would only mislead.
+    // Users are needed to log in, and the audit log has to be as complete as possible. Yesterday's
+    // sessions, tokens and vehicle would only mislead.
     for table in
         ["users", "audit", "audit_key"].into_iter().filter(|it| unread.iter().any(|table| table == it))
     {
@@ -149,7 +148,7 @@ fn salvage(
     Ok(Salvaged { losses, users: users.unsigned_abs() })
 }
 
-/// A database that may be broken, to be read as far as that goes.
+/// Opens a database that may be damaged, to read as much of it as possible.
 fn open_broken(folder: &Path) -> Option<Connection> {
     let path = folder.join(FILE_NAME);
     // SQLite takes the log of an empty file for a leftover and removes it.
@@ -158,12 +157,12 @@ fn open_broken(folder: &Path) -> Option<Connection> {
     }
     let open = |parameter| {
         let connection = schema::connect_reading(&path, parameter).ok()?;
-        // With this one broken entry of the schema does not hide all others.
+        // With this setting one damaged entry of the schema does not hide all others.
         connection.pragma_update(None, "writable_schema", true).ok()?;
         let readable = connection.query_row("SELECT count(*) FROM sqlite_schema", [], |_| Ok(()));
         readable.is_ok().then_some(connection)
     };
-    // Without its log it is read as it was when that was last taken in.
+    // Without its log it is read in the state before that log was begun.
     open("mode=ro").or_else(|| open("immutable=1"))
 }
 
@@ -173,8 +172,8 @@ fn tables(connection: &Connection) -> Result<Vec<String>, StoreError> {
     Ok(query.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?)
 }
 
-/// Copies the rows of a table, from both ends: what lies between two broken pages is lost. Tells whether
-/// all could be read.
+/// Copies the rows of a table from both ends: rows between two damaged pages are lost. Returns whether all
+/// could be read.
 ///
 /// # Errors
 /// If they cannot be written.
@@ -202,7 +201,7 @@ fn copy(
         let sql = format!("SELECT {names} FROM {table} NOT INDEXED ORDER BY {}", keys.join(", "));
         let mut put = |row: &Row<'_>| -> Result<(), StoreError> {
             let values: Result<Vec<Value>, _> = (0..columns.len()).map(|column| row.get(column)).collect();
-            // What the schema of today does not take was damaged, too.
+            // A row that today's schema refuses was damaged, too.
             let Ok(values) = values else { return Ok(()) };
             match insert.execute(params_from_iter(values)) {
                 Err(error) if error.sqlite_error_code() != Some(rusqlite::ErrorCode::ConstraintViolation) => {
@@ -218,7 +217,7 @@ fn copy(
     Ok(false)
 }
 
-/// Reads as far as that goes. Tells whether that was to the end.
+/// Reads as far as possible. Returns whether that was to the end.
 fn read_all(
     from: &Connection,
     sql: &str,
@@ -237,7 +236,7 @@ fn read_all(
     Ok(false)
 }
 
-/// Removes what belongs to something that could not be read.
+/// Removes rows that belong to something that could not be read.
 fn drop_orphans(connection: &Connection) -> Result<(), StoreError> {
     for table in tables(connection)? {
         let mut query = connection.prepare(&format!("PRAGMA foreign_key_list({table})"))?;

@@ -1,5 +1,5 @@
-//! A disk that hangs fails nothing: it does not answer. The caller waits, and so does the probe,
-//! so somebody else looks at how long the thread of the store has been at one thing.
+//! Finds a disk that hangs. Such a disk reports no error and does not answer: the caller waits, and so does
+//! the probe. So another thread looks at how long the store's thread has been busy with one job.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -11,30 +11,30 @@ use super::health::{Fault, say};
 use crate::clock::Clock;
 use crate::engine::time::{Span, Timestamp};
 
-/// Longer than the database waits for another process that writes.
+/// Longer than SQLite waits for another process that writes.
 const ANSWERS_WITHIN: Span = Span::from_secs(3);
 
 const LOOK_EVERY: Duration = Duration::from_millis(250);
 
-/// How the thread of the store gets on.
+/// The progress of the store's thread.
 #[derive(Debug)]
 pub(in crate::store) struct Pace {
     step: Mutex<Step>,
     fault: watch::Sender<Fault>,
-    /// What is said of it.
+    /// The report of a hanging disk.
     hangs: String,
 }
 
 #[derive(Debug, Default)]
 struct Step {
-    /// When it began; `None` while there is nothing to do.
+    /// When the present job began; `None` while there is none.
     since: Option<Timestamp>,
-    /// It was said to hang.
+    /// It was reported as hanging.
     is_told: bool,
 }
 
 impl Pace {
-    /// Looks after a store for as long as that keeps the pace.
+    /// Watches a store for as long as the store lives.
     pub(in crate::store) fn watch(
         fault: watch::Sender<Fault>,
         folder: Option<&Path>,
@@ -53,12 +53,12 @@ impl Pace {
         Ok(pace)
     }
 
-    /// The next thing begins. Tells whether the one before was said to hang.
+    /// The next job begins. Returns whether the one before was reported as hanging.
     pub(in crate::store) fn step(&self, now: Timestamp) -> bool {
         std::mem::replace(&mut *self.lock(), Step { since: Some(now), is_told: false }).is_told
     }
 
-    /// There is nothing to do. Tells whether what there was was said to hang.
+    /// There is no job. Returns whether the last one was reported as hanging.
     pub(in crate::store) fn rest(&self) -> bool {
         std::mem::take(&mut *self.lock()).is_told
     }

@@ -1,4 +1,4 @@
-//! Rows back into what was shown when.
+//! Reads rows of the history back into the states that were shown.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use crate::engine::view::record::Stretch;
 const STRETCHES_MAX: usize = 4000;
 const HAPPENED_MAX: usize = 500;
 
-/// What is asked for: milliseconds since 1970, both ends included.
+/// A query: milliseconds since 1970, both ends included.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct HistoryQuery {
     pub nodes: Vec<String>,
@@ -31,20 +31,20 @@ pub struct Past {
     pub stage: Vec<Held<Stage>>,
     /// As asked for, in that order.
     pub signals: Vec<(String, Vec<Held<Option<bool>>>)>,
-    /// All that is no transition of a node, oldest first.
+    /// Everything that is no transition of a node, oldest first.
     pub happened: Vec<(i64, Happened)>,
-    /// There is more than was read.
+    /// There are more rows than were read.
     pub cut: bool,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct NodePast {
     pub name: String,
-    /// In order; between two may be a gap in which nothing was recorded.
+    /// In order. Between two stretches there may be a gap in which nothing was recorded.
     pub stretches: Vec<Stretch>,
 }
 
-/// The vehicle's stage, or a signal, was this for this long.
+/// A stage or signal with the span of time for which it held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Held<T> {
     pub from_ms: i64,
@@ -79,7 +79,7 @@ pub enum Happened {
         id: i64,
         node: String,
     },
-    /// It was made at run time and silent for too long.
+    /// The node was created at run time and was silent for too long.
     Left {
         node: String,
     },
@@ -108,14 +108,14 @@ pub fn past(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<P
     Ok(past)
 }
 
-/// The program started or took another configuration: nothing shown before lasts beyond.
+/// The program started or took another configuration: earlier states end here.
 struct Start {
     id: i64,
-    /// When that ended which was shown before.
+    /// When the earlier states ended.
     ended_ms: i64,
 }
 
-/// What holds from a moment on.
+/// A state from a moment on.
 struct Dated<T> {
     id: i64,
     at_ms: i64,
@@ -129,7 +129,8 @@ struct Shown {
     said: Option<Said>,
 }
 
-/// The last start before the span, all in it, and the next: it tells when the run before it ended.
+/// The last start before the span, all starts in it, and the next one, which tells when the run before it
+/// ended.
 fn starts(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<Vec<Start>> {
     let start = |row: &Row<'_>| {
         let (id, at_ms): (i64, i64) = (row.get(0)?, row.get(1)?);
@@ -156,9 +157,9 @@ fn starts(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<Vec
     Ok(starts)
 }
 
-/// What a node showed when the span began, and its transitions in it.
+/// The state of a node when the span began, and its transitions in it.
 fn shown(connection: &Connection, name: &str, query: &HistoryQuery) -> rusqlite::Result<Vec<Dated<Shown>>> {
-    // Who only reads finds a file of an earlier version as that wrote it.
+    // A process that only reads may find a file of an earlier version.
     let words = if has_words(connection)? { "said, silent_ms" } else { "NULL, NULL" };
     let columns = format!(
         "SELECT records.id, at_ms, state, own, cause.name, {words} FROM records
@@ -188,14 +189,14 @@ fn shown(connection: &Connection, name: &str, query: &HistoryQuery) -> rusqlite:
     Ok(rows)
 }
 
-/// The stage or a signal when the span began, and how it changed in it.
+/// The stage or a signal when the span began, and its changes in it.
 fn levels(
     connection: &Connection,
     kind: i64,
     name: Option<&str>,
     query: &HistoryQuery,
 ) -> rusqlite::Result<Vec<Dated<Option<i64>>>> {
-    // A stage has no name, and its row no node.
+    // A stage has no name, so its row refers to no node.
     const COLUMNS: &str = "SELECT id, at_ms, state FROM records
         WHERE kind <> 1 AND kind = ? AND node IS (SELECT id FROM nodes WHERE name = ?)";
     let level = |row: &Row<'_>| {
@@ -216,7 +217,7 @@ fn levels(
     Ok(rows)
 }
 
-/// From when until when each row holds: to the next, to the end of its run, to the end of the span.
+/// The span in which each row holds: to the next row, to the end of its run, or to the end of the query.
 fn lasting<T>(rows: Vec<Dated<T>>, starts: &[Start], query: &HistoryQuery) -> Vec<(i64, i64, T)> {
     let nexts: Vec<i64> = rows.iter().skip(1).map(|row| row.at_ms).chain([query.to_ms]).collect();
     let lasts = rows.into_iter().zip(nexts).map(|(row, next_ms)| {
@@ -264,7 +265,7 @@ fn happened(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<V
             CLEARED => Some(Happened::AlarmCleared { id: number, node: name(2)? }),
             LEFT => Some(Happened::Left { node: name(2)? }),
             LOST => Some(Happened::Lost(number)),
-            // Of a newer program.
+            // Written by a newer program.
             _ => None,
         };
         Ok(what.map(|what| (row.get_unwrap(0), what)))
@@ -274,7 +275,7 @@ fn happened(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<V
     Ok(happened)
 }
 
-/// Whether a file keeps what modules said: those of earlier versions do not.
+/// Whether a file has the columns for messages: files of earlier versions do not.
 pub fn has_words(connection: &Connection) -> rusqlite::Result<bool> {
     connection
         .prepare_cached(
@@ -283,7 +284,7 @@ pub fn has_words(connection: &Connection) -> rusqlite::Result<bool> {
         .query_row([], |row| row.get(0))
 }
 
-/// What no program of ours has written is unknown.
+/// A value that Telltale never writes is unknown.
 fn state(number: i64) -> State {
     State::ALL.into_iter().find(|state| *state as i64 == number).unwrap_or(State::Unknown)
 }

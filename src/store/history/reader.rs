@@ -9,13 +9,13 @@ use tokio::sync::Semaphore;
 
 use crate::store::StoreError;
 
-/// Instructions of SQLite between two looks at whether somebody still waits: about a tenth of a millisecond.
+/// Instructions of SQLite between two checks whether somebody still waits: about a tenth of a millisecond.
 const LOOK_EVERY: i32 = 10_000;
 
 #[derive(Debug)]
 pub struct Reader {
     connection: Arc<Mutex<Connection>>,
-    /// A query that waits for it holds no thread.
+    /// The connection for readers. A query that waits for it holds no thread.
     turn: Arc<Semaphore>,
 }
 
@@ -33,11 +33,11 @@ impl Reader {
         Reader { connection, turn: Arc::new(Semaphore::new(1)) }
     }
 
-    /// Answers `query`, the wait for others included, in this time. A query whose time is over, or whose
-    /// asker has gone, is interrupted.
+    /// Answers `query` within this time, including the wait for other queries. A query that takes longer,
+    /// or whose caller has gone, is interrupted.
     ///
     /// # Errors
-    /// What the database says, or [`StoreError::TooLong`].
+    /// An error of the database, or [`StoreError::TooLong`].
     pub async fn read<T: Send + 'static>(
         &self,
         within: Duration,

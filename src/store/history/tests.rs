@@ -24,7 +24,7 @@ impl Disk {
         Disk { connection, writer }
     }
 
-    /// The program ends without a word and starts again.
+    /// The program ends abruptly and starts again.
     fn restart(&mut self) {
         self.writer = Writer::new(&self.connection, ROWS_MAX).unwrap();
     }
@@ -64,7 +64,7 @@ fn shown(node: &str, state: State, cause: Option<&str>) -> Recorded {
     Recorded::Shown { node: node.into(), state, own: State::Error, cause, said: None }
 }
 
-/// As shown without a cause, in these words.
+/// A node that is shown without a cause, with this message.
 fn said(node: &str, state: State, message: &str, silent_s: Option<u64>) -> Recorded {
     let said = Said::of(message, silent_s.map(Span::from_secs));
     Recorded::Shown { node: node.into(), state, own: state, cause: None, said }
@@ -191,7 +191,7 @@ fn the_stage_and_the_signals_are_known_for_any_span() {
     disk.write(1000, &[Recorded::Stage(Stage::Standby), shown("active", State::Error, None)]);
     disk.write(2000, &[signal(Some(true))]);
     disk.write(2500, &[signal(Some(false))]);
-    // It was alive still.
+    // It was still alive.
     disk.write(2700, &[]);
     disk.restart();
     disk.write(9000, &[Recorded::Started { anew: false }, Recorded::Stage(Stage::Locked)]);
@@ -207,7 +207,7 @@ fn the_stage_and_the_signals_are_known_for_any_span() {
     assert_eq!((&**name, held), ("active", vec![(1500, None), (2000, Some(true)), (2500, Some(false))]));
 }
 
-/// The file as it was before words were kept.
+/// The file in the form of the version before messages were kept.
 const WITHOUT_WORDS: &str = "
     CREATE TABLE nodes (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE) STRICT;
     CREATE TABLE records (id INTEGER PRIMARY KEY, at_ms INTEGER NOT NULL, kind INTEGER NOT NULL, node INTEGER,
@@ -254,13 +254,13 @@ fn a_file_of_an_earlier_version_is_read_as_it_is_and_goes_on_with_words() {
     let nodes = vec!["a".to_owned()];
     let query = HistoryQuery { nodes, signals: Vec::new(), from_ms: START_MS, to_ms: START_MS + 9000 };
 
-    // Read beside its writer: nothing of the file changes.
+    // Read beside its writer, the file does not change.
     let before = std::fs::read(&path).unwrap();
     let past = past_in(&folder, &query).unwrap();
     assert_eq!((past.nodes[0].stretches.len(), words(&past)), (1, vec![None]));
     assert_eq!(std::fs::read(&path).unwrap(), before);
 
-    // Opened to be written, and once more: it is as any other.
+    // Opened for writing, it gets the columns and is like any other.
     for _ in 0..2 {
         prepare(&Connection::open(&path).unwrap()).unwrap();
     }

@@ -1,4 +1,4 @@
-//! Records into rows, and the oldest rows out.
+//! Writes records as rows, and removes the oldest rows.
 
 use std::collections::HashMap;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -10,7 +10,7 @@ use crate::engine::event::Said;
 use crate::engine::time::Timestamp;
 use crate::engine::view::record::{Record, Recorded};
 
-/// Kinds of rows. They are numbers on the disk: none is ever given to another.
+/// Kinds of rows. They are numbers on the disk and are never reused.
 pub const SHOWN: i64 = 1;
 pub const STARTED: i64 = 2;
 pub const STAGE: i64 = 3;
@@ -22,7 +22,7 @@ pub const LOST: i64 = 8;
 pub const ACKNOWLEDGED: i64 = 9;
 pub const LEFT: i64 = 10;
 
-/// Names whose row is known without asking; more are asked for again.
+/// Names whose row is known without a query; the others are looked up again.
 const NAMES_MAX: usize = 65_536;
 
 #[derive(Debug)]
@@ -30,7 +30,7 @@ pub struct Writer {
     names: HashMap<Box<str>, i64>,
     rows: usize,
     rows_max: usize,
-    /// When the program that wrote before this one was alive last.
+    /// When the previous program that wrote this file was last alive.
     alive_before_ms: Option<i64>,
     lost: u64,
 }
@@ -55,7 +55,7 @@ impl Writer {
         Ok(Writer { names: HashMap::new(), rows, rows_max, alive_before_ms: alive, lost: 0 })
     }
 
-    /// Writes all of a batch or, if the database fails, nothing; then it is counted as lost.
+    /// Writes all of a batch or, if the database fails, nothing; the batch is then counted as lost.
     pub fn write(
         &mut self,
         connection: &mut Connection,
@@ -65,7 +65,7 @@ impl Writer {
         let written = self.try_write(connection, batch, now);
         match written {
             Ok(rows) => {
-                // Where rows went, names that only they had went with them.
+                // Names that only removed rows used are removed with them.
                 if rows < self.rows + batch.len() {
                     self.names.clear();
                 }
@@ -73,7 +73,7 @@ impl Writer {
                 self.lost = 0;
             }
             Err(_) => {
-                // What was rolled back gave no lasting ids.
+                // Ids from a transaction that was rolled back are invalid.
                 self.names.clear();
                 self.lost += batch.len() as u64;
             }
@@ -186,8 +186,8 @@ fn insert(transaction: &Transaction<'_>, at_ms: i64, row: Row<'_>) -> rusqlite::
     Ok(())
 }
 
-/// Drops about so many of the oldest rows, but keeps what was the last of each node among them.
-/// Returns how many rows there are then.
+/// Removes about this many of the oldest rows, but keeps the last row of each node among them. Returns the
+/// remaining number of rows.
 fn trim(transaction: &Transaction<'_>, surplus: usize, rows: usize) -> rusqlite::Result<usize> {
     let border: i64 = transaction.query_row(
         "SELECT id FROM records ORDER BY id LIMIT 1 OFFSET ?",

@@ -1,4 +1,5 @@
-//! Sessions: who holds which token, until when, and who sits in the operator's seat.
+//! Sessions: who holds which token, until when, and which session leads the vehicle (the operator's
+//! *seat*).
 
 pub(super) mod operator_place;
 pub(super) mod table;
@@ -30,11 +31,11 @@ const SESSIONS_PER_USER: usize = 16;
 #[derive(Clone, PartialEq, Eq, Hash)]
 pub struct Token(String);
 
-/// SHA-256 of a token: what is stored, and what a session is found by. An attacker who
-/// measures the search learns about hashes, not about tokens.
+/// SHA-256 of a token: the store keeps the hash, and finds a session by it. An attacker who measures the
+/// search learns about hashes, not about tokens.
 pub(super) type Key = [u8; 32];
 
-/// Whose session it is: a person's, who logged in, or a program's, by its token.
+/// The owner of a session: a person who logged in, or a program with a token.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SessionKind {
     Person,
@@ -48,12 +49,12 @@ pub struct Session {
     pub user: Arc<str>,
     pub role: Role,
     pub kind: SessionKind,
-    /// On the monotonic clock: a stepped wall clock ends no session.
+    /// On the monotonic clock, so a stepped wall clock ends no session.
     pub expires: Timestamp,
-    /// When its holder did something last, in nanoseconds of the monotonic clock; before this process
-    /// began it is negative.
+    /// The last activity of its holder, in nanoseconds of the monotonic clock; negative if before the start
+    /// of this process.
     pub(super) used: Arc<AtomicI64>,
-    /// Its sender lies in the table of open sessions; it closes when the session leaves that.
+    /// Its sender lies in the table of open sessions; it closes when the session leaves the table.
     pub(super) ended: watch::Receiver<()>,
 }
 
@@ -64,7 +65,7 @@ impl Token {
         Ok(Token(bytes.iter().map(|byte| format!("{byte:02x}")).collect()))
     }
 
-    /// What a cookie or a header claims to be a token.
+    /// Reads the token in a cookie or a header.
     pub fn parse(text: &str) -> Option<Token> {
         let is_token = text.len() == 64 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
         is_token.then(|| Token(text.to_owned()))
@@ -86,7 +87,7 @@ impl fmt::Debug for Token {
 }
 
 impl Session {
-    /// Whether it was not ended. Its expiry is for the caller to judge.
+    /// Whether it has not been ended. The caller judges its expiry.
     pub fn is_open(&self) -> bool {
         self.ended.has_changed().is_ok()
     }
@@ -96,12 +97,12 @@ impl Session {
         while self.ended.changed().await.is_ok() {}
     }
 
-    /// Its holder did something.
+    /// Notes activity of its holder.
     pub fn touch(&self, now: Timestamp) {
         self.used.fetch_max(nanos(now), Ordering::Relaxed);
     }
 
-    /// How long its holder has done nothing, over restarts too.
+    /// How long its holder has been idle, over restarts too.
     pub fn idle(&self, now: Timestamp) -> Span {
         let idle = nanos(now).saturating_sub(self.used.load(Ordering::Relaxed));
         Span::from_nanos(u64::try_from(idle).unwrap_or(0))
@@ -126,8 +127,8 @@ impl Store {
     /// Opens a session with a new token for somebody who just proved to be this user.
     ///
     /// # Errors
-    /// [`StoreError::NoSuchUser`] if the user was removed or got another secret meanwhile; else
-    /// what the database says.
+    /// [`StoreError::NoSuchUser`] if the user was removed or got another secret meanwhile; otherwise an
+    /// error of the database.
     pub async fn open_session(&self, user: &Verified) -> Result<(Token, Session), StoreError> {
         let token = Token::random()?;
         let key = token.key();
@@ -145,7 +146,7 @@ impl Store {
         Ok((token, session))
     }
 
-    /// The open session of this token. It never waits.
+    /// The open session of this token. It never waits for the disk.
     pub fn session(&self, token: &Token) -> Option<Session> {
         self.sessions.find(&token.key())
     }
@@ -155,21 +156,21 @@ impl Store {
         self.sessions.all()
     }
 
-    /// Ends a session that is over, at once and whatever the disk does. [`Store::write_owed`] takes it
-    /// out of the database and writes the record.
+    /// Ends an expired session at once, without waiting for the disk. [`Store::write_owed`] later removes
+    /// it from the database and writes the record.
     pub fn end_at_once(&self, session: &Session, record: Record) {
         self.sessions.end(session.key, record);
     }
 
-    /// Notes what happened already. [`Store::write_owed`] records it.
+    /// Notes an event that has already happened. [`Store::write_owed`] records it.
     pub fn owe(&self, record: Record) {
         self.sessions.owe(record);
     }
 
-    /// Writes down what was done at once, as far as that was not possible yet.
+    /// Writes the ends of sessions and the records that could not be written when they happened.
     ///
     /// # Errors
-    /// If the database fails; all of it is owed then.
+    /// If the database fails; all of them stay to be written.
     pub async fn write_owed(&self) -> Result<(), StoreError> {
         if !self.sessions.owes() {
             return Ok(());
@@ -188,7 +189,8 @@ impl Store {
         .await
     }
 
-    /// Writes down when the holders of these sessions did something last: a restart is none.
+    /// Stores the last activity of the holders of these sessions, so that a restart does not count as
+    /// activity.
     ///
     /// # Errors
     /// If the database fails.
@@ -209,11 +211,11 @@ impl Store {
         .await
     }
 
-    /// Ends a session and records why, both or neither. What comes to the disk's turn after `until` is not
+    /// Ends a session and records why, in one transaction. If the disk gets to it after `until`, nothing is
     /// written.
     ///
     /// # Errors
-    /// [`StoreError::TooLate`]; or if the database fails; the session is open then.
+    /// [`StoreError::TooLate`], or an error of the database; the session is open then.
     pub async fn end_session(
         &self,
         session: &Session,
@@ -234,7 +236,7 @@ impl Store {
         .await
     }
 
-    /// Puts an operator into the seat without a login.
+    /// Gives an operator the seat without a login.
     #[cfg(test)]
     pub(super) async fn take_seat(&self, operator: &str) -> Result<(), StoreError> {
         let operator = operator.to_owned();
@@ -249,8 +251,7 @@ impl Store {
         .await
     }
 
-    /// Who sat in the operator's seat last and has an open session still. The driver keeps it past
-    /// its time.
+    /// The operator who had the seat last and still has an open session. The driver keeps it past its time.
     ///
     /// # Errors
     /// If the database fails.
@@ -271,8 +272,8 @@ impl Store {
     }
 }
 
-/// Writes a new session of somebody who just proved to be this user; the oldest ends that is too many,
-/// unless it is one of those that stay.
+/// Writes a new session of somebody who just proved to be this user. If that is one too many, the oldest
+/// ends, unless it is one of those that stay.
 pub(super) fn insert_session(
     connection: &Connection,
     user: &Verified,
@@ -302,7 +303,7 @@ pub(super) fn insert_session(
 }
 
 impl Database {
-    /// Brings the table of open sessions in line with the database.
+    /// Updates the table of open sessions from the database.
     pub(super) fn reload_sessions(&mut self) -> Result<(), StoreError> {
         let wall = self.judged();
         let now = self.clock.now();

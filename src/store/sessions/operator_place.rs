@@ -1,5 +1,5 @@
-//! Who comes into the operator's seat and who leaves it: written before it happens, so that it happens
-//! whole or not at all.
+//! Logins, hand-overs and logouts of operators: each is written before it happens, so that it happens
+//! completely or not at all. The *seat* is the place of the operator who leads the vehicle.
 
 use rusqlite::{Connection, OptionalExtension, Transaction, params};
 
@@ -10,15 +10,15 @@ use crate::store::audit::Record;
 use crate::store::vehicle::write as write_vehicle;
 use crate::store::{Session, Store, StoreError, Token, VehicleMemory, Verified};
 
-/// A change that is written and has not happened yet: the sessions go on as they were until it does.
+/// A change that is written and has not happened yet: until it does, the sessions go on as before.
 #[derive(Debug)]
 pub struct Written {
-    /// The session that comes in, and those that go.
+    /// The session that opens, and the sessions that end.
     comes: Option<Row>,
     goes: Vec<Key>,
-    /// Of the table of open sessions when this was written.
+    /// The alignment of the table of open sessions at the time of writing.
     alignment: u64,
-    /// Who sat in the seat, and the sessions of those whom it is about.
+    /// The earlier holder of the seat, and the sessions of the users concerned.
     before: Before,
 }
 
@@ -28,7 +28,7 @@ struct Before {
     sessions: Vec<Stored>,
 }
 
-/// A session as it was stored, with the secret that its user had.
+/// A session as it was stored, with the secret that its user had then.
 #[derive(Debug)]
 struct Stored {
     key: Key,
@@ -39,28 +39,28 @@ struct Stored {
     used_ms: i64,
 }
 
-/// Somebody who proved to be a user and comes in.
+/// A user who proved the secret and logs in.
 #[derive(Debug)]
 pub struct Entering<'a> {
     pub user: &'a Verified,
-    /// The session that the browser had, which ends.
+    /// The session that the browser had before, which ends.
     pub before: Option<&'a Session>,
-    /// What is to be remembered of the vehicle once this operator sits in the seat; `None` for others.
+    /// The vehicle's state to store once this operator has the seat; `None` for others.
     pub seat: Option<VehicleMemory>,
-    /// Who sat there, and leaves all displays.
+    /// The earlier operator, who leaves all displays.
     pub from: Option<&'a str>,
-    /// Sessions of this user that do not end because there are too many.
+    /// Sessions of this user that do not end although there are too many.
     pub stay: Vec<Session>,
 }
 
 impl Store {
-    /// Writes down that somebody comes in, with the records of it. When this returns, it is on the
-    /// disk; then [`Store::entered`] makes it happen, or [`Store::take_back`] undoes it. What comes to
-    /// the disk's turn after `until` is not written.
+    /// Writes a login with its records. When this returns, it is on the disk; then [`Store::entered`] makes
+    /// it happen, or [`Store::take_back`] undoes it. If the disk gets to it after `until`, nothing is
+    /// written.
     ///
     /// # Errors
-    /// [`StoreError::TooLate`]; [`StoreError::NoSuchUser`] if the user was removed or got another secret meanwhile; else what
-    /// the database says. Nothing is changed then.
+    /// [`StoreError::TooLate`]; [`StoreError::NoSuchUser`] if the user was removed or got another secret
+    /// meanwhile; otherwise an error of the database. Nothing is changed then.
     pub fn enter(
         &self,
         entering: Entering<'_>,
@@ -105,7 +105,7 @@ impl Store {
         }
     }
 
-    /// Opens the session of who has come in, and ends those that it ends. It waits for no disk.
+    /// Opens the session of a login, and ends the sessions that it replaces. It does not wait for the disk.
     ///
     /// # Errors
     /// [`StoreError::SessionEnded`] if the user was removed or got another secret meanwhile.
@@ -115,13 +115,13 @@ impl Store {
         key.and_then(|key| self.sessions.find(&key)).ok_or(StoreError::SessionEnded)
     }
 
-    /// Writes down that an operator who is logged in takes the seat of another, who leaves all displays.
-    /// When this returns, it is on the disk; then [`Store::left`] makes it happen, or
-    /// [`Store::take_back`] undoes it. What comes to the disk's turn after `until` is not written.
+    /// Writes that an operator who is logged in takes the seat of another operator, who leaves all
+    /// displays. When this returns, it is on the disk; then [`Store::left`] makes it happen, or
+    /// [`Store::take_back`] undoes it. If the disk gets to it after `until`, nothing is written.
     ///
     /// # Errors
-    /// [`StoreError::TooLate`]; [`StoreError::SessionEnded`] if the user was removed; else what the
-    /// database says. Nothing is changed then.
+    /// [`StoreError::TooLate`]; [`StoreError::SessionEnded`] if the user was removed; otherwise an error of
+    /// the database. Nothing is changed then.
     pub fn take_over(
         &self,
         session: &Session,
@@ -153,9 +153,9 @@ impl Store {
         }
     }
 
-    /// Writes down that an operator leaves the seat and all displays, with the record of it. When
-    /// this returns, it is on the disk; then [`Store::left`] makes it happen, or
-    /// [`Store::take_back`] undoes it. What comes to the disk's turn after `until` is not written.
+    /// Writes that an operator leaves the seat and all displays, with its record. When this returns, it is
+    /// on the disk; then [`Store::left`] makes it happen, or [`Store::take_back`] undoes it. If the disk
+    /// gets to it after `until`, nothing is written.
     ///
     /// # Errors
     /// If the database fails; nothing is changed then.
@@ -185,15 +185,15 @@ impl Store {
         }
     }
 
-    /// Ends the sessions of those who have left. It waits for no disk.
+    /// Ends the sessions of operators who have left. It does not wait for the disk.
     pub fn left(&self, written: Written) {
         self.sessions.change(written.alignment, &written.goes, written.comes);
     }
 
-    /// Gives the seat and the sessions back, with the vehicle as it is and the record of why.
+    /// Gives the seat and the sessions back, with the vehicle as it is and a record of the reason.
     ///
     /// # Errors
-    /// If the database fails: the operator has to log in again after a restart then.
+    /// If the database fails: after a restart the operator then has to log in again.
     pub async fn take_back(
         &self,
         written: Written,
@@ -247,7 +247,7 @@ impl Before {
         Ok(Before { seat, sessions })
     }
 
-    /// Those that are no more.
+    /// Sessions that no longer exist.
     fn ended(&self, transaction: &Transaction<'_>) -> Result<Vec<Key>, StoreError> {
         let mut query = transaction.prepare_cached("SELECT 1 FROM sessions WHERE token_hash = ?1")?;
         let mut ended = Vec::new();

@@ -1,5 +1,5 @@
-//! The sessions that are open, in memory. Every request is judged by this table, so an end is in
-//! force here at once, whatever the disk does; it is written down as soon as that works.
+//! The table of open sessions in memory. Every request is judged by it, so an end takes effect here at
+//! once, whatever the disk does; it is written as soon as the disk works.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::atomic::AtomicI64;
@@ -18,11 +18,11 @@ pub(in crate::store) struct Sessions(RwLock<Table>);
 #[derive(Debug, Default)]
 struct Table {
     open: HashMap<Key, Open>,
-    /// Ended here, and in the database still.
+    /// Sessions that ended here and are still in the database.
     over: HashSet<Key>,
-    /// What happened here and is not written down. There are no more than there were sessions.
+    /// Events that are not recorded yet. There are never more than there were sessions.
     owed: Vec<(Option<Key>, Record)>,
-    /// How often it was brought in line with the database.
+    /// How often the table was updated from the database.
     alignment: u64,
 }
 
@@ -32,7 +32,7 @@ struct Open {
     _ends: watch::Sender<()>,
 }
 
-/// A session as it lies in the database.
+/// A session in the database.
 #[derive(Debug)]
 pub(in crate::store) struct Row {
     pub key: Key,
@@ -40,14 +40,14 @@ pub(in crate::store) struct Row {
     pub role: Role,
     pub kind: SessionKind,
     pub expires: Timestamp,
-    /// When its holder did something last, in nanoseconds; before this process began it is negative.
+    /// The last activity of its holder, in nanoseconds; negative if before the start of this process.
     pub used: i64,
-    /// Its time is over by the wall clock.
+    /// It has expired by the wall clock.
     pub is_late: bool,
 }
 
 impl Row {
-    /// Of somebody who logs in now.
+    /// A session of a new login.
     pub(in crate::store) fn of_login(key: Key, user: &Verified, now: Timestamp) -> Row {
         let (expires, used) = (now + span(SESSION_LIFE), nanos(now));
         let kind = SessionKind::Person;
@@ -64,7 +64,7 @@ impl Sessions {
         self.read().open.values().map(|open| open.session.clone()).collect()
     }
 
-    /// Ends a session. The record of it is owed.
+    /// Ends a session. Its record is still to be written.
     pub(in crate::store) fn end(&self, key: Key, record: Record) {
         let mut table = self.write();
         if table.open.remove(&key).is_some() {
@@ -73,12 +73,12 @@ impl Sessions {
         }
     }
 
-    /// Notes what happened and is to be recorded.
+    /// Notes an event that is to be recorded.
     pub(in crate::store) fn owe(&self, record: Record) {
         self.write().owed.push((None, record));
     }
 
-    /// The sessions that have ended and what is to be recorded, in order.
+    /// The ended sessions and the records still to be written, in order.
     pub(in crate::store) fn owed(&self) -> (Vec<Key>, Vec<Record>) {
         let table = self.read();
         let keys = table.owed.iter().filter_map(|(key, _)| *key).collect();
@@ -89,7 +89,7 @@ impl Sessions {
         !self.read().owed.is_empty()
     }
 
-    /// The first of what was owed is written down.
+    /// The first `count` of them are written.
     pub(in crate::store) fn paid(&self, count: usize) {
         self.write().owed.drain(..count);
     }
@@ -98,7 +98,7 @@ impl Sessions {
         self.read().alignment
     }
 
-    /// Makes a change that lies in the database since that alignment; a later one has made it.
+    /// Applies a change that was written at that alignment; a later update has already applied it.
     pub(in crate::store) fn change(&self, alignment: u64, goes: &[Key], comes: Option<Row>) {
         let mut table = self.write();
         if table.alignment == alignment {
@@ -107,8 +107,8 @@ impl Sessions {
         }
     }
 
-    /// Brings the table in line with the database. Sessions that stay keep their deadline; those that
-    /// left end at once, and those that ended here stay so.
+    /// Updates the table from the database. Sessions that stay keep their deadline; removed sessions end at
+    /// once, and sessions that ended here stay ended.
     pub(in crate::store) fn align(&self, rows: Vec<Row>) {
         let mut table = self.write();
         table.alignment += 1;
@@ -118,7 +118,7 @@ impl Sessions {
         for row in rows {
             let same = |open: &Open| *open.session.user == *row.user && open.session.role == row.role;
             let open = before.remove(&row.key).filter(same);
-            // A token that was over before has no session to end.
+            // A token that had expired before has no session to end.
             let is_nothing = open.is_none() && row.is_late && row.kind == SessionKind::Program;
             if !is_nothing && !table.over.contains(&row.key) {
                 table.open.insert(row.key, open.unwrap_or_else(|| Open::new(row)));

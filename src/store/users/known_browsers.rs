@@ -1,13 +1,13 @@
-//! Browsers from which somebody logged in before, by a cookie of their own: strangers who guess at a
-//! secret make nobody wait who comes from one of these. Source: OWASP, "Slow Down Online Guessing
-//! Attacks with Device Cookies".
+//! Known browsers: a cookie marks a browser in which a user logged in before. Strangers who guess that
+//! user's secret do not delay a login from it. Source: OWASP, "Slow Down Online Guessing Attacks with
+//! Device Cookies".
 
 use rusqlite::params;
 
 use crate::store::unix_time::to_unix_ms;
 use crate::store::{Lane, Store, StoreError, Token, Verified};
 
-/// Of one user; the one that was made first is forgotten for a new one.
+/// Cookies for each user; a new one replaces the oldest.
 const DEVICES_PER_USER: usize = 16;
 
 impl Store {
@@ -37,7 +37,7 @@ impl Store {
         Ok(token)
     }
 
-    /// Whether a browser with this cookie is one of a user's. Anybody may cause the question.
+    /// Whether a browser with this cookie is one of that user's. Anybody may cause this query.
     ///
     /// # Errors
     /// If the database fails.

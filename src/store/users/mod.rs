@@ -1,4 +1,4 @@
-//! Users: who they are and how they prove it.
+//! Users: names, roles and secrets, and the proof of a secret.
 
 pub(super) mod known_browsers;
 pub(super) mod noticed;
@@ -15,7 +15,7 @@ use super::audit::{Action, COMMAND_LINE, Record};
 use super::{DEMO_USERS, Lane, Role, Store, StoreError};
 use secret::check_policy;
 
-/// A user as lists show it.
+/// A user in a list.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct User {
     pub name: String,
@@ -42,7 +42,7 @@ impl Verified {
     }
 }
 
-/// Why a name is not one.
+/// Why a name is not acceptable.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NameError {
     #[error("a name has 1 to {NAME_CHARS_MAX} characters")]
@@ -62,7 +62,7 @@ impl Store {
         self.insert_user(name, role, secret).await
     }
 
-    /// Adds those of [`DEMO_USERS`] that are not there.
+    /// Adds the users of [`DEMO_USERS`] that are missing.
     ///
     /// # Errors
     /// If the database fails.
@@ -111,10 +111,10 @@ impl Store {
         .await
     }
 
-    /// Whether there is any user. Anybody may ask.
+    /// Whether there is any user. Anybody may cause this query.
     ///
     /// # Errors
-    /// If the database fails, or is damaged so that there may be users whom nobody can read.
+    /// If the database fails, or is so damaged that there may be users that nobody can read.
     pub async fn has_users(&self) -> Result<bool, StoreError> {
         let sql = "SELECT EXISTS (SELECT 1 FROM users)";
         self.call_from(Lane::Elsewhere, |database| {
@@ -124,7 +124,7 @@ impl Store {
         .await
     }
 
-    /// Whether this is a user's name. Anybody may cause the question.
+    /// Whether this is a user's name. Anybody may cause this query.
     ///
     /// # Errors
     /// If the database fails.
@@ -203,15 +203,15 @@ impl Store {
         .await
     }
 
-    /// Proves a name and its secret. It takes as long for names that do not exist.
+    /// Proves a name and its secret. Unknown names take the same time.
     ///
     /// # Errors
-    /// If too many logins wait, or the database fails. A wrong secret is no error but `None`.
+    /// If too many logins wait, or the database fails. A wrong secret is not an error but `None`.
     pub async fn authenticate(&self, name: &str, secret: &str) -> Result<Option<Verified>, StoreError> {
         self.authenticate_from(Lane::Vehicle, name, secret).await
     }
 
-    /// [`Store::authenticate`] for somebody who comes from there.
+    /// [`Store::authenticate`] for a caller from that lane.
     ///
     /// # Errors
     /// As there.
@@ -248,7 +248,7 @@ impl Store {
     }
 }
 
-/// Reads a role; a word that is none is a fault of the database.
+/// Reads a role; an unknown word is a fault of the database.
 pub(super) fn role(row: &rusqlite::Row<'_>, column: usize) -> rusqlite::Result<Role> {
     let word: String = row.get(column)?;
     Role::from_word(&word)

@@ -1,8 +1,8 @@
-//! Which changes of users and tokens the server has taken in.
+//! Changes of users and tokens that the server has taken in.
 //!
-//! The command line counts each change in the transaction that makes it. The server notes, in the same
-//! row, up to which one it has read the sessions again. A note that arrives proves that both use the
-//! same database; one that does not tells that what was changed may not be in force.
+//! The command line counts each change in the transaction that makes it. The server writes into the same
+//! row up to which change it has read the sessions again. That number proves that both use the same
+//! database; without it the change may not be in force.
 
 use rusqlite::Transaction;
 
@@ -40,7 +40,7 @@ impl Database {
             return Ok(());
         }
         let serves = self.serves && !self.health.is_reading();
-        // Before the sessions are read: a change that comes in between is noted the next time.
+        // Read before the sessions: a change that comes in between is noted the next time.
         let changes = if serves { Some(self.user_changes()?) } else { None };
         self.reload_sessions()?;
         if let Some((made, taken_in)) = changes.filter(|(made, taken_in)| made != taken_in) {
@@ -52,7 +52,7 @@ impl Database {
         Ok(())
     }
 
-    /// The last change that was made, and the last that the server has taken in.
+    /// The last change that was made, and the last change that the server has taken in.
     fn user_changes(&self) -> Result<(i64, i64), StoreError> {
         let mut query = self.connection.prepare_cached("SELECT made, taken_in FROM user_changes")?;
         Ok(query.query_row([], |row| Ok((row.get(0)?, row.get(1)?)))?)

@@ -1,13 +1,13 @@
-//! What a user may do.
+//! The roles of users.
 
 /// The role of a user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Role {
-    /// Sits in the vehicle and answers for it.
+    /// Leads the vehicle and is responsible for it.
     Operator,
     /// Sees everything and may change what is diagnosed.
     Developer,
-    /// May read everything and touch nothing.
+    /// May read everything and change nothing.
     Authority,
 }
 

@@ -1,4 +1,4 @@
-//! Secrets: what is accepted, how they are hashed, and how much of that may run at once.
+//! Secrets: which are accepted, how they are hashed, and how many hashes may run at once.
 
 use std::path::PathBuf;
 use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
@@ -51,20 +51,21 @@ const PIN_DIGITS_MIN: usize = 6;
 const PASSWORD_CHARS_MIN: usize = 12;
 const SECRET_BYTES_MAX: usize = 256;
 
-/// On a machine with few cores the engine and the displays go before logins; and
-/// on a busy one, logins at the vehicle itself have a share still.
+/// On a machine with few cores the engine and the displays go before logins. On a busy machine, logins at
+/// the vehicle itself still get a share.
 const VEHICLE_NICENESS: i32 = 5;
 const ELSEWHERE_NICENESS: i32 = 19;
-/// Hashing takes 19 MiB and tens of milliseconds of one core, so there are two lanes. In each, so
-/// many logins may wait for their hash; more are refused, a flood must not fill the memory.
+/// Hashing takes 19 MiB and tens of milliseconds of one core, so there are two lanes: one thread for the
+/// vehicle's displays and one for everybody else. In each lane, this many logins may wait; more are
+/// refused, so that a flood does not fill the memory.
 const HASHES_WAITING: usize = 64;
 
-/// What glibc is asked for at once it takes from the system for that alone, and gives back, if it is more
-/// than 32 MiB (`M_MMAP_THRESHOLD`). Of less it may keep much. What is not used of it costs nothing.
+/// glibc maps a piece of more than 32 MiB (`M_MMAP_THRESHOLD`) for itself and returns it at once when it is
+/// freed. Of smaller pieces it may keep much. Untouched pages of the piece cost nothing.
 const BLOCKS_OF_A_LANE: usize = 33 * 1024;
 
-/// A hash of nothing anybody knows, with the parameters of [`argon2`]: unknown users cost the
-/// same time as known ones.
+/// A hash of an unknown secret, with the parameters of [`argon2`]: unknown users cost the same time as
+/// known ones.
 const NOBODY: &str =
     "$argon2id$v=19$m=19456,t=2,p=1$dGVsbHRhbGUtbm9ib2R5$Zm9yIHVua25vd24gdXNlcnMgb25seSwgbm8gc2VjcmU";
 
@@ -89,8 +90,7 @@ pub(in crate::store) fn check_policy(role: Role, name: &str, secret: &str) -> Re
     }
 }
 
-/// Whether a PIN has at most two different digits, repeats its beginning, or each digit is the next of the
-/// one before, up or down.
+/// Whether a PIN has at most two different digits, repeats its beginning, or counts up or down.
 fn is_guessed_first(pin: &str) -> bool {
     let digits = pin.as_bytes();
     let different = (b'0'..=b'9').filter(|digit| digits.contains(digit)).count();
@@ -101,8 +101,8 @@ fn is_guessed_first(pin: &str) -> bool {
     different <= 2 || repeats || in_a_row(1) || in_a_row(9)
 }
 
-/// Whether a secret is a PIN: digits, and fewer than a password needs. Anybody can see that of what
-/// they type, so it tells nothing of anybody's secret.
+/// Whether a secret is a PIN: digits, and fewer than a password needs. Everybody can see that of their own
+/// secret, so it reveals nothing about a user's secret.
 pub fn is_pin(secret: &str) -> bool {
     secret.len() < PASSWORD_CHARS_MIN && secret.bytes().all(|byte| byte.is_ascii_digit())
 }
@@ -111,7 +111,7 @@ fn is_demo(secret: &str) -> bool {
     DEMO_USERS.iter().any(|(_, _, known)| *known == secret)
 }
 
-/// Hashes and verifies in threads of its own, one at a time in each lane. They end with the last
+/// Hashes and verifies in threads of its own, one at a time in each lane. The threads end with the last
 /// clone.
 #[derive(Debug, Clone)]
 pub(in crate::store) struct Hashing {
@@ -120,7 +120,7 @@ pub(in crate::store) struct Hashing {
     demo: DemoSecrets,
 }
 
-/// Whence somebody comes: a flood from elsewhere does not make the vehicle's own displays wait.
+/// The origin of a login: the vehicle's own displays do not wait for a flood from elsewhere.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lane {
     Vehicle,
@@ -148,7 +148,7 @@ impl Hashing {
         .await?
     }
 
-    /// Whether `secret` is the one behind `hash`. Without a hash it takes the same time and is false.
+    /// Whether `secret` is the one behind `hash`. Without a hash it takes the same time and returns false.
     pub(in crate::store) async fn verify(
         &self,
         lane: Lane,
@@ -174,7 +174,7 @@ impl Hashing {
     ) -> Result<T, StoreError> {
         let (reply, answer) = oneshot::channel();
         let work: Work = Box::new(move |blocks| {
-            // Nobody is waiting any more: a flood of logins that were given up costs nothing.
+            // Nobody waits any more: logins that were given up cost nothing.
             if !reply.is_closed() {
                 let _ = reply.send(work(blocks));
             }
@@ -196,10 +196,10 @@ fn start_lane(niceness: i32) -> Result<SyncSender<Work>, StoreError> {
     std::thread::Builder::new()
         .name("hashing".to_owned())
         .spawn(move || {
-            // On Linux this is of the calling thread alone. Without it hashing still works.
+            // On Linux this sets the priority of the calling thread only. Without it hashing still works.
             let _ = rustix::process::nice(niceness);
             while let Ok(work) = queue.recv() {
-                // For all that wait now; given back when nobody does.
+                // For all that wait now; freed when nobody waits.
                 let mut blocks = Blocks::new();
                 work(&mut blocks);
                 queue.try_iter().for_each(|work| work(&mut blocks));
@@ -218,7 +218,7 @@ fn argon2() -> Argon2<'static> {
 fn is_behind(hash: &PasswordHash, secret: &[u8], blocks: &mut Blocks) -> bool {
     let argon2 = argon2();
     let (Some(salt), Some(expected), true) = (&hash.salt, &hash.hash, is_by(&argon2, hash)) else {
-        // By parameters of another version.
+        // Made with the parameters of another version.
         return argon2.verify_password(secret, hash).is_ok();
     };
     if blocks.is_empty() {
@@ -231,7 +231,7 @@ fn is_behind(hash: &PasswordHash, secret: &[u8], blocks: &mut Blocks) -> bool {
         && Output::new(&made).is_ok_and(|made| made == *expected)
 }
 
-/// Whether a hash was made as new ones are.
+/// Whether a hash has the parameters of new ones.
 fn is_by(argon2: &Argon2<'_>, hash: &PasswordHash) -> bool {
     let params = argon2.params();
     let costs = |it: &Params| (it.m_cost(), it.t_cost(), it.p_cost());

@@ -1,4 +1,4 @@
-//! Tokens of programs: made on the command line, shown once, taken back by their number.
+//! Tokens of programs: made on the command line, shown once, revoked by their number.
 
 use std::time::{Duration, SystemTime};
 
@@ -16,7 +16,7 @@ pub const TOKEN_LIFE_DAYS: u32 = 365;
 const TOKENS_PER_USER: i64 = 16;
 const LABEL_CHARS_MAX: usize = 64;
 
-/// A program's token as lists show it: without its secret.
+/// A program's token in a list, without its secret.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProgramToken {
     pub number: i64,
@@ -28,7 +28,7 @@ pub struct ProgramToken {
 }
 
 impl Store {
-    /// Makes a token with which programs act as this user. It can be seen this once only.
+    /// Makes a token with which programs act as this user. It is shown only this once.
     ///
     /// # Errors
     /// If there is no such user, it is an operator, it has too many tokens, or the database fails.
@@ -96,7 +96,7 @@ impl Store {
         .await
     }
 
-    /// Takes a token back; programs that are connected with it are cut off.
+    /// Revokes a token; programs that are connected with it are cut off.
     ///
     /// # Errors
     /// If there is no such token, or the database fails.

@@ -3,27 +3,32 @@
 //! All that is shown comes from one [`Snapshot`]; text that the vehicle or a publisher wrote goes
 //! through [`clean`] and is escaped by the templates.
 
+mod action_bar;
 mod arrows;
 mod board;
-mod causes;
-mod checks;
-pub mod clean;
-mod detail;
-mod developer;
-mod entries;
-mod fit;
-mod measure;
-mod node;
-mod outside;
+pub mod clean_text;
+mod clearance_checks;
+mod countermeasure;
+mod fault_entries;
+mod fault_list;
+mod lang;
+mod login;
+pub(super) mod node_names;
+pub(in crate::web) mod page_frame;
 mod pages;
+mod permitted;
 #[cfg(test)]
 pub(super) mod sample;
-mod step;
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;
+mod text_width;
 mod tile;
-mod top;
-mod trend;
+mod tile_detail;
+mod top_bar;
+pub(super) mod trends;
+mod undeclared_statuses;
+pub(super) mod versions;
+pub mod words;
 
 use std::time::{Duration, SystemTime};
 
@@ -34,52 +39,15 @@ use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Timestamp;
 use crate::runtime::Published;
 use crate::store::Role;
-use crate::web::farewell::Farewell;
-use crate::web::text::Words;
-use crate::web::versions::Seen;
 use board::Board;
+use versions::Seen;
+use words::Words;
 
-pub use developer::{
-    Asked, AuditPage, Window, audit_page, configuration_page, coverage_page, developer_page, graph_page,
-    masking_page, timeline_page, topics_page, why_page,
-};
-pub use pages::{demo_page, login_page, message_page, operator_page};
-pub use trend::Trends;
-
-/// Files below `static/` that the login page needs: served without a session, so none of them may
-/// name a part of the vehicle. An entry that ends in `/` names a folder.
-pub const LOGIN_ASSETS: &[&str] = &[
-    "telltale.css",
-    "page.js",
-    "pad.js",
-    "icon.svg",
-    "telltale.webmanifest",
-    "vendor/inter-latin-wght-normal.woff2",
-];
-
-/// A language of the pages.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum Lang {
-    #[default]
-    En,
-    De,
-}
-
-impl Lang {
-    pub const ALL: [Lang; 2] = [Lang::En, Lang::De];
-
-    /// The tag of the `lang` attribute and cookie: `en`, `de`.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Lang::En => "en",
-            Lang::De => "de",
-        }
-    }
-
-    pub fn from_word(word: &str) -> Option<Lang> {
-        Lang::ALL.into_iter().find(|lang| lang.as_str() == word)
-    }
-}
+pub use lang::Lang;
+pub use login::{LoginContext, LoginFailure, login_page};
+pub use pages::{demo_page, message_page, operator_page};
+pub use permitted::permitted;
+pub use trends::Trends;
 
 /// The colours of the pages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -123,11 +91,11 @@ impl Part {
         }
     }
 
-    fn is_whole(self) -> bool {
+    pub(super) fn is_whole(self) -> bool {
         self == Part::Whole
     }
 
-    fn is_content(self) -> bool {
+    pub(super) fn is_content(self) -> bool {
         self == Part::Content
     }
 }
@@ -160,60 +128,6 @@ pub struct PageContext {
     pub part: Part,
 }
 
-/// What the login page shows.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct LoginContext {
-    pub lang: Lang,
-    pub palette: Palette,
-    /// The name that was typed last.
-    pub name: String,
-    pub failure: Option<LoginFailure>,
-    /// Why the session that the browser had is over.
-    pub farewell: Option<Farewell>,
-    pub demo: bool,
-}
-
-/// Why a login did not work. It never says whether the name exists.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum LoginFailure {
-    /// The name or the secret is wrong.
-    Wrong,
-    /// It is a PIN, and this is no display at which one will do.
-    PinElsewhere,
-    /// Too many failures: this many seconds until the next try is looked at.
-    Wait { seconds: u64 },
-    /// Another operator has the vehicle; who just proved to be one may take it over.
-    SeatTaken { by: String },
-    /// The vehicle drives; it is taken over at one of its own displays alone.
-    Drives,
-    /// It cannot be written down: the disk is full, or the database broken.
-    Storage,
-    /// The server can not check logins now.
-    Unavailable,
-    /// No user exists yet; `telltale user add` makes one.
-    /// `data` is the folder that `telltale user` has to be given.
-    NoUsers { data: Option<String> },
-}
-
-impl LoginFailure {
-    /// For programs and the audit log.
-    pub const fn as_str(&self) -> &'static str {
-        match self {
-            LoginFailure::Wrong => "the name or the secret is wrong",
-            LoginFailure::PinElsewhere => "a PIN will do at the vehicle's own displays only; give a password",
-            LoginFailure::Wait { .. } => "too many failures; wait",
-            LoginFailure::SeatTaken { .. } => "another operator has the vehicle",
-            LoginFailure::Drives => "the vehicle drives; take it over at one of its own displays",
-            LoginFailure::Storage => {
-                "nothing can be written: the disk is full or the database broken; nothing was changed"
-            }
-            LoginFailure::Unavailable | LoginFailure::NoUsers { .. } => {
-                "logins cannot be checked now; try again"
-            }
-        }
-    }
-}
-
 /// A fault of the simulated shuttle.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DemoFault {
@@ -227,7 +141,7 @@ pub struct DemoFault {
 pub fn fragments(published: &Published, seen: &Seen, lang: Lang, trends: &Trends) -> Vec<Fragment> {
     let view = View { seen: seen.clone(), trends: Some(trends), ..View::new(published, lang, true) };
     if published.snapshot.stage == Stage::Locked {
-        return vec![top::top(&view)];
+        return vec![top_bar::top(&view)];
     }
     Parts::of(&view).into_fragments()
 }
@@ -239,22 +153,22 @@ pub fn refusals(published: &Published, lang: Lang, reasons: &[Refusal]) -> Vec<S
 }
 
 /// What all parts of a page are made from.
-struct View<'a> {
-    snapshot: &'a Snapshot,
-    at: SystemTime,
-    lang: Lang,
-    words: &'static Words,
-    board: Board,
+pub(super) struct View<'a> {
+    pub(super) snapshot: &'a Snapshot,
+    pub(super) at: SystemTime,
+    pub(super) lang: Lang,
+    pub(super) words: &'static Words,
+    pub(super) board: Board,
     /// The elements carry the mark by which htmx swaps them in.
-    swap: bool,
+    pub(super) swap: bool,
     /// The versions by which the buttons are shown.
-    seen: Seen,
+    pub(super) seen: Seen,
     /// The recent past of the values, where it is shown.
-    trends: Option<&'a Trends>,
+    pub(super) trends: Option<&'a Trends>,
 }
 
 impl<'a> View<'a> {
-    fn new(published: &'a Published, lang: Lang, swap: bool) -> View<'a> {
+    pub(super) fn new(published: &'a Published, lang: Lang, swap: bool) -> View<'a> {
         let snapshot = &*published.snapshot;
         let board = Board::of(&snapshot.layout);
         let (words, seen) = (lang.words(), Seen::default());
@@ -262,18 +176,18 @@ impl<'a> View<'a> {
     }
 
     /// Whether this machine is led from stage to stage at all.
-    fn has_stages(&self) -> bool {
+    pub(super) fn has_stages(&self) -> bool {
         !self.snapshot.clearance_refusals.contains(&Refusal::NoStages)
     }
 
     /// Whether there is something to take over.
-    fn drives(&self) -> bool {
+    pub(super) fn drives(&self) -> bool {
         self.has_stages() && matches!(self.snapshot.stage, Stage::Cleared | Stage::Active)
     }
 
     /// When `then` was, by the wall clock, to the second: the page counts on from there. Finer
     /// would differ a little with each snapshot and send what has not changed.
-    fn wall(&self, then: Timestamp) -> String {
+    pub(super) fn wall(&self, then: Timestamp) -> String {
         let exact = wall_at(self.at, self.snapshot.now, then);
         let rounded = exact.checked_add(Duration::from_millis(500)).unwrap_or(exact);
         humantime::format_rfc3339_seconds(rounded).to_string()
@@ -297,18 +211,18 @@ struct Parts {
 
 impl Parts {
     fn of(view: &View<'_>) -> Parts {
-        let entries = entries::entries(view);
+        let entries = fault_entries::entries(view);
         Parts {
-            top: top::top(view),
-            measure: measure::measure(view),
+            top: top_bar::top(view),
+            measure: countermeasure::measure(view),
             arrows: tile::arrows(view),
             tiles: (0..view.board.tiles.len()).map(|tile| tile::tile(view, tile)).collect(),
-            causes: causes::causes(view, &entries),
-            step: step::step(view),
-            stops: step::all_stops(view),
-            checks: step::all_checks(view),
-            all_causes: causes::all_causes(view, &entries),
-            details: (0..view.board.tiles.len()).map(|tile| detail::detail(view, tile)).collect(),
+            causes: fault_list::causes(view, &entries),
+            step: action_bar::step(view),
+            stops: action_bar::all_stops(view),
+            checks: action_bar::all_checks(view),
+            all_causes: fault_list::all_causes(view, &entries),
+            details: (0..view.board.tiles.len()).map(|tile| tile_detail::detail(view, tile)).collect(),
         }
     }
 
@@ -322,6 +236,6 @@ impl Parts {
 }
 
 /// Renders a template of this crate.
-fn html(template: &impl askama::Template) -> String {
+pub(super) fn html(template: &impl askama::Template) -> String {
     template.render().expect("writing into a string does not fail")
 }

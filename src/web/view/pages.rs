@@ -2,50 +2,17 @@
 
 use askama::Template;
 
+use super::versions::Seen;
+use super::words::action_words::StepWords;
 use crate::engine::model::Stage;
 use crate::runtime::Published;
 use crate::store::Role;
-use crate::web::assets;
-use crate::web::steps::StepWords;
-use crate::web::text::Words;
-use crate::web::versions::Seen;
 
-use super::clean::{MESSAGE, NAME, clean};
+use super::clean_text::{MESSAGE, NAME, clean};
+use super::page_frame::Frame;
 use super::{
-    DemoFault, Lang, LoginContext, LoginFailure, PageContext, Palette, Part, Parts, Trends, View, html, top,
+    DemoFault, Lang, LoginContext, PageContext, Palette, Parts, Trends, View, html, login_page, top_bar,
 };
-
-/// What every page is framed by.
-pub struct Frame {
-    pub lang: &'static str,
-    pub palette: &'static str,
-    pub part: Part,
-    pub words: &'static Words,
-    /// Both languages, for words that change their language, or must show, without a server.
-    pub both: [(&'static str, &'static Words); 2],
-}
-
-impl Frame {
-    pub fn new(lang: Lang, palette: Palette) -> Frame {
-        let both = Lang::ALL.map(|lang| (lang.as_str(), lang.words()));
-        let (lang, words) = (lang.as_str(), lang.words());
-        Frame { lang, palette: palette.as_str(), part: Part::Whole, words, both }
-    }
-
-    /// The keys of the pad for a PIN, but the last row, and for a name.
-    pub fn digits(&self) -> std::str::Chars<'static> {
-        "123456789".chars()
-    }
-
-    pub fn letters(&self) -> std::str::Chars<'static> {
-        "abcdefghijklmnopqrstuvwxyz0123456789.-_".chars()
-    }
-
-    /// Where a file of `static/` is found.
-    pub fn asset(&self, name: &str) -> String {
-        assets::url(name)
-    }
-}
 
 /// A word by language.
 type InBoth = [(&'static str, &'static str); 2];
@@ -89,7 +56,7 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
     html(&OperatorHtml {
         frame: Frame::new(context.lang, context.palette),
         stage: published.snapshot.stage.as_str(),
-        layout: top::layout_mark(&view),
+        layout: top_bar::layout_mark(&view),
         columns: view.board.columns,
         rows: view.board.rows,
         demo: context.demo,
@@ -116,47 +83,6 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
 fn titles(word: fn(&StepWords) -> &'static str) -> InBoth {
     Lang::ALL.map(|lang| (lang.as_str(), word(lang.steps())))
 }
-
-#[derive(Template)]
-#[template(path = "login.html")]
-struct LoginHtml {
-    frame: Frame,
-    name: String,
-    failure: Option<String>,
-    farewell: Option<&'static str>,
-    /// Words of the button, if the login takes the seat over from somebody.
-    take_over: Option<&'static str>,
-    demo: bool,
-}
-
-pub fn login_page(context: &LoginContext) -> String {
-    let words = context.lang.words();
-    let is_taken = matches!(context.failure, Some(LoginFailure::SeatTaken { .. }));
-    let failure = context.failure.as_ref().map(|failure| match failure {
-        LoginFailure::Wrong => words.login_wrong.to_owned(),
-        LoginFailure::PinElsewhere => words.login_pin_elsewhere.to_owned(),
-        LoginFailure::Wait { seconds } => context.lang.login_wait(*seconds),
-        LoginFailure::SeatTaken { by } => context.lang.login_seat_taken(&clean(by, NAME)),
-        LoginFailure::Drives => words.login_drives.to_owned(),
-        LoginFailure::Storage => words.login_storage.to_owned(),
-        LoginFailure::Unavailable => words.login_unavailable.to_owned(),
-        LoginFailure::NoUsers { data } => {
-            let data = data.as_deref().map(|data| format!(" --data {}", clean(data, NAME_OF_FILE)));
-            words.login_no_users.to_owned() + &data.unwrap_or_default()
-        }
-    });
-    html(&LoginHtml {
-        frame: Frame::new(context.lang, context.palette),
-        name: clean(&context.name, NAME),
-        failure,
-        farewell: context.farewell.map(|why| context.lang.farewell(why)),
-        take_over: is_taken.then_some(words.login_take_over),
-        demo: context.demo,
-    })
-}
-
-/// Characters of a path: the longest that Linux takes.
-const NAME_OF_FILE: usize = 4096;
 
 struct FaultHtml {
     name: String,

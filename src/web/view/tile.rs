@@ -6,9 +6,9 @@ use crate::engine::model::NodeId;
 use crate::engine::state::State;
 
 use super::board::Tile;
-use super::node::{icon, reason_word};
-use super::{Fragment, View, arrows as lines, causes, html, outside};
-use crate::web::text::Words;
+use super::node_names::{icon, reason_word};
+use super::words::Words;
+use super::{Fragment, View, arrows as lines, fault_list, html, undeclared_statuses};
 
 #[derive(Template)]
 #[template(path = "partials/tile.html")]
@@ -31,7 +31,7 @@ pub fn tile(view: &View<'_>, tile: Tile) -> Fragment {
     let (info, group) = view.snapshot.group(id);
     let line = match group.state {
         State::Ignore => view.reason(NodeId::Group(id), group.reason.as_ref()),
-        State::Ok if group.counted == 0 => outside::none(view.lang).to_owned(),
+        State::Ok if group.counted == 0 => undeclared_statuses::none(view.lang).to_owned(),
         _ if group.counted == 0 => view.no_member(id),
         State::Unknown if group.ok == 0 => view.words.no_news.to_owned(),
         _ => view.lang.ok_of(group.ok, group.counted),
@@ -48,7 +48,7 @@ pub fn tile(view: &View<'_>, tile: Tile) -> Fragment {
         icon: icon(group.state, group.reason.as_ref()),
         word: view.lang.state(group.state),
         line,
-        flashes: causes::flashes(view, tile),
+        flashes: fault_list::flashes(view, tile),
     });
     Fragment { id: format!("tile-{}", info.path), html }
 }

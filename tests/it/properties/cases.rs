@@ -19,7 +19,7 @@ use telltale::engine::time::{Span, Timestamp};
 
 use super::monitors;
 
-/// Decides by the numbers it was given; when they are used up every choice is the first one.
+/// Decides by the given numbers; when they are used up, every choice is the first one.
 pub struct Choices<'a>(std::slice::Iter<'a, u32>);
 
 impl<'a> Choices<'a> {
@@ -40,7 +40,7 @@ impl<'a> Choices<'a> {
     }
 }
 
-/// Nodes that say statuses; the last is announced late.
+/// Nodes that publish statuses; the last is announced late.
 pub const WRITERS: [&str; 3] = ["/w1", "/w2", "/w3"];
 
 pub const SIGNALS: [&str; 2] = ["active", "doors"];
@@ -221,7 +221,7 @@ pub fn model_that(choices: &mut Choices<'_>, change: impl FnOnce(&mut Parts)) ->
     Arc::new(Model::new(parts).expect("dependencies that close a cycle were left out"))
 }
 
-/// What happens, and when; times never go back.
+/// Events with their times, which never go back.
 pub fn history(choices: &mut Choices<'_>) -> Vec<(Timestamp, Input)> {
     let mut inputs = Vec::new();
     let mut millis = 0;

@@ -1,5 +1,5 @@
-//! A clone of the engine goes the way of its original, and neither notices the other: what replays and
-//! keyframes rest on.
+//! A clone of the engine that gets the same inputs reaches the same states, and the original does not
+//! notice. Replay and keyframes will rest on this.
 
 use proptest::prelude::*;
 use telltale::engine::Engine;
@@ -11,7 +11,7 @@ use telltale::engine::time::Timestamp;
 use super::cases::{Choices, history, model};
 use super::{config, numbers};
 
-/// Feeds the inputs, each after the deadlines before it. Returns what is shown after each, and what happened.
+/// Feeds the inputs, each after the deadlines before it. Returns the snapshot after each, and the events.
 fn feed(engine: &mut Engine, inputs: &[(Timestamp, Input)]) -> (Vec<Snapshot>, Vec<Event>) {
     let mut shown = Vec::new();
     for (at, input) in inputs {
@@ -32,7 +32,7 @@ proptest! {
         let mut choices = Choices::new(&numbers);
         let model = model(&mut choices);
         let history = history(&mut choices);
-        let (past, future) = history.split_at(pick % history.len());
+        let (past, future) = history.split_at(pick % (history.len() + 1));
         let mut engine = Engine::new(model, Timestamp::ZERO);
         engine.keep_events();
         feed(&mut engine, past);

@@ -36,7 +36,7 @@ proptest! {
             follow_table(&mut engine, Some(&Input::Operator(CLEAR)));
         }
         for (at, input) in if simple { story(&mut choices) } else { history(&mut choices) } {
-            // What time alone does is not what the input does.
+            // Changes by time alone are not changes by the input.
             engine.handle(&Input::Tick, at);
             follow_table(&mut engine, None);
             let before = engine.snapshot();
@@ -107,7 +107,7 @@ proptest! {
             before.module(ModuleId(id)).0.id.ends_with("(names past the limit)")
         });
         prop_assert!(is_full || open.is_subset(&kept), "{open:?} became {kept:?}");
-        // The statuses go on, and the program ends once more: nothing of that is an acknowledgement.
+        // The statuses go on, and the program restarts once more: none of this acknowledges anything.
         resumed.handle(&all_well(&model, &before), end);
         let well = resumed.snapshot();
         waits_still(&before, &well)?;
@@ -127,7 +127,7 @@ proptest! {
     }
 }
 
-/// What is asked for and not acknowledged is so still, and as strongly.
+/// A request that is not acknowledged still stands, and as strongly.
 fn waits_still(before: &Snapshot, after: &Snapshot) -> Result<(), TestCaseError> {
     let waits = |it: &Countermeasure| it.causes.iter().any(|cause| !cause.acknowledged);
     for measure in before.countermeasures.iter().filter(|it| it.request.kind().moves() && waits(it)) {
@@ -239,7 +239,7 @@ fn strength(snapshot: &Snapshot) -> u32 {
     })
 }
 
-/// Every change of the stage is a row of the table, and one into `cleared` comes of a clearance alone.
+/// Every change of the stage is in the table, and only a clearance leads into `cleared`.
 fn follow_table(engine: &mut Engine, input: Option<&Input>) {
     for event in engine.take_events() {
         let What::Stage { from, to } = event.what else { continue };
@@ -297,7 +297,7 @@ fn foreseen_rightly(
     assert_eq!(foreseen, after, "{action:?}");
 }
 
-/// What must be true of every snapshot.
+/// Conditions that hold for every snapshot.
 fn holds(model: &Model, snapshot: &Snapshot) {
     assert_eq!(snapshot.clearance, snapshot.stage == Stage::Cleared);
     let active = snapshot.signals.iter().find(|(name, _)| &**name == "active").and_then(|(_, value)| *value);

@@ -1,5 +1,5 @@
-//! The invariants of the engine, over random vehicles and random histories. `PROPTEST_CASES` sets
-//! how many; a failure prints the numbers that its case was made from.
+//! The invariants of the engine, over random vehicles and random histories. `PROPTEST_CASES` sets their
+//! number; a failure prints the numbers from which its case was made.
 
 mod cases;
 mod clones;
@@ -175,7 +175,7 @@ proptest! {
     }
 }
 
-/// All that is shown, by names: ids may be others.
+/// Everything that is shown, by names, because ids may differ.
 fn told(snapshot: &Snapshot) -> Vec<String> {
     let name = |node: &NodeId| snapshot.node_name(*node).clone();
     let reason = |node| match snapshot.shown(node).1 {
@@ -247,7 +247,7 @@ fn newly_masked(model: &Model, tile: GroupId, before: &Snapshot, after: &Snapsho
     })
 }
 
-/// Everything that a snapshot says, against the definitions.
+/// Compares everything in a snapshot with the definitions.
 fn check(model: &Model, snapshot: &Snapshot, last_alarm: &mut u64) {
     let mut oracle = Oracle::new(model, snapshot);
     for node in oracle.nodes() {
@@ -322,7 +322,7 @@ fn check_roots(snapshot: &Snapshot, oracle: &mut Oracle<'_>, last_alarm: &mut u6
         let named: BTreeSet<NodeId> = match snapshot.shown(node).1 {
             Some(Reason::Masked { by }) => by.iter().copied().collect(),
             _ => {
-                // I2: what is a root cause is not masked, and the other way round.
+                // I2: a root cause is not masked, and a masked node is no root cause.
                 continue;
             }
         };
@@ -392,8 +392,8 @@ fn check_alarms(snapshot: &Snapshot, oracle: &mut Oracle<'_>, last_alarm: &mut u
     assert!(snapshot.alarms.windows(2).all(|pair| pair[0].id < pair[1].id), "numbers of alarms ascend");
 }
 
-/// The cases hold what they are there for: groups whose names were dropped, redundant ones that fail
-/// and empty ones among them, modules that leave and come back, and what is given time.
+/// The cases contain what they are meant for: groups with dropped names (also redundant ones that fail, and
+/// empty ones), modules that leave and come back, and modules that are given time.
 #[test]
 fn the_cases_hold_what_is_rare() {
     let mut runner = proptest::test_runner::TestRunner::deterministic();

@@ -1,6 +1,6 @@
-//! Random monitors, what they are fed with, and what they must say: computed from the whole history,
-//! slowly, with nothing kept from one instant to the next. Poses and motions have no second
-//! implementation here; they take part in what is compared with other batchings and over a reload.
+//! Random monitors and inputs with the expected result, computed slowly from the whole history, with no
+//! state between instants. Poses and motions have no second implementation here; they are only compared
+//! between batchings and over a reload.
 
 use std::sync::Arc;
 
@@ -188,7 +188,7 @@ pub struct Since {
     pub inputs: usize,
 }
 
-/// All that was received, for as long as it takes.
+/// All received messages with their times.
 pub struct History<'a> {
     pub model: &'a Model,
     pub seen: &'a [(Timestamp, Input)],
@@ -214,7 +214,7 @@ impl History<'_> {
             }
             None => judged,
         };
-        // By the clock, nobody is there until somebody is.
+        // By the clock, a publisher is missing until it is found.
         let by_the_clock = |topics: &[TopicId]| {
             let unheard =
                 |&topic: &TopicId| self.news(topic).is_none() && self.samples(topic).next().is_none();
@@ -282,7 +282,7 @@ impl History<'_> {
         Some(if inputs == 0 { State::Unknown } else { judge(bands, outputs as f64 / inputs as f64) })
     }
 
-    /// When the window is empty, what was said just before.
+    /// The last message, if the window is empty.
     fn latency(&self, topic: TopicId, window: Span, bands: &Bands) -> Option<State> {
         let last = self.samples(topic).last()?.0;
         let at = self.now.min(Timestamp::from_nanos((last + window).as_nanos() - 1));
@@ -297,7 +297,7 @@ impl History<'_> {
         judged.max()
     }
 
-    /// All values, if there are any: UNKNOWN unless each is there, young enough and finite.
+    /// All values; UNKNOWN unless each is there, young enough and finite.
     fn young(
         &self,
         sources: &[&ValueSource],

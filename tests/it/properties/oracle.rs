@@ -1,6 +1,5 @@
-//! The meaning of masking and root causes, computed from the definitions alone: slowly, from
-//! scratch, with nothing kept from one instant to the next. Own states of modules and the stage
-//! are taken from the snapshot; everything else must follow from them.
+//! Masking and root causes, computed slowly from the definitions, with no state between instants. The
+//! modules' own states and the stage are taken from the snapshot; everything else must follow from them.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -28,7 +27,7 @@ impl<'a> Oracle<'a> {
         groups.chain(self.snapshot.module_ids().map(NodeId::Module)).collect()
     }
 
-    /// What says that names were dropped is no member.
+    /// The module about dropped names is not a member.
     fn says_overflow(&self, id: ModuleId) -> bool {
         self.snapshot.layout.modules[id.0 as usize].id.ends_with("/(names past the limit)")
     }
@@ -52,7 +51,7 @@ impl<'a> Oracle<'a> {
         }
     }
 
-    /// Belongs to what nothing claims, where that is not counted.
+    /// Belongs to the statuses that no group takes, if these are not counted.
     pub fn is_aside(&self, node: NodeId) -> bool {
         let group = match node {
             NodeId::Group(id) => id,
@@ -202,7 +201,7 @@ impl<'a> Oracle<'a> {
         shown
     }
 
-    /// Shows IGNORE because a dependency fails: its own, or one of any member.
+    /// Shows IGNORE because a dependency fails: its own, or that of a member.
     pub fn masked(&mut self, node: NodeId) -> bool {
         if self.shown(node) != State::Ignore || !self.relevant(node) {
             return false;

@@ -1,5 +1,5 @@
-//! What `telltale check` claims of a configuration, against the engine: every situation that can be
-//! reached, with every combination of failing statuses.
+//! The statements of `telltale check` about a configuration, compared with the engine: every reachable
+//! situation, with every combination of failing statuses.
 
 use std::sync::Arc;
 
@@ -33,7 +33,7 @@ fn parts(numbers: &[u32]) -> Parts {
         let number = status[1..].parse::<usize>().expect("named s0 to s8");
         *status = format!("s{}", number % 4).into();
     }
-    // Who says it is nobody's question here.
+    // The writers do not matter here.
     parts.modules.iter_mut().for_each(|module| module.policy.writers = None);
     let filters = parts.groups.iter_mut().flat_map(|group| &mut group.filters);
     filters.filter_map(|filter| filter.policy.as_mut()).for_each(|policy| policy.writers = None);
@@ -227,7 +227,7 @@ fn replay(model: &Arc<Model>, finding: &Finding) {
     }
 }
 
-/// What a node shows and what masks it. Which of several conditions keeps it out is not asked.
+/// The state of a node and its causes. Which of several conditions makes it irrelevant is not compared.
 fn told(snapshot: &Snapshot, node: NodeId) -> (State, Vec<NodeId>) {
     match snapshot.shown(node) {
         (state, Some(Reason::Masked { by })) => (state, by.to_vec()),

@@ -1,5 +1,5 @@
-//! What counts where several writers say one name, against the definition: the worst of what each said
-//! last (`ENGINE.md` 1), of those that may say it.
+//! The state of a status with several writers, compared with the definition: the worst of their last
+//! reports (`ENGINE.md` 1), of the writers that may publish it.
 
 use std::collections::BTreeMap;
 
@@ -21,7 +21,7 @@ pub fn said_by_one(history: Vec<(Timestamp, Input)>) -> Vec<(Timestamp, Input)> 
     history.into_iter().map(|(at, input)| (at, one(input))).collect()
 }
 
-/// What was said of one name.
+/// The reports for one name.
 type Words = BTreeMap<WriterId, (State, Timestamp)>;
 
 #[derive(Default)]

@@ -1,4 +1,4 @@
-//! Who gets what: without a session, by role, from foreign pages and under foreign names.
+//! Access to every route: without a session, by role, from foreign pages and under foreign host names.
 
 use axum::body::Body;
 use axum::http::header::{AUTHORIZATION, HOST, ORIGIN};
@@ -20,8 +20,8 @@ fn by_route(route: &Route, cookie: Option<&str>) -> Request<Body> {
     request
 }
 
-/// Who may use what: operator, developer, authority, and a stranger without a session. A new route needs
-/// a decision, and a line here.
+/// The access to each route: operator, developer, authority, and a stranger without a session. A new route
+/// needs a decision, and a line here.
 const MATRIX: &[(&str, &str, [bool; 4])] = &[
     ("GET", "/", [true, true, true, false]),
     ("GET", "/login", [true, true, true, true]),

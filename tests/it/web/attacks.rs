@@ -1,4 +1,4 @@
-//! What somebody does who wants the operator's STOP not to arrive: it is asked for during each attack.
+//! Attacks that try to keep the operator's STOP from arriving: a STOP is requested during each of them.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use tokio_tungstenite::tungstenite::protocol::frame::coding::CloseCode;
 use super::fixture::{Fixture, as_program, form_request, until};
 use super::sockets::{Server, Socket, closed, next_json};
 
-/// How long a busy machine may take for what takes a moment.
+/// The longest time that a busy machine may take for things that take a moment.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// A vehicle that drives, and its operator's cookie.
@@ -27,7 +27,7 @@ async fn driving() -> (Server, String) {
     (server, operator)
 }
 
-/// What a page says now.
+/// The next message of a page.
 fn version(server: &Server) -> u64 {
     let published = server.app.published();
     server.app.frames.observe(&published);
@@ -44,14 +44,14 @@ fn post(server: &Server, path: &str, cookie: Option<&str>, length: usize) -> Str
     )
 }
 
-/// A stranger who begins a login and does not go on.
+/// A stranger who begins a login and does not finish it.
 async fn begin_login(server: &Server) -> TcpStream {
     let mut stream = TcpStream::connect(server.address).await.unwrap();
     stream.write_all((post(server, "/login", None, 100) + "name=a").as_bytes()).await.unwrap();
     stream
 }
 
-/// All that the server says until it closes.
+/// Everything that the server sends until it closes.
 async fn rest(mut stream: TcpStream) -> String {
     let mut said = Vec::new();
     // A connection that is reset is over too.
@@ -162,7 +162,7 @@ async fn whoever_does_not_lead_the_vehicle_stops_nothing_over_a_socket() {
     assert!(stops_recorded(&server.fixture).await.is_empty());
 }
 
-/// Writes bytes past the client's own library.
+/// Writes bytes without the client's WebSocket library.
 async fn write_raw(socket: &mut Socket, bytes: &[u8]) -> std::io::Result<()> {
     let MaybeTlsStream::Plain(stream) = socket.get_mut() else { panic!("it is plain") };
     stream.write_all(bytes).await

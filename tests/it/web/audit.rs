@@ -1,4 +1,4 @@
-//! The audit log: what is in it, who reads it, and that a flood does not fill it.
+//! The audit log: its content, its readers, and that a flood does not fill it.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
@@ -6,9 +6,10 @@ use std::sync::Arc;
 use axum::http::header::{AUTHORIZATION, ORIGIN};
 use axum::http::{Method, StatusCode};
 use telltale::engine::Engine;
-use telltale::engine::input::{Input, OperatorAction, Stamped};
+use telltale::engine::input::{Input, OperatorAction};
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
+use telltale::runtime::Stamped;
 use telltale::store::audit::{Action, Entry, Record};
 use telltale::web::Peer;
 
@@ -172,7 +173,7 @@ async fn every_change_of_the_stage_is_recorded_however_short() {
     // All at once: nobody is shown the states between.
     let signal = |value| Input::Signal { name: "active".into(), value };
     for value in [true, false, true] {
-        let stamped = Stamped { input: signal(value), received: fixture.clock.now() };
+        let stamped = Stamped::new(signal(value), fixture.clock.now());
         fixture.link.inputs.send(stamped).await.unwrap();
     }
     let mut seen = Vec::new();

@@ -1,4 +1,4 @@
-//! What a client may cost: slow heads and bodies, many connections, many logins at once.
+//! Bounds on the cost of a client: slow heads and bodies, many connections, many logins at once.
 
 use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
@@ -19,7 +19,7 @@ use super::sockets::{Server, next_json};
 /// A little more than a connection has for its head.
 const PATIENCE: Duration = Duration::from_secs(14);
 
-/// Reads until the server closes, and returns what it said.
+/// Reads until the server closes, and returns the bytes.
 async fn rest(mut stream: TcpStream) -> String {
     let mut said = Vec::new();
     // A connection that is reset is over too.
@@ -68,7 +68,7 @@ async fn who_speaks_too_slowly_or_too_much_is_cut_off_and_others_are_served() {
         let _ = stream.write_all(head.as_bytes()).await;
         let said = rest(stream).await;
         assert!(said.is_empty() || said.starts_with("HTTP/1.1 4"), "{said}");
-        // What the HTTP library says by itself too.
+        // The HTTP library's own answers too.
         for (name, value) in HEADERS.into_iter().filter(|_| !said.is_empty()) {
             assert!(said.contains(&format!("\r\n{name}: {value}\r\n")), "{name}: {said}");
         }
@@ -241,7 +241,7 @@ async fn strangers_do_not_make_the_store_busy_for_the_operator() {
     let folder = std::env::temp_dir().join(format!("telltale-bounds-{}", std::process::id()));
     let fixture = Fixture::in_folder(&folder).await;
     let cookie = fixture.cookie_of("operator").await;
-    // The disk takes its time with whatever is to be written.
+    // The disk is slow for every write.
     let disk = rusqlite::Connection::open(folder.join("telltale.db")).unwrap();
     disk.execute_batch("BEGIN IMMEDIATE").unwrap();
     let record = Record::of(Action::Request, TELLTALE);
@@ -264,7 +264,7 @@ async fn strangers_do_not_make_the_store_busy_for_the_operator() {
         })
         .collect();
     let logout = ask(as_program(form_request("/logout", Some(&cookie), "")));
-    // Each comes to where it waits.
+    // Each task runs until it waits.
     for _ in 0..100 {
         tokio::task::yield_now().await;
     }

@@ -1,4 +1,4 @@
-//! The developer's pages: why a node shows what it shows, and another configuration.
+//! The developer's pages: reasons of states, and reloading the configuration.
 
 use axum::http::{Method, StatusCode};
 use telltale::engine::snapshot::Reason;

@@ -1,4 +1,4 @@
-//! What an operator does is on the disk before it happens: a disk that takes nothing changes nothing.
+//! An operator's action is on the disk before it happens: if the disk takes nothing, nothing changes.
 
 use std::fs::File;
 use std::path::PathBuf;
@@ -19,7 +19,7 @@ use tokio::task::JoinHandle;
 
 use super::fixture::{Answer, Fixture, as_program, form_request};
 
-/// A vehicle whose database can be told to take nothing more.
+/// A vehicle whose database can be made read-only.
 struct Vehicle {
     fixture: Fixture,
     folder: PathBuf,
@@ -94,7 +94,7 @@ impl Vehicle {
         self.disk.execute_batch("COMMIT").unwrap();
     }
 
-    /// The disk answers nobody any more: the head of the log is written into a pipe that nobody reads.
+    /// The disk no longer answers: the head of the log is written into a pipe that nobody reads.
     async fn stall(&self) -> PathBuf {
         let pipe = self.folder.join(format!("audit.head.{}", std::process::id()));
         let store = &self.fixture.store;
@@ -116,7 +116,7 @@ impl Vehicle {
         reader
     }
 
-    /// Time passes and nobody falls silent, until the storage says something else.
+    /// Time passes and nobody falls silent, until the storage reports something else.
     async fn until_fault(&self, hand: ClockHand, is_there: bool) {
         let mut fault = self.fixture.store.fault();
         for _ in 0..40 {
@@ -162,7 +162,7 @@ impl Vehicle {
         }
     }
 
-    /// A tap is refused and nothing is different.
+    /// A tap is refused and nothing changes.
     async fn cannot(&self, table: &str, path: &str, fields: &str) {
         let before = self.everything().await;
         self.fill(table);
@@ -177,7 +177,7 @@ impl Vehicle {
         assert_eq!(self.everything().await, before, "{path} without {table}");
     }
 
-    /// All that an action could have changed.
+    /// Everything that an action could have changed.
     async fn everything(&self) -> String {
         let snapshot = self.fixture.until(|_| true).await;
         let seat = self.fixture.store.seated_operator().await.unwrap();

@@ -7,7 +7,7 @@ use axum::body::{Body, to_bytes};
 use axum::http::header::{ACCEPT, CONTENT_TYPE, COOKIE, HOST, LOCATION, ORIGIN, SET_COOKIE};
 use axum::http::{HeaderMap, Method, Request, StatusCode};
 use telltale::clock::{Clock, ClockHand};
-use telltale::engine::input::{Input, ListenNews, Stamped, StatusArray};
+use telltale::engine::input::{Input, ListenNews, StatusArray};
 use telltale::engine::model::filter::Filter;
 use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::output::Output;
@@ -18,6 +18,7 @@ use telltale::engine::model::{
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::text::Text;
 use telltale::engine::time::Span;
+use telltale::runtime::Stamped;
 use telltale::runtime::{self, Link, Rehearsal, Reread};
 use telltale::store::{DemoSecrets, History, Store};
 use telltale::web::{AppState, DemoFaults, Enrolled, FaultSwitch, Origins, Settings, router};
@@ -27,7 +28,7 @@ use tower::ServiceExt;
 
 pub const ADDRESS: &str = "127.0.0.1:8080";
 pub const OWN_ORIGIN: &str = "http://127.0.0.1:8080";
-/// What no answer may hold before the login.
+/// Texts that no answer may contain before the login.
 pub const COMPONENTS: [&str; 5] = ["sensors", "localization", "planning", "lidar", "imu"];
 
 pub struct Fixture {
@@ -37,7 +38,7 @@ pub struct Fixture {
     pub router: Router,
     pub app: AppState,
     pub faults: mpsc::Receiver<FaultSwitch>,
-    /// Who is asked to read the configuration again.
+    /// Receives the requests to read the configuration again.
     pub rereads: mpsc::Receiver<Reread>,
 }
 
@@ -94,15 +95,15 @@ impl Fixture {
         (Fixture::at(clock, ADDRESS, false, DemoSecrets::Accepted).await, hand)
     }
 
-    /// With a clock that stands still unless it is set ahead, and with timers that never come: however busy
-    /// the machine is, nothing is too late.
+    /// With a clock that stands still unless it is set ahead, and timers that never fire: nothing is too
+    /// late, however busy the machine is.
     pub async fn without_time() -> (Fixture, ClockHand, NoTimers) {
         let timers = NoTimers::stop();
         let (clock, hand) = Clock::standing();
         (Fixture::at(clock, ADDRESS, false, DemoSecrets::Accepted).await, hand, timers)
     }
 
-    /// Whose database lies in a folder.
+    /// With a database in a folder.
     pub async fn in_folder(folder: &std::path::Path) -> Fixture {
         Fixture::in_folder_by(folder, Clock::start()).await
     }
@@ -150,14 +151,14 @@ impl Fixture {
         Fixture { router: router(app.clone()), app, store, clock, link, faults, rereads }
     }
 
-    /// The same with an engine that judges what is asked for and then does not hear it.
+    /// With an engine that judges an action and then does not receive it.
     pub fn deafened(self) -> Fixture {
         let (commands, _) = mpsc::channel(1);
         let link = Link { commands, ..self.link.clone() };
         self.before(link)
     }
 
-    /// The same with an engine that judges what is asked for when the test hands that on.
+    /// With an engine that receives an action when the test hands it on.
     pub fn held(self) -> (Fixture, mpsc::Receiver<Rehearsal>) {
         let (rehearsals, held) = mpsc::channel(64);
         let link = Link { rehearsals, ..self.link.clone() };
@@ -175,7 +176,7 @@ impl Fixture {
         answer(self.router.clone(), request).await
     }
 
-    /// Sends a request that waits for something of the test.
+    /// Sends a request that waits for the test.
     pub fn start(&self, request: Request<Body>) -> JoinHandle<Answer> {
         tokio::spawn(answer(self.router.clone(), request))
     }
@@ -227,7 +228,7 @@ impl Fixture {
         self.until(|snapshot| (snapshot.stage == Stage::Active) == active).await;
     }
 
-    /// From now on somebody listens, or nobody, to requests to stop.
+    /// From now on somebody, or nobody, listens to requests to stop.
     pub async fn listeners(&self, heard: bool) {
         let news = ListenNews { output: Output::ManeuverStop, topic: "/stop".into(), heard };
         self.input(Input::Listened(news)).await;
@@ -235,7 +236,7 @@ impl Fixture {
     }
 
     pub async fn input(&self, input: Input) {
-        self.link.inputs.send(Stamped { input, received: self.clock.now() }).await.unwrap();
+        self.link.inputs.send(Stamped::new(input, self.clock.now())).await.unwrap();
     }
 
     pub async fn until(&self, condition: impl Fn(&Snapshot) -> bool) -> Arc<Snapshot> {
@@ -257,14 +258,14 @@ async fn answer(router: Router, request: Request<Body>) -> Answer {
     Answer { status: parts.status, headers: parts.headers, body: String::from_utf8_lossy(&body).into_owned() }
 }
 
-/// Whatever can go on without anybody outside of this thread has gone on.
+/// Everything that does not depend on another thread has happened.
 pub async fn settled() {
     for _ in 0..1000 {
         tokio::task::yield_now().await;
     }
 }
 
-/// Asks again and again, for as long as a busy machine may take.
+/// Asks repeatedly, for as long as a busy machine may take.
 pub async fn until(mut condition: impl AsyncFnMut() -> bool) {
     for _ in 0..300 {
         if condition().await {

@@ -1,4 +1,4 @@
-//! What waited for others or for the disk is judged anew before it is done.
+//! Actions that waited for others or for the disk are judged again before they are done.
 
 use axum::http::StatusCode;
 use telltale::clock::ClockHand;
@@ -23,7 +23,7 @@ struct Scene {
     cookie: String,
 }
 
-/// An action that the engine has judged, and that does not know that yet.
+/// An action that the engine has judged and not received yet.
 struct Judged {
     reply: oneshot::Sender<Result<Foreseen, Vec<Refusal>>>,
     foreseen: Result<Foreseen, Vec<Refusal>>,
@@ -90,7 +90,7 @@ impl Scene {
         format!("token={}", answer["token"].as_str().unwrap())
     }
 
-    /// What an action could have changed.
+    /// Everything that an action could have changed.
     fn standing_so(&self) -> (Stage, u64) {
         let snapshot = &self.fixture.link.snapshots.borrow().snapshot;
         (snapshot.stage, snapshot.localization.number)
@@ -244,7 +244,7 @@ async fn only_so_many_wait_and_none_longer_than_it_counts() {
     let (version, (_, number)) = (scene.version().await, scene.standing_so());
     let first = scene.tap(version, "/vehicle/localize", "stop=depot");
     let judged = scene.judged().await;
-    // It was on its way for almost as long as it may.
+    // It was under way for almost as long as it may be.
     let beat = scene.fixture.clock.wall() - std::time::Duration::from_millis(3_800);
     let beat = humantime::format_rfc3339_millis(beat);
     let old = scene.tap(version, "/vehicle/localize", &format!("stop=depot&beat={beat}")).await.unwrap();

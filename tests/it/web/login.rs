@@ -1,4 +1,4 @@
-//! Login, logout, cookies, and what the vehicle makes of them.
+//! Login, logout, cookies, and their effect on the vehicle.
 
 use axum::http::header::SET_COOKIE;
 use axum::http::{Method, StatusCode};

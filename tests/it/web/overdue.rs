@@ -1,4 +1,4 @@
-//! Sessions whose time is over: they end with their sockets whatever the disk does, and over restarts.
+//! Expired sessions: they end with their sockets, whatever the disk does, and over restarts.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -187,7 +187,7 @@ async fn a_restart_gives_a_developer_no_more_time() {
     let (disk, fixture, hand) = Disk::with_fixture("idle").await;
     let cookie = fixture.cookie_of("developer").await;
     let status = async |fixture: &Fixture| fixture.get("/api/v1/snapshot", Some(&cookie)).await.status;
-    // As long as somebody works, also past the time of one who does not.
+    // As long as somebody works, also beyond the time of an idle user.
     disk.run("UPDATE sessions SET created_ms = created_ms - 3600000");
     hand.advance(Span::from_secs(60));
     assert_eq!(status(&fixture).await, StatusCode::OK);

@@ -1,4 +1,5 @@
-//! Who may enter, from where and for how long: PINs, the one seat, idle sessions, tokens of programs.
+//! Who may log in, from where and for how long: PINs, the one operator who leads the vehicle, idle
+//! sessions, tokens of programs.
 
 use std::net::SocketAddr;
 
@@ -31,7 +32,7 @@ async fn a_pin_will_do_at_an_enrolled_display_and_a_password_everywhere() {
         ("::1", "name=anna&secret=a+long+password", StatusCode::OK),
         ("10.0.0.7", "name=anna&secret=a+long+password", StatusCode::OK),
         ("10.0.0.7", "name=bert&secret=975310", StatusCode::FORBIDDEN),
-        // The same words whether it is the right one, and whether there is such a user.
+        // The same words whether or not the PIN is right, and whether or not there is such a user.
         ("10.0.0.8", "name=bert&secret=975311", StatusCode::FORBIDDEN),
         ("10.0.0.9", "name=nobody&secret=975310", StatusCode::FORBIDDEN),
         ("127.0.0.1", "name=bert&secret=975310&take_over=1", StatusCode::OK),
@@ -138,7 +139,7 @@ async fn a_developer_who_does_nothing_is_logged_out_and_nobody_else_is() {
         hand.advance(DEVELOPER_IDLE_MAX - minute);
         assert_eq!(get(&developer, false).await, StatusCode::OK, "it was used in time");
     }
-    // An open page that renews itself is nobody who does something.
+    // An open page that renews itself does not count as activity.
     hand.advance(DEVELOPER_IDLE_MAX - minute);
     assert_eq!(get(&developer, true).await, StatusCode::OK);
     hand.advance(minute);
@@ -170,7 +171,7 @@ async fn a_programs_token_is_a_bearer_and_no_cookie() {
         (Method::GET, "/api/v1/snapshot", authority, StatusCode::OK),
         (Method::GET, "/developer/audit", authority, StatusCode::OK),
         (Method::POST, "/demo/fault", authority, StatusCode::FORBIDDEN),
-        // It goes through without an origin: no browser sends this header by itself.
+        // It is accepted without an origin: no browser sends this header by itself.
         (Method::POST, "/demo/fault", developer, StatusCode::UNSUPPORTED_MEDIA_TYPE),
     ] {
         assert_eq!(send(method.clone(), path, token).await, expected, "{method} {path}");

@@ -87,7 +87,7 @@ async fn next(socket: &mut Socket) -> Option<Message> {
     timeout(PATIENCE, socket.next()).await.expect("a message comes in time").map(Result::unwrap)
 }
 
-/// The next message that is JSON and meets the condition.
+/// The next JSON message that meets the condition.
 pub async fn next_json(socket: &mut Socket, condition: impl Fn(&Value) -> bool) -> Value {
     loop {
         if let Message::Text(text) = next(socket).await.expect("the socket is open") {
@@ -103,7 +103,7 @@ async fn next_content(socket: &mut Socket) -> Value {
     next_json(socket, |value| value.get("content").is_some()).await
 }
 
-/// Reads until the server closes, and returns why.
+/// Reads until the server closes, and returns the reason.
 pub async fn closed(socket: &mut Socket) -> CloseCode {
     loop {
         if let Message::Close(frame) = next(socket).await.expect("a close frame comes first") {
@@ -117,7 +117,7 @@ fn shown(server: &Server, lang: Lang) -> Vec<Fragment> {
     fragments(&published, &server.app.frames.observe(&published), lang, &server.app.trends)
 }
 
-/// What is always in sight in one piece, and what stands behind it by its ids.
+/// The visible parts in one piece, and the hidden parts by their ids.
 fn apart(fragments: &[Fragment]) -> (String, serde_json::Map<String, Value>) {
     let is_behind = |it: &&Fragment| it.id.starts_with("detail-") || it.id.starts_with("all-");
     let (behind, front): (Vec<&Fragment>, Vec<&Fragment>) = fragments.iter().partition(is_behind);
@@ -173,7 +173,7 @@ async fn a_page_gets_everything_once_and_then_what_changed() {
         let after = shown(&server, lang);
         let changed: Vec<Fragment> = after.into_iter().filter(|it| !before.contains(it)).collect();
         let changed = apart(&changed);
-        // What stands behind the tiles may come a little later.
+        // The hidden parts may come a little later.
         let mut got = (String::new(), serde_json::Map::new());
         while got.0.len() < changed.0.len() || got.1.len() < changed.1.len() {
             let step = next_json(&mut socket, |value| value.get("beat").is_none()).await;
@@ -221,7 +221,7 @@ async fn whoever_does_not_read_delays_nobody_and_is_closed() {
         silent.push(server.connect(path, &cookie).await);
     }
     let mut reader = server.connect("/api/v1/stream", &cookie).await;
-    // Far more than what sockets hold, so that those who do not read are stuck.
+    // Far more than the sockets' buffers hold, so that clients that do not read are stuck.
     for round in 0..20 {
         let message = format!("{round}{}", "x".repeat(4000));
         for name in 0..100 {
@@ -269,7 +269,7 @@ async fn a_socket_ends_with_its_session() {
             assert_eq!(closed, CloseCode::Policy, "{how}");
             assert!(next(socket).await.is_none());
         }
-        // Nobody is left in the seat.
+        // Nobody leads the vehicle.
         server.fixture.until(|snapshot| snapshot.stage == Stage::Locked).await;
         next_json(&mut other, |value| value.get("beat").is_some()).await;
     }

@@ -1,4 +1,4 @@
-//! TLS: the vehicle's own certificate, what is wrong with others, and a page over it.
+//! TLS: the vehicle's own certificate, faults of other certificates, and a page over TLS.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

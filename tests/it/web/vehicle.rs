@@ -1,4 +1,4 @@
-//! The operator's actions: what is granted, what is refused and why, and what a late tap does.
+//! The operator's actions: which are done, which are refused and why, and the effect of a late tap.
 
 use axum::http::StatusCode;
 use serde_json::Value;
@@ -40,7 +40,7 @@ impl Operator {
         self.fixture.app.session(&token).unwrap()
     }
 
-    /// What the display would say: it shows what is.
+    /// The display's report that it shows the present state.
     fn look(&self) {
         let (displays, now) = (&self.fixture.app.displays, self.fixture.clock.now());
         let place = displays.enter(&self.session()).unwrap();
@@ -54,9 +54,9 @@ impl Operator {
         self.fixture.link.snapshots.borrow().snapshot.seq
     }
 
-    /// A tap on what is shown now.
+    /// A tap on the present state.
     async fn post(&self, path: &str, fields: &str) -> Answer {
-        // Somebody has to be shown a state before anybody can act on it.
+        // Somebody must be shown a state before anybody can act on it.
         self.fixture.get_json("/api/v1/snapshot", &self.cookie).await;
         self.post_at(self.seq(), path, fields).await
     }

@@ -1,4 +1,4 @@
-//! The snapshot as programs read it.
+//! The snapshot in the form that programs read.
 
 use std::sync::Arc;
 use std::time::{Duration, UNIX_EPOCH};
@@ -8,7 +8,7 @@ use telltale::engine::Engine;
 use telltale::engine::input::{Input, OperatorAction, StatusArray};
 use telltale::engine::time::Timestamp;
 use telltale::runtime::Published;
-use telltale::web::frame::Frames;
+use telltale::web::live::frame::Frames;
 
 use super::fixture::model;
 

@@ -1,10 +1,10 @@
-//! Which numbers a field can be at all.
+//! The range of the numbers that a field can have.
 
 use super::{Leaf, Program};
 use crate::msg::fields::definition::Primitive;
 
 impl Program {
-    /// The least and the greatest number that it can read, where its type says.
+    /// The smallest and the largest number of a field, if its type has limits.
     pub fn range(&self) -> Option<(f64, f64)> {
         match &self.leaf {
             Leaf::Primitive(primitive) => range(*primitive),
@@ -14,7 +14,7 @@ impl Program {
     }
 }
 
-/// Of the largest integers the nearest numbers that are one.
+/// The doubles nearest to the largest integers.
 fn range(primitive: Primitive) -> Option<(f64, f64)> {
     Some(match primitive {
         Primitive::Bool | Primitive::F32 | Primitive::F64 => return None,

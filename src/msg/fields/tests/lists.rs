@@ -1,4 +1,4 @@
-//! Lists of positions out of arrays of whatever holds one.
+//! Tests of lists of positions, from arrays of various messages.
 
 use super::*;
 
@@ -14,7 +14,7 @@ fn positions_are_read_wherever_an_element_has_them() {
         std::fs::create_dir_all(file.parent().unwrap()).unwrap();
         std::fs::write(file, text).unwrap();
     };
-    // As in vision_msgs, and objects that have nothing but numbers.
+    // As in vision_msgs, and objects that have only numbers.
     write("Detections", "Detection[] detections\nFlat[] flat\nFlag[] flags\nfloat64[] numbers");
     write("Detection", "string id\nBox bbox");
     write("Box", "geometry_msgs/Pose center\nfloat64 size");
@@ -71,7 +71,7 @@ fn of_a_long_list_the_first_are_taken_and_all_are_counted() {
     let FieldValue::Positions(found) = &reading.values[0] else { panic!("{reading:?}") };
     assert_eq!((found.taken.len(), found.count, found.is_cut()), (POSITIONS_MAX, 300, true));
     assert_eq!(found.taken[255], Position { x_m: 255.0, y_m: 0.0 });
-    // Cut on the wire, or a length that lies: nothing is compared.
+    // A message that is cut, or a wrong length: nothing is compared.
     let whole = encode::pose_array(header("map"), &poses[..3]);
     for body in [&whole[..whole.len() - 60], &[&whole[..24], &[0xff; 40][..]].concat()] {
         let value = &reader.read(body, Endian::Little).values[0];

@@ -1,5 +1,5 @@
-//! A snapshot as the tools of ROS 2 for aggregated diagnostics expect it (rqt_robot_monitor and its
-//! kin): one status for each node of the tree, named by its path, a group before its members.
+//! A snapshot in the form of ROS 2's aggregated diagnostics (rqt_robot_monitor and similar tools): one
+//! status for each node of the tree, named by its path, a group before its members.
 
 use std::borrow::Cow;
 
@@ -10,7 +10,7 @@ use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use crate::engine::view::ros_names::{part, unique};
 
-/// The tree of the vehicle. Before a login it says nothing of what modules report.
+/// The tree of the vehicle. Before a login it contains nothing that modules report.
 pub fn tree(snapshot: &Snapshot) -> StatusArray {
     let mut out = StatusArray::default();
     let mut root = part(&snapshot.layout.vehicle_name.en);
@@ -34,13 +34,13 @@ pub fn tree(snapshot: &Snapshot) -> StatusArray {
     out
 }
 
-/// The group of what nothing claims, while there is no such thing.
+/// The empty group of statuses that no group takes.
 fn is_idle(snapshot: &Snapshot, id: GroupId) -> bool {
     let (info, _) = snapshot.group(id);
     !info.counted && info.groups.is_empty() && info.modules.is_empty()
 }
 
-/// The worst of the whole, in one status.
+/// The worst state of the whole, in one status.
 pub fn top(snapshot: &Snapshot) -> StatusArray {
     let mut out = StatusArray::default();
     let level = top_level(snapshot);
@@ -50,7 +50,7 @@ pub fn top(snapshot: &Snapshot) -> StatusArray {
     out
 }
 
-/// The level of the whole: STALE only where nothing is known of any component.
+/// The level of the whole: STALE only if nothing is known of any component.
 pub fn top_level(snapshot: &Snapshot) -> Level {
     let mut in_tile: Vec<bool> = Vec::with_capacity(snapshot.layout.groups.len());
     for group in &snapshot.layout.groups {
@@ -99,14 +99,14 @@ fn module(snapshot: &Snapshot, id: ModuleId, path: &str, out: &mut StatusArray) 
     }
 }
 
-/// Groups inside, then modules.
+/// First groups inside, then modules.
 fn members(info: &GroupInfo) -> Vec<NodeId> {
     let groups = info.groups.iter().map(|&id| NodeId::Group(id));
     groups.chain(info.modules.iter().map(|&id| NodeId::Module(id))).collect()
 }
 
-/// What stands beside each other, each with its part of the path. Programs know a status by its path
-/// alone, so no two have the same: what comes later is called `NAME (2)`.
+/// Siblings, each with its part of the path. Programs know a status only by its path, so each is unique:
+/// later ones are called `NAME (2)`.
 fn named(snapshot: &Snapshot, nodes: &[NodeId]) -> Vec<(NodeId, String)> {
     let name = |&node: &NodeId| match node {
         NodeId::Group(id) => part(&snapshot.group(id).0.name.en),
@@ -115,8 +115,8 @@ fn named(snapshot: &Snapshot, nodes: &[NodeId]) -> Vec<(NodeId, String)> {
     nodes.iter().copied().zip(unique(nodes.iter().map(name))).collect()
 }
 
-/// A header is STALE only where all below it are; where some are it is an error, as the aggregator of
-/// ROS 2 has it.
+/// A header is STALE only if everything below it is; if some of it is, the header is an error, as in the
+/// aggregator of ROS 2.
 fn header(snapshot: &Snapshot, state: State, mut below: impl Iterator<Item = NodeId>) -> Level {
     let own = level(snapshot, state);
     let mut known = || below.any(|node| node_level(snapshot, node) != Level::Stale);
@@ -139,7 +139,7 @@ fn word(snapshot: &Snapshot, node: NodeId) -> &'static str {
     node_level(snapshot, node).word(snapshot.shown(node).0)
 }
 
-/// What a module says last; of one that is silent, that it is and for how long.
+/// The last message of a module; a silent module says first for how long.
 fn words(view: &ModuleView, now: Timestamp) -> Cow<'_, str> {
     let is_new = view.received.is_none() && view.report.message.is_empty();
     match view.own {
@@ -149,7 +149,7 @@ fn words(view: &ModuleView, now: Timestamp) -> Cow<'_, str> {
     }
 }
 
-/// What a level alone cannot say: IGNORE has none, and hides what is behind it.
+/// What the level does not express: IGNORE has no level, and hides the module's own state.
 fn own_values(snapshot: &Snapshot, state: State, own: State, out: &mut StatusArray) {
     out.push_value("telltale_state", state.as_str());
     if snapshot.stage != Stage::Locked && own != state {
@@ -183,7 +183,7 @@ fn module_part(snapshot: &Snapshot, id: ModuleId) -> String {
     part(info.id.get(group + 1..).unwrap_or(&info.id))
 }
 
-/// As `diagnostic_msgs/DiagnosticStatus` numbers it.
+/// The level in `diagnostic_msgs/DiagnosticStatus`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
     Ok = 0,
@@ -192,8 +192,8 @@ pub enum Level {
     Stale = 3,
 }
 
-/// UNKNOWN is STALE. IGNORE has no level there and must not alarm; but while the vehicle is locked
-/// nothing is diagnosed at all, and OK would be a claim.
+/// UNKNOWN is STALE. IGNORE has no level there and must not alarm, so it is OK; but while the vehicle is
+/// locked nothing is diagnosed at all, and OK would be a claim.
 fn level(snapshot: &Snapshot, state: State) -> Level {
     match state {
         State::Ignore if snapshot.stage == Stage::Locked => Level::Stale,
@@ -205,7 +205,7 @@ fn level(snapshot: &Snapshot, state: State) -> Level {
 }
 
 impl Level {
-    /// As the aggregator of ROS 2 words it.
+    /// In the words of the aggregator of ROS 2.
     const fn word(self, state: State) -> &'static str {
         match (self, state) {
             (_, State::Ignore) => "Ignored",

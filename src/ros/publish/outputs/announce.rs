@@ -1,5 +1,5 @@
-//! The node of what is published. It has a name of its own: tools look an endpoint up among the nodes
-//! that its own participant announces, and warn of two participants with one name.
+//! Announces the node of the outputs. It has a name of its own: tools look an endpoint up among the nodes
+//! of its own participant, and warn of two participants with one name.
 
 use std::sync::Arc;
 
@@ -9,7 +9,8 @@ use crate::msg::messages::GidSize;
 use crate::ros::Publisher;
 use crate::ros::outbox::stopped;
 
-/// Announces it as soon as it is known how long a gid is; the writer keeps that for who comes later.
+/// Announces the node as soon as the size of a gid is known; the writer keeps the announcement for late
+/// joiners.
 pub async fn run(
     publisher: Arc<Publisher>,
     node: String,

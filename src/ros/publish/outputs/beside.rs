@@ -1,4 +1,4 @@
-//! Other programs that publish the aggregated diagnosis: who reads it would get two trees in turn.
+//! Finds other programs that publish the aggregated diagnosis: a reader would get two trees in turn.
 
 use std::sync::Arc;
 
@@ -7,16 +7,17 @@ use tokio::sync::{mpsc, watch};
 use super::{OutputTopic, offer};
 use crate::clock::Clock;
 use crate::engine::discovery::{Discovery, Endpoint};
-use crate::engine::input::{Input, Stamped};
+use crate::engine::input::Input;
 use crate::engine::model::output::Publication;
+use crate::msg::received::Stamped;
 use crate::ros::Publisher;
 use crate::ros::outbox::stopped;
 
-/// The vendor of our DDS library, with which a participant's id begins (RTPS 2.5, 9.3.1.5): so does that
-/// of another Telltale.
+/// The vendor id of our DDS library, with which a participant's id begins (RTPS 2.5, 9.3.1.5). Another
+/// Telltale has the same.
 const OUR_VENDOR: &str = "0112";
 
-/// Who else publishes what we would.
+/// The other publishers of our topics.
 #[derive(Clone)]
 pub struct Rivals {
     /// Topics and types of the aggregated diagnosis, and whether we publish beside others.
@@ -36,7 +37,7 @@ impl Rivals {
         Rivals { topics: topics.collect(), own: publisher.participant(), discovery }
     }
 
-    /// Whether nothing is to be published on this topic now.
+    /// Whether nothing may be published on this topic now.
     pub fn silence(&self, topic: &str) -> bool {
         let seen = self.discovery.borrow();
         let found = self.topics.iter().find(|(known, ..)| **known == *topic);
@@ -44,7 +45,7 @@ impl Rivals {
         !beside_others && others(&seen, topic, type_name, &self.own).any(|it| yields_to(&self.own, it))
     }
 
-    /// Where and who, for people; nothing where that is wanted.
+    /// The topic and the other publishers, for people; `None` if publishing beside them is configured.
     fn words(&self) -> Option<String> {
         let seen = self.discovery.borrow();
         let unwanted = self.topics.iter().filter(|(.., beside_others)| !beside_others);
@@ -57,7 +58,7 @@ impl Rivals {
     }
 }
 
-/// One of ours that was killed is seen for a while still.
+/// One of our own participants that was killed stays visible for a while.
 fn others<'a>(
     seen: &'a Discovery,
     topic: &str,
@@ -69,20 +70,20 @@ fn others<'a>(
     publishers.filter(move |it| it.participant != own && !it.ours && it.type_name == type_name)
 }
 
-/// To every other aggregator, and of two Telltales to the one with the smaller id: they see one another
-/// while they are silent, and must not both be.
+/// Yields to every other aggregator, and of two Telltales to the one with the smaller id: they see one
+/// another while they are silent, and must not both be silent.
 fn yields_to(own: &str, other: &Endpoint) -> bool {
     !other.participant.starts_with(OUR_VENDOR) || *other.participant < *own
 }
 
-/// Tells the log and the engine whenever it changes.
+/// Reports each change to the log and to the engine.
 pub async fn tell(
     mut rivals: Rivals,
     inputs: mpsc::Sender<Stamped>,
     clock: Clock,
     mut end: watch::Receiver<bool>,
 ) {
-    // A participant before this one may have told of somebody who is gone.
+    // An earlier participant may have reported a publisher that is gone.
     let mut told = Some(Some(String::new()));
     loop {
         let words = rivals.words();
@@ -95,7 +96,7 @@ pub async fn tell(
                 );
             }
             let other = words.as_deref().map(Box::from);
-            let news = Stamped { input: Input::Aggregator { other }, received: clock.now() };
+            let news = Stamped::new(Input::Aggregator { other }, clock.now());
             // A full queue is tried again with the next look of discovery, a second later.
             told = inputs.try_send(news).is_ok().then_some(words);
         }

@@ -1,4 +1,4 @@
-//! What the vehicle is to be told, and when: levels that follow from snapshots. Pure.
+//! The messages to the vehicle and when they are due: levels that follow from snapshots. Pure.
 
 use crate::engine::model::Stage;
 use crate::engine::model::output::Output;
@@ -32,13 +32,13 @@ impl Say {
     }
 }
 
-/// What was said last. What could not be said is due again.
+/// The messages that were sent last. A message that could not be sent is due again.
 #[derive(Debug)]
 pub struct Levels {
     /// A request that is in force is repeated.
     pub every: Span,
     deceleration: Option<(f64, Timestamp)>,
-    /// A reader that asks for no last value and comes late hears a stop only when it is said again.
+    /// A late reader that asks for no last value hears a stop only when it is repeated.
     maneuver_stop: Option<(bool, Timestamp)>,
     clearance: Option<bool>,
     stage: Option<Stage>,
@@ -46,7 +46,7 @@ pub struct Levels {
 }
 
 impl Levels {
-    /// A pose that was given before is not given again: the vehicle has moved since.
+    /// A pose that was given before is not sent again: the vehicle has moved since.
     pub fn new(every: Span, before: &Snapshot) -> Levels {
         Levels {
             every,
@@ -58,7 +58,8 @@ impl Levels {
         }
     }
 
-    /// Nobody heard what was said: there is another participant. The pose is no level.
+    /// There is a new participant, so nobody heard the earlier messages. The pose is no level and stays
+    /// sent.
     pub fn forget(&mut self) {
         *self = Levels {
             every: self.every,
@@ -70,7 +71,7 @@ impl Levels {
         };
     }
 
-    /// What is to be said now, most urgent first.
+    /// The messages that are due now, most urgent first.
     pub fn due(&self, snapshot: &Snapshot, now: Timestamp) -> Vec<Say> {
         let mut due = Vec::new();
         if let Some(mps2) = snapshot.deceleration()
@@ -106,7 +107,8 @@ impl Levels {
         }
     }
 
-    /// When a request is to be repeated. What is over is forgotten, so that the next one starts at once.
+    /// When a request is to be repeated. An ended request is forgotten, so that the next one starts at
+    /// once.
     pub fn repeat_at(&mut self, snapshot: &Snapshot) -> Option<Timestamp> {
         if snapshot.deceleration().is_none() {
             self.deceleration = None;
@@ -168,7 +170,7 @@ mod tests {
         Snapshot { countermeasures: requests.iter().map(measure).collect(), ..calm() }
     }
 
-    /// Says all that is due, and returns it.
+    /// Sends all that is due, and returns it.
     fn say(levels: &mut Levels, snapshot: &Snapshot, ms: u64) -> Vec<Say> {
         let due = levels.due(snapshot, at(ms));
         due.iter().for_each(|&say| levels.said(say, at(ms)));

@@ -1,5 +1,4 @@
-//! Whether anybody listens to the requests that are published for the vehicle: what discovery knows
-//! of readers that would match.
+//! Whether anybody listens to the requests to the vehicle: the matching readers that discovery knows.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -8,18 +7,19 @@ use std::time::Duration;
 use tokio::time::MissedTickBehavior;
 
 use super::{Ground, offer};
-use crate::engine::input::{Input, ListenNews, Stamped};
+use crate::engine::input::{Input, ListenNews};
 use crate::engine::model::output::{Output, Publication};
 use crate::engine::time::{Span, Timestamp};
+use crate::msg::received::Stamped;
 use crate::ros::Publisher;
 use crate::ros::outbox::stopped;
 
 const LOOK: Duration = Duration::from_millis(250);
 
-/// Who is there already is discovered within this.
+/// Existing readers are discovered within this time.
 const DISCOVERED_WITHIN: Span = Span::from_secs(3);
 
-/// Tells the engine whenever it changes, until this participant's life is over.
+/// Reports each change to the engine, until this participant's life is over.
 pub async fn watch(publisher: Arc<Publisher>, mut ground: Ground) {
     let requests: Vec<(Output, Box<str>)> = ground.topics.iter().filter_map(request).collect();
     let opened = ground.clock.now();
@@ -60,14 +60,14 @@ fn is_news(heard: bool, told: Option<bool>, opened: Timestamp, now: Timestamp) -
     }
 }
 
-/// A full queue is asked again with the next look.
+/// A full queue is tried again with the next look.
 fn tell(ground: &Ground, news: ListenNews) -> bool {
     let ListenNews { topic, heard, .. } = &news;
     match heard {
         true => tracing::info!("the vehicle listens to {topic}"),
         false => tracing::warn!("nobody listens to {topic}"),
     }
-    let stamped = Stamped { input: Input::Listened(news), received: ground.clock.now() };
+    let stamped = Stamped::new(Input::Listened(news), ground.clock.now());
     ground.inputs.try_send(stamped).is_ok()
 }
 

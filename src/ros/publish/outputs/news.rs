@@ -1,11 +1,12 @@
-//! Tells the engine what could not be sent to the vehicle, and that it can be sent again.
+//! Tells the engine what could not be sent to the vehicle, and when it can be sent again.
 
 use super::{Ground, OutputTopic};
-use crate::engine::input::{Input, OutputNews, Stamped};
+use crate::engine::input::{Input, OutputNews};
 use crate::engine::model::output::{Output, Publication};
+use crate::msg::received::Stamped;
 use crate::ros::PublishError;
 
-/// Whether the engine was told. A full queue is no reason to keep the vehicle waiting.
+/// Whether the engine was told. A full queue must not keep the vehicle waiting.
 pub fn tell(ground: &Ground, output: Output, topic: &str, error: Option<PublishError>) -> bool {
     if let Some(error) = &error {
         tracing::error!("{error}");
@@ -14,8 +15,8 @@ pub fn tell(ground: &Ground, output: Output, topic: &str, error: Option<PublishE
     send(ground, OutputNews { output, topic: topic.into(), error })
 }
 
-/// Nothing at all can be sent, or all can be sent again: some of it is said so seldom that its own success
-/// would come late.
+/// Reports that nothing at all can be sent, or that everything can be sent again: some messages are so rare
+/// that their own success would come late.
 pub fn tell_all(ground: &Ground, error: Option<&str>) {
     for OutputTopic { publication, topic, .. } in ground.topics.iter() {
         if let Publication::Vehicle(output) = *publication {
@@ -25,6 +26,6 @@ pub fn tell_all(ground: &Ground, error: Option<&str>) {
 }
 
 fn send(ground: &Ground, news: OutputNews) -> bool {
-    let stamped = Stamped { input: Input::Output(news), received: ground.clock.now() };
+    let stamped = Stamped::new(Input::Output(news), ground.clock.now());
     ground.inputs.try_send(stamped).is_ok()
 }

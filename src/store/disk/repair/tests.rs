@@ -9,7 +9,7 @@ use crate::store::{Database, Entering, Role, VehicleMemory};
 const USERS: u64 = 300;
 const LATE: Timestamp = Timestamp::from_millis(u32::MAX as u64);
 
-/// A data folder with users, a vehicle and some pages of audit log, which nobody has open.
+/// A data folder with users, a vehicle and some pages of audit log; no process has it open.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -23,7 +23,7 @@ impl Folder {
         let records = vec![Record::of(Action::Localize, "here").on("x".repeat(200)); 100];
         store.remember(memory, records).await.unwrap();
         store.close().await;
-        // More than one page of them; hashing so many secrets would take a minute.
+        // More users than fit into one page; hashing so many secrets would take a minute.
         let more = format!(
             "INSERT INTO users (name, role, secret_hash, created_ms)
              WITH RECURSIVE n(i) AS (SELECT 2 UNION ALL SELECT i + 1 FROM n WHERE i < {USERS})
@@ -77,7 +77,7 @@ async fn can_log_in(store: &Store) -> bool {
     store.session(&token).is_some()
 }
 
-/// Has the storage looked after now, which happens every few seconds.
+/// Runs the probe of the storage now instead of in a few seconds.
 async fn look_after(store: &Store) {
     let look = |database: &mut Database| {
         database.health.doubt();
@@ -98,7 +98,7 @@ async fn whatever_page_is_zeroed_there_is_a_display_with_a_login() {
         fs::write(folder.file(""), &whole).unwrap();
         folder.zero(page);
         let store = folder.serve();
-        // Some pages are needed for the first record alone.
+        // The first record alone needs some pages.
         if !can_log_in(&store).await {
             look_after(&store).await;
             assert!(can_log_in(&store).await, "page {page}");
@@ -242,7 +242,7 @@ fn a_backup_is_whole_private_and_no_session_comes_back_with_it() {
     assert_eq!((&*newest[0].action, &*newest[0].target), ("data restored", file.to_str().unwrap()));
     runtime.block_on(store.close());
 
-    // A copy that is not whole is none.
+    // A copy that is not whole does not count.
     fs::write(&file, vec![0; 9000]).unwrap();
     assert!(check_data(&folder.0).unwrap().backups[0].damage.is_some());
     assert!(matches!(restore(&folder.0, None, Clock::start()), Err(StoreError::NoBackup { .. })));
@@ -255,7 +255,7 @@ async fn a_database_that_breaks_while_it_is_served_lets_people_log_in_and_stay()
     let store = folder.serve();
     let user = store.authenticate("anna", "135791").await.unwrap().unwrap();
     let (token, session) = store.open_session(&user).await.unwrap();
-    // What lies in the log or in memory would be read instead of the page.
+    // Otherwise the log or the cache would be read instead of the page.
     let spoil = |database: &mut Database| {
         database.connection.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()))?;
         Ok(database.connection.execute_batch("PRAGMA cache_size = 0; PRAGMA shrink_memory")?)

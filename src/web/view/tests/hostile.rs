@@ -14,7 +14,9 @@ fn text_from_outside_is_text_and_nothing_else() {
         fragments(&published, Lang::En).into_iter().map(|fragment| fragment.html).collect();
     pages.push(operator_page(&published, &context(Lang::De, Palette::Day)));
     let by_evil = PageContext { user: evil.to_owned(), ..context(Lang::En, Palette::Day) };
-    pages.extend(developer::pages(&published, &by_evil, evil).into_iter().map(|(_, html)| html));
+    pages.extend(
+        crate::web::developer::tests::pages(&published, &by_evil, evil).into_iter().map(|(_, html)| html),
+    );
     pages.push(demo_page(
         &[DemoFault { name: evil.to_owned(), active: true }],
         &context(Lang::En, Palette::Day),

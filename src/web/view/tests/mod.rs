@@ -3,7 +3,6 @@
 mod arrows;
 mod causes;
 mod details;
-mod developer;
 mod hostile;
 mod pages;
 mod stages;
@@ -11,13 +10,13 @@ mod states;
 mod words;
 
 use super::sample::{Sample, group, module, on_group, parts, text};
+use super::versions::Versions;
 use super::*;
 use crate::engine::input::{AlarmRef, OperatorAction, TroubleKind};
 use crate::engine::model::{GroupId, Parts as ModelParts, StageModel, When};
 use crate::engine::text::Text;
-use crate::web::versions::Versions;
 
-fn context(lang: Lang, palette: Palette) -> PageContext {
+pub fn context(lang: Lang, palette: Palette) -> PageContext {
     PageContext {
         lang,
         palette,
@@ -30,7 +29,7 @@ fn context(lang: Lang, palette: Palette) -> PageContext {
 }
 
 /// The page as it is for somebody to whom nothing was shown before.
-fn operator_page(published: &Published, context: &PageContext) -> String {
+pub fn operator_page(published: &Published, context: &PageContext) -> String {
     super::operator_page(
         published,
         &Versions::default().observe(&published.snapshot),
@@ -39,11 +38,11 @@ fn operator_page(published: &Published, context: &PageContext) -> String {
     )
 }
 
-fn fragments(published: &Published, lang: Lang) -> Vec<Fragment> {
+pub fn fragments(published: &Published, lang: Lang) -> Vec<Fragment> {
     super::fragments(published, &Versions::default().observe(&published.snapshot), lang, &Trends::default())
 }
 
-fn fragment(published: &Published, lang: Lang, id: &str) -> String {
+pub fn fragment(published: &Published, lang: Lang, id: &str) -> String {
     let all = fragments(published, lang);
     let found = all.into_iter().find(|fragment| fragment.id == id);
     found.unwrap_or_else(|| panic!("no fragment {id}")).html
@@ -51,7 +50,7 @@ fn fragment(published: &Published, lang: Lang, id: &str) -> String {
 
 /// The fragment `id` contains every part of `expect`, and none of `not`.
 #[track_caller]
-fn check(published: &Published, lang: Lang, id: &str, expect: &[&str], not: &[&str]) {
+pub fn check(published: &Published, lang: Lang, id: &str, expect: &[&str], not: &[&str]) {
     let html = fragment(published, lang, id);
     for part in expect {
         assert!(html.contains(part), "{id} lacks {part:?}:\n{html}");
@@ -61,7 +60,7 @@ fn check(published: &Published, lang: Lang, id: &str, expect: &[&str], not: &[&s
     }
 }
 
-fn jump() -> Sample {
+pub fn jump() -> Sample {
     Sample::shuttle(true).report(
         "localization/tf_quality",
         2,

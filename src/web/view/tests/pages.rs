@@ -45,7 +45,7 @@ fn all() -> Vec<(String, String)> {
                 let context = PageContext { demo: *name == "calm", ..context(lang, palette) };
                 let file = format!("{name}-{}-{}", lang.as_str(), palette.as_str());
                 pages.push((file.clone(), operator_page(published, &context)));
-                for (page, html) in developer::pages(published, &context, "") {
+                for (page, html) in crate::web::developer::tests::pages(published, &context, "") {
                     pages.push((format!("developer-{page}-{file}"), html));
                 }
             }

@@ -6,7 +6,7 @@ fn a_locked_vehicle_shows_nothing_of_itself() {
     let fragments = fragments(&locked, Lang::En);
     assert_eq!(fragments.len(), 1);
     let page = operator_page(&locked, &context(Lang::En, Palette::Night));
-    let developer = developer::pages(&locked, &context(Lang::En, Palette::Night), "");
+    let developer = crate::web::developer::tests::pages(&locked, &context(Lang::En, Palette::Night), "");
     // What the file of the configuration would change is no diagnosis.
     let developer = developer.iter().filter(|(page, _)| *page != "configuration").map(|(_, html)| html);
     for html in [&fragments[0].html, &page].into_iter().chain(developer) {

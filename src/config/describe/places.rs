@@ -1,0 +1,76 @@
+//! Where the nodes of a model are written.
+
+use crate::engine::model::monitors::TopicId;
+use crate::engine::model::{ModuleId, NodeId};
+use crate::yaml::{Sources, Span};
+
+/// Something of the configuration that can only be judged with the definitions of messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// The type of a watched topic.
+    Type(TopicId),
+    /// The type of a watched topic whose header stamp is wanted.
+    Stamp(TopicId),
+    /// A field of a watched topic, by its position.
+    Field(TopicId, u32),
+    /// The type of a signal's topic, by the signal's position.
+    SignalType(usize),
+    /// The field of a signal.
+    SignalField(usize),
+    /// The id of a module, for what is wrong with its monitor.
+    Module(ModuleId),
+}
+
+#[derive(Debug, Clone)]
+pub(in crate::config) struct Places {
+    pub sources: Sources,
+    /// By the ids of the model.
+    pub groups: Vec<NodePlace>,
+    pub modules: Vec<NodePlace>,
+    /// By the ids of what is watched.
+    pub topics: Vec<TopicPlace>,
+    /// By position: the type, and the field or else the type.
+    pub signals: Vec<(Span, Span)>,
+    /// The nodes of each countermeasure.
+    pub rules: Vec<Vec<Span>>,
+    /// Where requests to stop are switched off.
+    pub stop_off: Option<Span>,
+}
+
+#[derive(Debug, Clone)]
+pub(in crate::config) struct TopicPlace {
+    pub name: Span,
+    pub type_name: Span,
+    /// Where the stamp of its messages is first wanted.
+    pub stamp: Option<Span>,
+    pub fields: Vec<Span>,
+}
+
+#[derive(Debug, Clone)]
+pub(in crate::config) struct NodePlace {
+    pub id: Span,
+    pub when: Option<Span>,
+    /// By position in the node's `depends_on`.
+    pub depends_on: Vec<Span>,
+}
+
+impl Places {
+    pub fn span(&self, place: Place) -> Option<Span> {
+        let topic = |id: TopicId| self.topics.get(id.0 as usize);
+        match place {
+            Place::Type(id) => topic(id).map(|topic| topic.type_name),
+            Place::Stamp(id) => topic(id).map(|topic| topic.stamp.unwrap_or(topic.name)),
+            Place::Field(id, field) => topic(id)?.fields.get(field as usize).copied(),
+            Place::SignalType(index) => self.signals.get(index).map(|(type_name, _)| *type_name),
+            Place::SignalField(index) => self.signals.get(index).map(|(_, field)| *field),
+            Place::Module(id) => self.modules.get(id.0 as usize).map(|module| module.id),
+        }
+    }
+
+    pub fn of(&self, node: NodeId) -> &NodePlace {
+        match node {
+            NodeId::Group(id) => &self.groups[id.0 as usize],
+            NodeId::Module(id) => &self.modules[id.0 as usize],
+        }
+    }
+}

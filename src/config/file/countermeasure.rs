@@ -1,0 +1,133 @@
+//! Countermeasures as they are written (`DESIGN.md` 5).
+
+use crate::engine::model::Stage;
+use crate::engine::model::countermeasure::Request;
+use crate::engine::state::State;
+use crate::engine::time;
+use crate::yaml::decode::{All, scalar, word};
+use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned};
+
+/// The strongest that passengers who stand can be asked to bear.
+const MPS2_MAX: f64 = 3.0;
+const MPS2: f64 = 1.0;
+const WITHIN: time::Span = time::Span::from_secs(1);
+const WITHIN_MAX: time::Span = time::Span::from_secs(60);
+
+#[derive(Debug)]
+pub(in crate::config) struct RawRule {
+    pub request: Option<Request>,
+    pub when: Option<RawWhen>,
+    pub confirmation: Option<(RawConfirmedBy, time::Span)>,
+}
+
+#[derive(Debug)]
+pub(in crate::config) struct RawWhen {
+    pub span: Span,
+    pub groups: Vec<Spanned<String>>,
+    pub modules: Vec<Spanned<String>>,
+    pub state: Option<State>,
+    pub stages: Vec<Stage>,
+}
+
+#[derive(Debug)]
+pub(in crate::config) enum RawConfirmedBy {
+    Signal(Spanned<String>),
+    Status(String),
+}
+
+impl FromNode for RawRule {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a countermeasure", log)?;
+        let kind = fields.node("request");
+        if kind.is_none() {
+            let problem = Problem::at(node.span, "a countermeasure needs `request`");
+            fields.log.push(problem.help("add `request: decelerate`, `maneuver_stop` or `notify`"));
+        }
+        let mps2: Option<Spanned<f64>> = fields.optional("mps2");
+        let request = kind.and_then(|node| request(node, mps2, fields.log));
+        let when = fields.required("when");
+        let by = fields.optional("confirmed_by");
+        let within: Option<Spanned<time::Span>> = fields.optional("within");
+        if let Some(within) = within {
+            if within.value.is_zero() || within.value > WITHIN_MAX {
+                let problem = Problem::at(within.span, "`within` is not between 0 and 1m");
+                fields.log.push(problem.help("for example `1s`"));
+            }
+            if fields.key_span("confirmed_by").is_none() {
+                let problem = Problem::at(within.span, "`within` without `confirmed_by`");
+                fields.log.push(problem.help("add `confirmed_by: { signal: NAME }`, or remove `within`"));
+            }
+        }
+        if let (Some(Request::Notify), Some(span)) = (request, fields.key_span("confirmed_by")) {
+            let problem = Problem::at(span, "a notice is shown here; nobody else has to confirm it");
+            fields.log.push(problem.help("remove `confirmed_by`"));
+        }
+        fields.finish();
+        let within = within.map_or(WITHIN, |within| within.value);
+        Some(RawRule { request, when, confirmation: by.map(|by| (by, within)) })
+    }
+}
+
+fn request(node: &Node, mps2: Option<Spanned<f64>>, log: &mut Log) -> Option<Request> {
+    if scalar(node) == Some("record") {
+        let problem =
+            Problem::at(node.span, "a countermeasure asks the vehicle or the operator; recording is neither");
+        log.push(problem.help("remove this countermeasure"));
+        return None;
+    }
+    let strength = mps2.map_or(MPS2, |mps2| mps2.value);
+    let choices = [
+        ("decelerate", Request::Decelerate { mps2: strength }),
+        ("maneuver_stop", Request::ManeuverStop),
+        ("notify", Request::Notify),
+    ];
+    let request = word(node, log, "request", &choices)?;
+    match (request, mps2) {
+        (Request::Decelerate { .. }, Some(mps2)) if !(mps2.value > 0.0 && mps2.value <= MPS2_MAX) => {
+            let problem =
+                Problem::at(mps2.span, format!("{} m/s² is not above 0 and up to {MPS2_MAX}", mps2.value));
+            log.push(problem.help(format!("the default is {MPS2}")));
+        }
+        (Request::ManeuverStop | Request::Notify, Some(mps2)) => {
+            let problem = Problem::at(mps2.span, "only `decelerate` has a strength");
+            log.push(problem.help("remove `mps2`"));
+        }
+        _ => {}
+    }
+    Some(request)
+}
+
+impl FromNode for RawWhen {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "the `when` of a countermeasure", log)?;
+        let mut names = |key| match fields.optional::<All<_>>(key) {
+            Some(All(names)) => Some(names),
+            // The log says what is wrong with it: it is not that nothing is watched.
+            None => fields.key_span(key).is_none().then(Vec::new),
+        };
+        let (groups, modules) = (names("groups"), names("modules"));
+        let states = [State::Warning, State::Unknown, State::Error].map(|state| (state.as_str(), state));
+        let state = fields.node("state").and_then(|node| word(node, fields.log, "state", &states));
+        let stages: Option<Spanned<All<Stage>>> = fields.optional("stages");
+        if let Some(empty) = stages.as_ref().filter(|stages| stages.value.0.is_empty()) {
+            let problem = Problem::at(empty.span, "without a stage this would never be asked for");
+            fields.log.push(problem.help("name the stages, or remove `stages`: then it is `[active]`"));
+        }
+        fields.finish();
+        let stages = stages.map_or_else(|| vec![Stage::Active], |stages| stages.value.0);
+        Some(RawWhen { span: node.span, groups: groups?, modules: modules?, state, stages })
+    }
+}
+
+impl FromNode for RawConfirmedBy {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a confirmation", log)?;
+        let (signal, status) = (fields.optional("signal"), fields.optional("status"));
+        if fields.key_span("signal").is_some() == fields.key_span("status").is_some() {
+            let problem = Problem::at(node.span, "a confirmation needs either `signal` or `status`");
+            fields.log.push(problem.help("for example `confirmed_by: { signal: braking }`"));
+        }
+        fields.finish();
+        signal.map(RawConfirmedBy::Signal).or(status.map(RawConfirmedBy::Status))
+    }
+}

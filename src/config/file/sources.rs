@@ -1,0 +1,172 @@
+//! Where the values of monitors come from, and the words of the paper's classification, as written.
+
+use crate::engine::model::monitors::Class;
+use crate::engine::model::monitors::{FieldKind, StampClock};
+use crate::yaml::decode::{All, scalar, word};
+use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned};
+
+#[derive(Debug)]
+pub(in crate::config) struct Topic {
+    pub name: Spanned<String>,
+    /// Without it, another place of the file says it, or the topic's publisher.
+    pub type_name: Option<Spanned<String>>,
+}
+
+impl Topic {
+    /// Where its type stands, or else its name.
+    pub fn place(&self) -> Span {
+        self.type_name.as_ref().map_or(self.name.span, |type_name| type_name.span)
+    }
+
+    pub fn of(fields: &mut Fields) -> Option<Topic> {
+        let (name, type_name) = (fields.required("topic"), fields.optional("type"));
+        Some(Topic { name: name?, type_name })
+    }
+}
+
+impl FromNode for Topic {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a topic", log)?;
+        let topic = Topic::of(&mut fields);
+        fields.finish();
+        topic
+    }
+}
+
+/// `diagnostics: { topics: [/diagnostics, { topic: /robot1/diagnostics, prefix: 'robot1: ' }] }`
+#[derive(Debug)]
+pub(in crate::config) struct RawDiagnostics {
+    pub topics: Vec<RawDiagnosticsTopic>,
+    pub span: Span,
+}
+
+impl FromNode for RawDiagnostics {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "the diagnostics", log)?;
+        let topics = fields.required("topics").map(|All(topics)| topics);
+        fields.finish();
+        Some(RawDiagnostics { topics: topics?, span: node.span })
+    }
+}
+
+#[derive(Debug)]
+pub(in crate::config) struct RawDiagnosticsTopic {
+    pub topic: Option<Spanned<String>>,
+    pub prefix: Option<Spanned<String>>,
+}
+
+impl FromNode for RawDiagnosticsTopic {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        if let Some(name) = scalar(node) {
+            let topic = Some(Spanned { value: name.to_owned(), span: node.span });
+            return Some(RawDiagnosticsTopic { topic, prefix: None });
+        }
+        let mut fields = Fields::of(node, "a topic of diagnostics", log)?;
+        let topic =
+            RawDiagnosticsTopic { topic: fields.required("topic"), prefix: fields.optional("prefix") };
+        fields.finish();
+        Some(topic)
+    }
+}
+
+impl FromNode for StampClock {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        word(node, log, "clock", &[("system", StampClock::System), ("ros", StampClock::Ros)])
+    }
+}
+
+#[derive(Debug)]
+pub(in crate::config) enum Source {
+    Field { topic: Topic, path: Spanned<String>, kind: FieldKind },
+    Key { status: Spanned<String>, key: Spanned<String>, unit: Option<Spanned<String>> },
+}
+
+impl Source {
+    pub fn kind(&self) -> FieldKind {
+        match self {
+            Source::Field { kind, .. } => *kind,
+            Source::Key { .. } => FieldKind::Scalar,
+        }
+    }
+
+    /// Reads the keys of a source. `any`: whether it may be a pose or a list of positions.
+    pub fn of(fields: &mut Fields, any: bool) -> Option<Source> {
+        let mut there = |keys: &[&'static str]| keys.iter().filter(|key| fields.node(key).is_some()).count();
+        let (topics, keys) = (there(&["topic", "type", "field"]), there(&["status", "key", "unit"]));
+        let others = if any { there(&["pose", "list"]) } else { 0 };
+        let span = fields.span();
+        if (topics + others == 0) == (keys == 0) {
+            let text = match keys {
+                0 => "it is not said where the value comes from",
+                _ => "the value comes either from a topic or from a status",
+            };
+            let problem = Problem::at(span, text);
+            fields.log.push(problem.help("write `topic`, `type` and `field`, or `status` and `key`"));
+            return None;
+        }
+        if keys > 0 {
+            let (status, key) = (fields.required("status"), fields.required("key"));
+            return Some(Source::Key { status: status?, key: key?, unit: fields.optional("unit") });
+        }
+        let topic = Topic::of(fields);
+        if others > usize::from(fields.key_span("field").is_none()) {
+            let problem = Problem::at(span, "either `field`, `pose` or `list`");
+            fields.log.push(problem.help(
+                "`field` for a single value, `pose` for a position with its rotation, `list` for many positions",
+            ));
+            return None;
+        }
+        let kinds = [("pose", FieldKind::Pose), ("list", FieldKind::Positions)];
+        let named = kinds.into_iter().find(|(key, _)| others > 0 && fields.key_span(key).is_some());
+        let (key, kind) = named.unwrap_or(("field", FieldKind::Scalar));
+        let path = fields.required(key);
+        Some(Source::Field { topic: topic?, path: path?, kind })
+    }
+}
+
+/// One value.
+pub(in crate::config) struct ScalarSource(pub Source);
+
+impl FromNode for ScalarSource {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a source", log)?;
+        let source = Source::of(&mut fields, false);
+        fields.finish();
+        source.map(ScalarSource)
+    }
+}
+
+/// One value, a pose, or a list of positions.
+pub(in crate::config) struct AnySource(pub Source);
+
+impl FromNode for AnySource {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "one of two sources", log)?;
+        let source = Source::of(&mut fields, true);
+        fields.finish();
+        source.map(AnySource)
+    }
+}
+
+/// `{ location: isolated, information: content, flow: parallel }`
+impl FromNode for Class {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a class", log)?;
+        let location = required_word(&mut fields, "location", ["isolated", "contextual"]);
+        let information = required_word(&mut fields, "information", ["content", "meta"]);
+        let flow = fields.node("flow").filter(|node| !node.is_null());
+        let known = ["sequential", "parallel"].map(|word| (word, word));
+        let found = flow.and_then(|node| word(node, fields.log, "flow", &known));
+        fields.finish();
+        Some(Class { location: location?, information: information?, flow: found })
+    }
+}
+
+fn required_word(fields: &mut Fields, key: &'static str, words: [&'static str; 2]) -> Option<&'static str> {
+    let Some(node) = fields.node(key) else {
+        let problem = Problem::at(fields.span(), format!("a class needs `{key}`"));
+        fields.log.push(problem.help(format!("add `{key}: {}` or `{key}: {}`", words[0], words[1])));
+        return None;
+    };
+    word(node, fields.log, key, &words.map(|word| (word, word)))
+}

@@ -1,0 +1,65 @@
+//! Lengths of time as they are written: a number with its unit.
+
+use crate::engine::time::Span;
+use crate::yaml::decode::{scalar, scaled};
+use crate::yaml::{FromNode, Log, Node, Problem};
+
+/// Longer first where one ends with the other.
+const UNITS: [(&str, u64); 7] = [
+    ("ns", 1),
+    ("us", 1_000),
+    ("µs", 1_000),
+    ("ms", 1_000_000),
+    ("s", 1_000_000_000),
+    ("m", 60_000_000_000),
+    ("h", 3_600_000_000_000),
+];
+
+impl FromNode for Span {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let span = scalar(node).and_then(parse);
+        if span.is_none() {
+            let problem = Problem::at(node.span, format!("expected a duration, found {}", node.describe()));
+            log.push(
+                problem.help("write a number with one of the units ns, us, ms, s, m, h: for example `2s`"),
+            );
+        }
+        span
+    }
+}
+
+pub(in crate::config) fn parse(text: &str) -> Option<Span> {
+    let unit_start = text.find(|c: char| !c.is_ascii_digit() && c != '.')?;
+    let (number, unit) = (&text[..unit_start], text[unit_start..].trim_start());
+    let (_, scale) = UNITS.iter().find(|(name, _)| *name == unit)?;
+    scaled(number, *scale).map(Span::from_nanos)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_duration_has_a_number_and_a_unit() {
+        let cases = [
+            ("2s", Some(2_000_000_000)),
+            ("1.5 s", Some(1_500_000_000)),
+            ("250ms", Some(250_000_000)),
+            ("3us", Some(3_000)),
+            ("3µs", Some(3_000)),
+            ("7ns", Some(7)),
+            ("2m", Some(120_000_000_000)),
+            ("1h", Some(3_600_000_000_000)),
+            ("0s", Some(0)),
+            ("2", None),
+            ("2 sek", None),
+            ("s", None),
+            ("-1s", None),
+            ("1s 5ms", None),
+            ("99999999999h", None),
+        ];
+        for (text, expected) in cases {
+            assert_eq!(parse(text).map(Span::as_nanos), expected, "{text}");
+        }
+    }
+}

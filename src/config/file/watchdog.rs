@@ -1,0 +1,120 @@
+//! Watchdogs as they are written: what is asked, how often, and how soon it has to answer.
+
+use super::bands;
+use super::bands::Unit;
+use super::monitors::{AGE_MAX, Monitor, span};
+use crate::engine::model::monitors::{Bands, ProbeTarget};
+use crate::engine::time;
+use crate::yaml::{Fields, FromNode, Log, Node, Problem, Spanned};
+
+const EVERY_MIN: time::Span = time::Span::from_millis(100);
+const MISSES_MAX: u64 = 1000;
+
+const EVERY: time::Span = time::Span::from_secs(1);
+const MISSES: u32 = 3;
+
+pub(in crate::config) fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor> {
+    let mut fields = Fields::of(node, "a watchdog monitor", log)?;
+    let kinds = ["icmp", "tcp", "node", "service", "qos"];
+    let found: Vec<_> = kinds.into_iter().filter_map(|kind| Some((kind, fields.node(kind)?))).collect();
+    let target = match found[..] {
+        [(kind, node)] => target(kind, node, fields.log),
+        _ => {
+            let problem =
+                Problem::at(node.span, "a watchdog asks one of `icmp`, `tcp`, `node`, `service`, `qos`");
+            fields.log.push(
+                problem.help("for example `icmp: 192.168.1.201`, `tcp: gateway:22` or `node: /mission`"),
+            );
+            None
+        }
+    };
+    let every = span(&mut fields, "every", EVERY_MIN, AGE_MAX).unwrap_or(EVERY);
+    let misses: Option<Spanned<u64>> = fields.optional("misses");
+    if let Some(misses) = misses.filter(|misses| !(1..=MISSES_MAX).contains(&misses.value)) {
+        let problem = Problem::at(misses.span, format!("{} is not between 1 and {MISSES_MAX}", misses.value));
+        fields.log.push(problem.help(format!("the default is {MISSES}")));
+    }
+    let bands = limits(&mut fields, target.as_ref(), every);
+    fields.finish();
+    let misses = misses.map_or(MISSES, |misses| misses.value as u32);
+    Some(Monitor::Watchdog { target: target?, every, misses, bands })
+}
+
+/// Limits on the time until an answer.
+fn limits(fields: &mut Fields, target: Option<&ProbeTarget>, every: time::Span) -> Bands {
+    let bands = bands::above(fields, Unit::Duration);
+    let first = ["warning_above", "error_above"].into_iter().find_map(|key| fields.key_span(key));
+    let asks_discovery = matches!(
+        target,
+        Some(ProbeTarget::Node { .. } | ProbeTarget::Service { .. } | ProbeTarget::Qos { .. })
+    );
+    if let (true, Some(place)) = (asks_discovery, first) {
+        let problem = Problem::at(place, "discovery says that it is there, not how soon it answers");
+        fields.log.push(problem.help(
+            "remove the limit; for a time, watch the latency of what it publishes, or ask its machine by `icmp` or `tcp`",
+        ));
+        return bands;
+    }
+    let every_s = every.as_nanos() as f64 / 1e9;
+    for (key, limit) in [("warning_above", bands.warning_above), ("error_above", bands.error_above)] {
+        if limit.is_some_and(|limit| limit >= every_s) {
+            let text = format!("`{key}` is never reached: no answer within `every` is a miss");
+            let problem = Problem::at(fields.key_span(key).unwrap_or(fields.span()), text);
+            let every = crate::config::describe::words::span(every);
+            fields.log.push(problem.help(format!("choose less than {every}, or ask less often")));
+        } else if limit.is_some_and(|limit| limit <= 0.0) {
+            let problem = Problem::at(
+                fields.key_span(key).unwrap_or(fields.span()),
+                "an answer always takes longer than this",
+            );
+            fields.log.push(problem.help("choose a duration above 0, for example `20ms`"));
+        }
+    }
+    bands
+}
+
+fn target(kind: &str, node: &Node, log: &mut Log) -> Option<ProbeTarget> {
+    let text = String::from_node(node, log)?;
+    let host = |host: &str| {
+        let good = |c: char| c.is_ascii_alphanumeric() || ".-_:%".contains(c);
+        !host.is_empty() && host.len() <= 253 && host.chars().all(good)
+    };
+    let address = || {
+        let (name, port) = text.rsplit_once(':')?;
+        let bracketed = name.strip_prefix('[').and_then(|name| name.strip_suffix(']'));
+        let name = bracketed.or_else(|| (!name.contains(':')).then_some(name))?;
+        (host(name) && port.parse::<u16>().is_ok_and(|port| port > 0)).then_some(())
+    };
+    let full_name = super::ros_names::is_full_name(&text);
+    let (target, good, help) = match kind {
+        "icmp" => (
+            ProbeTarget::Icmp { host: text.as_str().into() },
+            host(&text),
+            "write the name or the address of a machine: `192.168.1.201`",
+        ),
+        "tcp" => (
+            ProbeTarget::Tcp { address: text.as_str().into() },
+            address().is_some(),
+            "write `HOST:PORT`: `gateway:22`, `192.168.1.201:80` or `[fe80::1]:80`",
+        ),
+        "qos" => (
+            ProbeTarget::Qos { topic: text.as_str().into() },
+            full_name,
+            "write the topic with its namespace: `/camera/image`",
+        ),
+        "service" => (
+            ProbeTarget::Service { name: text.as_str().into() },
+            full_name,
+            "write the service with its namespace: `/planning/get_plan`",
+        ),
+        _ => (
+            ProbeTarget::Node { name: text.as_str().into() },
+            full_name,
+            "write the node with its namespace: `/planning/planner`",
+        ),
+    };
+    if !good {
+        log.push(Problem::at(node.span, format!("`{text}` cannot be asked by {kind}")).help(help));
+    }
+    Some(target)
+}

@@ -1,0 +1,302 @@
+//! From what is written to what the engine takes.
+
+mod countermeasures;
+mod filters;
+mod monitors;
+mod names;
+mod publishing;
+mod relations;
+mod signals;
+mod topics;
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use super::Loaded;
+use super::describe::places::{NodePlace, Places};
+use super::describe::words;
+use super::file;
+use super::file::publishing::RawPublishing;
+use crate::engine::model::wording::Wording;
+use crate::engine::model::{
+    Combine, Driving, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, NodeNames, Parts, Policy,
+    StageModel, Stop,
+};
+use crate::engine::text::Text;
+use crate::engine::time;
+use crate::yaml::decode::All;
+use crate::yaml::{Log, Problem, Sources, Span, Spanned};
+use names::{Names, check_id};
+use relations::Signals;
+use topics::Topics;
+
+const LOCALIZED_AFTER: time::Span = time::Span::from_secs(2);
+const TILE_MAX: u64 = 12;
+
+/// What a file says, if it can be said to the engine; the log says what is wrong.
+pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mut Log) -> Option<Loaded> {
+    let vehicle = file.vehicle.as_ref();
+    let id = vehicle.and_then(|vehicle| vehicle.id.as_ref());
+    let id: Arc<str> = id.filter(|id| check_id(id, "vehicle", log)).map_or("vehicle", |id| &id.value).into();
+    let name = vehicle.and_then(|vehicle| vehicle.name.clone()).unwrap_or_else(|| Text::plain(&id));
+    let defaults = file.defaults.as_ref().map(|defaults| defaults.0).unwrap_or_default();
+    let discovered = policy(&defaults, &Policy::default(), log);
+    // That the silence of what is declared is no fault any more, its own line has to say.
+    let declared = Policy { forget_after: None, ..discovered.clone() };
+
+    let mut topics = Topics::new(file.diagnostics.as_ref(), file.clock.unwrap_or_default(), log);
+    let (mut signals, signal_places) = signals::signals(&file.signals.0, &mut topics, log);
+    let names = Names::of(file, log);
+    let index = signals.iter().enumerate().map(|(index, signal)| (&*signal.name, index)).collect();
+    let countermeasures = countermeasures::rules(&file.countermeasures, &names, &index, log);
+    let localized_after = file.localized_after.unwrap_or(LOCALIZED_AFTER);
+    let (stops, unpublished) = (stops(file, log), Vec::new());
+    let mut driving = Driving { stops, localized_after, countermeasures, unpublished };
+    let groups = groups(&names, &index, &discovered, log);
+    let modules = modules(&names, &index, &declared, &mut topics, log);
+    let stages = vehicle.and_then(|vehicle| vehicle.stages).unwrap_or(StageModel::Shuttle);
+    let rules = &driving.countermeasures;
+    let publishing = publishing::publishing(file.publish.as_ref(), stages, rules, &topics, log);
+    signals::complete(&mut signals, &topics);
+    driving.unpublished = publishing.switched_off();
+    let (watched, topics) = topics.finish();
+    let limits = limits(file.limits.as_ref(), log);
+    let parts = Parts {
+        vehicle_id: id,
+        vehicle_name: name,
+        stages,
+        signals,
+        groups,
+        modules,
+        watched,
+        driving,
+        discovered,
+        other: file.other.unwrap_or_default(),
+        limits,
+    };
+    let model = match Model::new(parts) {
+        Ok(model) => Arc::new(model),
+        Err(cycle) => {
+            log.push(relations::describe_cycle(&names, &cycle));
+            return None;
+        }
+    };
+    let rules = countermeasures::spans(&file.countermeasures);
+    let stop_off = file.publish.as_ref().and_then(RawPublishing::stop_off);
+    let places = Places { topics, signals: signal_places, rules, stop_off, ..places(&names) };
+    Some(Loaded { model, publishing, message_folders, places: Arc::new(places) })
+}
+
+fn places(names: &Names) -> Places {
+    let place = |node: NodeId, when: Option<&file::When>| NodePlace {
+        id: names.span(node),
+        when: when.map(|when| when.span),
+        depends_on: names.dependencies(node).iter().map(|dependency| dependency.span).collect(),
+    };
+    let groups = names.groups().map(|(id, group)| place(NodeId::Group(id), group.raw.when.as_ref()));
+    let modules = names.modules().map(|(id, module)| place(NodeId::Module(id), module.raw.when.as_ref()));
+    Places {
+        sources: Sources::default(),
+        groups: groups.collect(),
+        modules: modules.collect(),
+        topics: Vec::new(),
+        signals: Vec::new(),
+        rules: Vec::new(),
+        stop_off: None,
+    }
+}
+
+pub(super) fn policy(raw: &file::Policy, around: &Policy, log: &mut Log) -> Policy {
+    if let Some(timeout) = raw.timeout.filter(|timeout| timeout.value.is_zero()) {
+        let problem = Problem::at(timeout.span, "a timeout of nothing would make everything stale at once");
+        log.push(problem.help("write a duration above 0, for example `2s`"));
+    }
+    let timeout = raw.timeout.map_or(around.timeout, |timeout| timeout.value);
+    let forget_after = raw.forget_after.map(|after| after.value).or(around.forget_after);
+    if let Some(after) = forget_after.filter(|&after| after <= timeout) {
+        let text = "it would be forgotten before it counts as silent";
+        let (above, after) = (words::span(timeout), words::span(after));
+        match (raw.forget_after, raw.timeout) {
+            (Some(written), _) => {
+                let problem = Problem::at(written.span, text).label("`forget_after`");
+                log.push(problem.help(format!("write a duration above its `timeout`, which is {above}")));
+            }
+            (None, Some(written)) => {
+                let problem = Problem::at(written.span, text).label("`timeout`");
+                log.push(problem.help(format!(
+                    "add a `forget_after` above it here, or write a duration below that of `defaults`, which is {after}"
+                )));
+            }
+            (None, None) => {}
+        }
+    }
+    Policy {
+        timeout,
+        stale: raw.stale.unwrap_or(around.stale),
+        raise_after: raw.raise_after.unwrap_or(around.raise_after),
+        clear_after: raw.clear_after.unwrap_or(around.clear_after),
+        no_publisher: raw.no_publisher.unwrap_or(around.no_publisher),
+        latch: raw.latch.or(around.latch),
+        forget_after,
+        writers: None,
+    }
+}
+
+/// Whole names of nodes.
+pub(super) fn writers(raw: Option<&file::Writers>, log: &mut Log) -> Option<NodeNames> {
+    let file::Writers { value: All(written), span } = raw?;
+    if written.is_empty() {
+        let problem = Problem::at(*span, "without a node nobody could say it");
+        log.push(problem.help("name the nodes, or remove `writers`"));
+    }
+    let word = |word: &str| {
+        let first = word.chars().next().is_some_and(|first| first.is_ascii_alphabetic() || first == '_');
+        first && word.chars().all(|letter| letter.is_ascii_alphanumeric() || letter == '_')
+    };
+    let mut names = Vec::new();
+    for node in written {
+        let whole = node.value.strip_prefix('/');
+        if !whole.is_some_and(|whole| whole.split('/').all(word)) {
+            let problem = Problem::at(node.span, format!("`{}` is not the whole name of a node", node.value));
+            log.push(
+                problem.help("write it as `ros2 node list` does, with its namespace: `/sensors/driver`"),
+            );
+        }
+        names.push(node.value.as_str().into());
+    }
+    Some(names.into())
+}
+
+fn stops(file: &file::File, log: &mut Log) -> Vec<Stop> {
+    let mut seen: HashMap<&str, Span> = HashMap::new();
+    let mut stops = Vec::new();
+    for raw in &file.stops {
+        let Some(id) = raw.id.as_ref().filter(|id| check_id(id, "stop", log)) else { continue };
+        if let Some(first) = seen.insert(&id.value, id.span) {
+            log.push(twice(id.span, first, &format!("stop `{}`", id.value)));
+        }
+        if let (Some(x_m), Some(y_m)) = (raw.x, raw.y) {
+            let name = raw.name.clone().unwrap_or_else(|| Text::plain(&id.value));
+            let yaw_deg = raw.yaw_deg.unwrap_or(0.0);
+            stops.push(Stop { id: id.value.as_str().into(), name, x_m, y_m, yaw_deg });
+        }
+    }
+    stops
+}
+
+fn limits(raw: Option<&file::Limits>, log: &mut Log) -> Limits {
+    let default = Limits::default();
+    let Some(raw) = raw else { return default };
+    let mut limit = |value: Option<Spanned<u64>>, otherwise: usize, least: u64, most: u64| {
+        let Some(value) = value else { return otherwise };
+        if !(least..=most).contains(&value.value) {
+            let problem =
+                Problem::at(value.span, format!("{} is not between {least} and {most}", value.value));
+            log.push(problem.help(format!("the default is {otherwise}")));
+        }
+        value.value as usize
+    };
+    let status_bytes = limit(raw.status_bytes, default.status_bytes, 65_536, 1 << 30);
+    let source_bytes = limit(raw.source_bytes, status_bytes / 2, 16_384, status_bytes as u64);
+    Limits {
+        status_bytes,
+        source_bytes,
+        discovered_modules: limit(raw.discovered_modules, default.discovered_modules, 0, 1_000_000),
+        values_per_status: limit(raw.values_per_status, default.values_per_status, 0, 65_536),
+        string_bytes: limit(raw.string_bytes, default.string_bytes, 16, 1 << 20),
+    }
+}
+
+fn groups(names: &Names, signals: &Signals, defaults: &Policy, log: &mut Log) -> Vec<GroupSpec> {
+    let mut tiles: HashMap<(u8, u8), Span> = HashMap::new();
+    let mut specs = Vec::new();
+    for (id, group) in names.groups() {
+        let raw = group.raw;
+        let tile =
+            raw.tile.as_ref().and_then(|tile| check_tile(tile, group.parent.is_some(), &mut tiles, log));
+        specs.push(GroupSpec {
+            path: group.path.clone(),
+            name: raw.name.clone().unwrap_or_else(|| Text::plain(group.id())),
+            parent: group.parent,
+            combine: raw.combine.unwrap_or(Combine::Worst),
+            when: raw.when.as_ref().and_then(|when| relations::when(when, signals, log)),
+            depends_on: relations::depends_on(names, NodeId::Group(id), &raw.depends_on, log),
+            filters: filters::filters(&raw.filters, names, defaults, log),
+            tile,
+        });
+    }
+    specs
+}
+
+fn check_tile(
+    tile: &Spanned<file::Tile>,
+    nested: bool,
+    taken: &mut HashMap<(u8, u8), Span>,
+    log: &mut Log,
+) -> Option<(u8, u8)> {
+    if nested {
+        let problem = Problem::at(tile.span, "only a group at the top has a tile");
+        log.push(problem.help("remove `tile` from this group"));
+        return None;
+    }
+    let (column, row) = (tile.value.column?, tile.value.row?);
+    if !(1..=TILE_MAX).contains(&column) || !(1..=TILE_MAX).contains(&row) {
+        let problem = Problem::at(tile.span, format!("column and row go from 1 to {TILE_MAX}"));
+        log.push(problem.help("the first column and the first row are 1"));
+        return None;
+    }
+    let place = (column as u8, row as u8);
+    if let Some(first) = taken.insert(place, tile.span) {
+        let problem = Problem::at(tile.span, "two tiles stand in one place").label("again here");
+        log.push(problem.also(first, "first here").help("choose another column or row"));
+    }
+    Some(place)
+}
+
+fn modules(
+    names: &Names,
+    signals: &Signals,
+    defaults: &Policy,
+    topics: &mut Topics,
+    log: &mut Log,
+) -> Vec<ModuleSpec> {
+    let mut specs = Vec::new();
+    for (id, module) in names.modules() {
+        let raw = module.raw;
+        let policy = policy(&raw.policy, defaults, log);
+        let writers = writers(raw.writers.as_ref(), log);
+        let when = raw.when.as_ref().and_then(|when| relations::when(when, signals, log));
+        let depends_on = relations::depends_on(names, NodeId::Module(id), &raw.depends_on, log);
+        // Without a monitor the model is not used; the module keeps its place so that cycles are found.
+        let monitor = raw.monitor.as_ref().and_then(|monitor| monitors::resolve(monitor, topics, log));
+        let by_the_clock = monitor.as_ref().is_some_and(MonitorSpec::by_the_clock);
+        if let Some(forget_after) = raw.policy.forget_after.filter(|_| by_the_clock) {
+            let problem =
+                Problem::at(forget_after.span, "this monitor judges by the clock: it is never silent");
+            log.push(problem.help("remove `forget_after`"));
+        }
+        let takes_status = monitor.as_ref().is_none_or(|monitor| monitor.status().is_some());
+        if let Some(misplaced) = raw.writers.as_ref().filter(|_| !takes_status) {
+            let problem = Problem::at(misplaced.span, "`writers` is only for a module that takes a status");
+            log.push(problem.help("remove it, or put it beside the `status` of a module"));
+        }
+        specs.push(ModuleSpec {
+            id: module.path.clone(),
+            name: raw.name.as_ref().map(|name| name.resolve(Wording::name).into()),
+            help: raw.help.as_ref().map(|help| help.resolve(Wording::help).into()),
+            group: module.group,
+            policy: Policy { writers, ..policy },
+            when,
+            depends_on,
+            monitor: monitor.unwrap_or_else(|| MonitorSpec::SelfState { status: "".into() }),
+        });
+    }
+    names::check_statuses(names, log);
+    specs
+}
+
+pub(super) fn twice(again: Span, first: Span, what: &str) -> Problem {
+    let problem = Problem::at(again, format!("{what} is declared twice")).label("again here");
+    problem.also(first, "first here").help("rename or remove one of the two")
+}

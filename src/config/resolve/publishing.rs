@@ -1,0 +1,161 @@
+//! From what is published as it is written to topics, none of them read or published twice.
+
+use super::topics::Topics;
+use crate::config::file::publishing::{
+    Rate, RawAggregated, RawOnce, RawPeriodic, RawPublishing, Switch, off,
+};
+use crate::config::file::ros_names::check_topic;
+use crate::config::publishing::{Periodic, Publishing};
+use crate::engine::model::StageModel;
+use crate::engine::model::countermeasure::{Request, Rule};
+use crate::engine::model::output::{Output, Publication};
+use crate::engine::time;
+use crate::yaml::{Log, Problem, Span, Spanned};
+
+/// What is published. What a vehicle cannot do without must not be switched off, and what is
+/// published here must not be what is read.
+pub(in crate::config) fn publishing(
+    raw: Option<&RawPublishing>,
+    stages: StageModel,
+    rules: &[Rule],
+    topics: &Topics,
+    log: &mut Log,
+) -> Publishing {
+    let default = Publishing::default();
+    let Some(raw) = raw else {
+        check_loops(&default, None, topics, log);
+        return default;
+    };
+    let asks = |wanted: fn(Request) -> bool| rules.iter().any(|rule| wanted(rule.request));
+    let needed = [
+        (off(&raw.initialpose), stages == StageModel::Shuttle, "operators could not localize the vehicle"),
+        (
+            off(&raw.deceleration_request),
+            asks(|request| matches!(request, Request::Decelerate { .. })),
+            "a countermeasure asks for a deceleration",
+        ),
+        (
+            off(&raw.maneuver_stop_request),
+            asks(|request| request == Request::ManeuverStop),
+            "a countermeasure asks for a stop",
+        ),
+    ];
+    for (off, needed, why) in needed {
+        if let Some(span) = off.filter(|_| needed) {
+            let problem = Problem::at(span, format!("this cannot be switched off: {why}"));
+            log.push(problem.help("remove the line"));
+        }
+    }
+    let found = Publishing {
+        diagnostics_agg: aggregated(&raw.diagnostics_agg, default.diagnostics_agg, log),
+        toplevel_state: aggregated(&raw.toplevel_state, default.toplevel_state, log),
+        initialpose: once(&raw.initialpose, default.initialpose, log),
+        stage: once(&raw.stage, default.stage, log),
+        clearance: once(&raw.clearance, default.clearance, log),
+        deceleration_request: periodic(&raw.deceleration_request, default.deceleration_request, log),
+        maneuver_stop_request: once(&raw.maneuver_stop_request, default.maneuver_stop_request, log),
+    };
+    check_loops(&found, Some(raw), topics, log);
+    found
+}
+
+fn once(raw: &Option<Switch<RawOnce>>, default: Option<Box<str>>, log: &mut Log) -> Option<Box<str>> {
+    match raw {
+        None => default,
+        Some(Switch::Off(_)) => None,
+        Some(Switch::On(raw)) => topic(raw.topic.as_ref(), log).or(default),
+    }
+}
+
+fn periodic(raw: &Option<Switch<RawPeriodic>>, default: Option<Periodic>, log: &mut Log) -> Option<Periodic> {
+    match raw {
+        None => default,
+        Some(Switch::Off(_)) => None,
+        Some(Switch::On(raw)) => default.map(|default| raw.over(default, log)),
+    }
+}
+
+fn aggregated(
+    raw: &Option<Switch<RawAggregated>>,
+    default: Option<Periodic>,
+    log: &mut Log,
+) -> Option<Periodic> {
+    match raw {
+        None => default,
+        Some(Switch::Off(_)) => None,
+        Some(Switch::On(RawAggregated { periodic, beside_others })) => default.map(|default| {
+            let beside_others = beside_others.unwrap_or(default.beside_others);
+            Periodic { beside_others, ..periodic.over(default, log) }
+        }),
+    }
+}
+
+impl RawPeriodic {
+    fn over(&self, default: Periodic, log: &mut Log) -> Periodic {
+        let every = |Rate(hertz): &Rate| time::Span::from_nanos((1e9 / hertz).round() as u64);
+        Periodic {
+            topic: topic(self.topic.as_ref(), log).unwrap_or(default.topic),
+            period: self.rate.as_ref().map_or(default.period, every),
+            beside_others: default.beside_others,
+        }
+    }
+}
+
+fn topic(raw: Option<&Spanned<String>>, log: &mut Log) -> Option<Box<str>> {
+    let raw = raw?;
+    check_topic(raw, log);
+    Some(raw.value.as_str().into())
+}
+
+/// Where the topic is written, or else all of it.
+fn place(raw: Option<&RawPublishing>, publication: Publication) -> Option<Span> {
+    fn once(raw: &Option<Switch<RawOnce>>) -> Option<Span> {
+        let Some(Switch::On(raw)) = raw else { return None };
+        raw.topic.as_ref().map(|topic| topic.span)
+    }
+    fn periodic(raw: &Option<Switch<RawPeriodic>>) -> Option<Span> {
+        let Some(Switch::On(raw)) = raw else { return None };
+        raw.topic.as_ref().map(|topic| topic.span)
+    }
+    fn aggregated(raw: &Option<Switch<RawAggregated>>) -> Option<Span> {
+        let Some(Switch::On(raw)) = raw else { return None };
+        raw.periodic.topic.as_ref().map(|topic| topic.span)
+    }
+    let raw = raw?;
+    let topic = match publication {
+        Publication::DiagnosticsAgg => aggregated(&raw.diagnostics_agg),
+        Publication::TopLevelState => aggregated(&raw.toplevel_state),
+        Publication::Vehicle(Output::Pose) => once(&raw.initialpose),
+        Publication::Vehicle(Output::Stage) => once(&raw.stage),
+        Publication::Vehicle(Output::Clearance) => once(&raw.clearance),
+        Publication::Vehicle(Output::Deceleration) => periodic(&raw.deceleration_request),
+        Publication::Vehicle(Output::ManeuverStop) => once(&raw.maneuver_stop_request),
+    };
+    Some(topic.unwrap_or(raw.span))
+}
+
+/// No two publish one topic, and none publishes what is read.
+fn check_loops(publishing: &Publishing, raw: Option<&RawPublishing>, topics: &Topics, log: &mut Log) {
+    let mut taken: Vec<(&str, &str)> = Vec::new();
+    for publication in Publication::ALL {
+        let Some((topic, _)) = publishing.topic(publication) else { continue };
+        let (key, own) = (publication.as_str(), place(raw, publication));
+        if let Some((other, _)) = taken.iter().find(|(_, other)| *other == topic) {
+            let span = own.unwrap_or(Span { file: 0, start: 0, end: 0 });
+            let problem =
+                Problem::at(span, format!("`{key}` and `{other}` would publish one topic, {topic}"));
+            log.push(problem.help("give each a topic of its own"));
+        }
+        taken.push((key, topic));
+        if topics.reads(topic) {
+            let span = topics.place(topic).or(own).unwrap_or(Span { file: 0, start: 0, end: 0 });
+            let problem =
+                Problem::at(span, format!("{topic} is read here, and published by this program as `{key}`"));
+            log.push(
+                problem.help(format!(
+                    "read another topic, or write `publish: {{ {key}: {{ topic: /OTHER }} }}`"
+                )),
+            );
+        }
+    }
+}

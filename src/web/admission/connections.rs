@@ -1,0 +1,394 @@
+//! Which connections there are, and which of them goes when there is no place for another.
+//!
+//! A connection is anonymous until a request with an open session comes on it. To open one and say
+//! nothing, or to begin a request and not end it, costs nobody anything, so the anonymous must not
+//! keep others out: where there is no place, the oldest of them that is not being answered gives its
+//! own, and one from where nobody has a session goes first. Those that have a session have places of their own, which no anonymous one takes.
+
+use std::collections::{HashMap, VecDeque};
+use std::net::IpAddr;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use tokio::sync::oneshot;
+
+use super::peer::network;
+use crate::store::{Role, Session};
+
+/// How many anonymous connections there may be, and how many of them may be answered at once. The rest
+/// takes in new ones: the connections of logged-in users begin there too.
+#[derive(Debug)]
+struct Bounds {
+    open: usize,
+    answered: usize,
+}
+
+/// From the vehicle's own displays. Sockets, once upgraded, are counted elsewhere.
+const NEAR: Bounds = Bounds { open: 96, answered: 64 };
+/// From all others: they never take the places of those.
+const FAR: Bounds = Bounds { open: 128, answered: 96 };
+/// From one network among the others.
+const PER_NETWORK: Bounds = Bounds { open: 64, answered: 48 };
+
+/// Connections with a session of an operator, of anybody else, and of one user.
+const OPERATORS_MAX: usize = 64;
+const OTHERS_MAX: usize = 96;
+const PER_USER_MAX: usize = 48;
+/// So many networks are remembered from which somebody with a session came last.
+const KNOWN_MAX: usize = 64;
+
+/// All open connections.
+#[derive(Debug, Default, Clone)]
+pub struct Lines(Arc<Mutex<Table>>);
+
+#[derive(Debug, Default)]
+struct Table {
+    /// Numbers connections, and orders what happens to them.
+    next: u64,
+    open: HashMap<u64, Open>,
+    /// From where requests with a session came, the latest first.
+    known: VecDeque<IpAddr>,
+}
+
+#[derive(Debug)]
+struct Open {
+    /// `None` for a proxy.
+    network: Option<IpAddr>,
+    is_near: bool,
+    /// Who holds the place; `None` for an anonymous one.
+    holder: Option<Holder>,
+    /// When it was opened or its last answer was made, in order; `None` while it is answered.
+    silent_since: Option<u64>,
+    /// Its end tells the connection that it has to go.
+    _stay: oneshot::Sender<()>,
+}
+
+#[derive(Debug, PartialEq, Eq)]
+struct Holder {
+    user: Arc<str>,
+    is_operator: bool,
+}
+
+/// The place of one connection; it is free again when this is dropped.
+#[derive(Debug)]
+pub struct Place {
+    lines: Lines,
+    number: u64,
+}
+
+/// A request that came on a connection. The connection is silent again when this is dropped.
+#[derive(Debug)]
+pub struct Work(Standing);
+
+/// The connection on which a request came. The guard says who asks; until then it is anonymous.
+#[derive(Debug, Clone)]
+pub struct Standing {
+    lines: Lines,
+    number: u64,
+}
+
+impl Lines {
+    /// A place for one more connection, and what ends when it has to give it to another. `None` if
+    /// all places are of connections that are being answered.
+    pub fn enter(&self, source: IpAddr, is_near: bool) -> Option<(Place, oneshot::Receiver<()>)> {
+        self.enter_as(Some(network(source.to_canonical())), is_near)
+    }
+
+    /// The same for a connection from a proxy, which brings many browsers.
+    pub fn enter_proxied(&self) -> Option<(Place, oneshot::Receiver<()>)> {
+        self.enter_as(None, false)
+    }
+
+    fn enter_as(&self, network: Option<IpAddr>, is_near: bool) -> Option<(Place, oneshot::Receiver<()>)> {
+        let mut table = self.table();
+        if !table.make_room(network, is_near) {
+            return None;
+        }
+        let number = table.tick();
+        let (stay, gone) = oneshot::channel();
+        let open = Open { network, is_near, holder: None, silent_since: Some(number), _stay: stay };
+        table.open.insert(number, open);
+        Some((Place { lines: self.clone(), number }, gone))
+    }
+
+    fn table(&self) -> MutexGuard<'_, Table> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Table {
+    fn tick(&mut self) -> u64 {
+        self.next += 1;
+        self.next
+    }
+
+    fn make_room(&mut self, network: Option<IpAddr>, is_near: bool) -> bool {
+        let alike = |open: &Open| open.holder.is_none() && open.is_near == is_near;
+        let of_network = |open: &Open| alike(open) && open.network == network;
+        if !is_near && network.is_some() && self.count(of_network) >= PER_NETWORK.open {
+            return self.send_away(of_network);
+        }
+        let all_max = if is_near { NEAR.open } else { FAR.open };
+        self.count(alike) < all_max || self.send_away(alike)
+    }
+
+    fn count(&self, of: impl Fn(&Open) -> bool) -> usize {
+        self.open.values().filter(|open| of(open)).count()
+    }
+
+    /// Ends the one of these that has been silent longest, if any is. Before its head is read the
+    /// operator's tap is as anonymous as a stranger's, so those from where nobody had a session go first.
+    fn send_away(&mut self, of: impl Fn(&Open) -> bool) -> bool {
+        let silent = self.open.iter().filter(|(_, open)| of(open));
+        let is_known = |open: &Open| open.network.is_some_and(|it| self.known.contains(&it));
+        let longest =
+            silent.filter_map(|(number, open)| Some((is_known(open), open.silent_since?, *number))).min();
+        longest.is_some_and(|(.., number)| self.open.remove(&number).is_some())
+    }
+
+    fn know(&mut self, network: IpAddr) {
+        self.known.retain(|it| *it != network);
+        self.known.push_front(network);
+        self.known.truncate(KNOWN_MAX);
+    }
+
+    /// Gives an anonymous connection a place among those of its session's user.
+    fn hold(&mut self, number: u64, holder: Holder) -> bool {
+        let Some(open) = self.open.get(&number) else { return false };
+        if open.holder.as_ref() == Some(&holder) {
+            return true;
+        }
+        let of_user = |open: &Open| open.holder.as_ref() == Some(&holder);
+        let alike = |open: &Open| open.holder.as_ref().is_some_and(|it| it.is_operator == holder.is_operator);
+        let all_max = if holder.is_operator { OPERATORS_MAX } else { OTHERS_MAX };
+        let has_room = match () {
+            () if self.count(of_user) >= PER_USER_MAX => self.send_away(of_user),
+            () => self.count(alike) < all_max || self.send_away(alike),
+        };
+        if let Some(open) = self.open.get_mut(&number) {
+            open.holder = has_room.then_some(holder);
+        }
+        has_room
+    }
+
+    /// Whether one more anonymous request from there may be answered.
+    fn may_answer(&self, number: u64) -> bool {
+        let Some(asked) = self.open.get(&number) else { return false };
+        let alike = |open: &Open| {
+            open.holder.is_none() && open.is_near == asked.is_near && open.silent_since.is_none()
+        };
+        let of_network = |open: &Open| alike(open) && open.network == asked.network;
+        let all_max = if asked.is_near { NEAR.answered } else { FAR.answered };
+        let is_shared = asked.is_near || asked.network.is_none();
+        self.count(alike) < all_max && (is_shared || self.count(of_network) < PER_NETWORK.answered)
+    }
+}
+
+impl Place {
+    /// A request came. `None` if the connection gave its place away a moment before.
+    pub fn work(&self) -> Option<Work> {
+        let is_open = self.lines.table().open.contains_key(&self.number);
+        is_open.then(|| Work(Standing { lines: self.lines.clone(), number: self.number }))
+    }
+}
+
+impl Work {
+    pub fn standing(&self) -> Standing {
+        self.0.clone()
+    }
+}
+
+impl Standing {
+    /// Takes a place for a logged-in user's request: no anonymous connection takes that place, and the
+    /// connection stays while the request is answered. Returns false without a login, or where all such
+    /// places are taken.
+    pub fn hold(&self, session: Option<&Session>) -> bool {
+        let mut table = self.lines.table();
+        let holder = session.map(|session| Holder {
+            user: session.user.clone(),
+            is_operator: session.role == Role::Operator,
+        });
+        let holds = holder.is_some_and(|holder| table.hold(self.number, holder));
+        let mut known = None;
+        if let Some(open) = table.open.get_mut(&self.number) {
+            if holds {
+                open.silent_since = None
+            } else {
+                open.holder = None
+            }
+            known = open.network.filter(|_| holds);
+        }
+        if let Some(network) = known {
+            table.know(network);
+        }
+        holds
+    }
+
+    /// An anonymous request has come whole: its connection stays while it is answered. Returns whether
+    /// that may be; too many others are answered if not.
+    pub fn answer(&self) -> bool {
+        let mut table = self.lines.table();
+        let may = table.may_answer(self.number);
+        if let Some(open) = table.open.get_mut(&self.number).filter(|_| may) {
+            open.silent_since = None;
+        }
+        may
+    }
+}
+
+impl Drop for Work {
+    fn drop(&mut self) {
+        let mut table = self.0.lines.table();
+        let now = table.tick();
+        if let Some(open) = table.open.get_mut(&self.0.number) {
+            open.silent_since = Some(now);
+        }
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.lines.table().open.remove(&self.number);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Clock;
+    use crate::store::{DemoSecrets, Store};
+
+    type Line = (Place, oneshot::Receiver<()>);
+
+    fn ip(text: &str) -> IpAddr {
+        text.parse().unwrap()
+    }
+
+    fn stays((_, goes): &mut Line) -> bool {
+        goes.try_recv() == Err(oneshot::error::TryRecvError::Empty)
+    }
+
+    async fn session_of(store: &Store, name: &str, secret: &str) -> Session {
+        let user = store.authenticate(name, secret).await.unwrap().unwrap();
+        store.open_session(&user).await.unwrap().1
+    }
+
+    /// A connection on which somebody with a session asks for something.
+    fn hold(lines: &Lines, from: &str, session: &Session) -> (Line, Work, bool) {
+        let line = lines.enter(ip(from), from == "127.0.0.1").unwrap();
+        let work = line.0.work().unwrap();
+        let holds = work.standing().hold(Some(session));
+        (line, work, holds)
+    }
+
+    #[test]
+    fn whoever_opens_many_loses_their_own_oldest_and_nobody_elses() {
+        let lines = Lines::default();
+        let mut display = lines.enter(ip("127.0.0.1"), true).unwrap();
+        let mut other = lines.enter(ip("fd00:0:0:1::1"), false).unwrap();
+        // One who has an IPv6 network has many addresses in it.
+        let mut flood: Vec<_> = (0..600)
+            .map(|number| lines.enter(ip(&format!("fd00:0:0:2::{number:x}")), false).unwrap())
+            .collect();
+        assert!(stays(&mut display) && stays(&mut other));
+        assert_eq!(lines.table().open.len(), 2 + PER_NETWORK.open);
+        let stayed: Vec<bool> = flood.iter_mut().map(stays).collect();
+        assert!(stayed[600 - PER_NETWORK.open..].iter().all(|stays| *stays), "the newest have their places");
+    }
+
+    #[test]
+    fn requests_that_are_not_whole_keep_nobody_out() {
+        let lines = Lines::default();
+        let mut begun: Vec<_> = (0..NEAR.open)
+            .map(|_| {
+                let line = lines.enter(ip("127.0.0.1"), true).unwrap();
+                let work = line.0.work().unwrap();
+                assert!(!work.standing().hold(None));
+                (line, work)
+            })
+            .collect();
+        let mut newest = lines.enter(ip("::ffff:127.0.0.1"), true).unwrap();
+        assert!(!stays(&mut begun[0].0) && stays(&mut begun[1].0) && stays(&mut newest));
+        assert!(begun[0].0.0.work().is_none() && newest.0.work().is_some());
+    }
+
+    #[test]
+    fn anonymous_ones_that_are_answered_stay_and_leave_room_for_others() {
+        let lines = Lines::default();
+        for (source, is_near, bounds) in
+            [("127.0.0.1", true, NEAR), ("10.0.0.1", false, PER_NETWORK), ("10", false, FAR)]
+        {
+            let mut answered = Vec::new();
+            for number in 0..bounds.open {
+                let source = if source == "10" { &format!("10.1.{number}.1") } else { source };
+                let line = lines.enter(ip(source), is_near).unwrap();
+                let work = line.0.work().unwrap();
+                if work.standing().answer() {
+                    answered.push((line, work));
+                }
+            }
+            assert_eq!(answered.len(), bounds.answered, "{source}");
+            let (other, _goes) = lines.enter(ip("10.2.0.1"), is_near).unwrap();
+            assert!(other.work().is_some() && answered.iter_mut().all(|(line, _)| stays(line)), "{source}");
+        }
+        assert!(lines.table().open.is_empty(), "nothing is kept of who has gone");
+    }
+
+    #[tokio::test]
+    async fn a_new_connection_from_where_somebody_has_a_session_stays_longer_than_a_strangers() {
+        let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
+        store.add_demo_users().await.unwrap();
+        let operator = session_of(&store, "operator", "246810").await;
+        let lines = Lines::default();
+        let (page, work, holds) = hold(&lines, "10.0.0.1", &operator);
+        assert!(holds);
+        // The page's socket is none of these connections.
+        drop((page, work));
+        let mut tap = lines.enter(ip("10.0.0.1"), false).unwrap();
+        let mut stranger = lines.enter(ip("10.9.0.1"), false).unwrap();
+        let strangers: Vec<_> = (0..600)
+            .map(|number| lines.enter(ip(&format!("10.1.{}.{}", number / 250, number % 250)), false).unwrap())
+            .collect();
+        assert!(stays(&mut tap) && !stays(&mut stranger));
+        // They go as well where none but they are left.
+        drop(strangers);
+        let mut many: Vec<_> =
+            (0..=PER_NETWORK.open).map(|_| lines.enter(ip("10.0.0.1"), false).unwrap()).collect();
+        assert!(!stays(&mut tap) && many.iter_mut().rev().take(PER_NETWORK.open).all(stays));
+        for number in 0..2 * KNOWN_MAX {
+            drop(hold(&lines, &format!("10.2.0.{number}"), &operator));
+        }
+        assert_eq!(lines.table().known.len(), KNOWN_MAX);
+    }
+
+    #[tokio::test]
+    async fn whoever_has_a_session_has_a_place_that_no_stranger_and_no_other_user_takes() {
+        let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
+        store.add_demo_users().await.unwrap();
+        let operator = session_of(&store, "operator", "246810").await;
+        let lines = Lines::default();
+        let (mut display, work, holds) = hold(&lines, "127.0.0.1", &operator);
+        assert!(holds);
+        drop(work);
+        let strangers: Vec<_> = (0..500).map(|_| lines.enter(ip("127.0.0.1"), true).unwrap()).collect();
+        assert!(stays(&mut display), "it is silent, and older than all of them");
+        let mut held = 0;
+        let mut others = Vec::new();
+        for (name, secret) in [("authority", "demo-authority"), ("developer", "demo-developer")] {
+            let session = session_of(&store, name, secret).await;
+            for _ in 0..100 {
+                let (line, work, holds) = hold(&lines, "127.0.0.1", &session);
+                held += usize::from(holds);
+                others.push((line, work));
+            }
+        }
+        assert_eq!(held, 2 * PER_USER_MAX, "each of them is being answered");
+        assert!(stays(&mut display));
+        let (mut newest, _work, holds) = hold(&lines, "127.0.0.1", &operator);
+        assert!(holds && stays(&mut newest));
+        // Without the session it is one of many again.
+        display.0.work().unwrap().standing().hold(None);
+        let flood: Vec<_> = (0..500).map(|_| lines.enter(ip("127.0.0.1"), true).unwrap()).collect();
+        assert!(!stays(&mut display) && stays(&mut newest));
+        drop((strangers, others, flood));
+    }
+}

@@ -1,0 +1,143 @@
+//! Ends sessions that are over, and locks a vehicle whose operator has none any more.
+
+use std::time::Duration;
+
+use tokio::time::{Interval, MissedTickBehavior, interval};
+
+use crate::engine::input::{OperatorAction, Response};
+use crate::engine::model::Stage;
+use crate::engine::snapshot::Snapshot;
+use crate::engine::time::{Span, Timestamp};
+use crate::store::audit::{Action, Record, TELLTALE};
+use crate::store::{Role, Session, SessionKind, StoreError, Token};
+use crate::web::AppState;
+use crate::web::view::words::session_end::Farewell;
+
+const CHECK_EVERY: Duration = Duration::from_millis(500);
+
+/// How much older than it was a developer's last action may look after a restart.
+const NOTE_USE_EVERY: Span = Span::from_secs(60);
+
+/// A developer who does nothing for this long has gone away from an open page. An operator's work
+/// is to watch, so the display in the vehicle never ends for that.
+pub const DEVELOPER_IDLE_MAX: Span = Span::from_secs(15 * 60);
+
+/// Whether a session is over because its holder does nothing.
+pub fn has_idled_out(session: &Session, now: Timestamp) -> bool {
+    idles_out(session) && session.idle(now) >= DEVELOPER_IDLE_MAX
+}
+
+/// Whether this is a session of the operator in the seat.
+pub fn is_seated(session: &Session, snapshot: &Snapshot) -> bool {
+    session.role == Role::Operator && snapshot.operator.as_deref() == Some(&*session.user)
+}
+
+fn idles_out(session: &Session) -> bool {
+    session.role == Role::Developer && session.kind == SessionKind::Person
+}
+
+impl AppState {
+    /// The session of a token, unless it has expired.
+    pub fn session(&self, token: &Token) -> Option<Session> {
+        self.store.session(token).filter(|session| !self.has_expired(session))
+    }
+
+    /// Whether a session is over. The operator of a vehicle that drives keeps it.
+    pub fn has_expired(&self, session: &Session) -> bool {
+        if has_idled_out(session, self.clock.now()) {
+            return true;
+        }
+        let published = self.link.snapshots.borrow();
+        let drives = published.snapshot.stage == Stage::Active && is_seated(session, &published.snapshot);
+        session.expires <= self.clock.now() && !drives
+    }
+
+    /// Why a session that is over by itself is.
+    pub fn overdue(&self, session: &Session) -> Farewell {
+        if has_idled_out(session, self.clock.now()) { Farewell::Idle } else { Farewell::Expired }
+    }
+}
+
+/// Runs for as long as the server does. What is over ends whatever the disk does, so nothing of that
+/// waits for what is written.
+pub async fn watch(app: AppState) {
+    tokio::join!(end_overdue(&app), lock_empty(&app), write(&app));
+}
+
+fn checks() -> Interval {
+    let mut checks = interval(CHECK_EVERY);
+    checks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    checks
+}
+
+async fn end_overdue(app: &AppState) {
+    let mut checks = checks();
+    loop {
+        checks.tick().await;
+        for session in app.store.sessions().iter().filter(|session| app.has_expired(session)) {
+            let why = match session.kind {
+                SessionKind::Program => "token expired",
+                SessionKind::Person if has_idled_out(session, app.clock.now()) => "idle",
+                SessionKind::Person => "expired",
+            };
+            app.farewells.end(session, app.overdue(session));
+            let record = Record::of(Action::SessionEnded, TELLTALE).on(why);
+            app.store.end_at_once(session, record.by(&*session.user, session.role));
+        }
+    }
+}
+
+async fn lock_empty(app: &AppState) {
+    let mut checks = checks();
+    loop {
+        checks.tick().await;
+        lock_if_empty(app).await;
+    }
+}
+
+/// Locks a vehicle whose operator has no session any more. An engine that does not answer, or refuses,
+/// is asked again at the next check.
+async fn lock_if_empty(app: &AppState) {
+    let _seat = app.seat.lock().await;
+    let snapshot = app.published().snapshot;
+    // A vehicle that drives keeps its operator; the engine would refuse anyway.
+    let Some(operator) = snapshot.operator.as_deref().filter(|_| snapshot.stage != Stage::Active) else {
+        return;
+    };
+    let is_empty = !app.store.sessions().iter().any(|session| is_seated(session, &snapshot));
+    if is_empty && matches!(app.command(OperatorAction::Logout).await, Ok(Response::Done)) {
+        tracing::info!("the operator has no session any more: the vehicle is locked");
+        let record = Record::of(Action::Logout, TELLTALE).by(operator, Role::Operator);
+        app.store.owe(record.on("no session any more"));
+    }
+}
+
+/// Writes down what the others did, as soon as that works.
+async fn write(app: &AppState) {
+    let mut checks = checks();
+    let mut failing = false;
+    let mut noted = app.clock.now();
+    loop {
+        checks.tick().await;
+        app.audit_omitted().await;
+        let mut written = app.store.write_owed().await;
+        let now = app.clock.now();
+        if written.is_ok() && now.since(noted) >= NOTE_USE_EVERY {
+            written = note_use(app, now, noted).await;
+            noted = if written.is_ok() { now } else { noted };
+        }
+        if let Err(error) = &written
+            && !failing
+        {
+            tracing::error!(%error, "that sessions ended or were used cannot be written yet");
+        }
+        failing = written.is_err();
+    }
+}
+
+/// A restart gives nobody another quarter of an hour.
+async fn note_use(app: &AppState, now: Timestamp, since: Timestamp) -> Result<(), StoreError> {
+    let mut used = app.store.sessions();
+    used.retain(|session| idles_out(session) && session.idle(now) <= now.since(since));
+    if used.is_empty() { Ok(()) } else { app.store.note_used(used).await }
+}

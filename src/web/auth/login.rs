@@ -1,0 +1,310 @@
+//! Login and logout.
+
+use std::net::IpAddr;
+
+use std::sync::PoisonError;
+use std::time::Duration;
+
+use axum::extract::rejection::FormRejection;
+use axum::extract::{Extension, Form, State};
+use axum::http::header::{RETRY_AFTER, SET_COOKIE};
+use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::response::{Html, IntoResponse, Redirect, Response};
+use serde::Deserialize;
+use serde_json::json;
+use tokio::time::timeout;
+
+use super::session_ends;
+use super::sign_in_out;
+use super::sign_in_out::{Entrance, NotOpened};
+use crate::engine::input::OperatorAction;
+use crate::engine::model::Stage;
+use crate::engine::time::Span;
+use crate::store::audit::{Action, Record};
+use crate::store::{Lane, Role, SESSION_LIFE, Session, SessionKind, Token, Verified, is_pin};
+use crate::web::AppState;
+use crate::web::admission::login_throttle::Source;
+use crate::web::admission::peer::{Peer, source_of};
+use crate::web::http::errors::Trouble;
+use crate::web::http::guard::{SignedIn, cookie_name, cookie_session, device_cookie_name};
+use crate::web::http::respond::{Reader, Speaks, cookie, json_answer, refusal, refused};
+use crate::web::view;
+use crate::web::view::words::session_end::Farewell;
+use crate::web::view::{LoginContext, LoginFailure};
+
+/// The server judges when a session is over, and the driver keeps it: a browser must not forget it
+/// before.
+const COOKIE_LIFE: Duration = SESSION_LIFE.saturating_mul(2);
+
+/// A browser is known for as long as it is used in a year.
+const DEVICE_LIFE: Duration = Duration::from_secs(365 * 24 * 3600);
+/// For the disk to take it in.
+const DEVICE_WITHIN: Duration = Duration::from_secs(1);
+
+#[derive(Deserialize)]
+pub struct LoginForm {
+    name: String,
+    secret: String,
+    /// Given by an operator who was told that somebody else sits in the seat, and takes it over.
+    take_over: Option<String>,
+}
+
+/// `GET /login`
+pub async fn page(State(app): State<AppState>, headers: HeaderMap, reader: Reader) -> Response {
+    // While the vehicle is locked an operator may follow somebody else at the same display.
+    let locked = app.published().snapshot.stage == Stage::Locked;
+    if !locked && cookie_session(&app, &headers).is_some() {
+        return Redirect::to("/").into_response();
+    }
+    let nobody = match app.store.has_users().await {
+        Ok(false) => Some(no_users(&app)),
+        Err(error) if error.is_of_storage() => Some(LoginFailure::Storage),
+        _ => None,
+    };
+    let farewell = session_ends::of(&app, &headers).await;
+    login_page(&app, &reader, StatusCode::OK, "", nobody, farewell)
+}
+
+/// A folder with a blank in its name is quoted, as a shell has to be told it.
+fn no_users(app: &AppState) -> LoginFailure {
+    let data = app.store.folder().map(|folder| folder.display().to_string());
+    let is_plain = |it: char| it.is_alphanumeric() || "/._-+:@%,".contains(it);
+    let quoted = |data: String| match data.chars().all(is_plain) {
+        true => data,
+        false => format!("'{}'", data.replace('\'', r"'\''")),
+    };
+    LoginFailure::NoUsers { data: data.map(quoted) }
+}
+
+/// `POST /login`
+pub async fn login(
+    State(app): State<AppState>,
+    peer: Option<Extension<Peer>>,
+    headers: HeaderMap,
+    reader: Reader,
+    form: Result<Form<LoginForm>, FormRejection>,
+) -> Response {
+    let form = match form {
+        Ok(Form(form)) => form,
+        Err(rejection) if rejection.status() == StatusCode::PAYLOAD_TOO_LARGE => {
+            return rejection.into_response();
+        }
+        Err(_) => return refusal(&reader, Trouble::BadForm),
+    };
+    let source = source_of(peer.map(|Extension(peer)| peer));
+    let device = known_device(&app, &headers, source, &form.name).await;
+    let user = match prove(&app, &form, source, device.clone()).await {
+        Ok(user) => user,
+        Err(failure) => {
+            if app.may_record_refusal(source, Action::Login).await {
+                let record = Record::of(Action::Login, source.to_string());
+                let record = record.on(app.recorded_name(&form.name).await);
+                app.audit_or_log_from(app.lane(source), record.refused(failure.as_str())).await;
+            }
+            return failed(&app, &reader, &form.name, failure);
+        }
+    };
+    let entrance = Entrance {
+        user: user.clone(),
+        source,
+        takes_over: form.take_over.is_some(),
+        before: cookie_session(&app, &headers),
+        until: app.clock.now() + sign_in_out::DONE_WITHIN,
+    };
+    match sign_in_out::enter(&app, entrance).await {
+        Ok((token, session)) => {
+            let mut answer = welcome(&app, &reader, &token, &session);
+            if device.is_none() {
+                make_known(&app, &user, &mut answer).await;
+            }
+            answer
+        }
+        Err(NotOpened::Refused(reasons)) => refused(&reader, &reasons),
+        Err(NotOpened::SeatTaken(by)) => failed(&app, &reader, &form.name, LoginFailure::SeatTaken { by }),
+        Err(NotOpened::Drives) => failed(&app, &reader, &form.name, LoginFailure::Drives),
+        Err(NotOpened::Storage) => failed(&app, &reader, &form.name, LoginFailure::Storage),
+        Err(NotOpened::Busy | NotOpened::Unavailable) => {
+            failed(&app, &reader, &form.name, LoginFailure::Unavailable)
+        }
+    }
+}
+
+/// `POST /logout`
+pub async fn logout(
+    State(app): State<AppState>,
+    peer: Option<Extension<Peer>>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+) -> Response {
+    leave(app, peer, session, &reader, OperatorAction::Logout).await
+}
+
+/// `POST /vehicle/shutdown`: the operator ends the work with the vehicle, and leaves it.
+pub async fn shutdown(
+    State(app): State<AppState>,
+    peer: Option<Extension<Peer>>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+) -> Response {
+    leave(app, peer, session, &reader, OperatorAction::Shutdown).await
+}
+
+async fn leave(
+    app: AppState,
+    peer: Option<Extension<Peer>>,
+    session: Session,
+    reader: &Reader,
+    action: OperatorAction,
+) -> Response {
+    // A program's token is taken back on the command line.
+    if session.kind == SessionKind::Program {
+        return refusal(&Reader { speaks: Speaks::Json, ..*reader }, Trouble::Forbidden);
+    }
+    let source = source_of(peer.map(|Extension(peer)| peer));
+    match sign_in_out::leave(&app, &session, source, action).await {
+        Ok(()) => {}
+        Err(NotOpened::Refused(reasons)) => return refused(reader, &reasons),
+        Err(NotOpened::Storage) => return refusal(reader, Trouble::Storage),
+        Err(NotOpened::Busy) => return refusal(reader, Trouble::Busy),
+        Err(NotOpened::SeatTaken(_) | NotOpened::Drives | NotOpened::Unavailable) => {
+            return refusal(reader, Trouble::Unavailable);
+        }
+    }
+    tracing::info!(user = &*session.user, "logged out");
+    let mut answer = match reader.speaks {
+        Speaks::Json => json_answer(StatusCode::OK, &json!({})),
+        Speaks::Html => Redirect::to("/login").into_response(),
+    };
+    set_cookie(&mut answer, &app, cookie_name(app.settings.secure), "", 0);
+    answer
+}
+
+/// The cookie of a browser from which this user logged in before.
+async fn known_device(app: &AppState, headers: &HeaderMap, source: IpAddr, name: &str) -> Option<Token> {
+    let token = cookie(headers, device_cookie_name(app.settings.secure)).and_then(Token::parse)?;
+    // A user who cannot be looked up is not known.
+    let is_known = app.store.is_device_of(app.lane(source), &token, name).await.unwrap_or(false);
+    is_known.then_some(token)
+}
+
+/// Gives the browser of a login a cookie by which it is known from now on. The login does not depend on
+/// it: a disk that takes its time gives none.
+async fn make_known(app: &AppState, user: &Verified, answer: &mut Response) {
+    if let Ok(Ok(token)) = timeout(DEVICE_WITHIN, app.store.know_device(user)).await {
+        let name = device_cookie_name(app.settings.secure);
+        set_cookie(answer, app, name, token.as_str(), DEVICE_LIFE.as_secs());
+    }
+}
+
+async fn prove(
+    app: &AppState,
+    form: &LoginForm,
+    source: IpAddr,
+    device: Option<Token>,
+) -> Result<Verified, LoginFailure> {
+    // The user sees that it is a PIN: this says nothing of anybody's secret.
+    if is_pin(&form.secret) && !app.settings.enrolled.is_near(source) {
+        return Err(LoginFailure::PinElsewhere);
+    }
+    let is_near = app.lane(source) == Lane::Vehicle;
+    // A known browser waits in no queue with strangers.
+    let lane = if device.is_some() { Lane::Vehicle } else { app.lane(source) };
+    let from = Source { ip: source, is_near, device };
+    let throttle = || app.throttle.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Err(wait) = throttle().attempt(app.clock.now(), &form.name, &from) {
+        return Err(LoginFailure::Wait { seconds: whole_seconds(wait) });
+    }
+    match app.store.authenticate_from(lane, &form.name, &form.secret).await {
+        Ok(Some(user)) => {
+            throttle().succeeded(&form.name, &from);
+            Ok(user)
+        }
+        Ok(None) => {
+            tracing::warn!(%source, "login failed");
+            Err(LoginFailure::Wrong)
+        }
+        Err(error) => {
+            tracing::error!(%error, "a login cannot be checked");
+            Err(LoginFailure::Unavailable)
+        }
+    }
+}
+
+fn welcome(app: &AppState, reader: &Reader, token: &Token, session: &Session) -> Response {
+    let mut answer = match reader.speaks {
+        Speaks::Json => {
+            json_answer(StatusCode::OK, &json!({ "name": &*session.user, "role": session.role.as_str() }))
+        }
+        // The operator's screen of a locked vehicle is the login, where others would begin anew.
+        Speaks::Html if session.role != Role::Operator && app.published().snapshot.stage == Stage::Locked => {
+            Redirect::to("/developer").into_response()
+        }
+        Speaks::Html => Redirect::to("/").into_response(),
+    };
+    set_cookie(&mut answer, app, cookie_name(app.settings.secure), token.as_str(), COOKIE_LIFE.as_secs());
+    answer
+}
+
+fn set_cookie(answer: &mut Response, app: &AppState, name: &str, value: &str, age_s: u64) {
+    let suffix = if app.settings.secure { "; Secure" } else { "" };
+    let cookie = format!("{name}={value}; Path=/; Max-Age={age_s}; HttpOnly; SameSite=Strict{suffix}");
+    let cookie = HeaderValue::try_from(cookie).expect("names and hexadecimal digits are visible ASCII");
+    answer.headers_mut().append(SET_COOKIE, cookie);
+}
+
+fn failed(app: &AppState, reader: &Reader, name: &str, failure: LoginFailure) -> Response {
+    let status = match failure {
+        LoginFailure::Wrong => StatusCode::UNAUTHORIZED,
+        LoginFailure::PinElsewhere => StatusCode::FORBIDDEN,
+        LoginFailure::SeatTaken { .. } | LoginFailure::Drives => StatusCode::CONFLICT,
+        LoginFailure::Wait { .. } => StatusCode::TOO_MANY_REQUESTS,
+        LoginFailure::Storage | LoginFailure::Unavailable | LoginFailure::NoUsers { .. } => {
+            StatusCode::SERVICE_UNAVAILABLE
+        }
+    };
+    let wait = if let LoginFailure::Wait { seconds } = failure { Some(seconds) } else { None };
+    let mut answer = match (reader.speaks, &failure) {
+        (Speaks::Json, LoginFailure::SeatTaken { by }) => {
+            let refused = format!("{by} is the operator; take_over=1 takes the seat over");
+            json_answer(status, &json!({ "refused": [refused], "operator": by }))
+        }
+        (Speaks::Json, LoginFailure::Drives) => {
+            json_answer(status, &json!({ "refused": [failure.as_str()] }))
+        }
+        (Speaks::Json, LoginFailure::Wait { seconds }) => {
+            json_answer(status, &json!({ "error": failure.as_str(), "seconds": seconds }))
+        }
+        (Speaks::Json, _) => json_answer(status, &json!({ "error": failure.as_str() })),
+        (Speaks::Html, _) => login_page(app, reader, status, name, Some(failure), None),
+    };
+    if let Some(seconds) = wait {
+        answer.headers_mut().insert(RETRY_AFTER, HeaderValue::from(seconds));
+    }
+    answer
+}
+
+fn login_page(
+    app: &AppState,
+    reader: &Reader,
+    status: StatusCode,
+    name: &str,
+    failure: Option<LoginFailure>,
+    farewell: Option<Farewell>,
+) -> Response {
+    let context = LoginContext {
+        lang: reader.lang,
+        palette: reader.palette,
+        name: name.chars().take(NAME_SHOWN_CHARS_MAX).collect(),
+        failure,
+        farewell,
+        demo: app.settings.demo.is_some(),
+    };
+    (status, Html(view::login_page(&context))).into_response()
+}
+
+/// A typed name that is longer is none, and is not shown whole.
+const NAME_SHOWN_CHARS_MAX: usize = 64;
+
+fn whole_seconds(span: Span) -> u64 {
+    span.as_millis().div_ceil(1000).max(1)
+}

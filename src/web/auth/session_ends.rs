@@ -1,0 +1,91 @@
+//! Why a session is over, for the login page to which its browser comes back. The browser is known
+//! by the cookie that it still has; no address says anything, so nothing can be made up.
+
+use crate::web::view::words::session_end::Farewell;
+use std::collections::VecDeque;
+use std::sync::{Mutex, PoisonError};
+
+use axum::http::HeaderMap;
+
+use crate::store::{Session, SessionKind, Token};
+use crate::web::AppState;
+use crate::web::http::guard::cookie_name;
+use crate::web::http::respond::cookie;
+
+/// Sessions that are remembered; the oldest is forgotten for a new one.
+const SESSIONS_MAX: usize = 256;
+
+/// Sessions that browsers were seen with, oldest first.
+#[derive(Debug, Default)]
+pub struct Farewells(Mutex<VecDeque<Met>>);
+
+#[derive(Debug)]
+struct Met {
+    session: Session,
+    why: Option<Farewell>,
+}
+
+impl Farewells {
+    /// Notes a session that a browser has.
+    pub fn meet(&self, session: &Session) {
+        let mut met = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if session.kind != SessionKind::Person || met.iter().any(|it| it.session.is(session)) {
+            return;
+        }
+        if met.len() == SESSIONS_MAX {
+            met.pop_front();
+        }
+        met.push_back(Met { session: session.clone(), why: None });
+    }
+
+    /// Notes why a session ends.
+    pub fn end(&self, session: &Session, why: Farewell) {
+        self.note(|it| it.is(session), Some(why));
+    }
+
+    /// Notes why all sessions of a user end.
+    pub fn end_all_of(&self, user: &str, why: Farewell) {
+        self.note(|it| *it.user == *user, Some(why));
+    }
+
+    /// Notes that a user logs out at one display, and with that at all.
+    pub fn log_out(&self, session: &Session) {
+        self.end_all_of(&session.user, Farewell::LoggedOut);
+        self.end(session, Farewell::LoggedOutHere);
+    }
+
+    /// The sessions of a user go on after all.
+    pub fn stay(&self, user: &str) {
+        self.note(|it| *it.user == *user, None);
+    }
+
+    fn note(&self, ends: impl Fn(&Session) -> bool, why: Option<Farewell>) {
+        let mut met = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        for it in met.iter_mut().filter(|it| ends(&it.session)) {
+            it.why = why;
+        }
+    }
+
+    fn of(&self, token: &Token) -> Option<(Session, Option<Farewell>)> {
+        let met = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        met.iter().find(|it| it.session.is_of(token)).map(|it| (it.session.clone(), it.why))
+    }
+}
+
+/// Why the session with which a browser comes is over. `None` where it has none, or an open one.
+pub async fn of(app: &AppState, headers: &HeaderMap) -> Option<Farewell> {
+    let token = cookie(headers, cookie_name(app.settings.secure)).and_then(Token::parse)?;
+    let Some((session, why)) = app.farewells.of(&token) else {
+        return app.session(&token).is_none().then_some(Farewell::Ended);
+    };
+    if session.is_open() {
+        // The page may be quicker than the end of its session.
+        return why.or_else(|| app.has_expired(&session).then(|| app.overdue(&session))).filter(is_told);
+    }
+    let is_user = app.store.knows_user(&session.user).await.unwrap_or(true);
+    Some(if is_user { why.unwrap_or(Farewell::Ended) } else { Farewell::Removed }).filter(is_told)
+}
+
+fn is_told(why: &Farewell) -> bool {
+    *why != Farewell::LoggedOutHere
+}

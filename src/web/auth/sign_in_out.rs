@@ -1,0 +1,338 @@
+//! Who comes in and who goes out: sessions, and the operator's seat with them. Each is judged, written
+//! and then done, and waits no longer than a tap does.
+
+use std::net::IpAddr;
+
+use futures_util::TryFutureExt;
+use tokio::sync::oneshot;
+
+use super::expiry::is_seated;
+use super::handover;
+use crate::engine::input::{OperatorAction, Refusal, Response as Answer};
+use crate::engine::model::Stage;
+use crate::engine::time::{Span, Timestamp};
+use crate::store::audit::{Action, Record};
+use crate::store::{Entering, Lane, Role, Session, StoreError, Token, VehicleMemory, Verified, Written};
+use crate::web::AppState;
+use crate::web::engine_link::NoAnswer;
+use crate::web::record::audit::record_of;
+use crate::web::view::words::session_end::Farewell;
+
+/// Why no session was opened or closed.
+#[derive(Debug)]
+pub enum NotOpened {
+    /// This operator sits in the seat.
+    SeatTaken(String),
+    /// The vehicle drives, and they come from elsewhere.
+    Drives,
+    Refused(Vec<Refusal>),
+    /// It cannot be written down.
+    Storage,
+    /// Too many wait already, or for too long.
+    Busy,
+    Unavailable,
+}
+
+impl From<StoreError> for NotOpened {
+    fn from(error: StoreError) -> NotOpened {
+        tracing::error!(%error, "sessions cannot be changed");
+        match error {
+            StoreError::TooLate => NotOpened::Storage,
+            error if error.is_of_storage() => NotOpened::Storage,
+            _ => NotOpened::Unavailable,
+        }
+    }
+}
+
+impl From<NoAnswer> for NotOpened {
+    fn from(error: NoAnswer) -> NotOpened {
+        tracing::error!(%error, "nobody can log in or out");
+        NotOpened::Unavailable
+    }
+}
+
+/// A login or a logout waits no longer than this for others and for the disk; then it is not done.
+pub const DONE_WITHIN: Span = Span::from_secs(4);
+const LATE: &str = "the disk did not answer in time";
+
+/// Opens a session. It runs to its end even where the browser has gone, and what nobody listens to is undone: a
+/// browser that was told nothing holds no session.
+///
+/// # Errors
+/// Why there is none.
+pub async fn enter(app: &AppState, entrance: Entrance) -> Result<(Token, Session), NotOpened> {
+    let (reply, answer) = oneshot::channel();
+    let app = app.clone();
+    tokio::spawn(async move {
+        let record = entrance.record(Action::SessionEnded).on("nobody waited for the login");
+        let opened = entrance.open(&app, || !reply.is_closed()).await;
+        if let Err(Ok((_, session))) = reply.send(opened) {
+            app.store.end_at_once(&session, record);
+        }
+    });
+    // It ends early only if the whole program does.
+    answer.await.unwrap_or(Err(NotOpened::Unavailable))
+}
+
+/// Ends a session. It runs to its end even where the browser has gone: a browser that goes on to another page drops
+/// its request, and half a logout would leave a session open behind a locked vehicle.
+///
+/// # Errors
+/// Why it goes on.
+pub async fn leave(
+    app: &AppState,
+    session: &Session,
+    source: IpAddr,
+    action: OperatorAction,
+) -> Result<(), NotOpened> {
+    let closing = close(app.clone(), session.clone(), source, action);
+    tokio::spawn(closing).await.unwrap_or(Err(NotOpened::Unavailable))
+}
+
+/// Somebody who proved to be a user and asks for a session.
+pub struct Entrance {
+    pub user: Verified,
+    pub source: IpAddr,
+    /// From the operator who sits in the seat.
+    pub takes_over: bool,
+    /// The session that the browser had: nobody may go on with it.
+    pub before: Option<Session>,
+    /// After this it is not done any more.
+    pub until: Timestamp,
+}
+
+impl Entrance {
+    /// Opens a session; an operator takes the seat, and the vehicle is unlocked by that.
+    async fn open(
+        self,
+        app: &AppState,
+        is_waited_for: impl Fn() -> bool + Send,
+    ) -> Result<(Token, Session), NotOpened> {
+        let _seat = app.by(self.until, app.free_seat()).await.ok_or(NotOpened::Busy)?;
+        let (name, role) = (self.user.name(), self.user.role());
+        let seated = app.published().snapshot.operator.clone();
+        let other = seated.filter(|seated| role == Role::Operator && **seated != *name);
+        if let Some(other) = other.as_deref().filter(|_| !self.takes_over) {
+            let why = format!("{other} is the operator");
+            app.audit(self.record(Action::Login).refused(why)).await?;
+            return Err(NotOpened::SeatTaken(other.to_owned()));
+        }
+        let snapshot = app.published().snapshot;
+        let drives = snapshot.stage == Stage::Active;
+        let takes = role == Role::Operator && snapshot.operator.as_deref() != Some(name);
+        if takes && drives && app.lane(self.source) != Lane::Vehicle {
+            app.audit(
+                self.record(Action::Login).refused("the vehicle drives, and this is none of its displays"),
+            )
+            .await?;
+            return Err(NotOpened::Drives);
+        }
+        // At the driver's own display nobody has to be told.
+        let is_here = self.before.as_ref().is_some_and(|before| is_seated(before, &snapshot));
+        let said = other.as_deref().filter(|_| drives && !is_here);
+        if said.is_some() && app.hand_overs.is_said() {
+            return Err(NotOpened::Busy);
+        }
+        if let Some(reason) = self.is_refused_logout(app) {
+            app.audit(self.record(Action::Login).refused(format!("{:?}", [&reason]))).await?;
+            return Err(NotOpened::Refused(vec![reason]));
+        }
+        let is_before = |session: &Session| self.before.as_ref().is_some_and(|before| before.is(session));
+        let others = || {
+            let sessions = app.store.sessions();
+            sessions.iter().filter(|session| *session.user == *name && !is_before(session)).count()
+        };
+        let had = others();
+        let (token, written) = match role {
+            Role::Operator if said.is_none() => self.take_seat(app, other.as_deref(), is_waited_for).await?,
+            _ => {
+                let entering = self.entering(app, None, None);
+                let records = self.ends().chain([self.record(Action::Login)]).collect();
+                self.write(app, entering, records).await?
+            }
+        };
+        // It has happened: from here on nothing can fail.
+        let session = app.store.entered(written)?;
+        if let ended @ 1.. = (had + 1).saturating_sub(others()) {
+            let record = self.record(Action::SessionEnded);
+            app.audit_or_log(record.on(format!("{ended} of too many, the oldest"))).await;
+        }
+        app.farewells.meet(&session);
+        if let Some(from) = said {
+            handover::begin(app, &session, self.source, from);
+        }
+        tracing::info!(user = name, role = role.as_str(), source = %self.source, "logged in");
+        Ok((token, session))
+    }
+
+    /// Too many sessions of one user end the oldest, but none of the driver's with an open page.
+    fn entering<'a>(
+        &'a self,
+        app: &AppState,
+        seat: Option<VehicleMemory>,
+        from: Option<&'a str>,
+    ) -> Entering<'a> {
+        let is_driver = app.published().snapshot.operator.as_deref() == Some(self.user.name());
+        let mut stay = app.store.sessions();
+        stay.retain(|it| is_driver && *it.user == *self.user.name() && app.displays.has(it));
+        Entering { user: &self.user, before: self.before.as_ref(), seat, from, stay }
+    }
+
+    /// Whether the session of a driving vehicle's operator would end. It does for the operator, and
+    /// for the operator who takes the seat over: for others this is a logout.
+    fn is_refused_logout(&self, app: &AppState) -> Option<Refusal> {
+        let snapshot = app.published().snapshot;
+        let leaves = self.before.as_ref().is_some_and(|before| is_seated(before, &snapshot));
+        let is_refused = leaves && self.user.role() != Role::Operator && snapshot.stage == Stage::Active;
+        is_refused.then_some(Refusal::LogoutWhileActive)
+    }
+
+    /// That the session ends which the browser had.
+    fn ends(&self) -> impl Iterator<Item = Record> {
+        let record = |before| record_of(before, Action::SessionEnded, self.source);
+        let target = format!("login of {}", self.user.name());
+        self.before.as_ref().map(record).map(|record| record.on(target)).into_iter()
+    }
+
+    /// Written first: while nothing can be written, the driver keeps the vehicle.
+    async fn take_seat(
+        &self,
+        app: &AppState,
+        other: Option<&str>,
+        is_waited_for: impl Fn() -> bool + Send,
+    ) -> Result<(Token, Written), NotOpened> {
+        let _owed = app.by(self.until, app.acting.lock()).await.ok_or(NotOpened::Busy)?;
+        let action = OperatorAction::Login { name: self.user.name().into() };
+        let foreseen = match app.rehearse(action.clone()).await? {
+            Ok(foreseen) => foreseen,
+            Err(reasons) => {
+                app.audit(self.record(Action::Login).refused(format!("{reasons:?}"))).await?;
+                return Err(NotOpened::Refused(reasons));
+            }
+        };
+        if !is_waited_for() {
+            app.owe(self.record(Action::Login).refused("nobody waited for it any more"));
+            return Err(NotOpened::Unavailable);
+        }
+        let hand_over = other.map(|other| self.record(Action::HandOver).on(format!("from {other}")));
+        let records = self.ends().chain(hand_over).chain([self.record(Action::Login)]).collect();
+        let seat = Some(app.remembering(foreseen));
+        let entering = self.entering(app, seat, other);
+        let (token, written) = self.write(app, entering, records).await?;
+        let (why, not_opened) = match app.command(action).await {
+            Ok(Answer::Done) => {
+                if let Some(other) = other {
+                    app.farewells.end_all_of(other, Farewell::TakenOver);
+                }
+                return Ok((token, written));
+            }
+            Ok(Answer::Refused(reasons)) => (format!("{reasons:?}"), NotOpened::Refused(reasons)),
+            Err(error) => (error.to_string(), error.into()),
+        };
+        app.store.take_back(written, app.memory(), self.record(Action::Login).refused(why)).await?;
+        Err(not_opened)
+    }
+
+    /// Writes down who comes in, until then or not at all: what the disk takes later is undone there.
+    async fn write(
+        &self,
+        app: &AppState,
+        entering: Entering<'_>,
+        records: Vec<Record>,
+    ) -> Result<(Token, Written), NotOpened> {
+        let mut writing = Box::pin(app.store.enter(entering, records, self.until));
+        if let Some(written) = app.by(self.until, &mut writing).await {
+            return Ok(written?);
+        }
+        tracing::error!("the disk does not answer, so nobody is logged in");
+        app.undo_late(writing.map_ok(|(_, written)| written), self.record(Action::Login));
+        Err(NotOpened::Storage)
+    }
+
+    fn record(&self, action: Action) -> Record {
+        Record::of(action, self.source.to_string())
+            .by(self.user.name(), self.user.role())
+            .on(self.user.name())
+    }
+}
+
+/// Ends a session. The operator in the seat leaves it, at all displays, if the vehicle permits.
+async fn close(
+    app: AppState,
+    session: Session,
+    source: IpAddr,
+    action: OperatorAction,
+) -> Result<(), NotOpened> {
+    let until = app.clock.now() + DONE_WITHIN;
+    let _seat = app.by(until, app.free_seat()).await.ok_or(NotOpened::Busy)?;
+    let record = record_of(&session, Action::Logout, source);
+    let not_done = |error: &StoreError| {
+        if matches!(error, StoreError::TooLate) {
+            app.owe(record.clone().refused(LATE));
+        }
+    };
+    if !is_seated(&session, &app.published().snapshot) {
+        // Nothing else follows from it: once the disk has begun with it, it may be done later.
+        let ending = app.by(until, app.store.end_session(&session, record.clone(), until)).await;
+        return Ok(ending.ok_or(NotOpened::Storage)?.inspect_err(not_done)?);
+    }
+    let _owed = app.by(until, app.acting.lock()).await.ok_or(NotOpened::Busy)?;
+    if let Err(reasons) = app.rehearse(action.clone()).await? {
+        app.audit(record.refused(format!("{reasons:?}"))).await?;
+        return Err(NotOpened::Refused(reasons));
+    }
+    // Written first: while nothing can be written, the operator keeps the vehicle and the session.
+    let mut leaving = Box::pin(app.store.leave(&session.user, record.clone(), until));
+    let Some(leaving) = app.by(until, &mut leaving).await else {
+        tracing::error!("the disk does not answer, so nobody is logged out");
+        app.undo_late(leaving, record);
+        return Err(NotOpened::Storage);
+    };
+    let leaving = leaving.inspect_err(not_done)?;
+    app.farewells.log_out(&session);
+    let (why, not_closed) = match app.command(action).await {
+        Ok(Answer::Done) => {
+            app.store.left(leaving);
+            // That the vehicle is locked follows from the empty seat, after a restart too.
+            if let Err(error) = app.store.remember(app.memory(), Vec::new()).await {
+                tracing::error!(%error, "the vehicle cannot be remembered");
+            }
+            return Ok(());
+        }
+        Ok(Answer::Refused(reasons)) => (format!("{reasons:?}"), NotOpened::Refused(reasons)),
+        Err(error) => (error.to_string(), error.into()),
+    };
+    app.farewells.stay(&session.user);
+    app.store.take_back(leaving, app.memory(), record.refused(why)).await?;
+    Err(not_closed)
+}
+
+impl AppState {
+    /// The right to change who sits in the seat, as soon as what the disk took too late is undone.
+    pub(in crate::web) async fn free_seat(&self) -> tokio::sync::MutexGuard<'_, ()> {
+        let seat = self.seat.lock().await;
+        drop(self.undoing.lock().await);
+        seat
+    }
+
+    /// Takes back a change of the seat that was not written in time, if it is written later: it was not done.
+    /// The caller has the seat; until it is undone nobody else changes what it is taken back to.
+    pub(in crate::web) fn undo_late(
+        &self,
+        writing: impl Future<Output = Result<Written, StoreError>> + Send + 'static,
+        record: Record,
+    ) {
+        let (app, undoing) = (self.clone(), self.undoing.clone().try_lock_owned());
+        let record = record.refused(LATE);
+        tokio::spawn(async move {
+            let _undoing = undoing;
+            let undone = match writing.await {
+                Ok(written) => app.store.take_back(written, app.memory(), record.clone()).await,
+                Err(error) => Err(error),
+            };
+            if undone.is_err() {
+                app.owe(record);
+            }
+        });
+    }
+}

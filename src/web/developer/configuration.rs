@@ -1,0 +1,140 @@
+//! The configuration's file against what runs: what would change, and the button that takes it; and
+//! what runs, as it was read.
+
+use askama::Template;
+
+use axum::extract::State;
+use axum::response::{Html, IntoResponse, Response};
+use tokio::sync::oneshot;
+
+use crate::store::Role;
+use crate::web::AppState;
+use crate::web::http::errors::Trouble;
+use crate::web::http::respond::refusal;
+
+use super::visit::Visit;
+use crate::runtime::Published;
+use crate::runtime::Reread;
+use crate::runtime::{ConfigurationText, Rereading};
+use crate::web::view::clean_text::{MESSAGE, NAME, clean, clean_lines};
+use crate::web::view::page_frame::Frame;
+use crate::web::view::{PageContext, View, html};
+
+use super::page_query::address;
+use super::pager::Pager;
+use super::{Asked, DevFrame, Page};
+
+/// Lines of one page.
+const LINES: usize = 100;
+const LETTERS: usize = 400;
+/// What is being found out is asked for again.
+const RENEW_MS: u32 = 1000;
+
+struct Line {
+    number: usize,
+    text: String,
+}
+
+/// One of the files.
+struct Choice {
+    name: String,
+    address: String,
+    chosen: bool,
+}
+
+#[derive(Template)]
+#[template(path = "developer/configuration.html")]
+struct ConfigurationHtml {
+    frame: Frame,
+    dev: DevFrame,
+    taken: bool,
+    differences: Vec<String>,
+    problems: Option<String>,
+    warnings: Option<String>,
+    judged: bool,
+    /// The reader may let the engine run by it.
+    may_take: bool,
+    /// It is not what the reader was shown before, and was not taken.
+    is_other: bool,
+    /// What is shown here, for the button.
+    shown: String,
+    filter: String,
+    kept: Vec<(&'static str, String)>,
+    files: Vec<Choice>,
+    pager: Pager,
+    lines: Vec<Line>,
+}
+
+/// `GET /developer/configuration?q=TEXT&file=NUMBER&page=N`: what the file would change, if it were
+/// taken now, and what runs.
+pub async fn get(State(app): State<AppState>, visit: Visit) -> Response {
+    match reread(&app, false, None).await {
+        Ok(read) => {
+            let may_take = visit.session.role == Role::Developer;
+            let page = page(&visit.published, &read, may_take.then_some(false), &visit.context, &visit.asked);
+            Html(page).into_response()
+        }
+        Err(trouble) => refusal(&visit.reader, trouble),
+    }
+}
+
+/// `offer` is there for users who may take the files, and true if they are not what was shown before.
+pub fn page(
+    published: &Published,
+    read: &Rereading,
+    offer: Option<bool>,
+    context: &PageContext,
+    asked: &Asked,
+) -> String {
+    let view = &View::new(published, context.lang, false);
+    let mut dev = DevFrame::new(view, context, Page::Configuration, RENEW_MS);
+    // The file is no diagnosis: it may be mended before anybody logs in.
+    dev.locked = false;
+    dev.fixed = read.judged;
+    let whole = |text: &Option<String>| text.as_deref().map(clean_lines);
+    let chosen = (asked.number("file").unwrap_or(0) as usize).min(read.running.len().saturating_sub(1));
+    let file = |(index, file): (usize, &ConfigurationText)| Choice {
+        name: clean(&file.name, 2 * NAME),
+        address: address([("file", &*index.to_string())].into_iter()),
+        chosen: index == chosen,
+    };
+    let (pager, lines) = lines(read.running.get(chosen), asked);
+    html(&ConfigurationHtml {
+        frame: super::frame(context),
+        dev,
+        taken: read.taken,
+        differences: read.differences.iter().map(|text| clean(text, 4 * MESSAGE)).collect(),
+        problems: whole(&read.problems),
+        warnings: whole(&read.warnings),
+        judged: read.judged,
+        may_take: offer.is_some(),
+        is_other: offer == Some(true),
+        shown: read.digest.clone(),
+        filter: clean(asked.get("q"), MESSAGE),
+        kept: asked.kept(&["file"]),
+        files: read.running.iter().enumerate().map(file).collect(),
+        pager,
+        lines,
+    })
+}
+
+/// The lines that the filter leaves, with their numbers in the file.
+fn lines(file: Option<&ConfigurationText>, asked: &Asked) -> (Pager, Vec<Line>) {
+    let filter = asked.get("q").to_lowercase();
+    let all = file.map_or("", |file| &*file.text).lines().enumerate();
+    let wanted = |text: &str| filter.is_empty() || text.to_lowercase().contains(&filter);
+    let found: Vec<(usize, &str)> = all.filter(|(_, text)| wanted(text)).collect();
+    let (pager, shown) = Pager::of(asked, "matching", "page", found.len(), LINES);
+    let line = |&(index, text): &(usize, &str)| {
+        let kept: String = text.chars().take(LETTERS).collect();
+        Line { number: index + 1, text: clean_lines(&kept) }
+    };
+    (pager, found[shown].iter().map(line).collect())
+}
+
+pub async fn reread(app: &AppState, take: bool, shown: Option<String>) -> Result<Rereading, Trouble> {
+    let rereads = app.settings.rereads.as_ref().ok_or(Trouble::NotFound)?;
+    let (reply, answer) = oneshot::channel();
+    rereads.send(Reread { take, shown, reply }).await.map_err(|_| Trouble::Unavailable)?;
+    answer.await.map_err(|_| Trouble::Unavailable)
+}

@@ -1,0 +1,138 @@
+//! Takes the configuration file anew: `POST /developer/configuration/reload`.
+
+use axum::extract::rejection::FormRejection;
+use axum::extract::{Extension, Form, State};
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::{Html, IntoResponse, Response};
+use serde::Deserialize;
+use serde_json::json;
+
+use crate::engine::time::Span;
+use crate::runtime::Rereading;
+use crate::store::audit::{Action, Record};
+use crate::web::AppState;
+use crate::web::admission::peer::{Peer, source_of};
+use crate::web::http::errors::Trouble;
+use crate::web::http::guard::bearer;
+use crate::web::http::respond::{Speaks, json_answer, refusal};
+use crate::web::record::audit::record_of;
+
+use super::configuration::{self, reread};
+use super::visit::Visit;
+
+/// What the page with the button showed.
+#[derive(Debug, Deserialize)]
+pub struct ReloadForm {
+    shown: Option<String>,
+}
+
+/// `POST /developer/configuration/reload`: the file is taken whole, or not at all. A page says by
+/// `shown` what it showed, and nothing else is taken; a program may leave that out and takes what
+/// there is.
+pub async fn post(
+    State(app): State<AppState>,
+    peer: Option<Extension<Peer>>,
+    headers: HeaderMap,
+    visit: Visit,
+    form: Result<Form<ReloadForm>, FormRejection>,
+) -> Response {
+    let shown = form.ok().and_then(|Form(form)| form.shown);
+    // A request that does not say which page it looks at was shown nothing.
+    let shown = if bearer(&headers).is_some() { shown } else { Some(shown.unwrap_or_default()) };
+    let record =
+        record_of(&visit.session, Action::Configuration, source_of(peer.map(|Extension(peer)| peer)));
+    // Runs to its end also if nobody listens any more: the record says who had it taken.
+    let taking = tokio::spawn(have_taken(app, shown, record));
+    let (read, found) = match taking.await.unwrap_or(Err(Trouble::Unavailable)) {
+        Ok(taken) => taken,
+        Err(trouble) => return refusal(&visit.reader, trouble),
+    };
+    let status = match found {
+        Found::Wrong => StatusCode::UNPROCESSABLE_ENTITY,
+        Found::Other => StatusCode::CONFLICT,
+        Found::Same | Found::Different => StatusCode::OK,
+    };
+    let is_other = found == Found::Other;
+    match visit.reader.speaks {
+        Speaks::Json => {
+            let Rereading { taken, differences, problems, warnings, digest, .. } = read;
+            let answer = json!({
+                "taken": taken, "differences": differences, "problems": problems, "warnings": warnings,
+                "shown": digest,
+            });
+            json_answer(status, &answer)
+        }
+        Speaks::Html => {
+            let (visit, offer) = (&visit, Some(is_other));
+            let page = configuration::page(&visit.published, &read, offer, &visit.context, &visit.asked);
+            (status, Html(page)).into_response()
+        }
+    }
+}
+
+/// What a file is, against what runs and what was shown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Found {
+    Wrong,
+    /// It is not what was shown.
+    Other,
+    /// It means the same as what runs.
+    Same,
+    Different,
+}
+
+impl Found {
+    fn of(read: &Rereading, shown: Option<&str>) -> Found {
+        match read {
+            Rereading { problems: Some(_), .. } => Found::Wrong,
+            _ if shown.is_some_and(|shown| shown != read.digest) => Found::Other,
+            _ if read.differences.is_empty() => Found::Same,
+            _ => Found::Different,
+        }
+    }
+
+    fn record(self, record: Record, differences: &[String]) -> Record {
+        match self {
+            Found::Wrong => record.refused("the file is wrong"),
+            Found::Other => record.refused("the file is not what was shown"),
+            Found::Same => record.on("no difference"),
+            Found::Different => {
+                let count = differences.len();
+                let what = if count == 1 { "difference" } else { "differences" };
+                record.on(format!("{count} {what}: {}", differences.join("; ")))
+            }
+        }
+    }
+}
+
+/// For a disk that is to take the record of a reload.
+const RECORD_WITHIN: Span = Span::from_secs(4);
+
+/// Has the file taken, if it is what was shown. Who asked for what is on the disk before that, so an
+/// error means that nothing was changed; what came of it instead is recorded after.
+async fn have_taken(
+    app: AppState,
+    shown: Option<String>,
+    record: Record,
+) -> Result<(Rereading, Found), Trouble> {
+    let _turn = app.reloading.try_lock().map_err(|_| Trouble::Busy)?;
+    let glance = reread(&app, false, None).await?;
+    let expected = Found::of(&glance, shown.as_deref());
+    let until = app.clock.now() + RECORD_WITHIN;
+    let before = expected.record(record.clone(), &glance.differences);
+    app.write_ahead(None, &before, until, ()).await.map_err(Trouble::from)?;
+    // What was glanced at is taken and nothing else, also for whom nothing was shown.
+    let shown = shown.unwrap_or(glance.digest);
+    let read = match reread(&app, true, Some(shown.clone())).await {
+        Ok(read) => read,
+        Err(trouble) => {
+            app.record(None, before.refused("nobody reads the file any more")).await;
+            return Err(trouble);
+        }
+    };
+    let found = Found::of(&read, Some(&shown));
+    if found != expected {
+        app.record(None, found.record(record, &read.differences)).await;
+    }
+    Ok((read, found))
+}

@@ -1,0 +1,375 @@
+//! The developer's first page: what was received, what of it failed, and every module.
+
+use std::cmp::Ordering;
+
+use askama::Template;
+
+use axum::extract;
+use axum::response::Html;
+
+use crate::web::AppState;
+
+use super::visit::Visit;
+use crate::engine::input::TroubleKind;
+use crate::engine::model::{GroupId, ModuleId, NodeId};
+use crate::engine::snapshot::{ModuleInfo, ModuleView};
+use crate::engine::state::State;
+use crate::engine::time::Timestamp;
+use crate::runtime::Published;
+use crate::web::view::clean_text::{MESSAGE, NAME, VALUE, clean};
+use crate::web::view::node_names::reason_word;
+use crate::web::view::page_frame::Frame;
+use crate::web::view::trends::{POINTS_SMALL, Trend};
+use crate::web::view::{Lang, PageContext, Trends, View, html};
+
+use super::pager::Pager;
+use super::words::DevWords;
+use super::{Asked, DevFrame, Page, why_address};
+
+/// Rows of one page of the table.
+const ROWS: usize = 30;
+/// Rows that may be pinned above it.
+const PINS: usize = 20;
+const VALUES: usize = 5;
+const TROUBLES: usize = 12;
+/// Ages change without anything else.
+const RENEW_MS: u32 = 1000;
+
+/// The columns by which the table can be sorted.
+const SORTS: [&str; 6] = ["state", "own", "name", "since", "age", "message"];
+
+struct Trouble {
+    topic: String,
+    kind: &'static str,
+    count: u64,
+    last: String,
+    text: String,
+}
+
+struct Value {
+    key: String,
+    value: String,
+    trend: Option<Trend>,
+}
+
+struct Row {
+    id: String,
+    why: String,
+    pin: String,
+    pinned: bool,
+    state: &'static str,
+    word: &'static str,
+    reason: &'static str,
+    because: String,
+    own: &'static str,
+    own_word: &'static str,
+    since: String,
+    age: String,
+    silent: bool,
+    class: String,
+    message: String,
+    values: Vec<Value>,
+    more_values: usize,
+}
+
+/// The head of a column: what a click on it asks for.
+struct Column {
+    name: &'static str,
+    word: &'static str,
+    address: String,
+    /// `ascending` or `descending`, if the table is sorted by it.
+    sorted: &'static str,
+}
+
+struct Choice {
+    value: String,
+    word: String,
+    chosen: bool,
+}
+
+#[derive(Template)]
+#[template(path = "developer/statuses.html")]
+struct StatusesHtml {
+    frame: Frame,
+    dev: DevFrame,
+    filter: String,
+    levels: Vec<Choice>,
+    groups: Vec<Choice>,
+    /// Fields of the address that the form has to keep.
+    kept: Vec<(&'static str, String)>,
+    troubles: Vec<Trouble>,
+    more_troubles: usize,
+    counters: [(&'static str, u64); 9],
+    signals: Vec<(String, &'static str)>,
+    columns: Vec<Column>,
+    pinned: Vec<Row>,
+    rows: Vec<Row>,
+    pager: Pager,
+}
+
+/// `GET /developer?q=TEXT&level=STATE&group=PATH&sort=COLUMN&desc=1&page=N&pin=MODULE`
+pub async fn get(extract::State(app): extract::State<AppState>, visit: Visit) -> Html<String> {
+    Html(page(&visit.published, &visit.context, &visit.asked, &app.trends))
+}
+
+pub fn page(published: &Published, context: &PageContext, asked: &Asked, trends: &Trends) -> String {
+    let view = &View::new(published, context.lang, false);
+    let words = DevWords::of(context.lang);
+    let dev = DevFrame::new(view, context, Page::Statuses, RENEW_MS);
+    let snapshot = view.snapshot;
+    let mut modules: Vec<ModuleId> = Wanted::of(view, asked).modules();
+    sort(view, asked, &mut modules);
+    let (pager, shown) = Pager::of(asked, "matching", "page", modules.len(), ROWS);
+    let pins: Vec<&str> = asked.all("pin").take(PINS).collect();
+    let row = |id: ModuleId| row(view, id, asked, &pins, trends);
+    let rows: Vec<Row> = modules[shown].iter().map(|&id| row(id)).collect();
+    html(&StatusesHtml {
+        filter: clean(asked.get("q"), MESSAGE),
+        levels: levels(view, words, asked),
+        groups: groups(view, words, asked),
+        kept: asked.kept(&["sort", "desc", "pin"]),
+        troubles: if dev.locked { Vec::new() } else { troubles(view, words) },
+        more_troubles: snapshot.reception.len().saturating_sub(TROUBLES),
+        counters: [
+            (words.arrays, snapshot.counters.arrays),
+            (words.received, snapshot.counters.statuses),
+            (words.dropped, snapshot.counters.dropped_names),
+            (words.shortened, snapshot.counters.cut_statuses),
+            (words.merged_alarms, snapshot.counters.merged_alarms),
+            (words.dropped_alarms, snapshot.counters.dropped_alarms),
+            (words.unknown_signals, snapshot.counters.unknown_signals),
+            (words.samples, snapshot.counters.samples),
+            (words.dropped_samples, snapshot.counters.dropped_samples),
+        ],
+        signals: snapshot.signals.iter().map(|(name, value)| (clean(name, NAME), signal(*value))).collect(),
+        columns: columns(words, asked),
+        pinned: pins.iter().filter_map(|name| module_of(view, name)).map(row).collect(),
+        pager,
+        rows,
+        frame: super::frame(context),
+        dev,
+    })
+}
+
+fn module_of(view: &View<'_>, name: &str) -> Option<ModuleId> {
+    match view.snapshot.node(name) {
+        Some(NodeId::Module(id)) => Some(id),
+        _ => None,
+    }
+}
+
+/// What the filter asks for.
+struct Wanted<'a> {
+    view: &'a View<'a>,
+    text: String,
+    level: &'a str,
+    group: &'a str,
+}
+
+impl<'a> Wanted<'a> {
+    fn of(view: &'a View<'a>, asked: &'a Asked) -> Wanted<'a> {
+        let text = asked.get("q").to_lowercase();
+        Wanted { view, text, level: asked.get("level"), group: asked.get("group") }
+    }
+
+    /// In the order of the groups; those of `other` come last.
+    fn modules(&self) -> Vec<ModuleId> {
+        let groups = self.view.snapshot.layout.groups.iter().filter(|group| is_in(&group.path, self.group));
+        let modules = groups.flat_map(|group| group.modules.iter().copied());
+        modules.filter(|&id| self.wants(id)).collect()
+    }
+
+    fn wants(&self, id: ModuleId) -> bool {
+        let (info, module) = self.view.snapshot.module(id);
+        let level = match self.level {
+            "" => true,
+            "abnormal" => matches!(module.state, State::Error | State::Warning | State::Unknown),
+            word => module.state.as_str() == word,
+        };
+        level && (self.text.is_empty() || self.says(id, info, module))
+    }
+
+    /// Whether one of the words of its row, or what it said, holds the text.
+    fn says(&self, id: ModuleId, info: &ModuleInfo, module: &ModuleView) -> bool {
+        let holds = |text: &str| contains(text, &self.text);
+        let (view, report) = (self.view, &module.report);
+        holds(&info.id)
+            || holds(&report.message)
+            || report.german.as_ref().is_some_and(|german| view.lang == Lang::De && holds(german))
+            || holds(&report.hardware_id)
+            || report.values.iter().any(|(key, value)| holds(key) || holds(value))
+            || [module.state, module.own].iter().any(|state| holds(view.lang.state(*state)))
+            || holds(&class(info))
+            || module.received.is_none() && holds(DevWords::of(view.lang).never)
+            || module.silent && holds(&view.says(module))
+            || module.reason.is_some() && holds(&view.reason(NodeId::Module(id), module.reason.as_ref()))
+    }
+}
+
+/// Whether a group is this one or inside of it; any is where none is asked for.
+fn is_in(path: &str, group: &str) -> bool {
+    let rest = path.strip_prefix(group);
+    group.is_empty() || rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+}
+
+/// Whether `text` contains what is in small letters already. Nearly all that comes is ASCII and
+/// needs no copy.
+fn contains(text: &str, lower: &str) -> bool {
+    if !text.is_ascii() {
+        return text.to_lowercase().contains(lower);
+    }
+    let (text, lower) = (text.as_bytes(), lower.as_bytes());
+    text.len() >= lower.len() && text.windows(lower.len()).any(|part| part.eq_ignore_ascii_case(lower))
+}
+
+fn sort(view: &View<'_>, asked: &Asked, modules: &mut [ModuleId]) {
+    let key = asked.get("sort");
+    let snapshot = view.snapshot;
+    let compare = |a: ModuleId, b: ModuleId| -> Ordering {
+        let ((a_info, a), (b_info, b)) = (snapshot.module(a), snapshot.module(b));
+        match key {
+            // The worst stands first.
+            "state" => b.state.cmp(&a.state),
+            "own" => b.own.cmp(&a.own),
+            "name" => a_info.id.cmp(&b_info.id),
+            "since" => b.since.cmp(&a.since),
+            "age" => a.received.cmp(&b.received),
+            "message" => a.report.message.cmp(&b.report.message),
+            _ => Ordering::Equal,
+        }
+    };
+    if SORTS.contains(&key) {
+        modules.sort_by(|&a, &b| compare(a, b));
+    }
+    if asked.get("desc") == "1" {
+        modules.reverse();
+    }
+}
+
+fn columns(words: &'static DevWords, asked: &Asked) -> Vec<Column> {
+    let heads = [words.shown, words.own, words.module, words.since, words.age, words.message];
+    let column = |(name, word): (&'static str, &'static str)| {
+        let here = asked.get("sort") == name;
+        let descending = asked.get("desc") == "1";
+        // A third click leaves the order of the configuration.
+        let kept = asked.without(&["page", "sort", "desc"]);
+        let more = match (here, descending) {
+            (false, _) => format!("sort={name}"),
+            (true, false) => format!("sort={name}&desc=1"),
+            (true, true) => String::new(),
+        };
+        let joint = if kept.len() > 1 && !more.is_empty() { "&" } else { "" };
+        let sorted = match (here, descending) {
+            (false, _) => "",
+            (true, false) => "ascending",
+            (true, true) => "descending",
+        };
+        Column { name, word, address: format!("{kept}{joint}{more}"), sorted }
+    };
+    SORTS.into_iter().zip(heads).map(column).collect()
+}
+
+fn levels(view: &View<'_>, words: &'static DevWords, asked: &Asked) -> Vec<Choice> {
+    let states = State::ALL.iter().rev().map(|state| (state.as_str(), view.lang.state(*state)));
+    let all = [("", words.all_states), ("abnormal", words.abnormal)].into_iter().chain(states);
+    let chosen = |value: &str| asked.get("level") == value;
+    all.map(|(value, word)| Choice { value: value.to_owned(), word: word.to_owned(), chosen: chosen(value) })
+        .collect()
+}
+
+fn groups(view: &View<'_>, words: &'static DevWords, asked: &Asked) -> Vec<Choice> {
+    let group = |(index, path): (usize, &str)| Choice {
+        value: path.to_owned(),
+        word: format!("{} ({})", view.group_name(GroupId(index as u32)), clean(path, NAME)),
+        chosen: asked.get("group") == path,
+    };
+    let layout = &view.snapshot.layout;
+    let all = Choice { value: String::new(), word: words.all_groups.to_owned(), chosen: false };
+    let groups = layout.groups.iter().map(|group| &*group.path).enumerate().map(group);
+    std::iter::once(all).chain(groups).collect()
+}
+
+fn troubles(view: &View<'_>, words: &'static DevWords) -> Vec<Trouble> {
+    let kind = |kind| match kind {
+        TroubleKind::Malformed => words.malformed,
+        TroubleKind::WrongType => words.wrong_type,
+        TroubleKind::Lost => words.lost,
+    };
+    let troubles = view.snapshot.reception.iter().take(TROUBLES).map(|trouble| Trouble {
+        topic: clean(&trouble.topic, NAME),
+        kind: kind(trouble.kind),
+        count: trouble.count,
+        last: view.wall(trouble.last),
+        text: clean(&trouble.last_text, MESSAGE),
+    });
+    troubles.collect()
+}
+
+fn signal(value: Option<bool>) -> &'static str {
+    match value {
+        Some(true) => "true",
+        Some(false) => "false",
+        None => "unknown",
+    }
+}
+
+fn row(view: &View<'_>, id: ModuleId, asked: &Asked, pins: &[&str], trends: &Trends) -> Row {
+    let (info, module) = view.snapshot.module(id);
+    let mut past = trends.of(id.0 as usize, &info.id, POINTS_SMALL);
+    let values = module.report.values.iter().take(VALUES).map(|(key, value)| {
+        let trend = past.iter().position(|trend| *trend.key == **key).map(|index| past.swap_remove(index));
+        Value { key: clean(key, VALUE), value: clean(value, VALUE), trend }
+    });
+    Row {
+        id: clean(&info.id, 2 * NAME),
+        why: why_address(&info.id),
+        pin: asked.toggled("pin", &info.id),
+        pinned: pins.contains(&&*info.id),
+        state: module.state.as_str(),
+        word: view.lang.state(module.state),
+        reason: reason_word(module.reason.as_ref()),
+        because: view.reason(NodeId::Module(id), module.reason.as_ref()),
+        own: module.own.as_str(),
+        own_word: view.lang.state(module.own),
+        since: view.wall(module.since),
+        age: module.received.map_or_else(|| DevWords::of(view.lang).never.to_owned(), |then| age(view, then)),
+        silent: module.silent,
+        class: class(info),
+        message: view.says(module),
+        values: values.collect(),
+        more_values: module.report.values.len().saturating_sub(VALUES),
+    }
+}
+
+pub(super) fn class(info: &ModuleInfo) -> String {
+    let class = [Some(info.class.location), Some(info.class.information), info.class.flow];
+    class.into_iter().flatten().collect::<Vec<_>>().join(" ")
+}
+
+pub(super) fn age(view: &View<'_>, then: Timestamp) -> String {
+    let ms = view.snapshot.now.since(then).as_millis();
+    if ms < 10_000 { format!("{ms} ms") } else { format!("{} s", ms / 1000) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_filter_finds_in_any_case() {
+        for (text, lower, found) in [
+            ("Sensors/LiDAR", "lidar", true),
+            ("Größe", "grö", true),
+            ("GRÖSSE", "grö", true),
+            ("abc", "abcd", false),
+            ("", "a", false),
+        ] {
+            assert_eq!(contains(text, lower), found, "{text} {lower}");
+        }
+        for (path, group, inside) in
+            [("a/b", "a", true), ("ab", "a", false), ("a", "a", true), ("a", "", true), ("a", "a/b", false)]
+        {
+            assert_eq!(is_in(path, group), inside, "{path} {group}");
+        }
+    }
+}

@@ -1,0 +1,287 @@
+//! The strips of Fig. 6 of the paper for any nodes and any span of time, from the history.
+
+mod strips;
+
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use askama::Template;
+
+use axum::extract;
+use axum::response::Html;
+
+use crate::engine::model::Stage;
+use crate::web::AppState;
+
+use super::visit::Visit;
+use crate::engine::state::State;
+use crate::engine::time::{Span, Timestamp};
+use crate::picture::strips::{first_tick, tick_step};
+use crate::runtime::Published;
+use crate::store::{Happened, HistoryQuery, Past};
+use crate::web::view::clean_text::{NAME, clean};
+use crate::web::view::page_frame::Frame;
+use crate::web::view::{PageContext, View, html};
+
+use super::page_query::is_clean;
+use super::words::DevWords;
+use super::{Asked, DevFrame, Page};
+use strips::{Of, Painter, Strip};
+
+/// Strips of nodes on one page, and below them of signals.
+const STRIPS: usize = 60;
+/// Strips of a page that asks for none.
+const STRIPS_UNASKED: usize = 30;
+const SIGNALS: usize = 12;
+const SPAN_S: u64 = 120;
+const SPANS_S: [u64; 7] = [30, 120, 600, 3600, 6 * 3600, 24 * 3600, 7 * 24 * 3600];
+const EVENTS: usize = 100;
+const RENEW_MS: u32 = 1000;
+/// Names offered to choose from.
+const OFFERED: usize = 300;
+/// Where the slider stands, in thousandths of the span.
+const AT_END: u64 = 1000;
+struct Event {
+    at: String,
+    what: &'static str,
+    detail: String,
+    cause: String,
+}
+
+struct Tick {
+    x: String,
+    at: String,
+    /// The day too, as the span is longer than one.
+    text: String,
+}
+
+struct Choice {
+    value: u64,
+    word: String,
+    chosen: bool,
+}
+
+#[derive(Template)]
+#[template(path = "developer/timeline.html")]
+struct TimelineHtml {
+    frame: Frame,
+    dev: DevFrame,
+    live: bool,
+    spans: Vec<Choice>,
+    /// Fields that the forms have to keep.
+    kept: Vec<(&'static str, String)>,
+    offered: Vec<String>,
+    from_ms: i64,
+    to_ms: i64,
+    slider: u64,
+    /// Where the moment stands, if it is not the end.
+    line: Option<String>,
+    moment: String,
+    earlier: String,
+    later: Option<String>,
+    present: String,
+    strips: Vec<Strip>,
+    ticks: Vec<Tick>,
+    events: Vec<Event>,
+    trouble: Option<&'static str>,
+}
+
+/// The span, the moment and the nodes that an address asks for.
+pub struct Window {
+    pub query: HistoryQuery,
+    span_s: u64,
+    live: bool,
+    at: u64,
+}
+
+impl Window {
+    pub fn of(published: &Published, asked: &Asked) -> Window {
+        let now_ms = millis(published.at);
+        let span_s = asked.number("span").unwrap_or(SPAN_S).clamp(1, SPANS_S[SPANS_S.len() - 1]);
+        let until = asked.number("until").and_then(|until| i64::try_from(until).ok());
+        let to_ms = until.unwrap_or(now_ms).min(now_ms);
+        let from_ms = to_ms.saturating_sub(span_s as i64 * 1000).max(0);
+        let mut nodes: Vec<String> = Vec::new();
+        // What was added last is seen, whatever there is already.
+        let named: Vec<&str> = asked.all("node").collect();
+        for &name in &named[named.len().saturating_sub(STRIPS)..] {
+            if !nodes.iter().any(|known| known == name) {
+                nodes.push(name.to_owned());
+            }
+        }
+        if nodes.is_empty() {
+            let snapshot = &published.snapshot;
+            nodes = snapshot
+                .tiles()
+                .map(|id| snapshot.group(id).0.path.to_string())
+                .take(STRIPS_UNASKED)
+                .collect();
+            nodes.extend(snapshot.roots.iter().take(5).map(|root| snapshot.node_name(root.node).to_string()));
+        }
+        let signals = published.snapshot.signals.iter().map(|(name, _)| name.to_string()).take(SIGNALS);
+        let signals = signals.collect();
+        let at = asked.number("at").unwrap_or(AT_END).min(AT_END);
+        Window { query: HistoryQuery { nodes, signals, from_ms, to_ms }, span_s, live: until.is_none(), at }
+    }
+
+    fn moment_ms(&self) -> i64 {
+        let HistoryQuery { from_ms, to_ms, .. } = self.query;
+        from_ms + (to_ms - from_ms) * self.at as i64 / AT_END as i64
+    }
+
+    /// Hundredths of the span.
+    fn share(&self, at: Timestamp) -> f64 {
+        let whole = (self.query.to_ms - self.query.from_ms).max(1) as f64;
+        (at.as_nanos() as f64 / 1e6 - self.query.from_ms as f64) / whole * 100.0
+    }
+}
+
+/// `GET /developer/timeline?node=NODE&span=SECONDS&until=MS&at=THOUSANDTHS`
+pub async fn get(extract::State(app): extract::State<AppState>, visit: Visit) -> Html<String> {
+    let Visit { published, context, asked, .. } = visit;
+    let window = Window::of(&published, &asked);
+    let past = match &app.settings.history {
+        // Locked, nothing of the vehicle is shown: not its past either.
+        Some(history) if published.snapshot.stage != Stage::Locked => {
+            let past = history.past(window.query.clone()).await;
+            past.inspect_err(|error| tracing::warn!(%error, "the history cannot be read")).ok()
+        }
+        _ => None,
+    };
+    Html(page(&published, &context, &asked, &window, past.as_ref()))
+}
+
+/// `None` of the past where it cannot be read.
+pub fn page(
+    published: &Published,
+    context: &PageContext,
+    asked: &Asked,
+    window: &Window,
+    past: Option<&Past>,
+) -> String {
+    let view = &View::new(published, context.lang, false);
+    let words = DevWords::of(context.lang);
+    let HistoryQuery { ref nodes, from_ms, to_ms, .. } = window.query;
+    let mut dev = DevFrame::new(view, context, Page::Timeline, RENEW_MS);
+    dev.fixed = !window.live;
+    let half = window.span_s as i64 * 500;
+    let shift = |to: i64| asked.with("until", &to.to_string());
+    let painter = Painter { lang: context.lang, words, window, asked };
+    let trouble = match past {
+        None => Some(words.no_history),
+        Some(past) if past.cut => Some(words.cut),
+        Some(_) => None,
+    };
+    html(&TimelineHtml {
+        frame: super::frame(context),
+        live: window.live,
+        spans: spans(window),
+        kept: asked.kept(&["until", "span", "at", "node"]),
+        offered: offered(view, nodes),
+        from_ms,
+        to_ms,
+        slider: window.at,
+        line: (window.at < AT_END).then(|| percent(window.at as f64 / 10.0)),
+        moment: wall(window.moment_ms()),
+        earlier: shift((to_ms - half).max(0)),
+        later: (!window.live).then(|| shift(to_ms + half)),
+        present: asked.without(&["until", "at"]),
+        strips: past.map(|past| painter.strips(past)).unwrap_or_default(),
+        ticks: ticks(window),
+        events: past.map(|past| events(view, words, past)).unwrap_or_default(),
+        trouble,
+        dev,
+    })
+}
+
+fn spans(window: &Window) -> Vec<Choice> {
+    let word = |seconds: u64| match seconds {
+        0..60 => format!("{seconds} s"),
+        60..3600 => format!("{} min", seconds / 60),
+        3600..86_400 => format!("{} h", seconds / 3600),
+        _ => format!("{} d", seconds / 86_400),
+    };
+    let mut all: Vec<u64> = SPANS_S.to_vec();
+    if !all.contains(&window.span_s) {
+        all.push(window.span_s);
+    }
+    all.sort_unstable();
+    all.into_iter().map(|value| Choice { value, word: word(value), chosen: value == window.span_s }).collect()
+}
+
+/// Names that are not shown yet.
+fn offered(view: &View<'_>, shown: &[String]) -> Vec<String> {
+    let layout = &view.snapshot.layout;
+    let groups = layout.groups.iter().map(|group| &*group.path);
+    let names = groups.chain(layout.modules.iter().map(|module| &*module.id));
+    let names = names.filter(|name| is_clean(name) && !shown.iter().any(|known| known == name));
+    names.take(OFFERED).map(str::to_owned).collect()
+}
+
+fn ticks(window: &Window) -> Vec<Tick> {
+    let stamp = |ms: i64| Timestamp::from_millis(u64::try_from(ms).unwrap_or(0));
+    let (from, to) = (stamp(window.query.from_ms), stamp(window.query.to_ms));
+    let step = tick_step(to.since(from)).max(Span::from_millis(1));
+    let first = first_tick(from, Timestamp::ZERO, step);
+    let at = (0..32).map(|index| first + Span::from_nanos(step.as_nanos().saturating_mul(index)));
+    let tick = |at: Timestamp| Tick {
+        x: percent(window.share(at)),
+        at: wall((at.as_nanos() / 1_000_000) as i64),
+        text: clock(at),
+    };
+    at.take_while(|at| *at <= to).map(tick).collect()
+}
+
+/// The newest first.
+fn events(view: &View<'_>, words: &'static DevWords, past: &Past) -> Vec<Event> {
+    let lang = view.lang;
+    let event = |(at_ms, what): &(i64, Happened)| {
+        let name = |name: &str| clean(name, 2 * NAME);
+        let (what, detail, cause) = match what {
+            Happened::Started { anew: false } => (words.ev_started, String::new(), String::new()),
+            Happened::Started { anew: true } => (words.ev_reloaded, String::new(), String::new()),
+            Happened::Stage(stage) => {
+                (words.ev_stage, lang.stage(*stage, State::Ok).to_owned(), String::new())
+            }
+            Happened::Signal { name: signal, value } => {
+                let value = value.map_or("unknown", |value| if value { "true" } else { "false" });
+                (words.ev_signal, format!("{} {value}", name(signal)), String::new())
+            }
+            Happened::AlarmRaised { id, node } => {
+                (words.ev_raised, format!("{id}: {}", name(node)), String::new())
+            }
+            Happened::AlarmMoved { id, symptom, cause } => {
+                (words.ev_moved, format!("{id}: {}", name(symptom)), name(cause))
+            }
+            Happened::AlarmAcknowledged { id, node } => {
+                (words.ev_acknowledged, format!("{id}: {}", name(node)), String::new())
+            }
+            Happened::AlarmCleared { id, node } => {
+                (words.ev_cleared, format!("{id}: {}", name(node)), String::new())
+            }
+            Happened::Left { node } => (words.ev_left, name(node), String::new()),
+            Happened::Lost(count) => (words.history_lost, count.to_string(), String::new()),
+        };
+        Event { at: wall(*at_ms), what, detail, cause }
+    };
+    past.happened.iter().rev().take(EVENTS).map(event).collect()
+}
+
+fn percent(share: f64) -> String {
+    format!("{share:.2}%")
+}
+
+fn millis(at: SystemTime) -> i64 {
+    at.duration_since(UNIX_EPOCH).map_or(0, |since| i64::try_from(since.as_millis()).unwrap_or(i64::MAX))
+}
+
+fn wall(ms: i64) -> String {
+    let since = Duration::from_millis(u64::try_from(ms).unwrap_or(0));
+    let at = UNIX_EPOCH.checked_add(since).unwrap_or(UNIX_EPOCH);
+    humantime::format_rfc3339_millis(at).to_string()
+}
+
+/// `12:03:04.5` of universal time, for who has no script that says it in the time of the place.
+fn clock(at: Timestamp) -> String {
+    let text = wall((at.as_nanos() / 1_000_000) as i64);
+    text.get(11..21).unwrap_or_default().trim_end_matches(".0").to_owned()
+}

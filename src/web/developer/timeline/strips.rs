@@ -1,0 +1,218 @@
+//! One strip each for the stage, for nodes and for signals, with what it showed at the moment that
+//! is asked for.
+
+use crate::engine::model::Stage;
+use crate::engine::state::State;
+use crate::engine::time::Timestamp;
+use crate::picture::strips::{Look, Segment, class, recorded, stamp};
+use crate::store::{Held, NodePast, Past};
+use crate::web::view::Lang;
+use crate::web::view::clean_text::{MESSAGE, NAME, clean};
+
+use super::super::words::DevWords;
+use super::super::{Asked, why_address};
+use super::{Window, clock, percent};
+use crate::web::developer::page_query::address;
+
+/// What a letter takes, in hundredths of a strip that is drawn as narrow as it may be.
+const LETTER: f64 = 1.2;
+
+pub struct Bar {
+    pub x: String,
+    pub width: String,
+    pub middle: String,
+    pub class: &'static str,
+    /// The paint of what is not one colour.
+    pub paint: Option<&'static str>,
+    pub own: Option<&'static str>,
+    pub word: Option<&'static str>,
+    pub title: String,
+}
+
+pub struct Strip {
+    pub name: String,
+    pub of: Of,
+    pub bars: Vec<Bar>,
+    /// What it showed at the moment that is asked for.
+    pub state: &'static str,
+    pub word: &'static str,
+    pub because: String,
+}
+
+/// What a strip is of.
+pub enum Of {
+    Stage,
+    Signal,
+    Node {
+        why: String,
+        /// The address of the page without this strip.
+        remove: String,
+    },
+}
+
+/// What the strips of one page are drawn by.
+pub struct Painter<'a> {
+    pub lang: Lang,
+    pub words: &'static DevWords,
+    pub window: &'a Window,
+    pub asked: &'a Asked,
+}
+
+impl Painter<'_> {
+    /// The stage above the nodes, the signals below them.
+    pub fn strips(&self, past: &Past) -> Vec<Strip> {
+        let stage = (!past.stage.is_empty()).then(|| self.stage(&past.stage));
+        let nodes = past.nodes.iter().map(|node| self.node(node));
+        let signals = past.signals.iter().map(|(name, held)| self.signal(name, held));
+        stage.into_iter().chain(nodes).chain(signals).collect()
+    }
+
+    fn node(&self, past: &NodePast) -> Strip {
+        let segments = recorded(&past.stretches);
+        let (state, word, because) = match self.at_moment(&segments, |it| (it.from, it.to)) {
+            Some(segment) => {
+                let because = match &segment.cause {
+                    Some(cause) => clean(cause, 2 * NAME),
+                    None if segment.look == Look::Ok => String::new(),
+                    None => self.said(segment),
+                };
+                (state_of(segment.look), look_word(self.lang, segment.look), because)
+            }
+            None => ("none", self.words.no_record, String::new()),
+        };
+        let others = self.window.query.nodes.iter().filter(|name| **name != past.name);
+        let other_fields = ["span", "until", "at"].into_iter().map(|name| (name, self.asked.get(name)));
+        let remove = address(other_fields.chain(others.map(|name| ("node", &**name))));
+        Strip {
+            name: clean(&past.name, 2 * NAME),
+            of: Of::Node { why: why_address(&past.name), remove },
+            bars: segments.iter().map(|segment| self.bar(segment)).collect(),
+            state,
+            word,
+            because,
+        }
+    }
+
+    fn stage(&self, held: &[Held<Stage>]) -> Strip {
+        let word = |stage| self.lang.stage(stage, State::Ok);
+        let class = |stage| if stage == Stage::Active { "stage bar-driving" } else { "stage" };
+        self.level(self.words.stage.to_owned(), Of::Stage, held, |stage| (class(stage), None, word(stage)))
+    }
+
+    fn signal(&self, name: &str, held: &[Held<Option<bool>>]) -> Strip {
+        self.level(clean(name, 2 * NAME), Of::Signal, held, |value| match value {
+            Some(true) => ("true", None, "true"),
+            Some(false) => ("false", None, "false"),
+            None => ("unknown", Some("unknown"), self.lang.state(State::Unknown)),
+        })
+    }
+
+    /// A strip of what has no cause: `look` says its class, its paint and its word.
+    fn level<T: Copy>(
+        &self,
+        name: String,
+        of: Of,
+        held: &[Held<T>],
+        look: impl Fn(T) -> (&'static str, Option<&'static str>, &'static str),
+    ) -> Strip {
+        let there = self.at_moment(held, |it| (stamp(it.from_ms), stamp(it.to_ms)));
+        let bar = |it: &Held<T>| {
+            let (class, paint, word) = look(it.value);
+            let (from, to) = (stamp(it.from_ms), stamp(it.to_ms));
+            let title = format!("{word}, {} \u{2013} {}", clock(from), clock(to));
+            Bar { class, paint, title, ..self.place(from, to, word) }
+        };
+        Strip {
+            name,
+            of,
+            bars: held.iter().map(bar).collect(),
+            state: if there.is_some() { "level" } else { "none" },
+            word: there.map_or(self.words.no_record, |it| look(it.value).2),
+            because: String::new(),
+        }
+    }
+
+    /// What held at the moment that is asked for: of two that meet there, the later.
+    fn at_moment<'s, T>(&self, all: &'s [T], span: impl Fn(&T) -> (Timestamp, Timestamp)) -> Option<&'s T> {
+        let moment = stamp(self.window.moment_ms());
+        all.iter().rev().find(|it| {
+            let (from, to) = span(it);
+            from <= moment && moment <= to
+        })
+    }
+
+    fn bar(&self, segment: &Segment) -> Bar {
+        let word = look_word(self.lang, segment.look);
+        let own = segment.own.filter(|own| *own > State::Ok);
+        let mut title = format!("{word}, {} \u{2013} {}", clock(segment.from), clock(segment.to));
+        if segment.look == Look::Owed {
+            title += &format!(", {}", self.words.owed);
+        }
+        if let Some(cause) = &segment.cause {
+            title += &format!(", {}: {}", self.words.cause, clean(cause, 2 * NAME));
+        }
+        if let Some(own) = own {
+            title += &format!(", {}: {}", self.words.says, self.lang.state(own));
+        }
+        let said = self.said(segment);
+        if !said.is_empty() {
+            title += &format!(", \u{201c}{said}\u{201d}");
+        }
+        Bar {
+            class: class(segment.look),
+            paint: match segment.look {
+                Look::Warning => Some("warning"),
+                Look::Masked => Some("masked"),
+                Look::NotRelevant => Some("not-relevant"),
+                Look::Unknown => Some("unknown"),
+                _ => None,
+            },
+            own: own.map(State::as_str),
+            title,
+            ..self.place(segment.from, segment.to, word)
+        }
+    }
+
+    /// What the module said when the segment began.
+    fn said(&self, segment: &Segment) -> String {
+        let Some(said) = &segment.said else { return String::new() };
+        self.lang.with_silence(clean(&said.message, MESSAGE), said.silent)
+    }
+
+    /// A bar where it belongs, with its word if that fits.
+    fn place(&self, from: Timestamp, to: Timestamp, word: &'static str) -> Bar {
+        let (left, right) = (self.window.share(from), self.window.share(to));
+        let fits = word.chars().count() as f64 * LETTER + 0.6 <= right - left;
+        Bar {
+            x: percent(left),
+            // A transition too short to be drawn is drawn all the same.
+            width: percent((right - left).max(0.15)),
+            middle: percent(left.midpoint(right)),
+            class: "",
+            paint: None,
+            own: None,
+            word: fits.then_some(word),
+            title: String::new(),
+        }
+    }
+}
+
+fn look_word(lang: Lang, look: Look) -> &'static str {
+    lang.state(match look {
+        Look::Ok | Look::True | Look::False => State::Ok,
+        Look::Warning => State::Warning,
+        Look::Error | Look::Owed => State::Error,
+        Look::Masked | Look::NotRelevant => State::Ignore,
+        Look::Unknown | Look::NotKnown => State::Unknown,
+    })
+}
+
+fn state_of(look: Look) -> &'static str {
+    match look {
+        Look::Warning => "warning",
+        Look::Error | Look::Owed => "error",
+        Look::Masked | Look::NotRelevant => "ignore",
+        Look::Unknown | Look::NotKnown => "unknown",
+        Look::Ok | Look::True | Look::False => "ok",
+    }
+}

@@ -1,0 +1,127 @@
+//! What DDS discovery sees: topics, types, who publishes and who subscribes, and what does not match.
+
+use askama::Template;
+
+use axum::extract::State;
+use axum::response::Html;
+
+use crate::web::AppState;
+
+use super::visit::Visit;
+use crate::engine::discovery::{Discovery, Endpoint, Mismatch, TopicSeen};
+use crate::runtime::Published;
+use crate::web::view::clean_text::{MESSAGE, NAME, clean};
+use crate::web::view::page_frame::Frame;
+use crate::web::view::{PageContext, View, html};
+
+use super::pager::Pager;
+use super::words::DevWords;
+use super::{Asked, DevFrame, Page};
+
+/// Rows of one page.
+const ROWS: usize = 40;
+/// Endpoints listed of one topic.
+const LISTED: usize = 24;
+const NODES: usize = 500;
+const RENEW_MS: u32 = 1000;
+
+struct Side {
+    count: usize,
+    /// Node, or participant where no node is announced, and quality; or that it is ours.
+    listed: Vec<(String, &'static str, bool)>,
+}
+
+struct Row {
+    name: String,
+    types: Vec<String>,
+    /// Publishers, then subscribers.
+    sides: [Side; 2],
+    rate: Option<String>,
+    mismatches: Vec<&'static str>,
+}
+
+#[derive(Template)]
+#[template(path = "developer/topics.html")]
+struct TopicsHtml {
+    frame: Frame,
+    dev: DevFrame,
+    filter: String,
+    looked: bool,
+    rows: Vec<Row>,
+    pager: Pager,
+    participants: usize,
+    nodes: Vec<String>,
+    node_count: usize,
+    more: usize,
+}
+
+/// `GET /developer/topics?q=TEXT&page=N`
+pub async fn get(State(app): State<AppState>, visit: Visit) -> Html<String> {
+    let seen = app.settings.discovery.as_ref().map(|seen| seen.borrow().clone()).unwrap_or_default();
+    Html(page(&visit.published, &visit.context, &visit.asked, &seen))
+}
+
+pub fn page(published: &Published, context: &PageContext, asked: &Asked, seen: &Discovery) -> String {
+    let view = &View::new(published, context.lang, false);
+    let words = DevWords::of(context.lang);
+    let filter = asked.get("q").to_lowercase();
+    let wanted = |topic: &&TopicSeen| {
+        let holds = |text: &str| text.to_lowercase().contains(&filter);
+        filter.is_empty() || holds(&topic.name) || topic.types().into_iter().any(holds)
+    };
+    let mut topics: Vec<&TopicSeen> = seen.topics.iter().filter(wanted).collect();
+    // What does not come together stands first.
+    topics.sort_by_key(|topic| topic.mismatches().is_empty() && !topic.is_published_beside_us());
+    let (pager, shown) = Pager::of(asked, "matching", "page", topics.len(), ROWS);
+    html(&TopicsHtml {
+        frame: super::frame(context),
+        dev: DevFrame::new(view, context, Page::Topics, RENEW_MS),
+        filter: clean(asked.get("q"), MESSAGE),
+        looked: seen.at.is_some(),
+        pager,
+        rows: topics[shown].iter().map(|topic| row(words, topic)).collect(),
+        participants: seen.participants,
+        nodes: seen.nodes.iter().take(NODES).map(|name| clean(name, 2 * NAME)).collect(),
+        node_count: seen.nodes.len(),
+        more: seen.more,
+    })
+}
+
+fn row(words: &'static DevWords, topic: &TopicSeen) -> Row {
+    let word = |mismatch: Mismatch| match mismatch {
+        Mismatch::Type => words.mismatch_type,
+        Mismatch::Reliability => words.mismatch_reliability,
+        Mismatch::Durability => words.mismatch_durability,
+        Mismatch::Deadline => words.mismatch_deadline,
+        Mismatch::Liveliness => words.mismatch_liveliness,
+    };
+    let twice = topic.is_published_beside_us().then_some(words.published_twice);
+    Row {
+        name: clean(&topic.name, 2 * NAME),
+        types: topic.types().into_iter().map(|name| clean(name, 2 * NAME)).collect(),
+        sides: [
+            side(&topic.publishers, topic.publishers.iter().any(|it| it.ours)),
+            side(&topic.subscribers, topic.rate_hz.is_some()),
+        ],
+        rate: topic.rate_hz.map(|rate| format!("{rate:.1} Hz")),
+        mismatches: topic.mismatches().into_iter().map(word).chain(twice).collect(),
+    }
+}
+
+/// Discovery tells nothing of our own: whether there is one is known otherwise.
+fn side(endpoints: &[Endpoint], ours: bool) -> Side {
+    let listed = endpoints.iter().filter(|endpoint| !endpoint.ours).take(LISTED).map(|endpoint| {
+        let quality = match (endpoint.reliable, endpoint.transient_local) {
+            (true, true) => "reliable, transient local",
+            (true, false) => "reliable",
+            (false, true) => "best effort, transient local",
+            (false, false) => "best effort",
+        };
+        // The start of a participant is its maker and machine, the same for many.
+        let participant = endpoint.participant.get(8..).unwrap_or(&endpoint.participant);
+        (clean(endpoint.node.as_deref().unwrap_or(participant), 2 * NAME), quality, false)
+    });
+    let own = ours.then(|| (String::new(), "", true));
+    let others = endpoints.iter().filter(|endpoint| !endpoint.ours).count();
+    Side { count: others + usize::from(ours), listed: own.into_iter().chain(listed).collect() }
+}

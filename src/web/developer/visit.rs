@@ -1,0 +1,43 @@
+//! A request for a developer page: what is shown, and what its address asks for.
+
+use axum::extract::{FromRequestParts, Query};
+use axum::http::request::Parts;
+use axum::response::Response;
+
+use crate::runtime::Published;
+use crate::store::Session;
+use crate::web::AppState;
+use crate::web::http::guard::SignedIn;
+use crate::web::http::respond::Reader;
+use crate::web::pages::page_context;
+use crate::web::view::PageContext;
+use crate::web::view::permitted;
+
+use super::Asked;
+
+/// What every page of the developer's is made from.
+pub struct Visit {
+    pub published: Published,
+    pub context: PageContext,
+    pub asked: Asked,
+    pub reader: Reader,
+    pub session: Session,
+}
+
+impl FromRequestParts<AppState> for Visit {
+    type Rejection = Response;
+
+    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Visit, Response> {
+        let SignedIn(session) = SignedIn::from_request_parts(parts, app).await?;
+        let reader = Reader::of(&parts.uri, &parts.headers);
+        // An address that cannot be read asks for nothing.
+        let asked = Query::<Vec<(String, String)>>::try_from_uri(&parts.uri);
+        Ok(Visit {
+            published: permitted(&app.published()),
+            context: page_context(app, &session, &reader),
+            asked: Asked::of(asked.map(|Query(pairs)| pairs).unwrap_or_default()),
+            reader,
+            session,
+        })
+    }
+}

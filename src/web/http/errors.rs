@@ -1,0 +1,177 @@
+//! What the server says when it does not do what was asked.
+
+use axum::http::StatusCode;
+
+use crate::web::record::write::NotWritten;
+use crate::web::view::Lang;
+
+/// Why a request is answered with a refusal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Trouble {
+    NotFound,
+    WrongMethod,
+    NoSession,
+    /// The role may not do this.
+    Forbidden,
+    ForeignOrigin,
+    ForeignHost,
+    BadForm,
+    BadRequest,
+    TooSlow,
+    TooLarge,
+    TooMany,
+    LongHeader,
+    TooManySockets,
+    /// It cannot be written down.
+    Storage,
+    /// A stop was requested, and that cannot be written down.
+    StopNotKept,
+    /// A stop was requested, and nobody hears it.
+    StopNotHeard,
+    /// Too many wait already.
+    Busy,
+    Unavailable,
+}
+
+impl From<NotWritten> for Trouble {
+    fn from(not_written: NotWritten) -> Trouble {
+        match not_written {
+            NotWritten::Storage => Trouble::Storage,
+            NotWritten::Unavailable => Trouble::Unavailable,
+        }
+    }
+}
+
+impl Trouble {
+    pub const fn status(self) -> StatusCode {
+        match self {
+            Trouble::NotFound => StatusCode::NOT_FOUND,
+            Trouble::WrongMethod => StatusCode::METHOD_NOT_ALLOWED,
+            Trouble::NoSession => StatusCode::UNAUTHORIZED,
+            Trouble::Forbidden | Trouble::ForeignOrigin => StatusCode::FORBIDDEN,
+            Trouble::ForeignHost => StatusCode::MISDIRECTED_REQUEST,
+            Trouble::BadForm => StatusCode::UNPROCESSABLE_ENTITY,
+            Trouble::BadRequest => StatusCode::BAD_REQUEST,
+            Trouble::TooSlow => StatusCode::REQUEST_TIMEOUT,
+            Trouble::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
+            Trouble::TooMany => StatusCode::TOO_MANY_REQUESTS,
+            Trouble::LongHeader => StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE,
+            Trouble::TooManySockets
+            | Trouble::Storage
+            | Trouble::StopNotKept
+            | Trouble::StopNotHeard
+            | Trouble::Busy
+            | Trouble::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
+        }
+    }
+
+    /// A title and a sentence.
+    pub const fn say(self, lang: Lang) -> (&'static str, &'static str) {
+        match (self, lang) {
+            (Trouble::NotFound, Lang::En) => ("Not found", "There is nothing at this address."),
+            (Trouble::NotFound, Lang::De) => ("Nicht gefunden", "Unter dieser Adresse gibt es nichts."),
+            (Trouble::WrongMethod, Lang::En) => {
+                ("Not like this", "This address does not take that kind of request.")
+            }
+            (Trouble::WrongMethod, Lang::De) => {
+                ("So nicht", "Diese Adresse nimmt diese Art von Anfrage nicht an.")
+            }
+            (Trouble::NoSession, Lang::En) => ("Not logged in", "Log in first."),
+            (Trouble::NoSession, Lang::De) => ("Nicht angemeldet", "Bitte zuerst anmelden."),
+            (Trouble::Forbidden, Lang::En) => ("Not permitted", "Your role does not permit this."),
+            (Trouble::Forbidden, Lang::De) => ("Nicht erlaubt", "Ihre Rolle erlaubt das nicht."),
+            (Trouble::ForeignOrigin, Lang::En) => {
+                ("Not permitted", "This request does not come from a page of this server.")
+            }
+            (Trouble::ForeignOrigin, Lang::De) => {
+                ("Nicht erlaubt", "Diese Anfrage kommt nicht von einer Seite dieses Servers.")
+            }
+            (Trouble::ForeignHost, Lang::En) => {
+                ("Unknown name", "This server does not go by this name. Its configuration lists the names.")
+            }
+            (Trouble::ForeignHost, Lang::De) => (
+                "Unbekannter Name",
+                "Dieser Server hat diesen Namen nicht. Die Konfiguration nennt seine Namen.",
+            ),
+            (Trouble::BadForm, Lang::En) => ("Not understood", "The form is not as it should be."),
+            (Trouble::BadForm, Lang::De) => ("Nicht verstanden", "Das Formular ist nicht, wie es sein soll."),
+            (Trouble::BadRequest, Lang::En) => (
+                "Not understood",
+                "The address or the request is not as it should be. Go back to the page and try again.",
+            ),
+            (Trouble::BadRequest, Lang::De) => (
+                "Nicht verstanden",
+                "Die Adresse oder die Anfrage ist nicht, wie sie sein soll. Zurück zur Seite und noch einmal versuchen.",
+            ),
+            (Trouble::TooSlow, Lang::En) => (
+                "Took too long",
+                "The answer did not come in time. Look at the display before you try again.",
+            ),
+            (Trouble::TooSlow, Lang::De) => (
+                "Zu langsam",
+                "Die Antwort kam nicht rechtzeitig. Vor einem neuen Versuch auf die Anzeige sehen.",
+            ),
+            (Trouble::TooLarge, Lang::En) => {
+                ("Too large", "Nothing was changed. Send at most 16 KiB; shorten what was typed.")
+            }
+            (Trouble::TooLarge, Lang::De) => {
+                ("Zu groß", "Nichts wurde geändert. Höchstens 16 KiB senden; die Eingabe kürzen.")
+            }
+            (Trouble::TooMany, Lang::En) => ("Too many requests", "Wait a moment and try again."),
+            (Trouble::TooMany, Lang::De) => ("Zu viele Anfragen", "Kurz warten und noch einmal versuchen."),
+            (Trouble::LongHeader, Lang::En) => {
+                ("Headers too long", "Remove the cookies of this address in the browser and try again.")
+            }
+            (Trouble::LongHeader, Lang::De) => (
+                "Kopfzeilen zu lang",
+                "Im Browser die Cookies dieser Adresse entfernen und noch einmal versuchen.",
+            ),
+            (Trouble::TooManySockets, Lang::En) => {
+                ("Too many displays", "Close one of the open displays first.")
+            }
+            (Trouble::TooManySockets, Lang::De) => {
+                ("Zu viele Anzeigen", "Bitte zuerst eine der offenen Anzeigen schließen.")
+            }
+            (Trouble::Storage, Lang::En) => {
+                ("Not done", "The disk is full or broken, so nothing was changed. Call the control room.")
+            }
+            (Trouble::Storage, Lang::De) => (
+                "Nicht ausgeführt",
+                "Der Speicher ist voll oder defekt, daher wurde nichts geändert. Leitstelle rufen.",
+            ),
+            (Trouble::StopNotKept, Lang::En) => (
+                "Stop requested, not recorded",
+                "The vehicle is asked to stop. The disk is full or broken, so that is not recorded yet. Call the control room.",
+            ),
+            (Trouble::StopNotKept, Lang::De) => (
+                "Anhalten verlangt, nicht aufgezeichnet",
+                "Das Fahrzeug soll anhalten. Der Speicher ist voll oder defekt, daher ist das noch nicht aufgezeichnet. \
+                 Leitstelle rufen.",
+            ),
+            (Trouble::StopNotHeard, Lang::En) => (
+                "Stop not received",
+                "Nobody listens: the vehicle does not hear the request. Take over and stop it. \
+                 The request goes out as soon as the vehicle listens.",
+            ),
+            (Trouble::StopNotHeard, Lang::De) => (
+                "Anhalten nicht angekommen",
+                "Niemand hört zu: Das Fahrzeug erfährt nichts davon. Übernehmen und anhalten. \
+                 Die Anforderung geht hinaus, sobald das Fahrzeug zuhört.",
+            ),
+            (Trouble::Busy, Lang::En) => (
+                "Not done",
+                "Others are waiting already, so nothing was changed. Look at the display, then try again.",
+            ),
+            (Trouble::Busy, Lang::De) => (
+                "Nicht ausgeführt",
+                "Es warten schon andere, daher wurde nichts geändert. Auf die Anzeige sehen, dann erneut versuchen.",
+            ),
+            (Trouble::Unavailable, Lang::En) => {
+                ("Not available", "The server cannot do this now. Try again.")
+            }
+            (Trouble::Unavailable, Lang::De) => {
+                ("Nicht verfügbar", "Der Server kann das gerade nicht. Bitte noch einmal versuchen.")
+            }
+        }
+    }
+}

@@ -1,0 +1,236 @@
+//! What stands before every route: the name by which the server was asked, a session unless the
+//! table of routes says that none is needed, the origin of whatever changes something, the role.
+//!
+//! A path that no route claims needs a session too: nobody learns from outside what there is.
+
+use std::collections::HashMap;
+use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::{Body, Bytes};
+use axum::extract::{FromRequest, FromRequestParts, MatchedPath, Request, State};
+use axum::http::header::{AUTHORIZATION, HOST, ORIGIN, UPGRADE, WWW_AUTHENTICATE};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Redirect, Response};
+use tokio::time::timeout;
+
+use super::errors::Trouble;
+use super::respond::{Reader, Speaks, cookies, header, refusal};
+use crate::store::audit::{Action, Record};
+use crate::store::{Role, Session, SessionKind, Token};
+use crate::web::AppState;
+use crate::web::admission::connections::Standing;
+use crate::web::admission::peer::{Peer, source_of};
+use crate::web::assets;
+use crate::web::view::Lang;
+
+/// Who may use a route.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Access {
+    /// Everybody: nothing behind it tells of the vehicle.
+    Open,
+    /// A file below `/static/`: without a session only what the login page needs.
+    Asset,
+    /// Everybody who is logged in.
+    Session,
+    /// Those who are logged in with one of these roles.
+    Roles(&'static [Role]),
+}
+
+/// Who may use what, by path as routed and by method.
+pub type AccessTable = HashMap<(&'static str, Method), Access>;
+
+/// The cookie of a session. Under TLS its prefix makes browsers refuse it from anywhere else.
+pub const fn cookie_name(secure: bool) -> &'static str {
+    if secure { "__Host-telltale" } else { "telltale" }
+}
+
+/// For the body of a request without a session.
+const ANONYMOUS_BODY_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// The cookie of a browser from which somebody logged in before.
+pub const fn device_cookie_name(secure: bool) -> &'static str {
+    if secure { "__Host-telltale-device" } else { "telltale-device" }
+}
+
+/// A page that renews itself says so: nobody did anything.
+const RENEWAL: &str = "telltale-renewal";
+
+/// The session with which a request came. The guard has checked it.
+#[derive(Debug, Clone)]
+pub struct SignedIn(pub Session);
+
+impl<S: Sync> FromRequestParts<S> for SignedIn {
+    type Rejection = Response;
+
+    async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<SignedIn, Response> {
+        let signed_in = parts.extensions.get::<SignedIn>().cloned();
+        signed_in.ok_or_else(|| refusal(&Reader::of(&parts.uri, &parts.headers), Trouble::NoSession))
+    }
+}
+
+/// The middleware around all routes and around what is none.
+pub async fn guard(
+    State((app, table)): State<(AppState, Arc<AccessTable>)>,
+    mut request: Request,
+    next: Next,
+) -> Response {
+    if let Some(Peer(peer)) = request.extensions().get::<Peer>().copied() {
+        let source = app.settings.enrolled.source(peer.ip(), request.headers());
+        request.extensions_mut().insert(Peer(SocketAddr::new(source, peer.port())));
+    }
+    let reader = Reader::of(request.uri(), request.headers());
+    let headers = request.headers();
+    if !header(headers, HOST.as_str()).is_some_and(|host| app.settings.origins.has_host(host)) {
+        return refusal(&reader, Trouble::ForeignHost);
+    }
+    let access = access(&request, &table);
+    let caller = Caller::of(&app, headers);
+    let needs_session = match access {
+        Access::Open => false,
+        Access::Asset => !assets::is_open(request.uri().path()),
+        Access::Session | Access::Roles(_) => true,
+    };
+    if caller.is_false {
+        let (source, record) = refused(&request, None, "the token is not, or no longer, valid");
+        app.audit_refusal(source, record).await;
+    }
+    if needs_session && caller.session.is_none() {
+        return not_signed_in(&reader, &request);
+    }
+    let trouble = match &caller.session {
+        _ if acts(&request) && !caller.is_bearer && !has_own_origin(&app, request.headers()) => {
+            Some(Trouble::ForeignOrigin)
+        }
+        Some(session) if matches!(access, Access::Roles(roles) if !roles.contains(&session.role)) => {
+            Some(Trouble::Forbidden)
+        }
+        _ => None,
+    };
+    if let Some(trouble) = trouble {
+        let (source, record) = refused(&request, caller.session.as_ref(), trouble.say(Lang::En).1);
+        app.audit_refusal(source, record).await;
+        return refusal(&reader, trouble);
+    }
+    let mut request = match admitted(request, caller.session.as_ref()).await {
+        Ok(request) => request,
+        Err(trouble) => return refusal(&reader, trouble),
+    };
+    if let Some(session) = caller.session {
+        if !request.headers().contains_key(RENEWAL) {
+            session.touch(app.clock.now());
+        }
+        request.extensions_mut().insert(SignedIn(session));
+    }
+    next.run(request).await
+}
+
+/// The request as it is answered. Without a session it has to be here whole first, soon, and a place
+/// among the few of its kind: a request that is begun and not ended makes nobody wait.
+async fn admitted(request: Request, session: Option<&Session>) -> Result<Request, Trouble> {
+    let standing = request.extensions().get::<Standing>().cloned();
+    if standing.as_ref().is_some_and(|standing| standing.hold(session)) {
+        return Ok(request);
+    }
+    let (parts, body) = request.into_parts();
+    let body = match timeout(ANONYMOUS_BODY_TIMEOUT, Bytes::from_request(Request::new(body), &())).await {
+        Ok(Ok(body)) => body,
+        Ok(Err(rejection)) if rejection.status() == StatusCode::PAYLOAD_TOO_LARGE => {
+            return Err(Trouble::TooLarge);
+        }
+        Ok(Err(_)) => return Err(Trouble::BadRequest),
+        Err(_) => return Err(Trouble::TooSlow),
+    };
+    if standing.is_some_and(|standing| !standing.answer()) {
+        return Err(Trouble::Busy);
+    }
+    Ok(Request::from_parts(parts, Body::from(body)))
+}
+
+/// What is recorded of a refused request, and whence it came.
+fn refused(request: &Request, session: Option<&Session>, why: &str) -> (IpAddr, Record) {
+    let source = source_of(request.extensions().get::<Peer>().copied());
+    let target = format!("{} {}", request.method(), request.uri().path());
+    let record = Record::of(Action::Request, source.to_string()).on(target).refused(why);
+    let record = match session {
+        Some(session) => record.by(&*session.user, session.role),
+        None => record,
+    };
+    (source, record)
+}
+
+fn access(request: &Request, table: &AccessTable) -> Access {
+    let Some(path) = request.extensions().get::<MatchedPath>() else { return Access::Session };
+    // A HEAD is answered as its GET is.
+    let method = if request.method() == Method::HEAD { &Method::GET } else { request.method() };
+    let row = table.iter().find(|((routed, of), _)| *routed == path.as_str() && of == method);
+    row.map_or(Access::Session, |(_, access)| *access)
+}
+
+struct Caller {
+    session: Option<Session>,
+    /// The token came in a header that no browser sends by itself.
+    is_bearer: bool,
+    /// It came in that header and is none.
+    is_false: bool,
+}
+
+impl Caller {
+    fn of(app: &AppState, headers: &HeaderMap) -> Caller {
+        if let Some(token) = bearer(headers) {
+            let session = Token::parse(token).and_then(|token| app.session(&token));
+            return Caller { is_bearer: session.is_some(), is_false: session.is_none(), session };
+        }
+        Caller { session: cookie_session(app, headers), is_bearer: false, is_false: false }
+    }
+}
+
+/// The token of a program. The name of a scheme may be written in any case (RFC 9110, 11.1).
+pub fn bearer(headers: &HeaderMap) -> Option<&str> {
+    let value = header(headers, AUTHORIZATION.as_str())?;
+    let (scheme, token) = value.split_once(' ').unwrap_or((value, ""));
+    scheme.eq_ignore_ascii_case("bearer").then(|| token.trim_start())
+}
+
+/// The session of the cookie, if there is one. Of several cookies one may be of an open session: a
+/// second such session was put there by somebody else, and then nobody knows whose request it is.
+pub fn cookie_session(app: &AppState, headers: &HeaderMap) -> Option<Session> {
+    let tokens = cookies(headers, cookie_name(app.settings.secure)).filter_map(Token::parse);
+    let mut sessions = tokens.filter_map(|token| app.session(&token));
+    let session = sessions.next()?;
+    // A program's token in a cookie would be a session that no login made.
+    let is_one = sessions.all(|other| other.is(&session)) && session.kind == SessionKind::Person;
+    is_one.then_some(session)
+}
+
+/// Whether a request may change something, or opens a socket.
+fn acts(request: &Request) -> bool {
+    !matches!(*request.method(), Method::GET | Method::HEAD) || is_upgrade(request)
+}
+
+fn is_upgrade(request: &Request) -> bool {
+    request.headers().contains_key(UPGRADE)
+}
+
+/// Whether a page of this server sent the request. Under `Referrer-Policy: no-referrer` alone
+/// browsers would send a form's origin as `null`: every page relaxes it by a `meta` of its own.
+fn has_own_origin(app: &AppState, headers: &HeaderMap) -> bool {
+    header(headers, ORIGIN.as_str()).is_some_and(|origin| app.settings.origins.has(origin))
+}
+
+/// Browsers are led to the login when they ask for a page; all others get 401.
+fn not_signed_in(reader: &Reader, request: &Request) -> Response {
+    let is_page = reader.speaks == Speaks::Html
+        && !is_upgrade(request)
+        && request.uri().path() != "/ws"
+        && !request.uri().path().starts_with("/static/");
+    if is_page {
+        return Redirect::to("/login").into_response();
+    }
+    let mut answer = refusal(reader, Trouble::NoSession);
+    answer.headers_mut().insert(WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+    answer
+}

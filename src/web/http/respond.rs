@@ -1,0 +1,162 @@
+//! Who asks, and answers in the form and language they read.
+
+use std::convert::Infallible;
+
+use axum::extract::FromRequestParts;
+use axum::extract::rejection::FormRejection;
+use axum::http::header::{ACCEPT, ACCEPT_LANGUAGE, CONTENT_TYPE, COOKIE};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::response::{Html, IntoResponse, Response};
+use serde_json::{Value, json};
+
+use super::errors::Trouble;
+use crate::engine::input::Refusal;
+use crate::web::view;
+use crate::web::view::{Lang, Palette, Part};
+
+/// What a client reads.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Speaks {
+    /// A browser.
+    Html,
+    /// A program.
+    Json,
+}
+
+/// How an answer has to look.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reader {
+    pub speaks: Speaks,
+    pub lang: Lang,
+    pub palette: Palette,
+    pub part: Part,
+}
+
+/// By which a page's script says what it takes of an answer.
+const PART: &str = "telltale-part";
+
+impl Reader {
+    pub fn of(uri: &Uri, headers: &HeaderMap) -> Reader {
+        let accepts_json = header(headers, ACCEPT.as_str())
+            .is_some_and(|accept| accept.contains("application/json") && !accept.contains("text/html"));
+        let speaks =
+            if accepts_json || uri.path().starts_with("/api/") { Speaks::Json } else { Speaks::Html };
+        let lang = cookie(headers, "lang").and_then(Lang::from_word).or_else(|| preferred(headers));
+        let palette = cookie(headers, "palette").and_then(Palette::from_word);
+        Reader {
+            speaks,
+            lang: lang.unwrap_or_default(),
+            palette: palette.unwrap_or_default(),
+            part: header(headers, PART).and_then(Part::from_word).unwrap_or_default(),
+        }
+    }
+}
+
+impl<S: Sync> FromRequestParts<S> for Reader {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<Reader, Infallible> {
+        Ok(Reader::of(&parts.uri, &parts.headers))
+    }
+}
+
+/// A header that is text; the first, if it is there more than once.
+pub fn header<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
+    headers.get(name)?.to_str().ok()
+}
+
+/// A cookie by its name; the first, if it is there more than once.
+pub fn cookie<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
+    cookies(headers, name).next()
+}
+
+/// All cookies of this name.
+pub fn cookies<'a>(headers: &'a HeaderMap, name: &str) -> impl Iterator<Item = &'a str> {
+    let lines = headers.get_all(COOKIE).iter().filter_map(|line| line.to_str().ok());
+    let pairs = lines.flat_map(|line| line.split(';')).filter_map(|pair| pair.trim().split_once('='));
+    pairs.filter(move |(found, _)| *found == name).map(|(_, value)| value)
+}
+
+/// The first language of `Accept-Language` that there is. Browsers list the best one first.
+fn preferred(headers: &HeaderMap) -> Option<Lang> {
+    let tags = header(headers, ACCEPT_LANGUAGE.as_str())?.split(',');
+    tags.filter_map(|tag| tag.trim().get(..2)).find_map(|tag| Lang::from_word(&tag.to_ascii_lowercase()))
+}
+
+/// Says what is wrong: a page, or `{"error": ...}`.
+pub fn refusal(reader: &Reader, trouble: Trouble) -> Response {
+    let status = trouble.status();
+    match reader.speaks {
+        Speaks::Json => json_answer(status, &json!({ "error": trouble.say(Lang::En).1 })),
+        Speaks::Html => {
+            let (title, text) = trouble.say(reader.lang);
+            (status, Html(view::message_page(status.as_u16(), title, text, reader.lang, reader.palette)))
+                .into_response()
+        }
+    }
+}
+
+/// Says which field of a form is not as it should be.
+pub fn bad_form(reader: &Reader, rejection: &FormRejection) -> Response {
+    let text = rejection.body_text();
+    let why = text.split_once("form body: ").map_or("", |(_, why)| why);
+    let missing = why.strip_prefix("missing field `").and_then(|rest| rest.split_once('`'));
+    let field = missing.or_else(|| why.split_once(": ")).map_or("", |(field, _)| field);
+    bad_field(reader, field)
+}
+
+/// The same where the form can be read and says something else than it should.
+pub fn bad_field(reader: &Reader, field: &str) -> Response {
+    let is_name = |c: char| c.is_ascii_alphanumeric() || "_, ".contains(c);
+    let (title, general) = Trouble::BadForm.say(reader.lang);
+    let text = match reader.lang {
+        _ if field.is_empty() || field.len() > FIELD_MAX || !field.chars().all(is_name) => general.to_owned(),
+        Lang::En => format!("{general} Missing or wrong: {field}."),
+        Lang::De => format!("{general} Es fehlt oder ist falsch: {field}."),
+    };
+    let status = Trouble::BadForm.status();
+    match reader.speaks {
+        Speaks::Json => json_answer(status, &json!({ "error": text })),
+        Speaks::Html => {
+            (status, Html(view::message_page(status.as_u16(), title, &text, reader.lang, reader.palette)))
+                .into_response()
+        }
+    }
+}
+
+/// Longer names of fields are nobody's.
+const FIELD_MAX: usize = 40;
+
+/// Says what the engine did not grant: 409 with a page, or `{"refused": [...]}`.
+pub fn refused(reader: &Reader, reasons: &[Refusal]) -> Response {
+    let words: Vec<String> = reasons.iter().map(|reason| reader.lang.refusal(reason)).collect();
+    refused_in_words(reader, &words, None)
+}
+
+/// The same in words; `seq` is the present state's where the request was made for an older one.
+pub fn refused_in_words(reader: &Reader, reasons: &[String], seq: Option<u64>) -> Response {
+    match reader.speaks {
+        Speaks::Json => {
+            let mut answer = json!({ "refused": reasons });
+            if let Some(seq) = seq {
+                answer["seq"] = seq.into();
+            }
+            json_answer(StatusCode::CONFLICT, &answer)
+        }
+        Speaks::Html => {
+            let title = match reader.lang {
+                Lang::En => "Refused",
+                Lang::De => "Abgelehnt",
+            };
+            let text = reasons.join(" ");
+            let status = StatusCode::CONFLICT;
+            (status, Html(view::message_page(status.as_u16(), title, &text, reader.lang, reader.palette)))
+                .into_response()
+        }
+    }
+}
+
+pub fn json_answer(status: StatusCode, value: &Value) -> Response {
+    (status, [(CONTENT_TYPE, "application/json")], value.to_string()).into_response()
+}

@@ -1,0 +1,407 @@
+//! The open WebSockets: how many there are, and what each of them has shown.
+
+use std::collections::{HashMap, VecDeque};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::watch;
+use tokio::time::{MissedTickBehavior, interval};
+
+use crate::engine::input::Input;
+use crate::engine::time::{Span, Timestamp};
+use crate::runtime::Stamped;
+use crate::store::{Role, Session};
+use crate::web::AppState;
+
+/// How many sockets of one sort may be open: of one login (a browser that reloads leaves old ones
+/// behind for a moment), of one user, of all operators, and of all others. Operators and others are
+/// counted apart, pages and streams of programs too: none of them takes the places of another.
+#[derive(Debug)]
+struct Bounds {
+    session: usize,
+    user: usize,
+    operators: usize,
+    others: usize,
+}
+
+/// Two hundred browsers of two users at one vehicle are served.
+const PAGES: Bounds = Bounds { session: 16, user: 112, operators: 64, others: 256 };
+const STREAMS: Bounds = Bounds { session: 16, user: 32, operators: 32, others: 96 };
+
+/// A display that shows nothing younger than this is not live.
+pub const LIVE_WITHIN: Span = Span::from_secs(2);
+/// A display that was late is live again when it was in time for this long.
+const LIVE_AGAIN_AFTER: Span = Span::from_secs(5);
+const CHECK_EVERY: Duration = Duration::from_millis(250);
+/// States that were sent and not confirmed are noted at most this often, and at most so many.
+const NOTED_EVERY: Span = Span::from_millis(100);
+const NOTED_MAX: usize = 32;
+
+/// All open sockets.
+#[derive(Debug, Default, Clone)]
+pub struct Displays(Arc<Mutex<Table>>);
+
+#[derive(Debug, Default)]
+struct Table {
+    next: u64,
+    open: HashMap<u64, Display>,
+    count: watch::Sender<usize>,
+}
+
+/// One open socket.
+#[derive(Debug)]
+struct Display {
+    session: Session,
+    is_stream: bool,
+    /// What was sent and is not confirmed. Past the limit the oldest stay: they are what the
+    /// display is late with.
+    sent: VecDeque<Sent>,
+    /// The beat that was sent last, and whether the page says which of them came: a `seq` may stand
+    /// still, and an old confirmation of it would pass for one of now.
+    beat: u64,
+    says_beats: bool,
+    /// When that was sent which the page shows now.
+    shows_as_of: Option<Timestamp>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Sent {
+    seq: u64,
+    /// The first beat that cannot have come before this.
+    beat: u64,
+    at: Timestamp,
+}
+
+/// The place of one socket in the table; it is free again when this is dropped.
+#[derive(Debug)]
+pub struct Place {
+    displays: Displays,
+    number: u64,
+}
+
+impl Displays {
+    /// A place for the socket of one more page, if there is one.
+    pub fn enter(&self, session: &Session) -> Option<Place> {
+        self.enter_as(session, false)
+    }
+
+    /// A place for the socket of one more program, if there is one.
+    pub fn enter_stream(&self, session: &Session) -> Option<Place> {
+        self.enter_as(session, true)
+    }
+
+    fn enter_as(&self, session: &Session, is_stream: bool) -> Option<Place> {
+        let mut table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if !table.has_place(session, is_stream) {
+            return None;
+        }
+        let number = table.next;
+        table.next += 1;
+        let display = Display {
+            session: session.clone(),
+            is_stream,
+            sent: VecDeque::new(),
+            beat: 0,
+            says_beats: false,
+            shows_as_of: None,
+        };
+        table.open.insert(number, display);
+        table.count.send_replace(table.open.len());
+        Some(Place { displays: self.clone(), number })
+    }
+
+    /// How many sockets are open.
+    pub fn count(&self) -> usize {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).open.len()
+    }
+
+    /// The instant whose state the best display of a login shows, if one has confirmed any.
+    pub fn shows_as_of(&self, session: &Session) -> Option<Timestamp> {
+        self.newest(|display| display.session.is(session))
+    }
+
+    /// Whether a display of a login lives: it confirmed a recent state.
+    pub fn is_live(&self, session: &Session, now: Timestamp) -> bool {
+        self.shows_as_of(session).is_some_and(|shown| now.since(shown) < LIVE_WITHIN)
+    }
+
+    /// Whether a page of a login is open, live or not.
+    pub fn has(&self, session: &Session) -> bool {
+        let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        table.open.values().any(|display| !display.is_stream && display.session.is(session))
+    }
+
+    /// Whether the user who logged in sees the vehicle as it is: on a display of this login, or
+    /// on another one of theirs where this login has none.
+    pub fn is_live_for(&self, session: &Session, now: Timestamp) -> bool {
+        let has_own = {
+            let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            table.open.values().any(|display| display.session.is(session))
+        };
+        let of = |display: &Display| match has_own {
+            true => display.session.is(session),
+            false => display.session.user == session.user,
+        };
+        self.newest(of).is_some_and(|shown| now.since(shown) < LIVE_WITHIN)
+    }
+
+    /// Whether a page of this user is open and none of theirs says that it shows anything.
+    pub fn is_late(&self, user: &str, now: Timestamp) -> bool {
+        let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut late = false;
+        for display in table.open.values().filter(|display| &*display.session.user == user) {
+            if display.shows_as_of.is_some_and(|shown| now.since(shown) < LIVE_WITHIN) {
+                return false;
+            }
+            late |= display.sent.front().is_some_and(|sent| now.since(sent.at) >= LIVE_WITHIN);
+        }
+        late
+    }
+
+    fn newest(&self, of: impl Fn(&Display) -> bool) -> Option<Timestamp> {
+        let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        table.open.values().filter(|display| of(display)).filter_map(|display| display.shows_as_of).max()
+    }
+
+    /// Waits until no socket is open.
+    pub async fn all_gone(&self) {
+        let mut count = self.0.lock().unwrap_or_else(PoisonError::into_inner).count.subscribe();
+        // The sender lives as long as `self`.
+        let _ = count.wait_for(|count| *count == 0).await;
+    }
+}
+
+impl Table {
+    fn has_place(&self, session: &Session, is_stream: bool) -> bool {
+        let bounds = if is_stream { STREAMS } else { PAGES };
+        let is_operator = |of: &Session| of.role == Role::Operator;
+        let (mut of_session, mut of_user, mut of_all) = (0, 0, 0);
+        for other in self.open.values().filter(|other| other.is_stream == is_stream) {
+            of_session += usize::from(other.session.is(session));
+            of_user += usize::from(other.session.user == session.user);
+            of_all += usize::from(is_operator(&other.session) == is_operator(session));
+        }
+        let all_max = if is_operator(session) { bounds.operators } else { bounds.others };
+        of_session < bounds.session && of_user < bounds.user && of_all < all_max
+    }
+}
+
+/// Tells the engine while the operator's display shows nothing, for as long as the server runs.
+pub async fn watch(app: AppState) {
+    let mut checks = interval(CHECK_EVERY);
+    checks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut lateness = Lateness::default();
+    loop {
+        checks.tick().await;
+        let now = app.clock.now();
+        let operator = app.published().snapshot.operator.clone();
+        let late = operator.filter(|operator| app.displays.is_late(operator, now));
+        if !lateness.judge(late.as_deref(), now) {
+            continue;
+        }
+        tracing::warn!(late = lateness.of.is_some(), "the operator's display");
+        let input = Input::Display { late: lateness.of.clone() };
+        if app.link.inputs.send(Stamped::new(input, now)).await.is_err() {
+            return;
+        }
+    }
+}
+
+/// Whose display is said to be late. A delay around the limit must not make the warning come and
+/// go: it is said at once and taken back once the display was in time for a while.
+#[derive(Debug, Default)]
+struct Lateness {
+    of: Option<Box<str>>,
+    late_last: Timestamp,
+}
+
+impl Lateness {
+    /// Takes whose display is late now, if any is. Returns whether that says something new.
+    fn judge(&mut self, late: Option<&str>, now: Timestamp) -> bool {
+        match late {
+            Some(_) => self.late_last = now,
+            None if now.since(self.late_last) < LIVE_AGAIN_AFTER => return false,
+            None => {}
+        }
+        let is_new = self.of.as_deref() != late;
+        if is_new {
+            self.of = late.map(Box::from);
+        }
+        is_new
+    }
+}
+
+impl Place {
+    /// The state `seq` was sent.
+    pub fn sent(&self, seq: u64, now: Timestamp) {
+        self.change(|display| display.note(seq, display.beat + 1, now));
+    }
+
+    /// The state `seq` was said to be the present one still.
+    pub fn beat(&self, beat: u64, seq: u64, now: Timestamp) {
+        self.change(|display| {
+            display.beat = beat;
+            display.note(seq, beat, now);
+        });
+    }
+
+    /// The page says that it shows `seq`, and so everything that was sent up to it.
+    pub fn confirm(&self, seq: u64) {
+        self.change(|display| {
+            if !display.says_beats {
+                display.confirm(|sent| sent.seq <= seq);
+            }
+        });
+    }
+
+    /// The page says that this beat came and that it shows all that was sent before it, up to `seq`
+    /// if it names one.
+    pub fn confirm_beat(&self, beat: u64, seq: Option<u64>) {
+        self.change(|display| {
+            display.says_beats = true;
+            display.confirm(|sent| sent.beat <= beat && seq.is_none_or(|seq| sent.seq <= seq));
+        });
+    }
+
+    fn change(&self, change: impl FnOnce(&mut Display)) {
+        let mut table = self.displays.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(display) = table.open.get_mut(&self.number) {
+            change(display);
+        }
+    }
+}
+
+impl Display {
+    fn note(&mut self, seq: u64, beat: u64, at: Timestamp) {
+        let due = self.sent.back().is_none_or(|noted| at.since(noted.at) >= NOTED_EVERY);
+        if due && self.sent.len() < NOTED_MAX {
+            self.sent.push_back(Sent { seq, beat, at });
+        }
+    }
+
+    fn confirm(&mut self, is_shown: impl Fn(&Sent) -> bool) {
+        while let Some(sent) = self.sent.pop_front_if(|sent| is_shown(sent)) {
+            self.shows_as_of = self.shows_as_of.max(Some(sent.at));
+        }
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let mut table = self.displays.0.lock().unwrap_or_else(PoisonError::into_inner);
+        table.open.remove(&self.number);
+        table.count.send_replace(table.open.len());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Clock;
+    use crate::store::{DemoSecrets, Store};
+
+    #[tokio::test]
+    async fn a_display_lives_by_what_it_confirms() {
+        let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
+        store.add_demo_users().await.unwrap();
+        let user = store.authenticate("operator", "246810").await.unwrap().unwrap();
+        let (_, session) = store.open_session(&user).await.unwrap();
+        let displays = Displays::default();
+        let at = Timestamp::from_millis;
+        assert!(!displays.is_live_for(&session, at(0)) && !displays.is_late("operator", at(9_000)));
+        let place = displays.enter(&session).unwrap();
+        place.sent(1, at(1_000));
+        assert!(!displays.is_live_for(&session, at(1_000)), "nothing is confirmed");
+        place.confirm(1);
+        assert!(displays.is_live_for(&session, at(2_999)) && !displays.is_live_for(&session, at(3_000)));
+        for ms in (2_000..9_000).step_by(100) {
+            place.sent(ms, at(ms));
+        }
+        // It goes on to answer, but shows what is old.
+        place.confirm(2_000);
+        assert!(!displays.is_live_for(&session, at(4_000)) && displays.is_late("operator", at(4_100)));
+        place.confirm(8_900);
+        assert_eq!(displays.shows_as_of(&session).map(|shown| shown > at(5_000)), Some(true));
+        place.sent(9_000, at(9_000));
+        place.confirm(9_000);
+        assert!(displays.is_live_for(&session, at(9_500)) && !displays.is_late("operator", at(10_900)));
+        drop(place);
+        assert!(!displays.is_live_for(&session, at(9_500)) && !displays.is_late("operator", at(20_000)));
+    }
+    #[tokio::test]
+    async fn a_constant_delay_is_late_for_as_long_as_it_lasts() {
+        const DELAY_MS: u64 = 3_300;
+        let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
+        store.add_demo_users().await.unwrap();
+        let user = store.authenticate("operator", "246810").await.unwrap().unwrap();
+        let (_, session) = store.open_session(&user).await.unwrap();
+        for says_beats in [false, true] {
+            let displays = Displays::default();
+            let place = displays.enter(&session).unwrap();
+            let (mut lateness, mut told, mut late) = (Lateness::default(), Vec::new(), 0);
+            let (mut seq, mut on_the_way) = (1, VecDeque::new());
+            for ms in (0..90_000_u64).step_by(50) {
+                let now = Timestamp::from_millis(10_000 + ms);
+                let delay_ms = if (10_000..60_000).contains(&ms) { DELAY_MS } else { 100 };
+                if ms % 250 == 0 {
+                    // The state stands still for seconds on end.
+                    seq += u64::from(ms % 4_000 == 0);
+                    place.beat(ms / 250, seq, now);
+                    on_the_way.push_back((ms + delay_ms, ms / 250, seq));
+                }
+                while let Some((_, beat, seq)) = on_the_way.pop_front_if(|(due_ms, ..)| *due_ms <= ms) {
+                    match says_beats {
+                        true => place.confirm_beat(beat, Some(seq)),
+                        false => place.confirm(seq),
+                    }
+                }
+                let is_late = displays.is_late("operator", now);
+                late += u32::from(is_late && (15_000..60_000).contains(&ms));
+                if lateness.judge(is_late.then_some("operator"), now) {
+                    told.push((ms / 1000, lateness.of.is_some()));
+                }
+            }
+            let [(from_s, true), (till_s, false)] = told[..] else { panic!("{says_beats}: {told:?}") };
+            assert!((11..=16).contains(&from_s) && (60..=70).contains(&till_s), "{says_beats}: {told:?}");
+            // By its beats it is seen as late at every look.
+            assert!(!says_beats || late == 45_000 / 50, "{late}");
+        }
+    }
+
+    #[tokio::test]
+    async fn nobody_takes_the_places_of_others_and_two_hundred_browsers_have_one() {
+        let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
+        store.add_demo_users().await.unwrap();
+        let logins = async |name: &str, secret: &str| {
+            let mut sessions = Vec::new();
+            for _ in 0..5 {
+                let user = store.authenticate(name, secret).await.unwrap().unwrap();
+                sessions.push(store.open_session(&user).await.unwrap().1);
+            }
+            sessions
+        };
+        let displays = Displays::default();
+        let fill = |sessions: &[Session], is_stream: bool| -> Vec<Place> {
+            let tries = sessions.iter().cycle().take(500);
+            tries.filter_map(|session| displays.enter_as(session, is_stream)).collect()
+        };
+        let mut held = Vec::new();
+        for name in ["authority", "bert", "carl", "dora", "emil"] {
+            let secret = if name == "authority" { "demo-authority" } else { "a long password" };
+            if name != "authority" {
+                store.add_user(name, Role::Authority, secret).await.unwrap();
+            }
+            let sessions = logins(name, secret).await;
+            let (one, all) = (fill(&sessions[..1], false), fill(&sessions, false));
+            let streams = fill(&sessions, true);
+            held.push((one.len() + all.len(), streams.len()));
+            std::mem::forget((one, all, streams));
+        }
+        let expected = [(80, 32), (80, 32), (80, 32), (16, 0), (0, 0)];
+        assert_eq!(held, expected, "pages and streams of each, of five logins");
+        let operator = logins("operator", "246810").await;
+        let streams = fill(&operator, true);
+        assert_eq!((streams.len(), fill(&operator[..1], false).len()), (32, 16));
+        assert_eq!(fill(&operator, false).len(), 64, "the places of pages that went are free");
+    }
+}

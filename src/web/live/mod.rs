@@ -1,0 +1,9 @@
+//! The WebSockets: frames for pages and programs, what they may send, and what each page has shown.
+
+pub(super) mod byte_budget;
+pub(super) mod client;
+pub(super) mod displays;
+pub mod frame;
+pub(super) mod pacing;
+pub(super) mod socket;
+pub(super) mod trend_sampling;

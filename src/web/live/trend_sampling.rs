@@ -1,0 +1,12 @@
+//! Samples every number that is received, for the small curves of the pages.
+
+use crate::web::AppState;
+
+/// Runs for as long as the server does. The engine publishes often enough to be the clock of this.
+pub async fn watch(app: AppState) {
+    let mut snapshots = app.link.snapshots.clone();
+    while snapshots.changed().await.is_ok() {
+        let published = snapshots.borrow_and_update().clone();
+        app.trends.sample(&published.snapshot);
+    }
+}

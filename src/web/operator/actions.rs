@@ -1,0 +1,178 @@
+//! What an operator does with the vehicle: one POST for each action, granted or refused in words.
+
+use axum::extract::rejection::{FormRejection, PathRejection};
+use axum::extract::{Form, Path};
+use axum::response::Response;
+use serde::Deserialize;
+use serde_json::json;
+
+use super::not_done::NotDone;
+use super::pending_clearance::{CONFIRM_WITHIN, NotPending};
+use super::tap::{Grounds, StopForm, Tap, Versioned};
+use crate::engine::input::{AlarmRef, OperatorAction, Place};
+use crate::engine::model::NodeId;
+use crate::engine::snapshot::Snapshot;
+use crate::store::audit::Action;
+use crate::web::http::errors::Trouble;
+use crate::web::http::respond::{bad_field, bad_form, refusal};
+use crate::web::view::Lang;
+use crate::web::view::versions::Matter;
+
+type FormOf<T> = Result<Form<T>, FormRejection>;
+type PathOf = Result<Path<String>, PathRejection>;
+
+#[derive(Debug, Deserialize)]
+pub struct LocalizeForm {
+    stop: Option<Box<str>>,
+    x: Option<f64>,
+    y: Option<f64>,
+    yaw_deg: Option<f64>,
+    version: u64,
+    beat: Option<String>,
+}
+
+#[derive(Debug, Deserialize)]
+pub struct ConfirmForm {
+    token: String,
+    version: Option<u64>,
+    beat: Option<String>,
+}
+
+/// `POST /vehicle/localize`
+pub async fn localize(tap: Tap, form: FormOf<LocalizeForm>) -> Response {
+    let form = match form {
+        Ok(Form(form)) => form,
+        Err(rejection) => return bad_form(&tap.reader, &rejection),
+    };
+    let place = match form {
+        LocalizeForm { stop: Some(stop), x: None, y: None, yaw_deg: None, .. } => Place::Stop(stop),
+        LocalizeForm { stop: None, x: Some(x_m), y: Some(y_m), yaw_deg: Some(yaw_deg), .. } => {
+            Place::Pose { x_m, y_m, yaw_deg }
+        }
+        _ => return bad_field(&tap.reader, "stop, x, y, yaw_deg"),
+    };
+    let shown = Versioned { version: form.version, beat: form.beat };
+    let target = match &place {
+        Place::Stop(stop) => stop.to_string(),
+        Place::Pose { x_m, y_m, yaw_deg } => format!("x {x_m} y {y_m} yaw {yaw_deg}"),
+    };
+    let record = tap.record(Action::Localize).on(target);
+    tap.act(tap.grounds(&shown, Matter::Stage), OperatorAction::Localize { place }, record).await
+}
+
+/// `POST /vehicle/stop`
+pub async fn stop(tap: Tap, form: FormOf<StopForm>) -> Response {
+    match form {
+        Ok(Form(form)) => tap.stop(form).await,
+        Err(rejection) => bad_form(&tap.reader, &rejection),
+    }
+}
+
+/// `POST /vehicle/clearance`: the first step; the answer holds the token for the second.
+pub async fn clearance(tap: Tap, form: FormOf<Versioned>) -> Response {
+    let shown = match form {
+        Ok(Form(shown)) => shown,
+        Err(rejection) => return bad_form(&tap.reader, &rejection),
+    };
+    let (display_live, storage_ok) = tap.conditions();
+    let ask = OperatorAction::AskClearance { display_live, storage_ok };
+    let record = tap.record(Action::ClearanceAsked);
+    if let Err(refused) = tap.command(tap.grounds(&shown, Matter::Clearance), ask, record).await {
+        return tap.refuse(refused);
+    }
+    match tap.app.pending.ask(&tap.session, shown.version, tap.app.clock.now()) {
+        Ok(token) => tap.done(&json!({ "token": token, "expires_s": CONFIRM_WITHIN.as_millis() / 1000 })),
+        Err(error) => {
+            tracing::error!(%error, "no token can be made");
+            refusal(&tap.reader, Trouble::Unavailable)
+        }
+    }
+}
+
+/// `POST /vehicle/clearance/confirm`: the second step.
+pub async fn confirm(tap: Tap, form: FormOf<ConfirmForm>) -> Response {
+    let form = match form {
+        Ok(Form(form)) => form,
+        Err(rejection) => return bad_form(&tap.reader, &rejection),
+    };
+    let redeemed = tap.app.pending.redeem(&form.token, &tap.session, tap.app.clock.now());
+    let record = tap.record(Action::Clearance);
+    let (asked, confirmed_until) = match redeemed {
+        Ok(redeemed) => redeemed,
+        Err(why) => {
+            let is_late = why == NotPending::TooLate;
+            tap.app.record(None, record.refused(Lang::En.not_pending(is_late))).await;
+            return tap.refuse(NotDone::Refused(vec![tap.reader.lang.not_pending(is_late)]));
+        }
+    };
+    let (display_live, storage_ok) = tap.conditions();
+    let shown =
+        Versioned { version: form.version.map_or(asked, |version| version.min(asked)), beat: form.beat };
+    let grounds = Grounds { confirmed_until, ..tap.grounds(&shown, Matter::Clearance) };
+    tap.act(grounds, OperatorAction::Clear { display_live, storage_ok }, record).await
+}
+
+/// `POST /alarms/{id}/acknowledge`, where the id is the number of an alarm, the name of a node
+/// with a WARNING, or `stop` for the stop that the operator asked for.
+pub async fn acknowledge(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Response {
+    let Some(id) = inner(&path, "/acknowledge") else { return refusal(&tap.reader, Trouble::NotFound) };
+    let shown = match form {
+        Ok(Form(shown)) => shown,
+        Err(rejection) => return bad_form(&tap.reader, &rejection),
+    };
+    let snapshot = tap.app.published().snapshot;
+    let (alarm, matter) = match id.parse() {
+        Ok(number) => (AlarmRef::Number(number), Matter::Alarm(number)),
+        Err(_) if id == "stop" => (AlarmRef::OperatorStop, Matter::Stage),
+        Err(_) => (AlarmRef::Node(id.into()), of_node(&snapshot, id)),
+    };
+    let record = tap.record(Action::Acknowledge).on(with_places(&snapshot, &alarm, id));
+    tap.act(tap.grounds(&shown, matter), OperatorAction::Acknowledge { alarm }, record).await
+}
+
+/// What is acknowledged, for the log: all places at which one status shows.
+fn with_places(snapshot: &Snapshot, alarm: &AlarmRef, id: &str) -> String {
+    let node = match alarm {
+        AlarmRef::Number(number) => snapshot.alarms.iter().find(|it| it.id == *number).map(|it| it.node),
+        AlarmRef::Node(name) => snapshot.node(name),
+        AlarmRef::OperatorStop => None,
+    };
+    let places = node.map(|node| snapshot.places_of(node)).unwrap_or_default();
+    if places.len() < 2 {
+        return id.to_owned();
+    }
+    let names: Vec<&str> = places.iter().map(|&node| &**snapshot.node_name(node)).collect();
+    format!("{id}: {}", names.join(", "))
+}
+
+/// `POST /modules/{id}/reset`, where the id is `group/module`.
+pub async fn reset(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Response {
+    let Some(module) = inner(&path, "/reset") else { return refusal(&tap.reader, Trouble::NotFound) };
+    let shown = match form {
+        Ok(Form(shown)) => shown,
+        Err(rejection) => return bad_form(&tap.reader, &rejection),
+    };
+    let matter = of_node(&tap.app.published().snapshot, module);
+    let action = OperatorAction::Reset { module: module.into() };
+    tap.act(tap.grounds(&shown, matter), action, tap.record(Action::Reset).on(module)).await
+}
+
+/// Ids hold slashes, so a route of such an id takes all that follows and its last word is read here.
+fn inner<'a>(path: &'a PathOf, word: &str) -> Option<&'a str> {
+    let Ok(Path(path)) = path else { return None };
+    path.strip_suffix(word).filter(|id| !id.is_empty())
+}
+
+/// What a node stands for: its component. What is in none is judged with the stage alone.
+fn of_node(snapshot: &Snapshot, name: &str) -> Matter {
+    let mut group = match snapshot.node(name) {
+        Some(NodeId::Group(id)) => id,
+        Some(NodeId::Module(id)) => snapshot.module(id).0.group,
+        None => return Matter::Stage,
+    };
+    while let Some(parent) = snapshot.group(group).0.parent {
+        group = parent;
+    }
+    let info = snapshot.group(group).0;
+    if info.is_tile() { Matter::Component(group) } else { Matter::Stage }
+}

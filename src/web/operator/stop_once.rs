@@ -1,0 +1,56 @@
+//! Stops that come over two ways. A page sends each tap on STOP over HTTP and over its socket, so that
+//! it arrives while no other connection can be had; it is done once, and both ways get its answer.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use tokio::sync::OnceCell;
+
+use super::not_done::NotDone;
+use crate::store::Session;
+use crate::web::http::errors::Trouble;
+
+/// Taps that are remembered; the oldest is forgotten for a new one.
+const TAPS_MAX: usize = 64;
+
+type Outcome = Result<(), NotDone>;
+
+/// The last taps on STOP and what became of them.
+#[derive(Debug, Default)]
+pub struct Stops(Mutex<VecDeque<Tapped>>);
+
+#[derive(Debug)]
+struct Tapped {
+    session: Session,
+    name: Box<str>,
+    outcome: Arc<OnceCell<Outcome>>,
+}
+
+impl Stops {
+    /// Carries out an operator's tap on STOP once. The same tap on the other way waits for the answer to
+    /// the first. It is carried out even where the page has gone meanwhile.
+    pub async fn once(
+        &self,
+        session: &Session,
+        name: Box<str>,
+        stopping: impl Future<Output = Outcome> + Send + 'static,
+    ) -> Outcome {
+        let outcome = self.of(session, name);
+        let done = tokio::spawn(async move { outcome.get_or_init(|| stopping).await.clone() });
+        // It ends early only if the whole program does.
+        done.await.unwrap_or(Err(NotDone::Trouble(Trouble::Unavailable)))
+    }
+
+    fn of(&self, session: &Session, name: Box<str>) -> Arc<OnceCell<Outcome>> {
+        let mut taps = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(tapped) = taps.iter().find(|it| it.session.is(session) && it.name == name) {
+            return tapped.outcome.clone();
+        }
+        if taps.len() == TAPS_MAX {
+            taps.pop_front();
+        }
+        let outcome = Arc::<OnceCell<Outcome>>::default();
+        taps.push_back(Tapped { session: session.clone(), name, outcome: outcome.clone() });
+        outcome
+    }
+}

@@ -1,0 +1,100 @@
+//! Records that the disk did not take when they were due. The task that follows the vehicle writes them as
+//! soon as it can, with the vehicle as it is: until then the disk may remember what was not done.
+
+use std::sync::{MutexGuard, PoisonError};
+use std::time::SystemTime;
+
+use crate::store::audit::{Action, Record, TELLTALE};
+use crate::web::AppState;
+
+/// There are few, unless somebody taps on a broken disk; what comes past this is counted.
+const OWED_MAX: usize = 64;
+
+/// The records, and how many more there were.
+#[derive(Debug, Default)]
+pub struct Owed {
+    records: Vec<Record>,
+    omitted: u64,
+}
+
+impl Owed {
+    /// What is written later begins with when it was.
+    fn add(&mut self, record: Record, at: SystemTime) {
+        if self.records.len() >= OWED_MAX {
+            self.omitted += 1;
+            return;
+        }
+        let at = format!("at {}", humantime::format_rfc3339_seconds(at));
+        let target = if record.target.is_empty() { at } else { format!("{at}: {}", record.target) };
+        self.records.push(record.on(target));
+    }
+
+    /// What is to be written, the number of those that were left out too.
+    pub fn all(&self) -> Vec<Record> {
+        let omitted = || format!("{} more actions and refusals", self.omitted);
+        let omitted = (self.omitted > 0).then(|| Record::of(Action::Omitted, TELLTALE).on(omitted()));
+        self.records.iter().cloned().chain(omitted).collect()
+    }
+
+    /// What there was is written.
+    fn take_off(&mut self, written: &Owed) {
+        self.records.drain(..written.records.len());
+        self.omitted -= written.omitted;
+    }
+}
+
+impl AppState {
+    /// Records something later.
+    pub fn owe(&self, record: Record) {
+        let at = self.clock.wall();
+        self.owed_now().add(record, at);
+    }
+
+    /// What is owed now.
+    pub fn owed(&self) -> Owed {
+        let owed = self.owed_now();
+        Owed { records: owed.records.clone(), omitted: owed.omitted }
+    }
+
+    /// This is on the disk. There is one who writes what is owed.
+    pub fn paid(&self, written: &Owed) {
+        self.owed_now().take_off(written);
+    }
+
+    fn owed_now(&self) -> MutexGuard<'_, Owed> {
+        self.owed.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_owed_has_a_bound_and_the_rest_is_counted() {
+        let mut owed = Owed::default();
+        let record = |number: usize| Record::of(Action::Acknowledge, "127.0.0.1").on(number.to_string());
+        let add = |owed: &mut Owed, count: usize| {
+            (0..count).for_each(|number| owed.add(record(number), SystemTime::UNIX_EPOCH));
+        };
+        owed.add(Record::of(Action::Stop, "127.0.0.1"), SystemTime::UNIX_EPOCH);
+        add(&mut owed, 10 + OWED_MAX);
+        let all = owed.all();
+        assert_eq!(all.len(), OWED_MAX + 1);
+        assert_eq!(all[0].target, "at 1970-01-01T00:00:00Z");
+        assert_eq!(all[1].target, "at 1970-01-01T00:00:00Z: 0");
+        assert_eq!(
+            (all[OWED_MAX].action, &*all[OWED_MAX].target),
+            (Action::Omitted, "11 more actions and refusals")
+        );
+        // Others come while these are written.
+        let written = Owed { records: owed.records.clone(), omitted: owed.omitted };
+        add(&mut owed, 3);
+        owed.take_off(&written);
+        let all = owed.all();
+        assert_eq!((all.len(), &*all[0].target), (1, "3 more actions and refusals"));
+        let written = Owed { records: owed.records.clone(), omitted: owed.omitted };
+        owed.take_off(&written);
+        assert!(owed.all().is_empty());
+    }
+}

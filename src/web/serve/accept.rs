@@ -1,0 +1,170 @@
+//! The listener: connections in, within bounds, until the server is told to end.
+
+use std::io;
+use std::net::SocketAddr;
+use std::pin::pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use axum::Router;
+use hyper::Request;
+use hyper::body::Incoming;
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+use tokio::time::{sleep, timeout};
+use tower::ServiceExt as _;
+
+use super::malformed::Dressed;
+use super::tls::Tls;
+use crate::web::admission::connections::{Lines, Place};
+use crate::web::admission::peer::Peer;
+use crate::web::auth::expiry;
+use crate::web::live::byte_budget::{Meter, Metered};
+use crate::web::live::{displays, trend_sampling};
+use crate::web::record::vehicle_memory::Keeper;
+use crate::web::router::router;
+use crate::web::{AppState, turned};
+
+/// For the head of a request, and for a connection that asks nothing.
+const HEADER_TIMEOUT: Duration = Duration::from_secs(10);
+/// What the kernel may hold of an answer that nobody reads; it doubles the figure that it is given.
+const SEND_BUFFER_BYTES: usize = 256 * 1024;
+/// And of what somebody sends faster than it is read. A request has 16 KiB.
+const RECEIVE_BUFFER_BYTES: usize = 32 * 1024;
+/// Requests that run when the server ends may take this long.
+const DRAIN_TIMEOUT: Duration = Duration::from_secs(3);
+/// Without free file descriptors accepting fails until some are free.
+const ACCEPT_RETRY: Duration = Duration::from_millis(100);
+
+/// Serves until `shutdown` ends, then closes sockets with the code for a restart, lets requests that
+/// run come to their end, and keeps what the vehicle came to last.
+///
+/// # Errors
+/// If the listener has no address.
+pub async fn serve(
+    listener: TcpListener,
+    tls: Option<Tls>,
+    app: AppState,
+    shutdown: impl Future<Output = ()>,
+) -> io::Result<()> {
+    let address = listener.local_addr()?;
+    if address.ip().is_unspecified() {
+        tracing::warn!(%address, "listening on all addresses, known by the loopback names and configured origins only");
+    }
+    let router = router(app.clone());
+    let lines = Lines::default();
+    let mut connections = JoinSet::new();
+    let keeper = Keeper::start(app.clone());
+    let watches = [
+        tokio::spawn(expiry::watch(app.clone())),
+        tokio::spawn(displays::watch(app.clone())),
+        tokio::spawn(trend_sampling::watch(app.clone())),
+    ];
+    let mut shutdown = pin!(shutdown);
+    loop {
+        tokio::select! {
+            () = &mut shutdown => break,
+            accepted = listener.accept() => match accepted {
+                Ok((stream, peer)) => {
+                    let enrolled = &app.settings.enrolled;
+                    let entered = match enrolled.is_proxy(peer.ip()) {
+                        true => lines.enter_proxied(),
+                        false => lines.enter(peer.ip(), enrolled.is_near(peer.ip())),
+                    };
+                    let Some((place, gone)) = entered else { continue };
+                    let closing = app.closing.subscribe();
+                    let line = Line { peer, router: router.clone(), secure: app.settings.secure, closing, place };
+                    let open = line.open(stream, tls.clone());
+                    connections.spawn(async move {
+                        tokio::select! {
+                            biased;
+                            _ = gone => tracing::debug!(%peer, "a silent connection gave its place to another"),
+                            () = open => {}
+                        }
+                    });
+                }
+                Err(error) => {
+                    tracing::warn!(%error, "cannot accept a connection");
+                    sleep(ACCEPT_RETRY).await;
+                }
+            },
+            Some(_) = connections.join_next(), if !connections.is_empty() => {}
+        }
+    }
+    drop(listener);
+    watches.iter().for_each(tokio::task::JoinHandle::abort);
+    app.closing.send_replace(true);
+    let drained = async {
+        app.displays.all_gone().await;
+        while connections.join_next().await.is_some() {}
+    };
+    if timeout(DRAIN_TIMEOUT, drained).await.is_err() {
+        tracing::warn!("some connections did not end in time");
+    }
+    keeper.end().await;
+    Ok(())
+}
+
+/// One connection.
+struct Line {
+    peer: SocketAddr,
+    router: Router,
+    secure: bool,
+    closing: watch::Receiver<bool>,
+    place: Place,
+}
+
+impl Line {
+    async fn open(self, stream: TcpStream, tls: Option<Tls>) {
+        // A frame is one small write: it must not wait for an acknowledgement of the one before.
+        let prepared = stream.set_nodelay(true).is_ok()
+            && rustix::net::sockopt::set_socket_send_buffer_size(&stream, SEND_BUFFER_BYTES).is_ok()
+            && rustix::net::sockopt::set_socket_recv_buffer_size(&stream, RECEIVE_BUFFER_BYTES).is_ok();
+        if !prepared {
+            return;
+        }
+        let Some(tls) = tls else { return self.converse(stream).await };
+        match timeout(HEADER_TIMEOUT, tls.acceptor().accept(stream)).await {
+            Ok(Ok(stream)) => self.converse(stream).await,
+            Ok(Err(error)) => tracing::debug!(%error, peer = %self.peer, "no TLS connection"),
+            Err(_) => tracing::debug!(peer = %self.peer, "no TLS connection in time"),
+        }
+    }
+
+    async fn converse(mut self, stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static) {
+        let mut http = http1::Builder::new();
+        http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(64 * 1024);
+        let is_asked = Arc::new(AtomicBool::new(false));
+        let meter = Meter::default();
+        let stream = Metered::new(Dressed::new(stream, is_asked.clone(), self.secure), meter.clone());
+        let service = service_fn(|mut request: Request<Incoming>| {
+            is_asked.store(true, Ordering::Relaxed);
+            request.extensions_mut().insert(Peer(self.peer));
+            request.extensions_mut().insert(meter.clone());
+            let (work, router) = (self.place.work(), self.router.clone());
+            async move {
+                // The connection that gave the place away ends before this does.
+                let Some(work) = work else { return std::future::pending().await };
+                request.extensions_mut().insert(work.standing());
+                router.oneshot(request).await
+            }
+        });
+        let mut connection = pin!(http.serve_connection(TokioIo::new(stream), service).with_upgrades());
+        let ended = tokio::select! {
+            ended = &mut connection => ended,
+            () = turned(&mut self.closing) => {
+                connection.as_mut().graceful_shutdown();
+                connection.await
+            }
+        };
+        if let Err(error) = ended {
+            tracing::debug!(%error, peer = %self.peer, "connection ended");
+        }
+    }
+}

@@ -1,0 +1,5 @@
+//! The listener: connections, TLS, the end of the server.
+
+pub(super) mod accept;
+pub(super) mod malformed;
+pub(super) mod tls;

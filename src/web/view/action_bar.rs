@@ -1,0 +1,219 @@
+//! The action bar: the one next step of the stage as one large button, and what stands in its way.
+
+use askama::Template;
+
+use crate::engine::model::output::Output;
+use crate::engine::model::{LOCALIZATION_GROUP, NodeId, Stage, Stop};
+use crate::engine::snapshot::Unreached;
+use crate::engine::state::State;
+
+use super::clean_text::{ID, NAME, clean};
+use super::clearance_checks::Check;
+use super::text_width::{SMALL_EM_BAR, SMALL_EM_BAR_NARROW, lines};
+use super::versions::Matter;
+use super::words::Words;
+use super::words::action_words::StepWords;
+use super::{Fragment, View, countermeasure, html};
+
+/// Stops that have room in the bar; more of them stand on a sheet of their own.
+const STOPS_IN_BAR: usize = 3;
+/// Lines of small type in the bar.
+const LINES: usize = 4;
+
+pub struct StopHtml {
+    id: String,
+    name: String,
+}
+
+#[derive(Template)]
+#[template(path = "partials/step.html")]
+struct StepHtml {
+    words: &'static Words,
+    steps: &'static StepWords,
+    swap: bool,
+    version: u64,
+    clearance_version: u64,
+    step: Step,
+    /// Logging out works in every stage but one.
+    logout: bool,
+}
+
+/// What the bar offers.
+enum Step {
+    /// To say where the vehicle stands.
+    Localize { stops: Vec<StopHtml>, more: bool },
+    /// The pose is given; the vehicle checks it.
+    Locating { title: String, text: String },
+    /// To clear the vehicle, if nothing stands in the way.
+    Clear { ready: bool, checks: Vec<Check>, more: usize },
+    /// The vehicle may start, or drives: to ask for a stop.
+    Stop { requested: bool, icon: &'static str, title: &'static str, text: String },
+    /// Nothing to do but to look.
+    Watch { icon: &'static str, title: &'static str, text: String },
+}
+
+pub fn step(view: &View<'_>) -> Fragment {
+    let snapshot = view.snapshot;
+    let html = html(&StepHtml {
+        words: view.words,
+        steps: view.lang.steps(),
+        swap: view.swap,
+        version: view.seen.of(Matter::Stage),
+        clearance_version: view.seen.of(Matter::Clearance),
+        step: of_stage(view),
+        logout: snapshot.operator.is_some() && (snapshot.stage != Stage::Active || !view.has_stages()),
+    });
+    Fragment { id: "step".to_owned(), html }
+}
+
+fn of_stage(view: &View<'_>) -> Step {
+    let snapshot = view.snapshot;
+    let steps = view.lang.steps();
+    match snapshot.stage {
+        Stage::Locked => Step::Watch { icon: "lock", title: view.words.next_locked, text: String::new() },
+        Stage::Localizing if snapshot.localization.given.is_some() => locating(view),
+        Stage::Localizing => {
+            let all = stops(view);
+            let more = all.len() > STOPS_IN_BAR;
+            let shown = if more { STOPS_IN_BAR - 1 } else { STOPS_IN_BAR };
+            Step::Localize { stops: all.into_iter().take(shown).collect(), more }
+        }
+        Stage::Standby => clear(view),
+        Stage::Cleared => Step::Watch { icon: "ready", title: steps.may_start, text: condition(view) },
+        // A machine without stages is not driven, and has no mission that could be asked to stop.
+        Stage::Active if !view.has_stages() && !snapshot.stop_requested() => {
+            Step::Watch { icon: "ready", title: steps.runs, text: condition(view) }
+        }
+        Stage::Active if snapshot.operator.is_none() => {
+            Step::Watch { icon: "drive", title: steps.drives, text: condition(view) }
+        }
+        Stage::Active => stop(view),
+    }
+}
+
+/// A button that cannot work is not offered. What was asked for already can be taken back.
+fn stop(view: &View<'_>) -> Step {
+    let steps = view.lang.steps();
+    let requested = view.snapshot.stop_requested();
+    let deaf = view.snapshot.unreached(Output::ManeuverStop).map(|why| match why {
+        Unreached::Unheard => steps.no_listener.to_owned(),
+        Unreached::Unpublished => steps.not_stoppable.to_owned(),
+    });
+    match deaf {
+        Some(text) if !requested => Step::Watch { icon: "drive", title: steps.drives, text },
+        deaf => Step::Stop {
+            requested,
+            icon: "drive",
+            title: if requested { steps.stop_requested } else { steps.drives },
+            text: deaf.unwrap_or_else(|| condition(view)),
+        },
+    }
+}
+
+fn locating(view: &View<'_>) -> Step {
+    let snapshot = view.snapshot;
+    let steps = view.lang.steps();
+    let at = snapshot.localization.pose.and_then(|pose| {
+        let here = |stop: &&Stop| (stop.x_m, stop.y_m) == (pose.x_m, pose.y_m);
+        snapshot.layout.stops.iter().find(here)
+    });
+    let title = match at {
+        Some(stop) => format!("{}: {}", steps.locating, view.lang.pick(&stop.name, NAME)),
+        None => steps.locating.to_owned(),
+    };
+    let group = match snapshot.node(LOCALIZATION_GROUP) {
+        Some(NodeId::Group(id)) => {
+            let (_, group) = snapshot.group(id);
+            let because = view.reason(NodeId::Group(id), group.reason.as_ref());
+            let because = if because.is_empty() { view.lang.state(group.state).to_owned() } else { because };
+            format!("{}: {because}. ", view.group_name(id))
+        }
+        _ => String::new(),
+    };
+    let hint = if snapshot.localization.ok_since.is_some() { "" } else { steps.locating_long };
+    Step::Locating { title, text: format!("{group}{hint}") }
+}
+
+fn clear(view: &View<'_>) -> Step {
+    let mut checks = view.checks();
+    let ready = view.snapshot.clearance_refusals.is_empty();
+    let fitting = |em: f64| {
+        let mut used = 0;
+        let fits = |check: &&Check| {
+            used += lines(&check.text, em, LINES);
+            used <= LINES
+        };
+        checks.iter().take_while(fits).count()
+    };
+    // What fails and has no room is counted, and stands on the sheet, whose button takes room of its
+    // own; what holds may be left out.
+    let failing = checks.iter().filter(|check| !check.holds).count();
+    let mut shown = fitting(SMALL_EM_BAR);
+    if shown < failing {
+        shown = fitting(SMALL_EM_BAR_NARROW).clamp(1, (failing - 1).max(1));
+    }
+    let more = failing.saturating_sub(shown);
+    checks.truncate(shown);
+    Step::Clear { ready, checks, more }
+}
+
+/// Facts alone: what to do about them is said once, beside the causes.
+fn condition(view: &View<'_>) -> String {
+    let steps = view.lang.steps();
+    match view.snapshot.overall {
+        State::Ok | State::Ignore | State::Warning if countermeasure::waits_for_note(view) => {
+            steps.held_acknowledge.to_owned()
+        }
+        State::Ok | State::Ignore if countermeasure::has_banner(view) => steps.held_stop.to_owned(),
+        State::Ok | State::Ignore => steps.nothing_wrong.to_owned(),
+        State::Unknown => steps.no_sight.to_owned(),
+        state @ (State::Warning | State::Error) => {
+            let tiles = view.board.tiles.iter().copied();
+            let names: Vec<String> = tiles
+                .filter(|&id| view.snapshot.group(id).1.state == state)
+                .map(|id| view.group_name(id))
+                .collect();
+            if names.is_empty() {
+                view.lang.state(state).to_owned()
+            } else {
+                view.lang.not_fit(&names.join(", "), state)
+            }
+        }
+    }
+}
+
+fn stops(view: &View<'_>) -> Vec<StopHtml> {
+    let stop = |stop: &Stop| StopHtml { id: clean(&stop.id, ID), name: view.lang.pick(&stop.name, NAME) };
+    view.snapshot.layout.stops.iter().map(stop).collect()
+}
+
+#[derive(Template)]
+#[template(path = "partials/stops.html")]
+struct StopsHtml {
+    steps: &'static StepWords,
+    swap: bool,
+    version: u64,
+    stops: Vec<StopHtml>,
+}
+
+/// All stops as buttons, for the sheet.
+pub fn all_stops(view: &View<'_>) -> Fragment {
+    let steps = view.lang.steps();
+    let version = view.seen.of(Matter::Stage);
+    let html = html(&StopsHtml { steps, swap: view.swap, version, stops: stops(view) });
+    Fragment { id: "all-stops".to_owned(), html }
+}
+
+#[derive(Template)]
+#[template(path = "partials/checks.html")]
+struct ChecksHtml {
+    swap: bool,
+    checks: Vec<Check>,
+}
+
+/// All checks before a clearance, for the sheet.
+pub fn all_checks(view: &View<'_>) -> Fragment {
+    let checks = if view.snapshot.stage == Stage::Standby { view.checks() } else { Vec::new() };
+    let html = html(&ChecksHtml { swap: view.swap, checks });
+    Fragment { id: "all-checks".to_owned(), html }
+}

@@ -1,0 +1,299 @@
+//! What is wrong, in the operator's words: root causes first, then what is only a warning or
+//! unknown, then alarms that are over and wait to be acknowledged. The list has the room of the
+//! reference display and counts what it leaves out.
+
+use askama::Template;
+
+use crate::engine::model::NodeId;
+use crate::engine::state::State;
+
+use super::clean_text::{ID, address, clean};
+use super::fault_entries::Entry;
+use super::node_names::Spoken;
+use super::text_width::{LARGE, LARGE_EM, SMALL, SMALL_EM, lines};
+use super::words::Words;
+use super::words::action_words::StepWords;
+use super::{Fragment, View, countermeasure, html, undeclared_statuses};
+
+/// Height of the list on the reference display in pixels. The heading gives way to entries.
+const ROOM: usize = 512;
+/// What the buttons below the list, and a countermeasure's banner, take of it.
+const BUTTONS: usize = 88 + GAP;
+const BANNER: usize = 92;
+const GAP: usize = 12;
+/// A line of what stands below it, and how many letters' heights it is wide.
+const ASIDE: usize = 30;
+const ASIDE_EM: f64 = 10.5;
+/// Entries on the sheet; more are counted.
+const SHEET_MAX: usize = 40;
+
+#[derive(Template)]
+#[template(path = "partials/causes.html")]
+struct CausesHtml {
+    words: &'static Words,
+    steps: &'static StepWords,
+    swap: bool,
+    /// Numbers of the alarms that call: the page sounds once for each that is new.
+    alarms: String,
+    last_alarm: u64,
+    entries: Vec<EntryHtml>,
+    more: Option<usize>,
+    /// What to say where the list is empty, and whether that is good news.
+    calm: Option<(bool, String)>,
+    /// What is not OK outside of the configuration.
+    aside: Option<String>,
+    acknowledge: Option<AcknowledgeHtml>,
+}
+
+/// The one button: it acknowledges what stands first of all that is not.
+struct AcknowledgeHtml {
+    /// As a part of an address.
+    address: String,
+    id: String,
+    version: u64,
+    title: String,
+    /// Which one is meant is said where several wait.
+    named: bool,
+}
+
+struct EntryHtml {
+    node: String,
+    panel: String,
+    state: &'static str,
+    icon: &'static str,
+    word: &'static str,
+    waiting: bool,
+    over: bool,
+    masks: u32,
+    title: String,
+    spoken: Spoken,
+    place: String,
+    since: String,
+    waits: String,
+    help: String,
+}
+
+pub fn causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
+    let acknowledge = acknowledge(view, entries);
+    let all_over = entries.iter().all(|entry| entry.over);
+    // What holds the vehicle back is said by the banner: it takes no room from what is over.
+    let held = !entries.is_empty() && countermeasure::waits_for_note(view);
+    let calm = (all_over && !held).then(|| calm(view));
+    let banner = if countermeasure::has_banner(view) { BANNER } else { 0 };
+    let said = calm.as_ref().map_or(0, |(_, text)| GAP + (LARGE + 1) * lines(text, LARGE_EM, 4));
+    let aside = undeclared_statuses::line(view);
+    let beside = aside.as_ref().map_or(0, |text| GAP + ASIDE * lines(text, ASIDE_EM, 3));
+    let room = ROOM - banner - said - beside;
+    let mut entries = entries.to_vec();
+    let mut fits = fitting(&entries, room, acknowledge.is_some());
+    // What the button acts on is in sight.
+    let meant = entries.iter().position(|entry| entry.acknowledge.is_some());
+    if let Some(meant) = meant.filter(|&meant| acknowledge.is_some() && meant >= fits.shown.max(2)) {
+        entries[1..=meant].rotate_right(1);
+        fits = fitting(&entries, room, true);
+    }
+    let more = entries.len() - fits.shown;
+    let entry = |(index, entry)| {
+        let html = of_entry(view, entry);
+        let behind = if index < fits.behinds { &*entry.behind } else { "" };
+        let waits = html.waits + behind;
+        let spoken = if index < fits.messages { html.spoken } else { Spoken::default() };
+        let help = if index < fits.helps { html.help } else { String::new() };
+        EntryHtml { waits, spoken, help, ..html }
+    };
+    let html = html(&CausesHtml {
+        words: view.words,
+        steps: view.lang.steps(),
+        swap: view.swap,
+        alarms: view.snapshot.audible().iter().map(u64::to_string).collect::<Vec<_>>().join(" "),
+        last_alarm: view.snapshot.last_alarm,
+        entries: entries[..fits.shown].iter().enumerate().map(entry).collect(),
+        more: (more > 0).then_some(more),
+        calm,
+        aside,
+        acknowledge,
+    });
+    Fragment { id: "causes".to_owned(), html }
+}
+
+#[derive(Template)]
+#[template(path = "partials/all_causes.html")]
+struct AllCausesHtml {
+    words: &'static Words,
+    swap: bool,
+    entries: Vec<EntryHtml>,
+    more: Option<String>,
+}
+
+/// The whole list, for the sheet.
+pub fn all_causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
+    let more = entries.len().saturating_sub(SHEET_MAX);
+    let whole = |entry: &Entry| {
+        let html = of_entry(view, entry);
+        EntryHtml { waits: html.waits + &entry.behind, ..html }
+    };
+    let html = html(&AllCausesHtml {
+        words: view.words,
+        swap: view.swap,
+        entries: entries.iter().take(SHEET_MAX).map(whole).collect(),
+        more: (more > 0).then(|| view.lang.and_more(more)),
+    });
+    Fragment { id: "all-causes".to_owned(), html }
+}
+
+fn acknowledge(view: &View<'_>, entries: &[Entry]) -> Option<AcknowledgeHtml> {
+    view.snapshot.operator.as_ref()?;
+    let mut waiting = entries.iter().filter_map(|entry| Some((entry, entry.acknowledge.as_ref()?)));
+    let (entry, target) = waiting.next()?;
+    Some(AcknowledgeHtml {
+        address: address(&target.id),
+        id: clean(&target.id, ID),
+        version: view.seen.of(target.matter),
+        title: entry.title.clone(),
+        named: waiting.next().is_some() || entries.first().is_some_and(|first| first.acknowledge.is_none()),
+    })
+}
+
+/// How many entries are shown, and how many of them with what to do, with what hides behind them,
+/// and with their message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Fitting {
+    shown: usize,
+    helps: usize,
+    behinds: usize,
+    messages: usize,
+}
+
+/// What has room, by an estimate of its lines. The first entry always has, with what to do about
+/// it; where others would be hidden for that alone they are shown without. Then what hides behind
+/// it counts for more than the message.
+fn fitting(entries: &[Entry], room: usize, button: bool) -> Fitting {
+    let (whole, rest) = if button {
+        (room.saturating_sub(BUTTONS), room.saturating_sub(BUTTONS))
+    } else {
+        (room, room.saturating_sub(BUTTONS))
+    };
+    let height = |count: usize, helps: usize| {
+        let (first, rest) = entries[..count].split_at(helps);
+        let brief = first.iter().map(|entry| GAP + height_brief(entry)).sum::<usize>();
+        brief + rest.iter().map(|entry| GAP + height_bare(entry)).sum::<usize>()
+    };
+    // The whole list needs no button that counts the rest.
+    let room = |count: usize| GAP + if count == entries.len() { whole } else { rest };
+    let least = usize::from(!entries.is_empty());
+    let all = (least..=entries.len()).rev();
+    let helps = all.clone().find(|&count| height(count, count) <= room(count)).unwrap_or(least);
+    let shown = all.clone().find(|&count| height(count, helps.min(count)) <= room(count)).unwrap_or(least);
+    let mut free = room(shown).saturating_sub(height(shown, helps));
+    let mut grown = |more: fn(&Entry) -> usize| {
+        let grows = |entry: &&Entry| {
+            let more = SMALL * more(entry);
+            let fits = more <= free;
+            free = free.saturating_sub(more);
+            fits
+        };
+        entries[..shown].iter().take_while(grows).count()
+    };
+    let behinds = grown(|entry| {
+        let both = format!("{}{}", entry.waits, entry.behind);
+        lines(&both, SMALL_EM, 3) - lines(&entry.waits, SMALL_EM, 2)
+    });
+    Fitting { shown, helps, behinds, messages: grown(|entry| lines(&entry.spoken.estimate(), SMALL_EM, 2)) }
+}
+
+fn height_brief(entry: &Entry) -> usize {
+    let help = lines(&entry.help, LARGE_EM, 8);
+    (height_of_words(entry) + if help > 0 { 8 + LARGE * help } else { 0 }).max(88)
+}
+
+fn height_bare(entry: &Entry) -> usize {
+    height_of_words(entry).max(88)
+}
+
+fn height_of_words(entry: &Entry) -> usize {
+    // An icon and how long it lasts share the line.
+    let place = lines(&format!("iiii {}, seit 00 i", entry.place), SMALL_EM, 3);
+    let waits = lines(&entry.waits, SMALL_EM, 2);
+    14 + LARGE * lines(&entry.title, LARGE_EM, 2) + SMALL * (place + waits)
+}
+
+fn of_entry(view: &View<'_>, entry: &Entry) -> EntryHtml {
+    let tile = view.board.tile_of(entry.node).map(|tile| view.board.tiles[tile]);
+    EntryHtml {
+        node: clean(view.snapshot.node_name(entry.node), ID),
+        panel: tile.map(|id| view.snapshot.group(id).0.path.to_string()).unwrap_or_default(),
+        state: entry.state.as_str(),
+        icon: if entry.over { "ok" } else { super::node_names::icon(entry.state, None) },
+        word: if entry.over { view.lang.steps().over } else { view.lang.state(entry.state) },
+        waiting: entry.calls || entry.over,
+        over: entry.over,
+        masks: entry.masks,
+        title: entry.title.clone(),
+        spoken: entry.spoken.clone(),
+        place: entry.place.clone(),
+        since: view.wall(entry.since),
+        waits: entry.waits.clone(),
+        help: entry.help.clone(),
+    }
+}
+
+/// "All okay" is said only where every component that matters shows OK.
+fn calm(view: &View<'_>) -> (bool, String) {
+    if countermeasure::waits_for_note(view) {
+        return (false, view.lang.steps().held_calm.to_owned());
+    }
+    let states = view.board.tiles.iter().map(|&id| view.snapshot.group(id).1.state);
+    // A component that is ignored was put aside by the stage: with a mask there would be a root cause.
+    let active = states.filter(|&state| state == State::Ok).count();
+    match active {
+        0 => (false, view.words.nothing_diagnosed.to_owned()),
+        _ => (true, view.lang.all_okay(active)),
+    }
+}
+
+/// The tiles whose root causes wait to be acknowledged: they flash.
+pub fn flashes(view: &View<'_>, tile: usize) -> bool {
+    let alarms = view.snapshot.alarms.iter().filter(|alarm| alarm.active && !alarm.acknowledged);
+    let mut nodes = alarms.map(|alarm| alarm.node);
+    nodes.any(|node: NodeId| view.board.tile_of(node) == Some(tile))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::model::GroupId;
+    use crate::engine::time::Timestamp;
+
+    fn entry(title: &str, help: &str) -> Entry {
+        Entry {
+            node: NodeId::Group(GroupId(0)),
+            state: State::Error,
+            title: title.to_owned(),
+            spoken: Spoken { message: "m".repeat(200), silent: None },
+            place: "Localization".to_owned(),
+            places: Vec::new(),
+            since: Timestamp::ZERO,
+            waits: "Four others wait".to_owned(),
+            behind: String::new(),
+            masks: 4,
+            help: help.to_owned(),
+            calls: false,
+            over: false,
+            acknowledge: None,
+        }
+    }
+
+    #[test]
+    fn the_first_entry_always_has_room_and_the_list_a_bound() {
+        let long = "w".repeat(120);
+        let shown = |entries: &[Entry], room, button| fitting(entries, room, button).shown;
+        assert_eq!(shown(&[], ROOM, false), 0);
+        assert_eq!(shown(&[entry(&long, &long)], ROOM, true), 1);
+        let two = fitting(&[entry("short", "do"), entry("short", "do")], ROOM, false);
+        assert_eq!(two, Fitting { shown: 2, helps: 2, behinds: 2, messages: 2 });
+        let many: Vec<Entry> = (0..50).map(|_| entry("short", "")).collect();
+        for (room, button) in [(ROOM, false), (ROOM, true), (ROOM - BANNER, true)] {
+            assert!((2..=4).contains(&shown(&many, room, button)), "{:?}", fitting(&many, room, button));
+        }
+    }
+}

@@ -1,0 +1,104 @@
+//! The login page, and why a login did not work.
+
+use askama::Template;
+
+use super::words::session_end::Farewell;
+
+use super::clean_text::{NAME, clean};
+use super::page_frame::Frame;
+use super::{Lang, Palette, html};
+
+/// What the login page shows.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LoginContext {
+    pub lang: Lang,
+    pub palette: Palette,
+    /// The name that was typed last.
+    pub name: String,
+    pub failure: Option<LoginFailure>,
+    /// Why the session that the browser had is over.
+    pub farewell: Option<Farewell>,
+    pub demo: bool,
+}
+
+/// Why a login did not work. It never says whether the name exists.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum LoginFailure {
+    /// The name or the secret is wrong.
+    Wrong,
+    /// It is a PIN, and this is no display at which one will do.
+    PinElsewhere,
+    /// Too many failures: this many seconds until the next try is looked at.
+    Wait { seconds: u64 },
+    /// Another operator has the vehicle; who just proved to be one may take it over.
+    SeatTaken { by: String },
+    /// The vehicle drives; it is taken over at one of its own displays alone.
+    Drives,
+    /// It cannot be written down: the disk is full, or the database broken.
+    Storage,
+    /// The server can not check logins now.
+    Unavailable,
+    /// No user exists yet; `telltale user add` makes one.
+    /// `data` is the folder that `telltale user` has to be given.
+    NoUsers { data: Option<String> },
+}
+
+impl LoginFailure {
+    /// For programs and the audit log.
+    pub const fn as_str(&self) -> &'static str {
+        match self {
+            LoginFailure::Wrong => "the name or the secret is wrong",
+            LoginFailure::PinElsewhere => "a PIN will do at the vehicle's own displays only; give a password",
+            LoginFailure::Wait { .. } => "too many failures; wait",
+            LoginFailure::SeatTaken { .. } => "another operator has the vehicle",
+            LoginFailure::Drives => "the vehicle drives; take it over at one of its own displays",
+            LoginFailure::Storage => {
+                "nothing can be written: the disk is full or the database broken; nothing was changed"
+            }
+            LoginFailure::Unavailable | LoginFailure::NoUsers { .. } => {
+                "logins cannot be checked now; try again"
+            }
+        }
+    }
+}
+
+#[derive(Template)]
+#[template(path = "login.html")]
+struct LoginHtml {
+    frame: Frame,
+    name: String,
+    failure: Option<String>,
+    farewell: Option<&'static str>,
+    /// Words of the button, if the login takes the seat over from somebody.
+    take_over: Option<&'static str>,
+    demo: bool,
+}
+
+pub fn login_page(context: &LoginContext) -> String {
+    let words = context.lang.words();
+    let is_taken = matches!(context.failure, Some(LoginFailure::SeatTaken { .. }));
+    let failure = context.failure.as_ref().map(|failure| match failure {
+        LoginFailure::Wrong => words.login_wrong.to_owned(),
+        LoginFailure::PinElsewhere => words.login_pin_elsewhere.to_owned(),
+        LoginFailure::Wait { seconds } => context.lang.login_wait(*seconds),
+        LoginFailure::SeatTaken { by } => context.lang.login_seat_taken(&clean(by, NAME)),
+        LoginFailure::Drives => words.login_drives.to_owned(),
+        LoginFailure::Storage => words.login_storage.to_owned(),
+        LoginFailure::Unavailable => words.login_unavailable.to_owned(),
+        LoginFailure::NoUsers { data } => {
+            let data = data.as_deref().map(|data| format!(" --data {}", clean(data, NAME_OF_FILE)));
+            words.login_no_users.to_owned() + &data.unwrap_or_default()
+        }
+    });
+    html(&LoginHtml {
+        frame: Frame::new(context.lang, context.palette),
+        name: clean(&context.name, NAME),
+        failure,
+        farewell: context.farewell.map(|why| context.lang.farewell(why)),
+        take_over: is_taken.then_some(words.login_take_over),
+        demo: context.demo,
+    })
+}
+
+/// Characters of a path: the longest that Linux takes.
+const NAME_OF_FILE: usize = 4096;

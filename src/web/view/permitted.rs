@@ -1,0 +1,51 @@
+//! What may be shown of a snapshot.
+
+use std::sync::Arc;
+
+use crate::engine::model::Stage;
+use crate::engine::persistent::PersistentVec;
+use crate::engine::snapshot::{Layout, Localization, Snapshot};
+use crate::engine::state::State;
+use crate::runtime::Published;
+
+/// What may be shown: everything, but in the stage `locked` nothing that tells of the vehicle's
+/// parts (`ENGINE.md` 9). Every page and every frame is made from this.
+pub fn permitted(published: &Published) -> Published {
+    let snapshot = &published.snapshot;
+    if snapshot.stage != Stage::Locked {
+        return published.clone();
+    }
+    let layout = Layout {
+        vehicle_id: snapshot.layout.vehicle_id.clone(),
+        vehicle_name: snapshot.layout.vehicle_name.clone(),
+        other: snapshot.layout.other,
+        stops: Arc::new([]),
+        groups: Vec::new(),
+        modules: Vec::new(),
+    };
+    let withheld = Snapshot {
+        seq: snapshot.seq,
+        revision: snapshot.revision,
+        now: snapshot.now,
+        stage: snapshot.stage,
+        operator: snapshot.operator.clone(),
+        overall: State::Ignore,
+        layout: Arc::new(layout),
+        groups: PersistentVec::default(),
+        modules: PersistentVec::default(),
+        roots: Arc::new([]),
+        alarms: Arc::new([]),
+        last_alarm: snapshot.last_alarm,
+        accepted: Arc::new([]),
+        countermeasures: Arc::new([]),
+        localization: Localization::default(),
+        clearance: snapshot.clearance,
+        clearance_refusals: Arc::new([]),
+        unreached: Arc::new([]),
+        listened: Arc::new([]),
+        signals: Arc::new([]),
+        reception: Arc::new([]),
+        counters: snapshot.counters,
+    };
+    Published { snapshot: Arc::new(withheld), at: published.at }
+}

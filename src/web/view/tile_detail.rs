@@ -1,0 +1,238 @@
+//! What stands behind a tile: why it shows its state, and its modules.
+
+use askama::Template;
+
+use crate::engine::model::{ModuleId, NodeId};
+use crate::engine::snapshot::{ModuleView, Reason};
+use crate::engine::state::State;
+
+use super::board::Tile;
+use super::clean_text::{ID, VALUE, address, clean};
+use super::node_names::{Spoken, icon, own_matters, reason_word};
+use super::trends::{POINTS_SMALL, Trend};
+use super::versions::Matter;
+use super::words::Words;
+use super::words::action_words::StepWords;
+use super::{DETAIL, Fragment, View, html};
+
+/// Modules of one component that are listed; the worst first, the rest is counted.
+const ROWS: usize = 40;
+/// Values of one module that are shown.
+const VALUES: usize = 8;
+/// What stands behind all tiles together takes no more on the wire: a message to a page is never more than
+/// 1 MiB.
+const BYTES: usize = 512 << 10;
+/// Modules of one component whose values are drawn, and values of one of them that are.
+const ROWS_DRAWN: usize = 12;
+const VALUES_DRAWN: usize = 3;
+
+/// Values of a monitor that never change.
+const LIMITS: &[&str] = &["warning_below", "error_below", "warning_above", "error_above"];
+
+struct Row {
+    id: String,
+    title: String,
+    label: String,
+    state: &'static str,
+    reason: &'static str,
+    icon: &'static str,
+    word: &'static str,
+    because: String,
+    own: Option<&'static str>,
+    /// Why it is not what it reports itself.
+    decided: String,
+    since: String,
+    spoken: Spoken,
+    values: Vec<Value>,
+    /// Its ERROR stays until somebody resets it.
+    held: bool,
+    reset: Option<ResetHtml>,
+}
+
+struct Value {
+    key: String,
+    value: String,
+    past: Option<Trend>,
+}
+
+struct ResetHtml {
+    /// As a part of an address.
+    address: String,
+    version: u64,
+    /// The fault is over: a reset is not refused.
+    ready: bool,
+}
+
+#[derive(Template)]
+#[template(path = "partials/detail.html")]
+struct DetailHtml<'a> {
+    words: &'static Words,
+    steps: &'static StepWords,
+    swap: bool,
+    path: &'a str,
+    name: String,
+    state: &'static str,
+    reason: &'static str,
+    icon: &'static str,
+    word: &'static str,
+    because: String,
+    since: String,
+    count: String,
+    behind: Option<String>,
+    /// Names of the components from the root cause to this one.
+    chain: Vec<String>,
+    root: String,
+    rows: Vec<Row>,
+    more: Option<String>,
+}
+
+pub fn detail(view: &View<'_>, tile: Tile) -> Fragment {
+    let id = view.board.tiles[tile];
+    let (info, group) = view.snapshot.group(id);
+    let mut modules = view.modules_of(id);
+    let masked = matches!(group.reason, Some(Reason::Masked { .. }));
+    let failing = |module: &&ModuleId| view.snapshot.module(**module).1.own == State::Error;
+    let behind = if masked { modules.iter().filter(failing).count() } else { 0 };
+    modules.sort_by_key(|&module| std::cmp::Reverse(weight(view.snapshot.module(module).1)));
+    let (chain, root) = if masked { why(view, tile) } else { (Vec::new(), String::new()) };
+    let mut detail = DetailHtml {
+        words: view.words,
+        steps: view.lang.steps(),
+        swap: view.swap,
+        path: &info.path,
+        name: view.group_name(id),
+        state: group.state.as_str(),
+        reason: reason_word(group.reason.as_ref()),
+        icon: icon(group.state, group.reason.as_ref()),
+        word: view.lang.state(group.state),
+        because: view.reason(NodeId::Group(id), group.reason.as_ref()),
+        since: view.wall(group.since),
+        count: match group.counted {
+            0 => view.hint(id).unwrap_or_default(),
+            counted => view.lang.ok_of(group.ok, counted),
+        },
+        behind: (behind > 0).then(|| view.lang.errors_behind(behind)),
+        chain,
+        root,
+        rows: modules.iter().take(ROWS).enumerate().map(|(index, &id)| row(view, tile, id, index)).collect(),
+        more: None,
+    };
+    let html = fitting(&mut detail, BYTES / view.board.tiles.len().max(1), |shown| {
+        let more = modules.len().saturating_sub(shown);
+        (more > 0).then(|| view.lang.and_more(more))
+    });
+    Fragment { id: format!("{DETAIL}{}", info.path), html }
+}
+
+/// The text of it in at most so many bytes: where words are long, values are left out, then the last rows.
+fn fitting(detail: &mut DetailHtml<'_>, bytes: usize, more: impl Fn(usize) -> Option<String>) -> String {
+    loop {
+        detail.more = more(detail.rows.len());
+        let text = html(&*detail);
+        if detail.rows.is_empty() || text.len() + text.matches(['"', '\\', '\n']).count() <= bytes {
+            return text;
+        }
+        if detail.rows.iter().any(|row| !row.values.is_empty()) {
+            detail.rows.iter_mut().for_each(|row| row.values.clear());
+        } else {
+            detail.rows.truncate(detail.rows.len() / 2);
+        }
+    }
+}
+
+/// The way from the first root cause to this component, and what the root cause says.
+fn why(view: &View<'_>, tile: Tile) -> (Vec<String>, String) {
+    let (_, group) = view.snapshot.group(view.board.tiles[tile]);
+    let Some(path) = group.paths.first() else { return (Vec::new(), String::new()) };
+    let mut steps: Vec<Tile> = path.iter().filter_map(|&node| view.board.tile_of(node)).collect();
+    steps.dedup();
+    let chain = steps.iter().rev().map(|&step| view.group_name(view.board.tiles[step])).collect();
+    let root = match path.last() {
+        Some(&NodeId::Module(id)) => view.fault(id, view.snapshot.module(id).1.state),
+        _ => String::new(),
+    };
+    (chain, root)
+}
+
+/// What needs eyes stands first; the order of the configuration stays otherwise.
+fn weight(module: &ModuleView) -> u8 {
+    match module.state {
+        State::Error => 5,
+        State::Unknown => 4,
+        State::Warning => 3,
+        State::Ignore if own_matters(module) => 2,
+        _ => 1,
+    }
+}
+
+fn row(view: &View<'_>, tile: Tile, id: ModuleId, index: usize) -> Row {
+    let (info, module) = view.snapshot.module(id);
+    let own = own_matters(module);
+    let failing = if own { module.own } else { module.state };
+    let label = view.label(info);
+    let named = !matches!(failing, State::Ok | State::Ignore) && view.name_of_fault(info, failing).is_some();
+    Row {
+        id: clean(&info.id, ID),
+        title: if named { view.fault(id, failing) } else { label.clone() },
+        label: if named { label } else { String::new() },
+        state: module.state.as_str(),
+        reason: reason_word(module.reason.as_ref()),
+        icon: icon(module.state, module.reason.as_ref()),
+        word: view.lang.state(module.state),
+        because: view.reason(NodeId::Module(id), module.reason.as_ref()),
+        own: own.then(|| view.lang.state(module.own)),
+        decided: decided(view, module),
+        since: view.wall(module.since),
+        spoken: view.words_of(module),
+        values: values(view, id, index < ROWS_DRAWN),
+        held: module.steps.latched,
+        reset: reset(view, tile, id),
+    }
+}
+
+/// What made another state of what a module reported, where that is not its silence.
+fn decided(view: &View<'_>, module: &ModuleView) -> String {
+    let steps = module.steps;
+    let Some(reported) = steps.reported.filter(|&reported| reported != module.own) else {
+        return String::new();
+    };
+    if !module.silent && steps.debounced != steps.judged && !steps.latched {
+        view.lang.reports_not_long(reported)
+    } else {
+        String::new()
+    }
+}
+
+/// What a module measures; a number of the last minutes is a line too.
+fn values(view: &View<'_>, id: ModuleId, drawn: bool) -> Vec<Value> {
+    let (info, module) = view.snapshot.module(id);
+    let past = view.trends.filter(|_| drawn && !module.report.values.is_empty());
+    let mut past = past.map(|trends| trends.of(id.0 as usize, &info.id, POINTS_SMALL)).unwrap_or_default();
+    // Limits stand among the values too: what never moved needs no line.
+    past.retain(|trend| trend.least < trend.most);
+    past.truncate(VALUES_DRAWN);
+    let measured = module.report.german.is_some();
+    // What a monitor says names its limits already.
+    let values = module.report.values.iter().filter(|(key, _)| !measured || !LIMITS.contains(&&**key));
+    let value = values.take(VALUES).map(|(key, value)| {
+        let index = past.iter().position(|trend| *trend.key == **key);
+        let past = index.map(|index| past.swap_remove(index));
+        let (key, value) = (clean(key, VALUE), clean(value, VALUE));
+        if measured {
+            Value { value: view.lang.numeral(value), key: view.lang.measured(&key).to_owned(), past }
+        } else {
+            Value { key, value, past }
+        }
+    });
+    value.collect()
+}
+
+fn reset(view: &View<'_>, tile: Tile, id: ModuleId) -> Option<ResetHtml> {
+    view.snapshot.operator.as_ref()?;
+    let (info, module) = view.snapshot.module(id);
+    module.steps.latched.then(|| ResetHtml {
+        address: address(&info.id),
+        version: view.seen.of(Matter::Component(view.board.tiles[tile])),
+        ready: !module.steps.in_error,
+    })
+}

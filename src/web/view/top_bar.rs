@@ -1,0 +1,79 @@
+//! The top bar: the vehicle, its stage, what it waits for, and who is in the seat.
+
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+use askama::Template;
+
+use crate::engine::input::Refusal;
+use crate::engine::model::Stage;
+
+use super::clean_text::{NAME, clean};
+use super::words::Words;
+use super::words::action_words::StepWords;
+use super::{Fragment, View, html};
+use crate::web::assets;
+
+#[derive(Template)]
+#[template(path = "partials/top.html")]
+struct TopHtml {
+    words: &'static Words,
+    swap: bool,
+    stage: &'static str,
+    overall: &'static str,
+    layout: String,
+    vehicle: String,
+    word: &'static str,
+    /// What the stage waits for, or where it leads.
+    now: &'static str,
+    operator: Option<String>,
+    steps: &'static StepWords,
+    /// The work can be ended wherever the vehicle does not drive.
+    shutdown: bool,
+}
+
+pub fn top(view: &View<'_>) -> Fragment {
+    let snapshot = view.snapshot;
+    let locked = snapshot.stage == Stage::Locked;
+    let html = html(&TopHtml {
+        words: view.words,
+        swap: view.swap,
+        stage: snapshot.stage.as_str(),
+        overall: if locked { "" } else { snapshot.overall.as_str() },
+        layout: layout_mark(view),
+        vehicle: view.lang.pick(&snapshot.layout.vehicle_name, NAME),
+        word: view.lang.stage(snapshot.stage, snapshot.overall),
+        now: now(view),
+        operator: snapshot.operator.as_ref().map(|name| clean(name, 24)),
+        steps: view.lang.steps(),
+        shutdown: snapshot.operator.is_some()
+            && view.has_stages()
+            && !matches!(snapshot.stage, Stage::Locked | Stage::Active),
+    });
+    Fragment { id: "top".to_owned(), html }
+}
+
+fn now(view: &View<'_>) -> &'static str {
+    let steps = view.lang.steps();
+    let snapshot = view.snapshot;
+    let no_goal = || snapshot.clearance_refusals.iter().any(|it| matches!(it, Refusal::NoGoal));
+    match snapshot.stage {
+        Stage::Locked => "",
+        Stage::Localizing if snapshot.localization.given.is_some() => "",
+        Stage::Localizing => steps.waits_stop,
+        Stage::Standby if no_goal() => steps.waits_goal,
+        Stage::Standby => steps.waits_clearance,
+        Stage::Cleared => steps.waits_start,
+        Stage::Active if snapshot.operator.is_none() => steps.without_operator,
+        Stage::Active => steps.by_itself,
+    }
+}
+
+/// Changes when the tiles do, or the program: a page made before then loads itself anew.
+pub fn layout_mark(view: &View<'_>) -> String {
+    let mut hasher = DefaultHasher::new();
+    (env!("CARGO_PKG_VERSION"), assets::url(""), &*view.snapshot.layout.vehicle_id).hash(&mut hasher);
+    for (tile, place) in view.board.tiles.iter().zip(&view.board.places) {
+        (view.snapshot.group(*tile).0.path.as_bytes(), place).hash(&mut hasher);
+    }
+    format!("{:016x}", hasher.finish())
+}

@@ -1,0 +1,256 @@
+//! The words of the operator's actions: the next step of each stage, clearances, alarms, countermeasures.
+
+use super::words;
+use crate::engine::model::countermeasure::{Kind, Request};
+use crate::engine::snapshot::MeasureState;
+use crate::engine::state::State;
+use crate::engine::time::Span;
+use crate::engine::time::how_long;
+use crate::web::view::Lang;
+
+words! {
+    StepWords;
+    where_is_it: "Where is the vehicle?", "Wo steht das Fahrzeug?";
+    choose_stop: "Choose the stop at which it stands.", "Haltestelle wählen, an der es steht.";
+    no_stops: "The configuration names no stops.", "Die Konfiguration nennt keine Haltestellen.";
+    locating: "Checking the position", "Position wird geprüft";
+    locating_long: "Nothing yet? Choose the stop again.", "Noch nichts? Haltestelle erneut wählen.";
+    other_stop: "Choose again", "Neu wählen";
+    more_stops: "More stops", "Weitere Haltestellen";
+    position: "Position", "Position";
+    clearance: "Give clearance", "Freigabe erteilen";
+    confirm_title: "Start driving?", "Losfahren?";
+    confirm_text: "The vehicle drives off by itself.", "Das Fahrzeug fährt selbst los.";
+    confirm: "Confirm", "Bestätigen";
+    cancel: "Cancel", "Abbrechen";
+    shutdown: "Shut down", "Beenden";
+    shutdown_title: "End the work with this vehicle?", "Arbeit mit diesem Fahrzeug beenden?";
+    shutdown_text: "The vehicle is locked and you are logged out. Before the next drive somebody has to log in and say where it stands. Its computers stay on.", "Das Fahrzeug wird gesperrt, und Sie werden abgemeldet. Vor der nächsten Fahrt muss sich jemand anmelden und angeben, wo es steht. Die Rechner bleiben an.";
+    shutdown_confirm: "Lock it and leave", "Sperren und gehen";
+    stop: "Request a stop", "Anhalten anfordern";
+    stop_requested: "Stop requested", "Anhalten angefordert";
+    no_listener: "No vehicle listens: it cannot be stopped from here. Be ready to take over.", "Kein Fahrzeug hört zu: Von hier lässt es sich nicht anhalten. Bereit sein zu übernehmen.";
+    not_stoppable: "It cannot be stopped from here. Be ready to take over.", "Von hier lässt es sich nicht anhalten. Bereit sein zu übernehmen.";
+    stop_back: "Take the stop back", "Anhalten zurücknehmen";
+    acknowledge: "Acknowledge", "Quittieren";
+    over: "Over", "Vorbei";
+    held_error: "Held until reset", "Gehalten bis zum Zurücksetzen";
+    reset: "Reset", "Zurücksetzen";
+    reset_here: "Over. Held until reset: touch here.", "Vorbei. Gehalten bis zum Zurücksetzen: hier berühren.";
+    refused: "Not done", "Nicht ausgeführt";
+    not_sent: "Not sent: this display is not live.", "Nicht gesendet: Diese Anzeige ist nicht live.";
+    no_answer: "The server did not answer. Look at what is shown.", "Der Server hat nicht geantwortet. Anzeige beachten.";
+    waiting: "Not sent: the server has not answered the last tap yet.", "Nicht gesendet: Der letzte Tipp ist noch unbeantwortet.";
+    second_tap: "Only the first tap counted.", "Nur der erste Tipp hat gezählt.";
+    just_changed: "Not sent: the button has just changed.", "Nicht gesendet: Die Taste hat gerade gewechselt.";
+    dismiss: "Close", "Schließen";
+    all_checks: "All open checks", "Alle offenen Prüfungen";
+    all_causes: "All that is wrong", "Alle Störungen";
+    sound_on: "Sound on", "Ton an";
+    sound_off: "Sound off", "Ton aus";
+
+    waits_goal: "waiting for a goal", "wartet auf ein Ziel";
+    waits_clearance: "waiting for clearance", "wartet auf Freigabe";
+    waits_start: "about to start", "fährt gleich an";
+    waits_stop: "choose a stop", "Haltestelle wählen";
+    by_itself: "by itself", "selbsttätig";
+    without_operator: "without an operator", "ohne Fahrbegleitung";
+
+    no_pose: "no position yet", "noch keine Position";
+    no_goal: "No goal is set", "Kein Ziel gesetzt";
+    not_localized: "The position is not confirmed", "Position nicht bestätigt";
+    measure_holds: "A countermeasure is not released", "Gegenmaßnahme nicht aufgehoben";
+    goal_set: "Goal set", "Ziel gesetzt";
+    all_fit: "All components fit to drive", "Alle Komponenten fahrbereit";
+    no_measure: "No countermeasure", "Keine Gegenmaßnahme";
+
+    drives: "The vehicle drives by itself", "Das Fahrzeug fährt selbst";
+    runs: "In operation", "In Betrieb";
+    may_start: "The vehicle may start at any moment", "Das Fahrzeug kann jederzeit anfahren";
+    nothing_wrong: "Nothing is wrong", "Keine Störung";
+    held_acknowledge: "Still held back. Acknowledge to release.", "Wird noch gehalten. Quittieren gibt frei.";
+    held_stop: "Held until the stop is taken back", "Gilt, bis es zurückgenommen wird";
+    held_calm: "The cause is over, the vehicle still held back", "Ursache vorbei, Fahrzeug noch gehalten";
+    no_sight: "Something is unknown", "Etwas ist unbekannt";
+    take_over_ready: "Be ready to take over.", "Bereit sein zu übernehmen.";
+    go_on_alert: "You may go on. Stay alert.", "Weiterfahren möglich. Aufmerksam bleiben.";
+    stay: "Do not drive off. If it lasts, call the control room.", "Nicht losfahren. Bleibt es so, Leitstelle rufen.";
+    wait_for_report: "Wait for its report. If none comes, call the control room.", "Auf die Meldung warten. Kommt keine, Leitstelle rufen.";
+    acknowledge_first: "Acknowledge it before driving off.", "Vor dem Losfahren quittieren.";
+    nothing_to_do: "Nothing to do for now.", "Vorerst ist nichts zu tun.";
+    check_machine: "Check the machine.", "Maschine prüfen.";
+    keep_an_eye: "Keep an eye on it.", "Im Blick behalten.";
+
+    because_of: "Cause:", "Ursache:";
+    asked_by_operator: "asked for by the operator", "von der Fahrbegleitung angefordert";
+    asked: "Sent to the vehicle", "An das Fahrzeug gesendet";
+    not_received_yet: "Not received yet", "Noch nicht empfangen";
+    engaged: "Confirmed by the vehicle", "Vom Fahrzeug bestätigt";
+    unconfirmed: "Not confirmed by the vehicle. Take over.", "Vom Fahrzeug nicht bestätigt. Übernehmen.";
+    unconfirmed_standing: "Not confirmed by the vehicle.", "Vom Fahrzeug nicht bestätigt.";
+    unheard: "Nobody listens: not received. Take over.", "Niemand hört zu: nicht angekommen. Übernehmen.";
+    unheard_standing: "Nobody listens: not received.", "Niemand hört zu: nicht angekommen.";
+    held: "The cause is gone. Acknowledge to release it.", "Ursache behoben. Quittieren hebt sie auf.";
+}
+
+impl Lang {
+    pub fn steps(self) -> &'static StepWords {
+        match self {
+            Lang::En => &EN,
+            Lang::De => &DE,
+        }
+    }
+
+    /// What the vehicle does because of a countermeasure, no more than is known: `Slowing down, 1 m/s²`.
+    pub fn measure(self, request: Request, state: MeasureState) -> String {
+        let done = state == MeasureState::Engaged;
+        match (self, request) {
+            (Lang::En, Request::Decelerate { mps2 }) if done => format!("Slowing down, {mps2} m/s²"),
+            (Lang::En, Request::Decelerate { mps2 }) => format!("Asked to slow down, {mps2} m/s²"),
+            (Lang::De, Request::Decelerate { mps2 }) => {
+                let mps2 = mps2.to_string().replace('.', ",");
+                if done {
+                    format!("Bremst ab, {mps2} m/s²")
+                } else {
+                    format!("Soll abbremsen, {mps2} m/s²")
+                }
+            }
+            (Lang::En, Request::ManeuverStop) if done => "Stopping safely".to_owned(),
+            (Lang::En, Request::ManeuverStop) => "Asked to stop safely".to_owned(),
+            (Lang::De, Request::ManeuverStop) if done => "Hält sicher an".to_owned(),
+            (Lang::De, Request::ManeuverStop) => "Soll sicher anhalten".to_owned(),
+            (Lang::En, Request::Notify) => "Told to the operator".to_owned(),
+            (Lang::De, Request::Notify) => "Der Fahrbegleitung gemeldet".to_owned(),
+        }
+    }
+
+    /// What stands around for how long a module has been silent: `silent for 3 s`.
+    pub fn silent_around(self) -> (&'static str, &'static str) {
+        match self {
+            Lang::En => ("silent for ", ""),
+            Lang::De => ("seit ", " still"),
+        }
+    }
+
+    /// What was said last, after for how long nothing has come since, if nothing has.
+    pub fn with_silence(self, last: String, silent: Option<Span>) -> String {
+        let Some(long) = silent.map(how_long) else { return last };
+        let (before, after) = self.silent_around();
+        match last.is_empty() {
+            true => format!("{before}{long}{after}"),
+            false => format!("{before}{long}{after}; {} {last}", self.words().last_words),
+        }
+    }
+
+    /// A request that reaches nobody is not said to be made.
+    pub fn unheard(self, request: Request) -> &'static str {
+        match (self, request.kind()) {
+            (Lang::En, Kind::Decelerate) => "Request to slow down not received",
+            (Lang::De, Kind::Decelerate) => "Abbremsen ist nicht angekommen",
+            (Lang::En, _) => "Request to stop not received",
+            (Lang::De, _) => "Anhalten ist nicht angekommen",
+        }
+    }
+
+    /// `Sensors, CAN: error`: components that forbid a clearance.
+    pub fn not_fit(self, names: &str, state: State) -> String {
+        let what = match (self, state) {
+            (Lang::En, State::Error) => "error",
+            (Lang::De, State::Error) => "Fehler",
+            (Lang::En, State::Unknown) => "state unknown",
+            (Lang::De, State::Unknown) => "Zustand unbekannt",
+            (Lang::En, State::Ignore) => "waiting for others",
+            (Lang::De, State::Ignore) => "wartet auf andere",
+            (Lang::En, _) => "warning",
+            (Lang::De, _) => "Warnung",
+        };
+        format!("{names}: {what}")
+    }
+
+    /// `Planning, Control: wait for Localization`: components that another one's fault puts aside.
+    pub fn wait_for(self, names: &[String], cause: Option<&str>) -> String {
+        let what = match (self, cause, names.len()) {
+            (_, None, _) => return self.not_fit(&names.join(", "), State::Ignore),
+            (Lang::En, Some(cause), 1) => format!("waits for {cause}"),
+            (Lang::En, Some(cause), _) => format!("wait for {cause}"),
+            (Lang::De, Some(cause), 1) => format!("wartet auf {cause}"),
+            (Lang::De, Some(cause), _) => format!("warten auf {cause}"),
+        };
+        format!("{}: {what}", names.join(", "))
+    }
+
+    /// A module's report that has not lasted long enough to count.
+    pub fn reports_not_long(self, reported: State) -> String {
+        match self {
+            Lang::En => format!("Reports {}, not for long enough yet:", self.state(reported)),
+            Lang::De => format!("Meldet {}, noch nicht lange genug:", self.state(reported)),
+        }
+    }
+
+    /// A WARNING that has to be accepted before a clearance.
+    pub fn not_accepted(self, name: &str) -> String {
+        match self {
+            Lang::En => format!("Acknowledge first: {name}"),
+            Lang::De => format!("Zuerst quittieren: {name}"),
+        }
+    }
+
+    /// `, 3 report errors themselves`: what hides behind a root cause.
+    pub fn with_errors(self, count: usize) -> String {
+        match (self, count) {
+            (Lang::En, 1) => ", 1\u{a0}error behind it".to_owned(),
+            (Lang::En, _) => format!(", {count}\u{a0}errors behind it"),
+            (Lang::De, _) => format!(", {count}\u{a0}Fehler dahinter"),
+        }
+    }
+
+    /// `3 times`, of an alarm that came and went.
+    pub fn so_often(self, count: usize) -> String {
+        match (self, count) {
+            (_, 0 | 1) => String::new(),
+            (Lang::En, _) => format!("{count} times"),
+            (Lang::De, _) => format!("{count}-mal"),
+        }
+    }
+
+    /// Why a confirmation of a clearance opens nothing.
+    pub fn not_pending(self, too_late: bool) -> String {
+        let words = match (self, too_late) {
+            (Lang::En, true) => "The confirmation came later than 10 s. Give clearance again.",
+            (Lang::De, true) => "Die Bestätigung kam später als 10 s. Freigabe erneut erteilen.",
+            (Lang::En, false) => "This clearance does not wait for a confirmation. Give clearance again.",
+            (Lang::De, false) => "Diese Freigabe wartet auf keine Bestätigung. Freigabe erneut erteilen.",
+        };
+        words.to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_step_is_said_in_both_languages() {
+        const SAME: &[&str] = &["position"];
+        for (key, en, de) in ALL {
+            assert!(!en.trim().is_empty() && !de.trim().is_empty(), "{key}");
+            assert!(en != de || SAME.contains(key), "{key}: {en}");
+        }
+    }
+
+    #[test]
+    fn what_is_asked_is_not_said_to_be_done() {
+        for lang in Lang::ALL {
+            for request in [Request::Decelerate { mps2: 1.5 }, Request::ManeuverStop] {
+                let done = lang.measure(request, MeasureState::Engaged);
+                for state in [MeasureState::Requested, MeasureState::Unconfirmed] {
+                    assert_ne!(lang.measure(request, state), done);
+                }
+            }
+        }
+        assert_eq!(
+            Lang::De.measure(Request::Decelerate { mps2: 1.5 }, MeasureState::Engaged),
+            "Bremst ab, 1,5 m/s²"
+        );
+    }
+}

@@ -1,0 +1,427 @@
+//! The words of the pages. A word that lacks a language does not compile.
+
+pub(in crate::web) mod action_words;
+pub(in crate::web) mod refusals;
+pub(in crate::web) mod session_end;
+
+use super::clean_text::{NAME, clean};
+use crate::engine::model::{ACTIVE_SIGNAL, POSED_SIGNAL, Stage};
+use crate::engine::snapshot::NotRelevant;
+use crate::engine::state::State;
+use crate::engine::text::Text;
+use crate::web::view::Lang;
+
+macro_rules! words {
+    ($table:ident; $($key:ident: $en:literal, $de:literal;)*) => {
+        /// Fixed words of one language.
+        #[derive(Debug)]
+        pub struct $table { $(pub $key: &'static str,)* }
+
+        static EN: $table = $table { $($key: $en,)* };
+        static DE: $table = $table { $($key: $de,)* };
+
+        #[cfg(test)]
+        const ALL: &[(&str, &str, &str)] = &[$((stringify!($key), $en, $de),)*];
+    };
+}
+
+pub(in crate::web) use words;
+
+words! {
+    Words;
+    ok: "Okay", "Okay";
+    warning: "Warning", "Warnung";
+    error: "Error", "Fehler";
+    ignore: "Ignored", "Ignoriert";
+    unknown: "Unknown", "Unbekannt";
+
+    locked: "Locked", "Gesperrt";
+    localizing: "Localizing", "Lokalisierung";
+    ready: "Ready", "Bereit";
+    not_ready: "Not ready", "Nicht bereit";
+    cleared: "Cleared", "Freigegeben";
+    driving: "Driving", "Fährt";
+
+    next_locked: "Log in to start.", "Zum Starten anmelden.";
+    next_localizing: "Waits for the position of the vehicle.", "Wartet auf die Position des Fahrzeugs.";
+    next_ready: "Ready. Waits for the mission to start driving.", "Bereit. Wartet, bis die Mission die Fahrt beginnt.";
+    next_not_ready: "Not ready to drive. See what is wrong.", "Nicht fahrbereit. Siehe Störungen.";
+    next_silent: "Not ready to drive. Not every component reports.", "Nicht fahrbereit. Nicht alle Komponenten melden sich.";
+    next_cleared: "Cleared. The vehicle may start at any moment.", "Freigegeben. Das Fahrzeug kann jederzeit anfahren.";
+    next_driving: "Drives by itself. Watch the road.", "Fährt selbst. Straße beobachten.";
+    next_driving_unknown: "Drives by itself, state unknown. Be ready to take over.", "Fährt selbst, Zustand unbekannt. Bereit sein zu übernehmen.";
+    next_driving_error: "Drives by itself, with an error. Be ready to take over.", "Fährt selbst, mit Fehler. Bereit sein zu übernehmen.";
+
+    not_locked: "locked", "gesperrt";
+    not_localized: "not yet localized", "noch nicht lokalisiert";
+    not_driving: "not driving", "fährt nicht";
+    not_driving_yet: "not driving yet", "fährt noch nicht";
+    not_while_driving: "not while driving", "nicht während der Fahrt";
+
+    operator: "Operator", "Fahrbegleitung";
+    nobody: "Nobody logged in", "Niemand angemeldet";
+    to_day: "Switch to day colours", "Zu Tagfarben wechseln";
+    to_night: "Switch to night colours", "Zu Nachtfarben wechseln";
+    other_language: "Auf Deutsch umschalten", "Switch to English";
+    other_language_short: "DE", "EN";
+    demo: "Demo", "Demo";
+
+    wrong: "What is wrong", "Störungen";
+    nothing_diagnosed: "Nothing is diagnosed now", "Zurzeit wird nichts überwacht";
+    since_for: "for", "seit";
+    no_news: "no news", "keine Meldung";
+    no_member: "nothing to watch", "nichts zu überwachen";
+    last_words: "last:", "zuletzt:";
+    no_report: "has not reported yet", "hat sich noch nicht gemeldet";
+    masked_by: "Cause", "Ursache";
+    itself: "itself", "selbst";
+    close: "Close", "Schließen";
+    why: "Why", "Warum";
+    minutes: "last 5 minutes", "letzte 5 Minuten";
+    more: "more", "weitere";
+
+    live: "Live", "Live";
+    live_stale: "Delayed", "Verzögert";
+    live_dead: "Not live", "Nicht live";
+    stale_banner: "Display is late", "Anzeige verzögert";
+    dead_banner: "Display not live - take over", "Anzeige nicht live - übernehmen";
+
+    unfit: "This browser is too old for a live display. Use another one, such as a new Chromium or Firefox.", "Dieser Browser ist zu alt für eine Live-Anzeige. Anderen verwenden, etwa ein neues Chromium oder Firefox.";
+
+    log_in: "Log in", "Anmelden";
+    log_out: "Log out", "Abmelden";
+    name: "Name", "Name";
+    secret: "PIN or password", "PIN oder Passwort";
+    login_title: "Log in", "Anmelden";
+    login_text: "The vehicle is shown after that.", "Danach ist das Fahrzeug zu sehen.";
+    name_missing: "The name is missing.", "Der Name fehlt.";
+    secret_missing: "The PIN or password is missing.", "PIN oder Passwort fehlt.";
+    login_wrong: "Name or PIN is wrong.", "Name oder PIN ist falsch.";
+    login_unavailable: "Logins cannot be checked now. Try again.", "Anmeldung zurzeit nicht prüfbar. Noch einmal versuchen.";
+    login_storage: "The disk is full or broken, so nothing was changed. Call the control room.", "Speicher voll oder defekt, daher nichts geändert. Leitstelle rufen.";
+    login_drives: "The vehicle drives. Take it over at a display in the vehicle, or after it has arrived.", "Das Fahrzeug fährt. Übernehmen nur an einer Anzeige im Fahrzeug oder nach der Ankunft.";
+    login_pin_elsewhere: "A PIN works at the displays in the vehicle only. Here a password is needed.", "Eine PIN gilt nur an den Anzeigen im Fahrzeug. Hier ist ein Passwort nötig.";
+    login_take_over: "Take over", "Übernehmen";
+    login_no_users: "No user exists yet. On the vehicle: telltale user add NAME --role operator", "Noch kein Benutzer. Auf dem Fahrzeug: telltale user add NAME --role operator";
+    display: "Display", "Anzeige";
+    pad_digits: "Digits", "Ziffern";
+    pad_letters: "Letters", "Buchstaben";
+    pad_erase: "Delete the last one", "Letztes löschen";
+    not_in_seat: "Somebody else leads the vehicle. Log in again to take over.", "Jemand anderes führt das Fahrzeug. Zum Übernehmen neu anmelden.";
+    refused_stale: "Things have changed since this was shown. Look again.", "Die Lage hat sich seit der Anzeige geändert. Neu hinsehen.";
+    refused_late: "This waited too long and was not done. Look again.", "Das hat zu lange gewartet und wurde nicht ausgeführt. Neu hinsehen.";
+    login_demo: "Demo: operator with PIN 246810", "Demo: operator mit PIN 246810";
+    back: "Back to the vehicle", "Zurück zum Fahrzeug";
+
+    demo_title: "Faults of the simulated shuttle", "Fehler des simulierten Shuttles";
+    demo_text: "Each button switches one fault. The vehicle's page shows what becomes of it.", "Jeder Knopf schaltet einen Fehler. Die Seite des Fahrzeugs zeigt, was daraus wird.";
+    demo_on: "on", "an";
+    demo_off: "off", "aus";
+    sensor_outage: "Sensor outage", "Sensorausfall";
+    sensor_outage_text: "The LiDAR falls silent. Localization notices first.", "Der LiDAR verstummt. Die Lokalisierung merkt es zuerst.";
+    localization_jump: "Localization jump", "Positionssprung";
+    localization_jump_text: "The position jumps by more than a metre.", "Die Position springt um mehr als einen Meter.";
+    costmap_delay: "Costmap delay", "Hinderniskarte verspätet";
+    costmap_delay_text: "The map of obstacles comes late.", "Die Hinderniskarte kommt zu spät.";
+    planner_stall: "Planner stall", "Planung steht";
+    planner_stall_text: "No new path. Matters only while driving.", "Kein neuer Weg. Zählt nur während der Fahrt.";
+    can_loss: "CAN loss", "CAN-Ausfall";
+    can_loss_text: "The vehicle bus falls silent.", "Der Fahrzeugbus verstummt.";
+    low_battery: "Low battery", "Batterie schwach";
+    low_battery_text: "A warning that stops nothing.", "Eine Warnung, die nichts anhält.";
+    camera_crash: "Camera crash", "Kamera abgestürzt";
+    camera_crash_text: "The program of the front camera ends.", "Das Programm der Frontkamera endet.";
+}
+
+impl Lang {
+    pub fn words(self) -> &'static Words {
+        match self {
+            Lang::En => &EN,
+            Lang::De => &DE,
+        }
+    }
+
+    /// A text of the configuration in this language. It comes from outside: cleaned.
+    pub fn pick(self, text: &Text, letters: usize) -> String {
+        match self {
+            Lang::En => clean(&text.en, letters),
+            Lang::De => clean(&text.de, letters),
+        }
+    }
+
+    pub fn state(self, state: State) -> &'static str {
+        let words = self.words();
+        match state {
+            State::Ok => words.ok,
+            State::Warning => words.warning,
+            State::Error => words.error,
+            State::Ignore => words.ignore,
+            State::Unknown => words.unknown,
+        }
+    }
+
+    /// The stage in plain words. A vehicle that stands with something wrong is not "ready".
+    pub fn stage(self, stage: Stage, overall: State) -> &'static str {
+        let words = self.words();
+        match (stage, overall) {
+            (Stage::Locked, _) => words.locked,
+            (Stage::Localizing, _) => words.localizing,
+            (Stage::Standby, State::Error | State::Unknown) => words.not_ready,
+            (Stage::Standby, _) => words.ready,
+            (Stage::Cleared, _) => words.cleared,
+            (Stage::Active, _) => words.driving,
+        }
+    }
+
+    /// What the stage waits for, for the action bar.
+    pub fn next(self, stage: Stage, overall: State) -> &'static str {
+        let words = self.words();
+        match (stage, overall) {
+            (Stage::Locked, _) => words.next_locked,
+            (Stage::Localizing, _) => words.next_localizing,
+            (Stage::Standby, State::Error) => words.next_not_ready,
+            (Stage::Standby, State::Unknown) => words.next_silent,
+            (Stage::Standby, _) => words.next_ready,
+            (Stage::Cleared, _) => words.next_cleared,
+            (Stage::Active, State::Error) => words.next_driving_error,
+            (Stage::Active, State::Unknown) => words.next_driving_unknown,
+            (Stage::Active, _) => words.next_driving,
+        }
+    }
+
+    /// `3 of 3 okay`.
+    pub fn ok_of(self, ok: u32, counted: u32) -> String {
+        match self {
+            Lang::En => format!("{ok} of {counted} okay"),
+            Lang::De => format!("{ok} von {counted} okay"),
+        }
+    }
+
+    /// `waits for Localization`.
+    pub fn waits_for(self, name: &str) -> String {
+        match self {
+            Lang::En => format!("waits for {name}"),
+            Lang::De => format!("wartet auf {name}"),
+        }
+    }
+
+    /// Why the vehicle's state puts a node aside: `not driving`.
+    pub fn not_relevant(self, because: &NotRelevant) -> String {
+        let words = self.words();
+        let fixed = match because {
+            NotRelevant::Stage(Stage::Locked) => words.not_locked,
+            NotRelevant::Stage(Stage::Localizing) => words.not_localized,
+            NotRelevant::Stage(Stage::Standby) => words.not_driving,
+            NotRelevant::Stage(Stage::Cleared) => words.not_driving_yet,
+            NotRelevant::Stage(Stage::Active) => words.not_while_driving,
+            NotRelevant::Signal { name, value: false } if &**name == ACTIVE_SIGNAL => words.not_driving,
+            NotRelevant::Signal { name, value: true } if &**name == ACTIVE_SIGNAL => words.not_while_driving,
+            NotRelevant::Signal { name, value: false } if &**name == POSED_SIGNAL => self.steps().no_pose,
+            NotRelevant::Signal { name, value } => {
+                let name = clean(name, NAME);
+                return match (self, value) {
+                    (Lang::En, true) => format!("{name} is on"),
+                    (Lang::En, false) => format!("{name} is off"),
+                    (Lang::De, true) => format!("{name} ist an"),
+                    (Lang::De, false) => format!("{name} ist aus"),
+                };
+            }
+        };
+        fixed.to_owned()
+    }
+
+    /// `Four others wait`: components that a root cause puts aside.
+    pub fn others_wait(self, count: usize) -> String {
+        match (self, count) {
+            (Lang::En, 1) => "One other waits".to_owned(),
+            (Lang::En, _) => format!("{} others wait", self.number(count)),
+            (Lang::De, 1) => "Eine andere wartet".to_owned(),
+            (Lang::De, _) => format!("{} andere warten", self.number(count)),
+        }
+    }
+
+    /// `Four modules wait`: where no whole component is put aside.
+    pub fn modules_wait(self, count: usize) -> String {
+        match (self, count) {
+            (Lang::En, 1) => "One module waits".to_owned(),
+            (Lang::En, _) => format!("{} modules wait", self.number(count)),
+            (Lang::De, 1) => "Ein Modul wartet".to_owned(),
+            (Lang::De, _) => format!("{} Module warten", self.number(count)),
+        }
+    }
+
+    /// `All 7 active components okay`.
+    pub fn all_okay(self, count: usize) -> String {
+        match (self, count) {
+            (Lang::En, 1) => "The one active component is okay".to_owned(),
+            (Lang::En, _) => format!("All {count} active components okay"),
+            (Lang::De, 1) => "Die eine aktive Komponente ist okay".to_owned(),
+            (Lang::De, _) => format!("Alle {count} aktiven Komponenten okay"),
+        }
+    }
+
+    /// `and 3 more`.
+    pub fn and_more(self, count: usize) -> String {
+        match self {
+            Lang::En => format!("and {count} more"),
+            Lang::De if count == 1 => "und 1 weitere".to_owned(),
+            Lang::De => format!("und {count} weitere"),
+        }
+    }
+
+    /// `2 errors behind this`: what masked members report themselves.
+    pub fn errors_behind(self, count: usize) -> String {
+        match (self, count) {
+            (Lang::En, 1) => "1 error behind this".to_owned(),
+            (Lang::En, _) => format!("{count} errors behind this"),
+            (Lang::De, _) => format!("{count} Fehler dahinter"),
+        }
+    }
+
+    /// `5 × Unknown`: modules of one component.
+    pub fn times(self, count: usize, state: State) -> String {
+        format!("{count} × {}", self.state(state))
+    }
+
+    /// `No news: Mission`: the fault of a component that is silent.
+    pub fn no_news_from(self, name: &str) -> String {
+        match self {
+            Lang::En => format!("No news: {name}"),
+            Lang::De => format!("Keine Meldung: {name}"),
+        }
+    }
+
+    /// `State unknown: Mission`: the fault of a component that reports that it does not know.
+    pub fn state_unknown(self, name: &str) -> String {
+        match self {
+            Lang::En => format!("State unknown: {name}"),
+            Lang::De => format!("Zustand unbekannt: {name}"),
+        }
+    }
+
+    /// Another operator has the vehicle; the form below asks again and takes it over.
+    pub fn login_seat_taken(self, by: &str) -> String {
+        match self {
+            Lang::En => format!("{by} is the operator. To take over, enter the secret again."),
+            Lang::De => {
+                format!("{by} begleitet die Fahrt. Zum Übernehmen das Geheimnis noch einmal eingeben.")
+            }
+        }
+    }
+
+    /// What every page says while a change of the operator is due.
+    pub fn hand_over(self, to: &str) -> String {
+        let to = clean(to, NAME);
+        match self {
+            Lang::En => format!("{to} takes over in 5 s. Until then both of you can stop the vehicle."),
+            Lang::De => format!("{to} übernimmt in 5 s. Bis dahin können beide das Fahrzeug anhalten."),
+        }
+    }
+
+    pub fn login_wait(self, seconds: u64) -> String {
+        match self {
+            Lang::En => format!("Too many tries. Wait {seconds} s."),
+            Lang::De => format!("Zu viele Versuche. {seconds} s warten."),
+        }
+    }
+
+    /// What a monitor's measured value is called.
+    pub fn measured(self, key: &str) -> &str {
+        let (en, de) = match key {
+            "rate_hz" => ("Hz", "Hz"),
+            "input_hz" => ("inputs, Hz", "Eingaben, Hz"),
+            "output_hz" => ("outputs, Hz", "Ausgaben, Hz"),
+            "ratio" => ("ratio", "Verhältnis"),
+            "latency_s" => ("late, s", "Verspätung, s"),
+            "value" => ("value", "Wert"),
+            "difference" => ("difference", "Abweichung"),
+            "earlier" => ("earlier", "früher"),
+            "later" => ("later", "später"),
+            "translation_m" => ("shift, m", "Verschiebung, m"),
+            "rotation_deg" => ("rotation, deg", "Drehung, Grad"),
+            "count_difference" => ("difference in number", "Abweichung der Anzahl"),
+            "nearest_m" => ("apart, m", "Abstand, m"),
+            "answer_ms" => ("answer, ms", "Antwort, ms"),
+            "misses" => ("misses", "ohne Antwort"),
+            other => (other, other),
+        };
+        match self {
+            Lang::En => en,
+            Lang::De => de,
+        }
+    }
+
+    /// A number in the language's writing; anything else stays.
+    pub fn numeral(self, number: String) -> String {
+        if self == Lang::De && number.parse::<f64>().is_ok() { number.replace('.', ",") } else { number }
+    }
+
+    /// A count at the start of a sentence, as a word where it is short.
+    fn number(self, count: usize) -> String {
+        const EN: [&str; 13] = [
+            "No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten", "Eleven",
+            "Twelve",
+        ];
+        const DE: [&str; 13] = [
+            "Keine", "Eine", "Zwei", "Drei", "Vier", "Fünf", "Sechs", "Sieben", "Acht", "Neun", "Zehn",
+            "Elf", "Zwölf",
+        ];
+        let words = match self {
+            Lang::En => EN,
+            Lang::De => DE,
+        };
+        words.get(count).map_or_else(|| count.to_string(), |&word| word.to_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Words that are the same in both languages, on purpose.
+    const SAME: &[&str] = &["ok", "name", "demo", "live"];
+
+    #[test]
+    fn every_word_is_said_in_both_languages() {
+        for (key, en, de) in ALL {
+            assert!(!en.trim().is_empty() && !de.trim().is_empty(), "{key}");
+            assert!(en != de || SAME.contains(key), "{key}: {en}");
+        }
+    }
+
+    #[test]
+    fn every_state_and_stage_has_a_word_of_its_own() {
+        for lang in Lang::ALL {
+            let mut states: Vec<_> = State::ALL.map(|state| lang.state(state)).to_vec();
+            states.sort_unstable();
+            states.dedup();
+            assert_eq!(states.len(), State::ALL.len());
+            let mut stages: Vec<_> = Stage::ALL.map(|stage| lang.stage(stage, State::Ok)).to_vec();
+            stages.sort_unstable();
+            stages.dedup();
+            assert_eq!(stages.len(), Stage::ALL.len());
+        }
+    }
+
+    #[test]
+    fn nothing_wrong_is_called_ready() {
+        for lang in Lang::ALL {
+            for state in [State::Error, State::Unknown] {
+                assert_ne!(lang.stage(Stage::Standby, state), lang.words().ready);
+                assert_ne!(lang.next(Stage::Standby, state), lang.words().next_ready);
+                assert_ne!(lang.next(Stage::Active, state), lang.words().next_driving);
+            }
+        }
+    }
+
+    #[test]
+    fn counts_agree_with_their_words() {
+        assert_eq!(Lang::En.others_wait(1), "One other waits");
+        assert_eq!(Lang::En.others_wait(4), "Four others wait");
+        assert_eq!(Lang::De.others_wait(4), "Vier andere warten");
+        assert_eq!(Lang::En.others_wait(40), "40 others wait");
+        assert_eq!(Lang::De.modules_wait(1), "Ein Modul wartet");
+        assert_eq!(Lang::En.all_okay(7), "All 7 active components okay");
+        assert_eq!(Lang::De.errors_behind(2), "2 Fehler dahinter");
+    }
+}

@@ -1,0 +1,56 @@
+//! Why a session is over, and how the login page says it.
+
+use crate::web::view::Lang;
+
+/// Why somebody has to log in again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Farewell {
+    /// Its time was over.
+    Expired,
+    /// Its holder did nothing.
+    Idle,
+    /// Another operator took the vehicle over.
+    TakenOver,
+    /// The same operator logged out at another display.
+    LoggedOut,
+    /// Its holder logged out with it, and knows.
+    LoggedOutHere,
+    /// The user was removed.
+    Removed,
+    /// Another role, another secret, too many logins, or nobody knows any more.
+    Ended,
+}
+
+impl Lang {
+    /// Why the login page is shown again.
+    pub fn farewell(self, why: Farewell) -> &'static str {
+        let (en, de) = match why {
+            Farewell::Expired => (
+                "Your login is over after 12 hours. Log in again.",
+                "Ihre Anmeldung ist nach 12 Stunden abgelaufen. Neu anmelden.",
+            ),
+            Farewell::Idle => {
+                ("Logged out: nothing was done for 15 minutes.", "Abgemeldet: 15 Minuten lang nichts getan.")
+            }
+            Farewell::TakenOver => (
+                "Another operator has taken the vehicle over.",
+                "Eine andere Fahrbegleitung hat das Fahrzeug übernommen.",
+            ),
+            Farewell::LoggedOut => {
+                ("You logged out at another display.", "Sie haben sich an einer anderen Anzeige abgemeldet.")
+            }
+            Farewell::Removed => (
+                "This user was removed. Call the control room.",
+                "Dieser Benutzer wurde entfernt. Leitstelle rufen.",
+            ),
+            Farewell::LoggedOutHere => ("Logged out.", "Abgemeldet."),
+            Farewell::Ended => {
+                ("Your login has ended. Log in again.", "Ihre Anmeldung wurde beendet. Neu anmelden.")
+            }
+        };
+        match self {
+            Lang::En => en,
+            Lang::De => de,
+        }
+    }
+}
