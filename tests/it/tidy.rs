@@ -33,18 +33,23 @@ fn root() -> PathBuf {
 }
 
 fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
+    let mut found = below(folder, extension);
+    found.sort();
+    assert!(!found.is_empty(), "nothing to look at in {}", folder.display());
+    found
+}
+
+fn below(folder: &Path, extension: &str) -> Vec<PathBuf> {
     let mut found = Vec::new();
     let entries = fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
     for entry in entries {
         let path = entry.expect("the folder can be listed").path();
         if path.is_dir() {
-            found.extend(files(&path, extension));
+            found.extend(below(&path, extension));
         } else if path.extension().is_some_and(|it| it == extension) {
             found.push(path);
         }
     }
-    found.sort();
-    assert!(!found.is_empty(), "nothing to look at in {}", folder.display());
     found
 }
 
