@@ -21,7 +21,7 @@ use crate::engine::input::OperatorAction;
 use crate::engine::model::Stage;
 use crate::engine::time::Span;
 use crate::store::audit::{Action, Record};
-use crate::store::{Lane, Role, SESSION_LIFE, Session, SessionKind, Token, Verified, is_pin};
+use crate::store::{Caller, Role, SESSION_LIFE, Session, SessionKind, Token, Verified, is_pin};
 use crate::web::AppState;
 use crate::web::admission::login_throttle::Source;
 use crate::web::admission::peer::{Peer, source_of};
@@ -99,7 +99,7 @@ pub async fn login(
             if app.may_record_refusal(source, Action::Login).await {
                 let record = Record::of(Action::Login, source.to_string());
                 let record = record.on(app.recorded_name(&form.name).await);
-                app.audit_or_log_from(app.lane(source), record.refused(failure.as_str())).await;
+                app.audit_or_log_from(app.caller(source), record.refused(failure.as_str())).await;
             }
             return failed(&app, &reader, &form.name, failure);
         }
@@ -183,7 +183,7 @@ async fn leave(
 async fn known_device(app: &AppState, headers: &HeaderMap, source: IpAddr, name: &str) -> Option<Token> {
     let token = cookie(headers, device_cookie_name(app.settings.secure)).and_then(Token::parse)?;
     // A user who cannot be looked up is not known.
-    let is_known = app.store.is_device_of(app.lane(source), &token, name).await.unwrap_or(false);
+    let is_known = app.store.is_device_of(app.caller(source), &token, name).await.unwrap_or(false);
     is_known.then_some(token)
 }
 
@@ -203,18 +203,18 @@ async fn prove(
     device: Option<Token>,
 ) -> Result<Verified, LoginFailure> {
     // The user sees that it is a PIN: this says nothing of anybody's secret.
-    if is_pin(&form.secret) && !app.settings.enrolled.is_near(source) {
+    if is_pin(&form.secret) && app.caller(source) == Caller::Elsewhere {
         return Err(LoginFailure::PinElsewhere);
     }
-    let is_near = app.lane(source) == Lane::Vehicle;
+    let at = app.caller(source);
     // A known browser waits in no queue with strangers.
-    let lane = if device.is_some() { Lane::Vehicle } else { app.lane(source) };
-    let from = Source { ip: source, is_near, device };
+    let caller = if device.is_some() { Caller::Vehicle } else { at };
+    let from = Source { ip: source, caller: at, device };
     let throttle = || app.throttle.lock().unwrap_or_else(PoisonError::into_inner);
     if let Err(wait) = throttle().attempt(app.clock.now(), &form.name, &from) {
         return Err(LoginFailure::Wait { seconds: whole_seconds(wait) });
     }
-    match app.store.authenticate_from(lane, &form.name, &form.secret).await {
+    match app.store.authenticate_from(caller, &form.name, &form.secret).await {
         Ok(Some(user)) => {
             throttle().succeeded(&form.name, &from);
             Ok(user)

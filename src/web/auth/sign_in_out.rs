@@ -12,7 +12,7 @@ use crate::engine::input::{OperatorAction, Refusal, Response as Answer};
 use crate::engine::model::Stage;
 use crate::engine::time::{Span, Timestamp};
 use crate::store::audit::{Action, Record};
-use crate::store::{Entering, Lane, Role, Session, StoreError, Token, VehicleMemory, Verified, Written};
+use crate::store::{Caller, Entering, Role, Session, StoreError, Token, VehicleMemory, Verified, Written};
 use crate::web::AppState;
 use crate::web::engine_link::NoAnswer;
 use crate::web::record::audit::record_of;
@@ -120,7 +120,7 @@ impl Entrance {
         let snapshot = app.published().snapshot;
         let drives = snapshot.stage == Stage::Active;
         let takes = role == Role::Operator && snapshot.operator.as_deref() != Some(name);
-        if takes && drives && app.lane(self.source) != Lane::Vehicle {
+        if takes && drives && app.caller(self.source) != Caller::Vehicle {
             app.audit(
                 self.record(Action::Login).refused("the vehicle drives, and this is none of its displays"),
             )

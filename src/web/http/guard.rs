@@ -88,7 +88,7 @@ pub async fn guard(
         return refusal(&reader, Trouble::ForeignHost);
     }
     let access = access(&request, &table);
-    let caller = Caller::of(&app, headers);
+    let caller = Requester::of(&app, headers);
     let needs_session = match access {
         Access::Open => false,
         Access::Asset => !assets::is_open(request.uri().path()),
@@ -170,7 +170,7 @@ fn access(request: &Request, table: &AccessTable) -> Access {
     row.map_or(Access::Session, |(_, access)| *access)
 }
 
-struct Caller {
+struct Requester {
     session: Option<Session>,
     /// The token came in a header that no browser sends by itself.
     is_bearer: bool,
@@ -178,13 +178,13 @@ struct Caller {
     is_false: bool,
 }
 
-impl Caller {
-    fn of(app: &AppState, headers: &HeaderMap) -> Caller {
+impl Requester {
+    fn of(app: &AppState, headers: &HeaderMap) -> Requester {
         if let Some(token) = bearer(headers) {
             let session = Token::parse(token).and_then(|token| app.session(&token));
-            return Caller { is_bearer: session.is_some(), is_false: session.is_none(), session };
+            return Requester { is_bearer: session.is_some(), is_false: session.is_none(), session };
         }
-        Caller { session: cookie_session(app, headers), is_bearer: false, is_false: false }
+        Requester { session: cookie_session(app, headers), is_bearer: false, is_false: false }
     }
 }
 

@@ -75,7 +75,7 @@ pub async fn serve(
                     let enrolled = &app.settings.enrolled;
                     let entered = match enrolled.is_proxy(peer.ip()) {
                         true => lines.enter_proxied(),
-                        false => lines.enter(peer.ip(), enrolled.is_near(peer.ip())),
+                        false => lines.enter(peer.ip(), enrolled.caller(peer.ip())),
                     };
                     let Some((place, gone)) = entered else { continue };
                     let closing = app.closing.subscribe();
