@@ -70,7 +70,7 @@ impl Limit {
     }
 
     /// What was left out could not be told.
-    fn owe(&mut self, now: Timestamp, kind: Kind, count: u64) {
+    fn put_back(&mut self, now: Timestamp, kind: Kind, count: u64) {
         if let Some(bucket) = self.buckets.get_mut(&kind) {
             bucket.omitted_since = if bucket.omitted == 0 { now } else { bucket.omitted_since };
             bucket.omitted += count;
@@ -122,7 +122,7 @@ impl AppState {
         let admitted = self.audit_limit().admit(self.clock.now(), kind);
         let Some(omitted) = admitted else { return false };
         if omitted > 0 && self.store.audit_from(caller, kind.omitted(omitted)).await.is_err() {
-            self.audit_limit().owe(self.clock.now(), kind, omitted);
+            self.audit_limit().put_back(self.clock.now(), kind, omitted);
         }
         true
     }
@@ -145,7 +145,7 @@ impl AppState {
         };
         for (kind, count) in due {
             if self.store.audit(kind.omitted(count)).await.is_err() {
-                self.audit_limit().owe(now, kind, count);
+                self.audit_limit().put_back(now, kind, count);
             }
         }
         let target = match lost {
