@@ -109,7 +109,10 @@ groups:
         (policy.raise_after, policy.latch),
         (time::Span::from_millis(10), Some(time::Span::from_millis(500)))
     );
-    assert_eq!(model.modules[0].help, Some(Wording::help(Text { en: "Stop.".into(), de: "Halt.".into() })));
+    assert_eq!(
+        model.modules[0].help,
+        Some(Wording::help(Text { en: "Stop.".into(), de: "Halt.".into() }).into())
+    );
 
     let (a, m) = (NodeId::Group(GroupId(0)), NodeId::Module(ModuleId(0)));
     let depends: Vec<_> =

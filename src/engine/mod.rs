@@ -261,9 +261,12 @@ impl Engine {
         self.counters.statuses += array.len() as u64;
         let number = self.counters.arrays;
         let mut touched = std::mem::take(&mut self.touched);
+        let mut before = None;
         for (position, status) in array.iter().enumerate() {
-            let known = self.names.find(status.name()).filter(|&index| !self.names.may_grow(index));
-            let Some(index) = known.or_else(|| self.discover(status.name())) else {
+            let known = self.names.find_behind(before, status.name());
+            before =
+                known.filter(|&index| !self.names.may_grow(index)).or_else(|| self.discover(status.name()));
+            let Some(index) = before else {
                 self.counters.dropped_names += 1;
                 continue;
             };

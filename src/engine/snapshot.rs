@@ -198,8 +198,8 @@ impl GroupInfo {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModuleInfo {
     pub id: Arc<str>,
-    pub name: Option<Wording>,
-    pub help: Option<Wording>,
+    pub name: Option<Arc<Wording>>,
+    pub help: Option<Arc<Wording>>,
     pub group: GroupId,
     /// The status that it takes, if it takes one: filters may overlap, so others may take the same.
     pub status: Option<Arc<str>>,

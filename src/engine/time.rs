@@ -2,30 +2,51 @@
 //!
 //! The core never reads a clock. Its caller says what time it is.
 
+use std::fmt;
+use std::num::NonZeroU64;
 use std::ops::{Add, Sub};
 
 /// Nanoseconds on the monotonic clock of receipt, since a start that only the feeder knows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
-pub struct Timestamp(u64);
+///
+/// It holds one more than that, so that an instant that may be missing takes no more room than one that is
+/// there: a module remembers nine of them.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Timestamp(NonZeroU64);
 
 impl Timestamp {
-    pub const ZERO: Timestamp = Timestamp(0);
+    pub const ZERO: Timestamp = Timestamp(NonZeroU64::MIN);
 
+    /// The last instant there is. Deadlines that never come lie here.
+    pub const MAX: Timestamp = Timestamp(NonZeroU64::MAX);
+
+    /// What is past [`Timestamp::MAX`] becomes that.
     pub const fn from_nanos(nanos: u64) -> Timestamp {
-        Timestamp(nanos)
+        Timestamp(NonZeroU64::MIN.saturating_add(nanos))
     }
 
     pub const fn from_millis(millis: u64) -> Timestamp {
-        Timestamp(millis.saturating_mul(1_000_000))
+        Timestamp::from_nanos(millis.saturating_mul(1_000_000))
     }
 
     pub const fn as_nanos(self) -> u64 {
-        self.0
+        self.0.get() - 1
     }
 
     /// The time from `earlier` to `self`; zero if `earlier` is later.
     pub fn since(self, earlier: Timestamp) -> Span {
-        Span(self.0.saturating_sub(earlier.0))
+        Span(self.0.get().saturating_sub(earlier.0.get()))
+    }
+}
+
+impl Default for Timestamp {
+    fn default() -> Timestamp {
+        Timestamp::ZERO
+    }
+}
+
+impl fmt::Debug for Timestamp {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Timestamp").field(&self.as_nanos()).finish()
     }
 }
 
@@ -90,6 +111,15 @@ pub fn how_long(span: Span) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn instants_end_at_the_last_one_and_a_missing_one_takes_no_room() {
+        let last = Timestamp::from_nanos(u64::MAX);
+        assert_eq!((last, last + Span::from_secs(1)), (Timestamp::MAX, Timestamp::MAX));
+        assert_eq!(Timestamp::from_nanos(7).since(Timestamp::ZERO), Span::from_nanos(7));
+        assert_eq!(format!("{:?}", Timestamp::from_nanos(7)), "Timestamp(7)");
+        assert_eq!(size_of::<Option<Timestamp>>(), size_of::<u64>());
+    }
 
     #[test]
     fn a_duration_is_said_as_roughly_as_it_is_read() {

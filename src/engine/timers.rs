@@ -6,9 +6,6 @@ use std::collections::BinaryHeap;
 
 use super::time::Timestamp;
 
-/// The end of time, where deadlines lie that never come.
-const NEVER: Timestamp = Timestamp::from_nanos(u64::MAX);
-
 /// What a deadline belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum TimerKey {
@@ -41,7 +38,7 @@ impl Timers {
     pub(super) fn arm(&mut self, key: TimerKey, due: Timestamp) {
         let slot = self.slot(key);
         let is_new = slot.is_none();
-        if due < NEVER && slot.is_none_or(|queued| due < queued) {
+        if due < Timestamp::MAX && slot.is_none_or(|queued| due < queued) {
             *slot = Some(due);
             self.live += usize::from(is_new);
             self.heap.push(Reverse((due, key)));
@@ -143,7 +140,7 @@ mod tests {
                 // A far deadline, and a near one that comes up and leaves it behind.
                 timers.arm(key, Timestamp::from_millis(1_000_000));
                 timers.arm(key, Timestamp::from_millis(round));
-                timers.arm(key, NEVER);
+                timers.arm(key, Timestamp::MAX);
             }
             let mut up: Vec<_> =
                 keys.iter().filter_map(|_| timers.pop(Timestamp::from_millis(round))).collect();
@@ -153,7 +150,7 @@ mod tests {
             assert_eq!(up, expected);
         }
         assert!(timers.heap.len() <= 4 * keys.len() + SUPERSEDED_MAX, "{}", timers.heap.len());
-        timers.arm(TimerKey::Module(7), NEVER);
+        timers.arm(TimerKey::Module(7), Timestamp::MAX);
         assert_eq!(timers.live, 0);
     }
 

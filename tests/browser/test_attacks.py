@@ -81,23 +81,60 @@ def stop_during(client, attack, stops=STOPS):
     return took
 
 
-def test_stops_are_answered_beside_logins_that_are_not_ended(server, driving, trouble):
+def wrong_login(server):
+    body = "name=operator&secret=135791"
+    head = f"POST /login HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nOrigin: {server.url}\r\nConnection: close\r\n"
+    form = f"Content-Type: application/x-www-form-urlencoded\r\nContent-Length: {len(body)}\r\n\r\n"
+    return (head + form + body).encode()
+
+
+def too_large(server):
+    head = f"POST /login HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nOrigin: {server.url}\r\n"
+    form = "Content-Type: application/x-www-form-urlencoded\r\nContent-Length: 1000000000\r\n\r\n"
+    return (head + form).encode() + 16_000 * b"a"
+
+
+# What strangers send on each of so many connections.
+STRANGERS = {
+    "unfinished_logins": (128, unfinished_login),
+    "wrong_logins": (64, wrong_login),
+    "too_large_bodies": (128, too_large),
+    "unfinished_heads": (512, lambda server: b"GET / HTTP/1.1\r\nHost: 127"),
+    "silent_connections": (512, lambda server: b""),
+}
+# The memory of two hashes at once, 19 MiB each, and of the requests.
+KEPT_MB = 100
+
+
+@pytest.mark.parametrize("strangers", STRANGERS)
+def test_stops_are_answered_beside_strangers(server, driving, trouble, strangers):
     client = Client(server, *OPERATOR)
     client.stop()
-    attack = Attack(server, 128 * [unfinished_login(server)])
+    before_mb = megabytes(server.process.pid)
+    count, begin = STRANGERS[strangers]
+    attack = Attack(server, count * [begin(server)])
     try:
         took = stop_during(client, attack)
     finally:
         attack.close()
     assert max(took) < ANSWERED_WITHIN_S, took
     expect(driving.locator("body")).to_have_attribute("data-live", "live")
+    until(lambda: megabytes(server.process.pid) < before_mb + KEPT_MB, 5, "the memory returns")
 
 
 FRAGMENTS = b"\x01\x80\0\0\0\0" + b"\0\x80\0\0\0\0" * 20_000
 
 
+# Pings whose answers nobody reads.
+PINGS = b"\x89\xfd\0\0\0\0" + 125 * b"p"
+
+
 class Flood(Attack):
-    """Sockets of somebody who may only read, which send empty fragments without an end."""
+    """Sockets of somebody who may only read, which send empty fragments or pings without an end."""
+
+    def __init__(self, server, begins, said):
+        self.said = said
+        super().__init__(server, begins)
 
     def connect(self, begin):
         it = super().connect(begin)
@@ -105,13 +142,14 @@ class Flood(Attack):
         it.recv(4096)
         it.setblocking(False)
         try:
-            it.send(FRAGMENTS)
+            it.send(self.said)
         except OSError:
             pass
         return it
 
 
-def test_stops_are_answered_beside_sockets_that_send_without_an_end(server, driving, trouble):
+@pytest.mark.parametrize("said", [FRAGMENTS, 5_000 * PINGS], ids=["fragments", "pings"])
+def test_stops_are_answered_beside_sockets_that_send_without_an_end(server, driving, trouble, said):
     server.add_user("carl", "a long password", role="authority")
     client = Client(server, *OPERATOR)
     client.stop()
@@ -123,7 +161,7 @@ def test_stops_are_answered_beside_sockets_that_send_without_an_end(server, driv
         "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
         for reader in readers
     ]
-    attack = Flood(server, 16 * [upgrade.encode() for upgrade in upgrades])
+    attack = Flood(server, 16 * [upgrade.encode() for upgrade in upgrades], said)
     try:
         took = stop_during(client, attack)
     finally:

@@ -200,3 +200,23 @@ fn a_reload_gives_no_place_away_and_keeps_what_was_refused() {
     engine.reload(model(CONFIG), at(3500));
     assert_eq!(words(&engine.snapshot()), None);
 }
+
+#[test]
+fn a_name_that_stands_elsewhere_in_its_array_than_before_is_found_all_the_same() {
+    let mut engine = Engine::new(model(CONFIG), Timestamp::ZERO);
+    let states = |engine: &mut Engine, statuses: &[(&str, u8)], millis| {
+        let snapshot = report(engine, statuses, millis);
+        let state = |id| (snapshot.module(id).0.id.to_string(), snapshot.module(id).1.state);
+        let discovered = snapshot.module_ids().filter(|&id| snapshot.module(id).0.discovered);
+        discovered.map(state).map(|(name, state)| format!("{name} {state}")).collect::<Vec<_>>()
+    };
+    let (a, b, c) = ("sensors//sensors/a", "/fixed/b", "/fixed/c");
+    let first = states(&mut engine, &[("/sensors/a", 0), (b, 0), (c, 0)], 0);
+    assert_eq!(first, [format!("{a} ok"), format!("sensors/{b} ok"), format!("sensors/{c} ok")]);
+    let turned = states(&mut engine, &[(c, 2), ("/sensors/a", 0), (b, 1)], 10);
+    assert_eq!(turned, [format!("{a} ok"), format!("sensors/{b} warning"), format!("sensors/{c} error")]);
+    // Where it stood, one stands that left meanwhile, and one without a name.
+    tick(&mut engine, 2010);
+    let left = states(&mut engine, &[(c, 0), ("", 2), (b, 0)], 2020);
+    assert_eq!(left, [format!("sensors/{b} ok"), format!("sensors/{c} ok"), "other/ error".to_owned()]);
+}

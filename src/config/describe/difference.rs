@@ -163,8 +163,8 @@ fn modules(old: &Model, new: &Model, found: &mut Vec<Difference>) {
         // The group is in the id.
         let ModuleSpec { id: _, name, help, group: _, policy, when, depends_on, monitor } = module;
         vec![
-            ("name", wording(name.as_ref(), Wording::name)),
-            ("help", wording(help.as_ref(), Wording::help)),
+            ("name", wording(name.as_deref(), Wording::name)),
+            ("help", wording(help.as_deref(), Wording::help)),
             ("policy", words::policy(policy)),
             ("when", condition(model, when.as_ref())),
             ("depends_on", dependencies(model, depends_on)),

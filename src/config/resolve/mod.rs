@@ -283,8 +283,8 @@ fn modules(
         }
         specs.push(ModuleSpec {
             id: module.path.clone(),
-            name: raw.name.as_ref().map(|name| name.resolve(Wording::name)),
-            help: raw.help.as_ref().map(|help| help.resolve(Wording::help)),
+            name: raw.name.as_ref().map(|name| name.resolve(Wording::name).into()),
+            help: raw.help.as_ref().map(|help| help.resolve(Wording::help).into()),
             group: module.group,
             policy: Policy { writers, ..policy },
             when,

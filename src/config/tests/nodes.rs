@@ -307,12 +307,12 @@ fn words_are_written_for_all_or_for_each_level_and_stage() {
         loaded.model.modules[0].clone()
     };
     let plain = of("name: N, help: { en: H, de: G }");
-    assert_eq!(plain.name, Some(Wording::name("N".into())));
-    assert_eq!(plain.help, Some(Wording::help(Text { en: "H".into(), de: "G".into() })));
+    assert_eq!(plain.name, Some(Wording::name("N".into()).into()));
+    assert_eq!(plain.help, Some(Wording::help(Text { en: "H".into(), de: "G".into() }).into()));
     let each = of(
         "name: { error: E }, help: { warning: W, error: { standby: S, active: { en: A, de: B } }, unknown: U }",
     );
-    let said = |wording: &Option<Wording>, state, stage| {
+    let said = |wording: &Option<Arc<Wording>>, state, stage| {
         wording.as_ref().unwrap().of(state, stage).map_or(String::new(), |text| text.de.to_string())
     };
     assert_eq!(said(&each.name, State::Warning, Stage::Active), "");

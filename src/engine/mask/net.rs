@@ -8,8 +8,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::Arc;
 
-use super::node;
-use super::node::{Facts, GroupNode, ModuleKind, ModuleNode, Node};
+use super::node::{Facts, GroupNode, ModuleKind, ModuleNode, Node, Policies};
 use super::relevance::unmet;
 use super::rules;
 use crate::engine::model::{
@@ -51,7 +50,7 @@ pub(in crate::engine) struct Net {
     /// Relevant modules in ERROR by themselves, masked or not; `other` aside.
     pub(in crate::engine) own_errors: usize,
     /// Of the declared modules.
-    policies: Vec<Policy>,
+    policies: Policies,
     built_in_policy: Policy,
     queue: BinaryHeap<Reverse<(u32, Visit)>>,
     /// Modules that were made at run time so far.
@@ -74,14 +73,14 @@ impl Net {
         let any_unknown = model.groups.iter().any(|group| masks_unknown(&group.depends_on))
             || model.modules.iter().any(|module| masks_unknown(&module.depends_on));
         let mut net = Net {
-            groups: Vec::new(),
-            modules: Vec::new(),
+            groups: Vec::with_capacity(model.groups.len() + 2),
+            modules: Vec::with_capacity(model.modules.len() + SystemCheck::ALL.len()),
             root: Tally::default(),
             threshold: if any_unknown { State::Unknown } else { State::Error },
             locked: true,
             own_errors: 0,
             built_in_policy: system::policy(),
-            policies: node::policies(&model),
+            policies: Policies::of(&model),
             queue: BinaryHeap::new(),
             arrivals: 0,
             left: Vec::new(),
@@ -109,8 +108,12 @@ impl Net {
 
     /// Takes a report of a module. Returns whether its own state may have changed.
     pub(in crate::engine) fn report(&mut self, id: ModuleId, state: State, now: Timestamp) -> bool {
+        if self.modules[id.0 as usize].own.repeats(state, now) {
+            return false;
+        }
         let policy = self.policy(id).clone();
-        self.modules[id.0 as usize].own.report(state, &policy, now)
+        self.modules[id.0 as usize].own.report(state, &policy, now);
+        true
     }
 
     pub(in crate::engine) fn node(&self, id: NodeId) -> &Node {
@@ -143,7 +146,7 @@ impl Net {
 
     pub(in crate::engine) fn policy(&self, id: ModuleId) -> &Policy {
         match self.modules[id.0 as usize].kind {
-            ModuleKind::Declared => &self.policies[id.0 as usize],
+            ModuleKind::Declared => self.policies.get(id),
             ModuleKind::Discovered => self.discovered_policy(id),
             ModuleKind::BuiltIn | ModuleKind::Overflow | ModuleKind::Gone => &self.built_in_policy,
         }

@@ -2,7 +2,7 @@
 
 use crate::engine::model::{Model, Policy};
 use crate::engine::time::Span;
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 
 use super::rules::Standing;
 use crate::engine::model::{Dependency, GroupId, ModuleId, NodeId};
@@ -147,13 +147,34 @@ pub(in crate::engine) fn new_node(parent: Option<GroupId>, needs: &[Dependency])
     }
 }
 
-/// The policies of the declared modules. What a monitor judges by the clock never falls silent.
-pub(in crate::engine) fn policies(model: &Model) -> Vec<Policy> {
-    let policy = |spec: &crate::engine::model::ModuleSpec| {
-        let timeout =
-            if spec.monitor.by_the_clock() { Span::from_nanos(u64::MAX) } else { spec.policy.timeout };
-        let forget_after = spec.policy.forget_after.filter(|_| !spec.monitor.by_the_clock());
-        Policy { timeout, forget_after, ..spec.policy.clone() }
-    };
-    model.modules.iter().map(policy).collect()
+/// The policies of the declared modules, each once: nearly all modules have the same few.
+#[derive(Debug, Clone)]
+pub(in crate::engine) struct Policies {
+    distinct: Vec<Policy>,
+    /// By [`ModuleId`].
+    of_module: Vec<u32>,
+}
+
+impl Policies {
+    /// What a monitor judges by the clock never falls silent.
+    pub(in crate::engine) fn of(model: &Model) -> Policies {
+        let mut known: HashMap<Policy, u32> = HashMap::new();
+        let mut policies = Policies { distinct: Vec::new(), of_module: Vec::new() };
+        for spec in &model.modules {
+            let mut policy = spec.policy.clone();
+            if spec.monitor.by_the_clock() {
+                (policy.timeout, policy.forget_after) = (Span::from_nanos(u64::MAX), None);
+            }
+            let index = *known.entry(policy.clone()).or_insert_with(|| {
+                policies.distinct.push(policy);
+                policies.distinct.len() as u32 - 1
+            });
+            policies.of_module.push(index);
+        }
+        policies
+    }
+
+    pub(in crate::engine) fn get(&self, id: ModuleId) -> &Policy {
+        &self.distinct[self.of_module[id.0 as usize] as usize]
+    }
 }

@@ -229,7 +229,7 @@ impl Other {
 pub type NodeNames = Arc<[Arc<str>]>;
 
 /// How a module's reports become its own state (`ENGINE.md` 2).
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct Policy {
     /// Silence longer than this makes the module stale.
     pub timeout: Span,
@@ -270,9 +270,9 @@ pub struct ModuleSpec {
     /// `group/module`, with the whole path of the group.
     pub id: Arc<str>,
     /// What its fault is called.
-    pub name: Option<Wording>,
+    pub name: Option<Arc<Wording>>,
     /// What the operator should do about it.
-    pub help: Option<Wording>,
+    pub help: Option<Arc<Wording>>,
     pub group: GroupId,
     pub policy: Policy,
     pub when: Option<When>,

@@ -72,14 +72,20 @@ impl OwnState {
         self.made.is_some() && !self.latched && self.lapse_due(policy).is_some_and(|due| due <= now)
     }
 
-    /// A report arrived. Returns whether the own state may have changed: a repeated report
-    /// from a module that is not silent moves nothing but its age.
-    pub(super) fn report(&mut self, state: State, policy: &Policy, now: Timestamp) -> bool {
-        let heard = self.heard() && !std::mem::take(&mut self.cut_off);
-        self.received = Some(now);
-        if self.reported == Some(state) && heard {
-            return false;
+    /// Whether a report says what the one before said, of a module that is not silent: that moves nothing
+    /// but its age. Any other is for [`OwnState::report`].
+    pub(super) fn repeats(&mut self, state: State, now: Timestamp) -> bool {
+        let repeats = self.reported == Some(state) && self.heard() && !self.cut_off;
+        if repeats {
+            self.received = Some(now);
         }
+        repeats
+    }
+
+    /// A report arrived that is news.
+    pub(super) fn report(&mut self, state: State, policy: &Policy, now: Timestamp) {
+        self.cut_off = false;
+        self.received = Some(now);
         if self.silent && self.grace {
             // It was silent by right: what its silence would have come to holds nothing up.
             self.debounce = Debounce { state: self.reported, input: self.reported, ..Debounce::default() };
@@ -88,7 +94,6 @@ impl OwnState {
         self.silent = false;
         self.debounce.take(state, policy, now);
         self.judge(policy, now);
-        true
     }
 
     /// What was received is judged otherwise, by time or by what is known of its source: that ends

@@ -21,12 +21,17 @@ pub(in crate::engine) struct Route {
     pub(in crate::engine) position: u32,
     /// Some group that would have a module of it has none.
     lacking: bool,
+    /// The route of the name that stood behind this one in an array, or [`NOBODY`]: it most likely does again.
+    next: u32,
     /// Who said it, and what.
     pub(in crate::engine) voices: Voices,
     /// The array in which what was said of it does not count, as another writer says worse or this one may
     /// not say it.
     pub(in crate::engine) overruled: u64,
 }
+
+/// No route.
+const NOBODY: u32 = u32::MAX;
 
 impl Route {
     fn new(name: Arc<str>, number: u64, first: ModuleId) -> Route {
@@ -38,6 +43,7 @@ impl Route {
             array: 0,
             position: 0,
             lacking: false,
+            next: NOBODY,
             voices: Voices::default(),
             overruled: 0,
         }
@@ -89,9 +95,10 @@ pub(in crate::engine) struct Claim {
 
 impl Names {
     pub(in crate::engine) fn new(model: &Model) -> Names {
+        let declared = model.modules.iter().filter(|module| module.monitor.status().is_some()).count();
         let mut names = Names {
-            index: HashMap::new(),
-            routes: Vec::new(),
+            index: HashMap::with_capacity(declared),
+            routes: Vec::with_capacity(declared),
             free: Vec::new(),
             seen: 0,
             of_module: HashMap::new(),
@@ -100,7 +107,7 @@ impl Names {
         };
         for (index, module) in model.modules.iter().enumerate() {
             if let Some(status) = module.monitor.status() {
-                names.feed(status, ModuleId(index as u32));
+                names.feed(status.clone(), ModuleId(index as u32));
             }
         }
         names
@@ -108,6 +115,21 @@ impl Names {
 
     pub(in crate::engine) fn find(&self, name: &str) -> Option<u32> {
         self.index.get(name).copied()
+    }
+
+    /// The same for a name that stands behind another one in an array. Components say their names in the same
+    /// order each time, so nearly always it is where it was, and is not searched for.
+    pub(in crate::engine) fn find_behind(&mut self, before: Option<u32>, name: &str) -> Option<u32> {
+        let Some(before) = before else { return self.find(name) };
+        let guess = self.routes[before as usize].next;
+        let known = self.routes.get(guess as usize).is_some_and(|route| *route.name == *name);
+        // A route that nobody uses has no name, and a status may have none.
+        if known && !name.is_empty() {
+            return Some(guess);
+        }
+        let found = self.find(name)?;
+        self.routes[before as usize].next = found;
+        Some(found)
     }
 
     pub(in crate::engine) fn name(&self, route: u32) -> Arc<str> {
@@ -164,7 +186,7 @@ impl Names {
 
     /// Remembers that `name` feeds this module, which was made for it.
     pub(in crate::engine) fn discovered(&mut self, name: &str, module: ModuleId) -> u32 {
-        let route = self.feed(name, module);
+        let route = self.feed(name.into(), module);
         self.of_module.insert(module, route);
         self.bytes += name.len();
         route
@@ -215,12 +237,11 @@ impl Names {
         names.into_iter().map(|(_, name, route)| (&**name, self.modules(route))).collect()
     }
 
-    fn feed(&mut self, name: &str, module: ModuleId) -> u32 {
-        if let Some(route) = self.find(name) {
+    fn feed(&mut self, name: Arc<str>, module: ModuleId) -> u32 {
+        if let Some(route) = self.find(&name) {
             self.routes[route as usize].more.push(module);
             return route;
         }
-        let name: Arc<str> = name.into();
         self.seen += 1;
         let new = Route::new(name.clone(), self.seen, module);
         let route = match self.free.pop() {

@@ -70,9 +70,9 @@ pub(in crate::engine) fn layout(model: &Model) -> Layout {
         groups[system.0 as usize].modules.push(ModuleId(modules.len() as u32));
         modules.push(Arc::new(ModuleInfo {
             id: check.id().into(),
-            name: Some(Wording::name(check.name())),
+            name: Some(Wording::name(check.name()).into()),
             // A machine without stages is not driven: the page has words for it.
-            help: (model.stages == StageModel::Shuttle).then(|| check.help()),
+            help: (model.stages == StageModel::Shuttle).then(|| check.help().into()),
             group: system,
             status: None,
             writers: None,

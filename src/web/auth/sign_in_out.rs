@@ -244,7 +244,11 @@ impl LoginAttempt {
     ) -> Result<(Token, Written), NotOpened> {
         let mut writing = Box::pin(app.store.enter(entering, records, self.until));
         if let Some(written) = app.by(self.until, &mut writing).await {
-            return Ok(written?);
+            return Ok(written.inspect_err(|error| {
+                if matches!(error, StoreError::TooLate) {
+                    app.owe(self.record(Action::Login).refused(LATE));
+                }
+            })?);
         }
         tracing::error!("the disk does not answer, so nobody is logged in");
         app.undo_late(writing.map_ok(|(_, written)| written), self.record(Action::Login));

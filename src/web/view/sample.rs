@@ -282,8 +282,8 @@ pub fn parts() -> Parts {
         ..group(path, text(en, de))
     });
     let modules = MODULES.iter().map(|&(index, name, [en, de, help_en, help_de])| ModuleSpec {
-        name: Some(Wording::name(text(en, de))),
-        help: Some(Wording::help(text(help_en, help_de))),
+        name: Some(Wording::name(text(en, de)).into()),
+        help: Some(Wording::help(text(help_en, help_de)).into()),
         ..module(COMPONENTS[index].0, index as u32, name)
     });
     Parts {

@@ -17,6 +17,8 @@ const SAMPLES_DRAWN: usize = 30;
 const VALUES: usize = 16;
 /// Values of all modules that are followed; those that come later have no past.
 const SERIES: usize = 20_000;
+/// A value with a longer key is not followed: 20,000 keys take 5 MB at most.
+const KEY_BYTES: usize = 256;
 
 /// Points of a line as wide as a word, and of one as wide as a column.
 pub const POINTS_SMALL: usize = 36;
@@ -110,6 +112,7 @@ impl Module {
         let numbers: Vec<(&str, f32)> = report
             .values
             .iter()
+            .filter(|(key, _)| key.len() <= KEY_BYTES)
             .filter_map(|(key, value)| Some((&**key, number(value)?)))
             .take(VALUES)
             .collect();
@@ -188,8 +191,11 @@ mod tests {
     fn a_number_gets_a_past_and_silence_a_gap() {
         let trends = Trends::default();
         let mut sample = Sample::shuttle(true);
+        let long = "k".repeat(KEY_BYTES + 1);
         for value in ["1.0", "3.0", "2.0"] {
-            sample = sample.report("can/battery", 0, "fine", &[("v", value), ("word", "high")]).pass(2);
+            sample = sample
+                .report("can/battery", 0, "fine", &[(&long, "1"), ("v", value), ("word", "high")])
+                .pass(2);
             trends.sample(&sample.snapshot());
             trends.sample(&sample.snapshot());
         }

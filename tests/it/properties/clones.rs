@@ -32,7 +32,7 @@ proptest! {
         let mut choices = Choices::new(&numbers);
         let model = model(&mut choices);
         let history = history(&mut choices);
-        let (past, future) = history.split_at(pick % history.len());
+        let (past, future) = history.split_at(pick % (history.len() + 1));
         let mut engine = Engine::new(model, Timestamp::ZERO);
         engine.keep_events();
         feed(&mut engine, past);

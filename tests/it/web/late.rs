@@ -14,6 +14,7 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
 use super::fixture::{Answer, Fixture, as_program, form_request, settled, until};
+use super::overdue::Disk;
 
 /// An operator at a vehicle that stands, whose taps wait between their judgement and the disk.
 struct Scene {
@@ -38,6 +39,10 @@ impl Judged {
 impl Scene {
     async fn standing() -> Scene {
         let (fixture, hand) = Fixture::with_hand().await;
+        Scene::standing_in(fixture, hand).await
+    }
+
+    async fn standing_in(fixture: Fixture, hand: ClockHand) -> Scene {
         let cookie = fixture.cookie_of("operator").await;
         for status in ["lidar", "imu", "tf", "planner"] {
             fixture.status(status, 0, "fine").await;
@@ -286,6 +291,9 @@ async fn a_login_that_waits_too_long_or_for_nobody_changes_nothing() {
             judged.go_on();
             let answer = hand_over.await.unwrap();
             assert_eq!((answer.status, answer.cookie()), (StatusCode::SERVICE_UNAVAILABLE, None));
+            let owed = || scene.fixture.app.owed().all();
+            let why = Some("the disk did not answer in time");
+            until(async || owed().iter().any(|it| it.refusal.as_deref() == why)).await;
         } else {
             // The browser goes away.
             hand_over.abort();
@@ -317,4 +325,35 @@ async fn a_logout_that_waits_too_long_changes_nothing() {
     let owed = || scene.fixture.app.waiting_records().all();
     let why = Some("the disk did not answer in time");
     until(async || owed().iter().any(|it| it.refusal.as_deref() == why)).await;
+}
+
+#[tokio::test]
+async fn a_logout_that_the_disk_writes_after_its_time_is_undone() {
+    let (disk, fixture, hand) = Disk::with_fixture("late-logout").await;
+    let mut scene = Scene::standing_in(fixture, hand).await;
+    // On a busy machine the disk may get to it too late to begin: then it is not written at all.
+    for _ in 0..20 {
+        let logout = scene.fixture.start(as_program(form_request("/logout", Some(&scene.cookie), "")));
+        let judged = scene.judged().await;
+        disk.run("BEGIN IMMEDIATE");
+        scene.hand.advance(Span::from_millis(3800));
+        judged.go_on();
+        let answer = logout.await.unwrap();
+        assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE, "{}", answer.body);
+        disk.run("COMMIT");
+        let mut log = Vec::new();
+        until(async || {
+            log = scene.log(2).await;
+            log[0].action == "logout" && log[0].outcome.starts_with("refused")
+        })
+        .await;
+        assert_eq!(log[0].outcome, "refused: the disk did not answer in time");
+        assert!(scene.session().is_open());
+        assert_eq!(scene.fixture.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
+        assert_eq!(scene.standing_so().0, Stage::Standby);
+        if (&*log[1].action, &*log[1].outcome) == ("logout", "done") {
+            return;
+        }
+    }
+    panic!("no logout was written late");
 }

@@ -21,13 +21,13 @@ const fn hours(count: u64) -> Span {
 }
 
 /// A data folder, and its database beside those who use it.
-struct Disk {
+pub struct Disk {
     folder: PathBuf,
     database: Connection,
 }
 
 impl Disk {
-    async fn with_fixture(name: &str) -> (Disk, Fixture, ClockHand) {
+    pub async fn with_fixture(name: &str) -> (Disk, Fixture, ClockHand) {
         let folder = std::env::temp_dir().join(format!("telltale-overdue-{name}-{}", std::process::id()));
         let _ = std::fs::remove_dir_all(&folder);
         let (clock, hand) = Clock::with_hand();
@@ -37,7 +37,7 @@ impl Disk {
         (Disk { folder, database }, fixture, hand)
     }
 
-    fn run(&self, sql: &str) {
+    pub fn run(&self, sql: &str) {
         self.database.execute_batch(sql).unwrap();
     }
 }

@@ -102,9 +102,10 @@ fn a_warning_has_no_words_of_the_error() {
     let mut parts = parts();
     let bus = parts.modules.iter_mut().find(|module| &*module.id == "can/bus").unwrap();
     let always = |text: &str| ByStage::Always(text.into());
-    bus.name =
-        Some(Wording { warning: always("Bus slow"), unknown: always("Bus unknown"), ..Wording::default() });
-    bus.help = Some(Wording { warning: always("Drive on."), ..Wording::default() });
+    bus.name = Some(
+        Wording { warning: always("Bus slow"), unknown: always("Bus unknown"), ..Wording::default() }.into(),
+    );
+    bus.help = Some(Wording { warning: always("Drive on."), ..Wording::default() }.into());
     let of = |level| driving(parts.clone()).report("can/bus", level, "m", &[]).pass(1).published();
     check(&of(1), Lang::En, "causes", &["Bus slow", "Drive on."], &["You may go on"]);
     check(&of(2), Lang::En, "causes", &["CAN: Error", "Be ready to take over."], &["Bus slow", "Drive on."]);
@@ -167,7 +168,7 @@ fn three_places(named: bool) -> ModelParts {
     for (group, id) in [("sensors", 0), ("can", 4), ("mission", 5)] {
         let mut place = module(group, id, "shared");
         place.monitor = MonitorSpec::SelfState { status: "shared: status".into() };
-        place.name = named.then(|| Wording::name("Power unstable".into()));
+        place.name = named.then(|| Wording::name("Power unstable".into()).into());
         parts.modules.push(place);
     }
     parts
