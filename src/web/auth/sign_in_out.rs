@@ -246,7 +246,7 @@ impl LoginAttempt {
         if let Some(written) = app.by(self.until, &mut writing).await {
             return Ok(written.inspect_err(|error| {
                 if matches!(error, StoreError::TooLate) {
-                    app.owe(self.record(Action::Login).refused(LATE));
+                    app.record_later(self.record(Action::Login).refused(LATE));
                 }
             })?);
         }

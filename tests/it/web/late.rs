@@ -291,7 +291,7 @@ async fn a_login_that_waits_too_long_or_for_nobody_changes_nothing() {
             judged.go_on();
             let answer = hand_over.await.unwrap();
             assert_eq!((answer.status, answer.cookie()), (StatusCode::SERVICE_UNAVAILABLE, None));
-            let owed = || scene.fixture.app.owed().all();
+            let owed = || scene.fixture.app.waiting_records().all();
             let why = Some("the disk did not answer in time");
             until(async || owed().iter().any(|it| it.refusal.as_deref() == why)).await;
         } else {
