@@ -114,19 +114,14 @@
 
   // --- sending
 
-  // The socket that brings the heartbeats, and the callbacks for answers on it, by the name of the tap.
-  let socket = null;
+  // Who waits for an answer on the socket that brings the heartbeats, by the name of the tap.
   const asked = new Map();
 
-  document.addEventListener("htmx:ws:after:connection", (event) => {
-    socket = event.detail.connection.socket;
-    socket.addEventListener("message", ({ data }) => {
-      if (typeof data !== "string") return;
-      if (data.startsWith('{"hand_over":')) return sayHandOver(JSON.parse(data).hand_over);
-      if (!data.startsWith('{"tap":')) return;
-      const { tap, status, said } = JSON.parse(data);
-      asked.get(tap)?.({ status, said });
-    });
+  // Without it nothing is sent, and the page covers itself.
+  const { live } = globalThis.telltale ?? {};
+  live?.listen(({ hand_over: words, tap, status, said }) => {
+    if (words !== undefined) sayHandOver(words);
+    else if (tap !== undefined) asked.get(tap)?.({ status, said });
   });
 
   // Another operator takes over a driving vehicle.
@@ -137,6 +132,7 @@
 
   const bySocket = (fields) =>
     new Promise((resolve, reject) => {
+      const { socket } = live;
       if (socket?.readyState !== WebSocket.OPEN) return reject(new Error("no socket is open"));
       const tap = fields.get("tap");
       const forget = (settle, value) => asked.delete(tap) && settle(value);
@@ -171,7 +167,7 @@
     const { act } = form.dataset;
     const address = form.action;
     const fields = new URLSearchParams(new FormData(form, button));
-    fields.set("beat", globalThis.telltale?.beatAt ?? "");
+    fields.set("beat", live.beatAt);
     const { status, said } = await (act === "stop" ? stopByBoth(address, fields) : byPost(address, fields, "auto"));
     if (status === 401) return location.assign("/login");
     if (status === 200) {
@@ -196,7 +192,7 @@
     if (!form) return;
     event.preventDefault();
     const address = form.action;
-    if (body.dataset.live !== "live") return show("unsent", address);
+    if (!live?.isLive) return show("unsent", address);
     // A stop waits for no answer.
     const waits = form.dataset.act !== "stop" && (sent.has(address) || sent.size >= SENT_MAX);
     if (waits) return show("waiting", address);

@@ -1,5 +1,5 @@
-// Updates the hidden panels behind the tiles and on sheets, by the ids of their elements. An open panel is
-// updated as messages come, a closed one before it is opened. All others follow bit by bit.
+// The operator's page: takes in what stands behind the tiles and on sheets, element by element. An open
+// panel is brought up to date at once, one that is opened before it is seen; hidden ones follow bit by bit.
 (() => {
   "use strict";
   const APART_MS = 150;

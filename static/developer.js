@@ -1,37 +1,21 @@
-// Keeps a developer page live. The address is the page's whole state and the server renders it; this script
-// requests it again when the server's pulse announces news. Links to other developer pages replace the main
-// part of this page without loading a document. The page says by itself when its content is old.
+// The developer's pages: the address is a page's whole state, and the server renders it. This script asks
+// for it again when the server has news, and brings other developer's pages into the frame that stands.
 (() => {
   "use strict";
-  const STALE_MS = 1000;
-  const DEAD_MS = 2000;
-  const CHECK_MS = 100;
   // Between two answers: four a second look live.
   const RENEW_MIN_MS = 250;
   const ANSWER_MS = 5000;
   // Without the announced news for this long the page is stale, and then dead.
   const BEHIND_STALE_MS = 2000;
   const BEHIND_DEAD_MS = 5000;
-  const RECONNECT_MS = 500;
-  const HANG_MS = 4000;
-  // A socket that is being opened gets longer: the server has just answered.
-  const OPENING_MS = 15000;
   const SCROLLED_MS = 150;
-  const RENEWAL = { "Telltale-Renewal": "1" };
 
   const root = document.documentElement;
   const body = document.body;
-  const mark = document.querySelector("#live .pulse");
-  const clock = document.getElementById("clock");
   const stage = document.getElementById("dev-stage");
   const main = () => document.querySelector("main");
   const content = () => document.getElementById("dev");
 
-  const lag = new Lag();
-  const server = new Server();
-  let lastBeat = performance.now();
-  let late_ms = 0;
-  let everBeat = false;
   let newest = Number(content().dataset.revision);
   // A locked vehicle has another page, except for pages that say nothing about its parts.
   const locked = body.dataset.stage === "locked";
@@ -39,9 +23,7 @@
   let renewedAt = performance.now();
   let asking = null;
 
-  const setText = (element, text) => {
-    if (element.textContent !== text) element.textContent = text;
-  };
+  const { setText } = Live;
 
   const localTimes = (part) => {
     for (const time of part.querySelectorAll("time.clock")) {
@@ -73,7 +55,7 @@
     const abort = new AbortController();
     asking = abort;
     const limit = setTimeout(() => abort.abort(), ANSWER_MS);
-    const headers = { "Telltale-Part": part, ...(byItself && RENEWAL) };
+    const headers = { "Telltale-Part": part, ...(byItself && Live.RENEWAL) };
     try {
       const answer = await fetch(address, { headers, cache: "no-store", signal: abort.signal });
       if (answer.redirected) return void location.assign(answer.url);
@@ -88,7 +70,6 @@
       if (element.dataset.frame !== undefined && element.dataset.frame !== frame) throw new Error("another frame");
       // Prepared before the comparison, so that unchanged elements stay untouched.
       localTimes(element);
-      dispatchEvent(new CustomEvent("telltale:ready", { detail: element }));
       return element;
     } catch (error) {
       if (asking !== abort) return undefined;
@@ -125,6 +106,10 @@
     title.focus({ preventScroll: true });
   };
 
+  // Sizes that a script has set stay, and so does what somebody types.
+  const beforeAttributeUpdated = (name, element) =>
+    name !== "style" && !(name === "value" && element === document.activeElement);
+
   const renew = async (byItself) => {
     // If the next request came before the answer, the page and its address differ.
     const isOther = pageOf(location) !== standing;
@@ -132,7 +117,7 @@
       const fresh = await ask(location.href, isOther ? "main" : "content", byItself);
       if (!fresh) return;
       if (isOther) return stand(fresh, location);
-      morph(content(), fresh);
+      Idiomorph.morph(content(), fresh, { callbacks: { beforeAttributeUpdated } });
       shown();
     } catch {
       // A failed request shows as the age of the page; the content always belongs to the address.
@@ -143,7 +128,7 @@
   const renewIfDue = () => {
     const every = Number(content().dataset.renew);
     const wait = performance.now() - renewedAt;
-    if (asking || wait < RENEW_MIN_MS || document.hidden || !everBeat) return;
+    if (asking || wait < RENEW_MIN_MS || document.hidden || !live.everBeat) return;
     if (content().dataset.static !== undefined) return;
     const news = Number(content().dataset.revision) < newest;
     if (news || (every > 0 && wait >= every)) renew(true);
@@ -151,62 +136,34 @@
 
   // --- live, stale, dead
 
-  const judge = () => {
-    const now = performance.now();
-    const age = now - lastBeat + late_ms;
-    const behind = behindSince === null ? 0 : now - behindSince;
-    const live =
-      age >= DEAD_MS || behind >= BEHIND_DEAD_MS ? "dead"
-      : age >= STALE_MS || behind >= BEHIND_STALE_MS || !everBeat ? "stale"
-      : "live";
-    if (body.dataset.live !== live) body.dataset.live = live;
-    renewIfDue();
+  // News that is not on the page ages it slower than silence does.
+  const behind = (now) => {
+    const waited = behindSince === null ? 0 : now - behindSince;
+    return waited >= BEHIND_DEAD_MS ? Live.DEAD_MS : waited >= BEHIND_STALE_MS ? Live.STALE_MS : 0;
   };
 
   const beat = (message) => {
-    lastBeat = performance.now();
-    late_ms = lag.of(message);
-    everBeat = true;
-    delete body.dataset.waiting;
-    mark.dataset.phase = message.beat % 8;
-    setText(clock, new Date(message.at).toTimeString().slice(0, 8));
     body.dataset.stage = message.stage;
     stage.dataset.overall = message.overall;
     setText(stage.querySelector(".word"), message.word);
     // Another configuration or another server counts anew.
     newest = message.revision;
     const renews = content().dataset.static === undefined;
-    if (renews && Number(content().dataset.revision) < newest && !document.hidden) behindSince ??= lastBeat;
+    if (renews && Number(content().dataset.revision) < newest && !document.hidden) behindSince ??= performance.now();
     if (renews && (message.stage === "locked") !== locked) location.reload();
-    judge();
   };
 
+  let socket = null;
   const connect = () => {
-    lag.try();
-    const socket = new WebSocket(body.dataset.socket);
-    let tried = performance.now();
-    let opened = false;
-    const hang = setInterval(() => {
-      const now = performance.now();
-      const isBad = now - lastBeat > HANG_MS || late_ms >= STALE_MS;
-      if (isBad && now - tried > (opened ? HANG_MS : OPENING_MS)) socket.close();
-    }, CHECK_MS);
-    socket.addEventListener("open", () => {
-      lag.open();
-      opened = true;
-      tried = performance.now();
-    });
-    socket.addEventListener("message", ({ data }) => beat(JSON.parse(data)));
-    socket.addEventListener("close", async ({ code }) => {
-      clearInterval(hang);
-      if (code === 1008) return location.assign("/login");
-      if (!opened) await server.leaveIfLoggedOut("/developer");
-      setTimeout(async () => {
-        await server.answers();
-        connect();
-      }, RECONNECT_MS);
-    });
+    const it = new WebSocket(body.dataset.socket);
+    socket?.close();
+    socket = it;
+    it.addEventListener("open", () => live.opened(it));
+    // Unless it was replaced.
+    it.addEventListener("close", ({ code }) => it === socket && live.closed(code));
   };
+
+  const live = new Live({ address: "/developer", connect, beat, judged: renewIfDue, behind });
 
   // --- another address
 
@@ -308,6 +265,5 @@
   localTimes(document);
   dressForms();
   addEventListener("DOMContentLoaded", takePlace);
-  connect();
-  setInterval(judge, CHECK_MS);
+  live.connect();
 })();

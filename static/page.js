@@ -1,4 +1,4 @@
-// The functions that every page has without the server: its colours and its language.
+// Every page: the buttons for day or night and for the language.
 (() => {
   "use strict";
   const root = document.documentElement;

@@ -1,4 +1,4 @@
-// The display of the vehicle: it stays awake, and remembers the names that were used at it.
+// The operator's display: keeps it awake, and remembers the names of those who logged in there.
 (() => {
   "use strict";
   const NAMES = "telltale.names";

@@ -1,6 +1,5 @@
-// One sound for each alarm that calls: none for modules that a root cause masks, none when an alarm moves
-// to its cause, none for further alarms of a component at the same time, and none twice. The sound is
-// generated, so it needs no file.
+// The operator's sound: one for each alarm that calls. None for what a root cause masks, none when an alarm moves
+// to its cause, none for more that a component raises at once, none twice. Made here, so that it needs no file.
 (() => {
   "use strict";
   const HEARD = "telltale.heard";

@@ -1,5 +1,5 @@
-// Functions of single developer pages (the fields of the timeline, the size of the graph) and keyboard
-// shortcuts. It listens at the document, because pages come and go.
+// The developer's pages: the fields of the timeline, the size of the graph, and the keys.
+// All of it listens at the document, because pages come and go.
 (() => {
   "use strict";
 
@@ -160,13 +160,13 @@
 
   // --- pages that come, and what of them changes
 
-  addEventListener("telltale:ready", ({ detail: part }) => {
-    const graph = part.querySelector("#graph");
+  const resize = () => {
+    const graph = document.getElementById("graph");
     if (graph) size(graph);
-  });
+  };
   const begin = () => document.getElementById("graph") && whole();
   addEventListener("telltale:page", begin);
-  addEventListener("telltale:shown", follow);
+  for (const fit of [follow, resize]) addEventListener("telltale:shown", fit);
   begin();
   follow();
 })();

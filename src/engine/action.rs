@@ -1,7 +1,7 @@
 //! What an operator may do, and the engine's answer.
 
 use super::model::Stage;
-use super::model::countermeasure::Kind;
+use super::model::countermeasure::RequestKind;
 use super::state::State;
 
 /// What an operator may do. Whether it is granted is the engine's answer, see [`Response`].
@@ -107,9 +107,9 @@ pub enum Refusal {
         module: Box<str>,
     },
     /// A countermeasure is engaged or not released yet.
-    Countermeasure(Kind),
+    Countermeasure(RequestKind),
     /// Nobody hears what the vehicle may have to be asked for.
-    NobodyListens(Kind),
+    NobodyListens(RequestKind),
     /// The configuration publishes no request to stop.
     StopNotPublished,
     /// The display confirmed no recent frame.

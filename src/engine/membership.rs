@@ -91,7 +91,10 @@ impl Engine {
                 .iter()
                 .map(|alarm| alarm.node)
                 .chain(
-                    self.measures.held().iter().flat_map(|held| held.causes.iter().map(|cause| cause.node)),
+                    self.countermeasures
+                        .held()
+                        .iter()
+                        .flat_map(|held| held.causes.iter().map(|cause| cause.node)),
                 )
                 .chain(self.events.nodes())
                 .collect();

@@ -45,7 +45,7 @@ use module::system::{ReceptionCheck, SystemCheck};
 use module::writers::Voice;
 use monitor::feeds::Watching;
 use react::alarms::Alarms;
-use react::held::Measures;
+use react::held::Countermeasures;
 use react::warnings::Warnings;
 use signals::Signals;
 use snapshot::{Counters, Snapshot};
@@ -72,7 +72,7 @@ pub struct Engine {
     causes: Causes,
     alarms: Alarms,
     warnings: Warnings,
-    measures: Measures,
+    countermeasures: Countermeasures,
     told: Told,
     /// After a start: until then nobody need have said whether the vehicle drives.
     active_by: Timestamp,
@@ -127,7 +127,7 @@ impl Engine {
             causes: Causes::default(),
             alarms: Alarms::default(),
             warnings: Warnings::default(),
-            measures: Measures::new(&model),
+            countermeasures: Countermeasures::new(&model),
             told: Told::default(),
             active_by: now,
             led: true,
@@ -243,7 +243,7 @@ impl Engine {
             TimerKey::Reception => self.judge_reception(),
             TimerKey::Disputes => self.judge_disputes(),
             // Settling looks at them.
-            TimerKey::Localization | TimerKey::Measures | TimerKey::Active | TimerKey::Searched => {
+            TimerKey::Localization | TimerKey::Countermeasures | TimerKey::Active | TimerKey::Searched => {
                 self.led = true;
             }
             TimerKey::Monitor(index) => {
@@ -362,7 +362,7 @@ impl Engine {
         let changes = std::mem::take(&mut self.net.changes);
         for change in &changes {
             self.causes.note(&self.net, change);
-            self.measures.note(change);
+            self.countermeasures.note(change);
             self.led |= self.warnings.note(&self.net, change);
             self.views.follow(&self.net, change, self.now);
             if let NodeId::Module(id) = change.node {

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 pub use super::counters::{Counters, Reception};
 use super::input::Refusal;
-use super::model::countermeasure::{Kind, Request};
+use super::model::countermeasure::{Request, RequestKind};
 use super::model::output::Output;
 use super::model::wording::Wording;
 use super::model::{DependsOn, GroupId, ModuleId, NodeId, NodeNames, Other, Stage, Stop};
@@ -75,7 +75,7 @@ impl Snapshot {
     /// Whether to ask for the maneuver component's own stop; a level for its topic. A stronger
     /// request beside it does not take it back.
     pub fn maneuver_stop(&self) -> bool {
-        self.countermeasures.iter().any(|it| it.request.kind() == Kind::ManeuverStop)
+        self.countermeasures.iter().any(|it| it.request.kind() == RequestKind::ManeuverStop)
     }
 
     /// Whether the operator asked for a stop that is not over.
@@ -314,15 +314,15 @@ pub struct Countermeasure {
     /// The operator asked for it too.
     pub by_operator: bool,
     /// The root causes, at most 64; those that are over stay until they are acknowledged.
-    pub causes: Arc<[MeasureCause]>,
+    pub causes: Arc<[CountermeasureCause]>,
     pub since: Timestamp,
-    pub state: MeasureState,
+    pub state: CountermeasureState,
     /// No cause is there any more: it waits for the operator's acknowledgement alone.
     pub latched: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct MeasureCause {
+pub struct CountermeasureCause {
     pub node: NodeId,
     /// It is there still.
     pub present: bool,
@@ -331,7 +331,7 @@ pub struct MeasureCause {
 
 /// How far a request is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum MeasureState {
+pub enum CountermeasureState {
     /// It is made; the vehicle has not confirmed it, or never does by its configuration.
     Requested,
     /// The vehicle confirmed that it does what was asked.
@@ -340,13 +340,13 @@ pub enum MeasureState {
     Unconfirmed,
 }
 
-impl MeasureState {
+impl CountermeasureState {
     /// The word on the wire.
     pub const fn as_str(self) -> &'static str {
         match self {
-            MeasureState::Requested => "requested",
-            MeasureState::Engaged => "engaged",
-            MeasureState::Unconfirmed => "unconfirmed",
+            CountermeasureState::Requested => "requested",
+            CountermeasureState::Engaged => "engaged",
+            CountermeasureState::Unconfirmed => "unconfirmed",
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::scenario::{What, seconds, why_of, why_word};
 use crate::engine::model::NodeId;
-use crate::engine::model::countermeasure::Kind;
+use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::snapshot::{NotRelevant, Reason, Snapshot};
 use crate::engine::state::State;
 
@@ -16,7 +16,7 @@ pub(super) fn compare(snapshot: &Snapshot, alarms: u64, what: &What) -> Result<(
         What::Overall(state) => plain("the vehicle", state.to_string(), snapshot.overall.to_string()),
         What::Alarms(count) => plain("the number of alarms", count.to_string(), alarms.to_string()),
         What::Countermeasure(kind) => {
-            let word = |kind: Option<Kind>| kind.map_or("none", Kind::as_str).to_owned();
+            let word = |kind: Option<RequestKind>| kind.map_or("none", RequestKind::as_str).to_owned();
             let got = snapshot.countermeasure().map(|it| it.request.kind());
             plain("the countermeasure", word(*kind), word(got))
         }

@@ -13,7 +13,7 @@ use super::scenario_sample::Stamp;
 use crate::engine::Engine;
 use crate::engine::event;
 use crate::engine::input::{Input, Response};
-use crate::engine::model::countermeasure::Kind;
+use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::model::{GroupId, Model, NodeId, Stage};
 use crate::engine::snapshot::{Reason, Snapshot};
 use crate::engine::state::State;
@@ -92,7 +92,7 @@ pub enum What {
     /// Alarms raised since the start; an alarm that moved to its cause counts once.
     Alarms(u64),
     /// The strongest countermeasure that is held.
-    Countermeasure(Option<Kind>),
+    Countermeasure(Option<RequestKind>),
     /// All active alarms: their numbers and nodes.
     ActiveAlarms(Vec<(String, String)>),
 }

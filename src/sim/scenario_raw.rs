@@ -7,7 +7,7 @@ use super::scenario_operator::operator;
 use super::scenario_sample::{RawListeners, RawProbe, RawPublishers, RawSample, Stamp};
 use crate::engine::input::OperatorAction;
 use crate::engine::model::Stage;
-use crate::engine::model::countermeasure::Kind as Measure;
+use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::state::State;
 use crate::engine::time::{self, Timestamp};
 use crate::yaml::decode::{Entries, scalar, scaled, word};
@@ -327,10 +327,10 @@ impl FromNode for RawExpect {
             what.push((alarms.span, What::ActiveAlarms(named.collect())));
         }
         if let Some(node) = fields.node("countermeasure") {
-            let words = [("none", None), ("notify", Some(Measure::Notify))];
-            let words = words
-                .into_iter()
-                .chain([Measure::ManeuverStop, Measure::Decelerate].map(|it| (it.as_str(), Some(it))));
+            let words = [("none", None), ("notify", Some(RequestKind::Notify))];
+            let words = words.into_iter().chain(
+                [RequestKind::ManeuverStop, RequestKind::Decelerate].map(|it| (it.as_str(), Some(it))),
+            );
             let kind = word(node, fields.log, "countermeasure", &words.collect::<Vec<_>>());
             what.extend(kind.map(|kind| (node.span, What::Countermeasure(kind))));
         }

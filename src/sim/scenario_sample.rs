@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::engine::input::{Input, ListenNews};
 use crate::engine::model::Model;
-use crate::engine::model::countermeasure::Kind as Measure;
+use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::model::monitors::{FieldKind, ProbeTarget, TopicSpec};
 use crate::engine::model::output::Output;
 use crate::engine::model::sample::{
@@ -145,14 +145,14 @@ impl FromNode for RawPublishers {
 /// request.
 #[derive(Debug)]
 pub(super) struct RawListeners {
-    request: Spanned<Measure>,
+    request: Spanned<RequestKind>,
     count: u64,
 }
 
 impl FromNode for RawListeners {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let mut fields = Fields::of(node, "a step of listeners", log)?;
-        let kinds = [Measure::ManeuverStop, Measure::Decelerate].map(|kind| (kind.as_str(), kind));
+        let kinds = [RequestKind::ManeuverStop, RequestKind::Decelerate].map(|kind| (kind.as_str(), kind));
         let request = fields.node("request").and_then(|node| {
             let value = word(node, fields.log, "request", &kinds)?;
             Some(Spanned { value, span: node.span })

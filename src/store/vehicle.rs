@@ -10,7 +10,7 @@ use super::unix_time::{from_unix_ms, to_unix_ms};
 use super::{Database, Store, StoreError};
 use crate::engine::model::Stage;
 use crate::engine::model::countermeasure::Request;
-use crate::engine::restart::resume::{Restored, RestoredAlarm, RestoredMeasure};
+use crate::engine::restart::resume::{Restored, RestoredAlarm, RestoredCountermeasure};
 use crate::engine::snapshot::MapPose;
 use crate::engine::time::{Span, Timestamp};
 
@@ -179,7 +179,7 @@ fn read_first(row: &Row<'_>) -> rusqlite::Result<Restored> {
     })
 }
 
-fn read_measures(connection: &Connection) -> Result<Vec<RestoredMeasure>, StoreError> {
+fn read_measures(connection: &Connection) -> Result<Vec<RestoredCountermeasure>, StoreError> {
     let mut query = connection
         .prepare("SELECT number, request, mps2, by_operator FROM countermeasures ORDER BY number")?;
     let mut causes = connection
@@ -196,7 +196,7 @@ fn read_measures(connection: &Connection) -> Result<Vec<RestoredMeasure>, StoreE
         };
         let causes = causes.query_map([row.get::<_, i64>(0)?], |row| Ok((row.get(0)?, row.get(1)?)))?;
         let causes = causes.collect::<Result<_, _>>()?;
-        measures.push(RestoredMeasure { request, by_operator: row.get(3)?, causes });
+        measures.push(RestoredCountermeasure { request, by_operator: row.get(3)?, causes });
     }
     Ok(measures)
 }
@@ -226,8 +226,16 @@ mod tests {
             last_alarm: 9,
             accepted: vec!["can".into(), "sensors/imu".into()],
             countermeasures: vec![
-                RestoredMeasure { request: Request::Decelerate { mps2: 1.25 }, by_operator: false, causes },
-                RestoredMeasure { request: Request::ManeuverStop, by_operator: true, causes: Vec::new() },
+                RestoredCountermeasure {
+                    request: Request::Decelerate { mps2: 1.25 },
+                    by_operator: false,
+                    causes,
+                },
+                RestoredCountermeasure {
+                    request: Request::ManeuverStop,
+                    by_operator: true,
+                    causes: Vec::new(),
+                },
             ],
         }
     }

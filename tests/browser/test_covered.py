@@ -1,9 +1,11 @@
 """If the page's own scripts do not run, everything about the vehicle is covered after a time."""
 
+import contextlib
+
 import pytest
 from playwright.sync_api import expect
 
-from vehicle import OPERATOR, Client, until
+from vehicle import OPERATOR, Client, Vehicle, serving, until
 
 # What may still be visible in place of the vehicle.
 BRIGHT = """() => [...document.querySelectorAll(".measure *, .measure, .tile > .icon, .cause, .actions *, .panel *")]
@@ -14,7 +16,22 @@ BORDERS = """() => [...document.querySelectorAll(".tile")].map(it => getComputed
   .filter(it => it !== "none" && !/^\\w+\\([^)]*[,/] 0\\)/.test(it))"""
 
 
-@pytest.fixture
+# These tests only look, so one server and one vehicle serve them all.
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    with serving(tmp_path_factory.mktemp("server")) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def vehicle(server):
+    with contextlib.closing(Vehicle(server.domain, server.folder)) as vehicle:
+        yield vehicle
+
+
+@pytest.fixture(scope="module")
 def session(server, vehicle):
     """Of an operator whose vehicle drives, brakes for a stop and has a fault."""
     client = Client(server, *OPERATOR)
@@ -27,7 +44,7 @@ def session(server, vehicle):
     return [dict(zip(("name", "value"), pair.split("=", 1)), url=server.url) for pair in client.cookie().split("; ")]
 
 
-@pytest.mark.parametrize("without", ["any script", "watchdog.js", "lag.js", "server.js", "behind.js", "htmx.min.js"])
+@pytest.mark.parametrize("without", ["any script", "watchdog.js", "live.js", "behind.js", "htmx.min.js"])
 def test_a_page_whose_scripts_do_not_run_is_covered(server, session, chromium, without):
     context = chromium.new_context(viewport={"width": 1280, "height": 800}, java_script_enabled=without != "any script")
     context.add_cookies(session)

@@ -18,14 +18,20 @@ STATUS = "velodyne_packet_alive"
 @pytest.fixture
 def developer(server, vehicle, page):
     """A page of a developer's, of a vehicle that an operator has taken and that stands well."""
+    prepare(server)
+    log_in(page, server)
+    return page
+
+
+def prepare(server):
+    """There is a developer, and an operator who took the vehicle, which stands well."""
     server.add_user(*DEVELOPER, role="developer")
     operator = Client(server, *OPERATOR)
     until(lambda: operator.snapshot()["overall"] == "ok", 20, operator.snapshot)
     operator.post("/vehicle/localize", stop="depot", version=operator.snapshot()["seq"])
     until(lambda: operator.snapshot()["stage"] == "standby", 20, operator.snapshot)
     until(lambda: operator.snapshot()["overall"] == "ok", 20, operator.snapshot)
-    log_in(page, server)
-    return page
+    return operator
 
 
 def log_in(page, server):

@@ -49,6 +49,31 @@ CONTRAST = """selector => {
 }"""
 
 
+# The colour of the live mark in each state of the display, by the name of the palette's own. All at one
+# moment, because the page's script sets the state anew ten times a second.
+MARK = """() => {
+  const root = document.documentElement, mark = document.getElementById('live'), before = document.body.dataset.live;
+  const own = name => {
+    const it = document.body.appendChild(document.createElement('i'));
+    it.style.color = `var(${name})`;
+    const color = getComputedStyle(it).color;
+    it.remove();
+    return color;
+  };
+  const names = ['--ok', '--warning', '--bad-text', '--text', '--quiet'];
+  const seen = {};
+  for (const palette of ['night', 'day']) {
+    root.dataset.palette = palette;
+    for (const live of ['live', 'stale', 'dead']) {
+      document.body.dataset.live = live;
+      const color = getComputedStyle(mark).color;
+      seen[`${palette} ${live}`] = names.filter(name => own(name) === color);
+    }
+  }
+  document.body.dataset.live = before;
+  return seen;
+}"""
+
 # How often that changes in four seconds by which an alarm calls.
 CALLS = """async () => {
   const looks = {
@@ -149,6 +174,19 @@ def test_every_state_holds_its_sizes_its_contrasts_and_its_names(demo, chromium,
     expect(page.locator("#panel-planning")).to_be_visible()
     assert not violations(page), violations(page)
     page.locator("#panel-planning .close").tap()
+    context.close()
+
+
+def test_the_live_mark_has_the_colour_of_its_state_in_both_palettes(demo, chromium, trouble):
+    context = touch_context(chromium)
+    page = context.new_page()
+    watch(page, trouble)
+    log_in_by_touch(page, demo, *DEMO_OPERATOR)
+    assert page.evaluate(MARK) == {
+        "night live": ["--ok"], "night stale": ["--warning"], "night dead": ["--bad-text"],
+        # Amber cannot be read on a light ground.
+        "day live": ["--ok"], "day stale": ["--text"], "day dead": ["--bad-text"],
+    }  # fmt: skip
     context.close()
 
 

@@ -1,13 +1,15 @@
 """Links between the developer's pages load no document, and behave as if they did."""
 
+import contextlib
 import re
 import signal
 
+import pytest
 from playwright.sync_api import expect
 
 from accessible import violations
-from test_developer import CAUSE, STATUS, developer, row, visit  # noqa: F401: a fixture
-from vehicle import until
+from test_developer import CAUSE, STATUS, log_in, prepare, row, visit
+from vehicle import Vehicle, serving, until
 
 MARK = "() => { window.kept = true }"
 IS_KEPT = "() => window.kept === true"
@@ -17,6 +19,35 @@ POST = """() => {
   document.body.append(form);
   form.submit();
 }"""
+
+
+# These tests change nothing that lasts, so one server and one vehicle serve them all.
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    with serving(tmp_path_factory.mktemp("server")) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def vehicle(server):
+    with contextlib.closing(Vehicle(server.domain, server.folder)) as vehicle:
+        yield vehicle
+
+
+@pytest.fixture(scope="module")
+def operator(server, vehicle):
+    return prepare(server)
+
+
+@pytest.fixture
+def developer(server, vehicle, operator, page):
+    """A page of a developer's, with a session of its own, of a vehicle that stands well."""
+    vehicle.set(STATUS, 0)
+    until(lambda: operator.snapshot()["overall"] == "ok", 20, operator.snapshot)
+    log_in(page, server)
+    return page
 
 
 def at(page, path, heading):

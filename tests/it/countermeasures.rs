@@ -8,7 +8,7 @@ use telltale::engine::Engine;
 use telltale::engine::input::{AlarmRef, Input, OperatorAction, OutputNews, Place, Response, StatusArray};
 use telltale::engine::model::output::Output;
 use telltale::engine::model::{Model, Stage};
-use telltale::engine::snapshot::{Alarm, MeasureState, Snapshot};
+use telltale::engine::snapshot::{Alarm, CountermeasureState, Snapshot};
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
 
@@ -152,10 +152,10 @@ fn a_request_that_cannot_be_sent_is_an_error_of_its_own() {
     vehicle.report(&[("planner", 2)]);
     let snapshot = vehicle.look();
     assert_eq!(state(&snapshot, "telltale/countermeasure"), State::Error);
-    assert_eq!(snapshot.countermeasure().unwrap().state, MeasureState::Unconfirmed);
+    assert_eq!(snapshot.countermeasure().unwrap().state, CountermeasureState::Unconfirmed);
     vehicle.send(Output::Deceleration, None);
     assert_eq!(state(&vehicle.look(), "telltale/countermeasure"), State::Ok);
-    assert_eq!(vehicle.look().countermeasure().unwrap().state, MeasureState::Requested);
+    assert_eq!(vehicle.look().countermeasure().unwrap().state, CountermeasureState::Requested);
 }
 
 #[test]

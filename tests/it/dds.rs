@@ -227,11 +227,17 @@ async fn what_a_slow_engine_loses_is_counted(vendor: Vendor) {
     peer.write(&one("first"));
     while !matches!(inputs.recv().await.expect("the bridge lives").input, Input::Diagnostics(_)) {}
     peer.write(&json!({"statuses": [{"name": "many"}], "times": 20_000}));
-    let (mut arrays, mut lost) = (0, 0);
+    let (mut arrays, mut lost, mut number, mut untold) = (0, 0, None, 0);
     let all = async {
         while arrays + lost < 20_000 {
-            match inputs.recv().await.expect("the bridge lives").input {
-                Input::Diagnostics(_) => arrays += 1,
+            let Stamped { input, message, .. } = inputs.recv().await.expect("the bridge lives");
+            match input {
+                Input::Diagnostics(_) => {
+                    let next = message.expect("it was one").sequence;
+                    let gap = number.replace(next).is_some_and(|before| next > before + 1);
+                    (arrays, untold) = (arrays + 1, untold + u32::from(lost == 0 && (gap || untold > 0)));
+                    assert!(untold <= 1, "message {next} came before the first loss was told");
+                }
                 Input::Writers(_) => {}
                 Input::Reception(trouble) if trouble.kind == TroubleKind::Lost => lost += trouble.count,
                 other => panic!("{other:?}"),

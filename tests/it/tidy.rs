@@ -1,5 +1,5 @@
-//! The rules of the source that the compiler does not check: which folders may use which, how long a file
-//! may be, where a clock is read, and that no template is unused.
+//! The rules of the house that the compiler does not hold: who may use whom, how long a file may
+//! be, where a clock is read, that no template is dead, and how pages, scripts and styles begin.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -26,24 +26,30 @@ const IMPURE: &[&str] =
     &["tokio", "serde", "tracing", "std::fs", "std::net", "std::thread", "std::env", "async fn", "println!"];
 
 const LINES_MAX: usize = 450;
+const COLUMNS_MAX: usize = 140;
 
 fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
 fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
+    let mut found = below(folder, extension);
+    found.sort();
+    assert!(!found.is_empty(), "nothing to look at in {}", folder.display());
+    found
+}
+
+fn below(folder: &Path, extension: &str) -> Vec<PathBuf> {
     let mut found = Vec::new();
     let entries = fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
     for entry in entries {
         let path = entry.expect("the folder can be listed").path();
         if path.is_dir() {
-            found.extend(files(&path, extension));
+            found.extend(below(&path, extension));
         } else if path.extension().is_some_and(|it| it == extension) {
             found.push(path);
         }
     }
-    found.sort();
-    assert!(!found.is_empty(), "nothing to look at in {}", folder.display());
     found
 }
 
@@ -238,6 +244,33 @@ fn files_are_short_enough_to_be_read() {
         }
     }
     assert!(long.is_empty(), "{long:#?}");
+}
+
+#[test]
+fn scripts_and_styles_have_lines_that_can_be_read() {
+    let mut long = Vec::new();
+    for file in files(&root().join("static"), "js").into_iter().chain(files(&root().join("static"), "css")) {
+        if file.iter().any(|it| it == "vendor") {
+            continue;
+        }
+        let text = fs::read_to_string(&file).expect("static files are readable");
+        let over = text.lines().enumerate().filter(|(_, line)| line.chars().count() > COLUMNS_MAX);
+        long.extend(over.map(|(index, _)| format!("{}:{}", file.display(), index + 1)));
+    }
+    assert!(long.is_empty(), "longer than {COLUMNS_MAX} columns: {long:#?}");
+}
+
+#[test]
+fn pages_scripts_and_styles_say_first_what_they_are_for() {
+    for (folder, extension, opening) in
+        [("static", "js", "// "), ("static", "css", "/* "), ("templates", "html", "{# ")]
+    {
+        for file in files(&root().join(folder), extension) {
+            let text = fs::read_to_string(&file).expect("they are readable");
+            let is_vendored = file.iter().any(|it| it == "vendor");
+            assert!(is_vendored || text.starts_with(opening), "{} has no first line", file.display());
+        }
+    }
 }
 
 #[test]

@@ -6,9 +6,9 @@ use telltale::config::{self, Loaded};
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, ListenNews, OperatorAction, Refusal, Response, StatusArray};
 use telltale::engine::model::Stage;
-use telltale::engine::model::countermeasure::Kind;
+use telltale::engine::model::countermeasure::RequestKind;
 use telltale::engine::model::output::Output;
-use telltale::engine::snapshot::{MeasureState, Snapshot, Unreached};
+use telltale::engine::snapshot::{CountermeasureState, Snapshot, Unreached};
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
 
@@ -86,7 +86,7 @@ fn a_request_that_nobody_hears_is_an_error_of_its_own_until_somebody_does() {
             false => vehicle.report(2),
         }
         let asked = vehicle.pass(0);
-        assert_eq!(asked.countermeasure().unwrap().state, MeasureState::Unconfirmed);
+        assert_eq!(asked.countermeasure().unwrap().state, CountermeasureState::Unconfirmed);
         assert_eq!(outputs(&asked), (State::Error, format!("nobody listens to {TOPIC}")));
         let own = asked.node("telltale/countermeasure").unwrap();
         assert_eq!(asked.shown(own).0, State::Ok, "that it is not confirmed follows");
@@ -100,7 +100,7 @@ fn a_request_that_nobody_hears_is_an_error_of_its_own_until_somebody_does() {
         let heard = vehicle.listeners(true);
         assert_eq!((heard.unreached.len(), outputs(&heard).0), (0, State::Ok));
         vehicle.input(&Input::Signal { name: "stopping".into(), value: true });
-        assert_eq!(vehicle.pass(0).countermeasure().unwrap().state, MeasureState::Engaged);
+        assert_eq!(vehicle.pass(0).countermeasure().unwrap().state, CountermeasureState::Engaged);
         assert_eq!(outputs(&vehicle.listeners(false)).0, State::Error, "the reader went away");
     }
 }
@@ -112,11 +112,11 @@ fn a_vehicle_that_hears_no_stop_gets_no_clearance() {
         let refusals = vehicle.listeners(heard).clearance_refusals.to_vec();
         refusals.into_iter().filter(|it| matches!(it, Refusal::NobodyListens(_))).collect::<Vec<_>>()
     };
-    assert_eq!(refusals(CONFIG, false), [Refusal::NobodyListens(Kind::ManeuverStop)]);
+    assert_eq!(refusals(CONFIG, false), [Refusal::NobodyListens(RequestKind::ManeuverStop)]);
     assert_eq!(refusals(CONFIG, true), []);
     // The operator may ask for a stop where no rule does.
     let without_rules = CONFIG.split("countermeasures").next().unwrap();
-    assert_eq!(refusals(without_rules, false), [Refusal::NobodyListens(Kind::ManeuverStop)]);
+    assert_eq!(refusals(without_rules, false), [Refusal::NobodyListens(RequestKind::ManeuverStop)]);
     let off = format!("{without_rules}publish: {{ maneuver_stop_request: false }}\n");
     assert_eq!(refusals(&off, false), [], "an operator who switched it off stops it in another way");
 }

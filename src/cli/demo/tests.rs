@@ -8,8 +8,8 @@ use std::collections::BTreeSet;
 
 use crate::engine::input::{AlarmRef, OperatorAction, Response};
 use crate::engine::model::Stage;
-use crate::engine::model::countermeasure::Kind;
-use crate::engine::snapshot::{MeasureState, Snapshot};
+use crate::engine::model::countermeasure::RequestKind;
+use crate::engine::snapshot::{CountermeasureState, Snapshot};
 use crate::engine::state::State;
 use crate::sim::shuttle::Fault;
 use story::{Story, masked_by, state};
@@ -165,21 +165,21 @@ fn a_low_battery_is_a_warning_and_no_more() {
 #[test]
 fn a_fault_stops_the_shuttle_until_it_is_over_and_acknowledged() {
     let table = [
-        (Fault::PlannerStall, "planning/planner_submitted", Kind::Decelerate, 1.0),
-        (Fault::CanLoss, "can/bus", Kind::Decelerate, 1.0),
-        (Fault::LocalizationJump, "localization/tf_quality", Kind::Decelerate, 1.0),
-        (Fault::CostmapDelay, "perception/costmap_delay", Kind::ManeuverStop, 0.8),
-        (Fault::CameraCrash, "sensors/camera_driver", Kind::ManeuverStop, 0.8),
+        (Fault::PlannerStall, "planning/planner_submitted", RequestKind::Decelerate, 1.0),
+        (Fault::CanLoss, "can/bus", RequestKind::Decelerate, 1.0),
+        (Fault::LocalizationJump, "localization/tf_quality", RequestKind::Decelerate, 1.0),
+        (Fault::CostmapDelay, "perception/costmap_delay", RequestKind::ManeuverStop, 0.8),
+        (Fault::CameraCrash, "sensors/camera_driver", RequestKind::ManeuverStop, 0.8),
     ];
     for (fault, cause, kind, mps2) in table {
         let mut story = Story::begin();
         story.drive();
-        let asked = |kind: Kind| {
+        let asked = |kind: RequestKind| {
             move |snapshot: &Snapshot| {
                 snapshot
                     .countermeasures
                     .iter()
-                    .any(|it| it.request.kind() == kind && it.state == MeasureState::Engaged)
+                    .any(|it| it.request.kind() == kind && it.state == CountermeasureState::Engaged)
             }
         };
         story.set_fault(fault, true);

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use super::names::Names;
 use super::relations::Signals;
 use crate::config::file::countermeasure::{RawConfirmedBy, RawRule, RawWhen};
-use crate::engine::model::countermeasure::{Confirmation, ConfirmedBy, Kind, Request, Rule};
+use crate::engine::model::countermeasure::{Confirmation, ConfirmedBy, Request, RequestKind, Rule};
 use crate::engine::model::{ACTIVE_SIGNAL, NodeId};
 use crate::engine::state::State;
 use crate::yaml::decode::did_you_mean;
@@ -36,7 +36,7 @@ pub(in crate::config) fn rules(
 
 /// Whether both ask to decelerate, perhaps with other figures, when the same happens.
 fn is_same(a: &Rule, b: &Rule) -> bool {
-    [a, b].iter().all(|rule| rule.request.kind() == Kind::Decelerate)
+    [a, b].iter().all(|rule| rule.request.kind() == RequestKind::Decelerate)
         && a.state == b.state
         && a.nodes.iter().any(|node| b.nodes.contains(node))
         && a.stages.iter().any(|stage| b.stages.contains(stage))

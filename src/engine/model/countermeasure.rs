@@ -20,11 +20,11 @@ pub enum Request {
 }
 
 impl Request {
-    pub const fn kind(self) -> Kind {
+    pub const fn kind(self) -> RequestKind {
         match self {
-            Request::Notify => Kind::Notify,
-            Request::ManeuverStop => Kind::ManeuverStop,
-            Request::Decelerate { .. } => Kind::Decelerate,
+            Request::Notify => RequestKind::Notify,
+            Request::ManeuverStop => RequestKind::ManeuverStop,
+            Request::Decelerate { .. } => RequestKind::Decelerate,
         }
     }
 
@@ -44,44 +44,45 @@ impl Request {
 
 /// A request without its figures, weakest first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Kind {
+pub enum RequestKind {
     Notify,
     ManeuverStop,
     Decelerate,
 }
 
-impl Kind {
+impl RequestKind {
     /// What the diagnosis of itself calls it.
     pub(in crate::engine) fn said(self) -> Text {
         match self {
-            Kind::Decelerate => say!("decelerate", "Abbremsen"),
-            Kind::ManeuverStop => say!("maneuver_stop", "sicheres Anhalten"),
-            Kind::Notify => say!("notify", "Meldung"),
+            RequestKind::Decelerate => say!("decelerate", "Abbremsen"),
+            RequestKind::ManeuverStop => say!("maneuver_stop", "sicheres Anhalten"),
+            RequestKind::Notify => say!("notify", "Meldung"),
         }
     }
 
     /// On what a request of this kind is published.
     pub const fn output(self) -> Option<Output> {
         match self {
-            Kind::Notify => None,
-            Kind::ManeuverStop => Some(Output::ManeuverStop),
-            Kind::Decelerate => Some(Output::Deceleration),
+            RequestKind::Notify => None,
+            RequestKind::ManeuverStop => Some(Output::ManeuverStop),
+            RequestKind::Decelerate => Some(Output::Deceleration),
         }
     }
 
-    pub const ALL: [Kind; 3] = [Kind::Notify, Kind::ManeuverStop, Kind::Decelerate];
+    pub const ALL: [RequestKind; 3] =
+        [RequestKind::Notify, RequestKind::ManeuverStop, RequestKind::Decelerate];
 
     pub const fn as_str(self) -> &'static str {
         match self {
-            Kind::Notify => "notify",
-            Kind::ManeuverStop => "maneuver_stop",
-            Kind::Decelerate => "decelerate",
+            RequestKind::Notify => "notify",
+            RequestKind::ManeuverStop => "maneuver_stop",
+            RequestKind::Decelerate => "decelerate",
         }
     }
 
     /// Whether the vehicle is asked to move differently, not only the operator to look.
     pub const fn moves(self) -> bool {
-        !matches!(self, Kind::Notify)
+        !matches!(self, RequestKind::Notify)
     }
 }
 

@@ -393,7 +393,7 @@ impl Watching {
         index.is_none_or(|index| self.watches[index as usize].from_dds)
     }
 
-    /// Measures anew what is judged by the clock, as when it becomes relevant, unless it is in ERROR.
+    /// Countermeasures anew what is judged by the clock, as when it becomes relevant, unless it is in ERROR.
     /// Discovery looks for who publishes until `searched`.
     pub(in crate::engine) fn begin_anew(&mut self, index: u32, searched: Timestamp, now: Timestamp) {
         let watch = &mut self.watches[index as usize];

@@ -1,13 +1,13 @@
 //! Whether the vehicle confirms what is asked of it (`ENGINE.md` 10). Every rule that asks has its own
 //! confirmation, and none stands in for another.
 
-use super::held::{By, Held, Measures};
+use super::held::{By, Countermeasures, Held};
 use crate::engine::mask::net::Net;
 use crate::engine::model::Model;
-use crate::engine::model::countermeasure::{Confirmation, ConfirmedBy, Kind, Request};
+use crate::engine::model::countermeasure::{Confirmation, ConfirmedBy, Request, RequestKind};
 use crate::engine::module::names::Names;
 use crate::engine::signals::Signals;
-use crate::engine::snapshot::MeasureState;
+use crate::engine::snapshot::CountermeasureState;
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;
@@ -20,7 +20,7 @@ pub(in crate::engine) struct Asked {
     pub(in crate::engine) since: Timestamp,
     /// Since when the vehicle could have confirmed it and has not.
     unconfirmed_since: Timestamp,
-    pub(in crate::engine) state: MeasureState,
+    pub(in crate::engine) state: CountermeasureState,
 }
 
 /// What one confirmation said last.
@@ -53,11 +53,11 @@ impl Heard {
     }
 }
 
-impl Measures {
+impl Countermeasures {
     /// Whether the vehicle has time left to confirm what is asked of it.
     pub(in crate::engine) fn waits(&self, model: &Model) -> bool {
         let waits = |asked: &Asked| {
-            asked.state == MeasureState::Requested
+            asked.state == CountermeasureState::Requested
                 && !self.confirmations(model, asked.request.kind()).is_empty()
         };
         self.asked.iter().flatten().any(waits)
@@ -78,7 +78,7 @@ impl Measures {
         };
         let mut next: Option<Timestamp> = self.arrives;
         let mut waited_for = Vec::new();
-        for kind in Kind::ALL {
+        for kind in RequestKind::ALL {
             let slot = kind as usize;
             let Some(request) = self.strongest(kind) else {
                 self.asked[slot] = None;
@@ -90,14 +90,14 @@ impl Measures {
                 request,
                 since,
                 unconfirmed_since: now,
-                state: MeasureState::Requested,
+                state: CountermeasureState::Requested,
             });
             let confirmations = self.confirmations(model, kind);
             let is_unsent = kind.output().is_some_and(|output| self.unsent.contains_key(&output));
             if is_unsent || self.unreached(model, kind).is_some() {
-                (asked.state, asked.unconfirmed_since) = (MeasureState::Unconfirmed, now);
+                (asked.state, asked.unconfirmed_since) = (CountermeasureState::Unconfirmed, now);
             } else if confirmations.is_empty() {
-                asked.state = MeasureState::Requested;
+                asked.state = CountermeasureState::Requested;
             } else {
                 let mut due = None;
                 for &(rule, since) in &confirmations {
@@ -135,20 +135,24 @@ impl Measures {
     }
 
     /// All that confirm make it engaged; one whose time is over makes it unconfirmed until then.
-    fn state(&self, confirmations: &[(usize, Timestamp)], before: MeasureState) -> MeasureState {
+    fn state(
+        &self,
+        confirmations: &[(usize, Timestamp)],
+        before: CountermeasureState,
+    ) -> CountermeasureState {
         let mut heard = self.heard.iter().filter(|it| confirmations.iter().any(|(rule, _)| *rule == it.rule));
         if heard.clone().all(|it| it.is) {
-            MeasureState::Engaged
-        } else if before == MeasureState::Unconfirmed || heard.any(|it| it.late) {
-            MeasureState::Unconfirmed
+            CountermeasureState::Engaged
+        } else if before == CountermeasureState::Unconfirmed || heard.any(|it| it.late) {
+            CountermeasureState::Unconfirmed
         } else {
-            MeasureState::Requested
+            CountermeasureState::Requested
         }
     }
 
     /// How the vehicle confirms a kind: as each rule that asks for it says, since when it asks. Where no
     /// rule is known to ask, as those do that ask for the same, or else as the first of the kind.
-    fn confirmations(&self, model: &Model, kind: Kind) -> Vec<(usize, Timestamp)> {
+    fn confirmations(&self, model: &Model, kind: RequestKind) -> Vec<(usize, Timestamp)> {
         let rules = &model.driving.countermeasures;
         let confirmed = |&index: &usize| rules[index].confirmation.is_some();
         let mut found: Vec<(usize, Timestamp)> = Vec::new();
@@ -181,7 +185,8 @@ impl Measures {
     pub(in crate::engine) fn trouble(&self, model: &Model) -> Option<Text> {
         // That nobody hears it is an ERROR of its own.
         let unconfirmed = |asked: &&Asked| {
-            asked.state == MeasureState::Unconfirmed && self.unreached(model, asked.request.kind()).is_none()
+            asked.state == CountermeasureState::Unconfirmed
+                && self.unreached(model, asked.request.kind()).is_none()
         };
         let wrong = self.asked.iter().flatten().filter(unconfirmed).map(|asked| {
             let kind = asked.request.kind();
@@ -204,7 +209,7 @@ impl Measures {
     }
 
     /// Who does not confirm is named where there are several.
-    fn unconfirmed(&self, model: &Model, kind: Kind) -> Text {
+    fn unconfirmed(&self, model: &Model, kind: RequestKind) -> Text {
         let confirmations = self.confirmations(model, kind);
         let heard = |rule| self.heard.iter().find(|heard| heard.rule == rule);
         let mut missing = confirmations.iter().filter(|(rule, _)| heard(*rule).is_none_or(|it| !it.is));
@@ -235,7 +240,7 @@ impl Measures {
     }
 
     /// Takes over since when requests are made, and what cannot be sent.
-    pub(in crate::engine) fn keep(&mut self, old: &Measures, before: &Model, model: &Model) {
+    pub(in crate::engine) fn keep(&mut self, old: &Countermeasures, before: &Model, model: &Model) {
         (self.asked, self.arrives) = (old.asked, old.arrives);
         self.heard = old.heard.iter().filter_map(|heard| heard.kept(before, model)).collect();
         self.unsent.clone_from(&old.unsent);

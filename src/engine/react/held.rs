@@ -11,10 +11,10 @@ use crate::engine::input::OutputNews;
 use crate::engine::mask::net::{Change, Net};
 use crate::engine::mask::node::Facts;
 use crate::engine::mask::responsible::CAUSES_MAX;
-use crate::engine::model::countermeasure::{Kind, Request, Rule};
+use crate::engine::model::countermeasure::{Request, RequestKind, Rule};
 use crate::engine::model::output::Output;
 use crate::engine::model::{Model, NodeId, Stage};
-use crate::engine::snapshot::{Alarm, Countermeasure, MeasureCause};
+use crate::engine::snapshot::{Alarm, Countermeasure, CountermeasureCause};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 
@@ -56,7 +56,7 @@ pub(in crate::engine) struct Known<'a> {
 impl Held {
     fn is_over(&self) -> bool {
         let is_known = || !self.causes.is_empty() && self.causes.iter().all(|it| it.acknowledged);
-        !self.present && (self.request.kind() == Kind::Notify || is_known())
+        !self.present && (self.request.kind() == RequestKind::Notify || is_known())
     }
 
     /// Looks whether the causes that were named for it are still there. What a node that is well again
@@ -153,7 +153,7 @@ impl Held {
 }
 
 #[derive(Debug, Clone, Default)]
-pub(in crate::engine) struct Measures {
+pub(in crate::engine) struct Countermeasures {
     /// Rules by the nodes that they are about.
     rules: HashMap<NodeId, Vec<usize>>,
     /// Nodes with rules that changed.
@@ -172,9 +172,9 @@ pub(in crate::engine) struct Measures {
     pub(in crate::engine) listened: BTreeSet<Output>,
 }
 
-impl Measures {
-    pub(in crate::engine) fn new(model: &Model) -> Measures {
-        let mut measures = Measures::default();
+impl Countermeasures {
+    pub(in crate::engine) fn new(model: &Model) -> Countermeasures {
+        let mut measures = Countermeasures::default();
         for (index, rule) in model.driving.countermeasures.iter().enumerate() {
             for &node in &rule.nodes {
                 measures.rules.entry(node).or_default().push(index);
@@ -302,11 +302,11 @@ impl Measures {
     }
 
     /// Kinds that ask the vehicle to move differently.
-    pub(in crate::engine) fn moving(&self) -> impl Iterator<Item = Kind> {
-        Kind::ALL.into_iter().rev().filter(|kind| kind.moves() && self.strongest(*kind).is_some())
+    pub(in crate::engine) fn moving(&self) -> impl Iterator<Item = RequestKind> {
+        RequestKind::ALL.into_iter().rev().filter(|kind| kind.moves() && self.strongest(*kind).is_some())
     }
 
-    pub(in crate::engine) fn strongest(&self, kind: Kind) -> Option<Request> {
+    pub(in crate::engine) fn strongest(&self, kind: RequestKind) -> Option<Request> {
         let all = self.held.iter().map(|held| held.request).filter(|request| request.kind() == kind);
         all.reduce(|a, b| if b.mps2() > a.mps2() { b } else { a })
     }
@@ -320,8 +320,11 @@ impl Measures {
                 Held { request: asked.request, by: By::Past, since, present: false, causes: Vec::new() };
             of_kind().flat_map(|held| &held.causes).for_each(|cause| all.add(*cause));
             all.cut(others);
-            let cause =
-                |&Cause { node, acknowledged, present }: &Cause| MeasureCause { node, acknowledged, present };
+            let cause = |&Cause { node, acknowledged, present }: &Cause| CountermeasureCause {
+                node,
+                acknowledged,
+                present,
+            };
             Countermeasure {
                 request: asked.request,
                 by_operator: of_kind().any(|held| held.by == By::Operator),

@@ -1,10 +1,10 @@
 //! Requests that nobody hears: nothing is published for them, or no reader of the vehicle is matched
 //! (`ENGINE.md` 10). A request that reaches nobody must not look like one that was sent.
 
-use super::held::Measures;
+use super::held::Countermeasures;
 use crate::engine::Engine;
 use crate::engine::input::ListenNews;
-use crate::engine::model::countermeasure::Kind;
+use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::model::output::Output;
 use crate::engine::model::{Model, StageModel};
 use crate::engine::snapshot::Unreached;
@@ -12,9 +12,9 @@ use crate::engine::text::Text;
 use crate::engine::text::say;
 
 /// What a vehicle is asked for.
-const REQUESTS: [Kind; 2] = [Kind::ManeuverStop, Kind::Decelerate];
+const REQUESTS: [RequestKind; 2] = [RequestKind::ManeuverStop, RequestKind::Decelerate];
 
-impl Measures {
+impl Countermeasures {
     pub(in crate::engine) fn take_listeners(&mut self, news: &ListenNews) {
         match news.heard {
             true => self.listened.insert(news.output),
@@ -27,7 +27,7 @@ impl Measures {
     }
 
     /// Why requests of a kind reach nobody; none if somebody listens, or nothing is known of it.
-    pub(in crate::engine) fn unreached(&self, model: &Model, kind: Kind) -> Option<Unreached> {
+    pub(in crate::engine) fn unreached(&self, model: &Model, kind: RequestKind) -> Option<Unreached> {
         let output = kind.output()?;
         if model.driving.unpublished.contains(&output) {
             return Some(Unreached::Unpublished);
@@ -35,7 +35,7 @@ impl Measures {
         self.unheard.contains_key(&output).then_some(Unreached::Unheard)
     }
 
-    fn said_unheard(&self, model: &Model, kind: Kind) -> Option<Text> {
+    fn said_unheard(&self, model: &Model, kind: RequestKind) -> Option<Text> {
         let name = kind.said();
         match self.unreached(model, kind)? {
             Unreached::Unheard => {
@@ -51,32 +51,34 @@ impl Measures {
 
 impl Engine {
     pub(in crate::engine) fn take_listeners(&mut self, news: &ListenNews) {
-        self.measures.take_listeners(news);
+        self.countermeasures.take_listeners(news);
         self.led = true;
     }
 
     /// Why requests reach nobody, as the snapshot has it.
     pub(in crate::engine) fn unreached(&self) -> Vec<(Output, Unreached)> {
-        let of = |kind: Kind| Some((kind.output()?, self.measures.unreached(&self.model, kind)?));
+        let of =
+            |kind: RequestKind| Some((kind.output()?, self.countermeasures.unreached(&self.model, kind)?));
         REQUESTS.into_iter().filter_map(of).collect()
     }
 
     /// Requests that may have to be made and that nobody would hear. That nothing is published for
     /// one is the configuration's word, and `check` warns of it.
-    pub(in crate::engine) fn deaf_to(&self) -> impl Iterator<Item = Kind> {
-        let unheard = |kind| self.measures.unreached(&self.model, kind) == Some(Unreached::Unheard);
+    pub(in crate::engine) fn deaf_to(&self) -> impl Iterator<Item = RequestKind> {
+        let unheard = |kind| self.countermeasures.unreached(&self.model, kind) == Some(Unreached::Unheard);
         let by_rule =
             |kind| self.model.driving.countermeasures.iter().any(|rule| rule.request.kind() == kind);
         // The operator may ask for a stop wherever the vehicle has stages.
-        let by_operator = |kind| kind == Kind::ManeuverStop && self.model.stages == StageModel::Shuttle;
+        let by_operator =
+            |kind| kind == RequestKind::ManeuverStop && self.model.stages == StageModel::Shuttle;
         REQUESTS.into_iter().filter(move |&kind| unheard(kind) && (by_rule(kind) || by_operator(kind)))
     }
 
     /// What is asked for and nobody hears. Where nothing is asked for it is no fault: the page offers no
     /// stop, and there is no clearance.
     pub(in crate::engine) fn unheard(&self) -> Option<Text> {
-        let asked = REQUESTS.into_iter().filter(|kind| self.measures.strongest(*kind).is_some());
-        let said = asked.filter_map(|kind| self.measures.said_unheard(&self.model, kind));
+        let asked = REQUESTS.into_iter().filter(|kind| self.countermeasures.strongest(*kind).is_some());
+        let said = asked.filter_map(|kind| self.countermeasures.said_unheard(&self.model, kind));
         said.reduce(|all, next| say!("{all}; {next}", "{all}; {next}", all = all, next = next))
     }
 }

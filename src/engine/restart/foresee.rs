@@ -7,7 +7,7 @@ use super::resume::Restored;
 use crate::engine::Engine;
 use crate::engine::input::{AlarmRef, OperatorAction, Refusal};
 use crate::engine::model::{NodeId, Stage};
-use crate::engine::react::held::{Known, Measures};
+use crate::engine::react::held::{Countermeasures, Known};
 use crate::engine::snapshot::{Countermeasure, Snapshot};
 use crate::engine::stage::machine::Event;
 use crate::engine::time::Timestamp;
@@ -64,20 +64,20 @@ impl Engine {
     }
 
     /// What would be asked for if this were done to what is held.
-    fn list_after(&mut self, done: impl FnOnce(&mut Measures)) -> Arc<[Countermeasure]> {
-        let held = self.measures.held.clone();
-        done(&mut self.measures);
-        let list = self.measures.list(self.net.nobody());
-        let is_held = |kind| self.measures.held.iter().any(|held| held.request.kind() == kind);
+    fn list_after(&mut self, done: impl FnOnce(&mut Countermeasures)) -> Arc<[Countermeasure]> {
+        let held = self.countermeasures.held.clone();
+        done(&mut self.countermeasures);
+        let list = self.countermeasures.list(self.net.nobody());
+        let is_held = |kind| self.countermeasures.held.iter().any(|held| held.request.kind() == kind);
         let after = list.iter().filter(|it| is_held(it.request.kind())).cloned().collect();
-        self.measures.held = held;
+        self.countermeasures.held = held;
         after
     }
 
     fn foresee_acknowledged(&mut self, alarm: &AlarmRef, after: &mut Snapshot) {
         let known: Vec<(NodeId, Option<u64>)> = match alarm {
             AlarmRef::OperatorStop => {
-                after.countermeasures = self.list_after(|measures| measures.release_stop());
+                after.countermeasures = self.list_after(|held| held.release_stop());
                 return;
             }
             AlarmRef::Number(number) => {
@@ -99,11 +99,11 @@ impl Engine {
         let latest: Vec<_> =
             known.iter().map(|(_, number)| number.map(|number| self.alarms.latest(number))).collect();
         if latest.iter().any(|it| !matches!(it, Some(None))) {
-            after.countermeasures = self.list_after(|measures| {
+            after.countermeasures = self.list_after(|held| {
                 for (&(node, _), latest) in known.iter().zip(&latest) {
                     match latest {
-                        None => measures.acknowledge(Known { node, alarm: None }),
-                        Some(Some(alarm)) => measures.acknowledge(Known { node, alarm: Some(alarm) }),
+                        None => held.acknowledge(Known { node, alarm: None }),
+                        Some(Some(alarm)) => held.acknowledge(Known { node, alarm: Some(alarm) }),
                         // The node has raised another one since.
                         Some(None) => {}
                     }

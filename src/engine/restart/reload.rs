@@ -175,12 +175,14 @@ impl Engine {
                 self.warnings.expect(id);
             }
         }
-        self.measures.keep(&old.measures, &old.model, &self.model);
-        for held in old.measures.held() {
+        self.countermeasures.keep(&old.countermeasures, &old.model, &self.model);
+        for held in old.countermeasures.held() {
             let by = match held.by {
                 By::Rule(index, node) => {
                     let rule = &old.model.driving.countermeasures[index];
-                    renamed(node).and_then(|it| self.measures.rule(&self.model, it, rule)).unwrap_or(By::Past)
+                    renamed(node)
+                        .and_then(|it| self.countermeasures.rule(&self.model, it, rule))
+                        .unwrap_or(By::Past)
                 }
                 by => by,
             };
@@ -195,7 +197,7 @@ impl Engine {
                 }
             };
             let causes = held.causes.iter().filter(still).map(cause).collect();
-            self.measures.hold(Held { by, causes, ..held.clone() }, self.net.nobody());
+            self.countermeasures.hold(Held { by, causes, ..held.clone() }, self.net.nobody());
         }
     }
 

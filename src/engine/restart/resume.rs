@@ -31,7 +31,7 @@ pub struct Restored {
     pub last_alarm: u64,
     /// Modules whose WARNING is accepted.
     pub accepted: Vec<Box<str>>,
-    pub countermeasures: Vec<RestoredMeasure>,
+    pub countermeasures: Vec<RestoredCountermeasure>,
 }
 
 impl Default for Restored {
@@ -60,7 +60,7 @@ pub struct RestoredAlarm {
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub struct RestoredMeasure {
+pub struct RestoredCountermeasure {
     pub request: Request,
     pub by_operator: bool,
     /// Causes, and whether each is acknowledged.
@@ -92,7 +92,7 @@ impl Snapshot {
             countermeasures: self
                 .countermeasures
                 .iter()
-                .map(|it| RestoredMeasure {
+                .map(|it| RestoredCountermeasure {
                     request: it.request,
                     by_operator: it.by_operator,
                     causes: it.causes.iter().map(|cause| (name(cause.node), cause.acknowledged)).collect(),
@@ -147,7 +147,7 @@ impl Engine {
         let told =
             now >= self.active_by || self.active_signal.is_some_and(|it| self.signals.value(it).is_some());
         let searched = self.watching.searching_until.is_none_or(|until| now >= until);
-        let confirmed = searched && !self.measures.waits(&self.model);
+        let confirmed = searched && !self.countermeasures.waits(&self.model);
         self.alarms.hear(|node| match node {
             NodeId::Module(id) if id == active => told,
             NodeId::Module(id) => match net.modules[id.0 as usize].kind {
@@ -195,7 +195,7 @@ impl Engine {
         self.alarms.restore(restored.alarms.iter().filter_map(alarm).collect(), restored.last_alarm);
         for measure in &restored.countermeasures {
             if measure.by_operator && self.vehicle.stage == Stage::Active {
-                self.measures.request_stop(self.now);
+                self.countermeasures.request_stop(self.now);
             }
             // What is not there any more nobody can find to be over: it is asked for again.
             let cause = |(name, acknowledged): &(Box<str>, bool)| match find(name) {
@@ -209,7 +209,8 @@ impl Engine {
                 causes.push(Cause { node: others, acknowledged: false, present: true });
             }
             if !causes.is_empty() {
-                self.measures.hold(Held { request, by: By::Past, since, present: true, causes }, others);
+                self.countermeasures
+                    .hold(Held { request, by: By::Past, since, present: true, causes }, others);
             }
         }
         self.stage_changed();

@@ -22,7 +22,7 @@ pub(in crate::engine) struct Told {
     /// `None` while somebody says whether the vehicle drives, or need not.
     active_unknown: Option<State>,
     contradicts_itself: bool,
-    measures: Option<Text>,
+    countermeasures: Option<Text>,
     outputs: Option<Text>,
     unheard: Option<Text>,
 }
@@ -59,7 +59,7 @@ impl Engine {
     /// Everything that asks for the stage is looked at again.
     pub(in crate::engine) fn stage_changed(&mut self) {
         self.led = true;
-        self.measures.mark_all();
+        self.countermeasures.mark_all();
         self.signals.posed = self.vehicle.posed();
         self.net.mark_conditions(self.vehicle.stage);
     }
@@ -74,7 +74,7 @@ impl Engine {
     /// The goal is used up: the next drive needs its own. What is asked of the vehicle stays until it is
     /// certain that the drive is over.
     fn arrived(&mut self) {
-        self.measures.arrive(self.now + ARRIVAL);
+        self.countermeasures.arrive(self.now + ARRIVAL);
         let Some(goal) = self.goal_signal else { return };
         if self.signals.forget(goal) {
             self.events.push(self.now, What::Signal { index: goal, value: self.signals.value(goal) });
@@ -94,28 +94,28 @@ impl Engine {
 
     /// Whether something for the vehicle could be sent.
     pub(in crate::engine) fn take_output(&mut self, news: &OutputNews) {
-        self.measures.take_news(news);
+        self.countermeasures.take_news(news);
         self.led = true;
     }
 
     /// Takes what the present states lead to. Returns whether that changes states in turn.
     pub(in crate::engine) fn lead(&mut self) -> bool {
         self.follow_localization();
-        if !self.measures.is_idle() {
+        if !self.countermeasures.is_idle() {
             self.led = true;
             self.follow_measures();
         }
         if self.vehicle.stage == Stage::Cleared {
             if !self.has_goal() {
                 self.step(Event::GoalGone);
-            } else if self.measures.moving().next().is_some() {
+            } else if self.countermeasures.moving().next().is_some() {
                 self.step(Event::Countermeasure);
             }
         }
         if self.led {
             let (net, names, signals) = (&self.net, &self.names, &self.signals);
-            if let Some(due) = self.measures.confirm(&self.model, net, names, signals, self.now) {
-                self.timers.arm(TimerKey::Measures, due);
+            if let Some(due) = self.countermeasures.confirm(&self.model, net, names, signals, self.now) {
+                self.timers.arm(TimerKey::Countermeasures, due);
             }
             self.report_on_vehicle();
         }
@@ -154,8 +154,8 @@ impl Engine {
             active_unknown: (shuttle && self.vehicle.stage == Stage::Active && known.is_none())
                 .then_some(if self.now < self.active_by { State::Unknown } else { State::Error }),
             contradicts_itself: self.signals.drive.is_doubted(self.now),
-            measures: self.measures.trouble(&self.model),
-            outputs: unsent(&self.measures.unsent()).map(Text::from),
+            countermeasures: self.countermeasures.trouble(&self.model),
+            outputs: unsent(&self.countermeasures.unsent()).map(Text::from),
             unheard: self.unheard(),
         };
         if told == self.told {
@@ -178,7 +178,7 @@ impl Engine {
         self.report_on_self(SystemCheck::Active, state, words);
         let worse = |words: &Option<Text>, state| if words.is_some() { state } else { State::Ok };
         let words = |words: &Option<Text>| words.clone().unwrap_or_default();
-        let measures = (worse(&told.measures, State::Error), words(&told.measures));
+        let measures = (worse(&told.countermeasures, State::Error), words(&told.countermeasures));
         self.report_on_self(SystemCheck::Countermeasure, measures.0, measures.1);
         let outputs = match &told.unheard {
             Some(unheard) => (State::Error, unheard.clone()),
@@ -196,12 +196,12 @@ impl Engine {
         self.views.set_led(Led {
             last_alarm: self.alarms.last_id(),
             accepted: self.warnings.accepted().map(NodeId::Module).collect(),
-            countermeasures: self.measures.list(self.net.nobody()),
+            countermeasures: self.countermeasures.list(self.net.nobody()),
             localization: self.vehicle.localization,
             clearance: self.vehicle.stage == Stage::Cleared,
             clearance_refusals: self.clearance_refusals().into(),
             unreached: self.unreached().into(),
-            listened: self.measures.listened.iter().copied().collect(),
+            listened: self.countermeasures.listened.iter().copied().collect(),
         });
     }
 }

@@ -7,7 +7,7 @@ use crate::engine::Engine;
 use crate::engine::input::{AlarmRef, OperatorAction, Place, Refusal, Response};
 use crate::engine::mask::node::Facts;
 use crate::engine::mask::responsible;
-use crate::engine::model::countermeasure::Kind;
+use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::model::{GroupId, ModuleId, NodeId, Stage, StageModel};
 use crate::engine::react::held::Known;
 use crate::engine::snapshot::{MapPose, Unreached};
@@ -49,7 +49,7 @@ impl Engine {
             OperatorAction::Clear { .. } => {
                 self.step(Event::Clearance);
             }
-            OperatorAction::RequestStop => self.measures.request_stop(self.now),
+            OperatorAction::RequestStop => self.countermeasures.request_stop(self.now),
             OperatorAction::Acknowledge { alarm } => self.acknowledge(alarm),
             OperatorAction::Reset { module } => {
                 let id = self.resettable(module).map_err(|reason| vec![reason])?;
@@ -81,7 +81,7 @@ impl Engine {
                     return Err(vec![Refusal::NotDriving]);
                 }
                 // Where nobody listens yet the request is made: it goes out once somebody does.
-                match self.measures.unreached(&self.model, Kind::ManeuverStop) {
+                match self.countermeasures.unreached(&self.model, RequestKind::ManeuverStop) {
                     Some(Unreached::Unpublished) => Err(vec![Refusal::StopNotPublished]),
                     Some(Unreached::Unheard) | None => Ok(()),
                 }
@@ -155,7 +155,7 @@ impl Engine {
 
     fn acknowledgeable(&self, alarm: &AlarmRef) -> Result<(), Refusal> {
         match alarm {
-            AlarmRef::OperatorStop if self.measures.is_requested() => Ok(()),
+            AlarmRef::OperatorStop if self.countermeasures.is_requested() => Ok(()),
             AlarmRef::OperatorStop => Err(Refusal::NoStopRequested),
             AlarmRef::Number(number) => {
                 self.alarms.node(*number).map(drop).ok_or(Refusal::NoSuchAlarm(*number))
@@ -165,7 +165,10 @@ impl Engine {
                 let has_something = |&node: &NodeId| {
                     let alarmed = self.alarms.list().iter().any(|alarm| alarm.node == node);
                     let accepted = matches!(node, NodeId::Module(id) if self.warnings.is_accepted(id));
-                    alarmed || accepted || self.measures.is_held_for(node) || !self.warned_in(node).is_empty()
+                    alarmed
+                        || accepted
+                        || self.countermeasures.is_held_for(node)
+                        || !self.warned_in(node).is_empty()
                 };
                 if self.places_of(node).iter().any(has_something) {
                     return Ok(());
@@ -178,7 +181,7 @@ impl Engine {
     /// What one status says in several groups is one: who knows of it in one place knows of it.
     fn acknowledge(&mut self, alarm: &AlarmRef) {
         match alarm {
-            AlarmRef::OperatorStop => self.measures.release_stop(),
+            AlarmRef::OperatorStop => self.countermeasures.release_stop(),
             AlarmRef::Number(number) => {
                 for number in self.of_one_status(*number) {
                     let Some(node) = self.alarms.node(number) else { continue };
@@ -186,7 +189,7 @@ impl Engine {
                     let latest = self.alarms.latest(number);
                     self.alarms.acknowledge(|alarm| alarm.id == number, self.now, &mut self.events);
                     if let Some(alarm) = &latest {
-                        self.measures.acknowledge(Known { node, alarm: Some(alarm) });
+                        self.countermeasures.acknowledge(Known { node, alarm: Some(alarm) });
                     }
                 }
             }
@@ -194,7 +197,7 @@ impl Engine {
                 let Some(node) = self.node_named(name) else { return };
                 for node in self.places_of(node) {
                     self.alarms.acknowledge(|alarm| alarm.node == node, self.now, &mut self.events);
-                    self.measures.acknowledge(Known { node, alarm: None });
+                    self.countermeasures.acknowledge(Known { node, alarm: None });
                     for id in self.warned_in(node) {
                         self.warnings.accept(id);
                     }
@@ -289,7 +292,7 @@ impl Engine {
                 .take(WARNINGS_MAX)
                 .map(|id| Refusal::Warning { module: self.views.name(NodeId::Module(id)).into() }),
         );
-        reasons.extend(self.measures.moving().map(Refusal::Countermeasure));
+        reasons.extend(self.countermeasures.moving().map(Refusal::Countermeasure));
         reasons.extend(self.deaf_to().map(Refusal::NobodyListens));
         reasons
     }
@@ -304,6 +307,6 @@ impl Engine {
         let (net, views) = (&self.net, &self.views);
         let masked_by = |node| views.masked_by(node);
         let causes = |node| responsible::roots(net, &masked_by, node);
-        self.measures.follow(&self.model, net, self.vehicle.stage, self.now, causes);
+        self.countermeasures.follow(&self.model, net, self.vehicle.stage, self.now, causes);
     }
 }

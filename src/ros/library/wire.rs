@@ -9,7 +9,7 @@ use bytes::Bytes;
 use tokio_util::codec::LengthDelimitedCodec;
 
 use super::qos::Via;
-use super::raw_bytes::BODY_BYTES_MAX;
+use super::raw_bytes::{BODY_BYTES_MAX, body_of};
 use super::{Found, Quality, RawSample};
 use crate::engine::discovery::{Liveliness, LivelinessKind};
 use crate::msg::cdr::{Endian, Fault, FaultKind};
@@ -336,12 +336,8 @@ impl<'a> Reading<'a> {
         if length > limit { Err(Nonsense(at)) } else { self.slice(length) }
     }
 
-    /// The body of a sample. One that fills its frame stays in it; a smaller one is copied, so that nothing
-    /// keeps a frame of more than twice its own length.
     fn body(&mut self) -> Result<Bytes, Nonsense> {
-        let body = self.bytes(BODY_BYTES_MAX)?;
-        let fills = body.len() >= self.frame.len() / 2;
-        Ok(if fills { self.frame.slice_ref(body) } else { Bytes::copy_from_slice(body) })
+        Ok(body_of(self.frame, self.bytes(BODY_BYTES_MAX)?))
     }
 
     fn text(&mut self) -> Result<String, Nonsense> {

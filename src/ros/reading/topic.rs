@@ -193,6 +193,8 @@ impl Topic {
         self.around.tallies.add(&self.subscription.dds_topic, batch.len());
         for sample in batch.drain(..) {
             self.take_sample(sample, received).await?;
+            // A slow engine takes a large batch for seconds: a loss is told at once, not after it.
+            self.tell_troubles().await?;
         }
         Ok(())
     }
@@ -292,6 +294,9 @@ impl Topic {
     }
 
     async fn tell_troubles(&mut self) -> Result<(), End> {
+        if self.memory.troubles.due().is_none() {
+            return Ok(());
+        }
         let now = self.around.clock.now();
         for trouble in self.memory.troubles.take(&self.subscription.topic, now) {
             self.outbox.send(Stamped::new(Input::Reception(trouble), now), 0).await?;

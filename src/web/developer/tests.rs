@@ -147,7 +147,7 @@ fn the_developer_sees_all_that_was_received() {
     let all = ["nobody: knows", "mine alone", "string runs past the end", "malformed", ">7<", "can/battery"];
     holds(&page, &all);
     let operator = operator_page(&published, &english());
-    assert!(!operator.contains("mine alone") && !operator.contains("developer.css"));
+    assert!(!operator.contains("mine alone") && !operator.contains("developer.js"));
 }
 
 #[test]

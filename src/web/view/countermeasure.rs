@@ -5,8 +5,8 @@ use std::collections::HashSet;
 use askama::Template;
 
 use crate::engine::model::NodeId;
-use crate::engine::model::countermeasure::Kind;
-use crate::engine::snapshot::{Countermeasure, MeasureState};
+use crate::engine::model::countermeasure::RequestKind;
+use crate::engine::snapshot::{Countermeasure, CountermeasureState};
 
 use super::{Fragment, View, html};
 
@@ -68,8 +68,8 @@ fn of(view: &View<'_>, it: &Countermeasure) -> Measure {
         request: it.request.as_str(),
         state: it.state.as_str(),
         icon: match (it.state, it.request.kind()) {
-            (MeasureState::Unconfirmed, _) => "error",
-            (_, Kind::Decelerate) => "slow",
+            (CountermeasureState::Unconfirmed, _) => "error",
+            (_, RequestKind::Decelerate) => "slow",
             _ => "stop",
         },
         title: match unheard {
@@ -78,14 +78,14 @@ fn of(view: &View<'_>, it: &Countermeasure) -> Measure {
         },
         because,
         confirmed: match it.state {
-            MeasureState::Unconfirmed if unheard && view.drives() => steps.unheard,
-            MeasureState::Unconfirmed if unheard => steps.unheard_standing,
-            MeasureState::Unconfirmed if view.drives() => steps.unconfirmed,
-            MeasureState::Unconfirmed => steps.unconfirmed_standing,
+            CountermeasureState::Unconfirmed if unheard && view.drives() => steps.unheard,
+            CountermeasureState::Unconfirmed if unheard => steps.unheard_standing,
+            CountermeasureState::Unconfirmed if view.drives() => steps.unconfirmed,
+            CountermeasureState::Unconfirmed => steps.unconfirmed_standing,
             _ if it.latched => steps.held,
-            MeasureState::Engaged => steps.engaged,
-            MeasureState::Requested if is_received => steps.asked,
-            MeasureState::Requested => steps.not_received_yet,
+            CountermeasureState::Engaged => steps.engaged,
+            CountermeasureState::Requested if is_received => steps.asked,
+            CountermeasureState::Requested => steps.not_received_yet,
         },
     }
 }

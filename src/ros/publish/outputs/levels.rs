@@ -133,7 +133,7 @@ mod tests {
     use crate::engine::model::countermeasure::Request;
     use crate::engine::model::monitors::Watched;
     use crate::engine::model::{Driving, Limits, Model, Parts, Policy, StageModel};
-    use crate::engine::snapshot::{Countermeasure, MeasureState};
+    use crate::engine::snapshot::{Countermeasure, CountermeasureState};
     use crate::engine::text::Text;
 
     fn at(ms: u64) -> Timestamp {
@@ -164,7 +164,7 @@ mod tests {
             by_operator: false,
             causes: Arc::from([]),
             since: Timestamp::ZERO,
-            state: MeasureState::Requested,
+            state: CountermeasureState::Requested,
             latched: false,
         };
         Snapshot { countermeasures: requests.iter().map(measure).collect(), ..calm() }

@@ -1,8 +1,8 @@
 //! The words of the operator's actions: the next step of each stage, clearances, alarms, countermeasures.
 
 use super::words;
-use crate::engine::model::countermeasure::{Kind, Request};
-use crate::engine::snapshot::MeasureState;
+use crate::engine::model::countermeasure::{Request, RequestKind};
+use crate::engine::snapshot::CountermeasureState;
 use crate::engine::state::State;
 use crate::engine::time::Span;
 use crate::engine::time::how_long;
@@ -102,8 +102,8 @@ impl Lang {
     }
 
     /// What the vehicle does because of a countermeasure, no more than is known: `Slowing down, 1 m/s²`.
-    pub fn measure(self, request: Request, state: MeasureState) -> String {
-        let done = state == MeasureState::Engaged;
+    pub fn measure(self, request: Request, state: CountermeasureState) -> String {
+        let done = state == CountermeasureState::Engaged;
         match (self, request) {
             (Lang::En, Request::Decelerate { mps2 }) if done => format!("Slowing down, {mps2} m/s²"),
             (Lang::En, Request::Decelerate { mps2 }) => format!("Asked to slow down, {mps2} m/s²"),
@@ -145,8 +145,8 @@ impl Lang {
     /// A request that reaches nobody is not said to be made.
     pub fn unheard(self, request: Request) -> &'static str {
         match (self, request.kind()) {
-            (Lang::En, Kind::Decelerate) => "Request to slow down not received",
-            (Lang::De, Kind::Decelerate) => "Abbremsen ist nicht angekommen",
+            (Lang::En, RequestKind::Decelerate) => "Request to slow down not received",
+            (Lang::De, RequestKind::Decelerate) => "Abbremsen ist nicht angekommen",
             (Lang::En, _) => "Request to stop not received",
             (Lang::De, _) => "Anhalten ist nicht angekommen",
         }
@@ -242,14 +242,14 @@ mod tests {
     fn what_is_asked_is_not_said_to_be_done() {
         for lang in Lang::ALL {
             for request in [Request::Decelerate { mps2: 1.5 }, Request::ManeuverStop] {
-                let done = lang.measure(request, MeasureState::Engaged);
-                for state in [MeasureState::Requested, MeasureState::Unconfirmed] {
+                let done = lang.measure(request, CountermeasureState::Engaged);
+                for state in [CountermeasureState::Requested, CountermeasureState::Unconfirmed] {
                     assert_ne!(lang.measure(request, state), done);
                 }
             }
         }
         assert_eq!(
-            Lang::De.measure(Request::Decelerate { mps2: 1.5 }, MeasureState::Engaged),
+            Lang::De.measure(Request::Decelerate { mps2: 1.5 }, CountermeasureState::Engaged),
             "Bremst ab, 1,5 m/s²"
         );
     }

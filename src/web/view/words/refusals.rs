@@ -2,7 +2,7 @@
 
 use crate::engine::input::Refusal;
 use crate::engine::model::Stage;
-use crate::engine::model::countermeasure::Kind;
+use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::state::State;
 use crate::web::view::Lang;
 use crate::web::view::clean_text::{NAME, clean};
@@ -96,18 +96,18 @@ impl Lang {
                 "Die Position ist noch nicht bestätigt. Warten oder neu angeben.",
             ),
             Refusal::NoGoal => ("No goal is set. Wait for one.", "Kein Ziel gesetzt. Auf ein Ziel warten."),
-            Refusal::Countermeasure(Kind::Notify) => {
+            Refusal::Countermeasure(RequestKind::Notify) => {
                 ("A warning is on the screen.", "Eine Warnung wird angezeigt.")
             }
-            Refusal::Countermeasure(Kind::ManeuverStop) => (
+            Refusal::Countermeasure(RequestKind::ManeuverStop) => (
                 "A stop is requested. Mend the cause and acknowledge it.",
                 "Ein Anhalten ist angefordert. Ursache beheben und quittieren.",
             ),
-            Refusal::Countermeasure(Kind::Decelerate) => (
+            Refusal::Countermeasure(RequestKind::Decelerate) => (
                 "The vehicle is being slowed down. Mend the cause and acknowledge it.",
                 "Das Fahrzeug wird verzögert. Ursache beheben und quittieren.",
             ),
-            Refusal::NobodyListens(Kind::Decelerate) => (
+            Refusal::NobodyListens(RequestKind::Decelerate) => (
                 "No vehicle hears a request to slow down. Call the control room.",
                 "Kein Fahrzeug hört, wenn es abbremsen soll. Leitstelle rufen.",
             ),
