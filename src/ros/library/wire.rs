@@ -3,6 +3,8 @@
 //! A frame is its length, followed by messages. All numbers are in little endian. Everything else is an
 //! error: messages of the DDS process are trusted no more than a packet.
 
+mod messages;
+
 use std::net::Ipv4Addr;
 
 use bytes::Bytes;
@@ -14,6 +16,7 @@ use super::{Found, Quality, RawSample};
 use crate::engine::discovery::{Liveliness, LivelinessKind};
 use crate::msg::cdr::{Endian, Fault, FaultKind};
 use crate::msg::sample_bytes::Guid;
+pub use messages::{News, Order};
 
 /// A frame is closed when it is longer than this; a single message may be longer.
 pub const FRAME_BYTES: usize = 256 << 10;
@@ -25,91 +28,6 @@ pub const NAME_BYTES_MAX: usize = 1024;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("byte {0} of a frame makes no sense")]
 pub struct Nonsense(usize);
-
-/// From the program to the DDS process.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Order {
-    /// The first order: make a participant, on all interfaces if `networks` is missing.
-    Open {
-        domain: u16,
-        networks: Option<Vec<Ipv4Addr>>,
-    },
-    Reader {
-        id: u32,
-        topic: String,
-        type_name: String,
-        via: Via,
-        depth: u32,
-    },
-    EndReader {
-        id: u32,
-    },
-    /// So many bytes of a reader were taken; as many may follow.
-    Taken {
-        id: u32,
-        bytes: u32,
-    },
-    /// Keep more samples of a topic.
-    Deepen {
-        topic: String,
-        type_name: String,
-        depth: u32,
-    },
-    Writer {
-        id: u32,
-        topic: String,
-        type_name: String,
-        quality: Quality,
-    },
-    Write {
-        id: u32,
-        number: u32,
-        body: Bytes,
-    },
-    /// End, and say goodbye to the other participants.
-    Close,
-}
-
-/// From the DDS process to the program.
-#[derive(Debug, Clone, PartialEq)]
-pub enum News {
-    /// The participant is made.
-    Ready {
-        guid: Guid,
-        participant: u16,
-    },
-    /// The reader or writer of this id is made.
-    Made {
-        id: u32,
-        guid: Guid,
-    },
-    Found(Found),
-    Gone {
-        guid: Guid,
-    },
-    Sample {
-        reader: u32,
-        sample: RawSample,
-    },
-    /// A sample could not be handed over.
-    Fault {
-        reader: u32,
-        reason: String,
-    },
-    Written {
-        number: u32,
-        error: Option<String>,
-    },
-    /// It lives. `heard` is the newest of its own beats, counted from 1, that came to it through the
-    /// network.
-    Beat {
-        heard: u64,
-    },
-    /// It cannot go on.
-    Broken {
-        reason: String,
-    },
-}
 
 /// Finds the frames in what comes over the socket. A longer one than may be is an error.
 pub fn frames() -> LengthDelimitedCodec {
