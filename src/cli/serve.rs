@@ -12,6 +12,7 @@ use super::{EXIT_USAGE, check, data, dds, fields, log};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::ros::BridgeOptions;
+use crate::store::Caller;
 use crate::store::{DemoSecrets, Store, exposed};
 use crate::web::{Display, Enrolled, Network, Origins, Proxies, Tls};
 
@@ -139,8 +140,11 @@ fn warn_of_proxy(args: &Args) {
         let beyond = Origins::host(origin).is_some_and(|host| !is_local(&host));
         beyond && (args.listen.ip().is_loopback() || is_secure && args.tls_cert.is_none())
     };
-    if let Some(origin) =
-        args.origins.iter().find(is_proxied).filter(|_| enrolled.is_near(Ipv4Addr::LOCALHOST.into()))
+    if let Some(origin) = args
+        .origins
+        .iter()
+        .find(is_proxied)
+        .filter(|_| enrolled.caller(Ipv4Addr::LOCALHOST.into()) == Caller::Vehicle)
         && args.proxies.is_empty()
     {
         tracing::warn!(

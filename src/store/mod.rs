@@ -6,6 +6,7 @@
 //! (`synchronous=FULL`) before its caller is answered.
 
 pub mod audit;
+mod caller;
 mod database;
 mod disk;
 mod history;
@@ -25,6 +26,7 @@ use rusqlite::Connection;
 use tokio::sync::{oneshot, watch};
 
 pub use audit::chain::{Acknowledged, Breach, Hash, Head, Verdict};
+pub use caller::Caller;
 pub use database::schema::FILE_NAME;
 pub use disk::exposed::{Exposed, exposed};
 pub use disk::health::Fault;
@@ -34,7 +36,7 @@ pub use private_file::make_folder;
 pub use sessions::operator_place::{Entering, Written};
 pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};
 pub use users::role::Role;
-pub use users::secret::{DEMO_USERS, DemoSecrets, Lane, SecretError, is_pin};
+pub use users::secret::{DEMO_USERS, DemoSecrets, SecretError, is_pin};
 pub use users::tokens::{ProgramToken, TOKEN_LIFE_DAYS};
 pub use users::{NameError, User, Verified};
 pub use vehicle::VehicleMemory;
@@ -340,7 +342,7 @@ impl Store {
     pub async fn is_ready(&self) -> bool {
         let asked =
             |database: &mut Database| Ok(database.connection.query_row("SELECT 1", [], |_| Ok(()))?);
-        self.call_from(Lane::Elsewhere, asked).await.is_ok()
+        self.call_from(Caller::Elsewhere, asked).await.is_ok()
     }
 
     /// Waits until everything is written, the head of the audit log too, and the database is closed. It is

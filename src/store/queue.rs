@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
-use super::{Database, Lane, Store, StoreError};
+use super::{Caller, Database, Store, StoreError};
 
 /// Jobs that may wait for the database. A full queue refuses the next one: see [`StoreError::Busy`].
 const JOBS_MAX: usize = 256;
@@ -53,13 +53,13 @@ impl Store {
         self.run_job(place, job).await
     }
 
-    /// Runs `job` for a caller from that lane. Callers from elsewhere wait for a place.
+    /// Runs `job` for this caller. Callers from elsewhere wait for a place.
     pub(super) async fn call_from<T: Send + 'static>(
         &self,
-        lane: Lane,
+        caller: Caller,
         job: impl FnOnce(&mut Database) -> Result<T, StoreError> + Send + 'static,
     ) -> Result<T, StoreError> {
-        if lane == Lane::Vehicle {
+        if caller == Caller::Vehicle {
             return self.call(job).await;
         }
         let permit = self.queue.of_strangers.clone().acquire_owned().await;
@@ -133,8 +133,8 @@ mod tests {
                     0 => store.is_ready().await,
                     1 => store.has_users().await.is_ok(),
                     2 => store.knows_user("anna").await.is_ok(),
-                    3 => store.audit_from(Lane::Elsewhere, record).await.is_ok(),
-                    _ => store.find_user(Lane::Elsewhere, "anna").await.is_ok(),
+                    3 => store.audit_from(Caller::Elsewhere, record).await.is_ok(),
+                    _ => store.find_user(Caller::Elsewhere, "anna").await.is_ok(),
                 }
             }));
         }

@@ -13,7 +13,7 @@ use tokio::sync::mpsc;
 
 use super::AppState;
 use super::admission::peer::{Peer, source_of};
-use super::http::errors::Trouble;
+use super::http::errors::HttpError;
 use super::http::guard::SignedIn;
 use super::http::respond::{Reader, Speaks, json_answer, refusal};
 use super::pages::page_context;
@@ -66,7 +66,7 @@ impl DemoFaults {
 
 /// `GET /demo`
 pub async fn page(State(app): State<AppState>, SignedIn(session): SignedIn, reader: Reader) -> Response {
-    let Some(faults) = &app.settings.demo else { return refusal(&reader, Trouble::NotFound) };
+    let Some(faults) = &app.settings.demo else { return refusal(&reader, HttpError::NotFound) };
     Html(view::demo_page(&faults.list(), &page_context(&app, &session, &reader))).into_response()
 }
 
@@ -84,7 +84,7 @@ pub async fn fault(
     reader: Reader,
     form: Result<Form<FaultForm>, FormRejection>,
 ) -> Response {
-    let Some(faults) = &app.settings.demo else { return refusal(&reader, Trouble::NotFound) };
+    let Some(faults) = &app.settings.demo else { return refusal(&reader, HttpError::NotFound) };
     let form = match form {
         Ok(Form(form)) => form,
         Err(rejection) => {
@@ -97,12 +97,12 @@ pub async fn fault(
         return json_answer(StatusCode::UNPROCESSABLE_ENTITY, &wrong);
     };
     if !faults.set(FaultSwitch { name, active: form.active }) {
-        return refusal(&reader, Trouble::Unavailable);
+        return refusal(&reader, HttpError::Unavailable);
     }
     let source = source_of(peer.map(|Extension(peer)| peer));
     let record = record_of(&session, Action::Fault, source).on(format!("{name}: {}", form.active));
     if app.audit(record).await.is_err() {
-        return refusal(&reader, Trouble::Unavailable);
+        return refusal(&reader, HttpError::Unavailable);
     }
     match reader.speaks {
         Speaks::Json => json_answer(StatusCode::OK, &json!({ "name": name, "active": form.active })),

@@ -28,7 +28,7 @@ use crate::runtime::{Link, Reread};
 use crate::store::{History, Store};
 use admission::login_throttle::Throttle;
 use auth::handover::HandOvers;
-use auth::session_ends::Farewells;
+use auth::session_ends::SessionEnds;
 use live::byte_budget::Accounts;
 use live::displays::Displays;
 use live::frame::Frames;
@@ -36,7 +36,7 @@ use operator::act::PLACES;
 use operator::pending_clearance::PendingClearance;
 use operator::stop_once::Stops;
 use record::audit::Limit;
-use record::outbox::Owed;
+use record::outbox::Outbox;
 
 pub use admission::peer::Peer;
 pub use admission::proxies::{Network, NoNetwork, Proxies};
@@ -81,7 +81,7 @@ pub struct Shared {
     pub displays: Displays,
     /// What the accounts may still send over their sockets.
     accounts: Accounts,
-    pub farewells: Farewells,
+    pub session_ends: SessionEnds,
     pub trends: Trends,
     pub pending: PendingClearance,
     pub stops: Stops,
@@ -92,17 +92,17 @@ pub struct Shared {
     audit_limit: Mutex<Limit>,
     /// Held while the audit log is read.
     audit_readers: tokio::sync::Mutex<()>,
-    /// Held while somebody takes the operator's seat or leaves it.
-    seat: tokio::sync::Mutex<()>,
-    /// Held while a change of the seat is undone that the disk took too late.
+    /// Held while the operator in charge changes.
+    operator_change: tokio::sync::Mutex<()>,
+    /// Held while a change of the operator is undone that the disk took too late.
     undoing: Arc<tokio::sync::Mutex<()>>,
     /// Held from the judgement of an action until it is done, and while the vehicle is remembered:
-    /// what is on the disk never falls behind an action that was written there. After `seat`.
+    /// what is on the disk never falls behind an action that was written there. After `operator_change`.
     acting: tokio::sync::Mutex<()>,
     /// For those who wait for `acting`, or for the disk, with an action.
     places: Arc<Semaphore>,
     /// Records that wait for a disk that takes nothing.
-    owed: Mutex<Owed>,
+    outbox: Mutex<Outbox>,
     /// Held while somebody has the configuration taken.
     reloading: tokio::sync::Mutex<()>,
     /// Turns true when the server ends.
@@ -119,7 +119,7 @@ impl AppState {
             frames: Frames::default(),
             displays: Displays::default(),
             accounts: Accounts::default(),
-            farewells: Farewells::default(),
+            session_ends: SessionEnds::default(),
             trends: Trends::default(),
             pending: PendingClearance::default(),
             stops: Stops::default(),
@@ -128,11 +128,11 @@ impl AppState {
             unknown_names: RandomState::new(),
             audit_limit: Mutex::default(),
             audit_readers: tokio::sync::Mutex::default(),
-            seat: tokio::sync::Mutex::default(),
+            operator_change: tokio::sync::Mutex::default(),
             undoing: Arc::default(),
             acting: tokio::sync::Mutex::default(),
             places: Arc::new(Semaphore::new(PLACES)),
-            owed: Mutex::default(),
+            outbox: Mutex::default(),
             reloading: tokio::sync::Mutex::default(),
             closing: watch::channel(false).0,
         }))

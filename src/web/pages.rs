@@ -9,7 +9,7 @@ use axum::response::{Html, IntoResponse, Response};
 use tokio::time::timeout;
 
 use super::AppState;
-use super::http::errors::Trouble;
+use super::http::errors::HttpError;
 use super::http::guard::SignedIn;
 use super::http::respond::{Reader, refusal};
 use super::view::{self, PageContext, permitted};
@@ -53,17 +53,17 @@ pub async fn readyz(State(app): State<AppState>) -> (StatusCode, &'static str) {
 
 /// What no route claims.
 pub async fn not_found(reader: Reader) -> Response {
-    refusal(&reader, Trouble::NotFound)
+    refusal(&reader, HttpError::NotFound)
 }
 
 /// A route that does not take this method.
 pub async fn wrong_method(reader: Reader) -> Response {
-    refusal(&reader, Trouble::WrongMethod)
+    refusal(&reader, HttpError::WrongMethod)
 }
 
 /// `GET /static/...`
 pub async fn asset(uri: axum::http::Uri, headers: axum::http::HeaderMap, reader: Reader) -> Response {
-    super::assets::answer(uri.path(), &headers).unwrap_or_else(|| refusal(&reader, Trouble::NotFound))
+    super::assets::answer(uri.path(), &headers).unwrap_or_else(|| refusal(&reader, HttpError::NotFound))
 }
 
 pub fn page_context(app: &AppState, session: &Session, reader: &Reader) -> PageContext {

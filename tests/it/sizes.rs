@@ -11,7 +11,7 @@ use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
 use telltale::runtime::Published;
 use telltale::store::Role;
-use telltale::web::developer::{Asked, coverage, graph, masking, statuses, topics, why};
+use telltale::web::developer::{PageQuery, coverage, graph, masking, statuses, topics, why};
 use telltale::web::live::frame::Frames;
 use telltale::web::view::{Lang, PageContext, Palette, Part, Trends, operator_page};
 
@@ -100,7 +100,7 @@ fn check_all(case: &str, published: &Published) {
     check(&format!("{case}: page"), operator_page(published, &seen, &context(), &trends).len(), PAGE_BYTES);
     let snapshot = &published.snapshot;
     let pairs = |pairs: &[(&str, &str)]| pairs.iter().map(|(a, b)| ((*a).into(), (*b).into())).collect();
-    let asked = Asked::of(pairs(&[("open", "all"), ("cell", "0 g0")]));
+    let asked = PageQuery::of(pairs(&[("open", "all"), ("cell", "0 g0")]));
     let node = |name: &str| snapshot.node(name).unwrap();
     let named = |group: &str| {
         let of_group = |id: &_| snapshot.module(*id).0.id.starts_with(group);

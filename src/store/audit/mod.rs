@@ -18,7 +18,7 @@ use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehav
 
 pub use super::database::files::HEAD_FILE_NAME;
 use super::unix_time::{from_unix_ms, to_unix_ms};
-use super::{Database, Head, Lane, Role, Store, StoreError, Verdict, Verified};
+use super::{Caller, Database, Head, Role, Store, StoreError, Verdict, Verified};
 pub use action::Action;
 use chain::{Hash, Verifier};
 use head::read_head;
@@ -151,12 +151,12 @@ impl Store {
         self.call(move |database| database.record(record)).await
     }
 
-    /// [`Store::audit`] of an action that somebody caused from that lane.
+    /// [`Store::audit`] of an action that this caller caused.
     ///
     /// # Errors
     /// As there.
-    pub async fn audit_from(&self, lane: Lane, record: Record) -> Result<(), StoreError> {
-        self.call_from(lane, move |database| database.record(record)).await
+    pub async fn audit_from(&self, caller: Caller, record: Record) -> Result<(), StoreError> {
+        self.call_from(caller, move |database| database.record(record)).await
     }
 
     /// At most `count` records before number `before`, the newest first.

@@ -5,7 +5,7 @@
 use rusqlite::params;
 
 use crate::store::unix_time::to_unix_ms;
-use crate::store::{Lane, Store, StoreError, Token, Verified};
+use crate::store::{Caller, Store, StoreError, Token, Verified};
 
 /// Cookies for each user; a new one replaces the oldest.
 const DEVICES_PER_USER: usize = 16;
@@ -41,9 +41,9 @@ impl Store {
     ///
     /// # Errors
     /// If the database fails.
-    pub async fn is_device_of(&self, lane: Lane, token: &Token, name: &str) -> Result<bool, StoreError> {
+    pub async fn is_device_of(&self, caller: Caller, token: &Token, name: &str) -> Result<bool, StoreError> {
         let (key, name) = (token.key(), name.to_owned());
-        self.call_from(lane, move |database| {
+        self.call_from(caller, move |database| {
             let sql = "SELECT EXISTS (SELECT 1 FROM devices JOIN users ON users.id = devices.user
                                       WHERE token_hash = ?1 AND name = ?2)";
             Ok(database.connection.query_row(sql, params![key, name], |row| row.get(0))?)
@@ -64,8 +64,9 @@ mod tests {
         store.add_user("anna", Role::Operator, "135791").await.unwrap();
         store.add_user("bert", Role::Operator, "975310").await.unwrap();
         let anna = store.authenticate("anna", "135791").await.unwrap().unwrap();
-        let knows =
-            async |token: &Token, name: &str| store.is_device_of(Lane::Elsewhere, token, name).await.unwrap();
+        let knows = async |token: &Token, name: &str| {
+            store.is_device_of(Caller::Elsewhere, token, name).await.unwrap()
+        };
         let mut devices = Vec::new();
         for _ in 0..DEVICES_PER_USER + 3 {
             devices.push(store.know_device(&anna).await.unwrap());

@@ -12,7 +12,7 @@ use std::time::SystemTime;
 use rusqlite::{OptionalExtension, params};
 
 use super::audit::{Action, COMMAND_LINE, Record};
-use super::{DEMO_USERS, Lane, Role, Store, StoreError};
+use super::{Caller, DEMO_USERS, Role, Store, StoreError};
 use secret::check_policy;
 
 /// A user in a list.
@@ -117,7 +117,7 @@ impl Store {
     /// If the database fails, or is so damaged that there may be users that nobody can read.
     pub async fn has_users(&self) -> Result<bool, StoreError> {
         let sql = "SELECT EXISTS (SELECT 1 FROM users)";
-        self.call_from(Lane::Elsewhere, |database| {
+        self.call_from(Caller::Elsewhere, |database| {
             let has_users = database.connection.query_row(sql, [], |row| row.get(0))?;
             if has_users { Ok(true) } else { database.health.check_keeps().map(|()| false) }
         })
@@ -129,7 +129,7 @@ impl Store {
     /// # Errors
     /// If the database fails.
     pub async fn knows_user(&self, name: &str) -> Result<bool, StoreError> {
-        Ok(self.find_user(Lane::Elsewhere, name).await?.is_some())
+        Ok(self.find_user(Caller::Elsewhere, name).await?.is_some())
     }
 
     /// Gives a user another secret and ends all of its sessions and tokens.
@@ -138,7 +138,7 @@ impl Store {
     /// If there is no such user, the secret is not acceptable, or the database fails.
     pub async fn change_secret(&self, name: &str, secret: &str) -> Result<(), StoreError> {
         let user = self
-            .find_user(Lane::Vehicle, name)
+            .find_user(Caller::Vehicle, name)
             .await?
             .ok_or_else(|| StoreError::NoSuchUser(name.to_owned()))?;
         let record = Record::of(Action::UserSecret, COMMAND_LINE).on(name);
@@ -151,7 +151,7 @@ impl Store {
     /// If there is no such user, the secret is not acceptable, or the database fails.
     pub async fn change_role(&self, name: &str, role: Role, secret: &str) -> Result<(), StoreError> {
         let user = self
-            .find_user(Lane::Vehicle, name)
+            .find_user(Caller::Vehicle, name)
             .await?
             .ok_or_else(|| StoreError::NoSuchUser(name.to_owned()))?;
         let was = user.role.as_str();
@@ -208,28 +208,28 @@ impl Store {
     /// # Errors
     /// If too many logins wait, or the database fails. A wrong secret is not an error but `None`.
     pub async fn authenticate(&self, name: &str, secret: &str) -> Result<Option<Verified>, StoreError> {
-        self.authenticate_from(Lane::Vehicle, name, secret).await
+        self.authenticate_from(Caller::Vehicle, name, secret).await
     }
 
-    /// [`Store::authenticate`] for a caller from that lane.
+    /// [`Store::authenticate`] for this caller.
     ///
     /// # Errors
     /// As there.
     pub async fn authenticate_from(
         &self,
-        lane: Lane,
+        caller: Caller,
         name: &str,
         secret: &str,
     ) -> Result<Option<Verified>, StoreError> {
-        let user = if check_name(name).is_ok() { self.find_user(lane, name).await? } else { None };
+        let user = if check_name(name).is_ok() { self.find_user(caller, name).await? } else { None };
         let hash = user.as_ref().map(|user| user.secret_hash.clone());
-        let proven = self.hashing.verify(lane, secret.to_owned(), hash).await?;
+        let proven = self.hashing.verify(caller, secret.to_owned(), hash).await?;
         Ok(user.filter(|_| proven))
     }
 
-    pub(super) async fn find_user(&self, lane: Lane, name: &str) -> Result<Option<Verified>, StoreError> {
+    pub(super) async fn find_user(&self, caller: Caller, name: &str) -> Result<Option<Verified>, StoreError> {
         let name = name.to_owned();
-        self.call_from(lane, move |database| {
+        self.call_from(caller, move |database| {
             let user = database.connection.query_row(
                 "SELECT id, name, role, secret_hash FROM users WHERE name = ?1",
                 [name],

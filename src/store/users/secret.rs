@@ -8,6 +8,7 @@ use argon2::{Algorithm, Argon2, Block, Params, PasswordHasher, PasswordVerifier,
 use tokio::sync::oneshot;
 use zxcvbn::{Score, zxcvbn};
 
+use crate::store::Caller;
 use crate::store::{Role, StoreError};
 
 /// Users of the demonstration: name, role, secret. Everybody knows these secrets.
@@ -55,8 +56,8 @@ const SECRET_BYTES_MAX: usize = 256;
 /// the vehicle itself still get a share.
 const VEHICLE_NICENESS: i32 = 5;
 const ELSEWHERE_NICENESS: i32 = 19;
-/// Hashing takes 19 MiB and tens of milliseconds of one core, so there are two lanes: one thread for the
-/// vehicle's displays and one for everybody else. In each lane, this many logins may wait; more are
+/// Hashing takes 19 MiB and tens of milliseconds of one core, so there are two threads: one for the
+/// vehicle's displays, one for everybody else. For each of them, this many logins may wait; more are
 /// refused, so that a flood does not fill the memory.
 const HASHES_WAITING: usize = 64;
 
@@ -111,7 +112,7 @@ fn is_demo(secret: &str) -> bool {
     DEMO_USERS.iter().any(|(_, _, known)| *known == secret)
 }
 
-/// Hashes and verifies in threads of its own, one at a time in each lane. The threads end with the last
+/// Hashes and verifies in threads of its own, one at a time in each. The threads end with the last
 /// clone.
 #[derive(Debug, Clone)]
 pub(in crate::store) struct Hashing {
@@ -120,29 +121,22 @@ pub(in crate::store) struct Hashing {
     demo: DemoSecrets,
 }
 
-/// The origin of a login: the vehicle's own displays do not wait for a flood from elsewhere.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Lane {
-    Vehicle,
-    Elsewhere,
-}
-
 type Work = Box<dyn FnOnce(&mut Blocks) + Send>;
 
-/// The memory in which a lane hashes; none before its first hash.
+/// The memory in which a thread hashes; none before its first hash.
 type Blocks = Vec<Block>;
 
 impl Hashing {
     pub(in crate::store) fn new(demo: DemoSecrets) -> Result<Hashing, StoreError> {
         Ok(Hashing {
-            vehicle: start_lane(VEHICLE_NICENESS)?,
-            elsewhere: start_lane(ELSEWHERE_NICENESS)?,
+            vehicle: start_hashing(VEHICLE_NICENESS)?,
+            elsewhere: start_hashing(ELSEWHERE_NICENESS)?,
             demo,
         })
     }
 
     pub(in crate::store) async fn hash(&self, secret: String) -> Result<String, StoreError> {
-        self.bounded(Lane::Vehicle, move |_| {
+        self.bounded(Caller::Vehicle, move |_| {
             argon2().hash_password(secret.as_bytes()).map(|hash| hash.to_string()).map_err(StoreError::Hash)
         })
         .await?
@@ -151,12 +145,12 @@ impl Hashing {
     /// Whether `secret` is the one behind `hash`. Without a hash it takes the same time and returns false.
     pub(in crate::store) async fn verify(
         &self,
-        lane: Lane,
+        caller: Caller,
         secret: String,
         hash: Option<String>,
     ) -> Result<bool, StoreError> {
         let demo = self.demo;
-        self.bounded(lane, move |blocks| {
+        self.bounded(caller, move |blocks| {
             let known = hash.is_some();
             let hash = hash.unwrap_or_else(|| NOBODY.to_owned());
             let secret = if secret.len() > SECRET_BYTES_MAX { String::new() } else { secret };
@@ -169,7 +163,7 @@ impl Hashing {
 
     async fn bounded<T: Send + 'static>(
         &self,
-        lane: Lane,
+        caller: Caller,
         work: impl FnOnce(&mut Blocks) -> T + Send + 'static,
     ) -> Result<T, StoreError> {
         let (reply, answer) = oneshot::channel();
@@ -179,9 +173,9 @@ impl Hashing {
                 let _ = reply.send(work(blocks));
             }
         });
-        let queue = match lane {
-            Lane::Vehicle => &self.vehicle,
-            Lane::Elsewhere => &self.elsewhere,
+        let queue = match caller {
+            Caller::Vehicle => &self.vehicle,
+            Caller::Elsewhere => &self.elsewhere,
         };
         queue.try_send(work).map_err(|error| match error {
             TrySendError::Full(_) => StoreError::Busy,
@@ -191,7 +185,7 @@ impl Hashing {
     }
 }
 
-fn start_lane(niceness: i32) -> Result<SyncSender<Work>, StoreError> {
+fn start_hashing(niceness: i32) -> Result<SyncSender<Work>, StoreError> {
     let (work, queue) = sync_channel::<Work>(HASHES_WAITING);
     std::thread::Builder::new()
         .name("hashing".to_owned())
@@ -327,12 +321,12 @@ mod tests {
     async fn only_the_right_secret_verifies() {
         let hashing = Hashing::new(DemoSecrets::Refused).unwrap();
         let hash = hashing.hash("135791".to_owned()).await.unwrap();
-        assert!(hashing.verify(Lane::Vehicle, "135791".to_owned(), Some(hash.clone())).await.unwrap());
-        assert!(!hashing.verify(Lane::Vehicle, "135792".to_owned(), Some(hash)).await.unwrap());
-        assert!(!hashing.verify(Lane::Vehicle, "135791".to_owned(), None).await.unwrap());
+        assert!(hashing.verify(Caller::Vehicle, "135791".to_owned(), Some(hash.clone())).await.unwrap());
+        assert!(!hashing.verify(Caller::Vehicle, "135792".to_owned(), Some(hash)).await.unwrap());
+        assert!(!hashing.verify(Caller::Vehicle, "135791".to_owned(), None).await.unwrap());
         let demo = hashing.hash("246810".to_owned()).await.unwrap();
-        assert!(!hashing.verify(Lane::Vehicle, "246810".to_owned(), Some(demo.clone())).await.unwrap());
+        assert!(!hashing.verify(Caller::Vehicle, "246810".to_owned(), Some(demo.clone())).await.unwrap());
         let accepting = Hashing::new(DemoSecrets::Accepted).unwrap();
-        assert!(accepting.verify(Lane::Vehicle, "246810".to_owned(), Some(demo)).await.unwrap());
+        assert!(accepting.verify(Caller::Vehicle, "246810".to_owned(), Some(demo)).await.unwrap());
     }
 }

@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::oneshot;
 
 use super::peer::network;
-use crate::store::{Role, Session};
+use crate::store::{Caller, Role, Session};
 
 /// How many anonymous connections there may be, and how many of them may be answered at once. The rest
 /// takes in new ones: the connections of logged-in users begin there too.
@@ -23,11 +23,18 @@ struct Bounds {
 }
 
 /// From the vehicle's own displays. Sockets, once upgraded, are counted elsewhere.
-const NEAR: Bounds = Bounds { open: 96, answered: 64 };
+const AT_VEHICLE: Bounds = Bounds { open: 96, answered: 64 };
 /// From all others: they never take the places of those.
-const FAR: Bounds = Bounds { open: 128, answered: 96 };
+const ELSEWHERE: Bounds = Bounds { open: 128, answered: 96 };
 /// From one network among the others.
 const PER_NETWORK: Bounds = Bounds { open: 64, answered: 48 };
+
+const fn bounds(caller: Caller) -> &'static Bounds {
+    match caller {
+        Caller::Vehicle => &AT_VEHICLE,
+        Caller::Elsewhere => &ELSEWHERE,
+    }
+}
 
 /// Connections with a session of an operator, of anybody else, and of one user.
 const OPERATORS_MAX: usize = 64;
@@ -38,7 +45,7 @@ const KNOWN_MAX: usize = 64;
 
 /// All open connections.
 #[derive(Debug, Default, Clone)]
-pub struct Lines(Arc<Mutex<Table>>);
+pub struct Connections(Arc<Mutex<Table>>);
 
 #[derive(Debug, Default)]
 struct Table {
@@ -53,7 +60,7 @@ struct Table {
 struct Open {
     /// `None` for a proxy.
     network: Option<IpAddr>,
-    is_near: bool,
+    caller: Caller,
     /// Who holds the place; `None` for an anonymous one.
     holder: Option<Holder>,
     /// When it was opened or its last answer was made, in order; `None` while it is answered.
@@ -71,43 +78,43 @@ struct Holder {
 /// The place of one connection; it is free again when this is dropped.
 #[derive(Debug)]
 pub struct Place {
-    lines: Lines,
+    connections: Connections,
     number: u64,
 }
 
 /// A request that came on a connection. The connection is silent again when this is dropped.
 #[derive(Debug)]
-pub struct Work(Standing);
+pub struct Work(ConnectionHandle);
 
 /// The connection on which a request came. The guard says who asks; until then it is anonymous.
 #[derive(Debug, Clone)]
-pub struct Standing {
-    lines: Lines,
+pub struct ConnectionHandle {
+    connections: Connections,
     number: u64,
 }
 
-impl Lines {
+impl Connections {
     /// A place for one more connection, and what ends when it has to give it to another. `None` if
     /// all places are of connections that are being answered.
-    pub fn enter(&self, source: IpAddr, is_near: bool) -> Option<(Place, oneshot::Receiver<()>)> {
-        self.enter_as(Some(network(source.to_canonical())), is_near)
+    pub fn enter(&self, source: IpAddr, caller: Caller) -> Option<(Place, oneshot::Receiver<()>)> {
+        self.enter_as(Some(network(source.to_canonical())), caller)
     }
 
     /// The same for a connection from a proxy, which brings many browsers.
     pub fn enter_proxied(&self) -> Option<(Place, oneshot::Receiver<()>)> {
-        self.enter_as(None, false)
+        self.enter_as(None, Caller::Elsewhere)
     }
 
-    fn enter_as(&self, network: Option<IpAddr>, is_near: bool) -> Option<(Place, oneshot::Receiver<()>)> {
+    fn enter_as(&self, network: Option<IpAddr>, caller: Caller) -> Option<(Place, oneshot::Receiver<()>)> {
         let mut table = self.table();
-        if !table.make_room(network, is_near) {
+        if !table.make_room(network, caller) {
             return None;
         }
         let number = table.tick();
         let (stay, gone) = oneshot::channel();
-        let open = Open { network, is_near, holder: None, silent_since: Some(number), _stay: stay };
+        let open = Open { network, caller, holder: None, silent_since: Some(number), _stay: stay };
         table.open.insert(number, open);
-        Some((Place { lines: self.clone(), number }, gone))
+        Some((Place { connections: self.clone(), number }, gone))
     }
 
     fn table(&self) -> MutexGuard<'_, Table> {
@@ -121,13 +128,13 @@ impl Table {
         self.next
     }
 
-    fn make_room(&mut self, network: Option<IpAddr>, is_near: bool) -> bool {
-        let alike = |open: &Open| open.holder.is_none() && open.is_near == is_near;
+    fn make_room(&mut self, network: Option<IpAddr>, caller: Caller) -> bool {
+        let alike = |open: &Open| open.holder.is_none() && open.caller == caller;
         let of_network = |open: &Open| alike(open) && open.network == network;
-        if !is_near && network.is_some() && self.count(of_network) >= PER_NETWORK.open {
+        if caller == Caller::Elsewhere && network.is_some() && self.count(of_network) >= PER_NETWORK.open {
             return self.send_away(of_network);
         }
-        let all_max = if is_near { NEAR.open } else { FAR.open };
+        let all_max = bounds(caller).open;
         self.count(alike) < all_max || self.send_away(alike)
     }
 
@@ -173,12 +180,11 @@ impl Table {
     /// Whether one more anonymous request from there may be answered.
     fn may_answer(&self, number: u64) -> bool {
         let Some(asked) = self.open.get(&number) else { return false };
-        let alike = |open: &Open| {
-            open.holder.is_none() && open.is_near == asked.is_near && open.silent_since.is_none()
-        };
+        let alike =
+            |open: &Open| open.holder.is_none() && open.caller == asked.caller && open.silent_since.is_none();
         let of_network = |open: &Open| alike(open) && open.network == asked.network;
-        let all_max = if asked.is_near { NEAR.answered } else { FAR.answered };
-        let is_shared = asked.is_near || asked.network.is_none();
+        let all_max = bounds(asked.caller).answered;
+        let is_shared = asked.caller == Caller::Vehicle || asked.network.is_none();
         self.count(alike) < all_max && (is_shared || self.count(of_network) < PER_NETWORK.answered)
     }
 }
@@ -186,23 +192,23 @@ impl Table {
 impl Place {
     /// A request came. `None` if the connection gave its place away a moment before.
     pub fn work(&self) -> Option<Work> {
-        let is_open = self.lines.table().open.contains_key(&self.number);
-        is_open.then(|| Work(Standing { lines: self.lines.clone(), number: self.number }))
+        let is_open = self.connections.table().open.contains_key(&self.number);
+        is_open.then(|| Work(ConnectionHandle { connections: self.connections.clone(), number: self.number }))
     }
 }
 
 impl Work {
-    pub fn standing(&self) -> Standing {
+    pub fn handle(&self) -> ConnectionHandle {
         self.0.clone()
     }
 }
 
-impl Standing {
+impl ConnectionHandle {
     /// Takes a place for a logged-in user's request: no anonymous connection takes that place, and the
     /// connection stays while the request is answered. Returns false without a login, or where all such
     /// places are taken.
     pub fn hold(&self, session: Option<&Session>) -> bool {
-        let mut table = self.lines.table();
+        let mut table = self.connections.table();
         let holder = session.map(|session| Holder {
             user: session.user.clone(),
             is_operator: session.role == Role::Operator,
@@ -226,7 +232,7 @@ impl Standing {
     /// An anonymous request has come whole: its connection stays while it is answered. Returns whether
     /// that may be; too many others are answered if not.
     pub fn answer(&self) -> bool {
-        let mut table = self.lines.table();
+        let mut table = self.connections.table();
         let may = table.may_answer(self.number);
         if let Some(open) = table.open.get_mut(&self.number).filter(|_| may) {
             open.silent_since = None;
@@ -237,7 +243,7 @@ impl Standing {
 
 impl Drop for Work {
     fn drop(&mut self) {
-        let mut table = self.0.lines.table();
+        let mut table = self.0.connections.table();
         let now = table.tick();
         if let Some(open) = table.open.get_mut(&self.0.number) {
             open.silent_since = Some(now);
@@ -247,7 +253,7 @@ impl Drop for Work {
 
 impl Drop for Place {
     fn drop(&mut self) {
-        self.lines.table().open.remove(&self.number);
+        self.connections.table().open.remove(&self.number);
     }
 }
 
@@ -273,64 +279,73 @@ mod tests {
     }
 
     /// A connection on which somebody with a session asks for something.
-    fn hold(lines: &Lines, from: &str, session: &Session) -> (Line, Work, bool) {
-        let line = lines.enter(ip(from), from == "127.0.0.1").unwrap();
-        let work = line.0.work().unwrap();
-        let holds = work.standing().hold(Some(session));
-        (line, work, holds)
+    fn hold(connections: &Connections, from: &str, session: &Session) -> (Line, Work, bool) {
+        let connection = connections
+            .enter(ip(from), if from == "127.0.0.1" { Caller::Vehicle } else { Caller::Elsewhere })
+            .unwrap();
+        let work = connection.0.work().unwrap();
+        let holds = work.handle().hold(Some(session));
+        (connection, work, holds)
     }
 
     #[test]
     fn whoever_opens_many_loses_their_own_oldest_and_nobody_elses() {
-        let lines = Lines::default();
-        let mut display = lines.enter(ip("127.0.0.1"), true).unwrap();
-        let mut other = lines.enter(ip("fd00:0:0:1::1"), false).unwrap();
+        let connections = Connections::default();
+        let mut display = connections.enter(ip("127.0.0.1"), Caller::Vehicle).unwrap();
+        let mut other = connections.enter(ip("fd00:0:0:1::1"), Caller::Elsewhere).unwrap();
         // One who has an IPv6 network has many addresses in it.
         let mut flood: Vec<_> = (0..600)
-            .map(|number| lines.enter(ip(&format!("fd00:0:0:2::{number:x}")), false).unwrap())
+            .map(|number| {
+                connections.enter(ip(&format!("fd00:0:0:2::{number:x}")), Caller::Elsewhere).unwrap()
+            })
             .collect();
         assert!(stays(&mut display) && stays(&mut other));
-        assert_eq!(lines.table().open.len(), 2 + PER_NETWORK.open);
+        assert_eq!(connections.table().open.len(), 2 + PER_NETWORK.open);
         let stayed: Vec<bool> = flood.iter_mut().map(stays).collect();
         assert!(stayed[600 - PER_NETWORK.open..].iter().all(|stays| *stays), "the newest have their places");
     }
 
     #[test]
     fn requests_that_are_not_whole_keep_nobody_out() {
-        let lines = Lines::default();
-        let mut begun: Vec<_> = (0..NEAR.open)
+        let connections = Connections::default();
+        let mut begun: Vec<_> = (0..AT_VEHICLE.open)
             .map(|_| {
-                let line = lines.enter(ip("127.0.0.1"), true).unwrap();
-                let work = line.0.work().unwrap();
-                assert!(!work.standing().hold(None));
-                (line, work)
+                let connection = connections.enter(ip("127.0.0.1"), Caller::Vehicle).unwrap();
+                let work = connection.0.work().unwrap();
+                assert!(!work.handle().hold(None));
+                (connection, work)
             })
             .collect();
-        let mut newest = lines.enter(ip("::ffff:127.0.0.1"), true).unwrap();
+        let mut newest = connections.enter(ip("::ffff:127.0.0.1"), Caller::Vehicle).unwrap();
         assert!(!stays(&mut begun[0].0) && stays(&mut begun[1].0) && stays(&mut newest));
         assert!(begun[0].0.0.work().is_none() && newest.0.work().is_some());
     }
 
     #[test]
     fn anonymous_ones_that_are_answered_stay_and_leave_room_for_others() {
-        let lines = Lines::default();
-        for (source, is_near, bounds) in
-            [("127.0.0.1", true, NEAR), ("10.0.0.1", false, PER_NETWORK), ("10", false, FAR)]
-        {
+        let connections = Connections::default();
+        for (source, caller, bounds) in [
+            ("127.0.0.1", Caller::Vehicle, AT_VEHICLE),
+            ("10.0.0.1", Caller::Elsewhere, PER_NETWORK),
+            ("10", Caller::Elsewhere, ELSEWHERE),
+        ] {
             let mut answered = Vec::new();
             for number in 0..bounds.open {
                 let source = if source == "10" { &format!("10.1.{number}.1") } else { source };
-                let line = lines.enter(ip(source), is_near).unwrap();
-                let work = line.0.work().unwrap();
-                if work.standing().answer() {
-                    answered.push((line, work));
+                let connection = connections.enter(ip(source), caller).unwrap();
+                let work = connection.0.work().unwrap();
+                if work.handle().answer() {
+                    answered.push((connection, work));
                 }
             }
             assert_eq!(answered.len(), bounds.answered, "{source}");
-            let (other, _goes) = lines.enter(ip("10.2.0.1"), is_near).unwrap();
-            assert!(other.work().is_some() && answered.iter_mut().all(|(line, _)| stays(line)), "{source}");
+            let (other, _goes) = connections.enter(ip("10.2.0.1"), caller).unwrap();
+            assert!(
+                other.work().is_some() && answered.iter_mut().all(|(connection, _)| stays(connection)),
+                "{source}"
+            );
         }
-        assert!(lines.table().open.is_empty(), "nothing is kept of who has gone");
+        assert!(connections.table().open.is_empty(), "nothing is kept of who has gone");
     }
 
     #[tokio::test]
@@ -338,26 +353,31 @@ mod tests {
         let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
         store.add_demo_users().await.unwrap();
         let operator = session_of(&store, "operator", "246810").await;
-        let lines = Lines::default();
-        let (page, work, holds) = hold(&lines, "10.0.0.1", &operator);
+        let connections = Connections::default();
+        let (page, work, holds) = hold(&connections, "10.0.0.1", &operator);
         assert!(holds);
         // The page's socket is none of these connections.
         drop((page, work));
-        let mut tap = lines.enter(ip("10.0.0.1"), false).unwrap();
-        let mut stranger = lines.enter(ip("10.9.0.1"), false).unwrap();
+        let mut tap = connections.enter(ip("10.0.0.1"), Caller::Elsewhere).unwrap();
+        let mut stranger = connections.enter(ip("10.9.0.1"), Caller::Elsewhere).unwrap();
         let strangers: Vec<_> = (0..600)
-            .map(|number| lines.enter(ip(&format!("10.1.{}.{}", number / 250, number % 250)), false).unwrap())
+            .map(|number| {
+                connections
+                    .enter(ip(&format!("10.1.{}.{}", number / 250, number % 250)), Caller::Elsewhere)
+                    .unwrap()
+            })
             .collect();
         assert!(stays(&mut tap) && !stays(&mut stranger));
         // They go as well where none but they are left.
         drop(strangers);
-        let mut many: Vec<_> =
-            (0..=PER_NETWORK.open).map(|_| lines.enter(ip("10.0.0.1"), false).unwrap()).collect();
+        let mut many: Vec<_> = (0..=PER_NETWORK.open)
+            .map(|_| connections.enter(ip("10.0.0.1"), Caller::Elsewhere).unwrap())
+            .collect();
         assert!(!stays(&mut tap) && many.iter_mut().rev().take(PER_NETWORK.open).all(stays));
         for number in 0..2 * KNOWN_MAX {
-            drop(hold(&lines, &format!("10.2.0.{number}"), &operator));
+            drop(hold(&connections, &format!("10.2.0.{number}"), &operator));
         }
-        assert_eq!(lines.table().known.len(), KNOWN_MAX);
+        assert_eq!(connections.table().known.len(), KNOWN_MAX);
     }
 
     #[tokio::test]
@@ -365,29 +385,31 @@ mod tests {
         let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
         store.add_demo_users().await.unwrap();
         let operator = session_of(&store, "operator", "246810").await;
-        let lines = Lines::default();
-        let (mut display, work, holds) = hold(&lines, "127.0.0.1", &operator);
+        let connections = Connections::default();
+        let (mut display, work, holds) = hold(&connections, "127.0.0.1", &operator);
         assert!(holds);
         drop(work);
-        let strangers: Vec<_> = (0..500).map(|_| lines.enter(ip("127.0.0.1"), true).unwrap()).collect();
+        let strangers: Vec<_> =
+            (0..500).map(|_| connections.enter(ip("127.0.0.1"), Caller::Vehicle).unwrap()).collect();
         assert!(stays(&mut display), "it is silent, and older than all of them");
         let mut held = 0;
         let mut others = Vec::new();
         for (name, secret) in [("authority", "demo-authority"), ("developer", "demo-developer")] {
             let session = session_of(&store, name, secret).await;
             for _ in 0..100 {
-                let (line, work, holds) = hold(&lines, "127.0.0.1", &session);
+                let (connection, work, holds) = hold(&connections, "127.0.0.1", &session);
                 held += usize::from(holds);
-                others.push((line, work));
+                others.push((connection, work));
             }
         }
         assert_eq!(held, 2 * PER_USER_MAX, "each of them is being answered");
         assert!(stays(&mut display));
-        let (mut newest, _work, holds) = hold(&lines, "127.0.0.1", &operator);
+        let (mut newest, _work, holds) = hold(&connections, "127.0.0.1", &operator);
         assert!(holds && stays(&mut newest));
         // Without the session it is one of many again.
-        display.0.work().unwrap().standing().hold(None);
-        let flood: Vec<_> = (0..500).map(|_| lines.enter(ip("127.0.0.1"), true).unwrap()).collect();
+        display.0.work().unwrap().handle().hold(None);
+        let flood: Vec<_> =
+            (0..500).map(|_| connections.enter(ip("127.0.0.1"), Caller::Vehicle).unwrap()).collect();
         assert!(!stays(&mut display) && stays(&mut newest));
         drop((strangers, others, flood));
     }

@@ -9,7 +9,7 @@ use std::net::IpAddr;
 
 use super::peer::network;
 use crate::engine::time::{Span, Timestamp};
-use crate::store::Token;
+use crate::store::{Caller, Token};
 
 /// Failures before the first delay: typing errors are no attack.
 const FREE_FAILURES: u32 = 3;
@@ -48,8 +48,7 @@ struct Failures {
 #[derive(Debug, Clone)]
 pub struct Source {
     pub ip: IpAddr,
-    /// One of the vehicle's own displays.
-    pub is_near: bool,
+    pub caller: Caller,
     /// The cookie of a browser from which this user logged in before.
     pub device: Option<Token>,
 }
@@ -120,7 +119,10 @@ fn keys(name: &str, source: &Source) -> Vec<Key> {
         return vec![Key::Device(device.clone())];
     }
     let ip = source.ip.to_canonical();
-    let account = Key::Account { name: name.chars().take(64).collect(), near: source.is_near.then_some(ip) };
+    let account = Key::Account {
+        name: name.chars().take(64).collect(),
+        near: (source.caller == Caller::Vehicle).then_some(ip),
+    };
     vec![Key::Source(network(ip)), account]
 }
 
@@ -131,7 +133,7 @@ mod tests {
     #[test]
     fn a_right_login_makes_nobody_else_wait() {
         let mut throttle = Throttle::default();
-        let source = &Source { ip: IpAddr::from([127, 0, 0, 1]), is_near: true, device: None };
+        let source = &Source { ip: IpAddr::from([127, 0, 0, 1]), caller: Caller::Vehicle, device: None };
         let at = |seconds: u64| Timestamp::ZERO + Span::from_secs(seconds);
         for _ in 0..3 {
             throttle.attempt(at(100), "dora", source).unwrap();
@@ -146,7 +148,8 @@ mod tests {
     const STRANGER: &str = "10.0.0.66";
 
     fn source(text: &str) -> Source {
-        Source { ip: text.parse().unwrap(), is_near: [LOCAL, ENROLLED].contains(&text), device: None }
+        let caller = if [LOCAL, ENROLLED].contains(&text) { Caller::Vehicle } else { Caller::Elsewhere };
+        Source { ip: text.parse().unwrap(), caller, device: None }
     }
 
     fn failed(throttle: &mut Throttle, at_s: u64, name: &str, from: &str) -> Result<(), Span> {
@@ -208,7 +211,8 @@ mod tests {
     fn what_is_remembered_is_bounded() {
         let mut throttle = Throttle::default();
         for source in 0..20_000_u32 {
-            let stranger = &Source { ip: IpAddr::from(source.to_be_bytes()), is_near: false, device: None };
+            let stranger =
+                &Source { ip: IpAddr::from(source.to_be_bytes()), caller: Caller::Elsewhere, device: None };
             let _ = throttle.attempt(Timestamp::from_millis(u64::from(source)), "anna", stranger);
         }
         assert!(throttle.0.len() <= ENTRIES_MAX);

@@ -7,6 +7,8 @@ use std::str::FromStr;
 use axum::http::HeaderMap;
 
 use super::proxies::Proxies;
+use crate::store::Caller;
+use crate::web::AppState;
 
 /// One entry of the list, as the command line takes it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,15 +73,23 @@ impl Enrolled {
         self.proxies.has(peer)
     }
 
-    /// Whether it is one of the vehicle's own displays. Where others are named this machine is none:
+    /// Where a caller with this address is. Where other displays are named this machine is none:
     /// a proxy may run on it, and all who come through that look alike.
-    pub fn is_near(&self, source: IpAddr) -> bool {
+    pub fn caller(&self, source: IpAddr) -> Caller {
         let source = source.to_canonical();
-        self.displays.iter().any(|display| match display {
+        let is_display = self.displays.iter().any(|display| match display {
             Display::Loopback => source.is_loopback(),
             Display::At(ip) => ip.to_canonical() == source,
             Display::None => false,
-        })
+        });
+        if is_display { Caller::Vehicle } else { Caller::Elsewhere }
+    }
+}
+
+impl AppState {
+    /// Where a caller with this address is.
+    pub fn caller(&self, source: IpAddr) -> Caller {
+        self.settings.enrolled.caller(source)
     }
 }
 
@@ -107,7 +117,8 @@ mod tests {
         for (list, source, expected) in cases {
             let displays = list.split_whitespace().map(|word| word.parse().unwrap()).collect();
             let enrolled = Enrolled::new(displays);
-            assert_eq!(enrolled.is_near(source.parse().unwrap()), expected, "{list:?} {source}");
+            let expected = if expected { Caller::Vehicle } else { Caller::Elsewhere };
+            assert_eq!(enrolled.caller(source.parse().unwrap()), expected, "{list:?} {source}");
         }
         assert!("shuttle".parse::<Display>().is_err());
     }

@@ -11,7 +11,7 @@ use crate::engine::time::{Span, Timestamp};
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{Role, Session, SessionKind, StoreError, Token};
 use crate::web::AppState;
-use crate::web::view::words::session_end::Farewell;
+use crate::web::view::words::session_end::SessionEnd;
 
 const CHECK_EVERY: Duration = Duration::from_millis(500);
 
@@ -27,8 +27,8 @@ pub fn has_idled_out(session: &Session, now: Timestamp) -> bool {
     idles_out(session) && session.idle(now) >= DEVELOPER_IDLE_MAX
 }
 
-/// Whether this is a session of the operator in the seat.
-pub fn is_seated(session: &Session, snapshot: &Snapshot) -> bool {
+/// Whether this is a session of the operator in charge.
+pub fn is_in_charge(session: &Session, snapshot: &Snapshot) -> bool {
     session.role == Role::Operator && snapshot.operator.as_deref() == Some(&*session.user)
 }
 
@@ -48,13 +48,13 @@ impl AppState {
             return true;
         }
         let published = self.link.snapshots.borrow();
-        let drives = published.snapshot.stage == Stage::Active && is_seated(session, &published.snapshot);
+        let drives = published.snapshot.stage == Stage::Active && is_in_charge(session, &published.snapshot);
         session.expires <= self.clock.now() && !drives
     }
 
     /// Why a session that is over by itself is.
-    pub fn overdue(&self, session: &Session) -> Farewell {
-        if has_idled_out(session, self.clock.now()) { Farewell::Idle } else { Farewell::Expired }
+    pub fn overdue(&self, session: &Session) -> SessionEnd {
+        if has_idled_out(session, self.clock.now()) { SessionEnd::Idle } else { SessionEnd::Expired }
     }
 }
 
@@ -80,7 +80,7 @@ async fn end_overdue(app: &AppState) {
                 SessionKind::Person if has_idled_out(session, app.clock.now()) => "idle",
                 SessionKind::Person => "expired",
             };
-            app.farewells.end(session, app.overdue(session));
+            app.session_ends.end(session, app.overdue(session));
             let record = Record::of(Action::SessionEnded, TELLTALE).on(why);
             app.store.end_at_once(session, record.by(&*session.user, session.role));
         }
@@ -98,13 +98,13 @@ async fn lock_empty(app: &AppState) {
 /// Locks a vehicle whose operator has no session any more. An engine that does not answer, or refuses,
 /// is asked again at the next check.
 async fn lock_if_empty(app: &AppState) {
-    let _seat = app.seat.lock().await;
+    let _change = app.operator_change.lock().await;
     let snapshot = app.published().snapshot;
     // A vehicle that drives keeps its operator; the engine would refuse anyway.
     let Some(operator) = snapshot.operator.as_deref().filter(|_| snapshot.stage != Stage::Active) else {
         return;
     };
-    let is_empty = !app.store.sessions().iter().any(|session| is_seated(session, &snapshot));
+    let is_empty = !app.store.sessions().iter().any(|session| is_in_charge(session, &snapshot));
     if is_empty && matches!(app.command(OperatorAction::Logout).await, Ok(Response::Done)) {
         tracing::info!("the operator has no session any more: the vehicle is locked");
         let record = Record::of(Action::Logout, TELLTALE).by(operator, Role::Operator);

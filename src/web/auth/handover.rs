@@ -1,4 +1,4 @@
-//! An operator takes the seat of a vehicle that drives: from one of its own displays alone, and every
+//! An operator takes charge of a vehicle that drives: from one of its own displays alone, and every
 //! page says so five seconds before. Until then a STOP of both counts.
 
 use std::net::IpAddr;
@@ -14,18 +14,18 @@ use crate::store::Session;
 use crate::store::audit::{Action, Record};
 use crate::web::AppState;
 use crate::web::record::audit::record_of;
-use crate::web::view::words::session_end::Farewell;
+use crate::web::view::words::session_end::SessionEnd;
 
-/// So long before it happens it is said.
-const SAID_BEFORE: Span = Span::from_secs(5);
+/// So long before it happens it is announced.
+const ANNOUNCED_BEFORE: Span = Span::from_secs(5);
 /// It waits no longer than this for others and for the disk once it is due.
 const DONE_WITHIN: Span = Span::from_secs(4);
 const CHECK_EVERY: Duration = Duration::from_millis(100);
 
-/// A change of the seat that has been said and not happened yet.
+/// A change of the operator that is announced and has not happened yet.
 #[derive(Debug, Clone)]
 pub struct HandOver {
-    /// Of the operator who takes the seat.
+    /// Of the operator who takes over.
     session: Session,
     source: IpAddr,
     from: Arc<str>,
@@ -33,19 +33,19 @@ pub struct HandOver {
 }
 
 impl HandOver {
-    /// Who takes the seat.
+    /// Who takes over.
     pub fn to(&self) -> &str {
         &self.session.user
     }
 }
 
-/// The one hand-over that is said, if any is.
+/// The one hand-over that is announced, if any is.
 #[derive(Debug)]
 pub struct HandOvers(watch::Sender<Option<HandOver>>);
 
-/// Takes back what was said, when this is dropped.
+/// Takes back what was announced, when this is dropped.
 #[derive(Debug)]
-struct Said(AppState);
+struct Announced(AppState);
 
 impl Default for HandOvers {
     fn default() -> HandOvers {
@@ -54,42 +54,42 @@ impl Default for HandOvers {
 }
 
 impl HandOvers {
-    /// What is said, now and from now on.
+    /// What is announced, now and from now on.
     pub fn subscribe(&self) -> watch::Receiver<Option<HandOver>> {
         self.0.subscribe()
     }
 
-    pub fn is_said(&self) -> bool {
+    pub fn is_announced(&self) -> bool {
         self.0.borrow().is_some()
     }
 
-    /// Whether the operator with this login takes the seat next.
+    /// Whether the operator with this login takes over next.
     pub fn is_successor(&self, session: &Session) -> bool {
-        self.0.borrow().as_ref().is_some_and(|said| said.session.is(session))
+        self.0.borrow().as_ref().is_some_and(|announced| announced.session.is(session))
     }
 }
 
-/// Announces that the operator with this login takes the seat, and hands it over when that is due.
+/// Announces that the operator with this login takes over, and carries it out when that is due.
 pub fn begin(app: &AppState, session: &Session, source: IpAddr, from: &str) {
-    let due = app.clock.now() + SAID_BEFORE;
-    let said = HandOver { session: session.clone(), source, from: from.into(), due };
-    app.hand_overs.0.send_replace(Some(said.clone()));
-    tokio::spawn(follow(Said(app.clone()), said));
+    let due = app.clock.now() + ANNOUNCED_BEFORE;
+    let announced = HandOver { session: session.clone(), source, from: from.into(), due };
+    app.hand_overs.0.send_replace(Some(announced.clone()));
+    tokio::spawn(follow(Announced(app.clone()), announced));
 }
 
-async fn follow(told: Said, said: HandOver) {
+async fn follow(told: Announced, announced: HandOver) {
     let app = &told.0;
     let mut checks = interval(CHECK_EVERY);
     checks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    while app.clock.now() < said.due {
+    while app.clock.now() < announced.due {
         checks.tick().await;
-        if !said.session.is_open() {
+        if !announced.session.is_open() {
             return;
         }
     }
-    if let Err(why) = said.take(app).await {
-        tracing::warn!(why, "the seat is not handed over");
-        app.record(None, said.record().refused(why)).await;
+    if let Err(why) = announced.take(app).await {
+        tracing::warn!(why, "the vehicle is not handed over");
+        app.record(None, announced.record().refused(why)).await;
     }
 }
 
@@ -98,14 +98,14 @@ impl HandOver {
         record_of(&self.session, Action::HandOver, self.source).on(format!("from {}", self.from))
     }
 
-    /// Takes the seat, judged anew: written first, and not done if that takes too long.
+    /// Takes charge, judged anew: written first, and not done if that takes too long.
     async fn take(&self, app: &AppState) -> Result<(), String> {
         let late = || "it waited too long for others".to_owned();
         let until = self.due + DONE_WITHIN;
-        let _seat = app.by(until, app.free_seat()).await.ok_or_else(late)?;
+        let _change = app.by(until, app.lock_operator()).await.ok_or_else(late)?;
         let _acting = app.by(until, app.acting.lock()).await.ok_or_else(late)?;
-        let seated = app.published().snapshot.operator.clone();
-        if !self.session.is_open() || seated.is_some_and(|seated| *seated != *self.from) {
+        let in_charge = app.published().snapshot.operator.clone();
+        if !self.session.is_open() || in_charge.is_some_and(|in_charge| *in_charge != *self.from) {
             return Err("things have changed".to_owned());
         }
         let action = OperatorAction::Login { name: self.to().into() };
@@ -120,7 +120,7 @@ impl HandOver {
         let written = taken.map_err(|error| error.to_string())?;
         let why = match app.command(action).await {
             Ok(Response::Done) => {
-                app.farewells.end_all_of(&self.from, Farewell::TakenOver);
+                app.session_ends.end_all_of(&self.from, SessionEnd::TakenOver);
                 app.store.left(written);
                 tracing::info!(user = self.to(), from = &*self.from, "took the vehicle over while it drives");
                 return Ok(());
@@ -134,7 +134,7 @@ impl HandOver {
     }
 }
 
-impl Drop for Said {
+impl Drop for Announced {
     fn drop(&mut self) {
         self.0.hand_overs.0.send_replace(None);
     }

@@ -16,20 +16,20 @@ use tokio::time::timeout;
 
 use super::session_ends;
 use super::sign_in_out;
-use super::sign_in_out::{Entrance, NotOpened};
+use super::sign_in_out::{LoginAttempt, NotOpened};
 use crate::engine::input::OperatorAction;
 use crate::engine::model::Stage;
 use crate::engine::time::Span;
 use crate::store::audit::{Action, Record};
-use crate::store::{Lane, Role, SESSION_LIFE, Session, SessionKind, Token, Verified, is_pin};
+use crate::store::{Caller, Role, SESSION_LIFE, Session, SessionKind, Token, Verified, is_pin};
 use crate::web::AppState;
 use crate::web::admission::login_throttle::Source;
 use crate::web::admission::peer::{Peer, source_of};
-use crate::web::http::errors::Trouble;
+use crate::web::http::errors::HttpError;
 use crate::web::http::guard::{SignedIn, cookie_name, cookie_session, device_cookie_name};
 use crate::web::http::respond::{Reader, Speaks, cookie, json_answer, refusal, refused};
 use crate::web::view;
-use crate::web::view::words::session_end::Farewell;
+use crate::web::view::words::session_end::SessionEnd;
 use crate::web::view::{LoginContext, LoginFailure};
 
 /// The server judges when a session is over, and the driver keeps it: a browser must not forget it
@@ -45,7 +45,7 @@ const DEVICE_WITHIN: Duration = Duration::from_secs(1);
 pub struct LoginForm {
     name: String,
     secret: String,
-    /// Given by an operator who was told that somebody else sits in the seat, and takes it over.
+    /// Given by an operator who was told that another one is in charge, and takes over.
     take_over: Option<String>,
 }
 
@@ -61,8 +61,8 @@ pub async fn page(State(app): State<AppState>, headers: HeaderMap, reader: Reade
         Err(error) if error.is_of_storage() => Some(LoginFailure::Storage),
         _ => None,
     };
-    let farewell = session_ends::of(&app, &headers).await;
-    login_page(&app, &reader, StatusCode::OK, "", nobody, farewell)
+    let session_end = session_ends::of(&app, &headers).await;
+    login_page(&app, &reader, StatusCode::OK, "", nobody, session_end)
 }
 
 /// A folder with a blank in its name is quoted, as a shell has to be told it.
@@ -89,7 +89,7 @@ pub async fn login(
         Err(rejection) if rejection.status() == StatusCode::PAYLOAD_TOO_LARGE => {
             return rejection.into_response();
         }
-        Err(_) => return refusal(&reader, Trouble::BadForm),
+        Err(_) => return refusal(&reader, HttpError::BadForm),
     };
     let source = source_of(peer.map(|Extension(peer)| peer));
     let device = known_device(&app, &headers, source, &form.name).await;
@@ -99,19 +99,19 @@ pub async fn login(
             if app.may_record_refusal(source, Action::Login).await {
                 let record = Record::of(Action::Login, source.to_string());
                 let record = record.on(app.recorded_name(&form.name).await);
-                app.audit_or_log_from(app.lane(source), record.refused(failure.as_str())).await;
+                app.audit_or_log_from(app.caller(source), record.refused(failure.as_str())).await;
             }
             return failed(&app, &reader, &form.name, failure);
         }
     };
-    let entrance = Entrance {
+    let attempt = LoginAttempt {
         user: user.clone(),
         source,
         takes_over: form.take_over.is_some(),
         before: cookie_session(&app, &headers),
         until: app.clock.now() + sign_in_out::DONE_WITHIN,
     };
-    match sign_in_out::enter(&app, entrance).await {
+    match sign_in_out::log_in(&app, attempt).await {
         Ok((token, session)) => {
             let mut answer = welcome(&app, &reader, &token, &session);
             if device.is_none() {
@@ -120,7 +120,9 @@ pub async fn login(
             answer
         }
         Err(NotOpened::Refused(reasons)) => refused(&reader, &reasons),
-        Err(NotOpened::SeatTaken(by)) => failed(&app, &reader, &form.name, LoginFailure::SeatTaken { by }),
+        Err(NotOpened::OtherOperator(by)) => {
+            failed(&app, &reader, &form.name, LoginFailure::OtherOperator { by })
+        }
         Err(NotOpened::Drives) => failed(&app, &reader, &form.name, LoginFailure::Drives),
         Err(NotOpened::Storage) => failed(&app, &reader, &form.name, LoginFailure::Storage),
         Err(NotOpened::Busy | NotOpened::Unavailable) => {
@@ -158,16 +160,16 @@ async fn leave(
 ) -> Response {
     // A program's token is taken back on the command line.
     if session.kind == SessionKind::Program {
-        return refusal(&Reader { speaks: Speaks::Json, ..*reader }, Trouble::Forbidden);
+        return refusal(&Reader { speaks: Speaks::Json, ..*reader }, HttpError::Forbidden);
     }
     let source = source_of(peer.map(|Extension(peer)| peer));
     match sign_in_out::leave(&app, &session, source, action).await {
         Ok(()) => {}
         Err(NotOpened::Refused(reasons)) => return refused(reader, &reasons),
-        Err(NotOpened::Storage) => return refusal(reader, Trouble::Storage),
-        Err(NotOpened::Busy) => return refusal(reader, Trouble::Busy),
-        Err(NotOpened::SeatTaken(_) | NotOpened::Drives | NotOpened::Unavailable) => {
-            return refusal(reader, Trouble::Unavailable);
+        Err(NotOpened::Storage) => return refusal(reader, HttpError::Storage),
+        Err(NotOpened::Busy) => return refusal(reader, HttpError::Busy),
+        Err(NotOpened::OtherOperator(_) | NotOpened::Drives | NotOpened::Unavailable) => {
+            return refusal(reader, HttpError::Unavailable);
         }
     }
     tracing::info!(user = &*session.user, "logged out");
@@ -183,7 +185,7 @@ async fn leave(
 async fn known_device(app: &AppState, headers: &HeaderMap, source: IpAddr, name: &str) -> Option<Token> {
     let token = cookie(headers, device_cookie_name(app.settings.secure)).and_then(Token::parse)?;
     // A user who cannot be looked up is not known.
-    let is_known = app.store.is_device_of(app.lane(source), &token, name).await.unwrap_or(false);
+    let is_known = app.store.is_device_of(app.caller(source), &token, name).await.unwrap_or(false);
     is_known.then_some(token)
 }
 
@@ -203,18 +205,18 @@ async fn prove(
     device: Option<Token>,
 ) -> Result<Verified, LoginFailure> {
     // The user sees that it is a PIN: this says nothing of anybody's secret.
-    if is_pin(&form.secret) && !app.settings.enrolled.is_near(source) {
+    if is_pin(&form.secret) && app.caller(source) == Caller::Elsewhere {
         return Err(LoginFailure::PinElsewhere);
     }
-    let is_near = app.lane(source) == Lane::Vehicle;
+    let at = app.caller(source);
     // A known browser waits in no queue with strangers.
-    let lane = if device.is_some() { Lane::Vehicle } else { app.lane(source) };
-    let from = Source { ip: source, is_near, device };
+    let caller = if device.is_some() { Caller::Vehicle } else { at };
+    let from = Source { ip: source, caller: at, device };
     let throttle = || app.throttle.lock().unwrap_or_else(PoisonError::into_inner);
     if let Err(wait) = throttle().attempt(app.clock.now(), &form.name, &from) {
         return Err(LoginFailure::Wait { seconds: whole_seconds(wait) });
     }
-    match app.store.authenticate_from(lane, &form.name, &form.secret).await {
+    match app.store.authenticate_from(caller, &form.name, &form.secret).await {
         Ok(Some(user)) => {
             throttle().succeeded(&form.name, &from);
             Ok(user)
@@ -256,7 +258,7 @@ fn failed(app: &AppState, reader: &Reader, name: &str, failure: LoginFailure) ->
     let status = match failure {
         LoginFailure::Wrong => StatusCode::UNAUTHORIZED,
         LoginFailure::PinElsewhere => StatusCode::FORBIDDEN,
-        LoginFailure::SeatTaken { .. } | LoginFailure::Drives => StatusCode::CONFLICT,
+        LoginFailure::OtherOperator { .. } | LoginFailure::Drives => StatusCode::CONFLICT,
         LoginFailure::Wait { .. } => StatusCode::TOO_MANY_REQUESTS,
         LoginFailure::Storage | LoginFailure::Unavailable | LoginFailure::NoUsers { .. } => {
             StatusCode::SERVICE_UNAVAILABLE
@@ -264,7 +266,7 @@ fn failed(app: &AppState, reader: &Reader, name: &str, failure: LoginFailure) ->
     };
     let wait = if let LoginFailure::Wait { seconds } = failure { Some(seconds) } else { None };
     let mut answer = match (reader.speaks, &failure) {
-        (Speaks::Json, LoginFailure::SeatTaken { by }) => {
+        (Speaks::Json, LoginFailure::OtherOperator { by }) => {
             let refused = format!("{by} is the operator; take_over=1 takes the seat over");
             json_answer(status, &json!({ "refused": [refused], "operator": by }))
         }
@@ -289,14 +291,14 @@ fn login_page(
     status: StatusCode,
     name: &str,
     failure: Option<LoginFailure>,
-    farewell: Option<Farewell>,
+    session_end: Option<SessionEnd>,
 ) -> Response {
     let context = LoginContext {
         lang: reader.lang,
         palette: reader.palette,
         name: name.chars().take(NAME_SHOWN_CHARS_MAX).collect(),
         failure,
-        farewell,
+        session_end,
         demo: app.settings.demo.is_some(),
     };
     (status, Html(view::login_page(&context))).into_response()

@@ -1,7 +1,7 @@
 //! Why a session is over, for the login page to which its browser comes back. The browser is known
 //! by the cookie that it still has; no address says anything, so nothing can be made up.
 
-use crate::web::view::words::session_end::Farewell;
+use crate::web::view::words::session_end::SessionEnd;
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 
@@ -17,41 +17,41 @@ const SESSIONS_MAX: usize = 256;
 
 /// Sessions that browsers were seen with, oldest first.
 #[derive(Debug, Default)]
-pub struct Farewells(Mutex<VecDeque<Met>>);
+pub struct SessionEnds(Mutex<VecDeque<KnownSession>>);
 
 #[derive(Debug)]
-struct Met {
+struct KnownSession {
     session: Session,
-    why: Option<Farewell>,
+    why: Option<SessionEnd>,
 }
 
-impl Farewells {
+impl SessionEnds {
     /// Notes a session that a browser has.
-    pub fn meet(&self, session: &Session) {
-        let mut met = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if session.kind != SessionKind::Person || met.iter().any(|it| it.session.is(session)) {
+    pub fn remember(&self, session: &Session) {
+        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if session.kind != SessionKind::Person || known.iter().any(|it| it.session.is(session)) {
             return;
         }
-        if met.len() == SESSIONS_MAX {
-            met.pop_front();
+        if known.len() == SESSIONS_MAX {
+            known.pop_front();
         }
-        met.push_back(Met { session: session.clone(), why: None });
+        known.push_back(KnownSession { session: session.clone(), why: None });
     }
 
     /// Notes why a session ends.
-    pub fn end(&self, session: &Session, why: Farewell) {
+    pub fn end(&self, session: &Session, why: SessionEnd) {
         self.note(|it| it.is(session), Some(why));
     }
 
     /// Notes why all sessions of a user end.
-    pub fn end_all_of(&self, user: &str, why: Farewell) {
+    pub fn end_all_of(&self, user: &str, why: SessionEnd) {
         self.note(|it| *it.user == *user, Some(why));
     }
 
     /// Notes that a user logs out at one display, and with that at all.
     pub fn log_out(&self, session: &Session) {
-        self.end_all_of(&session.user, Farewell::LoggedOut);
-        self.end(session, Farewell::LoggedOutHere);
+        self.end_all_of(&session.user, SessionEnd::LoggedOut);
+        self.end(session, SessionEnd::LoggedOutHere);
     }
 
     /// The sessions of a user go on after all.
@@ -59,33 +59,33 @@ impl Farewells {
         self.note(|it| *it.user == *user, None);
     }
 
-    fn note(&self, ends: impl Fn(&Session) -> bool, why: Option<Farewell>) {
-        let mut met = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        for it in met.iter_mut().filter(|it| ends(&it.session)) {
+    fn note(&self, ends: impl Fn(&Session) -> bool, why: Option<SessionEnd>) {
+        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        for it in known.iter_mut().filter(|it| ends(&it.session)) {
             it.why = why;
         }
     }
 
-    fn of(&self, token: &Token) -> Option<(Session, Option<Farewell>)> {
-        let met = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        met.iter().find(|it| it.session.is_of(token)).map(|it| (it.session.clone(), it.why))
+    fn of(&self, token: &Token) -> Option<(Session, Option<SessionEnd>)> {
+        let known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        known.iter().find(|it| it.session.is_of(token)).map(|it| (it.session.clone(), it.why))
     }
 }
 
 /// Why the session with which a browser comes is over. `None` where it has none, or an open one.
-pub async fn of(app: &AppState, headers: &HeaderMap) -> Option<Farewell> {
+pub async fn of(app: &AppState, headers: &HeaderMap) -> Option<SessionEnd> {
     let token = cookie(headers, cookie_name(app.settings.secure)).and_then(Token::parse)?;
-    let Some((session, why)) = app.farewells.of(&token) else {
-        return app.session(&token).is_none().then_some(Farewell::Ended);
+    let Some((session, why)) = app.session_ends.of(&token) else {
+        return app.session(&token).is_none().then_some(SessionEnd::Ended);
     };
     if session.is_open() {
         // The page may be quicker than the end of its session.
         return why.or_else(|| app.has_expired(&session).then(|| app.overdue(&session))).filter(is_told);
     }
     let is_user = app.store.knows_user(&session.user).await.unwrap_or(true);
-    Some(if is_user { why.unwrap_or(Farewell::Ended) } else { Farewell::Removed }).filter(is_told)
+    Some(if is_user { why.unwrap_or(SessionEnd::Ended) } else { SessionEnd::Removed }).filter(is_told)
 }
 
-fn is_told(why: &Farewell) -> bool {
-    *why != Farewell::LoggedOutHere
+fn is_told(why: &SessionEnd) -> bool {
+    *why != SessionEnd::LoggedOutHere
 }

@@ -1,4 +1,4 @@
-//! Who comes in and who goes out: sessions, and the operator's seat with them. Each is judged, written
+//! Logins and logouts: sessions, and with them the operator in charge. Each is judged, written
 //! and then done, and waits no longer than a tap does.
 
 use std::net::IpAddr;
@@ -6,23 +6,23 @@ use std::net::IpAddr;
 use futures_util::TryFutureExt;
 use tokio::sync::oneshot;
 
-use super::expiry::is_seated;
+use super::expiry::is_in_charge;
 use super::handover;
 use crate::engine::input::{OperatorAction, Refusal, Response as Answer};
 use crate::engine::model::Stage;
 use crate::engine::time::{Span, Timestamp};
 use crate::store::audit::{Action, Record};
-use crate::store::{Entering, Lane, Role, Session, StoreError, Token, VehicleMemory, Verified, Written};
+use crate::store::{Caller, Entering, Role, Session, StoreError, Token, VehicleMemory, Verified, Written};
 use crate::web::AppState;
 use crate::web::engine_link::NoAnswer;
 use crate::web::record::audit::record_of;
-use crate::web::view::words::session_end::Farewell;
+use crate::web::view::words::session_end::SessionEnd;
 
 /// Why no session was opened or closed.
 #[derive(Debug)]
 pub enum NotOpened {
-    /// This operator sits in the seat.
-    SeatTaken(String),
+    /// This operator is in charge.
+    OtherOperator(String),
     /// The vehicle drives, and they come from elsewhere.
     Drives,
     Refused(Vec<Refusal>),
@@ -60,12 +60,12 @@ const LATE: &str = "the disk did not answer in time";
 ///
 /// # Errors
 /// Why there is none.
-pub async fn enter(app: &AppState, entrance: Entrance) -> Result<(Token, Session), NotOpened> {
+pub async fn log_in(app: &AppState, attempt: LoginAttempt) -> Result<(Token, Session), NotOpened> {
     let (reply, answer) = oneshot::channel();
     let app = app.clone();
     tokio::spawn(async move {
-        let record = entrance.record(Action::SessionEnded).on("nobody waited for the login");
-        let opened = entrance.open(&app, || !reply.is_closed()).await;
+        let record = attempt.record(Action::SessionEnded).on("nobody waited for the login");
+        let opened = attempt.open(&app, || !reply.is_closed()).await;
         if let Err(Ok((_, session))) = reply.send(opened) {
             app.store.end_at_once(&session, record);
         }
@@ -90,10 +90,10 @@ pub async fn leave(
 }
 
 /// Somebody who proved to be a user and asks for a session.
-pub struct Entrance {
+pub struct LoginAttempt {
     pub user: Verified,
     pub source: IpAddr,
-    /// From the operator who sits in the seat.
+    /// From the operator in charge.
     pub takes_over: bool,
     /// The session that the browser had: nobody may go on with it.
     pub before: Option<Session>,
@@ -101,26 +101,26 @@ pub struct Entrance {
     pub until: Timestamp,
 }
 
-impl Entrance {
-    /// Opens a session; an operator takes the seat, and the vehicle is unlocked by that.
+impl LoginAttempt {
+    /// Opens a session; an operator takes charge, and the vehicle is unlocked by that.
     async fn open(
         self,
         app: &AppState,
         is_waited_for: impl Fn() -> bool + Send,
     ) -> Result<(Token, Session), NotOpened> {
-        let _seat = app.by(self.until, app.free_seat()).await.ok_or(NotOpened::Busy)?;
+        let _change = app.by(self.until, app.lock_operator()).await.ok_or(NotOpened::Busy)?;
         let (name, role) = (self.user.name(), self.user.role());
-        let seated = app.published().snapshot.operator.clone();
-        let other = seated.filter(|seated| role == Role::Operator && **seated != *name);
+        let in_charge = app.published().snapshot.operator.clone();
+        let other = in_charge.filter(|it| role == Role::Operator && **it != *name);
         if let Some(other) = other.as_deref().filter(|_| !self.takes_over) {
             let why = format!("{other} is the operator");
             app.audit(self.record(Action::Login).refused(why)).await?;
-            return Err(NotOpened::SeatTaken(other.to_owned()));
+            return Err(NotOpened::OtherOperator(other.to_owned()));
         }
         let snapshot = app.published().snapshot;
         let drives = snapshot.stage == Stage::Active;
         let takes = role == Role::Operator && snapshot.operator.as_deref() != Some(name);
-        if takes && drives && app.lane(self.source) != Lane::Vehicle {
+        if takes && drives && app.caller(self.source) != Caller::Vehicle {
             app.audit(
                 self.record(Action::Login).refused("the vehicle drives, and this is none of its displays"),
             )
@@ -128,9 +128,9 @@ impl Entrance {
             return Err(NotOpened::Drives);
         }
         // At the driver's own display nobody has to be told.
-        let is_here = self.before.as_ref().is_some_and(|before| is_seated(before, &snapshot));
-        let said = other.as_deref().filter(|_| drives && !is_here);
-        if said.is_some() && app.hand_overs.is_said() {
+        let is_here = self.before.as_ref().is_some_and(|before| is_in_charge(before, &snapshot));
+        let announced = other.as_deref().filter(|_| drives && !is_here);
+        if announced.is_some() && app.hand_overs.is_announced() {
             return Err(NotOpened::Busy);
         }
         if let Some(reason) = self.is_refused_logout(app) {
@@ -144,7 +144,9 @@ impl Entrance {
         };
         let had = others();
         let (token, written) = match role {
-            Role::Operator if said.is_none() => self.take_seat(app, other.as_deref(), is_waited_for).await?,
+            Role::Operator if announced.is_none() => {
+                self.take_charge(app, other.as_deref(), is_waited_for).await?
+            }
             _ => {
                 let entering = self.entering(app, None, None);
                 let records = self.ends().chain([self.record(Action::Login)]).collect();
@@ -157,8 +159,8 @@ impl Entrance {
             let record = self.record(Action::SessionEnded);
             app.audit_or_log(record.on(format!("{ended} of too many, the oldest"))).await;
         }
-        app.farewells.meet(&session);
-        if let Some(from) = said {
+        app.session_ends.remember(&session);
+        if let Some(from) = announced {
             handover::begin(app, &session, self.source, from);
         }
         tracing::info!(user = name, role = role.as_str(), source = %self.source, "logged in");
@@ -179,10 +181,10 @@ impl Entrance {
     }
 
     /// Whether the session of a driving vehicle's operator would end. It does for the operator, and
-    /// for the operator who takes the seat over: for others this is a logout.
+    /// for the operator who takes over: for others this is a logout.
     fn is_refused_logout(&self, app: &AppState) -> Option<Refusal> {
         let snapshot = app.published().snapshot;
-        let leaves = self.before.as_ref().is_some_and(|before| is_seated(before, &snapshot));
+        let leaves = self.before.as_ref().is_some_and(|before| is_in_charge(before, &snapshot));
         let is_refused = leaves && self.user.role() != Role::Operator && snapshot.stage == Stage::Active;
         is_refused.then_some(Refusal::LogoutWhileActive)
     }
@@ -195,13 +197,13 @@ impl Entrance {
     }
 
     /// Written first: while nothing can be written, the driver keeps the vehicle.
-    async fn take_seat(
+    async fn take_charge(
         &self,
         app: &AppState,
         other: Option<&str>,
         is_waited_for: impl Fn() -> bool + Send,
     ) -> Result<(Token, Written), NotOpened> {
-        let _owed = app.by(self.until, app.acting.lock()).await.ok_or(NotOpened::Busy)?;
+        let _acting = app.by(self.until, app.acting.lock()).await.ok_or(NotOpened::Busy)?;
         let action = OperatorAction::Login { name: self.user.name().into() };
         let foreseen = match app.rehearse(action.clone()).await? {
             Ok(foreseen) => foreseen,
@@ -211,7 +213,7 @@ impl Entrance {
             }
         };
         if !is_waited_for() {
-            app.owe(self.record(Action::Login).refused("nobody waited for it any more"));
+            app.record_later(self.record(Action::Login).refused("nobody waited for it any more"));
             return Err(NotOpened::Unavailable);
         }
         let hand_over = other.map(|other| self.record(Action::HandOver).on(format!("from {other}")));
@@ -222,7 +224,7 @@ impl Entrance {
         let (why, not_opened) = match app.command(action).await {
             Ok(Answer::Done) => {
                 if let Some(other) = other {
-                    app.farewells.end_all_of(other, Farewell::TakenOver);
+                    app.session_ends.end_all_of(other, SessionEnd::TakenOver);
                 }
                 return Ok((token, written));
             }
@@ -244,7 +246,7 @@ impl Entrance {
         if let Some(written) = app.by(self.until, &mut writing).await {
             return Ok(written.inspect_err(|error| {
                 if matches!(error, StoreError::TooLate) {
-                    app.owe(self.record(Action::Login).refused(LATE));
+                    app.record_later(self.record(Action::Login).refused(LATE));
                 }
             })?);
         }
@@ -260,7 +262,7 @@ impl Entrance {
     }
 }
 
-/// Ends a session. The operator in the seat leaves it, at all displays, if the vehicle permits.
+/// Ends a session. The operator in charge logs out at all displays, if the vehicle permits.
 async fn close(
     app: AppState,
     session: Session,
@@ -268,19 +270,19 @@ async fn close(
     action: OperatorAction,
 ) -> Result<(), NotOpened> {
     let until = app.clock.now() + DONE_WITHIN;
-    let _seat = app.by(until, app.free_seat()).await.ok_or(NotOpened::Busy)?;
+    let _change = app.by(until, app.lock_operator()).await.ok_or(NotOpened::Busy)?;
     let record = record_of(&session, Action::Logout, source);
     let not_done = |error: &StoreError| {
         if matches!(error, StoreError::TooLate) {
-            app.owe(record.clone().refused(LATE));
+            app.record_later(record.clone().refused(LATE));
         }
     };
-    if !is_seated(&session, &app.published().snapshot) {
+    if !is_in_charge(&session, &app.published().snapshot) {
         // Nothing else follows from it: once the disk has begun with it, it may be done later.
         let ending = app.by(until, app.store.end_session(&session, record.clone(), until)).await;
         return Ok(ending.ok_or(NotOpened::Storage)?.inspect_err(not_done)?);
     }
-    let _owed = app.by(until, app.acting.lock()).await.ok_or(NotOpened::Busy)?;
+    let _acting = app.by(until, app.acting.lock()).await.ok_or(NotOpened::Busy)?;
     if let Err(reasons) = app.rehearse(action.clone()).await? {
         app.audit(record.refused(format!("{reasons:?}"))).await?;
         return Err(NotOpened::Refused(reasons));
@@ -293,11 +295,11 @@ async fn close(
         return Err(NotOpened::Storage);
     };
     let leaving = leaving.inspect_err(not_done)?;
-    app.farewells.log_out(&session);
+    app.session_ends.log_out(&session);
     let (why, not_closed) = match app.command(action).await {
         Ok(Answer::Done) => {
             app.store.left(leaving);
-            // That the vehicle is locked follows from the empty seat, after a restart too.
+            // That the vehicle is locked follows from having no operator, after a restart too.
             if let Err(error) = app.store.remember(app.memory(), Vec::new()).await {
                 tracing::error!(%error, "the vehicle cannot be remembered");
             }
@@ -306,21 +308,21 @@ async fn close(
         Ok(Answer::Refused(reasons)) => (format!("{reasons:?}"), NotOpened::Refused(reasons)),
         Err(error) => (error.to_string(), error.into()),
     };
-    app.farewells.stay(&session.user);
+    app.session_ends.stay(&session.user);
     app.store.take_back(leaving, app.memory(), record.refused(why)).await?;
     Err(not_closed)
 }
 
 impl AppState {
-    /// The right to change who sits in the seat, as soon as what the disk took too late is undone.
-    pub(in crate::web) async fn free_seat(&self) -> tokio::sync::MutexGuard<'_, ()> {
-        let seat = self.seat.lock().await;
+    /// The right to change the operator in charge, as soon as what the disk took too late is undone.
+    pub(in crate::web) async fn lock_operator(&self) -> tokio::sync::MutexGuard<'_, ()> {
+        let change = self.operator_change.lock().await;
         drop(self.undoing.lock().await);
-        seat
+        change
     }
 
-    /// Takes back a change of the seat that was not written in time, if it is written later: it was not done.
-    /// The caller has the seat; until it is undone nobody else changes what it is taken back to.
+    /// Takes back a change of the operator that was not written in time, if it is written later: it was not done.
+    /// The caller holds `operator_change`; until it is undone nobody else changes what it is taken back to.
     pub(in crate::web) fn undo_late(
         &self,
         writing: impl Future<Output = Result<Written, StoreError>> + Send + 'static,
@@ -335,7 +337,7 @@ impl AppState {
                 Err(error) => Err(error),
             };
             if undone.is_err() {
-                app.owe(record);
+                app.record_later(record);
             }
         });
     }

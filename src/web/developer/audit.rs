@@ -9,7 +9,7 @@ use axum::response::{Html, IntoResponse, Response};
 
 use crate::store::StoreError;
 use crate::web::AppState;
-use crate::web::http::errors::Trouble;
+use crate::web::http::errors::HttpError;
 use crate::web::http::respond::refusal;
 
 use super::visit::Visit;
@@ -66,7 +66,7 @@ const AUDIT_ROWS: u32 = 100;
 pub async fn get(State(app): State<AppState>, visit: Visit) -> Response {
     let before = visit.asked.get("before");
     if !before.is_empty() && visit.asked.number("before").is_none() {
-        return refusal(&visit.reader, Trouble::NotFound);
+        return refusal(&visit.reader, HttpError::NotFound);
     }
     let before = visit.asked.number("before");
     // One reader at a time: to go through a long chain takes a while.
@@ -79,7 +79,7 @@ pub async fn get(State(app): State<AppState>, visit: Visit) -> Response {
         Ok(read) => read,
         Err(error) => {
             tracing::error!(%error, "the audit log cannot be read");
-            return refusal(&visit.reader, Trouble::Unavailable);
+            return refusal(&visit.reader, HttpError::Unavailable);
         }
     };
     let is_full = entries.len() == AUDIT_ROWS as usize;

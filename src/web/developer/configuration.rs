@@ -9,7 +9,7 @@ use tokio::sync::oneshot;
 
 use crate::store::Role;
 use crate::web::AppState;
-use crate::web::http::errors::Trouble;
+use crate::web::http::errors::HttpError;
 use crate::web::http::respond::refusal;
 
 use super::visit::Visit;
@@ -22,7 +22,7 @@ use crate::web::view::{PageContext, View, html};
 
 use super::page_query::address;
 use super::pager::Pager;
-use super::{Asked, DevFrame, Page};
+use super::{DevFrame, Page, PageQuery};
 
 /// Lines of one page.
 const LINES: usize = 100;
@@ -84,7 +84,7 @@ pub fn page(
     read: &Rereading,
     offer: Option<bool>,
     context: &PageContext,
-    asked: &Asked,
+    asked: &PageQuery,
 ) -> String {
     let view = &View::new(published, context.lang, false);
     let mut dev = DevFrame::new(view, context, Page::Configuration, RENEW_MS);
@@ -119,7 +119,7 @@ pub fn page(
 }
 
 /// The lines that the filter leaves, with their numbers in the file.
-fn lines(file: Option<&ConfigurationText>, asked: &Asked) -> (Pager, Vec<Line>) {
+fn lines(file: Option<&ConfigurationText>, asked: &PageQuery) -> (Pager, Vec<Line>) {
     let filter = asked.get("q").to_lowercase();
     let all = file.map_or("", |file| &*file.text).lines().enumerate();
     let wanted = |text: &str| filter.is_empty() || text.to_lowercase().contains(&filter);
@@ -132,9 +132,9 @@ fn lines(file: Option<&ConfigurationText>, asked: &Asked) -> (Pager, Vec<Line>) 
     (pager, found[shown].iter().map(line).collect())
 }
 
-pub async fn reread(app: &AppState, take: bool, shown: Option<String>) -> Result<Rereading, Trouble> {
-    let rereads = app.settings.rereads.as_ref().ok_or(Trouble::NotFound)?;
+pub async fn reread(app: &AppState, take: bool, shown: Option<String>) -> Result<Rereading, HttpError> {
+    let rereads = app.settings.rereads.as_ref().ok_or(HttpError::NotFound)?;
     let (reply, answer) = oneshot::channel();
-    rereads.send(Reread { take, shown, reply }).await.map_err(|_| Trouble::Unavailable)?;
-    answer.await.map_err(|_| Trouble::Unavailable)
+    rereads.send(Reread { take, shown, reply }).await.map_err(|_| HttpError::Unavailable)?;
+    answer.await.map_err(|_| HttpError::Unavailable)
 }

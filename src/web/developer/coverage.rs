@@ -16,7 +16,7 @@ use crate::web::view::{PageContext, View, html};
 
 use super::pager::Pager;
 use super::words::DevWords;
-use super::{Asked, DevFrame, NodeLink, Page};
+use super::{DevFrame, NodeLink, Page, PageQuery};
 
 /// The columns of the paper's Fig. 3.
 const COLUMNS: usize = 5;
@@ -81,7 +81,7 @@ pub async fn get(visit: Visit) -> Html<String> {
     Html(page(&visit.published, &visit.context, &visit.asked))
 }
 
-pub fn page(published: &Published, context: &PageContext, asked: &Asked) -> String {
+pub fn page(published: &Published, context: &PageContext, asked: &PageQuery) -> String {
     let view = &View::new(published, context.lang, false);
     let words = DevWords::of(context.lang);
     let layout = &view.snapshot.layout;
@@ -143,7 +143,7 @@ fn ordered(view: &View<'_>) -> Vec<GroupId> {
     ordered
 }
 
-fn row(view: &View<'_>, id: GroupId, columns: usize, asked: &Asked) -> Row {
+fn row(view: &View<'_>, id: GroupId, columns: usize, asked: &PageQuery) -> Row {
     let group = &view.snapshot.layout.groups[id.0 as usize];
     let open = chosen(asked);
     let mut cells: Vec<Cell> = (0..columns)
@@ -165,12 +165,12 @@ fn row(view: &View<'_>, id: GroupId, columns: usize, asked: &Asked) -> Row {
 }
 
 /// Column and group of the cell that is asked for.
-fn chosen(asked: &Asked) -> Option<(usize, &str)> {
+fn chosen(asked: &PageQuery) -> Option<(usize, &str)> {
     let (column, path) = asked.get("cell").split_once(' ')?;
     Some((column.parse().ok()?, path))
 }
 
-fn listed(view: &View<'_>, words: &'static DevWords, asked: &Asked) -> Option<Listed> {
+fn listed(view: &View<'_>, words: &'static DevWords, asked: &PageQuery) -> Option<Listed> {
     let (asked_column, path) = chosen(asked)?;
     let Some(NodeId::Group(id)) = view.snapshot.node(path) else { return None };
     let in_cell = |&&module: &&ModuleId| column(view.snapshot.module(module).0) == asked_column;

@@ -23,7 +23,7 @@ use crate::web::view::page_frame::Frame;
 use crate::web::view::{PageContext, View, html};
 
 use super::page_query::address;
-use super::{Asked, DevFrame, Page, why_address};
+use super::{DevFrame, Page, PageQuery, why_address};
 use links::Link;
 use open::Open;
 
@@ -106,7 +106,7 @@ pub async fn get(visit: Visit) -> Html<String> {
     Html(page(&visit.published, &visit.context, &visit.asked))
 }
 
-pub fn page(published: &Published, context: &PageContext, asked: &Asked) -> String {
+pub fn page(published: &Published, context: &PageContext, asked: &PageQuery) -> String {
     let view = &View::new(published, context.lang, false);
     let mut drawing = Drawing::of(view, asked);
     let lines = drawing.draw();
@@ -141,7 +141,7 @@ struct Drawing<'a> {
 }
 
 impl<'a> Drawing<'a> {
-    fn of(view: &'a View<'a>, asked: &'a Asked) -> Drawing<'a> {
+    fn of(view: &'a View<'a>, asked: &'a PageQuery) -> Drawing<'a> {
         let layout = &view.snapshot.layout;
         let is_there = |id: &GroupId| {
             let group = &layout.groups[id.0 as usize];

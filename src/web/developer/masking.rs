@@ -16,7 +16,7 @@ use crate::web::view::{PageContext, View, html};
 
 use super::pager::Pager;
 use super::words::DevWords;
-use super::{Asked, DevFrame, NodeLink, Page};
+use super::{DevFrame, NodeLink, Page, PageQuery};
 
 /// Rows of one page of a table.
 const ROWS: usize = 40;
@@ -73,7 +73,7 @@ pub async fn get(visit: Visit) -> Html<String> {
     Html(page(&visit.published, &visit.context, &visit.asked))
 }
 
-pub fn page(published: &Published, context: &PageContext, asked: &Asked) -> String {
+pub fn page(published: &Published, context: &PageContext, asked: &PageQuery) -> String {
     let view = &View::new(published, context.lang, false);
     let words = DevWords::of(context.lang);
     let hidden = hidden(view, &asked.get("q").to_lowercase());
@@ -117,7 +117,7 @@ fn hidden(view: &View<'_>, filter: &str) -> Vec<Hidden> {
 
 fn table(
     view: &View<'_>,
-    asked: &Asked,
+    asked: &PageQuery,
     kind: &Kind,
     (title, nothing): (&'static str, &'static str),
     hidden: Vec<Hidden>,

@@ -21,7 +21,7 @@ mod words;
 use crate::engine::model::{NodeId, Stage};
 
 pub use audit::AuditPage;
-pub use page_query::Asked;
+pub use page_query::PageQuery;
 pub use timeline::Window;
 
 use super::view::clean_text::{NAME, clean};

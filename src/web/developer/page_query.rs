@@ -12,12 +12,12 @@ const LETTERS: usize = 400;
 
 /// The fields of a query in their order, names more than once if they were written so.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct Asked(Vec<(String, String)>);
+pub struct PageQuery(Vec<(String, String)>);
 
-impl Asked {
-    pub fn of(pairs: Vec<(String, String)>) -> Asked {
+impl PageQuery {
+    pub fn of(pairs: Vec<(String, String)>) -> PageQuery {
         let short = |(_, value): &(String, String)| value.chars().count() <= LETTERS;
-        Asked(pairs.into_iter().filter(short).take(PAIRS).collect())
+        PageQuery(pairs.into_iter().filter(short).take(PAIRS).collect())
     }
 
     /// The first value of a field; empty if it is not there.
@@ -100,8 +100,8 @@ fn encode(out: &mut String, text: &str) {
 mod tests {
     use super::*;
 
-    fn asked(pairs: &[(&str, &str)]) -> Asked {
-        Asked::of(pairs.iter().map(|&(key, value)| (key.to_owned(), value.to_owned())).collect())
+    fn asked(pairs: &[(&str, &str)]) -> PageQuery {
+        PageQuery::of(pairs.iter().map(|&(key, value)| (key.to_owned(), value.to_owned())).collect())
     }
 
     #[test]
@@ -118,7 +118,7 @@ mod tests {
     #[test]
     fn an_endless_address_is_cut() {
         let many: Vec<_> = (0..1000).map(|index| ("pin".to_owned(), index.to_string())).collect();
-        assert_eq!(Asked::of(many).all("pin").count(), PAIRS);
+        assert_eq!(PageQuery::of(many).all("pin").count(), PAIRS);
         assert_eq!(asked(&[("q", &"x".repeat(LETTERS + 1))]).get("q"), "");
     }
 }

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::Asked;
+use super::PageQuery;
 
 pub struct Pager {
     /// By which a program finds how many there are.
@@ -19,7 +19,7 @@ impl Pager {
     /// The part that the address asks for in `field`, and which rows it has. A page that is not there
     /// is the nearest that is.
     pub fn of(
-        asked: &Asked,
+        asked: &PageQuery,
         id: &'static str,
         field: &str,
         count: usize,
@@ -63,7 +63,7 @@ mod tests {
             ("18446744073709551615", 21, 20..21, 21, (true, false)),
             ("0", 21, 0..10, 1, (false, true)),
         ] {
-            let asked = Asked::of(vec![("page".to_owned(), page.to_owned())]);
+            let asked = PageQuery::of(vec![("page".to_owned(), page.to_owned())]);
             let (pager, range) = Pager::of(&asked, "", "page", count, 10);
             let has = (pager.previous.is_some(), pager.next.is_some());
             assert_eq!((range, pager.first, has), (shown, first, ways), "{page} of {count}");

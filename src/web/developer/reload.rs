@@ -12,7 +12,7 @@ use crate::runtime::Rereading;
 use crate::store::audit::{Action, Record};
 use crate::web::AppState;
 use crate::web::admission::peer::{Peer, source_of};
-use crate::web::http::errors::Trouble;
+use crate::web::http::errors::HttpError;
 use crate::web::http::guard::bearer;
 use crate::web::http::respond::{Speaks, json_answer, refusal};
 use crate::web::record::audit::record_of;
@@ -43,7 +43,7 @@ pub async fn post(
         record_of(&visit.session, Action::Configuration, source_of(peer.map(|Extension(peer)| peer)));
     // Runs to its end also if nobody listens any more: the record says who had it taken.
     let taking = tokio::spawn(have_taken(app, shown, record));
-    let (read, found) = match taking.await.unwrap_or(Err(Trouble::Unavailable)) {
+    let (read, found) = match taking.await.unwrap_or(Err(HttpError::Unavailable)) {
         Ok(taken) => taken,
         Err(trouble) => return refusal(&visit.reader, trouble),
     };
@@ -114,13 +114,13 @@ async fn have_taken(
     app: AppState,
     shown: Option<String>,
     record: Record,
-) -> Result<(Rereading, Found), Trouble> {
-    let _turn = app.reloading.try_lock().map_err(|_| Trouble::Busy)?;
+) -> Result<(Rereading, Found), HttpError> {
+    let _turn = app.reloading.try_lock().map_err(|_| HttpError::Busy)?;
     let glance = reread(&app, false, None).await?;
     let expected = Found::of(&glance, shown.as_deref());
     let until = app.clock.now() + RECORD_WITHIN;
     let before = expected.record(record.clone(), &glance.differences);
-    app.write_ahead(None, &before, until, ()).await.map_err(Trouble::from)?;
+    app.write_ahead(None, &before, until, ()).await.map_err(HttpError::from)?;
     // What was glanced at is taken and nothing else, also for whom nothing was shown.
     let shown = shown.unwrap_or(glance.digest);
     let read = match reread(&app, true, Some(shown.clone())).await {

@@ -24,7 +24,7 @@ use crate::web::view::{Lang, PageContext, Trends, View, html};
 
 use super::pager::Pager;
 use super::words::DevWords;
-use super::{Asked, DevFrame, Page, why_address};
+use super::{DevFrame, Page, PageQuery, why_address};
 
 /// Rows of one page of the table.
 const ROWS: usize = 30;
@@ -112,7 +112,7 @@ pub async fn get(extract::State(app): extract::State<AppState>, visit: Visit) ->
     Html(page(&visit.published, &visit.context, &visit.asked, &app.trends))
 }
 
-pub fn page(published: &Published, context: &PageContext, asked: &Asked, trends: &Trends) -> String {
+pub fn page(published: &Published, context: &PageContext, asked: &PageQuery, trends: &Trends) -> String {
     let view = &View::new(published, context.lang, false);
     let words = DevWords::of(context.lang);
     let dev = DevFrame::new(view, context, Page::Statuses, RENEW_MS);
@@ -167,7 +167,7 @@ struct Wanted<'a> {
 }
 
 impl<'a> Wanted<'a> {
-    fn of(view: &'a View<'a>, asked: &'a Asked) -> Wanted<'a> {
+    fn of(view: &'a View<'a>, asked: &'a PageQuery) -> Wanted<'a> {
         let text = asked.get("q").to_lowercase();
         Wanted { view, text, level: asked.get("level"), group: asked.get("group") }
     }
@@ -222,7 +222,7 @@ fn contains(text: &str, lower: &str) -> bool {
     text.len() >= lower.len() && text.windows(lower.len()).any(|part| part.eq_ignore_ascii_case(lower))
 }
 
-fn sort(view: &View<'_>, asked: &Asked, modules: &mut [ModuleId]) {
+fn sort(view: &View<'_>, asked: &PageQuery, modules: &mut [ModuleId]) {
     let key = asked.get("sort");
     let snapshot = view.snapshot;
     let compare = |a: ModuleId, b: ModuleId| -> Ordering {
@@ -246,7 +246,7 @@ fn sort(view: &View<'_>, asked: &Asked, modules: &mut [ModuleId]) {
     }
 }
 
-fn columns(words: &'static DevWords, asked: &Asked) -> Vec<Column> {
+fn columns(words: &'static DevWords, asked: &PageQuery) -> Vec<Column> {
     let heads = [words.shown, words.own, words.module, words.since, words.age, words.message];
     let column = |(name, word): (&'static str, &'static str)| {
         let here = asked.get("sort") == name;
@@ -269,7 +269,7 @@ fn columns(words: &'static DevWords, asked: &Asked) -> Vec<Column> {
     SORTS.into_iter().zip(heads).map(column).collect()
 }
 
-fn levels(view: &View<'_>, words: &'static DevWords, asked: &Asked) -> Vec<Choice> {
+fn levels(view: &View<'_>, words: &'static DevWords, asked: &PageQuery) -> Vec<Choice> {
     let states = State::ALL.iter().rev().map(|state| (state.as_str(), view.lang.state(*state)));
     let all = [("", words.all_states), ("abnormal", words.abnormal)].into_iter().chain(states);
     let chosen = |value: &str| asked.get("level") == value;
@@ -277,7 +277,7 @@ fn levels(view: &View<'_>, words: &'static DevWords, asked: &Asked) -> Vec<Choic
         .collect()
 }
 
-fn groups(view: &View<'_>, words: &'static DevWords, asked: &Asked) -> Vec<Choice> {
+fn groups(view: &View<'_>, words: &'static DevWords, asked: &PageQuery) -> Vec<Choice> {
     let group = |(index, path): (usize, &str)| Choice {
         value: path.to_owned(),
         word: format!("{} ({})", view.group_name(GroupId(index as u32)), clean(path, NAME)),
@@ -313,7 +313,7 @@ fn signal(value: Option<bool>) -> &'static str {
     }
 }
 
-fn row(view: &View<'_>, id: ModuleId, asked: &Asked, pins: &[&str], trends: &Trends) -> Row {
+fn row(view: &View<'_>, id: ModuleId, asked: &PageQuery, pins: &[&str], trends: &Trends) -> Row {
     let (info, module) = view.snapshot.module(id);
     let mut past = trends.of(id.0 as usize, &info.id, POINTS_SMALL);
     let values = module.report.values.iter().take(VALUES).map(|(key, value)| {

@@ -23,8 +23,8 @@ use crate::engine::time::Span;
 use crate::runtime::{ConfigurationText, Rereading};
 use crate::store::{Happened, Held, NodePast, Past, Stretch};
 
-pub fn asked(pairs: &[(&str, &str)]) -> Asked {
-    Asked::of(pairs.iter().map(|&(key, value)| (key.to_owned(), value.to_owned())).collect())
+pub fn asked(pairs: &[(&str, &str)]) -> PageQuery {
+    PageQuery::of(pairs.iter().map(|&(key, value)| (key.to_owned(), value.to_owned())).collect())
 }
 
 /// Every page of the developer's. What is asked for, was recorded and is read from files is `text`.
@@ -143,7 +143,7 @@ fn the_developer_sees_all_that_was_received() {
         .trouble("/diagnostics", TroubleKind::Malformed, 7, "string runs past the end")
         .pass(3)
         .published();
-    let page = statuses::page(&published, &english(), &Asked::default(), &Trends::default());
+    let page = statuses::page(&published, &english(), &PageQuery::default(), &Trends::default());
     let all = ["nobody: knows", "mine alone", "string runs past the end", "malformed", ">7<", "can/battery"];
     holds(&page, &all);
     let operator = operator_page(&published, &english());
@@ -184,7 +184,7 @@ fn many_modules_come_in_pages_and_collapsed() {
     let second = listed(&published, &[("page", "2")]);
     assert_eq!((first.len(), second.len()), (30, 30));
     assert!(first.last() < second.first());
-    let graph = graph::page(&published, &english(), &Asked::default());
+    let graph = graph::page(&published, &english(), &PageQuery::default());
     assert!(graph.len() < 20_000 && !graph.contains("g/0001"), "{}", graph.len());
     let open = graph::page(&published, &english(), &asked(&[("open", "g")]));
     assert!(open.contains("g/0001") && !open.contains("g/4000") && open.len() < 60_000);
@@ -193,7 +193,7 @@ fn many_modules_come_in_pages_and_collapsed() {
 #[test]
 fn the_audit_names_what_is_hidden_and_by_whom() {
     let published = jump().report("perception/costmap_delay", 2, "350 ms late", &[]).pass(4).published();
-    let page = masking::page(&published, &english(), &Asked::default());
+    let page = masking::page(&published, &english(), &PageQuery::default());
     let masked = page.split("id=\"not-relevant\"").next().unwrap_or_default();
     holds(masked, &["perception/costmap_delay", "localization/tf_quality", "350 ms late"]);
     assert!(!masked.contains(">sensors/imu<"), "{masked}");
@@ -430,7 +430,7 @@ fn a_why_page_leads_to_what_it_names() {
 
 #[test]
 fn topics_show_types_rates_and_what_does_not_match() {
-    let page = topics::page(&jump().published(), &english(), &Asked::default(), &discovery("front"));
+    let page = topics::page(&jump().published(), &english(), &PageQuery::default(), &discovery("front"));
     holds(
         &page,
         &[

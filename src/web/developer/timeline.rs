@@ -24,7 +24,7 @@ use crate::web::view::{PageContext, View, html};
 
 use super::page_query::is_clean;
 use super::words::DevWords;
-use super::{Asked, DevFrame, Page};
+use super::{DevFrame, Page, PageQuery};
 use strips::{Of, Painter, Strip};
 
 /// Strips of nodes on one page, and below them of signals.
@@ -94,7 +94,7 @@ pub struct Window {
 }
 
 impl Window {
-    pub fn of(published: &Published, asked: &Asked) -> Window {
+    pub fn of(published: &Published, asked: &PageQuery) -> Window {
         let now_ms = millis(published.at);
         let span_s = asked.number("span").unwrap_or(SPAN_S).clamp(1, SPANS_S[SPANS_S.len() - 1]);
         let until = asked.number("until").and_then(|until| i64::try_from(until).ok());
@@ -154,7 +154,7 @@ pub async fn get(extract::State(app): extract::State<AppState>, visit: Visit) ->
 pub fn page(
     published: &Published,
     context: &PageContext,
-    asked: &Asked,
+    asked: &PageQuery,
     window: &Window,
     past: Option<&Past>,
 ) -> String {

@@ -16,7 +16,7 @@ use crate::web::view::{PageContext, View, html};
 
 use super::pager::Pager;
 use super::words::DevWords;
-use super::{Asked, DevFrame, Page};
+use super::{DevFrame, Page, PageQuery};
 
 /// Rows of one page.
 const ROWS: usize = 40;
@@ -61,7 +61,7 @@ pub async fn get(State(app): State<AppState>, visit: Visit) -> Html<String> {
     Html(page(&visit.published, &visit.context, &visit.asked, &seen))
 }
 
-pub fn page(published: &Published, context: &PageContext, asked: &Asked, seen: &Discovery) -> String {
+pub fn page(published: &Published, context: &PageContext, asked: &PageQuery, seen: &Discovery) -> String {
     let view = &View::new(published, context.lang, false);
     let words = DevWords::of(context.lang);
     let filter = asked.get("q").to_lowercase();

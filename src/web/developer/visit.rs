@@ -13,13 +13,13 @@ use crate::web::pages::page_context;
 use crate::web::view::PageContext;
 use crate::web::view::permitted;
 
-use super::Asked;
+use super::PageQuery;
 
 /// What every page of the developer's is made from.
 pub struct Visit {
     pub published: Published,
     pub context: PageContext,
-    pub asked: Asked,
+    pub asked: PageQuery,
     pub reader: Reader,
     pub session: Session,
 }
@@ -35,7 +35,7 @@ impl FromRequestParts<AppState> for Visit {
         Ok(Visit {
             published: permitted(&app.published()),
             context: page_context(app, &session, &reader),
-            asked: Asked::of(asked.map(|Query(pairs)| pairs).unwrap_or_default()),
+            asked: PageQuery::of(asked.map(|Query(pairs)| pairs).unwrap_or_default()),
             reader,
             session,
         })

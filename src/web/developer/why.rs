@@ -6,7 +6,7 @@ use axum::extract;
 use axum::response::{Html, IntoResponse, Response};
 
 use crate::web::AppState;
-use crate::web::http::errors::Trouble;
+use crate::web::http::errors::HttpError;
 use crate::web::http::respond::refusal;
 
 use super::visit::Visit;
@@ -63,7 +63,7 @@ struct WhyHtml {
 /// `GET /developer/why?node=group/module`
 pub async fn get(extract::State(app): extract::State<AppState>, visit: Visit) -> Response {
     let Some(node) = visit.published.snapshot.node(visit.asked.get("node")) else {
-        return refusal(&visit.reader, Trouble::NotFound);
+        return refusal(&visit.reader, HttpError::NotFound);
     };
     Html(page(&visit.published, node, &visit.context, &app.trends)).into_response()
 }

@@ -7,7 +7,7 @@ use crate::web::view::Lang;
 
 /// Why a request is answered with a refusal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Trouble {
+pub enum HttpError {
     NotFound,
     WrongMethod,
     NoSession,
@@ -33,143 +33,145 @@ pub enum Trouble {
     Unavailable,
 }
 
-impl From<NotWritten> for Trouble {
-    fn from(not_written: NotWritten) -> Trouble {
+impl From<NotWritten> for HttpError {
+    fn from(not_written: NotWritten) -> HttpError {
         match not_written {
-            NotWritten::Storage => Trouble::Storage,
-            NotWritten::Unavailable => Trouble::Unavailable,
+            NotWritten::Storage => HttpError::Storage,
+            NotWritten::Unavailable => HttpError::Unavailable,
         }
     }
 }
 
-impl Trouble {
+impl HttpError {
     pub const fn status(self) -> StatusCode {
         match self {
-            Trouble::NotFound => StatusCode::NOT_FOUND,
-            Trouble::WrongMethod => StatusCode::METHOD_NOT_ALLOWED,
-            Trouble::NoSession => StatusCode::UNAUTHORIZED,
-            Trouble::Forbidden | Trouble::ForeignOrigin => StatusCode::FORBIDDEN,
-            Trouble::ForeignHost => StatusCode::MISDIRECTED_REQUEST,
-            Trouble::BadForm => StatusCode::UNPROCESSABLE_ENTITY,
-            Trouble::BadRequest => StatusCode::BAD_REQUEST,
-            Trouble::TooSlow => StatusCode::REQUEST_TIMEOUT,
-            Trouble::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
-            Trouble::TooMany => StatusCode::TOO_MANY_REQUESTS,
-            Trouble::LongHeader => StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE,
-            Trouble::TooManySockets
-            | Trouble::Storage
-            | Trouble::StopNotKept
-            | Trouble::StopNotHeard
-            | Trouble::Busy
-            | Trouble::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
+            HttpError::NotFound => StatusCode::NOT_FOUND,
+            HttpError::WrongMethod => StatusCode::METHOD_NOT_ALLOWED,
+            HttpError::NoSession => StatusCode::UNAUTHORIZED,
+            HttpError::Forbidden | HttpError::ForeignOrigin => StatusCode::FORBIDDEN,
+            HttpError::ForeignHost => StatusCode::MISDIRECTED_REQUEST,
+            HttpError::BadForm => StatusCode::UNPROCESSABLE_ENTITY,
+            HttpError::BadRequest => StatusCode::BAD_REQUEST,
+            HttpError::TooSlow => StatusCode::REQUEST_TIMEOUT,
+            HttpError::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
+            HttpError::TooMany => StatusCode::TOO_MANY_REQUESTS,
+            HttpError::LongHeader => StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE,
+            HttpError::TooManySockets
+            | HttpError::Storage
+            | HttpError::StopNotKept
+            | HttpError::StopNotHeard
+            | HttpError::Busy
+            | HttpError::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
         }
     }
 
     /// A title and a sentence.
     pub const fn say(self, lang: Lang) -> (&'static str, &'static str) {
         match (self, lang) {
-            (Trouble::NotFound, Lang::En) => ("Not found", "There is nothing at this address."),
-            (Trouble::NotFound, Lang::De) => ("Nicht gefunden", "Unter dieser Adresse gibt es nichts."),
-            (Trouble::WrongMethod, Lang::En) => {
+            (HttpError::NotFound, Lang::En) => ("Not found", "There is nothing at this address."),
+            (HttpError::NotFound, Lang::De) => ("Nicht gefunden", "Unter dieser Adresse gibt es nichts."),
+            (HttpError::WrongMethod, Lang::En) => {
                 ("Not like this", "This address does not take that kind of request.")
             }
-            (Trouble::WrongMethod, Lang::De) => {
+            (HttpError::WrongMethod, Lang::De) => {
                 ("So nicht", "Diese Adresse nimmt diese Art von Anfrage nicht an.")
             }
-            (Trouble::NoSession, Lang::En) => ("Not logged in", "Log in first."),
-            (Trouble::NoSession, Lang::De) => ("Nicht angemeldet", "Bitte zuerst anmelden."),
-            (Trouble::Forbidden, Lang::En) => ("Not permitted", "Your role does not permit this."),
-            (Trouble::Forbidden, Lang::De) => ("Nicht erlaubt", "Ihre Rolle erlaubt das nicht."),
-            (Trouble::ForeignOrigin, Lang::En) => {
+            (HttpError::NoSession, Lang::En) => ("Not logged in", "Log in first."),
+            (HttpError::NoSession, Lang::De) => ("Nicht angemeldet", "Bitte zuerst anmelden."),
+            (HttpError::Forbidden, Lang::En) => ("Not permitted", "Your role does not permit this."),
+            (HttpError::Forbidden, Lang::De) => ("Nicht erlaubt", "Ihre Rolle erlaubt das nicht."),
+            (HttpError::ForeignOrigin, Lang::En) => {
                 ("Not permitted", "This request does not come from a page of this server.")
             }
-            (Trouble::ForeignOrigin, Lang::De) => {
+            (HttpError::ForeignOrigin, Lang::De) => {
                 ("Nicht erlaubt", "Diese Anfrage kommt nicht von einer Seite dieses Servers.")
             }
-            (Trouble::ForeignHost, Lang::En) => {
+            (HttpError::ForeignHost, Lang::En) => {
                 ("Unknown name", "This server does not go by this name. Its configuration lists the names.")
             }
-            (Trouble::ForeignHost, Lang::De) => (
+            (HttpError::ForeignHost, Lang::De) => (
                 "Unbekannter Name",
                 "Dieser Server hat diesen Namen nicht. Die Konfiguration nennt seine Namen.",
             ),
-            (Trouble::BadForm, Lang::En) => ("Not understood", "The form is not as it should be."),
-            (Trouble::BadForm, Lang::De) => ("Nicht verstanden", "Das Formular ist nicht, wie es sein soll."),
-            (Trouble::BadRequest, Lang::En) => (
+            (HttpError::BadForm, Lang::En) => ("Not understood", "The form is not as it should be."),
+            (HttpError::BadForm, Lang::De) => {
+                ("Nicht verstanden", "Das Formular ist nicht, wie es sein soll.")
+            }
+            (HttpError::BadRequest, Lang::En) => (
                 "Not understood",
                 "The address or the request is not as it should be. Go back to the page and try again.",
             ),
-            (Trouble::BadRequest, Lang::De) => (
+            (HttpError::BadRequest, Lang::De) => (
                 "Nicht verstanden",
                 "Die Adresse oder die Anfrage ist nicht, wie sie sein soll. Zurück zur Seite und noch einmal versuchen.",
             ),
-            (Trouble::TooSlow, Lang::En) => (
+            (HttpError::TooSlow, Lang::En) => (
                 "Took too long",
                 "The answer did not come in time. Look at the display before you try again.",
             ),
-            (Trouble::TooSlow, Lang::De) => (
+            (HttpError::TooSlow, Lang::De) => (
                 "Zu langsam",
                 "Die Antwort kam nicht rechtzeitig. Vor einem neuen Versuch auf die Anzeige sehen.",
             ),
-            (Trouble::TooLarge, Lang::En) => {
+            (HttpError::TooLarge, Lang::En) => {
                 ("Too large", "Nothing was changed. Send at most 16 KiB; shorten what was typed.")
             }
-            (Trouble::TooLarge, Lang::De) => {
+            (HttpError::TooLarge, Lang::De) => {
                 ("Zu groß", "Nichts wurde geändert. Höchstens 16 KiB senden; die Eingabe kürzen.")
             }
-            (Trouble::TooMany, Lang::En) => ("Too many requests", "Wait a moment and try again."),
-            (Trouble::TooMany, Lang::De) => ("Zu viele Anfragen", "Kurz warten und noch einmal versuchen."),
-            (Trouble::LongHeader, Lang::En) => {
+            (HttpError::TooMany, Lang::En) => ("Too many requests", "Wait a moment and try again."),
+            (HttpError::TooMany, Lang::De) => ("Zu viele Anfragen", "Kurz warten und noch einmal versuchen."),
+            (HttpError::LongHeader, Lang::En) => {
                 ("Headers too long", "Remove the cookies of this address in the browser and try again.")
             }
-            (Trouble::LongHeader, Lang::De) => (
+            (HttpError::LongHeader, Lang::De) => (
                 "Kopfzeilen zu lang",
                 "Im Browser die Cookies dieser Adresse entfernen und noch einmal versuchen.",
             ),
-            (Trouble::TooManySockets, Lang::En) => {
+            (HttpError::TooManySockets, Lang::En) => {
                 ("Too many displays", "Close one of the open displays first.")
             }
-            (Trouble::TooManySockets, Lang::De) => {
+            (HttpError::TooManySockets, Lang::De) => {
                 ("Zu viele Anzeigen", "Bitte zuerst eine der offenen Anzeigen schließen.")
             }
-            (Trouble::Storage, Lang::En) => {
+            (HttpError::Storage, Lang::En) => {
                 ("Not done", "The disk is full or broken, so nothing was changed. Call the control room.")
             }
-            (Trouble::Storage, Lang::De) => (
+            (HttpError::Storage, Lang::De) => (
                 "Nicht ausgeführt",
                 "Der Speicher ist voll oder defekt, daher wurde nichts geändert. Leitstelle rufen.",
             ),
-            (Trouble::StopNotKept, Lang::En) => (
+            (HttpError::StopNotKept, Lang::En) => (
                 "Stop requested, not recorded",
                 "The vehicle is asked to stop. The disk is full or broken, so that is not recorded yet. Call the control room.",
             ),
-            (Trouble::StopNotKept, Lang::De) => (
+            (HttpError::StopNotKept, Lang::De) => (
                 "Anhalten verlangt, nicht aufgezeichnet",
                 "Das Fahrzeug soll anhalten. Der Speicher ist voll oder defekt, daher ist das noch nicht aufgezeichnet. \
                  Leitstelle rufen.",
             ),
-            (Trouble::StopNotHeard, Lang::En) => (
+            (HttpError::StopNotHeard, Lang::En) => (
                 "Stop not received",
                 "Nobody listens: the vehicle does not hear the request. Take over and stop it. \
                  The request goes out as soon as the vehicle listens.",
             ),
-            (Trouble::StopNotHeard, Lang::De) => (
+            (HttpError::StopNotHeard, Lang::De) => (
                 "Anhalten nicht angekommen",
                 "Niemand hört zu: Das Fahrzeug erfährt nichts davon. Übernehmen und anhalten. \
                  Die Anforderung geht hinaus, sobald das Fahrzeug zuhört.",
             ),
-            (Trouble::Busy, Lang::En) => (
+            (HttpError::Busy, Lang::En) => (
                 "Not done",
                 "Others are waiting already, so nothing was changed. Look at the display, then try again.",
             ),
-            (Trouble::Busy, Lang::De) => (
+            (HttpError::Busy, Lang::De) => (
                 "Nicht ausgeführt",
                 "Es warten schon andere, daher wurde nichts geändert. Auf die Anzeige sehen, dann erneut versuchen.",
             ),
-            (Trouble::Unavailable, Lang::En) => {
+            (HttpError::Unavailable, Lang::En) => {
                 ("Not available", "The server cannot do this now. Try again.")
             }
-            (Trouble::Unavailable, Lang::De) => {
+            (HttpError::Unavailable, Lang::De) => {
                 ("Nicht verfügbar", "Der Server kann das gerade nicht. Bitte noch einmal versuchen.")
             }
         }

@@ -17,12 +17,12 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Redirect, Response};
 use tokio::time::timeout;
 
-use super::errors::Trouble;
+use super::errors::HttpError;
 use super::respond::{Reader, Speaks, cookies, header, refusal};
 use crate::store::audit::{Action, Record};
 use crate::store::{Role, Session, SessionKind, Token};
 use crate::web::AppState;
-use crate::web::admission::connections::Standing;
+use crate::web::admission::connections::ConnectionHandle;
 use crate::web::admission::peer::{Peer, source_of};
 use crate::web::assets;
 use crate::web::view::Lang;
@@ -68,7 +68,7 @@ impl<S: Sync> FromRequestParts<S> for SignedIn {
 
     async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<SignedIn, Response> {
         let signed_in = parts.extensions.get::<SignedIn>().cloned();
-        signed_in.ok_or_else(|| refusal(&Reader::of(&parts.uri, &parts.headers), Trouble::NoSession))
+        signed_in.ok_or_else(|| refusal(&Reader::of(&parts.uri, &parts.headers), HttpError::NoSession))
     }
 }
 
@@ -85,10 +85,10 @@ pub async fn guard(
     let reader = Reader::of(request.uri(), request.headers());
     let headers = request.headers();
     if !header(headers, HOST.as_str()).is_some_and(|host| app.settings.origins.has_host(host)) {
-        return refusal(&reader, Trouble::ForeignHost);
+        return refusal(&reader, HttpError::ForeignHost);
     }
     let access = access(&request, &table);
-    let caller = Caller::of(&app, headers);
+    let caller = Requester::of(&app, headers);
     let needs_session = match access {
         Access::Open => false,
         Access::Asset => !assets::is_open(request.uri().path()),
@@ -103,10 +103,10 @@ pub async fn guard(
     }
     let trouble = match &caller.session {
         _ if acts(&request) && !caller.is_bearer && !has_own_origin(&app, request.headers()) => {
-            Some(Trouble::ForeignOrigin)
+            Some(HttpError::ForeignOrigin)
         }
         Some(session) if matches!(access, Access::Roles(roles) if !roles.contains(&session.role)) => {
-            Some(Trouble::Forbidden)
+            Some(HttpError::Forbidden)
         }
         _ => None,
     };
@@ -130,22 +130,22 @@ pub async fn guard(
 
 /// The request as it is answered. Without a session it has to be here whole first, soon, and a place
 /// among the few of its kind: a request that is begun and not ended makes nobody wait.
-async fn admitted(request: Request, session: Option<&Session>) -> Result<Request, Trouble> {
-    let standing = request.extensions().get::<Standing>().cloned();
-    if standing.as_ref().is_some_and(|standing| standing.hold(session)) {
+async fn admitted(request: Request, session: Option<&Session>) -> Result<Request, HttpError> {
+    let handle = request.extensions().get::<ConnectionHandle>().cloned();
+    if handle.as_ref().is_some_and(|handle| handle.hold(session)) {
         return Ok(request);
     }
     let (parts, body) = request.into_parts();
     let body = match timeout(ANONYMOUS_BODY_TIMEOUT, Bytes::from_request(Request::new(body), &())).await {
         Ok(Ok(body)) => body,
         Ok(Err(rejection)) if rejection.status() == StatusCode::PAYLOAD_TOO_LARGE => {
-            return Err(Trouble::TooLarge);
+            return Err(HttpError::TooLarge);
         }
-        Ok(Err(_)) => return Err(Trouble::BadRequest),
-        Err(_) => return Err(Trouble::TooSlow),
+        Ok(Err(_)) => return Err(HttpError::BadRequest),
+        Err(_) => return Err(HttpError::TooSlow),
     };
-    if standing.is_some_and(|standing| !standing.answer()) {
-        return Err(Trouble::Busy);
+    if handle.is_some_and(|handle| !handle.answer()) {
+        return Err(HttpError::Busy);
     }
     Ok(Request::from_parts(parts, Body::from(body)))
 }
@@ -170,7 +170,7 @@ fn access(request: &Request, table: &AccessTable) -> Access {
     row.map_or(Access::Session, |(_, access)| *access)
 }
 
-struct Caller {
+struct Requester {
     session: Option<Session>,
     /// The token came in a header that no browser sends by itself.
     is_bearer: bool,
@@ -178,13 +178,13 @@ struct Caller {
     is_false: bool,
 }
 
-impl Caller {
-    fn of(app: &AppState, headers: &HeaderMap) -> Caller {
+impl Requester {
+    fn of(app: &AppState, headers: &HeaderMap) -> Requester {
         if let Some(token) = bearer(headers) {
             let session = Token::parse(token).and_then(|token| app.session(&token));
-            return Caller { is_bearer: session.is_some(), is_false: session.is_none(), session };
+            return Requester { is_bearer: session.is_some(), is_false: session.is_none(), session };
         }
-        Caller { session: cookie_session(app, headers), is_bearer: false, is_false: false }
+        Requester { session: cookie_session(app, headers), is_bearer: false, is_false: false }
     }
 }
 
@@ -230,7 +230,7 @@ fn not_signed_in(reader: &Reader, request: &Request) -> Response {
     if is_page {
         return Redirect::to("/login").into_response();
     }
-    let mut answer = refusal(reader, Trouble::NoSession);
+    let mut answer = refusal(reader, HttpError::NoSession);
     answer.headers_mut().insert(WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
     answer
 }

@@ -49,13 +49,13 @@ pub async fn secure(State(secure): State<bool>, request: Request, next: Next) ->
 }
 
 /// The same for an answer that no router made, from its bytes: the headers follow its first line.
-pub fn dressed(answer: &[u8], secure: bool) -> Vec<u8> {
+pub fn with_headers(answer: &[u8], secure: bool) -> Vec<u8> {
     let end = answer.windows(2).position(|pair| pair == b"\r\n");
     let (line, rest) = answer.split_at(end.map_or(0, |end| end + 2));
-    let mut dressed = line.to_vec();
+    let mut with_headers = line.to_vec();
     for (name, value) in all(secure).chain([UNLESS_SAID]).filter(|_| end.is_some()) {
-        dressed.extend_from_slice(format!("{name}: {value}\r\n").as_bytes());
+        with_headers.extend_from_slice(format!("{name}: {value}\r\n").as_bytes());
     }
-    dressed.extend_from_slice(rest);
-    dressed
+    with_headers.extend_from_slice(rest);
+    with_headers
 }

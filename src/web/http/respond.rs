@@ -10,7 +10,7 @@ use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::{Html, IntoResponse, Response};
 use serde_json::{Value, json};
 
-use super::errors::Trouble;
+use super::errors::HttpError;
 use crate::engine::input::Refusal;
 use crate::web::view;
 use crate::web::view::{Lang, Palette, Part};
@@ -85,7 +85,7 @@ fn preferred(headers: &HeaderMap) -> Option<Lang> {
 }
 
 /// Says what is wrong: a page, or `{"error": ...}`.
-pub fn refusal(reader: &Reader, trouble: Trouble) -> Response {
+pub fn refusal(reader: &Reader, trouble: HttpError) -> Response {
     let status = trouble.status();
     match reader.speaks {
         Speaks::Json => json_answer(status, &json!({ "error": trouble.say(Lang::En).1 })),
@@ -109,13 +109,13 @@ pub fn bad_form(reader: &Reader, rejection: &FormRejection) -> Response {
 /// The same where the form can be read and says something else than it should.
 pub fn bad_field(reader: &Reader, field: &str) -> Response {
     let is_name = |c: char| c.is_ascii_alphanumeric() || "_, ".contains(c);
-    let (title, general) = Trouble::BadForm.say(reader.lang);
+    let (title, general) = HttpError::BadForm.say(reader.lang);
     let text = match reader.lang {
         _ if field.is_empty() || field.len() > FIELD_MAX || !field.chars().all(is_name) => general.to_owned(),
         Lang::En => format!("{general} Missing or wrong: {field}."),
         Lang::De => format!("{general} Es fehlt oder ist falsch: {field}."),
     };
-    let status = Trouble::BadForm.status();
+    let status = HttpError::BadForm.status();
     match reader.speaks {
         Speaks::Json => json_answer(status, &json!({ "error": text })),
         Speaks::Html => {

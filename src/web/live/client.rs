@@ -14,13 +14,13 @@ const SEND_TIMEOUT: Duration = Duration::from_secs(5);
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// A socket and the session that it lives by.
-pub struct Line {
+pub struct Client {
     pub socket: WebSocket,
     pub session: Session,
     pub pings_unanswered: u32,
 }
 
-impl Line {
+impl Client {
     /// Sends what there is, and says whether there was anything.
     pub async fn send_some(&mut self, text: Option<Utf8Bytes>) -> Result<bool, Ending> {
         let Some(text) = text else { return Ok(false) };
@@ -62,13 +62,13 @@ impl Line {
             Ending::Unread => (close_code::AGAIN, "nobody reads"),
             Ending::Gone => return,
         };
-        let farewell = Message::Close(Some(CloseFrame { code, reason: Utf8Bytes::from_static(reason) }));
+        let close = Message::Close(Some(CloseFrame { code, reason: Utf8Bytes::from_static(reason) }));
         let goodbye = async {
-            if self.socket.send(farewell).await.is_ok() {
+            if self.socket.send(close).await.is_ok() {
                 while let Some(Ok(_)) = self.socket.recv().await {}
             }
         };
-        // A client that does not answer in time is left without a farewell.
+        // A client that does not answer in time is left without a close frame.
         let _ = timeout(CLOSE_TIMEOUT, goodbye).await;
     }
 }

@@ -17,16 +17,16 @@ use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval, sleep};
 
 use super::byte_budget::Meter;
-use super::client::{Ending, Line};
+use super::client::{Client, Ending};
 use super::displays::Place;
 use super::frame;
-use super::pacing::Pace;
+use super::pacing::Pacing;
 use crate::runtime::Published;
 use crate::store::audit::Action;
 use crate::store::{Role, Session};
 use crate::web::admission::peer::{Peer, source_of};
 use crate::web::auth::handover::HandOver;
-use crate::web::http::errors::Trouble;
+use crate::web::http::errors::HttpError;
 use crate::web::http::guard::SignedIn;
 use crate::web::http::respond::{Reader, refusal};
 use crate::web::operator::tap::{StopForm, Tap};
@@ -110,17 +110,17 @@ fn open(
         Feed::Snapshots => app.displays.enter_stream(&session),
         Feed::Page { .. } | Feed::Pulse { .. } => app.displays.enter(&session),
     };
-    let Some(place) = place else { return refusal(reader, Trouble::TooManySockets) };
-    app.farewells.meet(&session);
+    let Some(place) = place else { return refusal(reader, HttpError::TooManySockets) };
+    app.session_ends.remember(&session);
     let meter = meter.map(|Extension(meter)| meter).unwrap_or_default();
     let over = meter.begin(&app.accounts, &session.user, app.clock);
     let source = source_of(peer.map(|Extension(peer)| peer));
     let upgrade = upgrade.max_message_size(INBOUND_BYTES_MAX).max_frame_size(INBOUND_BYTES_MAX);
     let upgrade = upgrade.read_buffer_size(READ_BYTES);
     upgrade.on_upgrade(move |socket| async move {
-        let line = Line { socket, session, pings_unanswered: 0 };
+        let client = Client { socket, session, pings_unanswered: 0 };
         let stops = JoinSet::new();
-        Connection { app, source, over, line, feed, place, seq: 0, beat: 0, stops }.run().await;
+        Connection { app, source, over, client, feed, place, seq: 0, beat: 0, stops }.run().await;
     })
 }
 
@@ -148,7 +148,7 @@ struct Connection {
     source: IpAddr,
     /// Turns true once the client has sent too much.
     over: watch::Receiver<bool>,
-    line: Line,
+    client: Client,
     feed: Feed,
     place: Place,
     /// Of the state that was sent last.
@@ -165,15 +165,15 @@ impl Connection {
             Ok(never) => match never {},
             Err(ending) => ending,
         };
-        tracing::debug!(?ending, user = &*self.line.session.user, "socket closed");
+        tracing::debug!(?ending, user = &*self.client.session.user, "socket closed");
         if ending == Ending::Flood {
-            let record = record_of(&self.line.session, Action::Request, self.source).on("socket");
+            let record = record_of(&self.client.session, Action::Request, self.source).on("socket");
             self.app.audit_refusal(self.source, record.refused("it sent more than a socket may")).await;
         }
-        // The place is free before the farewell: a client may take its time for that.
-        let Connection { line, place, .. } = self;
+        // The place is free before the close frame: a client may take its time to answer it.
+        let Connection { client, place, .. } = self;
         drop(place);
-        line.close(ending).await;
+        client.close(ending).await;
     }
 
     async fn serve(&mut self) -> Result<std::convert::Infallible, Ending> {
@@ -185,7 +185,7 @@ impl Connection {
         let mut details = interval(DETAILS_EVERY);
         details.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut pause = std::pin::pin!(sleep(Duration::ZERO));
-        let mut pace = Pace::default();
+        let mut pacing = Pacing::default();
         let mut details_due = false;
         let mut hand_overs = self.app.hand_overs.subscribe();
         self.show(&latest(&mut snapshots)).await?;
@@ -194,7 +194,7 @@ impl Connection {
             let is_paused = !pause.is_elapsed();
             // In a pause the details wait too, and then go with the next state.
             let shows = tokio::select! {
-                () = self.line.session.ended() => return Err(Ending::Revoked),
+                () = self.client.session.ended() => return Err(Ending::Revoked),
                 () = turned(&mut closing) => return Err(Ending::Closing),
                 () = turned(&mut self.over) => return Err(Ending::Flood),
                 () = &mut pause, if is_paused => details_due,
@@ -202,7 +202,7 @@ impl Connection {
                     changed.map_err(|_| Ending::NoEngine)?;
                     true
                 }
-                received = self.line.socket.recv() => {
+                received = self.client.socket.recv() => {
                     self.hear(received)?;
                     false
                 }
@@ -212,7 +212,7 @@ impl Connection {
                     false
                 }
                 Some(Ok(answer)) = self.stops.join_next() => {
-                    self.line.send(Message::Text(answer)).await?;
+                    self.client.send(Message::Text(answer)).await?;
                     false
                 }
                 _ = details.tick(), if self.feed.is_paced() => {
@@ -235,7 +235,7 @@ impl Connection {
                     false => self.show(&published).await?,
                 };
                 if self.feed.is_paced() {
-                    pause.set(sleep(pace.pause(self.app.clock.now(), sent)));
+                    pause.set(sleep(pacing.pause(self.app.clock.now(), sent)));
                 }
             }
         }
@@ -256,17 +256,17 @@ impl Connection {
                 *shown = Some(frame.revision());
                 self.seq = frame.seq();
                 self.place.sent(self.seq, self.app.clock.now());
-                self.line.send_some(message).await
+                self.client.send_some(message).await
             }
             Feed::Pulse { .. } => Ok(false),
             Feed::Snapshots => {
                 let json = self.app.frames.json(published);
-                self.line.send_some(Some(json)).await
+                self.client.send_some(Some(json)).await
             }
         }
     }
 
-    /// Tells a page who takes the seat, or that nobody does any more if it was told before.
+    /// Tells a page who takes over, or that nobody does any more if it was told before.
     async fn say(
         &mut self,
         said: &mut watch::Receiver<Option<HandOver>>,
@@ -275,7 +275,7 @@ impl Connection {
         let Feed::Page { lang, .. } = self.feed else { return Ok(()) };
         let words = said.borrow_and_update().as_ref().map(|said| lang.hand_over(said.to()));
         let message = (was_told || words.is_some()).then(|| frame::hand_over(words.as_deref()));
-        self.line.send_some(message).await.map(|_| ())
+        self.client.send_some(message).await.map(|_| ())
     }
 
     /// What stands behind the tiles, and with it all else that is new.
@@ -286,7 +286,7 @@ impl Connection {
         (*shown, *details) = (frame.revision(), frame.revision());
         self.seq = frame.seq();
         self.place.sent(self.seq, self.app.clock.now());
-        self.line.send_some(message).await
+        self.client.send_some(message).await
     }
 
     /// Says that this server and its engine live. A page that hears nothing is covered by its own
@@ -303,9 +303,9 @@ impl Connection {
             Feed::Snapshots => None,
         };
         if let Some(beat) = beat {
-            self.line.send(Message::Text(beat)).await?;
+            self.client.send(Message::Text(beat)).await?;
         }
-        if number.is_multiple_of(BEATS_PER_PING) { self.line.ping().await } else { Ok(()) }
+        if number.is_multiple_of(BEATS_PER_PING) { self.client.ping().await } else { Ok(()) }
     }
 
     fn hear(&mut self, received: Option<Result<Message, axum::Error>>) -> Result<(), Ending> {
@@ -314,7 +314,7 @@ impl Connection {
             // A client that only asks has not read anything.
             (Message::Ping(_), _) => Ok(()),
             (Message::Pong(_), _) => {
-                self.line.pings_unanswered = 0;
+                self.client.pings_unanswered = 0;
                 Ok(())
             }
             (Message::Close(_), _) => Err(Ending::Gone),
@@ -341,7 +341,7 @@ impl Connection {
     /// Requests a stop as a tap over HTTP does; the answer is what that would get. Stops past the bound
     /// are left to that way.
     fn stop(&mut self, form: StopForm, lang: Lang) -> Result<(), Ending> {
-        let session = &self.line.session;
+        let session = &self.client.session;
         let Some(name) = form.tap.clone().filter(|_| session.role == Role::Operator) else {
             return Err(Ending::Nonsense);
         };

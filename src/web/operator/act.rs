@@ -1,7 +1,7 @@
 //! Does what an operator asks for: judged, written down, judged anew, done. Nobody waits longer for
 //! others or for the disk than a tap counts.
 
-use super::not_done::{NotActed, Void};
+use super::not_done::{InvalidTap, NotActed};
 use crate::engine::input::{OperatorAction, Response};
 use crate::engine::restart::foresee::Foreseen;
 use crate::engine::time::Timestamp;
@@ -30,19 +30,19 @@ impl AppState {
         &self,
         until: Timestamp,
         record: Record,
-        ask: impl Fn() -> Result<OperatorAction, Void> + Send,
+        ask: impl Fn() -> Result<OperatorAction, InvalidTap> + Send,
     ) -> Result<(), NotActed> {
         let Ok(place) = self.places.clone().try_acquire_owned() else {
-            self.owe(record.refused("too many others waited"));
+            self.record_later(record.refused("too many others waited"));
             return Err(NotActed::Busy);
         };
         let Some(_acting) = self.by(until, self.acting.lock()).await else {
-            self.owe(record.refused("it waited too long for others"));
+            self.record_later(record.refused("it waited too long for others"));
             return Err(if self.is_storage_ok() { NotActed::Busy } else { NotActed::Storage });
         };
         // The engine may have taken its time, too.
         let judged = self.judge(ask()).await;
-        let judged = judged.and_then(|foreseen| ask().map(|_| foreseen).map_err(NotActed::Void));
+        let judged = judged.and_then(|foreseen| ask().map(|_| foreseen).map_err(NotActed::Invalid));
         let foreseen = match judged {
             Ok(foreseen) => foreseen,
             Err(not_acted) => {
@@ -71,21 +71,21 @@ impl AppState {
         }
         let until = self.clock.now() + RECORDED_WITHIN;
         let Some(_acting) = self.by(until, self.acting.lock()).await else {
-            self.owe(record);
+            self.record_later(record);
             return Ok(false);
         };
         Ok(self.record(Some(self.memory()), record).await)
     }
 
-    async fn judge(&self, asked: Result<OperatorAction, Void>) -> Result<Foreseen, NotActed> {
-        match self.rehearse(asked.map_err(NotActed::Void)?).await {
+    async fn judge(&self, asked: Result<OperatorAction, InvalidTap>) -> Result<Foreseen, NotActed> {
+        match self.rehearse(asked.map_err(NotActed::Invalid)?).await {
             Ok(foreseen) => foreseen.map_err(NotActed::Refused),
             Err(error) => Err(unavailable(&error)),
         }
     }
 
-    async fn carry_out(&self, asked: Result<OperatorAction, Void>) -> Result<(), NotActed> {
-        match self.command(asked.map_err(NotActed::Void)?).await {
+    async fn carry_out(&self, asked: Result<OperatorAction, InvalidTap>) -> Result<(), NotActed> {
+        match self.command(asked.map_err(NotActed::Invalid)?).await {
             Ok(Response::Done) => Ok(()),
             Ok(Response::Refused(reasons)) => Err(NotActed::Refused(reasons)),
             Err(error) => Err(unavailable(&error)),
@@ -96,7 +96,7 @@ impl AppState {
     fn why(&self, not_acted: &NotActed) -> String {
         match not_acted {
             NotActed::Refused(reasons) => view::refusals(&self.published(), Lang::En, reasons).join(" "),
-            NotActed::Void(void) => void.words(Lang::En),
+            NotActed::Invalid(invalid) => invalid.words(Lang::En),
             NotActed::Storage => "it could not be written".to_owned(),
             NotActed::Busy => "too many others waited".to_owned(),
             NotActed::Unavailable => NoAnswer.to_string(),
@@ -159,24 +159,30 @@ mod tests {
 
     #[tokio::test]
     async fn what_counts_no_more_when_the_disk_has_answered_is_taken_back() {
-        for void in [Void::SessionEnded, Void::NotSeated, Void::Stale, Void::Late, Void::ConfirmedLate] {
+        for invalid in [
+            InvalidTap::SessionEnded,
+            InvalidTap::NotInCharge,
+            InvalidTap::Stale,
+            InvalidTap::Late,
+            InvalidTap::ConfirmedLate,
+        ] {
             // Before it is judged, before it is written, before it is done.
             for fails_at in 0..3 {
                 let app = unlocked().await;
                 let before = app.published().snapshot.localization.number;
                 let asked = AtomicUsize::new(0);
                 let ask = || match asked.fetch_add(1, Ordering::Relaxed) == fails_at {
-                    true => Err(void),
+                    true => Err(invalid),
                     false => Ok(localize()),
                 };
                 let until = app.clock.now() + LONG;
                 let acted = app.act(until, Record::of(Action::Localize, "here"), ask).await;
-                assert!(matches!(acted, Err(NotActed::Void(why)) if why == void), "{acted:?}");
-                assert_eq!(app.published().snapshot.localization.number, before, "{void:?} {fails_at}");
+                assert!(matches!(acted, Err(NotActed::Invalid(why)) if why == invalid), "{acted:?}");
+                assert_eq!(app.published().snapshot.localization.number, before, "{invalid:?} {fails_at}");
                 let log = log(&app).await;
-                assert_eq!(log[0].outcome, format!("refused: {}", void.words(Lang::En)));
+                assert_eq!(log[0].outcome, format!("refused: {}", invalid.words(Lang::En)));
                 let written = log[1..].iter().filter(|entry| !entry.was_refused()).count();
-                assert_eq!(written, usize::from(fails_at == 2), "{void:?} {fails_at}: {log:?}");
+                assert_eq!(written, usize::from(fails_at == 2), "{invalid:?} {fails_at}: {log:?}");
                 let remembered = app.store.recall().await.unwrap();
                 let pose = remembered.map(|it| (it.stage, it.pose));
                 assert_eq!(pose, (fails_at == 2).then_some((Stage::Localizing, None)));
@@ -200,8 +206,8 @@ mod tests {
         let acted = app.act(app.clock.now(), Record::of(Action::Localize, "here"), || Ok(localize())).await;
         assert!(matches!(acted, Err(NotActed::Busy)), "{acted:?}");
         drop(acting);
-        let owed = app.owed().all();
-        assert_eq!(owed[0].refusal.as_deref(), Some("it waited too long for others"));
+        let waiting_records = app.waiting_records().all();
+        assert_eq!(waiting_records[0].refusal.as_deref(), Some("it waited too long for others"));
         assert!(log(&app).await.is_empty());
     }
 }

@@ -8,15 +8,15 @@ use serde_json::json;
 
 use super::not_done::NotDone;
 use super::pending_clearance::{CONFIRM_WITHIN, NotPending};
-use super::tap::{Grounds, StopForm, Tap, Versioned};
+use super::tap::{StopForm, Tap, Validity, Versioned};
 use crate::engine::input::{AlarmRef, OperatorAction, Place};
 use crate::engine::model::NodeId;
 use crate::engine::snapshot::Snapshot;
 use crate::store::audit::Action;
-use crate::web::http::errors::Trouble;
+use crate::web::http::errors::HttpError;
 use crate::web::http::respond::{bad_field, bad_form, refusal};
 use crate::web::view::Lang;
-use crate::web::view::versions::Matter;
+use crate::web::view::versions::Aspect;
 
 type FormOf<T> = Result<Form<T>, FormRejection>;
 type PathOf = Result<Path<String>, PathRejection>;
@@ -57,7 +57,7 @@ pub async fn localize(tap: Tap, form: FormOf<LocalizeForm>) -> Response {
         Place::Pose { x_m, y_m, yaw_deg } => format!("x {x_m} y {y_m} yaw {yaw_deg}"),
     };
     let record = tap.record(Action::Localize).on(target);
-    tap.act(tap.grounds(&shown, Matter::Stage), OperatorAction::Localize { place }, record).await
+    tap.act(tap.validity(&shown, Aspect::Stage), OperatorAction::Localize { place }, record).await
 }
 
 /// `POST /vehicle/stop`
@@ -77,14 +77,14 @@ pub async fn clearance(tap: Tap, form: FormOf<Versioned>) -> Response {
     let (display_live, storage_ok) = tap.conditions();
     let ask = OperatorAction::AskClearance { display_live, storage_ok };
     let record = tap.record(Action::ClearanceAsked);
-    if let Err(refused) = tap.command(tap.grounds(&shown, Matter::Clearance), ask, record).await {
+    if let Err(refused) = tap.command(tap.validity(&shown, Aspect::Clearance), ask, record).await {
         return tap.refuse(refused);
     }
     match tap.app.pending.ask(&tap.session, shown.version, tap.app.clock.now()) {
         Ok(token) => tap.done(&json!({ "token": token, "expires_s": CONFIRM_WITHIN.as_millis() / 1000 })),
         Err(error) => {
             tracing::error!(%error, "no token can be made");
-            refusal(&tap.reader, Trouble::Unavailable)
+            refusal(&tap.reader, HttpError::Unavailable)
         }
     }
 }
@@ -108,26 +108,26 @@ pub async fn confirm(tap: Tap, form: FormOf<ConfirmForm>) -> Response {
     let (display_live, storage_ok) = tap.conditions();
     let shown =
         Versioned { version: form.version.map_or(asked, |version| version.min(asked)), beat: form.beat };
-    let grounds = Grounds { confirmed_until, ..tap.grounds(&shown, Matter::Clearance) };
-    tap.act(grounds, OperatorAction::Clear { display_live, storage_ok }, record).await
+    let validity = Validity { confirmed_until, ..tap.validity(&shown, Aspect::Clearance) };
+    tap.act(validity, OperatorAction::Clear { display_live, storage_ok }, record).await
 }
 
 /// `POST /alarms/{id}/acknowledge`, where the id is the number of an alarm, the name of a node
 /// with a WARNING, or `stop` for the stop that the operator asked for.
 pub async fn acknowledge(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Response {
-    let Some(id) = inner(&path, "/acknowledge") else { return refusal(&tap.reader, Trouble::NotFound) };
+    let Some(id) = inner(&path, "/acknowledge") else { return refusal(&tap.reader, HttpError::NotFound) };
     let shown = match form {
         Ok(Form(shown)) => shown,
         Err(rejection) => return bad_form(&tap.reader, &rejection),
     };
     let snapshot = tap.app.published().snapshot;
-    let (alarm, matter) = match id.parse() {
-        Ok(number) => (AlarmRef::Number(number), Matter::Alarm(number)),
-        Err(_) if id == "stop" => (AlarmRef::OperatorStop, Matter::Stage),
+    let (alarm, aspect) = match id.parse() {
+        Ok(number) => (AlarmRef::Number(number), Aspect::Alarm(number)),
+        Err(_) if id == "stop" => (AlarmRef::OperatorStop, Aspect::Stage),
         Err(_) => (AlarmRef::Node(id.into()), of_node(&snapshot, id)),
     };
     let record = tap.record(Action::Acknowledge).on(with_places(&snapshot, &alarm, id));
-    tap.act(tap.grounds(&shown, matter), OperatorAction::Acknowledge { alarm }, record).await
+    tap.act(tap.validity(&shown, aspect), OperatorAction::Acknowledge { alarm }, record).await
 }
 
 /// What is acknowledged, for the log: all places at which one status shows.
@@ -147,14 +147,14 @@ fn with_places(snapshot: &Snapshot, alarm: &AlarmRef, id: &str) -> String {
 
 /// `POST /modules/{id}/reset`, where the id is `group/module`.
 pub async fn reset(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Response {
-    let Some(module) = inner(&path, "/reset") else { return refusal(&tap.reader, Trouble::NotFound) };
+    let Some(module) = inner(&path, "/reset") else { return refusal(&tap.reader, HttpError::NotFound) };
     let shown = match form {
         Ok(Form(shown)) => shown,
         Err(rejection) => return bad_form(&tap.reader, &rejection),
     };
-    let matter = of_node(&tap.app.published().snapshot, module);
+    let aspect = of_node(&tap.app.published().snapshot, module);
     let action = OperatorAction::Reset { module: module.into() };
-    tap.act(tap.grounds(&shown, matter), action, tap.record(Action::Reset).on(module)).await
+    tap.act(tap.validity(&shown, aspect), action, tap.record(Action::Reset).on(module)).await
 }
 
 /// Ids hold slashes, so a route of such an id takes all that follows and its last word is read here.
@@ -164,15 +164,15 @@ fn inner<'a>(path: &'a PathOf, word: &str) -> Option<&'a str> {
 }
 
 /// What a node stands for: its component. What is in none is judged with the stage alone.
-fn of_node(snapshot: &Snapshot, name: &str) -> Matter {
+fn of_node(snapshot: &Snapshot, name: &str) -> Aspect {
     let mut group = match snapshot.node(name) {
         Some(NodeId::Group(id)) => id,
         Some(NodeId::Module(id)) => snapshot.module(id).0.group,
-        None => return Matter::Stage,
+        None => return Aspect::Stage,
     };
     while let Some(parent) = snapshot.group(group).0.parent {
         group = parent;
     }
     let info = snapshot.group(group).0;
-    if info.is_tile() { Matter::Component(group) } else { Matter::Stage }
+    if info.is_tile() { Aspect::Component(group) } else { Aspect::Stage }
 }

@@ -1,7 +1,7 @@
 //! Why an operator's action was not done.
 
 use crate::engine::input::Refusal;
-use crate::web::http::errors::Trouble;
+use crate::web::http::errors::HttpError;
 use crate::web::record::write::NotWritten;
 use crate::web::view::Lang;
 
@@ -9,8 +9,8 @@ use crate::web::view::Lang;
 #[derive(Debug)]
 pub enum NotActed {
     Refused(Vec<Refusal>),
-    /// What it was asked for with counts no more.
-    Void(Void),
+    /// The tap counts no more.
+    Invalid(InvalidTap),
     /// It cannot be written down.
     Storage,
     /// Too many wait already.
@@ -30,22 +30,22 @@ impl From<NotWritten> for NotActed {
 
 impl NotActed {
     /// What is answered where there are no reasons to name.
-    pub const fn trouble(&self) -> Trouble {
+    pub const fn trouble(&self) -> HttpError {
         match self {
-            NotActed::Storage => Trouble::Storage,
-            NotActed::Busy => Trouble::Busy,
-            NotActed::Refused(_) | NotActed::Void(_) | NotActed::Unavailable => Trouble::Unavailable,
+            NotActed::Storage => HttpError::Storage,
+            NotActed::Busy => HttpError::Busy,
+            NotActed::Refused(_) | NotActed::Invalid(_) | NotActed::Unavailable => HttpError::Unavailable,
         }
     }
 }
 
 /// Why a tap counts for nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Void {
+pub enum InvalidTap {
     /// The user who made it has no session any more.
     SessionEnded,
-    /// Somebody else leads the vehicle.
-    NotSeated,
+    /// Another operator is in charge.
+    NotInCharge,
     /// What it was made for is not as it was shown.
     Stale,
     /// It waited too long, on its way or here.
@@ -54,15 +54,15 @@ pub enum Void {
     ConfirmedLate,
 }
 
-impl Void {
+impl InvalidTap {
     pub fn words(self, lang: Lang) -> String {
         let words = lang.words();
         match self {
-            Void::SessionEnded => Trouble::NoSession.say(lang).1.to_owned(),
-            Void::NotSeated => words.not_in_seat.to_owned(),
-            Void::Stale => words.refused_stale.to_owned(),
-            Void::Late => words.refused_late.to_owned(),
-            Void::ConfirmedLate => lang.not_pending(true),
+            InvalidTap::SessionEnded => HttpError::NoSession.say(lang).1.to_owned(),
+            InvalidTap::NotInCharge => words.not_in_charge.to_owned(),
+            InvalidTap::Stale => words.refused_stale.to_owned(),
+            InvalidTap::Late => words.refused_late.to_owned(),
+            InvalidTap::ConfirmedLate => lang.not_pending(true),
         }
     }
 }
@@ -72,6 +72,6 @@ impl Void {
 pub enum NotDone {
     /// In words.
     Refused(Vec<String>),
-    Void(Void),
-    Trouble(Trouble),
+    Invalid(InvalidTap),
+    HttpError(HttpError),
 }

@@ -8,7 +8,7 @@ use tokio::sync::OnceCell;
 
 use super::not_done::NotDone;
 use crate::store::Session;
-use crate::web::http::errors::Trouble;
+use crate::web::http::errors::HttpError;
 
 /// Taps that are remembered; the oldest is forgotten for a new one.
 const TAPS_MAX: usize = 64;
@@ -38,7 +38,7 @@ impl Stops {
         let outcome = self.of(session, name);
         let done = tokio::spawn(async move { outcome.get_or_init(|| stopping).await.clone() });
         // It ends early only if the whole program does.
-        done.await.unwrap_or(Err(NotDone::Trouble(Trouble::Unavailable)))
+        done.await.unwrap_or(Err(NotDone::HttpError(HttpError::Unavailable)))
     }
 
     fn of(&self, session: &Session, name: Box<str>) -> Arc<OnceCell<Outcome>> {

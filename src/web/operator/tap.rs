@@ -9,7 +9,7 @@ use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::not_done::{NotActed, NotDone, Void};
+use super::not_done::{InvalidTap, NotActed, NotDone};
 use crate::clock::wall_at;
 use crate::engine::input::OperatorAction;
 use crate::engine::model::output::Output;
@@ -18,13 +18,13 @@ use crate::store::Session;
 use crate::store::audit::{Action, Record};
 use crate::web::AppState;
 use crate::web::admission::peer::{Peer, source_of};
-use crate::web::auth::expiry::is_seated;
-use crate::web::http::errors::Trouble;
+use crate::web::auth::expiry::is_in_charge;
+use crate::web::http::errors::HttpError;
 use crate::web::http::guard::SignedIn;
 use crate::web::http::respond::{Reader, Speaks, bad_field, json_answer, refusal, refused_in_words};
 use crate::web::record::audit::record_of;
 use crate::web::view;
-use crate::web::view::versions::Matter;
+use crate::web::view::versions::Aspect;
 use crate::web::view::{Lang, Palette, Part};
 
 /// Longer names of taps are no page's.
@@ -62,8 +62,8 @@ pub struct Tap {
 
 /// What makes a tap count. It is looked at anew whenever the tap has waited.
 #[derive(Debug, Clone, Copy)]
-pub struct Grounds {
-    pub matter: Matter,
+pub struct Validity {
+    pub aspect: Aspect,
     /// The `seq` that it was shown with.
     pub version: u64,
     /// After this it is late.
@@ -97,10 +97,10 @@ impl Tap {
     /// Requests a stop, once for each tap.
     pub async fn stop(&self, form: StopForm) -> Response {
         let shown = Versioned { version: form.version, beat: form.beat };
-        let grounds = Grounds { is_stop: true, ..self.grounds(&shown, Matter::Stage) };
+        let validity = Validity { is_stop: true, ..self.validity(&shown, Aspect::Stage) };
         let tap = self.clone();
         let record = self.record(Action::Stop);
-        let stopping = async move { tap.command(grounds, OperatorAction::RequestStop, record).await };
+        let stopping = async move { tap.command(validity, OperatorAction::RequestStop, record).await };
         let done = match form.tap {
             Some(name) if name.len() > TAP_BYTES_MAX => return bad_field(&self.reader, "tap"),
             Some(name) => self.app.stops.once(&self.session, name, stopping).await,
@@ -112,8 +112,8 @@ impl Tap {
         }
     }
 
-    pub async fn act(&self, grounds: Grounds, action: OperatorAction, record: Record) -> Response {
-        match self.command(grounds, action, record).await {
+    pub async fn act(&self, validity: Validity, action: OperatorAction, record: Record) -> Response {
+        match self.command(validity, action, record).await {
             Ok(()) => self.done(&json!({})),
             Err(refused) => self.refuse(refused),
         }
@@ -123,26 +123,26 @@ impl Tap {
     /// refused is on the disk when this returns, unless that does not answer.
     pub async fn command(
         &self,
-        grounds: Grounds,
+        validity: Validity,
         action: OperatorAction,
         record: Record,
     ) -> Result<(), NotDone> {
-        if let Err(void) = self.check(&grounds) {
-            self.app.record(None, record.refused(void.words(Lang::En))).await;
-            return Err(NotDone::Void(void));
+        if let Err(invalid) = self.check(&validity) {
+            self.app.record(None, record.refused(invalid.words(Lang::En))).await;
+            return Err(NotDone::Invalid(invalid));
         }
         // Runs to its end also if nobody listens any more: what was done has to be kept.
         let tap = self.clone();
-        let done = tokio::spawn(async move { tap.hand_on(grounds, action, record).await });
-        done.await.unwrap_or(Err(NotDone::Trouble(Trouble::Unavailable)))
+        let done = tokio::spawn(async move { tap.hand_on(validity, action, record).await });
+        done.await.unwrap_or(Err(NotDone::HttpError(HttpError::Unavailable)))
     }
 
     /// A tap that waited on its way was made while the display could still say that it is live, and
     /// arrives when it could not.
-    pub fn grounds(&self, shown: &Versioned, matter: Matter) -> Grounds {
+    pub fn validity(&self, shown: &Versioned, aspect: Aspect) -> Validity {
         let age = shown.beat.as_deref().map_or(Span::ZERO, |beat| self.age(beat));
         let until = self.arrived + (TAP_LATE_MAX - age);
-        Grounds { matter, version: shown.version, until, confirmed_until: until, is_stop: false }
+        Validity { aspect, version: shown.version, until, confirmed_until: until, is_stop: false }
     }
 
     /// How old a heartbeat was when the tap arrived. What cannot be read is as old as can be.
@@ -155,29 +155,29 @@ impl Tap {
     }
 
     /// Whether the tap counts now.
-    fn check(&self, grounds: &Grounds) -> Result<(), Void> {
+    fn check(&self, validity: &Validity) -> Result<(), InvalidTap> {
         let (app, now) = (&self.app, self.app.clock.now());
         if !self.session.is_open() || app.has_expired(&self.session) {
-            return Err(Void::SessionEnded);
+            return Err(InvalidTap::SessionEnded);
         }
         let published = app.published();
-        let is_next = grounds.is_stop && app.hand_overs.is_successor(&self.session);
-        if !is_next && !is_seated(&self.session, &published.snapshot) {
-            return Err(Void::NotSeated);
+        let is_next = validity.is_stop && app.hand_overs.is_successor(&self.session);
+        if !is_next && !is_in_charge(&self.session, &published.snapshot) {
+            return Err(InvalidTap::NotInCharge);
         }
-        if now >= grounds.until {
-            return Err(Void::Late);
+        if now >= validity.until {
+            return Err(InvalidTap::Late);
         }
-        if now >= grounds.confirmed_until {
-            return Err(Void::ConfirmedLate);
+        if now >= validity.confirmed_until {
+            return Err(InvalidTap::ConfirmedLate);
         }
-        let holds = app.frames.observe(&published).holds(grounds.matter, grounds.version);
-        if holds { Ok(()) } else { Err(Void::Stale) }
+        let holds = app.frames.observe(&published).holds(validity.aspect, validity.version);
+        if holds { Ok(()) } else { Err(InvalidTap::Stale) }
     }
 
     /// What is asked for, with what is known in this moment.
-    fn asked(&self, grounds: &Grounds, action: &OperatorAction) -> Result<OperatorAction, Void> {
-        self.check(grounds)?;
+    fn asked(&self, validity: &Validity, action: &OperatorAction) -> Result<OperatorAction, InvalidTap> {
+        self.check(validity)?;
         let (display_live, storage_ok) = self.conditions();
         Ok(match action {
             OperatorAction::AskClearance { .. } => OperatorAction::AskClearance { display_live, storage_ok },
@@ -186,32 +186,37 @@ impl Tap {
         })
     }
 
-    async fn hand_on(&self, grounds: Grounds, action: OperatorAction, record: Record) -> Result<(), NotDone> {
+    async fn hand_on(
+        &self,
+        validity: Validity,
+        action: OperatorAction,
+        record: Record,
+    ) -> Result<(), NotDone> {
         let acted = if action == OperatorAction::RequestStop {
             let kept = self.app.act_at_once(action, record).await;
             let deaf = self.app.published().snapshot.unreached(Output::ManeuverStop).is_some();
             match kept {
                 Ok(_) if deaf => {
                     tracing::error!("a stop was requested and nobody listens");
-                    return Err(NotDone::Trouble(Trouble::StopNotHeard));
+                    return Err(NotDone::HttpError(HttpError::StopNotHeard));
                 }
                 Ok(true) => Ok(()),
                 Ok(false) => {
                     tracing::error!("a stop was requested and is not kept yet");
-                    return Err(NotDone::Trouble(Trouble::StopNotKept));
+                    return Err(NotDone::HttpError(HttpError::StopNotKept));
                 }
                 Err(not_acted) => Err(not_acted),
             }
         } else {
-            let until = grounds.until.min(grounds.confirmed_until);
-            self.app.act(until, record, || self.asked(&grounds, &action)).await
+            let until = validity.until.min(validity.confirmed_until);
+            self.app.act(until, record, || self.asked(&validity, &action)).await
         };
         acted.map_err(|not_acted| match not_acted {
             NotActed::Refused(reasons) => {
                 NotDone::Refused(view::refusals(&self.app.published(), self.reader.lang, &reasons))
             }
-            NotActed::Void(void) => NotDone::Void(void),
-            other => NotDone::Trouble(other.trouble()),
+            NotActed::Invalid(invalid) => NotDone::Invalid(invalid),
+            other => NotDone::HttpError(other.trouble()),
         })
     }
 
@@ -235,14 +240,14 @@ impl Tap {
     pub fn refuse(&self, not_done: NotDone) -> Response {
         match not_done {
             NotDone::Refused(reasons) => refused_in_words(&self.reader, &reasons, None),
-            NotDone::Void(Void::SessionEnded) => refusal(&self.reader, Trouble::NoSession),
-            NotDone::Void(void) => {
+            NotDone::Invalid(InvalidTap::SessionEnded) => refusal(&self.reader, HttpError::NoSession),
+            NotDone::Invalid(invalid) => {
                 // What was shown is old: the page asks for what is.
-                let is_old = matches!(void, Void::Stale | Void::Late);
+                let is_old = matches!(invalid, InvalidTap::Stale | InvalidTap::Late);
                 let seq = is_old.then(|| self.app.published().snapshot.seq);
-                refused_in_words(&self.reader, &[void.words(self.reader.lang)], seq)
+                refused_in_words(&self.reader, &[invalid.words(self.reader.lang)], seq)
             }
-            NotDone::Trouble(trouble) => refusal(&self.reader, trouble),
+            NotDone::HttpError(trouble) => refusal(&self.reader, trouble),
         }
     }
 }

@@ -10,7 +10,7 @@ use std::sync::PoisonError;
 
 use crate::engine::time::{Span, Timestamp};
 use crate::store::audit::{Action, Record, TELLTALE};
-use crate::store::{Lane, Session, StoreError};
+use crate::store::{Caller, Session, StoreError};
 use crate::web::AppState;
 
 /// Records of one kind that may come at once.
@@ -33,7 +33,7 @@ pub struct Limit {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 struct Kind {
     action: Action,
-    is_near: bool,
+    caller: Caller,
 }
 
 #[derive(Debug)]
@@ -70,7 +70,7 @@ impl Limit {
     }
 
     /// What was left out could not be told.
-    fn owe(&mut self, now: Timestamp, kind: Kind, count: u64) {
+    fn put_back(&mut self, now: Timestamp, kind: Kind, count: u64) {
         if let Some(bucket) = self.buckets.get_mut(&kind) {
             bucket.omitted_since = if bucket.omitted == 0 { now } else { bucket.omitted_since };
             bucket.omitted += count;
@@ -89,7 +89,10 @@ impl Limit {
 
 impl Kind {
     fn omitted(self, count: u64) -> Record {
-        let whence = if self.is_near { "the vehicle's displays" } else { "elsewhere" };
+        let whence = match self.caller {
+            Caller::Vehicle => "the vehicle's displays",
+            Caller::Elsewhere => "elsewhere",
+        };
         let target = format!("{count} more refusals: {}, from {whence}", self.action.as_str());
         Record::of(Action::Omitted, TELLTALE).on(target)
     }
@@ -108,18 +111,18 @@ impl AppState {
     /// Records a refusal that anybody can cause, unless there were too many of its kind.
     pub async fn audit_refusal(&self, source: IpAddr, record: Record) {
         if self.may_record_refusal(source, record.action).await {
-            self.audit_or_log_from(self.lane(source), record).await;
+            self.audit_or_log_from(self.caller(source), record).await;
         }
     }
 
     /// Whether one more refusal of this kind is to be recorded; what was left out before it is told.
     pub async fn may_record_refusal(&self, source: IpAddr, action: Action) -> bool {
-        let lane = self.lane(source);
-        let kind = Kind { action, is_near: lane == Lane::Vehicle };
+        let caller = self.caller(source);
+        let kind = Kind { action, caller };
         let admitted = self.audit_limit().admit(self.clock.now(), kind);
         let Some(omitted) = admitted else { return false };
-        if omitted > 0 && self.store.audit_from(lane, kind.omitted(omitted)).await.is_err() {
-            self.audit_limit().owe(self.clock.now(), kind, omitted);
+        if omitted > 0 && self.store.audit_from(caller, kind.omitted(omitted)).await.is_err() {
+            self.audit_limit().put_back(self.clock.now(), kind, omitted);
         }
         true
     }
@@ -142,7 +145,7 @@ impl AppState {
         };
         for (kind, count) in due {
             if self.store.audit(kind.omitted(count)).await.is_err() {
-                self.audit_limit().owe(now, kind, count);
+                self.audit_limit().put_back(now, kind, count);
             }
         }
         let target = match lost {
@@ -157,21 +160,16 @@ impl AppState {
 
     /// Records what happened whether it can be recorded or not. What cannot is counted.
     pub async fn audit_or_log(&self, record: Record) {
-        self.audit_or_log_from(Lane::Vehicle, record).await;
+        self.audit_or_log_from(Caller::Vehicle, record).await;
     }
 
     /// The same for what somebody caused who comes from there.
-    pub async fn audit_or_log_from(&self, lane: Lane, record: Record) {
+    pub async fn audit_or_log_from(&self, caller: Caller, record: Record) {
         let action = record.action.as_str();
-        if let Err(error) = self.store.audit_from(lane, record).await {
+        if let Err(error) = self.store.audit_from(caller, record).await {
             tracing::error!(%error, action, "the audit log lacks a record");
             self.audit_limit().lost += 1;
         }
-    }
-
-    /// Among whom somebody counts who comes from there.
-    pub fn lane(&self, source: IpAddr) -> Lane {
-        if self.settings.enrolled.is_near(source) { Lane::Vehicle } else { Lane::Elsewhere }
     }
 
     fn audit_limit(&self) -> std::sync::MutexGuard<'_, Limit> {
@@ -191,8 +189,8 @@ mod tests {
     #[test]
     fn a_flood_is_counted_and_does_not_hide_the_vehicles_own_displays() {
         let mut limit = Limit::default();
-        let stranger = Kind { action: Action::Login, is_near: false };
-        let local = Kind { is_near: true, ..stranger };
+        let stranger = Kind { action: Action::Login, caller: Caller::Elsewhere };
+        let local = Kind { caller: Caller::Vehicle, ..stranger };
         let (mut admitted, mut told, mut records) = (0, 0, 0);
         for second in 0..24 * 3600_u64 {
             let now = Timestamp::ZERO + Span::from_secs(second);

@@ -8,19 +8,19 @@ use crate::store::audit::{Action, Record, TELLTALE};
 use crate::web::AppState;
 
 /// There are few, unless somebody taps on a broken disk; what comes past this is counted.
-const OWED_MAX: usize = 64;
+const OUTBOX_MAX: usize = 64;
 
 /// The records, and how many more there were.
 #[derive(Debug, Default)]
-pub struct Owed {
+pub struct Outbox {
     records: Vec<Record>,
     omitted: u64,
 }
 
-impl Owed {
+impl Outbox {
     /// What is written later begins with when it was.
     fn add(&mut self, record: Record, at: SystemTime) {
-        if self.records.len() >= OWED_MAX {
+        if self.records.len() >= OUTBOX_MAX {
             self.omitted += 1;
             return;
         }
@@ -37,7 +37,7 @@ impl Owed {
     }
 
     /// What there was is written.
-    fn take_off(&mut self, written: &Owed) {
+    fn take_off(&mut self, written: &Outbox) {
         self.records.drain(..written.records.len());
         self.omitted -= written.omitted;
     }
@@ -45,24 +45,24 @@ impl Owed {
 
 impl AppState {
     /// Records something later.
-    pub fn owe(&self, record: Record) {
+    pub fn record_later(&self, record: Record) {
         let at = self.clock.wall();
-        self.owed_now().add(record, at);
+        self.lock_outbox().add(record, at);
     }
 
-    /// What is owed now.
-    pub fn owed(&self) -> Owed {
-        let owed = self.owed_now();
-        Owed { records: owed.records.clone(), omitted: owed.omitted }
+    /// What waits now.
+    pub fn waiting_records(&self) -> Outbox {
+        let outbox = self.lock_outbox();
+        Outbox { records: outbox.records.clone(), omitted: outbox.omitted }
     }
 
-    /// This is on the disk. There is one who writes what is owed.
-    pub fn paid(&self, written: &Owed) {
-        self.owed_now().take_off(written);
+    /// This is on the disk. Only the task that follows the vehicle writes it.
+    pub fn forget_written(&self, written: &Outbox) {
+        self.lock_outbox().take_off(written);
     }
 
-    fn owed_now(&self) -> MutexGuard<'_, Owed> {
-        self.owed.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock_outbox(&self) -> MutexGuard<'_, Outbox> {
+        self.outbox.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -71,30 +71,30 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_owed_has_a_bound_and_the_rest_is_counted() {
-        let mut owed = Owed::default();
+    fn what_waits_has_a_bound_and_the_rest_is_counted() {
+        let mut outbox = Outbox::default();
         let record = |number: usize| Record::of(Action::Acknowledge, "127.0.0.1").on(number.to_string());
-        let add = |owed: &mut Owed, count: usize| {
-            (0..count).for_each(|number| owed.add(record(number), SystemTime::UNIX_EPOCH));
+        let add = |outbox: &mut Outbox, count: usize| {
+            (0..count).for_each(|number| outbox.add(record(number), SystemTime::UNIX_EPOCH));
         };
-        owed.add(Record::of(Action::Stop, "127.0.0.1"), SystemTime::UNIX_EPOCH);
-        add(&mut owed, 10 + OWED_MAX);
-        let all = owed.all();
-        assert_eq!(all.len(), OWED_MAX + 1);
+        outbox.add(Record::of(Action::Stop, "127.0.0.1"), SystemTime::UNIX_EPOCH);
+        add(&mut outbox, 10 + OUTBOX_MAX);
+        let all = outbox.all();
+        assert_eq!(all.len(), OUTBOX_MAX + 1);
         assert_eq!(all[0].target, "at 1970-01-01T00:00:00Z");
         assert_eq!(all[1].target, "at 1970-01-01T00:00:00Z: 0");
         assert_eq!(
-            (all[OWED_MAX].action, &*all[OWED_MAX].target),
+            (all[OUTBOX_MAX].action, &*all[OUTBOX_MAX].target),
             (Action::Omitted, "11 more actions and refusals")
         );
         // Others come while these are written.
-        let written = Owed { records: owed.records.clone(), omitted: owed.omitted };
-        add(&mut owed, 3);
-        owed.take_off(&written);
-        let all = owed.all();
+        let written = Outbox { records: outbox.records.clone(), omitted: outbox.omitted };
+        add(&mut outbox, 3);
+        outbox.take_off(&written);
+        let all = outbox.all();
         assert_eq!((all.len(), &*all[0].target), (1, "3 more actions and refusals"));
-        let written = Owed { records: owed.records.clone(), omitted: owed.omitted };
-        owed.take_off(&written);
-        assert!(owed.all().is_empty());
+        let written = Outbox { records: outbox.records.clone(), omitted: outbox.omitted };
+        outbox.take_off(&written);
+        assert!(outbox.all().is_empty());
     }
 }

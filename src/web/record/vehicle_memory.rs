@@ -15,7 +15,7 @@ use crate::store::audit::{Action, Record, TELLTALE};
 use crate::web::AppState;
 
 /// Alarms that come and go must not wear the disk out.
-const KEEP_EVERY: Duration = Duration::from_secs(1);
+const WRITE_EVERY: Duration = Duration::from_secs(1);
 
 const CAUSES_NAMED: usize = 4;
 
@@ -23,22 +23,22 @@ const CAUSES_NAMED: usize = 4;
 const WAITING_MAX: usize = 1024;
 
 /// What is asked of the vehicle, by name and state.
-type Measures = Vec<(&'static str, &'static str)>;
+type Requests = Vec<(&'static str, &'static str)>;
 
 /// At the end a disk has this long to answer.
 const LAST_WITHIN: Duration = Duration::from_secs(2);
 
 /// Keeps the vehicle for as long as the server runs.
 #[derive(Debug)]
-pub struct Keeper {
+pub struct VehicleMemoryTask {
     end: oneshot::Sender<()>,
     task: JoinHandle<()>,
 }
 
-impl Keeper {
-    pub fn start(app: AppState) -> Keeper {
+impl VehicleMemoryTask {
+    pub fn start(app: AppState) -> VehicleMemoryTask {
         let (end, ends) = oneshot::channel();
-        Keeper { end, task: tokio::spawn(follow(app, ends)) }
+        VehicleMemoryTask { end, task: tokio::spawn(follow(app, ends)) }
     }
 
     /// Keeps what changed last, and ends.
@@ -62,19 +62,19 @@ impl AppState {
 async fn follow(app: AppState, mut ends: oneshot::Receiver<()>) {
     let mut turns = app.link.turns.subscribe();
     let mut snapshots = app.link.snapshots.clone();
-    let mut kept = Kept::default();
+    let mut last = LastWritten::default();
     loop {
-        let is_new = kept.keep(&app, &mut snapshots, &mut turns).await;
+        let is_new = last.write_changes(&app, &mut snapshots, &mut turns).await;
         let next = async {
             if is_new {
-                sleep(KEEP_EVERY).await;
+                sleep(WRITE_EVERY).await;
             }
             !turns.is_empty() || snapshots.changed().await.is_ok()
         };
         let goes_on = tokio::select! {
             goes_on = next => goes_on,
             _ = &mut ends => {
-                kept.keep(&app, &mut snapshots, &mut turns).await;
+                last.write_changes(&app, &mut snapshots, &mut turns).await;
                 false
             }
         };
@@ -86,20 +86,20 @@ async fn follow(app: AppState, mut ends: oneshot::Receiver<()>) {
 
 /// What was kept last, and what is to be recorded since.
 #[derive(Debug, Default)]
-struct Kept {
+struct LastWritten {
     memory: Option<VehicleMemory>,
     /// Of the state that was looked at last.
     seq: u64,
     stage: Option<Stage>,
-    measures: Measures,
+    requests: Requests,
     /// What the disk did not take yet; what comes past [`WAITING_MAX`] is counted.
     waiting: Vec<Record>,
     lost: u64,
 }
 
-impl Kept {
+impl LastWritten {
     /// Remembers what is new; tells whether there was anything.
-    async fn keep(
+    async fn write_changes(
         &mut self,
         app: &AppState,
         snapshots: &mut watch::Receiver<Published>,
@@ -116,8 +116,8 @@ impl Kept {
         let published = snapshots.borrow_and_update().clone();
         self.look(&published);
         let memory = memory_of(&published);
-        let owed = app.owed();
-        let mut records = owed.all();
+        let waiting_records = app.waiting_records();
+        let mut records = waiting_records.all();
         let changes = if self.lost == 1 { "change" } else { "changes" };
         let omitted = || format!("{} {changes} of the stage or of countermeasures", self.lost);
         records.extend((self.lost > 0).then(|| Record::of(Action::Omitted, TELLTALE).on(omitted())));
@@ -131,7 +131,7 @@ impl Kept {
                 self.memory = Some(memory);
                 self.waiting.clear();
                 self.lost = 0;
-                app.paid(&owed);
+                app.forget_written(&waiting_records);
             }
             // The store's own watch over the disk tells of it.
             Err(error) => tracing::debug!(%error, "the vehicle cannot be remembered"),
@@ -150,7 +150,7 @@ impl Kept {
             if self.waiting.len() < WAITING_MAX { self.waiting.push(record) } else { self.lost += 1 }
         }
         self.stage = Some(snapshot.stage);
-        self.measures = measures_of(published);
+        self.requests = requests_of(published);
     }
 
     /// What is different from what was looked at last.
@@ -160,13 +160,15 @@ impl Kept {
         if self.stage != Some(snapshot.stage) {
             records.push(Record::of(Action::Stage, TELLTALE).on(snapshot.stage.as_str()));
         }
-        let measures = measures_of(published);
-        for (request, state) in measures.iter().filter(|measure| !self.measures.contains(measure)) {
+        let requests = requests_of(published);
+        for (request, state) in
+            requests.iter().filter(|countermeasure| !self.requests.contains(countermeasure))
+        {
             let target = format!("{request}: {state}{}", causes(published, request));
             records.push(Record::of(Action::Countermeasure, TELLTALE).on(target));
         }
-        for (request, _) in &self.measures {
-            if !measures.iter().any(|(is, _)| is == request) {
+        for (request, _) in &self.requests {
+            if !requests.iter().any(|(is, _)| is == request) {
                 records.push(Record::of(Action::Countermeasure, TELLTALE).on(format!("{request}: ended")));
             }
         }
@@ -177,19 +179,23 @@ impl Kept {
 /// Why something is asked of the vehicle, in a few names.
 fn causes(published: &Published, request: &str) -> String {
     let snapshot = &published.snapshot;
-    let Some(measure) = snapshot.countermeasures.iter().find(|it| it.request.as_str() == request) else {
+    let Some(countermeasure) = snapshot.countermeasures.iter().find(|it| it.request.as_str() == request)
+    else {
         return String::new();
     };
-    let operator = measure.by_operator.then_some("the operator");
-    let nodes =
-        measure.causes.iter().filter(|cause| cause.present).map(|cause| &**snapshot.node_name(cause.node));
+    let operator = countermeasure.by_operator.then_some("the operator");
+    let nodes = countermeasure
+        .causes
+        .iter()
+        .filter(|cause| cause.present)
+        .map(|cause| &**snapshot.node_name(cause.node));
     let names: Vec<&str> = operator.into_iter().chain(nodes).take(CAUSES_NAMED).collect();
     if names.is_empty() { String::new() } else { format!(", because of {}", names.join(", ")) }
 }
 
-fn measures_of(published: &Published) -> Measures {
-    let measures = published.snapshot.countermeasures.iter();
-    measures.map(|measure| (measure.request.as_str(), measure.state.as_str())).collect()
+fn requests_of(published: &Published) -> Requests {
+    let requests = published.snapshot.countermeasures.iter();
+    requests.map(|countermeasure| (countermeasure.request.as_str(), countermeasure.state.as_str())).collect()
 }
 
 fn memory_of(published: &Published) -> VehicleMemory {
@@ -211,7 +217,7 @@ mod tests {
 
     #[test]
     fn each_turn_of_a_countermeasure_is_a_record_with_its_causes() {
-        let (mut kept, mut vehicle) = (Kept::default(), Sample::shuttle(true));
+        let (mut kept, mut vehicle) = (LastWritten::default(), Sample::shuttle(true));
         kept.look(&published(&mut vehicle));
         vehicle = vehicle.act(OperatorAction::RequestStop);
         kept.look(&published(&mut vehicle));
@@ -229,7 +235,7 @@ mod tests {
 
     #[test]
     fn what_waits_for_a_disk_that_takes_nothing_has_a_bound_and_the_rest_is_counted() {
-        let (mut kept, mut vehicle) = (Kept::default(), Sample::shuttle(true));
+        let (mut kept, mut vehicle) = (LastWritten::default(), Sample::shuttle(true));
         let mut all = 0;
         for _ in 0..WAITING_MAX {
             vehicle = vehicle.act(OperatorAction::RequestStop);

@@ -48,14 +48,18 @@ impl AppState {
                 let _place = place;
                 // Whether it was written or not, it was not done.
                 let _ = writing.await;
-                app.owe(not_done);
+                app.record_later(not_done);
             });
             return Err(NotWritten::Storage);
         };
         written.map_err(|error| {
             tracing::error!(%error, "an action cannot be kept, so it is not done");
             let is_late = matches!(error, StoreError::TooLate);
-            self.owe(if is_late { not_done } else { record.clone().refused("it could not be written") });
+            self.record_later(if is_late {
+                not_done
+            } else {
+                record.clone().refused("it could not be written")
+            });
             if is_late || error.is_of_storage() { NotWritten::Storage } else { NotWritten::Unavailable }
         })
     }
@@ -72,7 +76,7 @@ impl AppState {
             if let Err(error) = &written {
                 let action = record.action.as_str();
                 tracing::error!(%error, action, "the audit log lacks a record; it is written as soon as it can be");
-                app.owe(record);
+                app.record_later(record);
             }
             written.is_ok()
         });

@@ -20,14 +20,14 @@ use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 use tower::ServiceExt as _;
 
-use super::malformed::Dressed;
+use super::malformed::WithHeaders;
 use super::tls::Tls;
-use crate::web::admission::connections::{Lines, Place};
+use crate::web::admission::connections::{Connections, Place};
 use crate::web::admission::peer::Peer;
 use crate::web::auth::expiry;
 use crate::web::live::byte_budget::{Meter, Metered};
 use crate::web::live::{displays, trend_sampling};
-use crate::web::record::vehicle_memory::Keeper;
+use crate::web::record::vehicle_memory::VehicleMemoryTask;
 use crate::web::router::router;
 use crate::web::{AppState, turned};
 
@@ -58,9 +58,9 @@ pub async fn serve(
         tracing::warn!(%address, "listening on all addresses, known by the loopback names and configured origins only");
     }
     let router = router(app.clone());
-    let lines = Lines::default();
+    let places = Connections::default();
     let mut connections = JoinSet::new();
-    let keeper = Keeper::start(app.clone());
+    let vehicle_memory_task = VehicleMemoryTask::start(app.clone());
     let watches = [
         tokio::spawn(expiry::watch(app.clone())),
         tokio::spawn(displays::watch(app.clone())),
@@ -74,13 +74,13 @@ pub async fn serve(
                 Ok((stream, peer)) => {
                     let enrolled = &app.settings.enrolled;
                     let entered = match enrolled.is_proxy(peer.ip()) {
-                        true => lines.enter_proxied(),
-                        false => lines.enter(peer.ip(), enrolled.is_near(peer.ip())),
+                        true => places.enter_proxied(),
+                        false => places.enter(peer.ip(), enrolled.caller(peer.ip())),
                     };
                     let Some((place, gone)) = entered else { continue };
                     let closing = app.closing.subscribe();
-                    let line = Line { peer, router: router.clone(), secure: app.settings.secure, closing, place };
-                    let open = line.open(stream, tls.clone());
+                    let connection = Connection { peer, router: router.clone(), secure: app.settings.secure, closing, place };
+                    let open = connection.open(stream, tls.clone());
                     connections.spawn(async move {
                         tokio::select! {
                             biased;
@@ -107,12 +107,12 @@ pub async fn serve(
     if timeout(DRAIN_TIMEOUT, drained).await.is_err() {
         tracing::warn!("some connections did not end in time");
     }
-    keeper.end().await;
+    vehicle_memory_task.end().await;
     Ok(())
 }
 
 /// One connection.
-struct Line {
+struct Connection {
     peer: SocketAddr,
     router: Router,
     secure: bool,
@@ -120,7 +120,7 @@ struct Line {
     place: Place,
 }
 
-impl Line {
+impl Connection {
     async fn open(self, stream: TcpStream, tls: Option<Tls>) {
         // A frame is one small write: it must not wait for an acknowledgement of the one before.
         let prepared = stream.set_nodelay(true).is_ok()
@@ -142,7 +142,7 @@ impl Line {
         http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(64 * 1024);
         let is_asked = Arc::new(AtomicBool::new(false));
         let meter = Meter::default();
-        let stream = Metered::new(Dressed::new(stream, is_asked.clone(), self.secure), meter.clone());
+        let stream = Metered::new(WithHeaders::new(stream, is_asked.clone(), self.secure), meter.clone());
         let service = service_fn(|mut request: Request<Incoming>| {
             is_asked.store(true, Ordering::Relaxed);
             request.extensions_mut().insert(Peer(self.peer));
@@ -151,7 +151,7 @@ impl Line {
             async move {
                 // The connection that gave the place away ends before this does.
                 let Some(work) = work else { return std::future::pending().await };
-                request.extensions_mut().insert(work.standing());
+                request.extensions_mut().insert(work.handle());
                 router.oneshot(request).await
             }
         });

@@ -1,4 +1,4 @@
-//! What the HTTP library says by itself, of a head that is none, with the headers of all answers.
+//! Adds our headers to hyper's own 400.
 
 use std::io;
 use std::pin::Pin;
@@ -12,7 +12,7 @@ use crate::web::http::headers;
 
 /// A connection. Until a request came to the router, what is written is the library's own refusal.
 #[derive(Debug)]
-pub struct Dressed<S> {
+pub struct WithHeaders<S> {
     stream: S,
     is_asked: Arc<AtomicBool>,
     secure: bool,
@@ -20,14 +20,14 @@ pub struct Dressed<S> {
     rest: Vec<u8>,
 }
 
-impl<S> Dressed<S> {
+impl<S> WithHeaders<S> {
     /// `is_asked` turns true with the first request that comes to the router; `secure` tells of TLS.
-    pub fn new(stream: S, is_asked: Arc<AtomicBool>, secure: bool) -> Dressed<S> {
-        Dressed { stream, is_asked, secure, rest: Vec::new() }
+    pub fn new(stream: S, is_asked: Arc<AtomicBool>, secure: bool) -> WithHeaders<S> {
+        WithHeaders { stream, is_asked, secure, rest: Vec::new() }
     }
 }
 
-impl<S: AsyncRead + Unpin> AsyncRead for Dressed<S> {
+impl<S: AsyncRead + Unpin> AsyncRead for WithHeaders<S> {
     fn poll_read(
         mut self: Pin<&mut Self>,
         cx: &mut Context<'_>,
@@ -37,14 +37,14 @@ impl<S: AsyncRead + Unpin> AsyncRead for Dressed<S> {
     }
 }
 
-impl<S: AsyncWrite + Unpin> AsyncWrite for Dressed<S> {
+impl<S: AsyncWrite + Unpin> AsyncWrite for WithHeaders<S> {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
-        let Dressed { stream, is_asked, secure, rest } = &mut *self;
+        let WithHeaders { stream, is_asked, secure, rest } = &mut *self;
         if is_asked.load(Ordering::Relaxed) {
             return Pin::new(stream).poll_write(cx, bytes);
         }
         if rest.is_empty() {
-            *rest = headers::dressed(bytes, *secure);
+            *rest = headers::with_headers(bytes, *secure);
         }
         while !rest.is_empty() {
             let written = ready!(Pin::new(&mut *stream).poll_write(cx, rest))?;

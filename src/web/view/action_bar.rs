@@ -10,7 +10,7 @@ use crate::engine::state::State;
 use super::clean_text::{ID, NAME, clean};
 use super::clearance_checks::Check;
 use super::text_width::{SMALL_EM_BAR, SMALL_EM_BAR_NARROW, lines};
-use super::versions::Matter;
+use super::versions::Aspect;
 use super::words::Words;
 use super::words::action_words::StepWords;
 use super::{Fragment, View, countermeasure, html};
@@ -58,8 +58,8 @@ pub fn step(view: &View<'_>) -> Fragment {
         words: view.words,
         steps: view.lang.steps(),
         swap: view.swap,
-        version: view.seen.of(Matter::Stage),
-        clearance_version: view.seen.of(Matter::Clearance),
+        version: view.seen.of(Aspect::Stage),
+        clearance_version: view.seen.of(Aspect::Clearance),
         step: of_stage(view),
         logout: snapshot.operator.is_some() && (snapshot.stage != Stage::Active || !view.has_stages()),
     });
@@ -199,7 +199,7 @@ struct StopsHtml {
 /// All stops as buttons, for the sheet.
 pub fn all_stops(view: &View<'_>) -> Fragment {
     let steps = view.lang.steps();
-    let version = view.seen.of(Matter::Stage);
+    let version = view.seen.of(Aspect::Stage);
     let html = html(&StopsHtml { steps, swap: view.swap, version, stops: stops(view) });
     Fragment { id: "all-stops".to_owned(), html }
 }

@@ -9,7 +9,7 @@ use crate::engine::time::Timestamp;
 
 use super::View;
 use super::node_names::Spoken;
-use super::versions::Matter;
+use super::versions::Aspect;
 
 /// WARNINGs of one component that are entries of their own; more of them are one.
 const WARNINGS_NAMED: usize = 3;
@@ -42,7 +42,7 @@ pub struct Entry {
 #[derive(Debug, Clone)]
 pub struct Target {
     pub id: String,
-    pub matter: Matter,
+    pub aspect: Aspect,
 }
 
 pub fn entries(view: &View<'_>) -> Vec<Entry> {
@@ -294,8 +294,8 @@ fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
 fn of_warnings(view: &View<'_>, group: GroupId, modules: &[ModuleId]) -> Option<Target> {
     let is_component = view.board.tiles.contains(&group);
     let open = modules.iter().find(|&&module| !view.snapshot.accepted.contains(&NodeId::Module(module)))?;
-    let matter = if is_component { Matter::Component(group) } else { Matter::Stage };
-    Some(Target { id: view.snapshot.node_name(NodeId::Module(*open)).to_string(), matter })
+    let aspect = if is_component { Aspect::Component(group) } else { Aspect::Stage };
+    Some(Target { id: view.snapshot.node_name(NodeId::Module(*open)).to_string(), aspect })
 }
 
 /// Adds the alarms that are over: those of one node are one entry, and where its fault is back
@@ -347,7 +347,7 @@ fn held(view: &View<'_>, entries: &mut Vec<Entry>) {
 }
 
 fn by_number(id: u64) -> Target {
-    Target { id: id.to_string(), matter: Matter::Alarm(id) }
+    Target { id: id.to_string(), aspect: Aspect::Alarm(id) }
 }
 
 /// All alarms of a node: they are decided by what its component shows.
@@ -355,6 +355,6 @@ fn by_name(view: &View<'_>, node: NodeId) -> Target {
     let tile = view.board.tile_of(node).map(|tile| view.board.tiles[tile]);
     Target {
         id: view.snapshot.node_name(node).to_string(),
-        matter: tile.map_or(Matter::Stage, Matter::Component),
+        aspect: tile.map_or(Aspect::Stage, Aspect::Component),
     }
 }

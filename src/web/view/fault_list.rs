@@ -148,7 +148,7 @@ fn acknowledge(view: &View<'_>, entries: &[Entry]) -> Option<AcknowledgeHtml> {
     Some(AcknowledgeHtml {
         address: address(&target.id),
         id: clean(&target.id, ID),
-        version: view.seen.of(target.matter),
+        version: view.seen.of(target.aspect),
         title: entry.title.clone(),
         named: waiting.next().is_some() || entries.first().is_some_and(|first| first.acknowledge.is_none()),
     })

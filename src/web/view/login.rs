@@ -2,7 +2,7 @@
 
 use askama::Template;
 
-use super::words::session_end::Farewell;
+use super::words::session_end::SessionEnd;
 
 use super::clean_text::{NAME, clean};
 use super::page_frame::Frame;
@@ -17,7 +17,7 @@ pub struct LoginContext {
     pub name: String,
     pub failure: Option<LoginFailure>,
     /// Why the session that the browser had is over.
-    pub farewell: Option<Farewell>,
+    pub session_end: Option<SessionEnd>,
     pub demo: bool,
 }
 
@@ -31,7 +31,7 @@ pub enum LoginFailure {
     /// Too many failures: this many seconds until the next try is looked at.
     Wait { seconds: u64 },
     /// Another operator has the vehicle; who just proved to be one may take it over.
-    SeatTaken { by: String },
+    OtherOperator { by: String },
     /// The vehicle drives; it is taken over at one of its own displays alone.
     Drives,
     /// It cannot be written down: the disk is full, or the database broken.
@@ -50,7 +50,7 @@ impl LoginFailure {
             LoginFailure::Wrong => "the name or the secret is wrong",
             LoginFailure::PinElsewhere => "a PIN will do at the vehicle's own displays only; give a password",
             LoginFailure::Wait { .. } => "too many failures; wait",
-            LoginFailure::SeatTaken { .. } => "another operator has the vehicle",
+            LoginFailure::OtherOperator { .. } => "another operator has the vehicle",
             LoginFailure::Drives => "the vehicle drives; take it over at one of its own displays",
             LoginFailure::Storage => {
                 "nothing can be written: the disk is full or the database broken; nothing was changed"
@@ -68,20 +68,20 @@ struct LoginHtml {
     frame: Frame,
     name: String,
     failure: Option<String>,
-    farewell: Option<&'static str>,
-    /// Words of the button, if the login takes the seat over from somebody.
+    session_end: Option<&'static str>,
+    /// Words of the button, if the login takes over from another operator.
     take_over: Option<&'static str>,
     demo: bool,
 }
 
 pub fn login_page(context: &LoginContext) -> String {
     let words = context.lang.words();
-    let is_taken = matches!(context.failure, Some(LoginFailure::SeatTaken { .. }));
+    let is_taken = matches!(context.failure, Some(LoginFailure::OtherOperator { .. }));
     let failure = context.failure.as_ref().map(|failure| match failure {
         LoginFailure::Wrong => words.login_wrong.to_owned(),
         LoginFailure::PinElsewhere => words.login_pin_elsewhere.to_owned(),
         LoginFailure::Wait { seconds } => context.lang.login_wait(*seconds),
-        LoginFailure::SeatTaken { by } => context.lang.login_seat_taken(&clean(by, NAME)),
+        LoginFailure::OtherOperator { by } => context.lang.login_other_operator(&clean(by, NAME)),
         LoginFailure::Drives => words.login_drives.to_owned(),
         LoginFailure::Storage => words.login_storage.to_owned(),
         LoginFailure::Unavailable => words.login_unavailable.to_owned(),
@@ -94,7 +94,7 @@ pub fn login_page(context: &LoginContext) -> String {
         frame: Frame::new(context.lang, context.palette),
         name: clean(&context.name, NAME),
         failure,
-        farewell: context.farewell.map(|why| context.lang.farewell(why)),
+        session_end: context.session_end.map(|why| context.lang.session_end(why)),
         take_over: is_taken.then_some(words.login_take_over),
         demo: context.demo,
     })

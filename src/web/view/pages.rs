@@ -47,7 +47,7 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
     if published.snapshot.stage == Stage::Locked {
         let name = String::new();
         let PageContext { lang, palette, demo, .. } = *context;
-        return login_page(&LoginContext { lang, palette, name, failure: None, farewell: None, demo });
+        return login_page(&LoginContext { lang, palette, name, failure: None, session_end: None, demo });
     }
     let view = View { seen: seen.clone(), trends: Some(trends), ..View::new(published, context.lang, false) };
     let parts = Parts::of(&view);

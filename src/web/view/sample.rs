@@ -340,7 +340,7 @@ impl Sample {
         Sample { engine: Engine::new(Arc::new(model), Timestamp::ZERO), now: Timestamp::ZERO, reports }
     }
 
-    /// The paper's shuttle with all well for a minute and an operator in the seat.
+    /// The paper's shuttle with all well for a minute and an operator in charge.
     pub fn shuttle(driving: bool) -> Sample {
         let standing = Sample::of(parts()).login().signal("active", false).pass(5).localize("depot");
         standing.pass(5).signal("active", driving).pass(50)

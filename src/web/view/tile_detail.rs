@@ -10,7 +10,7 @@ use super::board::Tile;
 use super::clean_text::{ID, VALUE, address, clean};
 use super::node_names::{Spoken, icon, own_matters, reason_word};
 use super::trends::{POINTS_SMALL, Trend};
-use super::versions::Matter;
+use super::versions::Aspect;
 use super::words::Words;
 use super::words::action_words::StepWords;
 use super::{DETAIL, Fragment, View, html};
@@ -232,7 +232,7 @@ fn reset(view: &View<'_>, tile: Tile, id: ModuleId) -> Option<ResetHtml> {
     let (info, module) = view.snapshot.module(id);
     module.steps.latched.then(|| ResetHtml {
         address: address(&info.id),
-        version: view.seen.of(Matter::Component(view.board.tiles[tile])),
+        version: view.seen.of(Aspect::Component(view.board.tiles[tile])),
         ready: !module.steps.in_error,
     })
 }

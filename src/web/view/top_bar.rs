@@ -1,4 +1,4 @@
-//! The top bar: the vehicle, its stage, what it waits for, and who is in the seat.
+//! The top bar: the vehicle, its stage, what it waits for, and its operator.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 

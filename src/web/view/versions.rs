@@ -13,7 +13,7 @@ use crate::engine::snapshot::{Alarm, Snapshot};
 
 /// A part of the state that an operator decides by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Matter {
+pub enum Aspect {
     /// The stage, who leads the vehicle, where it was said to stand, and whether a stop is asked for.
     Stage,
     /// All that is judged before a clearance.
@@ -24,21 +24,21 @@ pub enum Matter {
     Component(GroupId),
 }
 
-/// The matters of the newest snapshot that anybody was shown.
+/// The aspects of the newest snapshot that anybody was shown.
 #[derive(Debug, Default)]
 pub struct Versions(Mutex<Latest>);
 
 #[derive(Debug, Default)]
 struct Latest {
     seen: Seen,
-    digests: HashMap<Matter, u64>,
+    digests: HashMap<Aspect, u64>,
 }
 
-/// The `seq` since which each matter is as one snapshot shows it.
+/// The `seq` since which each aspect is as one snapshot shows it.
 #[derive(Debug, Clone, Default)]
 pub struct Seen {
     seq: u64,
-    since: Arc<HashMap<Matter, u64>>,
+    since: Arc<HashMap<Aspect, u64>>,
 }
 
 impl Seen {
@@ -46,15 +46,15 @@ impl Seen {
         self.seq
     }
 
-    /// The version by which a command about this matter is given.
-    pub fn of(&self, matter: Matter) -> u64 {
-        // Of a matter that is gone nothing older than now holds.
-        self.since.get(&matter).map_or(self.seq, |&since| since.min(self.seq))
+    /// The version by which a command about this aspect is given.
+    pub fn of(&self, aspect: Aspect) -> u64 {
+        // Of an aspect that is gone nothing older than now holds.
+        self.since.get(&aspect).map_or(self.seq, |&since| since.min(self.seq))
     }
 
-    /// Whether a command that was shown with `version` was shown with this matter as it is.
-    pub fn holds(&self, matter: Matter, version: u64) -> bool {
-        (self.of(matter)..=self.seq).contains(&version)
+    /// Whether a command that was shown with `version` was shown with this aspect as it is.
+    pub fn holds(&self, aspect: Aspect, version: u64) -> bool {
+        (self.of(aspect)..=self.seq).contains(&version)
     }
 }
 
@@ -64,10 +64,10 @@ impl Versions {
         let mut latest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if snapshot.seq > latest.seen.seq || latest.digests.is_empty() {
             let digests = digests(snapshot);
-            let since = digests.iter().map(|(matter, digest)| {
-                let same = latest.digests.get(matter) == Some(digest);
-                let since = latest.seen.since.get(matter).copied().filter(|_| same);
-                (*matter, since.unwrap_or(snapshot.seq))
+            let since = digests.iter().map(|(aspect, digest)| {
+                let same = latest.digests.get(aspect) == Some(digest);
+                let since = latest.seen.since.get(aspect).copied().filter(|_| same);
+                (*aspect, since.unwrap_or(snapshot.seq))
             });
             let since = Arc::new(since.collect());
             *latest = Latest { seen: Seen { seq: snapshot.seq, since }, digests };
@@ -77,19 +77,19 @@ impl Versions {
     }
 }
 
-fn digests(snapshot: &Snapshot) -> HashMap<Matter, u64> {
+fn digests(snapshot: &Snapshot) -> HashMap<Aspect, u64> {
     let mut digests = HashMap::new();
     let (stage, operator) = (snapshot.stage, &snapshot.operator);
     let steps = (stage, operator, snapshot.localization.number, snapshot.stop_requested());
-    digests.insert(Matter::Stage, digest(&steps));
+    digests.insert(Aspect::Stage, digest(&steps));
     for alarm in snapshot.alarms.iter() {
-        digests.insert(Matter::Alarm(alarm.id), digest(&of_alarm(alarm)));
+        digests.insert(Aspect::Alarm(alarm.id), digest(&of_alarm(alarm)));
     }
     let mut tiles = Vec::new();
     for id in snapshot.tiles() {
         let (_, view) = snapshot.group(id);
         let shown = (view.state, view.own, view.since);
-        digests.insert(Matter::Component(id), digest(&shown));
+        digests.insert(Aspect::Component(id), digest(&shown));
         tiles.push((view.state, view.own));
     }
     let roots: Vec<NodeId> = snapshot.roots.iter().map(|root| root.node).collect();
@@ -97,7 +97,7 @@ fn digests(snapshot: &Snapshot) -> HashMap<Matter, u64> {
     // Reasons and measures hold figures, which have no hash of their own.
     let words = format!("{:?} {:?}", snapshot.clearance_refusals, snapshot.countermeasures);
     let judged = (steps, tiles, roots, alarms, &snapshot.accepted, words);
-    digests.insert(Matter::Clearance, digest(&judged));
+    digests.insert(Aspect::Clearance, digest(&judged));
     digests
 }
 

@@ -291,7 +291,7 @@ async fn a_login_that_waits_too_long_or_for_nobody_changes_nothing() {
             judged.go_on();
             let answer = hand_over.await.unwrap();
             assert_eq!((answer.status, answer.cookie()), (StatusCode::SERVICE_UNAVAILABLE, None));
-            let owed = || scene.fixture.app.owed().all();
+            let owed = || scene.fixture.app.waiting_records().all();
             let why = Some("the disk did not answer in time");
             until(async || owed().iter().any(|it| it.refusal.as_deref() == why)).await;
         } else {
@@ -299,7 +299,7 @@ async fn a_login_that_waits_too_long_or_for_nobody_changes_nothing() {
             hand_over.abort();
             assert!(hand_over.await.is_err_and(|why| why.is_cancelled()));
             judged.go_on();
-            let owed = || scene.fixture.app.owed().all();
+            let owed = || scene.fixture.app.waiting_records().all();
             until(async || {
                 owed().iter().any(|it| it.refusal.as_deref() == Some("nobody waited for it any more"))
             })
@@ -322,7 +322,7 @@ async fn a_logout_that_waits_too_long_changes_nothing() {
     assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE, "{}", answer.body);
     assert!(scene.session().is_open());
     assert_eq!(scene.fixture.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
-    let owed = || scene.fixture.app.owed().all();
+    let owed = || scene.fixture.app.waiting_records().all();
     let why = Some("the disk did not answer in time");
     until(async || owed().iter().any(|it| it.refusal.as_deref() == why)).await;
 }

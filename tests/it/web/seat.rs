@@ -246,7 +246,7 @@ async fn the_empty_seat_of_a_driving_vehicle_is_taken_at_its_displays_alone_too(
     let seated = |name: &'static str| move |snapshot: &Snapshot| snapshot.operator.as_deref() == Some(name);
     let snapshot = fixture.until(seated("anna")).await;
     assert_eq!(
-        (snapshot.stage, fixture.app.hand_overs.is_said()),
+        (snapshot.stage, fixture.app.hand_overs.is_announced()),
         (Stage::Active, false),
         "at once: nobody leads it"
     );
@@ -256,7 +256,7 @@ async fn the_empty_seat_of_a_driving_vehicle_is_taken_at_its_displays_alone_too(
     let form = "name=bert&secret=a+long+password&take_over=1";
     assert_eq!(log_in_from(&fixture, "10.0.0.9", form).await.status, StatusCode::CONFLICT);
     assert_eq!(log_in_from(&fixture, "127.0.0.1", form).await.status, StatusCode::OK);
-    assert!(fixture.app.hand_overs.is_said());
+    assert!(fixture.app.hand_overs.is_announced());
     hand.advance(Span::from_secs(5));
     fixture.until(seated("bert")).await;
     assert_eq!(fixture.stage(), Stage::Active);
@@ -273,7 +273,7 @@ async fn whoever_takes_a_driving_vehicle_over_and_logs_out_again_takes_nothing()
     assert_eq!(third.status, StatusCode::SERVICE_UNAVAILABLE, "one at a time");
     assert_eq!(fixture.post("/logout", Some(&next), "").await.status, StatusCode::SEE_OTHER);
     hand.advance(Span::from_secs(6));
-    until(async || !fixture.app.hand_overs.is_said()).await;
+    until(async || !fixture.app.hand_overs.is_announced()).await;
     assert_eq!(fixture.get("/", Some(&driver)).await.status, StatusCode::OK);
     assert_eq!(fixture.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
 }

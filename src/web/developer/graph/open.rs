@@ -1,7 +1,7 @@
 //! Which groups of a graph show what is in them, and the addresses that open and close them.
 
 use crate::engine::snapshot::Layout;
-use crate::web::developer::Asked;
+use crate::web::developer::PageQuery;
 use crate::web::developer::page_query::address;
 use crate::web::view::View;
 
@@ -14,7 +14,7 @@ pub(super) enum Open<'a> {
 }
 
 impl<'a> Open<'a> {
-    pub fn of(view: &View<'_>, asked: &'a Asked) -> Open<'a> {
+    pub fn of(view: &View<'_>, asked: &'a PageQuery) -> Open<'a> {
         let those: Vec<&str> = asked.all("open").collect();
         let few = view.snapshot.layout.modules.len() <= OPEN_MODULES;
         if those.contains(&"all") || those.is_empty() && few {

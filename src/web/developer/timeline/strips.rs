@@ -10,7 +10,7 @@ use crate::web::view::Lang;
 use crate::web::view::clean_text::{MESSAGE, NAME, clean};
 
 use super::super::words::DevWords;
-use super::super::{Asked, why_address};
+use super::super::{PageQuery, why_address};
 use super::{Window, clock, percent};
 use crate::web::developer::page_query::address;
 
@@ -55,7 +55,7 @@ pub struct Painter<'a> {
     pub lang: Lang,
     pub words: &'static DevWords,
     pub window: &'a Window,
-    pub asked: &'a Asked,
+    pub asked: &'a PageQuery,
 }
 
 impl Painter<'_> {

@@ -90,7 +90,7 @@ pub async fn answered(tap: &str, answer: Response) -> Utf8Bytes {
     Utf8Bytes::from(format!("{{\"tap\":{tap},\"status\":{status},\"said\":{said}}}"))
 }
 
-/// Who takes the seat of a vehicle that drives, in words: `{"hand_over": "..."}`, or `null`.
+/// Who takes over a vehicle that drives, in words: `{"hand_over": "..."}`, or `null`.
 pub fn hand_over(words: Option<&str>) -> Utf8Bytes {
     Utf8Bytes::from(serde_json::json!({ "hand_over": words }).to_string())
 }

@@ -27,7 +27,7 @@ fn text_from_outside_is_text_and_nothing_else() {
         palette: Palette::Day,
         name: evil.to_owned(),
         failure: Some(LoginFailure::Wrong),
-        farewell: None,
+        session_end: None,
         demo: false,
     }));
     for html in &pages {

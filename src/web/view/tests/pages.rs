@@ -79,7 +79,7 @@ fn small() -> Vec<(String, String)> {
                 palette,
                 name: String::new(),
                 failure: None,
-                farewell: None,
+                session_end: None,
                 demo: true,
             };
             pages.push((file("login"), login_page(&login)));
@@ -184,7 +184,7 @@ fn a_login_that_failed_says_why_and_keeps_the_name() {
             palette: Palette::Day,
             name,
             failure,
-            farewell: None,
+            session_end: None,
             demo: false,
         })
     };

@@ -107,7 +107,7 @@ words! {
     pad_digits: "Digits", "Ziffern";
     pad_letters: "Letters", "Buchstaben";
     pad_erase: "Delete the last one", "Letztes löschen";
-    not_in_seat: "Somebody else leads the vehicle. Log in again to take over.", "Jemand anderes führt das Fahrzeug. Zum Übernehmen neu anmelden.";
+    not_in_charge: "Somebody else leads the vehicle. Log in again to take over.", "Jemand anderes führt das Fahrzeug. Zum Übernehmen neu anmelden.";
     refused_stale: "Things have changed since this was shown. Look again.", "Die Lage hat sich seit der Anzeige geändert. Neu hinsehen.";
     refused_late: "This waited too long and was not done. Look again.", "Das hat zu lange gewartet und wurde nicht ausgeführt. Neu hinsehen.";
     login_demo: "Demo: operator with PIN 246810", "Demo: operator mit PIN 246810";
@@ -300,7 +300,7 @@ impl Lang {
     }
 
     /// Another operator has the vehicle; the form below asks again and takes it over.
-    pub fn login_seat_taken(self, by: &str) -> String {
+    pub fn login_other_operator(self, by: &str) -> String {
         match self {
             Lang::En => format!("{by} is the operator. To take over, enter the secret again."),
             Lang::De => {

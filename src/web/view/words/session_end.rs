@@ -4,7 +4,7 @@ use crate::web::view::Lang;
 
 /// Why somebody has to log in again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Farewell {
+pub enum SessionEnd {
     /// Its time was over.
     Expired,
     /// Its holder did nothing.
@@ -23,28 +23,28 @@ pub enum Farewell {
 
 impl Lang {
     /// Why the login page is shown again.
-    pub fn farewell(self, why: Farewell) -> &'static str {
+    pub fn session_end(self, why: SessionEnd) -> &'static str {
         let (en, de) = match why {
-            Farewell::Expired => (
+            SessionEnd::Expired => (
                 "Your login is over after 12 hours. Log in again.",
                 "Ihre Anmeldung ist nach 12 Stunden abgelaufen. Neu anmelden.",
             ),
-            Farewell::Idle => {
+            SessionEnd::Idle => {
                 ("Logged out: nothing was done for 15 minutes.", "Abgemeldet: 15 Minuten lang nichts getan.")
             }
-            Farewell::TakenOver => (
+            SessionEnd::TakenOver => (
                 "Another operator has taken the vehicle over.",
                 "Eine andere Fahrbegleitung hat das Fahrzeug übernommen.",
             ),
-            Farewell::LoggedOut => {
+            SessionEnd::LoggedOut => {
                 ("You logged out at another display.", "Sie haben sich an einer anderen Anzeige abgemeldet.")
             }
-            Farewell::Removed => (
+            SessionEnd::Removed => (
                 "This user was removed. Call the control room.",
                 "Dieser Benutzer wurde entfernt. Leitstelle rufen.",
             ),
-            Farewell::LoggedOutHere => ("Logged out.", "Abgemeldet."),
-            Farewell::Ended => {
+            SessionEnd::LoggedOutHere => ("Logged out.", "Abgemeldet."),
+            SessionEnd::Ended => {
                 ("Your login has ended. Log in again.", "Ihre Anmeldung wurde beendet. Neu anmelden.")
             }
         };
