@@ -1,4 +1,4 @@
-//! `telltale audit`: the audit log, without a server.
+//! `telltale audit`: verifies and acknowledges the audit log, without a server.
 
 use std::io::{BufRead as _, IsTerminal as _, stdin};
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! Where a vehicle keeps what outlives a restart.
+//! The data folder and its lock.
 
 use std::fs::{File, TryLockError};
 use std::io;

@@ -1,4 +1,4 @@
-//! The flags that say where on the network DDS is spoken.
+//! The flags for the DDS network.
 
 use super::fields::DefinitionFlags;
 use crate::ros::{BridgeOptions, DdsProcess, Interface, OptionsError};

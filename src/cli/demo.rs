@@ -1,5 +1,5 @@
-//! `telltale demo`: the whole of it on one machine, with a simulated shuttle in a DDS participant
-//! of its own. The configuration lies in the binary, so this alone is enough.
+//! `telltale demo`: everything on one machine, with a simulated shuttle in a DDS participant of its own.
+//! Its configuration is part of the binary.
 
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::process::ExitCode;

@@ -1,4 +1,4 @@
-//! When to end: the first SIGINT or SIGTERM asks for it, a second one takes no more patience.
+//! The end of the program: the first SIGINT or SIGTERM requests it, a second one ends it at once.
 
 use std::time::Duration;
 

@@ -1,5 +1,4 @@
-//! Whether the fields that a configuration names can be read: before anything starts, and before
-//! another configuration is taken.
+//! Checks that the fields of a configuration can be read, before the start and before a reload.
 
 mod beyond;
 

@@ -1,4 +1,4 @@
-//! The graph of a configuration as a drawing: groups as boxes, what they depend on to the left of them.
+//! Draws the graph of a configuration: groups as boxes, with their dependencies to the left.
 
 use std::collections::HashMap;
 use std::fmt::Write as _;

@@ -1,4 +1,4 @@
-//! `telltale history`: what a vehicle showed, drawn from its history.
+//! `telltale history`: draws what a vehicle showed, from its history.
 
 use std::path::PathBuf;
 use std::process::ExitCode;

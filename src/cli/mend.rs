@@ -1,4 +1,4 @@
-//! `telltale data`: whether the database of a vehicle is whole, and what to do if it is not.
+//! `telltale data`: checks, repairs and restores the database of a vehicle.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

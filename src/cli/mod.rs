@@ -1,4 +1,5 @@
-//! One file per subcommand: its `Args`, and `run`, which returns the exit code. Wires the rooms.
+//! The subcommands, one in a file: its `Args`, and `run`, which returns the exit code. This module connects
+//! all others.
 //!
 //! Exit codes: 0; 1, the answer is no; 2, wrong usage or configuration.
 

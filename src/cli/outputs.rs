@@ -1,4 +1,4 @@
-//! What is published follows from the engine's snapshots, on the topics of the configuration.
+//! Publishes outputs from the engine's snapshots, on the topics of the configuration.
 
 use std::sync::Arc;
 

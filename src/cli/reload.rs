@@ -1,5 +1,5 @@
-//! Another configuration while the vehicle runs: read whole, shown as a difference, and taken whole
-//! or not at all. Modules that stay keep their state.
+//! Reloads the configuration while the vehicle runs: the file is read completely, shown as a difference,
+//! and taken completely or not at all. Modules that stay keep their state.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};

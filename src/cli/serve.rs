@@ -1,4 +1,4 @@
-//! `telltale serve`: the display of a vehicle.
+//! `telltale serve`: runs the display of a vehicle.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};

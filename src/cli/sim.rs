@@ -1,4 +1,4 @@
-//! `telltale sim`: the simulated shuttle alone, on DDS.
+//! `telltale sim`: runs only the simulated shuttle, on DDS.
 
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -1,4 +1,4 @@
-//! What `serve` and `demo` share: the engine, the DDS bridge and the web server, from start to end.
+//! The common part of `serve` and `demo`: starts and ends the engine, the DDS bridge and the web server.
 
 use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr};

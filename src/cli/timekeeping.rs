@@ -1,5 +1,5 @@
-//! Whether the wall clock and the certificate are right. Neither keeps a display from starting: what is wrong
-//! is said, and what is renewed is taken.
+//! Watches the wall clock and the certificate. Faults of both are reported and keep no display from
+//! starting; a renewed certificate is taken.
 
 use std::fmt::Display;
 use std::time::{Duration, SystemTime};

@@ -1,4 +1,4 @@
-//! `telltale tls`: a certificate of the vehicle's own.
+//! `telltale tls`: makes a certificate for the vehicle.
 
 use std::io::Write as _;
 use std::net::IpAddr;

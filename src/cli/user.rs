@@ -1,4 +1,4 @@
-//! `telltale user`: who may log in, and which programs may read.
+//! `telltale user`: manages users and the tokens of programs.
 
 use std::io::{self, BufRead, IsTerminal, stdin};
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! Lets the simulated shuttle drive in real time, publish over DDS and obey what it hears there.
+//! Runs the simulated shuttle in real time: it publishes over DDS and obeys the requests that it hears.
 
 mod orders;
 pub(super) mod wire;

@@ -1,5 +1,4 @@
-//! Patterns of file names, as shells know them: people write them where a name or a regular expression
-//! stands.
+//! Detects patterns of file names, as shells know them, in places for a name or a regular expression.
 
 /// Whether it has a `*` or a set of letters. `[0]`, `[C]`, `[left]` and `well?` are parts of real names.
 pub(super) fn is_glob(text: &str) -> bool {

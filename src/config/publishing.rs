@@ -1,4 +1,4 @@
-//! What this program publishes, under which names and how often (`DESIGN.md` 7).
+//! Telltale's publications: their topics and rates (`DESIGN.md` 7).
 
 use crate::engine::model::output::{Output, Publication};
 use crate::engine::time;

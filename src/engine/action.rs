@@ -1,4 +1,4 @@
-//! What an operator may do, and the engine's answer.
+//! The operator's actions, and the engine's answers.
 
 use super::model::Stage;
 use super::model::countermeasure::RequestKind;

@@ -1,4 +1,4 @@
-//! What was counted since the start, for developers.
+//! Counters since the start, for developers.
 
 use super::input::TroubleKind;
 use super::time::Timestamp;

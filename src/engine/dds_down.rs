@@ -1,5 +1,5 @@
-//! While the part that speaks DDS is down, nothing of the vehicle can be heard: what came from there is UNKNOWN
-//! at once, and the silence says nothing of who is silent.
+//! While the part that speaks DDS is down, nothing of the vehicle can be heard: modules that it feeds are
+//! UNKNOWN at once, and their silence is no fault of theirs.
 
 use super::discovery::DISCOVERY;
 use super::mask::node::ModuleKind;

@@ -1,4 +1,4 @@
-//! What DDS discovery sees, as plain data that the bridge fills and pages show.
+//! The results of DDS discovery, as plain data that the bridge fills and pages show.
 
 use super::time::Span;
 use super::time::Timestamp;

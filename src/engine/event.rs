@@ -1,4 +1,4 @@
-//! What happened, in order: for histories, figures and logs. The engine keeps it only if asked to.
+//! Events in order, for histories, figures and logs. The engine keeps them only on request.
 
 use super::time::Span;
 use super::time::how_long;

@@ -1,5 +1,5 @@
-//! The closed set of all that can happen to the engine. The DDS bridge, the operator's page,
-//! simulation, scenarios, recordings and tests all feed this one type.
+//! All inputs of the engine, as one closed type. The DDS bridge, the operator's page, simulation,
+//! scenarios, recordings and tests feed it.
 
 use super::model::output::Output;
 use std::ops::Range;

@@ -1,4 +1,4 @@
-//! What monitors measure becomes what their modules report.
+//! Turns the judgements of monitors into reports of their modules.
 
 use super::Engine;
 use super::input::StatusArray;

@@ -1,4 +1,5 @@
-//! Names that are heard and look like one that is configured and is not: said where nothing comes.
+//! Finds heard names that resemble a configured name that is never heard, and reports them where a status
+//! is missing.
 
 use super::Engine;
 use super::model::filter::Filter;

@@ -1,7 +1,7 @@
-//! Who belongs to the net: what the configuration declares, and modules that come and go at run time.
+//! The modules of the net: declared ones, and discovered ones that come and go.
 //!
-//! A module's id is its place in a row. The place of one that left is taken again once nothing speaks
-//! of it any more, so the row is no longer than what was there at one time, and what alarms and
+//! A module's id is its index. The index of a module that left is used again once nothing refers to it, so
+//! the list is never longer than the largest number of simultaneous modules and those that alarms and
 //! countermeasures name.
 
 use super::module::names::Place;

@@ -1,4 +1,4 @@
-//! The vehicle's signals: named booleans that conditions ask for (`ENGINE.md` 3).
+//! The vehicle's signals: named truth values that conditions use (`ENGINE.md` 3).
 
 pub(super) mod driving_word;
 

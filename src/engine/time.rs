@@ -1,6 +1,6 @@
-//! Time as the core knows it: instants on one monotonic clock, and lengths of time.
+//! Time in the core: instants on one monotonic clock, and durations.
 //!
-//! The core never reads a clock. Its caller says what time it is.
+//! The core never reads a clock; its caller gives the time.
 
 use std::fmt;
 use std::num::NonZeroU64;

@@ -1,5 +1,5 @@
-//! Deadlines of modules, monitors and signals. An entry may be early: its owner is asked again when
-//! it comes up, so hearing from a module costs no work here.
+//! Deadlines of modules, monitors and signals. An entry may be early: its owner is asked again when it is
+//! due, so a report of a module costs no work here.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;

@@ -1,4 +1,4 @@
-//! Faults of the simulated shuttle, switched from a page. There are none on a vehicle.
+//! The page that switches faults of the simulated shuttle. A real vehicle does not have it.
 
 use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};

@@ -1,4 +1,4 @@
-//! Asks the engine: what it published last, and what it says to an operator's action.
+//! The link to the engine: its latest snapshot, and its answers to an operator's actions.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! Pages and the snapshot, for who is logged in; and the probes, which tell nothing.
+//! Pages and the snapshot for logged-in users; and the health probes, which say nothing about the vehicle.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! The table of contents: every route, who may use it, and what answers.
+//! The table of all routes: who may use each, and its handler.
 
 use std::collections::HashMap;
 use std::sync::Arc;

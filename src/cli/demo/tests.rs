@@ -1,6 +1,6 @@
-//! The demo's story in virtual time: the simulated shuttle, its messages as bytes, the real
-//! configuration and the real engine. What an operator sees of each fault, from its start to after
-//! its end, and what the shuttle does.
+//! The demo in virtual time: the simulated shuttle, its messages as bytes, the real configuration and the
+//! real engine. The tests check what an operator sees of each fault from beginning to end, and how the
+//! shuttle reacts.
 
 mod story;
 

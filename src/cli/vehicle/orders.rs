@@ -1,4 +1,4 @@
-//! What the simulated shuttle listens to: the topics on which this program speaks to a vehicle.
+//! The subscriptions of the simulated shuttle: the topics on which Telltale addresses a vehicle.
 
 use std::sync::Arc;
 

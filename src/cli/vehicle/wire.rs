@@ -1,4 +1,4 @@
-//! The topics of the simulated shuttle, and its messages as they travel.
+//! The topics of the simulated shuttle, and its messages as bytes.
 
 use std::time::SystemTime;
 

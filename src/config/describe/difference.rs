@@ -1,4 +1,4 @@
-//! What is different in another configuration, in words, before it is taken.
+//! Describes the differences of a new configuration, before it is taken.
 
 use std::collections::HashMap;
 use std::fmt;

@@ -1,4 +1,4 @@
-//! Where the nodes of a model are written.
+//! The places of a model's nodes in the file.
 
 use crate::engine::model::monitors::TopicId;
 use crate::engine::model::{ModuleId, NodeId};

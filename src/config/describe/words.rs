@@ -1,4 +1,4 @@
-//! Parts of a model in words, for people who compare it with their file.
+//! Describes parts of a model, for people who compare it with their file.
 
 mod monitor;
 

@@ -1,4 +1,4 @@
-//! What a condition may use, what its parts are, and what it takes its inputs for.
+//! Checks a condition: its permitted parts, and the types that it assumes for its inputs.
 
 use cel::common::ast::{CallExpr, Expr, IdedExpr, LiteralValue, SourceInfo, operators};
 use cel::common::types::CelDouble;

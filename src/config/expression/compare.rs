@@ -1,4 +1,4 @@
-//! Comparisons within a condition: what is compared, with what, and what two of them say together.
+//! Comparisons within a condition: their operands, and what two of them imply together.
 
 use cel::common::ast::{CallExpr, Expr, IdedExpr, LiteralValue, operators};
 

@@ -1,8 +1,8 @@
 //! Conditions of `expression` monitors: CEL over single values, checked when the file is read.
 //!
-//! Every number is a double, also one that is written without a point, so `x > 3` and `x * 2` mean
-//! what they say. What CEL has for lists, maps and times is refused: an input is a number, a truth
-//! value or a text, and what a condition costs is bounded by the length of its text.
+//! Every number is a double, also one that is written without a point, so `x > 3` and `x * 2` work as
+//! expected. CEL's lists, maps and times are refused: an input is a number, a truth value or a text, and
+//! the cost of a condition is bounded by the length of its text.
 
 mod check;
 mod compare;

@@ -1,8 +1,8 @@
 //! Conditions that contradict themselves or each other: `x > 5 && x < 3` never holds, `x < 5 || x > 3`
 //! always does, and a WARNING at `x > 9` beside an ERROR at `x > 5` never comes.
 //!
-//! Looked at are the comparisons that stand side by side; what is computed is the same where it is
-//! written the same.
+//! Only comparisons that stand side by side are examined. Computed operands count as equal if they are
+//! written alike.
 
 use cel::common::ast::{Expr, IdedExpr, operators};
 

@@ -1,4 +1,4 @@
-//! Agreements as they are written: two sources of one kind, and the limits that belong to it.
+//! Agreements as they are written: two sources of one kind, and their limits.
 
 use super::bands;
 use super::bands::{Unit, bands};

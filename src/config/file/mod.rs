@@ -1,5 +1,5 @@
-//! The file as it is written: every key that a configuration knows, with its place. Nothing here
-//! is checked against anything else; `resolve` does that.
+//! The file as it is written: every key of a configuration, with its place. Nothing here is checked against
+//! anything else; `resolve` does that.
 
 pub(super) mod agreement;
 pub(super) mod bands;

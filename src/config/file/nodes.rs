@@ -1,4 +1,4 @@
-//! Groups and modules as they are written, and what they say of each other.
+//! Groups and modules as they are written, and their relations.
 
 use super::monitors::Monitor;
 use super::policy::Policy;

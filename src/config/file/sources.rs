@@ -1,4 +1,4 @@
-//! Where the values of monitors come from, and the words of the paper's classification, as written.
+//! The sources of monitors' values, and the terms of the paper's classification, as written.
 
 use crate::engine::model::monitors::Class;
 use crate::engine::model::monitors::{FieldKind, StampClock};

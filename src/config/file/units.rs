@@ -1,4 +1,4 @@
-//! Lengths of time as they are written: a number with its unit.
+//! Durations as they are written: a number with its unit.
 
 use crate::engine::time::Span;
 use crate::yaml::decode::{scalar, scaled};

@@ -1,4 +1,4 @@
-//! Watchdogs as they are written: what is asked, how often, and how soon it has to answer.
+//! Watchdogs as they are written: the target, the interval, and the limits of the response time.
 
 use super::bands;
 use super::bands::Unit;

@@ -1,4 +1,4 @@
-//! `name` and `help` of a module as they are written: one text, or others at each level and stage.
+//! `name` and `help` of a module as they are written: one text, or different texts by level and stage.
 
 use crate::engine::model::Stage;
 use crate::engine::model::wording::{ByStage, Wording};

@@ -1,4 +1,4 @@
-//! Filters, and those among them that can never take anything.
+//! Filters, and the detection of filters that can never match.
 
 use std::collections::HashSet;
 

@@ -1,4 +1,4 @@
-//! From what is written to what the engine takes.
+//! Converts the written configuration into the model.
 
 mod countermeasures;
 mod filters;

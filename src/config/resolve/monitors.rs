@@ -1,4 +1,4 @@
-//! From monitors as they are written to those that the engine takes.
+//! Converts monitors from the file into monitors of the model.
 
 use super::topics::Topics;
 use crate::config::expression;

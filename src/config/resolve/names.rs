@@ -1,4 +1,4 @@
-//! The names of all groups and modules, and what each stands for.
+//! The names of all groups and modules, with the nodes that they refer to.
 
 use std::collections::HashMap;
 use std::sync::Arc;

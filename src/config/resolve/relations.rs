@@ -1,4 +1,4 @@
-//! What depends on what, and when something matters.
+//! Dependencies between nodes, and conditions of relevance.
 
 use std::collections::HashMap;
 

@@ -1,4 +1,4 @@
-//! From signals as they are written to those that the engine takes.
+//! Converts signals from the file into signals of the model.
 
 use std::collections::HashMap;
 

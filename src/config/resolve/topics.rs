@@ -1,4 +1,4 @@
-//! The topics that are read: each has one name, one type and one place in the model.
+//! The topics to read: each has one name, one type and one index in the model.
 
 use std::collections::HashMap;
 use std::sync::Arc;

@@ -1,5 +1,5 @@
-//! Nodes that are called alike: beside each other in the tree for ROS 2, where programs know a node by its
-//! name, and tiles that are called as a group that Telltale makes by itself.
+//! Finds nodes with equal names: siblings in the tree for ROS 2, where programs know a node by its name,
+//! and tiles with the name of a group that Telltale makes by itself.
 
 use std::collections::HashMap;
 

@@ -1,5 +1,4 @@
-//! Conditions of `expression` monitors that say nothing of what the module receives, and classes that are
-//! none.
+//! Finds conditions of `expression` monitors that ignore the module's inputs, and invalid classes.
 
 use super::{Finding, What};
 use crate::config::expression;

@@ -1,4 +1,4 @@
-//! What the look at a configuration can find.
+//! The kinds of findings in a configuration.
 
 use super::situation::Situation;
 use crate::engine::model::{ModuleId, NodeId};

@@ -1,4 +1,4 @@
-//! Limits in percent of what is a fraction: such a value never comes near 20.
+//! Finds limits in percent on a fraction: such a value never comes near 20.
 
 use super::{Finding, What};
 use crate::config::expression;

@@ -1,5 +1,5 @@
-//! Patterns of file names where a name stands: in the status of a module or a signal every character
-//! stands for itself, in a filter too, unless it is a `regex`.
+//! Finds patterns of file names in places for a name: in the status of a module or a signal, and in a
+//! filter without `regex`, every character stands for itself.
 
 use super::{Finding, What};
 use crate::config::glob::{as_regex, is_glob};

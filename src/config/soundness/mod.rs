@@ -1,10 +1,10 @@
-//! What can happen with a configuration and should not, each with a counterexample.
+//! Finds situations that should not occur with a configuration, each with a counterexample.
 //!
-//! Every situation that the conditions can tell apart is looked at: with all modules OK, with all in
-//! ERROR, with each in ERROR alone, and with the fewest failures that make each dependency block, as
-//! ERROR and, where that masks, as UNKNOWN. By
-//! `ENGINE.md` 4 to 6 no node can be masked without a cause in sight; this holds it for the model in
-//! hand. The rest are conditions, dependencies and groups that cannot do what they are there for.
+//! It examines every situation that the conditions can distinguish: with all modules OK, with all in ERROR,
+//! with each in ERROR alone, and with the fewest failures that make each dependency block, as ERROR and,
+//! where that masks, as UNKNOWN. By `ENGINE.md` 4 to 6 no node can be masked without a visible cause; this
+//! verifies it for the given model. The other findings are conditions, dependencies and groups that cannot
+//! have their intended effect.
 
 mod alike;
 mod conditions;

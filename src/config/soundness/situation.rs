@@ -1,4 +1,4 @@
-//! The situations that a vehicle can be in, as far as its conditions can tell them apart.
+//! The situations of a vehicle that its conditions can distinguish.
 
 use std::collections::BTreeSet;
 

@@ -1,4 +1,4 @@
-//! Findings as problems with their places.
+//! Turns findings into problems with their places.
 
 use super::{Dead, Example, Finding, What};
 use crate::config::describe::places::Places;

@@ -1,4 +1,4 @@
-//! Countermeasures: what they ask for, and what can be wrong with them.
+//! Tests of countermeasures: their requests, and possible mistakes.
 
 use super::*;
 use crate::config::describe::words;

@@ -1,4 +1,4 @@
-//! Where components report, and by which clock messages are stamped.
+//! Tests of the topics of diagnostics, and of the clock of stamps.
 
 use super::*;
 use crate::engine::model::monitors::{DiagnosticsTopic, StampClock};

@@ -1,4 +1,4 @@
-//! What a reload says of two configurations.
+//! Tests of the differences between two configurations.
 
 use crate::config::describe::difference::difference;
 use crate::config::parse;

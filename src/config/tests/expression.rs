@@ -1,4 +1,4 @@
-//! Conditions in CEL: what they mean, and what is wrong with them before there are values.
+//! Tests of conditions in CEL: their meaning, and mistakes that are found without values.
 
 use super::*;
 use crate::engine::model::MonitorSpec;

@@ -1,4 +1,4 @@
-//! What monitors watch, and what can be wrong with them.
+//! Tests of monitors: what they watch, and possible mistakes.
 
 use super::*;
 use crate::config::describe::words;

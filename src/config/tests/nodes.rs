@@ -1,4 +1,4 @@
-//! What can be wrong with groups, modules and signals.
+//! Tests of mistakes in groups, modules and signals.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! What is published, and where definitions of messages lie.
+//! Tests of publications, and of folders with message definitions.
 
 use super::*;
 use crate::config::publishing::{Periodic, Publishing};

@@ -1,4 +1,4 @@
-//! The schema for editors says what the reader says.
+//! The schema for editors agrees with the reader.
 
 use std::collections::{BTreeMap, BTreeSet};
 

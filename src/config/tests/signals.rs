@@ -1,4 +1,4 @@
-//! Signals that are conditions over values.
+//! Tests of signals that are conditions over values.
 
 use super::check_beside_group;
 use crate::config::describe::words;

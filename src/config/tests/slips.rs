@@ -1,4 +1,4 @@
-//! What people write by mistake, and what they are told to write instead.
+//! Tests of common mistakes, and of the suggested corrections.
 
 use super::{check, check_beside_group};
 use crate::config::parse;

@@ -1,4 +1,4 @@
-//! What `telltale check` says of configurations that can be used and should not be.
+//! Tests of the warnings of `telltale check`.
 
 use crate::config::parse;
 use crate::config::soundness::{Soundness, look};

@@ -1,4 +1,4 @@
-//! How monitors go together with their modules, with one another and with signals.
+//! Tests of monitors together with their modules, other monitors and signals.
 
 use super::*;
 

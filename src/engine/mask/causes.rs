@@ -1,7 +1,7 @@
-//! Root causes: who is to blame for what is masked or in ERROR, and by which way (`ENGINE.md` 6).
+//! Root causes of masked nodes and of nodes in ERROR, and the paths to them (`ENGINE.md` 6).
 //!
-//! Only the *region* of nodes that fail or are blocked is looked at, and only when it changes;
-//! the size of the healthy rest of the vehicle does not matter.
+//! Only the *region* of nodes that fail or are blocked is searched, and only when it changes; the size of
+//! the healthy rest does not matter.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, HashMap};

@@ -1,4 +1,5 @@
-//! What hides what: groups and modules with what they depend on, which of them matter now, and the root causes (`ENGINE.md` 3 to 6).
+//! Masking: groups and modules with their dependencies, their relevance, and the root causes (`ENGINE.md` 3
+//! to 6).
 
 pub(super) mod causes;
 pub(super) mod net;

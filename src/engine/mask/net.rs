@@ -1,5 +1,5 @@
-//! The living graph: what every group and module is now, and how a change of one reaches the
-//! others (`ENGINE.md` 3 to 5).
+//! The net of groups and modules: the present state of each, and how a change of one reaches the others
+//! (`ENGINE.md` 3 to 5).
 //!
 //! Nothing is computed twice: groups fold tallies, dependencies count what blocks them, and a
 //! change walks upward in the order of [`Order`](crate::engine::model::order), each node at most once.

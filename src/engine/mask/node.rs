@@ -1,4 +1,4 @@
-//! What the net is made of: groups and modules with what they need and what they are.
+//! The nodes of the net: groups and modules with their dependencies and states.
 
 use crate::engine::model::{Model, Policy};
 use crate::engine::time::Span;

@@ -1,4 +1,4 @@
-//! Which conditions hold: the vehicle's state decides what is worth looking at (`ENGINE.md` 3).
+//! Evaluates the conditions of relevance: the vehicle's state decides which nodes matter (`ENGINE.md` 3).
 
 use super::net::Net;
 use super::rules;

@@ -1,4 +1,4 @@
-//! Which nodes stand behind one that fails.
+//! Finds the nodes that are responsible for the failure of another.
 
 use super::net::Net;
 use crate::engine::model::NodeId;

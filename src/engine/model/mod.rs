@@ -1,6 +1,5 @@
-//! What the configuration says, checked: the parts of the vehicle, what they depend on and when
-//! they matter. `config` makes it from files; tests make it by hand. It cannot be wrong: see
-//! [`Model::new`].
+//! The checked configuration: the parts of the vehicle, their dependencies and their relevance. `config`
+//! makes it from files; tests make it by hand. It cannot be wrong: see [`Model::new`].
 
 pub mod countermeasure;
 pub mod filter;

@@ -1,4 +1,4 @@
-//! What monitors watch and by which limits, as configured (`ENGINE.md` 7, `DESIGN.md` 5).
+//! The configuration of monitors: what they watch, and their limits (`ENGINE.md` 7, `DESIGN.md` 5).
 
 use std::fmt;
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! The order in which states can be computed, and the cycles that have none (`ENGINE.md` 4).
 //!
-//! A group is met twice: *entered*, when its relevance and its own dependencies are known, and
-//! *left*, when its members are. A dependency is judged after it was left.
+//! A group appears twice: *entered*, when its relevance and its own dependencies are known, and *left*,
+//! when its members are known. A dependency is judged after its group was left.
 
 use super::{Dependency, GroupId, ModuleId, NodeId, Parts};
 

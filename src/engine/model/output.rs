@@ -1,4 +1,4 @@
-//! What is published: for the vehicle, and for the tools of ROS 2.
+//! Telltale's publications, for the vehicle and for the tools of ROS 2.
 
 /// What is published for the vehicle. All of it is a level that follows from snapshots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

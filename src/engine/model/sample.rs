@@ -1,4 +1,4 @@
-//! What is received of the topics and probes that monitors watch.
+//! The received values of topics and probes that monitors watch.
 
 use std::sync::Arc;
 

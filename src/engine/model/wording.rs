@@ -1,5 +1,5 @@
-//! What a fault is called and what to do about it, in other words at each level and in each stage.
-//! A WARNING never shows the words of the ERROR, and nobody is told to take over at a stop.
+//! Names of faults and advice, by level and stage. A WARNING never shows the texts of the ERROR, and nobody
+//! is told to take over at a stop.
 
 use super::Stage;
 use crate::engine::state::State;

@@ -1,5 +1,5 @@
-//! How many bytes the words of all statuses may take, and whose are cut where they take more: those of the
-//! longest status first, so that nobody's flood costs a status of ordinary length a word.
+//! Bounds the bytes of all statuses. Beyond the bound the longest statuses are cut first, so that no flood
+//! costs a status of ordinary length anything.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, HashMap};

@@ -1,5 +1,5 @@
-//! The module `telltale/writers`: names that several writers say differently, or that somebody says
-//! who may not.
+//! The module `telltale/writers`: names that several writers report differently, or that a writer reports
+//! without permission.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;

@@ -1,5 +1,5 @@
-//! A module's own state, from what is reported of it to what it counts as (`ENGINE.md` 2):
-//! reported, silent, debounced, latched.
+//! A module's own state, from its reports to the state that counts (`ENGINE.md` 2): reported, silent,
+//! debounced, latched.
 
 use super::model::Policy;
 use super::snapshot::Steps;

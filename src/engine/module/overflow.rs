@@ -1,4 +1,4 @@
-//! Statuses of new names past the limit: counted for the group that would have had them.
+//! Statuses with new names beyond the limit: counted for the group that would have had them.
 
 use std::collections::HashMap;
 

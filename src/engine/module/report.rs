@@ -1,4 +1,4 @@
-//! The words of a status, kept while they do not change.
+//! The texts of a status, kept while they do not change.
 
 use crate::engine::event::with_silence;
 use std::borrow::Cow;

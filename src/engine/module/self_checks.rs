@@ -1,5 +1,5 @@
-//! What the engine is told of the program around it: its place beside others, its disk, its display, its clock
-//! and its certificate. Each is a module of the group `telltale`.
+//! Self checks: the engine is told about other aggregators, its disk, its display, its clock and its
+//! certificate. Each is a module of the group `telltale`.
 
 use super::system::{self, SystemCheck};
 use crate::engine::Engine;

@@ -1,4 +1,4 @@
-//! The group `telltale`: what the diagnosis says of itself (`ENGINE.md` 6 and 8). Nothing masks it.
+//! The group `telltale` with Telltale's own modules (`ENGINE.md` 6 and 8). Nothing masks it.
 
 use crate::engine::input::ReceptionTrouble;
 use crate::engine::model::wording::{ByStage, Wording};

@@ -1,4 +1,4 @@
-//! Who says a status. Where several writers say one name, the worst of what each said last counts
+//! The writers of a status. If several writers report one name, the worst of their last reports counts
 //! (`ENGINE.md` 1), so that no OK of a stranger covers an ERROR.
 
 use crate::engine::discovery::{NodeOf, WriterId, WriterList};

@@ -1,4 +1,4 @@
-//! What comes of topics, probes and KeyValues, to the monitors that look at it.
+//! Leads topics, probes and KeyValues to the monitors that watch them.
 
 mod blind;
 mod keys;

@@ -1,4 +1,4 @@
-//! Messages in a second, judged by the clock too: no message is 0 Hz.
+//! The rate of messages, also judged by the clock: no message is 0 Hz.
 
 use super::window::Window;
 use super::words::{Words, span};

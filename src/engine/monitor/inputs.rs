@@ -1,4 +1,4 @@
-//! The latest value of everything that a monitor looks at, and why one cannot be used.
+//! The latest values of a monitor's inputs, and why one cannot be used.
 
 use super::words::{cut, span};
 use crate::engine::model::monitors::{ValueSource, Watched};

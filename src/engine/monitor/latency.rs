@@ -1,4 +1,4 @@
-//! Receipt minus header stamp, the worst of the window.
+//! The latency of messages: receipt minus header stamp, the worst of the window.
 
 use super::window::Window;
 use super::words::{Words, span};

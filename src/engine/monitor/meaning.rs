@@ -1,4 +1,4 @@
-//! What a monitor is, apart from the numbers that one configuration gives to topics.
+//! The meaning of a monitor, without the indices that one configuration gives to topics.
 
 use crate::engine::model::monitors::Class;
 use crate::engine::model::monitors::{

@@ -1,6 +1,6 @@
-//! Diagnosis modules that watch from the outside (paper, Sec. III-D; `ENGINE.md` 7). Each kind is a
-//! small machine that is given the time: it takes what comes, judges it, and says when time alone
-//! will change its judgement.
+//! Monitors: modules that diagnose from the outside (paper, Sec. III-D; `ENGINE.md` 7). Each kind is a
+//! small machine that is given the time: it takes inputs, judges them, and says when time alone will change
+//! its judgement.
 
 mod agreement;
 mod expression;

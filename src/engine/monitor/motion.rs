@@ -1,4 +1,4 @@
-//! Poses: how far apart two are, and how one moved between two instants.
+//! Poses: the distance of two, and the motion between two instants.
 
 use std::collections::VecDeque;
 

@@ -1,4 +1,4 @@
-//! How far two lists of positions are apart.
+//! The distance of two lists of positions.
 
 use crate::engine::model::sample::Position;
 

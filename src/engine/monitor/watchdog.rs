@@ -1,4 +1,4 @@
-//! Whether something answers when it is asked, and how soon.
+//! Watchdogs: whether a target answers, and how soon.
 
 use super::words::{Words, cut, span};
 use crate::engine::model::monitors::{Bands, ProbeTarget, WatchdogSpec};

@@ -1,4 +1,4 @@
-//! What came within the last so-and-so long, in memory that does not grow with the rate.
+//! The messages of a sliding window, in memory that does not grow with the rate.
 
 use std::collections::VecDeque;
 

@@ -1,4 +1,4 @@
-//! What monitors say: numbers as people read them, and limits.
+//! The messages of monitors: numbers in readable form, and limits.
 
 use crate::engine::model::monitors::Bands;
 use crate::engine::state::State;

@@ -1,4 +1,4 @@
-//! Which alarms call by a sound: one call for what is one to an operator.
+//! Which alarms sound: one call for each fault as an operator sees it.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;

@@ -1,5 +1,5 @@
-//! Whether the vehicle confirms what is asked of it (`ENGINE.md` 10). Every rule that asks has its own
-//! confirmation, and none stands in for another.
+//! Whether the vehicle confirms a request (`ENGINE.md` 10). Every rule has its own confirmation, and none
+//! stands in for another.
 
 use super::held::{By, Countermeasures, Held};
 use crate::engine::mask::net::Net;

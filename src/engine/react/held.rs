@@ -1,7 +1,7 @@
 //! Which countermeasures are held, and whether the vehicle confirms them (`ENGINE.md` 10).
 //!
-//! What a rule asked for is held by itself: until its own cause is gone and acknowledged. The
-//! strongest of all that are held wins, so nothing falls back while its cause is there.
+//! The request of each rule is held by itself, until its own cause is gone and acknowledged. The strongest
+//! held request wins, so no request falls back while its cause is there.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::Arc;

@@ -1,4 +1,5 @@
-//! What follows from a fault: alarms, warnings to accept, countermeasures and whether the vehicle confirms them (`ENGINE.md` 6, 9 and 10).
+//! Reactions to a fault: alarms, warnings to accept, countermeasures and their confirmation (`ENGINE.md` 6,
+//! 9 and 10).
 
 pub(super) mod alarms;
 pub(super) mod calls;

@@ -1,5 +1,5 @@
-//! WARNINGs and which of them the operator accepted (`ENGINE.md` 9). Kept as they come and go, so
-//! that asking for what is not accepted does not walk the vehicle.
+//! WARNINGs, and which of them the operator accepted (`ENGINE.md` 9). They are updated as they come and go,
+//! so that finding those that are not accepted does not walk the vehicle.
 
 use std::collections::BTreeSet;
 

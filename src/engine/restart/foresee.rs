@@ -1,5 +1,5 @@
-//! What an operator's action would leave to remember. The web server, which has that on the disk before
-//! it happens, asks here first.
+//! Computes the state to store after an operator's action, without doing the action. The web server stores
+//! it before the action is done.
 
 use std::sync::Arc;
 

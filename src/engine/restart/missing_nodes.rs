@@ -1,4 +1,4 @@
-//! Nodes that were named before a restart or under another configuration, and are not there.
+//! Nodes that were named before a restart or in another configuration, and no longer exist.
 
 use crate::engine::Engine;
 use crate::engine::mask::net::Net;

@@ -1,4 +1,4 @@
-//! Going on after a restart, and with another configuration.
+//! Restart and reload.
 
 pub mod foresee;
 pub(super) mod missing_nodes;

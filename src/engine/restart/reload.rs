@@ -1,4 +1,4 @@
-//! Replacing the configuration while the vehicle runs: modules that stay keep their state.
+//! Replaces the configuration while the vehicle runs: modules that stay keep their state.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Going on after a restart, and beginning in the middle (`SAFETY.md` R6).
+//! Goes on after a restart, also in the middle of a drive (`SAFETY.md` R6).
 
 use crate::engine::discovery::DISCOVERY;
 use std::collections::{HashMap, HashSet};

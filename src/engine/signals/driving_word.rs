@@ -1,9 +1,9 @@
-//! Whether the word that the vehicle drives can be believed (`ENGINE.md` 9).
+//! Whether the signal that the vehicle drives can be believed (`ENGINE.md` 9).
 //!
-//! It is the truth as long as it does not contradict itself. A vehicle that has arrived drives again
-//! after a clearance only. One that says so sooner, and without, did not arrive: two components
-//! disagree, or one flaps. For a while its `false` then counts only if it stands, so that nothing that
-//! watches the drive is blinded by it.
+//! It is believed as long as it does not contradict itself. A vehicle that has arrived drives again only
+//! after a clearance. If it says that it drives sooner and without one, it did not arrive: two components
+//! disagree, or one flaps. For a while, a `false` then counts only once it has lasted, so that no diagnosis
+//! of the drive is interrupted.
 
 use crate::engine::time::{Span, Timestamp};
 

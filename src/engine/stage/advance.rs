@@ -1,4 +1,4 @@
-//! What follows from the state of the vehicle for its stage and for what is asked of it.
+//! Transitions of the stage that follow from the vehicle's state, and their effect on requests.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! The vehicle's stages and what leads from one to the next (`ENGINE.md` 9; paper, Sec. IV-B).
+//! The vehicle's stages and the transitions between them (`ENGINE.md` 9; paper, Sec. IV-B).
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! What an operator does, and which check refuses it.
+//! The operator's actions, and the checks that refuse them.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Names and structure of what snapshots show, from the model.
+//! The names and the structure of snapshots, from the model.
 
 use std::sync::Arc;
 

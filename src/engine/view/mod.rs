@@ -1,4 +1,4 @@
-//! What snapshots are made of, explanations and the record of what happened.
+//! The parts of snapshots, explanations, and records of events.
 
 pub(super) mod layout;
 pub mod record;

@@ -1,4 +1,4 @@
-//! What happened, with names in the place of ids: it can be kept when the configuration is another.
+//! Events with names instead of ids, which stay valid under another configuration.
 
 use crate::engine::Engine;
 use crate::engine::event::Said;

@@ -1,4 +1,4 @@
-//! How nodes are called in the tree for the tools of ROS 2, which know a status by its path alone.
+//! The names of nodes in the tree for the tools of ROS 2, which know a status only by its path.
 
 use std::collections::HashSet;
 

@@ -1,4 +1,4 @@
-//! What snapshots are made of, kept up to date piece by piece.
+//! The content of snapshots, updated piece by piece.
 
 mod members;
 mod questions;

@@ -1,4 +1,4 @@
-//! Why a node shows what it shows: each step from what was reported to what is shown.
+//! Explains a node's state: each step from the report to the shown state.
 
 use crate::engine::model::{DependsOn, NodeId, NodeNames};
 use crate::engine::snapshot::{NotRelevant, Reason, Snapshot};

@@ -1,9 +1,11 @@
-//! Which connections there are, and which of them goes when there is no place for another.
+//! Bounds the number of connections, and decides which connection is closed when there is no place for a
+//! new one.
 //!
-//! A connection is anonymous until a request with an open session comes on it. To open one and say
-//! nothing, or to begin a request and not end it, costs nobody anything, so the anonymous must not
-//! keep others out: where there is no place, the oldest of them that is not being answered gives its
-//! own, and one from where nobody has a session goes first. Those that have a session have places of their own, which no anonymous one takes.
+//! A connection is anonymous until a request with an open session comes on it. Opening one silently, or
+//! beginning a request without ending it, costs a client nothing, so anonymous connections must not keep
+//! others out. If there is no place, the oldest that is not being answered is closed; connections from
+//! addresses without a recent session go first. Connections with a session have places of their own, which
+//! no anonymous one takes.
 
 use std::collections::{HashMap, VecDeque};
 use std::net::IpAddr;

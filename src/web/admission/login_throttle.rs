@@ -1,8 +1,8 @@
-//! How long a login must wait after failures, per account and per source.
+//! Delays logins after failures, for each account and for each source.
 //!
-//! No account is ever locked: what fails elsewhere delays what comes from elsewhere alone, so a
-//! stranger cannot keep the operator at one of the vehicle's own displays out. A display waits for what
-//! failed at that display, and a browser from which its user logged in before for what failed there.
+//! No account is ever locked. Failures elsewhere delay only logins from elsewhere, so a stranger cannot
+//! keep the operator out at one of the vehicle's own displays. A display waits only for failures at that
+//! display, and a browser in which its user logged in before only for failures there.
 
 use std::collections::HashMap;
 use std::net::IpAddr;

@@ -1,5 +1,5 @@
-//! Whom the server admits, and how much of them: the vehicle's own displays and callers from elsewhere,
-//! proxies, connections, logins.
+//! Admission: which callers the server admits and how many, from the vehicle's own displays and from
+//! elsewhere; proxies, connections and logins.
 
 pub(super) mod connections;
 pub(super) mod login_throttle;

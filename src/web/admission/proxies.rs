@@ -1,4 +1,4 @@
-//! Whence a request comes behind proxies that are trusted to say so.
+//! Finds the source of a request behind trusted proxies.
 
 use std::net::IpAddr;
 use std::str::FromStr;

@@ -1,5 +1,5 @@
-//! The vehicle's own displays: those where nobody gets who was not let in. A PIN will do there, and
-//! nobody elsewhere takes their share of anything.
+//! The vehicle's own displays, to which only authorized people have access. They accept a PIN, and nobody
+//! elsewhere takes their share of places.
 
 use std::net::IpAddr;
 use std::str::FromStr;

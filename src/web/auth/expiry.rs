@@ -1,4 +1,4 @@
-//! Ends sessions that are over, and locks a vehicle whose operator has none any more.
+//! Ends expired sessions, and locks a vehicle whose operator has no session left.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! Who is logged in: logins, logouts, hand-overs, and sessions that end.
+//! Logins, logouts, hand-overs, and sessions that end.
 
 pub(super) mod expiry;
 pub(super) mod handover;

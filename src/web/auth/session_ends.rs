@@ -1,5 +1,5 @@
-//! Why a session is over, for the login page to which its browser comes back. The browser is known
-//! by the cookie that it still has; no address says anything, so nothing can be made up.
+//! Why a session ended, for the login page. The browser is recognized by the cookie that it still has; the
+//! address says nothing about it, so nobody can forge a reason.
 
 use crate::web::view::words::session_end::SessionEnd;
 use std::collections::VecDeque;

@@ -1,4 +1,4 @@
-//! The audit log, a page at a time, with whether its chain is whole.
+//! The page of the audit log, with whether its chain is whole.
 
 use std::borrow::Cow;
 

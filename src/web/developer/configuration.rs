@@ -1,5 +1,5 @@
-//! The configuration's file against what runs: what would change, and the button that takes it; and
-//! what runs, as it was read.
+//! The page of the configuration: the differences between the file and the running configuration, the
+//! button that takes the file, and the running configuration as it was read.
 
 use askama::Template;
 

@@ -1,4 +1,5 @@
-//! In which ways of the paper's classification (Sec. III-B, Fig. 3) each group is diagnosed.
+//! The page of the coverage: the techniques of the paper's classification (Sec. III-B, Fig. 3) with which
+//! each group is diagnosed.
 
 use std::collections::BTreeMap;
 

@@ -1,5 +1,5 @@
-//! Groups and modules with all that they depend on, as they stand now: boxes in columns, what is
-//! depended on left of what depends on it, and the paths from root causes drawn hot.
+//! The page of the graph: groups and modules with their dependencies and present states, as boxes in
+//! columns, each right of what it depends on, with the paths from root causes highlighted.
 
 mod links;
 mod open;

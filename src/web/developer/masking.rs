@@ -1,4 +1,4 @@
-//! What is hidden: which node, by whom, since when, and what it says itself.
+//! The page of masking: each hidden node, its causes, since when, and its own state.
 
 use askama::Template;
 

@@ -1,5 +1,5 @@
-//! The developer pages, one a file with its handler. All have one frame: which vehicle, its stage,
-//! whether what stands here is live, and the way to the other pages.
+//! The developer pages, one in a file with its handler. All have the same frame: the vehicle, its stage,
+//! whether the page is live, and links to the other pages.
 
 pub mod audit;
 pub mod configuration;

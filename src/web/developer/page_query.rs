@@ -1,5 +1,5 @@
-//! What the address of a page asks for: its filter, its order, what is open on it. The address is
-//! the whole state of a page, so that it can be kept, sent and reloaded.
+//! Reads the address of a developer page: its filter, its order, its open parts. The address is the whole
+//! state of a page, so that it can be kept, sent and reloaded.
 
 use std::fmt::Write as _;
 

@@ -1,4 +1,4 @@
-//! One part of a long table, and the ways to the others.
+//! Divides long tables into pages, with links to the others.
 
 use std::ops::Range;
 

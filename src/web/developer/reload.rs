@@ -1,4 +1,4 @@
-//! Takes the configuration file anew: `POST /developer/configuration/reload`.
+//! Reads the configuration file again: `POST /developer/configuration/reload`.
 
 use axum::extract::rejection::FormRejection;
 use axum::extract::{Extension, Form, State};

@@ -1,4 +1,5 @@
-//! The developer's first page: what was received, what of it failed, and every module.
+//! The page of statuses, the first developer page: received statuses, faults of reception, and every
+//! module.
 
 use std::cmp::Ordering;
 

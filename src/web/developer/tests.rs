@@ -1,4 +1,4 @@
-//! What the developer's pages say.
+//! Tests of the developer's pages.
 
 use super::*;
 use crate::engine::input::TroubleKind;

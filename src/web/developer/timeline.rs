@@ -1,4 +1,5 @@
-//! The strips of Fig. 6 of the paper for any nodes and any span of time, from the history.
+//! The page of the timeline: strips as in Fig. 6 of the paper for any nodes and any span of time, from the
+//! history.
 
 mod strips;
 

@@ -1,4 +1,5 @@
-//! What DDS discovery sees: topics, types, who publishes and who subscribes, and what does not match.
+//! The page of topics: topics, types, publishers and subscribers from discovery, and mismatches between
+//! them.
 
 use askama::Template;
 

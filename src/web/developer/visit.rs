@@ -1,4 +1,4 @@
-//! A request for a developer page: what is shown, and what its address asks for.
+//! A request for a developer page: the snapshot that is shown, and the parameters of its address.
 
 use axum::extract::{FromRequestParts, Query};
 use axum::http::request::Parts;

@@ -1,4 +1,5 @@
-//! Why a node shows what it shows: each step from what was reported, as a list; and what it said.
+//! The page that explains a node's state: each step from the report to the shown state, and the node's
+//! messages.
 
 use askama::Template;
 

@@ -1,4 +1,4 @@
-//! The words of the developer's pages. A word that lacks a language does not compile.
+//! The texts of the developer's pages. A text that lacks a language does not compile.
 
 use crate::web::view::Lang;
 

@@ -1,4 +1,4 @@
-//! What the server says when it does not do what was asked.
+//! The texts of refusals and errors.
 
 use axum::http::StatusCode;
 

@@ -1,7 +1,7 @@
-//! What stands before every route: the name by which the server was asked, a session unless the
-//! table of routes says that none is needed, the origin of whatever changes something, the role.
+//! The guard before every route. It checks the host name of the request, a session (unless the table of
+//! routes needs none), the origin of requests that change something, and the role.
 //!
-//! A path that no route claims needs a session too: nobody learns from outside what there is.
+//! An unknown path needs a session too, so that strangers cannot find out which paths exist.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, SocketAddr};

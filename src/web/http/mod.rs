@@ -1,4 +1,4 @@
-//! What stands between a connection and a page: who may use a route, how an answer looks, what an error says.
+//! The common parts of all routes: who may use a route, the form of answers, and errors.
 
 pub(super) mod errors;
 pub(super) mod guard;

@@ -1,5 +1,5 @@
-//! By which names this server is reached. Nothing is derived from what a request says: a
-//! foreign name that resolves to this machine would pass then.
+//! The names by which this server is reached. They never come from the request: otherwise a foreign name
+//! that resolves to this machine would pass.
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 

@@ -1,4 +1,4 @@
-//! Who asks, and answers in the form and language they read.
+//! Answers in the format and language of the caller.
 
 use std::convert::Infallible;
 

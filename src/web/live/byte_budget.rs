@@ -1,5 +1,5 @@
-//! What browsers and programs may send over their sockets: a budget of bytes for each socket and for
-//! all sockets of one account. The shortest frame has six bytes, so it bounds frames too.
+//! Limits the bytes that browsers and programs may send over their sockets: a budget for each socket and
+//! for all sockets of one account. The shortest frame has six bytes, so the budget bounds frames too.
 
 use std::collections::HashMap;
 use std::io;

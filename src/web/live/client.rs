@@ -1,4 +1,5 @@
-//! One end of a WebSocket: what is sent, and when it ends because nobody reads or the session is over.
+//! The server's end of a WebSocket: sends messages, and closes when the client does not read or the session
+//! is over.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! The open WebSockets: how many there are, and what each of them has shown.
+//! The open WebSockets: their number, and what each page has shown.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};

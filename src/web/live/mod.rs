@@ -1,4 +1,5 @@
-//! The WebSockets: frames for pages and programs, what they may send, and what each page has shown.
+//! The WebSockets: frames for pages and programs, the budget of incoming bytes, and what each page has
+//! shown.
 
 pub(super) mod byte_budget;
 pub(super) mod client;

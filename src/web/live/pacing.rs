@@ -1,4 +1,4 @@
-//! How soon a page is shown the next state.
+//! Decides when a page gets the next state.
 
 use std::time::Duration;
 

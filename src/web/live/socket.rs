@@ -1,7 +1,7 @@
 //! The live connections: fragments for pages, snapshots for programs.
 //!
-//! Each connection holds at most the latest state and sends one message at a time, so a slow
-//! one skips what lies between and delays nobody. It ends with its session, at once.
+//! Each connection holds at most the latest state and sends one message at a time, so a slow one skips
+//! intermediate states and delays nobody. It ends at once with its session.
 
 use std::net::IpAddr;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! Samples every number that is received, for the small curves of the pages.
+//! Samples every received number, for the small curves of the pages.
 
 use crate::web::AppState;
 

@@ -1,5 +1,5 @@
-//! Does what an operator asks for: judged, written down, judged anew, done. Nobody waits longer for
-//! others or for the disk than a tap counts.
+//! Executes an operator's action: judged, written, judged again, done. It waits for others and for the disk
+//! no longer than a tap counts.
 
 use super::not_done::{InvalidTap, NotActed};
 use crate::engine::input::{OperatorAction, Response};

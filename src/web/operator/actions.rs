@@ -1,4 +1,4 @@
-//! What an operator does with the vehicle: one POST for each action, granted or refused in words.
+//! The routes of the operator's actions: one POST for each action, granted, or refused with reasons.
 
 use axum::extract::rejection::{FormRejection, PathRejection};
 use axum::extract::{Form, Path};

@@ -1,4 +1,4 @@
-//! The operator's actions: what a tap was shown, whether it counts, and what becomes of it.
+//! The operator's actions: whether a tap counts for the state that it was shown with, and its result.
 
 pub(super) mod act;
 pub(super) mod actions;

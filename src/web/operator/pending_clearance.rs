@@ -1,4 +1,4 @@
-//! A clearance that was asked for and not confirmed yet: the first of two steps.
+//! A clearance after the first of its two steps: requested and not confirmed yet.
 
 use std::sync::{Mutex, PoisonError};
 

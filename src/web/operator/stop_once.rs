@@ -1,5 +1,5 @@
-//! Stops that come over two ways. A page sends each tap on STOP over HTTP and over its socket, so that
-//! it arrives while no other connection can be had; it is done once, and both ways get its answer.
+//! Executes a STOP once that arrives in two ways. A page sends each tap on STOP over HTTP and over its
+//! socket, so that it arrives even if no other connection is possible; both ways get the same answer.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};

@@ -1,4 +1,4 @@
-//! One tap of an operator: who made it, what it was shown, whether it counts, and what becomes of it.
+//! One tap of an operator: who made it, the state it was shown with, whether it counts, and its result.
 
 use std::net::IpAddr;
 

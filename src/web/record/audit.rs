@@ -1,7 +1,7 @@
-//! What the server writes into the audit log, and how much of what anybody can cause from outside.
+//! The records that the server writes into the audit log, with a bound on those that anybody can cause.
 //!
-//! What somebody with a session does is always recorded. Failed logins and refused requests can be
-//! caused by anybody, so of each kind only so many are recorded one by one; the rest is counted.
+//! Actions with a session are always recorded. Anybody can cause failed logins and refused requests, so
+//! only a limited number of each kind is recorded one by one; the rest is counted.
 
 use std::collections::HashMap;
 use std::hash::BuildHasher as _;

@@ -1,4 +1,5 @@
-//! What is written down: the audit log, what the disk did not take yet, the vehicle as it is after a restart.
+//! Everything that the server writes to the disk: the audit log, records that the disk refused earlier, and
+//! the vehicle's state for a restart.
 
 pub(super) mod audit;
 pub(super) mod outbox;

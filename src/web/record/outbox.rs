@@ -1,5 +1,6 @@
-//! Records that the disk did not take when they were due. The task that follows the vehicle writes them as
-//! soon as it can, with the vehicle as it is: until then the disk may remember what was not done.
+//! Records that the disk refused when they were due. The task that stores the vehicle's state writes them
+//! as soon as possible, together with that state: until then the disk may hold the record of an action that
+//! was not done.
 
 use std::sync::{MutexGuard, PoisonError};
 use std::time::SystemTime;

@@ -1,5 +1,5 @@
-//! Keeps what of the vehicle has to outlive a restart whenever it changed, at most every second. What an
-//! operator does is kept before it is done.
+//! Stores the vehicle's state for a restart whenever it has changed, at most every second. An operator's
+//! action is stored before it is done.
 
 use std::time::Duration;
 

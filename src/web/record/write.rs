@@ -1,5 +1,5 @@
-//! Writes records into the audit log, with what is remembered of the vehicle. Nobody waits longer for
-//! the disk than they can.
+//! Writes records into the audit log, together with the vehicle's state, with a limit on the wait for the
+//! disk.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! The listener: connections in, within bounds, until the server is told to end.
+//! The listener: accepts connections, within bounds, until the server is to end.
 
 use std::io;
 use std::net::SocketAddr;

@@ -1,6 +1,6 @@
-//! The certificate and the key with which the server proves who it is. What is wrong with them is
-//! said before anything listens, except that their time is over: a display that a browser warns of is
-//! better than none. They are read again when their files change.
+//! The certificate and the key of the server. Faults are reported before anything listens. An expired
+//! certificate is used all the same: a display with a browser's warning is better than none. The files are
+//! read again when they change.
 
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};

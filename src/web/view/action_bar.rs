@@ -1,4 +1,4 @@
-//! The action bar: the one next step of the stage as one large button, and what stands in its way.
+//! The action bar: the next step of the stage as one large button, and the reasons against it.
 
 use askama::Template;
 

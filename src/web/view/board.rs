@@ -1,4 +1,4 @@
-//! Where the tiles stand and which arrows join them: the graph of the top-level groups.
+//! The positions of the tiles and the arrows between them: the graph of the top-level groups.
 
 use std::collections::BTreeSet;
 

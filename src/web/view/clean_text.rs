@@ -1,5 +1,5 @@
-//! Text from outside, made fit for a page. Escaping is the templates' part; this is about what
-//! escaping leaves: invisible characters, reversed direction, marks without end, endless length.
+//! Makes text from outside fit for a page. The templates escape it; this removes what escaping leaves:
+//! invisible characters, reversed direction, endless combining marks, endless length.
 
 use std::fmt::Write as _;
 

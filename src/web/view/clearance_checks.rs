@@ -1,4 +1,4 @@
-//! Why a vehicle cannot be cleared, and why an action was refused, by the names that people know.
+//! The reasons against a clearance or an action, with the names that people know.
 
 use std::collections::HashSet;
 

@@ -1,4 +1,5 @@
-//! The countermeasure: what is asked of the vehicle, because of what, and whether it does it.
+//! The countermeasure on the page: the request to the vehicle, its causes, and whether the vehicle confirms
+//! it.
 
 use std::collections::HashSet;
 

@@ -1,4 +1,4 @@
-//! What the list of what is wrong says, before anybody asks how much room it has.
+//! The entries of the list of faults, before they are fitted into the available room.
 
 use std::collections::{BTreeMap, HashMap};
 

@@ -1,6 +1,6 @@
-//! What is wrong, in the operator's words: root causes first, then what is only a warning or
-//! unknown, then alarms that are over and wait to be acknowledged. The list has the room of the
-//! reference display and counts what it leaves out.
+//! The list of faults: root causes first, then warnings and unknown states, then alarms that are over and
+//! wait to be acknowledged. It has the room of the reference display and counts the entries that it leaves
+//! out.
 
 use askama::Template;
 

@@ -1,4 +1,4 @@
-//! The login page, and why a login did not work.
+//! The login page, and the reasons of a failed login.
 
 use askama::Template;
 

@@ -1,7 +1,7 @@
 //! The pages and their fragments as HTML. Nothing here reads a request or sends an answer.
 //!
-//! All that is shown comes from one [`Snapshot`]; text that the vehicle or a publisher wrote goes
-//! through [`clean`] and is escaped by the templates.
+//! Everything that is shown comes from one [`Snapshot`]; text that the vehicle or a publisher wrote is
+//! cleaned by [`clean_text`] and escaped by the templates.
 
 mod action_bar;
 mod arrows;

@@ -1,4 +1,4 @@
-//! How parts of the vehicle are called and marked, wherever they appear.
+//! The names and marks of the vehicle's parts, wherever they appear.
 
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::{ModuleInfo, ModuleView, Reason, Report};

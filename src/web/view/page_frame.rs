@@ -1,4 +1,4 @@
-//! What every page is framed by.
+//! The frame of every page.
 
 use super::words::Words;
 use crate::web::assets;

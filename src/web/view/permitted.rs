@@ -1,4 +1,4 @@
-//! What may be shown of a snapshot.
+//! The parts of a snapshot that may be shown.
 
 use std::sync::Arc;
 

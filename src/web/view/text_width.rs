@@ -1,4 +1,4 @@
-//! How much room words take, estimated without a browser: so that what has none is counted, not cut.
+//! Estimates the width of texts without a browser, so that entries without room are counted instead of cut.
 
 /// Height of a line of large and of small type on the reference display, in pixels.
 pub const LARGE: usize = 35;

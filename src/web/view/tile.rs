@@ -1,4 +1,4 @@
-//! One component of the vehicle at a glance, and the arrows between components.
+//! A tile, which shows one component, and the arrows between components.
 
 use askama::Template;
 

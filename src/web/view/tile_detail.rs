@@ -1,4 +1,4 @@
-//! What stands behind a tile: why it shows its state, and its modules.
+//! The panel behind a tile: the reason of its state, and its modules.
 
 use askama::Template;
 

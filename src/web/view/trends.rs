@@ -1,4 +1,4 @@
-//! The recent past of every number in the statuses, sampled, and its drawing.
+//! Samples of every number in the statuses, and their curves.
 
 use std::collections::{HashMap, VecDeque};
 use std::fmt::Write as _;

@@ -1,4 +1,4 @@
-//! Statuses outside of the configuration: one quiet line where they are no component.
+//! Statuses outside the configuration: one quiet line, unless they have a tile.
 
 use crate::engine::model::{ModuleId, Other};
 use crate::engine::state::State;

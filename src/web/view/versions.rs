@@ -1,8 +1,8 @@
-//! Whether what a tap was made for is still as it was shown.
+//! Decides whether a tap is too old, because its subject has changed since the page showed it.
 //!
-//! `seq` grows with every change of the vehicle's state, a thousand times a second if need be. A
-//! tap that were refused for any of them would never be in time, so each action is bound to the
-//! part of the state that it is decided by, and to the `seq` at which that part changed last.
+//! `seq` grows with every change of the vehicle's state, up to a thousand times a second. A tap that was
+//! refused for any of them would never be in time, so each action depends on the `seq` of the last change
+//! of its own subject.
 
 use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hash, Hasher};

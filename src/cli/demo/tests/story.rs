@@ -1,4 +1,4 @@
-//! The shuttle and the engine, and between them what DDS does: bytes one way, orders the other.
+//! The shuttle and the engine, with the task of DDS between them: bytes one way, orders the other.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Steps for what monitors watch.
+//! Tests of scenario steps for watched topics and probes.
 
 use super::check;
 

@@ -1,4 +1,4 @@
-//! Monitors in words.
+//! Describes monitors.
 
 use std::fmt::Write as _;
 

@@ -1,4 +1,4 @@
-//! Topics that are not as they should be, and what that makes of a judgement.
+//! Topics without publisher or with a wrong type, and their effect on a judgement.
 
 use super::{News, TopicId, Watch, Watching};
 use crate::engine::model::Policy;

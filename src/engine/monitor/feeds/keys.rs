@@ -1,4 +1,4 @@
-//! KeyValues of statuses, to the monitors that look at them.
+//! Leads KeyValues of statuses to the monitors that watch them.
 
 use super::Watching;
 use crate::engine::input::StatusArray;

@@ -1,5 +1,5 @@
-//! A vehicle on which all is well, while the diagnosis of it begins: after a start, a reload, a change
-//! of the stage. Nothing may be worse than UNKNOWN then.
+//! A healthy vehicle whose diagnosis begins: after a start, a reload, a change of the stage. Nothing may be
+//! worse than UNKNOWN then.
 
 use std::collections::BTreeSet;
 

@@ -1,4 +1,4 @@
-//! Monitors at the boundary of the engine: what is received, and what the module then shows.
+//! Monitors at the boundary of the engine: from received messages to the module's state.
 
 mod beginning;
 mod contextual;

@@ -1,4 +1,4 @@
-//! What holds for all kinds: topics, relevance, policies, other configurations, reloads.
+//! Properties of all kinds: topics, relevance, policies, other configurations, reloads.
 
 use State::{Error, Ok, Unknown};
 

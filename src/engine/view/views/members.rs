@@ -1,4 +1,4 @@
-//! Modules that come and go at run time, as snapshots show them.
+//! Discovered modules in snapshots.
 
 use std::sync::Arc;
 

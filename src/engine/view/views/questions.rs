@@ -1,4 +1,4 @@
-//! What the rest of the engine asks of what is shown.
+//! Questions of the rest of the engine about the shown state.
 
 use super::Views;
 use crate::engine::model::{GroupId, ModuleId, NodeId};

@@ -1,4 +1,4 @@
-//! Which lines a graph has, and which of them are part of a path from a root cause.
+//! The lines of the graph, and which of them are part of a path from a root cause.
 
 use std::collections::BTreeMap;
 

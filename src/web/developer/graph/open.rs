@@ -1,4 +1,4 @@
-//! Which groups of a graph show what is in them, and the addresses that open and close them.
+//! The open groups of the graph, and the addresses that open and close groups.
 
 use crate::engine::snapshot::Layout;
 use crate::web::developer::PageQuery;

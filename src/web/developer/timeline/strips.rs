@@ -1,5 +1,4 @@
-//! One strip each for the stage, for nodes and for signals, with what it showed at the moment that
-//! is asked for.
+//! The strips of the timeline: the stage, nodes and signals, with their states at the selected moment.
 
 use crate::engine::model::Stage;
 use crate::engine::state::State;

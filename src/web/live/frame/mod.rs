@@ -1,7 +1,7 @@
-//! What goes over the wire: the only place that knows its form.
+//! The frames that are sent: the only place that knows their format.
 //!
-//! Every frame is made once per snapshot and shared by all who listen, by the first of them
-//! that needs it: without a listener nothing is made, and nobody waits for another task.
+//! Every frame is made once for each snapshot and shared by all listeners. The first listener that needs it
+//! makes it, so without a listener nothing is made, and nobody waits for another task.
 
 mod html;
 mod json;

@@ -1,4 +1,4 @@
-//! What the pages say of a vehicle's states: snapshot in, attributes and words out.
+//! Tests of the pages: from a snapshot to attributes and texts.
 
 mod arrows;
 mod causes;

@@ -1,5 +1,4 @@
-//! Words that agree with what is: at each level, in each stage, of what is silent, and of what one
-//! status says at several places.
+//! Tests of texts: at each level, in each stage, of silent modules, and of one status at several places.
 
 use super::*;
 use crate::engine::model::output::Output;

@@ -1,4 +1,4 @@
-//! The words of the operator's actions: the next step of each stage, clearances, alarms, countermeasures.
+//! The texts of the operator's actions: the next step of each stage, clearances, alarms, countermeasures.
 
 use super::words;
 use crate::engine::model::countermeasure::{Request, RequestKind};

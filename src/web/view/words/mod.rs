@@ -1,4 +1,4 @@
-//! The words of the pages. A word that lacks a language does not compile.
+//! The texts of the pages. A text that lacks a language does not compile.
 
 pub(in crate::web) mod action_words;
 pub(in crate::web) mod refusals;

@@ -1,4 +1,4 @@
-//! Why an operator's action was refused, in words and with what to do.
+//! The texts of refused actions: why, and what to do.
 
 use crate::engine::input::Refusal;
 use crate::engine::model::Stage;

@@ -1,4 +1,4 @@
-//! Why a session is over, and how the login page says it.
+//! The texts of ended sessions, for the login page.
 
 use crate::web::view::Lang;
 
