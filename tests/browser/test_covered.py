@@ -1,11 +1,10 @@
 """If the page's own scripts do not run, everything about the vehicle is covered after a time."""
 
-import contextlib
-
 import pytest
 from playwright.sync_api import expect
 
-from vehicle import OPERATOR, Client, Vehicle, serving, until
+from one_server import server, vehicle  # noqa: F401
+from vehicle import OPERATOR, Client, until
 
 # What may still be visible in place of the vehicle.
 BRIGHT = """() => [...document.querySelectorAll(".measure *, .measure, .tile > .icon, .cause, .actions *, .panel *")]
@@ -17,18 +16,6 @@ BORDERS = """() => [...document.querySelectorAll(".tile")].map(it => getComputed
 
 
 # These tests only look, so one server and one vehicle serve them all.
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with serving(tmp_path_factory.mktemp("server")) as server:
-        yield server
-
-
-@pytest.fixture(scope="module")
-def vehicle(server):
-    with contextlib.closing(Vehicle(server.domain, server.folder)) as vehicle:
-        yield vehicle
 
 
 @pytest.fixture(scope="module")

@@ -1,13 +1,12 @@
 """Nothing flashes more than three times a second (WCAG 2.3.1), however the vehicle's states change."""
 
-import contextlib
-
 import pytest
 from playwright.sync_api import expect
 
 from operating import touch_context
 from test_operator import expect_standing, log_in
-from vehicle import Vehicle, serving, until
+from one_server import server, vehicle  # noqa: F401
+from vehicle import until
 
 pytestmark = pytest.mark.alone
 
@@ -62,18 +61,6 @@ def flashes(changes):
         way, last = now, (light, red)
     counts = [sum(1 for other in turns if at <= other < at + 1000) for at in turns]
     return max(counts, default=0) // 2
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with serving(tmp_path_factory.mktemp("server")) as server:
-        yield server
-
-
-@pytest.fixture(scope="module")
-def vehicle(server):
-    with contextlib.closing(Vehicle(server.domain, server.folder)) as vehicle:
-        yield vehicle
 
 
 @pytest.mark.parametrize("palette", ["day", "night"])

@@ -1,6 +1,5 @@
 """Links between the developer's pages load no document, and behave as if they did."""
 
-import contextlib
 import re
 import signal
 
@@ -9,7 +8,8 @@ from playwright.sync_api import expect
 
 from accessible import violations
 from test_developer import CAUSE, STATUS, log_in, prepare, row, visit
-from vehicle import Vehicle, serving, until
+from one_server import server, vehicle  # noqa: F401
+from vehicle import until
 
 MARK = "() => { window.kept = true }"
 IS_KEPT = "() => window.kept === true"
@@ -22,18 +22,6 @@ POST = """() => {
 
 
 # These tests change nothing that lasts, so one server and one vehicle serve them all.
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with serving(tmp_path_factory.mktemp("server")) as server:
-        yield server
-
-
-@pytest.fixture(scope="module")
-def vehicle(server):
-    with contextlib.closing(Vehicle(server.domain, server.folder)) as vehicle:
-        yield vehicle
 
 
 @pytest.fixture(scope="module")
