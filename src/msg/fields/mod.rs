@@ -70,8 +70,8 @@ impl Definitions {
         Definitions::new(self.folders.iter().chain(folders).cloned().collect())
     }
 
-    /// Compiles a reader for the wanted fields of a topic. A topic of which only the arrival of messages
-    /// matters can have any type, unless the type's own package is known and does not have it.
+    /// Compiles a reader for the wanted fields of a topic. If only the arrival of messages matters, the
+    /// topic can have any type, unless the type's own package is known and does not have it.
     ///
     /// # Errors
     /// Every field that the type does not have or that has another kind of value, or the unknown type.

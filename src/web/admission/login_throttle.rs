@@ -44,7 +44,7 @@ struct Failures {
     before: Timestamp,
 }
 
-/// Whence a login comes.
+/// The source of a login.
 #[derive(Debug, Clone)]
 pub struct Source {
     pub ip: IpAddr,

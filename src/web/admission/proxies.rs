@@ -59,7 +59,7 @@ impl Proxies {
         self.0.iter().any(|network| network.has(ip))
     }
 
-    /// Whence a request comes that arrived from `peer`: the last address that no trusted proxy has.
+    /// The source of a request that arrived from `peer`: the last address that is no trusted proxy.
     /// What stands before that, or cannot be read, anybody can have written.
     pub fn source(&self, peer: IpAddr, headers: &HeaderMap) -> IpAddr {
         let lines = headers.get_all(FORWARDED).iter().rev();

@@ -57,13 +57,13 @@ impl Enrolled {
         if displays.is_empty() { default } else { Enrolled { displays, ..default } }
     }
 
-    /// The same, where these proxies say whence a request comes.
+    /// The same, with proxies that are trusted to name the source of a request.
     #[must_use]
     pub fn behind(self, proxies: Proxies) -> Enrolled {
         Enrolled { proxies, ..self }
     }
 
-    /// Whence a request comes that arrived from there.
+    /// The source of a request that arrived from this address.
     pub fn source(&self, peer: IpAddr, headers: &HeaderMap) -> IpAddr {
         self.proxies.source(peer, headers)
     }

@@ -150,7 +150,7 @@ async fn admitted(request: Request, session: Option<&Session>) -> Result<Request
     Ok(Request::from_parts(parts, Body::from(body)))
 }
 
-/// What is recorded of a refused request, and whence it came.
+/// The audit record of a refused request, and its source.
 fn refused(request: &Request, session: Option<&Session>, why: &str) -> (IpAddr, Record) {
     let source = source_of(request.extensions().get::<Peer>().copied());
     let target = format!("{} {}", request.method(), request.uri().path());

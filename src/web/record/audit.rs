@@ -89,11 +89,11 @@ impl Limit {
 
 impl Kind {
     fn omitted(self, count: u64) -> Record {
-        let whence = match self.caller {
+        let source = match self.caller {
             Caller::Vehicle => "the vehicle's displays",
             Caller::Elsewhere => "elsewhere",
         };
-        let target = format!("{count} more refusals: {}, from {whence}", self.action.as_str());
+        let target = format!("{count} more refusals: {}, from {source}", self.action.as_str());
         Record::of(Action::Omitted, TELLTALE).on(target)
     }
 }
