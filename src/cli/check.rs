@@ -268,9 +268,8 @@ fn dot_edges(out: &mut String, model: &Model, from: NodeId, depends_on: &[Depend
         NodeId::Module(_) => String::new(),
     };
     for dependency in depends_on {
-        let (targets, any_of) = graph::targets(dependency);
-        let style = if any_of { "dashed" } else { "solid" };
-        for &to in targets {
+        let style = if dependency.is_any_of() { "dashed" } else { "solid" };
+        for &to in dependency.targets() {
             let (tail, head) = (cluster(from, "ltail"), cluster(to, "lhead"));
             let (from, to) = (words::node_name(model, from), words::node_name(model, to));
             let _ = writeln!(out, "  \"{from}\" -> \"{to}\" [style={style}{tail}{head}];");

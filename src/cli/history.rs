@@ -7,9 +7,8 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use anyhow::Context as _;
 
 use super::{EXIT_NO, data};
-use crate::picture::strips::{Look, Segment, Strip, merged, recorded, stamp};
-use crate::sim::figure;
-use crate::sim::strips::{Panel, arrow};
+use crate::picture::figure::{self, MovedAlarm, Panel};
+use crate::picture::strips::{Segment, Strip, merged, recorded, stamp};
 use crate::store::{Happened, Held, HistoryQuery, NodePast, Past, past_in};
 
 /// Draw what a vehicle showed around a moment, as the figures of scenarios are drawn.
@@ -77,11 +76,14 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 }
 
 fn panel(args: &Args, query: &HistoryQuery, past: &Past, zero_ms: i64) -> Panel {
-    let nodes = past.nodes.iter().map(|node| node_strip(node, &query.nodes));
+    let node = |node: &NodePast| Strip::of_node(&node.name, &query.nodes, recorded(&node.stretches));
+    let nodes = past.nodes.iter().map(node);
     let signals = past.signals.iter().map(|(name, held)| signal_strip(name, held));
     let strips: Vec<Strip> = nodes.chain(signals).collect();
     let moved = past.happened.iter().filter_map(|(at_ms, what)| match what {
-        Happened::AlarmMoved { symptom, cause, .. } => arrow(stamp(*at_ms), symptom, cause, &strips),
+        Happened::AlarmMoved { symptom, cause, .. } => {
+            MovedAlarm::between(stamp(*at_ms), symptom, cause, &strips)
+        }
         _ => None,
     });
     Panel {
@@ -94,31 +96,10 @@ fn panel(args: &Args, query: &HistoryQuery, past: &Past, zero_ms: i64) -> Panel 
     }
 }
 
-fn node_strip(past: &NodePast, names: &[String]) -> Strip {
-    let around = past.name.rsplit_once('/').filter(|(group, _)| names.iter().any(|name| name == group));
-    Strip {
-        name: past.name.clone(),
-        label: around.map_or(&*past.name, |(_, last)| last).to_owned(),
-        inner: around.is_some(),
-        segments: recorded(&past.stretches),
-    }
-}
-
 fn signal_strip(name: &str, held: &[Held<Option<bool>>]) -> Strip {
-    let segment = |held: &Held<Option<bool>>| Segment {
-        from: stamp(held.from_ms),
-        to: stamp(held.to_ms),
-        look: match held.value {
-            Some(true) => Look::True,
-            Some(false) => Look::False,
-            None => Look::NotKnown,
-        },
-        own: None,
-        cause: None,
-        said: None,
-    };
-    let segments = merged(held.iter().map(segment).collect());
-    Strip { name: name.to_owned(), label: name.to_owned(), inner: false, segments }
+    let segment =
+        |held: &Held<Option<bool>>| Segment::of_signal(stamp(held.from_ms), stamp(held.to_ms), held.value);
+    Strip::of_signal(name, merged(held.iter().map(segment).collect()))
 }
 
 fn unix_ms(at: SystemTime) -> i64 {

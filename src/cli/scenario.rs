@@ -11,10 +11,10 @@ use super::check::{print, print_words, report};
 use super::{EXIT_NO, EXIT_USAGE};
 use crate::config;
 use crate::engine::time::Timestamp;
-use crate::sim::figure;
+use crate::picture::figure::{self, Panel};
 use crate::sim::scenario::{self, Failure, Outcome, seconds};
 use crate::sim::scenario_file::{self, Config, File};
-use crate::sim::strips::{self, Panel};
+use crate::sim::strips;
 use crate::yaml::{Problem, Problems};
 
 /// Run scenario files in virtual time and check what they expect.

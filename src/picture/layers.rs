@@ -1,5 +1,4 @@
-//! The layout of a graph: boxes in columns by what they depend on, with lanes for the lines that pass a
-//! column.
+//! The layout of a graph: boxes in columns by what they depend on, with waypoints where arrows pass a column.
 
 use std::collections::HashMap;
 
@@ -10,60 +9,65 @@ const SWEEPS: usize = 6;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Item {
-    Tile(GroupId),
-    /// A line passes here: the index of its edge.
-    Lane(usize),
+    Box(GroupId),
+    /// An arrow passes here: the index of its edge.
+    Waypoint(usize),
 }
 
 #[derive(Debug)]
 pub struct Layers {
-    /// From left to right, each from top to bottom with the height of the upper edge.
+    /// From left to right, each from top to bottom, with the distance of each item from the top.
     pub columns: Vec<Vec<(Item, f64)>>,
     pub height: f64,
-    lane: f64,
+    waypoint_height: f64,
 }
 
 impl Layers {
-    /// `edges` lead from a left box to a box right of it.
-    pub fn of(tiles: &[(GroupId, f64)], edges: &[(GroupId, GroupId)], gap: f64, lane: f64) -> Layers {
-        let column = columns(tiles, edges);
+    /// Boxes with their heights; `edges` lead from a left box to a box right of it.
+    pub fn of(
+        boxes: &[(GroupId, f64)],
+        edges: &[(GroupId, GroupId)],
+        gap: f64,
+        waypoint_height: f64,
+    ) -> Layers {
+        let column = columns(boxes, edges);
         let count = column.values().max().map_or(0, |last| last + 1);
         let mut items: Vec<Vec<Item>> = vec![Vec::new(); count];
-        for (id, _) in tiles {
-            items[column[id]].push(Item::Tile(*id));
+        for (id, _) in boxes {
+            items[column[id]].push(Item::Box(*id));
         }
         let mut links: Vec<(Item, Item)> = Vec::new();
         for (index, (left, right)) in edges.iter().enumerate() {
-            let mut at = Item::Tile(*left);
+            let mut at = Item::Box(*left);
             for between in items.iter_mut().take(column[right]).skip(column[left] + 1) {
-                between.push(Item::Lane(index));
-                links.push((at, Item::Lane(index)));
-                at = Item::Lane(index);
+                between.push(Item::Waypoint(index));
+                links.push((at, Item::Waypoint(index)));
+                at = Item::Waypoint(index);
             }
-            links.push((at, Item::Tile(*right)));
+            links.push((at, Item::Box(*right)));
         }
         sort(&mut items, &links);
-        let heights: HashMap<GroupId, f64> = tiles.iter().copied().collect();
-        place(&items, &heights, gap, lane)
+        let heights: HashMap<GroupId, f64> = boxes.iter().copied().collect();
+        place(&items, &heights, gap, waypoint_height)
     }
 
-    /// The column and the height of each lane of an edge, from left to right.
-    pub fn lanes(&self, edge: usize, margin: f64) -> Vec<(usize, f64)> {
-        let lane = |(column, items): (usize, &Vec<(Item, f64)>)| {
-            let found = items.iter().find(|(item, _)| *item == Item::Lane(edge));
-            found.map(|(_, top)| (column, margin + top + self.lane / 2.0))
+    /// The column and the height of each waypoint of an edge, from left to right.
+    pub fn waypoints(&self, edge: usize, margin: f64) -> Vec<(usize, f64)> {
+        let waypoint = |(column, items): (usize, &Vec<(Item, f64)>)| {
+            let found = items.iter().find(|(item, _)| *item == Item::Waypoint(edge));
+            found.map(|(_, top)| (column, margin + top + self.waypoint_height / 2.0))
         };
-        self.columns.iter().enumerate().filter_map(lane).collect()
+        self.columns.iter().enumerate().filter_map(waypoint).collect()
     }
 }
 
-/// One column right of everything that it depends on. Tiles whose members depend on each other crosswise
-/// have no such order: they are pushed right as often as there are tiles, then left there.
-fn columns(tiles: &[(GroupId, f64)], edges: &[(GroupId, GroupId)]) -> HashMap<GroupId, usize> {
-    let mut column: HashMap<GroupId, usize> = tiles.iter().map(|(id, _)| (*id, 0)).collect();
-    for _ in 0..tiles.len() {
+/// One column right of everything that it depends on. Boxes whose modules depend on each other crosswise
+/// have no such order: they are pushed right as often as there are boxes, and then stay.
+fn columns(boxes: &[(GroupId, f64)], edges: &[(GroupId, GroupId)]) -> HashMap<GroupId, usize> {
+    let mut column: HashMap<GroupId, usize> = boxes.iter().map(|(id, _)| (*id, 0)).collect();
+    for _ in 0..boxes.len() {
         for (left, right) in edges.iter().filter(|(left, right)| left != right) {
-            let least = (column[left] + 1).min(tiles.len() - 1);
+            let least = (column[left] + 1).min(boxes.len() - 1);
             column.entry(*right).and_modify(|at| *at = least.max(*at));
         }
     }
@@ -108,10 +112,10 @@ fn sort(columns: &mut [Vec<Item>], links: &[(Item, Item)]) {
     }
 }
 
-fn place(items: &[Vec<Item>], heights: &HashMap<GroupId, f64>, gap: f64, lane: f64) -> Layers {
+fn place(items: &[Vec<Item>], heights: &HashMap<GroupId, f64>, gap: f64, waypoint_height: f64) -> Layers {
     let height = |item: &Item| match item {
-        Item::Tile(id) => heights[id] + gap,
-        Item::Lane(_) => lane,
+        Item::Box(id) => heights[id] + gap,
+        Item::Waypoint(_) => waypoint_height,
     };
     let total = |column: &Vec<Item>| column.iter().map(height).sum::<f64>();
     let tallest = items.iter().map(total).fold(0.0, f64::max);
@@ -127,5 +131,5 @@ fn place(items: &[Vec<Item>], heights: &HashMap<GroupId, f64>, gap: f64, lane: f
             placed.collect()
         })
         .collect();
-    Layers { columns, height: tallest, lane }
+    Layers { columns, height: tallest, waypoint_height }
 }

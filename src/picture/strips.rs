@@ -1,5 +1,4 @@
-//! States over time as strips of segments, as in Fig. 6 of the paper. Figures of scenarios and the page of
-//! the timeline draw them.
+//! States over time as strips of segments, as in Fig. 6 of the paper.
 
 use std::sync::Arc;
 
@@ -22,6 +21,19 @@ pub struct Strip {
     pub segments: Vec<Segment>,
 }
 
+impl Strip {
+    /// The strip of a node. Below the strip of the group around it, it is called by the rest of its name.
+    pub fn of_node(name: &str, shown: &[String], segments: Vec<Segment>) -> Strip {
+        let around = name.rsplit_once('/').filter(|(group, _)| shown.iter().any(|node| node == group));
+        let label = around.map_or(name, |(_, last)| last).to_owned();
+        Strip { name: name.to_owned(), label, inner: around.is_some(), segments }
+    }
+
+    pub fn of_signal(name: &str, segments: Vec<Segment>) -> Strip {
+        Strip { name: name.to_owned(), label: name.to_owned(), inner: false, segments }
+    }
+}
+
 #[derive(Debug, Clone, PartialEq)]
 pub struct Segment {
     pub from: Timestamp,
@@ -35,13 +47,30 @@ pub struct Segment {
     pub said: Option<Said>,
 }
 
+impl Segment {
+    /// Of a signal.
+    pub fn of_signal(from: Timestamp, to: Timestamp, value: Option<bool>) -> Segment {
+        let look = match value {
+            Some(true) => Look::True,
+            Some(false) => Look::False,
+            None => Look::NotKnown,
+        };
+        Segment { from, to, look, own: None, cause: None, said: None }
+    }
+
+    /// The state that the node reports behind an IGNORE, if it is worse than OK.
+    pub fn own_fault(&self) -> Option<State> {
+        self.own.filter(|own| *own > State::Ok)
+    }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Look {
     Ok,
     Warning,
     Error,
     /// An ERROR of a symptom that was there before its cause showed itself.
-    Owed,
+    Attributed,
     Masked,
     NotRelevant,
     Unknown,
@@ -56,7 +85,7 @@ impl Look {
         Look::Ok,
         Look::Warning,
         Look::Error,
-        Look::Owed,
+        Look::Attributed,
         Look::Masked,
         Look::NotRelevant,
         Look::Unknown,
@@ -94,7 +123,7 @@ pub fn recorded(stretches: &[Stretch]) -> Vec<Segment> {
         said: stretch.said.clone(),
     };
     let mut segments: Vec<Segment> = stretches.iter().map(segment).collect();
-    owe(&mut segments);
+    attribute(&mut segments);
     merged(segments)
 }
 
@@ -114,11 +143,11 @@ pub fn merged(segments: Vec<Segment>) -> Vec<Segment> {
     merged
 }
 
-/// An ERROR that turns into waiting for a cause is attributed to that cause (`ENGINE.md` 6).
-pub fn owe(segments: &mut [Segment]) {
+/// An ERROR that turns into waiting for a cause is attributed to that cause.
+pub fn attribute(segments: &mut [Segment]) {
     for index in 1..segments.len() {
         if (segments[index - 1].look, segments[index].look) == (Look::Error, Look::Masked) {
-            segments[index - 1].look = Look::Owed;
+            segments[index - 1].look = Look::Attributed;
             segments[index - 1].cause = segments[index].cause.clone();
         }
     }
@@ -130,7 +159,7 @@ pub fn class(look: Look) -> &'static str {
         Look::Ok => "ok",
         Look::Warning => "warning",
         Look::Error => "error",
-        Look::Owed => "owed",
+        Look::Attributed => "owed",
         Look::Masked => "masked",
         Look::NotRelevant => "not-relevant",
         Look::Unknown => "unknown",
@@ -140,15 +169,43 @@ pub fn class(look: Look) -> &'static str {
     }
 }
 
+/// Time along a strip, in the unit of its drawing.
+#[derive(Debug, Clone, Copy)]
+pub struct Axis {
+    pub from: Timestamp,
+    pub to: Timestamp,
+    pub left: f64,
+    pub width: f64,
+}
+
+impl Axis {
+    /// Where an instant stands.
+    pub fn x(&self, at: Timestamp) -> f64 {
+        let whole = self.to.since(self.from).as_nanos().max(1) as f64;
+        let after = match at >= self.from {
+            true => at.since(self.from).as_nanos() as f64,
+            false => -(self.from.since(at).as_nanos() as f64),
+        };
+        self.left + self.width * after / whole
+    }
+
+    /// Marks in whole steps from `zero`.
+    pub fn ticks(&self, zero: Timestamp) -> impl Iterator<Item = Timestamp> {
+        let (step, to) = (tick_step(self.to.since(self.from)), self.to);
+        let next = move |at: &Timestamp| Some(*at + step);
+        std::iter::successors(Some(first_tick(self.from, zero, step)), next).take_while(move |at| *at <= to)
+    }
+}
+
 /// The smallest of 1, 2, 5, 10, ... milliseconds that leaves few enough ticks.
-pub fn tick_step(whole: Span) -> Span {
+fn tick_step(whole: Span) -> Span {
     let steps = (0..15).flat_map(|power| [1, 2, 5].map(|digit| digit * 10_u64.pow(power)));
     let wide = |millis: &u64| whole.as_millis() / millis < TICKS_MAX;
     Span::from_millis(steps.into_iter().find(wide).unwrap_or(u64::MAX / 2))
 }
 
 /// The first instant not before `from` that is a whole number of steps from `zero`.
-pub fn first_tick(from: Timestamp, zero: Timestamp, step: Span) -> Timestamp {
+fn first_tick(from: Timestamp, zero: Timestamp, step: Span) -> Timestamp {
     let step = step.as_nanos().max(1);
     let offset = zero.as_nanos() % step;
     let behind = from.as_nanos().saturating_sub(offset).div_ceil(step);

@@ -1,7 +1,6 @@
 //! Simulation: a shuttle with its faults, and scenario files run through the engine in virtual time.
 
 mod expectation;
-pub mod figure;
 pub mod scenario;
 pub mod scenario_file;
 mod scenario_operator;

@@ -1,30 +1,9 @@
 //! The course of a run as strips of segments, for a figure.
 
-use super::scenario::{Figure, Outcome, Transition, Why};
+use super::scenario::{Figure, Outcome, SignalChange, Transition, Why};
 use crate::engine::state::State;
-use crate::engine::time::Timestamp;
-use crate::picture::strips::{Look, Segment, Strip, look, merged, owe};
-
-/// One scenario in a figure.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Panel {
-    pub title: String,
-    pub from: Timestamp,
-    pub to: Timestamp,
-    /// The zero of the axis, and the event there.
-    pub zero: Option<(Timestamp, String)>,
-    pub strips: Vec<Strip>,
-    /// From the strip of the symptom to the strip of its cause.
-    pub moved: Vec<Arrow>,
-}
-
-/// An alarm that moved, by positions of strips.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Arrow {
-    pub at: Timestamp,
-    pub symptom: usize,
-    pub cause: usize,
-}
+use crate::picture::figure::{MovedAlarm, Panel};
+use crate::picture::strips::{Segment, Strip, attribute, look, merged};
 
 /// The strips of a scenario's figure.
 pub fn panel(title: &str, figure: &Figure, outcome: &Outcome) -> Panel {
@@ -32,7 +11,7 @@ pub fn panel(title: &str, figure: &Figure, outcome: &Outcome) -> Panel {
     let signals = figure.signals.iter().map(|name| signal_strip(name, figure, outcome));
     let strips: Vec<Strip> = nodes.chain(signals).collect();
     let moved = outcome.moved.iter().filter(|moved| (figure.from..=figure.to).contains(&moved.at));
-    let moved = moved.filter_map(|it| arrow(it.at, &it.symptom, &it.cause, &strips)).collect();
+    let moved = moved.filter_map(|it| MovedAlarm::between(it.at, &it.symptom, &it.cause, &strips)).collect();
     Panel {
         title: title.to_owned(),
         from: figure.from,
@@ -59,41 +38,18 @@ fn node_strip(name: &str, figure: &Figure, outcome: &Outcome) -> Strip {
         });
     }
     segments.retain(|segment| segment.from < segment.to);
-    owe(&mut segments);
-    // The strip of the next outer group shows the rest of the name.
-    let around = name.rsplit_once('/').filter(|(group, _)| figure.nodes.iter().any(|node| node == group));
-    Strip {
-        name: name.to_owned(),
-        label: around.map_or(name, |(_, last)| last).to_owned(),
-        inner: around.is_some(),
-        segments: cut(merged(segments), figure),
-    }
+    attribute(&mut segments);
+    Strip::of_node(name, &figure.nodes, cut(merged(segments), figure))
 }
 
 fn signal_strip(name: &str, figure: &Figure, outcome: &Outcome) -> Strip {
-    let changes: Vec<_> = outcome.signals.iter().filter(|change| *change.name == *name).collect();
-    let segment = |(index, change): (usize, &&_)| {
-        let change: &super::scenario::SignalChange = change;
-        Segment {
-            from: change.at,
-            to: changes.get(index + 1).map_or(figure.to, |next| next.at),
-            look: match change.value {
-                Some(true) => Look::True,
-                Some(false) => Look::False,
-                None => Look::NotKnown,
-            },
-            own: None,
-            cause: None,
-            said: None,
-        }
+    let changes: Vec<&SignalChange> = outcome.signals.iter().filter(|change| *change.name == *name).collect();
+    let segment = |(index, change): (usize, &&SignalChange)| {
+        let to = changes.get(index + 1).map_or(figure.to, |next| next.at);
+        Segment::of_signal(change.at, to, change.value)
     };
     let segments = changes.iter().enumerate().map(segment).filter(|segment| segment.from < segment.to);
-    Strip {
-        name: name.to_owned(),
-        label: name.to_owned(),
-        inner: false,
-        segments: cut(merged(segments.collect()), figure),
-    }
+    Strip::of_signal(name, cut(merged(segments.collect()), figure))
 }
 
 fn cut(segments: Vec<Segment>, figure: &Figure) -> Vec<Segment> {
@@ -103,17 +59,4 @@ fn cut(segments: Vec<Segment>, figure: &Figure) -> Vec<Segment> {
         ..segment
     };
     segments.into_iter().map(cut).filter(|segment| segment.from < segment.to).collect()
-}
-
-/// From the strip of the symptom, or of the innermost shown group around it, to the strip of the cause.
-pub fn arrow(at: Timestamp, symptom: &str, cause: &str, strips: &[Strip]) -> Option<Arrow> {
-    let nearest = |name: &str| {
-        let contains = |strip: &Strip| {
-            name.strip_prefix(&strip.name).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
-        };
-        let found = strips.iter().enumerate().filter(|(_, strip)| contains(strip));
-        found.max_by_key(|(_, strip)| strip.name.len()).map(|(index, _)| index)
-    };
-    let (symptom, cause) = (nearest(symptom)?, nearest(cause)?);
-    (symptom != cause).then_some(Arrow { at, symptom, cause })
 }

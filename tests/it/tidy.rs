@@ -16,7 +16,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("msg", &["engine"]),
     ("ros", &["engine", "clock", "msg"]),
     ("store", &["engine", "clock"]),
-    ("picture", &["engine"]),
+    ("picture", &["engine", "yaml"]),
     ("sim", &["engine", "clock", "yaml", "picture"]),
     ("web", &["engine", "clock", "runtime", "store", "picture"]),
 ];

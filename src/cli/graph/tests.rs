@@ -1,3 +1,5 @@
+use std::collections::HashMap;
+
 use super::*;
 use crate::config::parse;
 
@@ -8,10 +10,11 @@ fn drawn(text: &str) -> String {
 
 /// Left edges of the boxes of the groups at the top, by their names.
 fn columns(drawing: &str) -> HashMap<String, i64> {
-    let boxes = drawing.split("<g><title>").skip(1).filter(|part| part.contains("class=\"group\""));
+    let boxes = drawing.split("<g class=\"box depth-0\" transform=\"translate(").skip(1);
     let column = |part: &str| {
-        let x = part.split(" x=\"").nth(1).and_then(|rest| rest.split('"').next()).unwrap();
-        (part.split(' ').next().unwrap().to_owned(), x.parse::<f64>().unwrap() as i64)
+        let x = part.split(' ').next().unwrap();
+        let name = part.split("<title>").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
+        (name.to_owned(), x.parse::<f64>().unwrap() as i64)
     };
     boxes.map(column).collect()
 }

@@ -305,8 +305,8 @@ steps:
         described(&panel),
         [
             "a: 1 s Ok, 4 s Error, 6.5 s Warning",
-            "b: 1 s Ok, 3 s Owed(a/m), 4 s Masked+error(a/m), 5.5 s Masked+unknown(a/m), 6.5 s Unknown",
-            "m: 1 s Ok, 3 s Owed(a/m), 4 s Masked+error(a/m), 5.5 s Masked+unknown(a/m), 6.5 s Unknown",
+            "b: 1 s Ok, 3 s Attributed(a/m), 4 s Masked+error(a/m), 5.5 s Masked+unknown(a/m), 6.5 s Unknown",
+            "m: 1 s Ok, 3 s Attributed(a/m), 4 s Masked+error(a/m), 5.5 s Masked+unknown(a/m), 6.5 s Unknown",
             "c: 1 s NotRelevant",
             "m: 1 s NotRelevant",
             "active: 1 s False",

@@ -49,10 +49,7 @@ impl Standing {
 impl Dependency {
     /// The nodes that it names.
     pub fn targets(&self) -> &[NodeId] {
-        match &self.on {
-            DependsOn::Node(node) => std::slice::from_ref(node),
-            DependsOn::AnyOf(nodes) => nodes,
-        }
+        self.on.nodes()
     }
 
     /// Whether it names a redundancy set.

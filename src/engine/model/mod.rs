@@ -170,6 +170,16 @@ pub enum DependsOn {
     AnyOf(Vec<NodeId>),
 }
 
+impl DependsOn {
+    /// The nodes that it names.
+    pub fn nodes(&self) -> &[NodeId] {
+        match self {
+            DependsOn::Node(node) => std::slice::from_ref(node),
+            DependsOn::AnyOf(nodes) => nodes,
+        }
+    }
+}
+
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroupSpec {
     /// Path of ids, `a/b`.

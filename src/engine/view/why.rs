@@ -1,6 +1,6 @@
 //! Explains a node's state: each step from the report to the shown state.
 
-use crate::engine::model::{DependsOn, NodeId, NodeNames};
+use crate::engine::model::{NodeId, NodeNames};
 use crate::engine::snapshot::{NotRelevant, Reason, Snapshot};
 use crate::engine::state::State;
 
@@ -95,16 +95,12 @@ impl Snapshot {
                 NodeId::Module(id) => (&self.module(id).0.depends_on, Some(self.module(id).0.group)),
             };
             for dependency in depends_on {
-                let nodes = match dependency {
-                    DependsOn::Node(on) => std::slice::from_ref(on),
-                    DependsOn::AnyOf(nodes) => nodes,
-                };
                 let bad = |&&on: &&NodeId| {
                     let (shown, reason) = self.shown(on);
                     let masked = matches!(reason, Some(Reason::Masked { .. }));
                     masked || shown.max(self.own(on)) >= State::Unknown
                 };
-                waits.extend(nodes.iter().filter(bad).map(|&on| WhyStep::Waits { holder, on }));
+                waits.extend(dependency.nodes().iter().filter(bad).map(|&on| WhyStep::Waits { holder, on }));
             }
             at = parent.map(NodeId::Group);
         }

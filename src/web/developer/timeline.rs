@@ -15,8 +15,9 @@ use crate::web::AppState;
 
 use super::visit::Visit;
 use crate::engine::state::State;
-use crate::engine::time::{Span, Timestamp};
-use crate::picture::strips::{first_tick, tick_step};
+use crate::engine::time::Timestamp;
+use crate::picture::bars::patterns;
+use crate::picture::strips::{Axis, stamp};
 use crate::runtime::Published;
 use crate::store::{Happened, HistoryQuery, Past};
 use crate::web::view::clean_text::{NAME, clean};
@@ -41,6 +42,7 @@ const RENEW_MS: u32 = 1000;
 const OFFERED: usize = 300;
 /// Where the slider stands, in thousandths of the span.
 const AT_END: u64 = 1000;
+
 struct Event {
     at: String,
     what: &'static str,
@@ -67,6 +69,8 @@ struct TimelineHtml {
     frame: Frame,
     dev: DevFrame,
     live: bool,
+    /// The patterns of states; the stylesheet says their colours.
+    patterns: String,
     spans: Vec<Choice>,
     /// Fields that the forms have to keep.
     kept: Vec<(&'static str, String)>,
@@ -129,10 +133,10 @@ impl Window {
         from_ms + (to_ms - from_ms) * self.at as i64 / AT_END as i64
     }
 
-    /// Hundredths of the span.
-    fn share(&self, at: Timestamp) -> f64 {
-        let whole = (self.query.to_ms - self.query.from_ms).max(1) as f64;
-        (at.as_nanos() as f64 / 1e6 - self.query.from_ms as f64) / whole * 100.0
+    /// In hundredths of the width.
+    fn axis(&self) -> Axis {
+        let HistoryQuery { from_ms, to_ms, .. } = self.query;
+        Axis { from: stamp(from_ms), to: stamp(to_ms), left: 0.0, width: 100.0 }
     }
 }
 
@@ -175,6 +179,7 @@ pub fn page(
     html(&TimelineHtml {
         frame: super::frame(context),
         live: window.live,
+        patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
         spans: spans(window),
         kept: asked.kept(&["until", "span", "at", "node"]),
         offered: offered(view, nodes),
@@ -219,17 +224,13 @@ fn offered(view: &View<'_>, shown: &[String]) -> Vec<String> {
 }
 
 fn ticks(window: &Window) -> Vec<Tick> {
-    let stamp = |ms: i64| Timestamp::from_millis(u64::try_from(ms).unwrap_or(0));
-    let (from, to) = (stamp(window.query.from_ms), stamp(window.query.to_ms));
-    let step = tick_step(to.since(from)).max(Span::from_millis(1));
-    let first = first_tick(from, Timestamp::ZERO, step);
-    let at = (0..32).map(|index| first + Span::from_nanos(step.as_nanos().saturating_mul(index)));
+    let axis = window.axis();
     let tick = |at: Timestamp| Tick {
-        x: percent(window.share(at)),
+        x: percent(axis.x(at)),
         at: wall((at.as_nanos() / 1_000_000) as i64),
         text: clock(at),
     };
-    at.take_while(|at| *at <= to).map(tick).collect()
+    axis.ticks(Timestamp::ZERO).map(tick).collect()
 }
 
 /// The newest first.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::engine::model::{DependsOn, GroupId, NodeId};
+use crate::engine::model::{GroupId, NodeId};
 use crate::engine::snapshot::{Layout, Snapshot};
 use crate::engine::state::State;
 
@@ -77,11 +77,7 @@ impl Board {
         for (tile, dependencies) in groups.chain(modules) {
             let Some(to) = tile else { continue };
             for on in dependencies {
-                let nodes = match on {
-                    DependsOn::Node(node) => std::slice::from_ref(node),
-                    DependsOn::AnyOf(nodes) => nodes,
-                };
-                let from = nodes.iter().filter_map(|&node| self.tile_of(node));
+                let from = on.nodes().iter().filter_map(|&node| self.tile_of(node));
                 all.extend(from.filter(|&from| from != to).map(|from| (from, to)));
             }
         }

@@ -6,7 +6,7 @@ use crate::engine::model::{DependsOn, GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::Reason;
 use crate::engine::state::State;
 
-use super::Drawing;
+use super::Graph;
 
 /// A dependency between what is drawn of two nodes.
 #[derive(Default)]
@@ -17,7 +17,7 @@ pub(super) struct Link {
     pub count: usize,
 }
 
-impl Drawing<'_> {
+impl Graph<'_> {
     /// From what is depended on to what depends, as far as both are drawn apart.
     pub(super) fn links(&self) -> BTreeMap<(NodeId, NodeId), Link> {
         let layout = &self.view.snapshot.layout;
@@ -28,11 +28,8 @@ impl Drawing<'_> {
         let mut links: BTreeMap<(NodeId, NodeId), Link> = BTreeMap::new();
         for (from, dependencies) in groups.chain(modules) {
             for dependency in dependencies {
-                let (nodes, any) = match dependency {
-                    DependsOn::Node(node) => (std::slice::from_ref(node), false),
-                    DependsOn::AnyOf(nodes) => (&**nodes, true),
-                };
-                for &on in nodes {
+                let any = matches!(dependency, DependsOn::AnyOf(_));
+                for &on in dependency.nodes() {
                     let (Some(left), Some(right)) = (self.shown(on), self.shown(from)) else { continue };
                     if left == right {
                         continue;

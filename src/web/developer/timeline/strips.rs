@@ -3,6 +3,7 @@
 use crate::engine::model::Stage;
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
+use crate::picture::bars::{Bar, word};
 use crate::picture::strips::{Look, Segment, class, recorded, stamp};
 use crate::store::{Held, NodePast, Past};
 use crate::web::view::Lang;
@@ -15,23 +16,16 @@ use crate::web::developer::page_query::address;
 
 /// What a letter takes, in hundredths of a strip that is drawn as narrow as it may be.
 const LETTER: f64 = 1.2;
-
-pub struct Bar {
-    pub x: String,
-    pub width: String,
-    pub middle: String,
-    pub class: &'static str,
-    /// The paint of what is not one colour.
-    pub paint: Option<&'static str>,
-    pub own: Option<&'static str>,
-    pub word: Option<&'static str>,
-    pub title: String,
-}
+/// A transition too short to be drawn is drawn this wide.
+const WIDTH_MIN: f64 = 0.15;
+const BAR_Y: f64 = 1.0;
+const WORD_Y: f64 = 16.0;
 
 pub struct Strip {
     pub name: String,
     pub of: Of,
-    pub bars: Vec<Bar>,
+    /// SVG, as wide as the page has room for.
+    pub bars: String,
     /// What it showed at the moment that is asked for.
     pub state: &'static str,
     pub word: &'static str,
@@ -85,7 +79,7 @@ impl Painter<'_> {
         Strip {
             name: clean(&past.name, 2 * NAME),
             of: Of::Node { why: why_address(&past.name), remove },
-            bars: segments.iter().map(|segment| self.bar(segment)).collect(),
+            bars: segments.iter().map(|segment| self.segment(segment)).collect(),
             state,
             word,
             because,
@@ -102,11 +96,11 @@ impl Painter<'_> {
         self.level(clean(name, 2 * NAME), Of::Signal, held, |value| match value {
             Some(true) => ("true", None, "true"),
             Some(false) => ("false", None, "false"),
-            None => ("unknown", Some("unknown"), self.lang.state(State::Unknown)),
+            None => ("unknown", Some("p-unknown"), self.lang.state(State::Unknown)),
         })
     }
 
-    /// A strip of what has no cause: `look` says its class, its paint and its word.
+    /// A strip of what has no cause: `look` says its class, its pattern and its word.
     fn level<T: Copy>(
         &self,
         name: String,
@@ -116,10 +110,10 @@ impl Painter<'_> {
     ) -> Strip {
         let there = self.at_moment(held, |it| (stamp(it.from_ms), stamp(it.to_ms)));
         let bar = |it: &Held<T>| {
-            let (class, paint, word) = look(it.value);
+            let (class, pattern, word) = look(it.value);
             let (from, to) = (stamp(it.from_ms), stamp(it.to_ms));
             let title = format!("{word}, {} \u{2013} {}", clock(from), clock(to));
-            Bar { class, paint, title, ..self.place(from, to, word) }
+            self.bar((from, to), word, Bar { class, pattern, title: &title, ..EMPTY })
         };
         Strip {
             name,
@@ -140,11 +134,11 @@ impl Painter<'_> {
         })
     }
 
-    fn bar(&self, segment: &Segment) -> Bar {
+    fn segment(&self, segment: &Segment) -> String {
         let word = look_word(self.lang, segment.look);
-        let own = segment.own.filter(|own| *own > State::Ok);
+        let own = segment.own_fault();
         let mut title = format!("{word}, {} \u{2013} {}", clock(segment.from), clock(segment.to));
-        if segment.look == Look::Owed {
+        if segment.look == Look::Attributed {
             title += &format!(", {}", self.words.owed);
         }
         if let Some(cause) = &segment.cause {
@@ -157,19 +151,15 @@ impl Painter<'_> {
         if !said.is_empty() {
             title += &format!(", \u{201c}{said}\u{201d}");
         }
-        Bar {
-            class: class(segment.look),
-            paint: match segment.look {
-                Look::Warning => Some("warning"),
-                Look::Masked => Some("masked"),
-                Look::NotRelevant => Some("not-relevant"),
-                Look::Unknown => Some("unknown"),
-                _ => None,
-            },
-            own: own.map(State::as_str),
-            title,
-            ..self.place(segment.from, segment.to, word)
-        }
+        let pattern = match segment.look {
+            Look::Warning => Some("p-warning"),
+            Look::Masked => Some("p-masked"),
+            Look::NotRelevant => Some("p-not-relevant"),
+            Look::Unknown => Some("p-unknown"),
+            _ => None,
+        };
+        let bar = Bar { class: class(segment.look), pattern, own, title: &title, ..EMPTY };
+        self.bar((segment.from, segment.to), word, bar)
     }
 
     /// What the module said when the segment began.
@@ -178,29 +168,27 @@ impl Painter<'_> {
         self.lang.with_silence(clean(&said.message, MESSAGE), said.silent)
     }
 
-    /// A bar where it belongs, with its word if that fits.
-    fn place(&self, from: Timestamp, to: Timestamp, word: &'static str) -> Bar {
-        let (left, right) = (self.window.share(from), self.window.share(to));
-        let fits = word.chars().count() as f64 * LETTER + 0.6 <= right - left;
-        Bar {
-            x: percent(left),
-            // A transition too short to be drawn is drawn all the same.
-            width: percent((right - left).max(0.15)),
-            middle: percent(left.midpoint(right)),
-            class: "",
-            paint: None,
-            own: None,
-            word: fits.then_some(word),
-            title: String::new(),
-        }
+    /// A bar from one instant to another, with its word if that fits.
+    fn bar(&self, (from, to): (Timestamp, Timestamp), text: &str, bar: Bar<'_>) -> String {
+        let (left, right) = (self.window.axis().x(from), self.window.axis().x(to));
+        let fits = text.chars().count() as f64 * LETTER + 0.6 <= right - left;
+        let middle = percent(left.midpoint(right));
+        let word = if fits { word(bar.class, &middle, WORD_Y, text) } else { String::new() };
+        let (x, width) = (percent(left), percent((right - left).max(WIDTH_MIN)));
+        let mut out = String::new();
+        Bar { x: &x, width: &width, ..bar }.draw(&mut out, &word);
+        out
     }
 }
+
+const EMPTY: Bar<'static> =
+    Bar { x: "", width: "", y: BAR_Y, class: "", pattern: None, title: "", own: None };
 
 fn look_word(lang: Lang, look: Look) -> &'static str {
     lang.state(match look {
         Look::Ok | Look::True | Look::False => State::Ok,
         Look::Warning => State::Warning,
-        Look::Error | Look::Owed => State::Error,
+        Look::Error | Look::Attributed => State::Error,
         Look::Masked | Look::NotRelevant => State::Ignore,
         Look::Unknown | Look::NotKnown => State::Unknown,
     })
@@ -209,7 +197,7 @@ fn look_word(lang: Lang, look: Look) -> &'static str {
 fn state_of(look: Look) -> &'static str {
     match look {
         Look::Warning => "warning",
-        Look::Error | Look::Owed => "error",
+        Look::Error | Look::Attributed => "error",
         Look::Masked | Look::NotRelevant => "ignore",
         Look::Unknown | Look::NotKnown => "unknown",
         Look::Ok | Look::True | Look::False => "ok",

@@ -1,41 +1,65 @@
-//! Draws the states of a scenario over time, as in Fig. 6 of the paper. A pure function: the same
-//! panels make the same bytes.
+//! Draws figures: panels of strips over an axis of time, as in Fig. 6 of the paper. The same panels make the
+//! same bytes.
 //!
 //! States differ by colour and by pattern or word, so nobody needs to see the colours.
 
 use std::fmt::Write as _;
 
-use super::strips::Panel;
-use crate::engine::state::State;
+use super::bars::{BAR_HEIGHT, Bar, OWN_HEIGHT, patterns, word};
+use super::strips::{Axis, Look, Segment, Strip, class};
+use super::svg::{end, escaped};
 use crate::engine::time::Timestamp;
-use crate::picture::strips::{Look, Segment, Strip, class, first_tick, tick_step};
-use crate::yaml::plain;
 
 const STYLE: &str = include_str!("figure.css");
-
-/// The patterns of states, beside their colours.
-const PATTERNS: &str = r##"<defs>
-<pattern id="warning" width="9" height="9" patternUnits="userSpaceOnUse" patternTransform="rotate(45)"><rect width="9" height="9" fill="#f2b632"/><rect width="2" height="9" fill="#d99a12"/></pattern>
-<pattern id="masked" width="6" height="6" patternUnits="userSpaceOnUse" patternTransform="rotate(-45)"><rect width="6" height="6" fill="#e7eaee"/><rect width="1.5" height="6" fill="#8c959f"/></pattern>
-<pattern id="not-relevant" width="7" height="7" patternUnits="userSpaceOnUse"><rect width="7" height="7" fill="#f6f8fa"/><circle cx="3.5" cy="3.5" r="1.1" fill="#8c959f"/></pattern>
-<pattern id="unknown" width="8" height="8" patternUnits="userSpaceOnUse"><rect width="8" height="8" fill="#dccff2"/><path d="M0 0L8 8M8 0L0 8" stroke="#9277c7" stroke-width="1"/></pattern>
-</defs>
-"##;
 
 const MARGIN: f64 = 16.0;
 const LABEL_WIDTH: f64 = 158.0;
 const PLOT_WIDTH: f64 = 320.0;
 const PANEL_GAP: f64 = 28.0;
 const TITLE_HEIGHT: f64 = 46.0;
-const STRIP_HEIGHT: f64 = 22.0;
 const STRIP_STEP: f64 = 28.0;
-const OWN_HEIGHT: f64 = 5.0;
 const AXIS_HEIGHT: f64 = 44.0;
 const LEGEND_STEP: f64 = 24.0;
 /// The greatest width of a letter in a bar.
 const LETTER_WIDTH: f64 = 7.9;
 /// Longer labels lose their beginning; the tooltip has the full name.
 const LABEL_LETTERS: usize = 24;
+
+/// Some strips over one axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Panel {
+    pub title: String,
+    pub from: Timestamp,
+    pub to: Timestamp,
+    /// The zero of the axis, and the event there.
+    pub zero: Option<(Timestamp, String)>,
+    pub strips: Vec<Strip>,
+    /// From the strip of the symptom to the strip of its cause.
+    pub moved: Vec<MovedAlarm>,
+}
+
+/// An alarm that moved, by positions of strips.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MovedAlarm {
+    pub at: Timestamp,
+    pub symptom: usize,
+    pub cause: usize,
+}
+
+impl MovedAlarm {
+    /// From the strip of the symptom, or of the innermost shown group around it, to the strip of the cause.
+    pub fn between(at: Timestamp, symptom: &str, cause: &str, strips: &[Strip]) -> Option<MovedAlarm> {
+        let nearest = |name: &str| {
+            let contains = |strip: &Strip| {
+                name.strip_prefix(&strip.name).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+            };
+            let found = strips.iter().enumerate().filter(|(_, strip)| contains(strip));
+            found.max_by_key(|(_, strip)| strip.name.len()).map(|(index, _)| index)
+        };
+        let (symptom, cause) = (nearest(symptom)?, nearest(cause)?);
+        (symptom != cause).then_some(MovedAlarm { at, symptom, cause })
+    }
+}
 
 /// One figure of all panels, two in a row, with a letter each if there are several.
 pub fn draw(panels: &[Panel]) -> String {
@@ -54,7 +78,8 @@ pub fn draw(panels: &[Panel]) -> String {
     );
     let _ = writeln!(
         out,
-        "<style>\n{STYLE}</style>\n{PATTERNS}<rect class=\"page\" width=\"100%\" height=\"100%\"/>"
+        "<style>\n{STYLE}</style>\n{}<rect class=\"page\" width=\"100%\" height=\"100%\"/>",
+        patterns("", paint)
     );
     let mut y = MARGIN;
     for (index, panel) in panels.iter().enumerate() {
@@ -68,6 +93,19 @@ pub fn draw(panels: &[Panel]) -> String {
     }
     let _ = writeln!(out, "<g transform=\"translate(0 {y:.1})\">\n{}</g>\n</svg>", legend.svg);
     out
+}
+
+fn paint(name: &str) -> String {
+    let fill = match name {
+        "warning-a" => "#f2b632",
+        "warning-b" => "#d99a12",
+        "masked-a" => "#e7eaee",
+        "idle-a" => "#f6f8fa",
+        "unknown-a" => "#dccff2",
+        "unknown-b" => return "stroke=\"#9277c7\" stroke-width=\"1\"".to_owned(),
+        _ => "#8c959f",
+    };
+    format!("fill=\"{fill}\"")
 }
 
 fn height(panel: &Panel) -> f64 {
@@ -87,7 +125,7 @@ impl Drawing<'_> {
         let title = escaped(&format!("{letter}{}", self.panel.title));
         let (x, y) = (self.x, self.y + 14.0);
         let _ = writeln!(self.out, "<g>\n<text class=\"title\" x=\"{x:.1}\" y=\"{y:.1}\">{title}</text>");
-        self.axis();
+        self.draw_axis();
         for (index, strip) in self.panel.strips.iter().enumerate() {
             self.strip(strip, self.strip_y(index));
         }
@@ -110,15 +148,15 @@ impl Drawing<'_> {
         self.strip_y(self.panel.strips.len())
     }
 
-    fn time_x(&self, at: Timestamp) -> f64 {
-        let whole = self.panel.to.since(self.panel.from).as_nanos().max(1) as f64;
-        self.x + LABEL_WIDTH + PLOT_WIDTH * at.since(self.panel.from).as_nanos() as f64 / whole
+    fn axis(&self) -> Axis {
+        let Panel { from, to, .. } = *self.panel;
+        Axis { from, to, left: self.x + LABEL_WIDTH, width: PLOT_WIDTH }
     }
 
     fn strip(&mut self, strip: &Strip, y: f64) {
         let (class, indent) = if strip.inner { ("inner", 12.0) } else { ("label", 0.0) };
         let (x, text_y) = (self.x + indent, y + 15.5);
-        let label = escaped(&ending(&strip.label, LABEL_LETTERS));
+        let label = escaped(&end(&strip.label, LABEL_LETTERS));
         let _ = writeln!(self.out, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{text_y:.1}\">{label}</text>");
         for segment in &strip.segments {
             self.segment(strip, segment, y);
@@ -126,29 +164,24 @@ impl Drawing<'_> {
     }
 
     fn segment(&mut self, strip: &Strip, segment: &Segment, y: f64) {
-        let (left, right) = (self.time_x(segment.from), self.time_x(segment.to));
-        let class = class(segment.look);
-        let _ = write!(
-            self.out,
-            "<g><title>{}</title><rect class=\"bar bar-{class}\" x=\"{left:.1}\" y=\"{y:.1}\" width=\"{:.1}\" height=\"{STRIP_HEIGHT}\"/>",
-            escaped(&self.words(strip, segment)),
-            right - left
-        );
-        if let Some(own) = worth_a_line(segment) {
-            let own_y = y + STRIP_HEIGHT - OWN_HEIGHT;
-            let _ = write!(
-                self.out,
-                "<rect class=\"own own-{own}\" x=\"{left:.1}\" y=\"{own_y:.1}\" width=\"{:.1}\" height=\"{OWN_HEIGHT}\"/>",
-                right - left
-            );
-        }
-        self.out.push_str("</g>\n");
+        let (left, right) = (self.axis().x(segment.from), self.axis().x(segment.to));
+        let bar = Bar {
+            x: &format!("{left:.1}"),
+            width: &format!("{:.1}", right - left),
+            y,
+            class: class(segment.look),
+            pattern: None,
+            title: &self.words(strip, segment),
+            own: segment.own_fault(),
+        };
+        bar.draw(self.out, "");
+        self.out.push('\n');
     }
 
     fn segment_word(&mut self, segment: &Segment, y: f64) {
-        let free = worth_a_line(segment).map_or(STRIP_HEIGHT, |_| STRIP_HEIGHT - OWN_HEIGHT);
-        let ends = (self.time_x(segment.from), self.time_x(segment.to));
-        word(self.out, segment.look, ends, y, free);
+        let free = segment.own_fault().map_or(BAR_HEIGHT, |_| BAR_HEIGHT - OWN_HEIGHT);
+        let ends = (self.axis().x(segment.from), self.axis().x(segment.to));
+        self.out.push_str(&fitting_word(segment.look, ends, y, free));
     }
 
     /// The tooltip of a segment.
@@ -157,7 +190,7 @@ impl Drawing<'_> {
         let (from, to) = (relative(segment.from, zero), relative(segment.to, zero));
         let mut words = format!("{}: {} from {from} s to {to} s", strip.name, long_word(segment.look));
         match (&segment.cause, segment.look) {
-            (Some(cause), Look::Owed) => {
+            (Some(cause), Look::Attributed) => {
                 let _ = write!(words, ", owed to {cause}");
             }
             (Some(cause), _) => {
@@ -174,20 +207,17 @@ impl Drawing<'_> {
         words
     }
 
-    fn axis(&mut self) {
+    fn draw_axis(&mut self) {
         let (left, right) = (self.x + LABEL_WIDTH, self.x + LABEL_WIDTH + PLOT_WIDTH);
         let (top, bottom) = (self.strip_y(0) - 4.0, self.bottom());
         let zero = self.panel.zero.as_ref().map_or(Timestamp::ZERO, |(zero, _)| *zero);
-        let step = tick_step(self.panel.to.since(self.panel.from));
-        let mut tick = first_tick(self.panel.from, zero, step);
-        while tick <= self.panel.to {
-            let (x, text_y) = (self.time_x(tick), bottom + 15.0);
+        for tick in self.axis().ticks(zero) {
+            let (x, text_y) = (self.axis().x(tick), bottom + 15.0);
             let text = relative(tick, zero);
             let _ = writeln!(
                 self.out,
                 "<path class=\"grid\" d=\"M{x:.1} {top:.1}V{bottom:.1}\"/><text class=\"tick\" text-anchor=\"middle\" x=\"{x:.1}\" y=\"{text_y:.1}\">{text}</text>"
             );
-            tick = tick + step;
         }
         let (middle, title_y) = (left.midpoint(right), bottom + 31.0);
         let _ = writeln!(self.out, "<path class=\"axis\" d=\"M{left:.1} {bottom:.1}H{right:.1}\"/>");
@@ -202,7 +232,7 @@ impl Drawing<'_> {
         if !(self.panel.from..=self.panel.to).contains(at) {
             return;
         }
-        let (x, top, bottom) = (self.time_x(*at), self.strip_y(0) - 6.0, self.bottom());
+        let (x, top, bottom) = (self.axis().x(*at), self.strip_y(0) - 6.0, self.bottom());
         let (tip, left, right, text_y) = (top + 1.0, x - 4.5, x + 4.5, top - 9.0);
         let event = escaped(event);
         let _ = writeln!(self.out, "<path class=\"zero\" d=\"M{x:.1} {top:.1}V{bottom:.1}\"/>");
@@ -218,11 +248,11 @@ impl Drawing<'_> {
     }
 
     fn arrow(&mut self, at: Timestamp, symptom: usize, cause: usize) {
-        let x = self.time_x(at);
+        let x = self.axis().x(at);
         let (from, to) = (self.strip_y(symptom), self.strip_y(cause));
         let down = to > from;
-        let start = from + STRIP_HEIGHT / 2.0;
-        let end = if down { to } else { to + STRIP_HEIGHT };
+        let start = from + BAR_HEIGHT / 2.0;
+        let end = if down { to } else { to + BAR_HEIGHT };
         let back = if down { end - 7.0 } else { end + 7.0 };
         let (left, right) = (x - 4.5, x + 4.5);
         let _ = writeln!(
@@ -232,36 +262,30 @@ impl Drawing<'_> {
     }
 }
 
-/// The state that a node reports behind an IGNORE, if it is worse than OK.
-fn worth_a_line(segment: &Segment) -> Option<State> {
-    segment.own.filter(|own| *own > State::Ok)
-}
-
 /// The state in a bar: its word, a letter or nothing, depending on the room.
-fn word(out: &mut String, look: Look, (left, right): (f64, f64), y: f64, height: f64) {
-    let room = |text: &str| text.chars().count() as f64 * LETTER_WIDTH + 4.0 <= right - left;
-    let Some(text) = [short_word(look), letter(look)].into_iter().find(|text| room(text)) else { return };
-    if text.is_empty() {
-        return;
-    }
+fn fitting_word(look: Look, (left, right): (f64, f64), y: f64, height: f64) -> String {
+    let width = |text: &str| text.chars().count() as f64 * LETTER_WIDTH;
+    let fits = |text: &&str| width(text) + 4.0 <= right - left;
+    let Some(text) = [short_word(look), letter(look)].into_iter().find(fits).filter(|text| !text.is_empty())
+    else {
+        return String::new();
+    };
     let (x, text_y) = (left.midpoint(right), y + height / 2.0 + 3.9);
-    if matches!(look, Look::Masked | Look::NotRelevant | Look::Unknown | Look::NotKnown) {
-        let width = text.chars().count() as f64 * LETTER_WIDTH;
-        let (plate, top) = (x - width / 2.0, y + height / 2.0 - 6.0);
-        let _ = write!(
-            out,
-            "<rect class=\"plate\" x=\"{plate:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"12\" rx=\"2\"/>"
-        );
+    let text_svg = word(class(look), &format!("{x:.1}"), text_y, text);
+    if !matches!(look, Look::Masked | Look::NotRelevant | Look::Unknown | Look::NotKnown) {
+        return text_svg;
     }
-    let class = class(look);
-    let _ = write!(out, "<text class=\"word word-{class}\" x=\"{x:.1}\" y=\"{text_y:.1}\">{text}</text>");
+    let (plate, top, width) = (x - width(text) / 2.0, y + height / 2.0 - 6.0, width(text));
+    format!(
+        "<rect class=\"plate\" x=\"{plate:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"12\" rx=\"2\"/>{text_svg}"
+    )
 }
 
 fn short_word(look: Look) -> &'static str {
     match look {
         Look::Ok => "OK",
         Look::Warning => "WARNING",
-        Look::Error | Look::Owed => "ERROR",
+        Look::Error | Look::Attributed => "ERROR",
         Look::Masked | Look::NotRelevant => "IGNORE",
         Look::Unknown => "UNKNOWN",
         Look::True => "true",
@@ -273,7 +297,7 @@ fn short_word(look: Look) -> &'static str {
 fn letter(look: Look) -> &'static str {
     match look {
         Look::Warning => "W",
-        Look::Error | Look::Owed => "E",
+        Look::Error | Look::Attributed => "E",
         Look::Masked | Look::NotRelevant => "I",
         Look::Unknown | Look::NotKnown => "?",
         Look::Ok | Look::True | Look::False => "",
@@ -285,7 +309,7 @@ fn long_word(look: Look) -> &'static str {
         Look::Ok => "OK",
         Look::Warning => "WARNING",
         Look::Error => "ERROR",
-        Look::Owed => "ERROR, owed to the cause that showed itself later",
+        Look::Attributed => "ERROR, owed to the cause that showed itself later",
         Look::Masked => "IGNORE, because what it depends on fails",
         Look::NotRelevant => "IGNORE, because the vehicle's state makes it pointless",
         Look::Unknown => "UNKNOWN",
@@ -307,7 +331,7 @@ fn legend(panels: &[Panel], width: f64) -> Legend {
         .into_iter()
         .map(|look| {
             let mut bar = format!("<rect class=\"bar bar-{}\" width=\"34\" height=\"14\"/>", class(look));
-            word(&mut bar, look, (0.0, 34.0), 0.0, 14.0);
+            bar += &fitting_word(look, (0.0, 34.0), 0.0, 14.0);
             (bar, long_word(look).to_owned())
         })
         .collect();
@@ -344,31 +368,4 @@ fn relative(at: Timestamp, zero: Timestamp) -> String {
     };
     let text = format!("{}.{:09}", nanos / 1_000_000_000, nanos % 1_000_000_000);
     format!("{sign}{}", text.trim_end_matches('0').trim_end_matches('.'))
-}
-
-fn ending(text: &str, letters: usize) -> String {
-    let count = text.chars().count();
-    if count <= letters {
-        return text.to_owned();
-    }
-    let kept: String = text.chars().skip(count + 1 - letters).collect();
-    format!("\u{2026}{kept}")
-}
-
-fn escaped(text: &str) -> String {
-    // Characters that would change the reading direction are shown by their number, as on a terminal.
-    let text = plain::escaped(text);
-    let mut escaped = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => escaped.push_str("&amp;"),
-            '<' => escaped.push_str("&lt;"),
-            '>' => escaped.push_str("&gt;"),
-            '"' => escaped.push_str("&quot;"),
-            // Characters that XML cannot contain in any form.
-            c if c.is_control() => escaped.push(' '),
-            c => escaped.push(c),
-        }
-    }
-    escaped
 }
