@@ -61,7 +61,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let Some(file) = &args.file else {
-        print(config::SCHEMA);
+        print(&config::schema());
         return Ok(ExitCode::SUCCESS);
     };
     let examined = match file.as_os_str() == "-" {

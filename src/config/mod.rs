@@ -20,14 +20,16 @@ use std::sync::Arc;
 use self::publishing::Publishing;
 use self::soundness::Soundness;
 use crate::engine::model::Model;
-use crate::yaml::{FromNode, Log, Node, Problem, Problems, Sources, Span, Spanned, tree};
+use crate::yaml::{FromNode, Log, Node, Problem, Problems, Schema, Sources, Span, Spanned, tree};
 use describe::places::Places;
 
 /// More files than this are not included.
 const FILES_MAX: usize = 64;
 
 /// The JSON Schema of a configuration, for editors.
-pub const SCHEMA: &str = include_str!("schema.json");
+pub fn schema() -> String {
+    Schema::of::<file::File>()
+}
 
 /// A configuration that was checked.
 #[derive(Debug, Clone)]

@@ -1,30 +1,49 @@
 //! From the tree to types. Problems are logged and reading goes on.
 
 use super::problem::Problem;
+use super::schema;
+use super::schema::{Members, Schema};
 use super::source::Span;
 use super::tree::{Key, Kind, Node};
 
-/// Collects problems.
+/// Collects problems, or the schema of what is decoded.
 #[derive(Debug, Default)]
-pub struct Log(Vec<Problem>);
+pub struct Log {
+    problems: Vec<Problem>,
+    /// Present while decoders describe themselves; problems do not count then.
+    pub(super) schema: Option<Schema>,
+}
 
 impl Log {
+    pub(super) fn describing(schema: Schema) -> Log {
+        Log { problems: Vec::new(), schema: Some(schema) }
+    }
+
+    pub(super) fn into_schema(self) -> Schema {
+        self.schema.unwrap_or_default()
+    }
+
     pub fn push(&mut self, problem: Problem) {
-        self.0.push(problem);
+        self.problems.push(problem);
     }
 
     pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.problems.is_empty()
     }
 
     pub fn into_problems(self) -> Vec<Problem> {
-        self.0
+        self.problems
     }
 }
 
 /// A type that is read from a node. `None` if it could not be read; the log says why.
 pub trait FromNode: Sized {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self>;
+
+    /// How it is written, for the schema. By default it is a map, whose decoder describes it.
+    fn form(schema: &mut Schema) -> Members {
+        schema.decoder(Self::from_node)
+    }
 }
 
 /// A value with its place.
@@ -37,6 +56,10 @@ pub struct Spanned<T> {
 impl<T: FromNode> FromNode for Spanned<T> {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         T::from_node(node, log).map(|value| Spanned { value, span: node.span })
+    }
+
+    fn form(schema: &mut Schema) -> Members {
+        T::form(schema)
     }
 }
 
@@ -53,6 +76,10 @@ impl<T: FromNode> FromNode for Vec<T> {
             }
         }
     }
+
+    fn form(schema: &mut Schema) -> Members {
+        schema::list(T::form(schema))
+    }
 }
 
 /// A list that is `None` if one of its items cannot be read.
@@ -64,6 +91,10 @@ impl<T: FromNode> FromNode for All<T> {
         let items: Vec<T> = Vec::from_node(node, log)?;
         let written = if let Kind::Sequence(written) = &node.kind { written.len() } else { 0 };
         (items.len() == written).then_some(All(items))
+    }
+
+    fn form(schema: &mut Schema) -> Members {
+        Vec::<T>::form(schema)
     }
 }
 
@@ -83,11 +114,19 @@ impl FromNode for String {
             }
         }
     }
+
+    fn form(_: &mut Schema) -> Members {
+        schema::of_type("string")
+    }
 }
 
 impl FromNode for bool {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         word(node, log, "truth value", &[("true", true), ("false", false)])
+    }
+
+    fn form(_: &mut Schema) -> Members {
+        schema::of_type("boolean")
     }
 }
 
@@ -100,6 +139,10 @@ impl FromNode for u64 {
             log.push(problem.help("write digits only, for example `12`"));
         }
         number
+    }
+
+    fn form(_: &mut Schema) -> Members {
+        schema::of_type("integer")
     }
 }
 
@@ -125,6 +168,10 @@ impl FromNode for f64 {
         }
         number
     }
+
+    fn form(_: &mut Schema) -> Members {
+        schema::of_type("number")
+    }
 }
 
 /// A map with free keys.
@@ -146,6 +193,10 @@ impl<T: FromNode> FromNode for Entries<T> {
         let read = |(key, value): &(Key, Node)| T::from_node(value, log).map(|value| (key.clone(), value));
         Some(Entries(entries.iter().filter_map(read).collect()))
     }
+
+    fn form(schema: &mut Schema) -> Members {
+        schema::entries(T::form(schema))
+    }
 }
 
 /// A map with free keys that is `None` if one of its entries cannot be read.
@@ -158,73 +209,9 @@ impl<T: FromNode> FromNode for AllEntries<T> {
         let written = if let Kind::Mapping(written) = &node.kind { written.len() } else { 0 };
         (entries.len() == written).then_some(AllEntries(entries))
     }
-}
 
-/// A map with given keys. Keys that nobody asked for by the end are unknown keys.
-#[derive(Debug)]
-pub struct Fields<'n, 'l> {
-    /// With its article: `a group`.
-    what: &'static str,
-    span: Span,
-    entries: &'n [(Key, Node)],
-    asked: Vec<&'static str>,
-    pub log: &'l mut Log,
-}
-
-impl<'n, 'l> Fields<'n, 'l> {
-    pub fn of(node: &'n Node, what: &'static str, log: &'l mut Log) -> Option<Self> {
-        let entries = mapping(node, what, log)?;
-        Some(Fields { what, span: node.span, entries, asked: Vec::new(), log })
-    }
-
-    /// The value of a key, as a tree.
-    pub fn node(&mut self, key: &'static str) -> Option<&'n Node> {
-        if !self.asked.contains(&key) {
-            self.asked.push(key);
-        }
-        self.entries.iter().find(|(found, _)| found.text == key).map(|(_, value)| value)
-    }
-
-    pub fn optional<T: FromNode>(&mut self, key: &'static str) -> Option<T> {
-        let node = self.node(key)?;
-        T::from_node(node, self.log)
-    }
-
-    pub fn or_default<T: FromNode + Default>(&mut self, key: &'static str) -> T {
-        self.optional(key).unwrap_or_default()
-    }
-
-    pub fn required<T: FromNode>(&mut self, key: &'static str) -> Option<T> {
-        let node = self.node(key);
-        if node.is_none() {
-            let problem = Problem::at(self.span, format!("{} needs `{key}`", self.what));
-            self.log.push(problem.help(format!("add `{key}: ...`")));
-        }
-        T::from_node(node?, self.log)
-    }
-
-    /// The place of a key, if it is there.
-    pub fn key_span(&self, key: &str) -> Option<Span> {
-        self.entries.iter().find(|(found, _)| found.text == key).map(|(found, _)| found.span)
-    }
-
-    pub fn span(&self) -> Span {
-        self.span
-    }
-
-    /// Whether the code asked for this key.
-    pub fn knows(&self, key: &str) -> bool {
-        self.asked.contains(&key)
-    }
-
-    /// Logs every key that the code did not ask for.
-    pub fn finish(self) {
-        for (key, _) in self.entries.iter().filter(|(key, _)| !self.asked.contains(&key.text.as_str())) {
-            let problem = Problem::at(key.span, format!("unknown key `{}` in {}", key.text, self.what));
-            let help = suggest(&key.text, self.asked.iter().copied())
-                .map_or_else(|| format!("known here: {}", self.asked.join(", ")), did_you_mean);
-            self.log.push(problem.help(help));
-        }
+    fn form(schema: &mut Schema) -> Members {
+        Entries::<T>::form(schema)
     }
 }
 
@@ -298,7 +285,7 @@ pub fn did_you_mean(name: &str) -> String {
     format!("did you mean `{name}`?")
 }
 
-fn mapping<'n>(node: &'n Node, what: &str, log: &mut Log) -> Option<&'n [(Key, Node)]> {
+pub(super) fn mapping<'n>(node: &'n Node, what: &str, log: &mut Log) -> Option<&'n [(Key, Node)]> {
     match &node.kind {
         Kind::Mapping(entries) => Some(entries),
         _ => {

@@ -4,13 +4,17 @@
 //! serde stops at the first error, so the tree is made from the parser's events.
 
 pub mod decode;
+mod fields;
 pub mod plain;
 pub mod problem;
+pub mod schema;
 mod slips;
 pub mod source;
 pub mod tree;
 
-pub use decode::{Fields, FromNode, Log, Spanned, suggest};
+pub use decode::{FromNode, Log, Spanned, suggest};
+pub use fields::Fields;
 pub use problem::{Problem, Problems};
+pub use schema::{KeyDoc, MapDoc, Members, Schema, key, map};
 pub use source::{Sources, Span};
 pub use tree::{Kind, Node};

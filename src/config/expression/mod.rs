@@ -22,7 +22,7 @@ use crate::yaml::{Log, Problem, Span, Spanned};
 use check::{Check, Kind, offset, point};
 use compare::With;
 
-const TEXT_BYTES_MAX: usize = 1000;
+pub(super) const TEXT_BYTES_MAX: usize = 1000;
 
 /// Words of the language that cannot name an input.
 const RESERVED: [&str; 6] = ["true", "false", "null", "in", "math", "double"];

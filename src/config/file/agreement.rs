@@ -2,11 +2,11 @@
 
 use super::bands;
 use super::bands::{Unit, bands};
-use super::monitors::{Monitor, Source, WINDOW_MAX, age, span};
+use super::monitors::{MAX_AGE, Monitor, Source, WINDOW_MAX, age, span};
 use super::sources::AnySource;
 use crate::engine::model::monitors::{AgreementRule, Bands, FieldKind};
 use crate::engine::time;
-use crate::yaml::{Fields, Log, Node, Problem, Span};
+use crate::yaml::{Fields, KeyDoc, Log, MapDoc, Node, Problem, Span, key, map};
 
 /// The limits as they are written, whatever the sources are.
 struct Limits {
@@ -21,12 +21,18 @@ struct Limits {
     of_list: Option<Span>,
 }
 
+const MOTION_OVER: KeyDoc =
+    key("motion_over").about("Compares the motion over this time instead of the positions.");
+
 pub(in crate::config) fn agreement(node: &Node, log: &mut Log) -> Option<Monitor> {
-    let mut fields = Fields::of(node, "an agreement monitor", log)?;
+    let doc = map("agreement", "an agreement monitor").about(
+        "Two independent sources; limits on the absolute difference, for poses on the translation and the rotation, for lists on the difference in number and the distance to the nearest.",
+    );
+    let mut fields = Fields::of(node, doc, log)?;
     let a = fields.required("a").map(|AnySource(source)| source);
     let b = fields.required("b").map(|AnySource(source)| source);
-    let max_age = age(&mut fields, "max_age");
-    let motion_over = span(&mut fields, "motion_over", time::Span::from_nanos(1), WINDOW_MAX);
+    let max_age = age(&mut fields, MAX_AGE);
+    let motion_over = span(&mut fields, MOTION_OVER, time::Span::from_nanos(1), WINDOW_MAX);
     let limits = Limits::of(&mut fields);
     let motion = fields.key_span("motion_over");
     let kinds = a.as_ref().zip(b.as_ref()).map(|(a, b): (&Source, &Source)| (a.kind(), b.kind()));
@@ -57,16 +63,32 @@ fn unlike(node: &Node, a: FieldKind, b: FieldKind, log: &mut Log) {
 impl Limits {
     fn of(fields: &mut Fields) -> Limits {
         let numbers = bands(fields, Unit::Size);
-        let mut part = |key, what, unit| {
-            let node = fields.node(key)?;
-            bands::map(node, what, unit, fields.log)
+        let mut part = |name, doc: MapDoc, unit| {
+            let read = |node: &Node, log: &mut Log| bands::map(node, doc, unit, log);
+            fields.optional_by(name, |schema| schema.decoder(read), read)
         };
+        let nearest = map("nearest", "the limits of a distance").about(
+            "In metres on the ground: of any position in one list to the nearest in the other, the largest of both lists.",
+        );
         Limits {
             numbers,
-            translation: part("translation", "the limits of a translation", Unit::Size),
-            rotation_deg: part("rotation_deg", "the limits of a rotation", Unit::Degrees),
-            count: part("count", "the limits of a difference in number", Unit::Size),
-            nearest: part("nearest", "the limits of a distance", Unit::Size),
+            translation: part(
+                "translation",
+                map("translation", "the limits of a translation").about("In metres."),
+                Unit::Size,
+            ),
+            rotation_deg: part(
+                "rotation_deg",
+                map("rotation", "the limits of a rotation").about("In degrees."),
+                Unit::Degrees,
+            ),
+            count: part(
+                "count",
+                map("count", "the limits of a difference in number")
+                    .about("In positions: by how many the two lists differ."),
+                Unit::Size,
+            ),
+            nearest: part("nearest", nearest, Unit::Size),
             has_numbers: bands::any(fields),
             of_pose: ["translation", "rotation_deg"].into_iter().find_map(|key| fields.key_span(key)),
             of_list: ["count", "nearest"].into_iter().find_map(|key| fields.key_span(key)),

@@ -1,13 +1,16 @@
 //! Limits as they are written: up to four, in an order that makes sense.
 
-use super::units;
+use super::{forms, units};
 use crate::engine::model::monitors::Bands;
 use crate::yaml::decode::scalar;
-use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned};
+use crate::yaml::schema::{least, most, needs_any, of_type};
+use crate::yaml::{
+    Fields, FromNode, KeyDoc, Log, MapDoc, Members, Node, Problem, Schema, Span, Spanned, key,
+};
 
 const KEYS: [&str; 4] = ["warning_below", "error_below", "warning_above", "error_above"];
 
-/// What the limits of a monitor are written in.
+/// The unit of a monitor's limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::config) enum Unit {
     /// Any number.
@@ -49,6 +52,16 @@ impl Unit {
         }
     }
 
+    fn form(self, schema: &mut Schema) -> Members {
+        match self {
+            Unit::Number => of_type("number"),
+            Unit::Size => [of_type("number"), vec![least(0)]].concat(),
+            Unit::Hertz => forms::rate(schema),
+            Unit::Duration => forms::signed_duration(schema),
+            Unit::Degrees => [of_type("number"), vec![least(0), most(180)]].concat(),
+        }
+    }
+
     /// The least and the most that can be measured.
     fn range(self) -> (f64, f64) {
         match self {
@@ -73,19 +86,19 @@ fn seconds(text: &str) -> Option<f64> {
 
 /// Reads the four keys. The log says what cannot be; no limit at all can.
 pub(in crate::config) fn bands(fields: &mut Fields, unit: Unit) -> Bands {
-    of_keys(fields, unit, |_| true)
+    of_keys(fields, unit, KEYS.map(|name| Some(key(name))))
 }
 
-/// The same for what can only be too much: the other two keys are unknown.
-pub(in crate::config) fn above(fields: &mut Fields, unit: Unit) -> Bands {
-    of_keys(fields, unit, |key| key.ends_with("above"))
+/// The same for a duration that can only be too long: the other two keys are unknown.
+pub(in crate::config) fn durations_above(fields: &mut Fields, about: &'static str) -> Bands {
+    let doc = |name: &'static str| key(name).about(about).form(forms::duration);
+    of_keys(fields, Unit::Duration, KEYS.map(|name| name.ends_with("above").then(|| doc(name))))
 }
 
-fn of_keys(fields: &mut Fields, unit: Unit, is_wanted: impl Fn(&str) -> bool) -> Bands {
-    let limits = KEYS.map(|key| {
-        let node = is_wanted(key).then(|| fields.node(key)).flatten()?;
-        unit.read(node, fields.log).map(|value| Spanned { value, span: node.span })
-    });
+fn of_keys(fields: &mut Fields, unit: Unit, keys: [Option<KeyDoc>; 4]) -> Bands {
+    let read =
+        |node: &Node, log: &mut Log| unit.read(node, log).map(|value| Spanned { value, span: node.span });
+    let limits = keys.map(|key| fields.optional_by(key?, |schema| unit.form(schema), read));
     let (least, most) = unit.range();
     for (limit, key) in limits.iter().zip(KEYS) {
         let Some(limit) = limit else { continue };
@@ -125,7 +138,17 @@ fn check_order(lower: Option<Spanned<f64>>, upper: Option<Spanned<f64>>, text: &
     }
 }
 
-/// Logs that nothing limits anything.
+/// Reads the four keys; one of them has to be there.
+pub(in crate::config) fn some_bands(fields: &mut Fields, unit: Unit) -> Bands {
+    fields.rule(|| needs_any(&KEYS.each_ref().map(std::slice::from_ref)));
+    let found = bands(fields, unit);
+    if !any(fields) {
+        without_a_limit(fields.span(), "", fields.log);
+    }
+    found
+}
+
+/// Logs that there is no limit.
 pub(in crate::config) fn without_a_limit(span: Span, more: &str, log: &mut Log) {
     let problem = Problem::at(span, "without a limit this would never be anything but OK");
     log.push(problem.help(format!("add at least one of {}{more}", KEYS.join(", "))));
@@ -137,12 +160,9 @@ pub(in crate::config) fn any(fields: &Fields) -> bool {
 }
 
 /// Limits in a map of their own.
-pub(in crate::config) fn map(node: &Node, what: &'static str, unit: Unit, log: &mut Log) -> Option<Bands> {
-    let mut fields = Fields::of(node, what, log)?;
-    let found = bands(&mut fields, unit);
-    if !any(&fields) {
-        without_a_limit(node.span, "", fields.log);
-    }
+pub(in crate::config) fn map(node: &Node, doc: MapDoc, unit: Unit, log: &mut Log) -> Option<Bands> {
+    let mut fields = Fields::of(node, doc, log)?;
+    let found = some_bands(&mut fields, unit);
     fields.finish();
     Some(found)
 }

@@ -1,11 +1,15 @@
-//! Countermeasures as they are written (`DESIGN.md` 5).
+//! Countermeasures as they are written: the request, when it is made, and how it is confirmed.
 
+use super::forms;
+use super::forms::default_span;
 use crate::engine::model::Stage;
 use crate::engine::model::countermeasure::Request;
+use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::state::State;
 use crate::engine::time;
 use crate::yaml::decode::{All, scalar, word};
-use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned};
+use crate::yaml::schema::{default, most, needs_one, not_empty, words};
+use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned, key, map};
 
 /// The strongest that passengers who stand can be asked to bear.
 const MPS2_MAX: f64 = 3.0;
@@ -37,17 +41,29 @@ pub(in crate::config) enum RawConfirmedBy {
 
 impl FromNode for RawRule {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "a countermeasure", log)?;
-        let kind = fields.node("request");
+        let doc = map("countermeasure", "a countermeasure")
+            .about("When one of the nodes shows the state in one of the stages, the request is made.")
+            .rules(|| vec![("required", vec!["request", "when"].into())]);
+        let mut fields = Fields::of(node, doc, log)?;
+        let kind = fields.node(key("request").form(|_| words(RequestKind::ALL.map(RequestKind::as_str))));
         if kind.is_none() {
             let problem = Problem::at(node.span, "a countermeasure needs `request`");
             fields.log.push(problem.help("add `request: decelerate`, `maneuver_stop` or `notify`"));
         }
-        let mps2: Option<Spanned<f64>> = fields.optional("mps2");
+        let mps2: Option<Spanned<f64>> = fields.optional(
+            key("mps2")
+                .about("Strength of a deceleration in m/s².")
+                .rules(|| vec![("exclusiveMinimum", 0.into()), most(MPS2_MAX), default(MPS2)]),
+        );
         let request = kind.and_then(|node| request(node, mps2, fields.log));
         let when = fields.required("when");
-        let by = fields.optional("confirmed_by");
-        let within: Option<Spanned<time::Span>> = fields.optional("within");
+        let by =
+            fields.optional(key("confirmed_by").about("How the vehicle says that it does what was asked."));
+        let within: Option<Spanned<time::Span>> = fields.optional(
+            key("within")
+                .about("Later than this after the request it counts as not confirmed; up to 1m.")
+                .rules(|| vec![default_span(WITHIN)]),
+        );
         if let Some(within) = within {
             if within.value.is_zero() || within.value > WITHIN_MAX {
                 let problem = Problem::at(within.span, "`within` is not between 0 and 1m");
@@ -99,16 +115,25 @@ fn request(node: &Node, mps2: Option<Spanned<f64>>, log: &mut Log) -> Option<Req
 
 impl FromNode for RawWhen {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "the `when` of a countermeasure", log)?;
-        let mut names = |key| match fields.optional::<All<_>>(key) {
+        let doc =
+            map("rule_when", "the `when` of a countermeasure").about("Groups or modules, one at least.");
+        let mut fields = Fields::of(node, doc, log)?;
+        let mut names = |name| match fields.optional::<All<_>>(key(name).form(forms::nodes)) {
             Some(All(names)) => Some(names),
-            // The log says what is wrong with it: it is not that nothing is watched.
-            None => fields.key_span(key).is_none().then(Vec::new),
+            // A list that cannot be read is not an empty list; the log has the reason.
+            None => fields.key_span(name).is_none().then(Vec::new),
         };
         let (groups, modules) = (names("groups"), names("modules"));
         let states = [State::Warning, State::Unknown, State::Error].map(|state| (state.as_str(), state));
-        let state = fields.node("state").and_then(|node| word(node, fields.log, "state", &states));
-        let stages: Option<Spanned<All<Stage>>> = fields.optional("stages");
+        let state = key("state").about(
+            "This state or a worse one: `warning` < `unknown` < `error`. `error` by default; `warning` for `notify`.",
+        );
+        let state = fields.choice(state, "state", &states);
+        let stages = key("stages").rules(|| {
+            let default = default(vec![Stage::Active.as_str()]);
+            not_empty().into_iter().chain([default]).collect()
+        });
+        let stages: Option<Spanned<All<Stage>>> = fields.optional(stages);
         if let Some(empty) = stages.as_ref().filter(|stages| stages.value.0.is_empty()) {
             let problem = Problem::at(empty.span, "without a stage this would never be asked for");
             fields.log.push(problem.help("name the stages, or remove `stages`: then it is `[active]`"));
@@ -121,8 +146,11 @@ impl FromNode for RawWhen {
 
 impl FromNode for RawConfirmedBy {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "a confirmation", log)?;
-        let (signal, status) = (fields.optional("signal"), fields.optional("status"));
+        let doc =
+            map("confirmation", "a confirmation").rules(|| vec![needs_one(&[&["signal"], &["status"]])]);
+        let mut fields = Fields::of(node, doc, log)?;
+        let signal = fields.optional(key("signal").about("The signal that is true then."));
+        let status = fields.optional(key("status").about("The status that is OK then."));
         if fields.key_span("signal").is_some() == fields.key_span("status").is_some() {
             let problem = Problem::at(node.span, "a confirmation needs either `signal` or `status`");
             fields.log.push(problem.help("for example `confirmed_by: { signal: braking }`"));

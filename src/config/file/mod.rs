@@ -1,9 +1,10 @@
 //! The file as it is written: every key of a configuration, with its place. Nothing here is checked against
-//! anything else; `resolve` does that.
+//! anything else; `resolve` does that. The JSON Schema is made of what stands beside each key.
 
 pub(super) mod agreement;
 pub(super) mod bands;
 pub(super) mod countermeasure;
+mod forms;
 pub(super) mod monitors;
 pub(super) mod nodes;
 pub(super) mod policy;
@@ -15,14 +16,20 @@ pub(super) mod units;
 pub(super) mod watchdog;
 pub(super) mod wording;
 
+use std::ops::RangeInclusive;
+
 use crate::engine::model::monitors::StampClock;
-use crate::engine::model::{Other, StageModel};
+use crate::engine::model::{Driving, Limits as Bounds, Other, StageModel};
 use crate::engine::text::Text;
 use crate::engine::time;
 use crate::yaml::decode::{Entries, scalar, word};
-use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Span, Spanned};
+use crate::yaml::schema::{Json, default, least, most, one_of, words};
+use crate::yaml::{Fields, FromNode, Kind, Log, Members, Node, Problem, Schema, Span, Spanned, key, map};
 use countermeasure::RawRule;
-pub(super) use nodes::{Dependency, DependsOn, Filter, FilterKind, Group, Module, Tile, When, Writers};
+use forms::{ID, default_span, with_about};
+pub(super) use nodes::{
+    Dependency, DependsOn, Filter, FilterKind, Group, Module, TILE_MAX, Tile, When, Writers,
+};
 pub(super) use policy::Policy;
 use publishing::RawPublishing;
 pub(super) use signals::{Signal, SignalFrom};
@@ -56,7 +63,13 @@ pub(super) struct File {
 
 impl FromNode for File {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "a configuration", log)?;
+        let mut fields = Fields::of(
+            node,
+            map("configuration", "a configuration").about(
+                "The configuration of Telltale: a vehicle's groups and modules, what they depend on, and when they matter.",
+            ),
+            log,
+        )?;
         if let Some(span) = fields.key_span("modules") {
             fields.node("modules");
             let problem = Problem::at(span, "a module stands in no group");
@@ -67,21 +80,21 @@ impl FromNode for File {
         let main_only = main_only.into_iter().filter_map(|key| Some((key, fields.key_span(key)?)));
         let file = File {
             main_only: main_only.collect(),
-            include: fields.or_default("include"),
+            include: fields.or_default(key("include").about("Further files, relative to this one, whose lists are added to the lists of this one.")),
             vehicle: fields.optional("vehicle"),
-            signals: fields.or_default("signals"),
-            stops: fields.or_default("stops"),
+            signals: fields.or_default(key("signals").about("Named truth values of the vehicle, each from a topic or from a condition over values.").rules(|| vec![("propertyNames", Json::Object(vec![("$ref", "#/$defs/id".into())]))])),
+            stops: fields.or_default(key("stops").about("Where the vehicle stops and may be localized.")),
             defaults: fields.optional("defaults"),
             limits: fields.optional("limits"),
-            localized_after: fields.optional("localized_after"),
-            other: fields.optional("other"),
+            localized_after: fields.optional(key("localized_after").about("Localization counts as done when its group was OK for this long.").rules(|| vec![default_span(Driving::default().localized_after)])),
+            other: fields.optional(key("other").about("What becomes of statuses that no group takes: for developers alone, one line for the operator when one is not OK, or a tile like any other.").rules(|| vec![default(Other::default().as_str())])),
             groups_span: fields.key_span("groups"),
-            groups: fields.or_default("groups"),
-            countermeasures: fields.or_default("countermeasures"),
+            groups: fields.or_default(key("groups").about("The tiles of the operator's screen, in order.")),
+            countermeasures: fields.or_default(key("countermeasures").about("What the vehicle is asked to do when something fails.")),
             publish: fields.optional("publish"),
             diagnostics: fields.optional("diagnostics"),
-            clock: fields.optional("clock"),
-            message_folders: fields.or_default("message_folders"),
+            clock: fields.optional(key("clock").about("The clock of the stamps in messages: that of this machine, or the time on /clock, as nodes with use_sim_time have it.").rules(|| vec![default("system")])),
+            message_folders: fields.or_default(key("message_folders").about("Folders with `package/msg/Name.msg`, relative to this file, for types that are not built in: a ROS installation's `share`.")),
         };
         fields.finish();
         Some(file)
@@ -97,11 +110,15 @@ pub(super) struct Vehicle {
 
 impl FromNode for Vehicle {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "the vehicle", log)?;
+        let mut fields = Fields::of(node, map("vehicle", "the vehicle"), log)?;
         let vehicle = Vehicle {
-            id: fields.optional("id"),
+            id: fields.optional(ID),
             name: fields.optional("name"),
-            stages: fields.optional("stages"),
+            stages: fields.optional(
+                key("stages")
+                    .about("`none` for a machine that is no shuttle: it is always active.")
+                    .rules(|| vec![default("shuttle")]),
+            ),
         };
         fields.finish();
         Some(vehicle)
@@ -112,11 +129,19 @@ impl FromNode for StageModel {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         word(node, log, "stage model", &[("shuttle", StageModel::Shuttle), ("none", StageModel::None)])
     }
+
+    fn form(_: &mut Schema) -> Members {
+        words(["shuttle", "none"])
+    }
 }
 
 impl FromNode for Other {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         word(node, log, "way to treat other statuses", &Other::ALL.map(|other| (other.as_str(), other)))
+    }
+
+    fn form(_: &mut Schema) -> Members {
+        words(Other::ALL.map(Other::as_str))
     }
 }
 
@@ -131,13 +156,17 @@ pub(super) struct Stop {
 
 impl FromNode for Stop {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "a stop", log)?;
+        let mut fields = Fields::of(node, map("stop", "a stop"), log)?;
         let stop = Stop {
-            id: fields.required("id"),
+            id: fields.required(ID),
             name: fields.optional("name"),
-            x: fields.required("x"),
-            y: fields.required("y"),
-            yaw_deg: fields.optional("yaw_deg"),
+            x: fields.required(key("x").about("Metres in the map's frame.")),
+            y: fields.required(key("y").about("Metres in the map's frame.")),
+            yaw_deg: fields.optional(
+                key("yaw_deg")
+                    .about("Degrees, counter-clockwise from the x axis.")
+                    .rules(|| vec![default(0)]),
+            ),
         };
         fields.finish();
         Some(stop)
@@ -149,8 +178,9 @@ pub(super) struct Defaults(pub Policy);
 
 impl FromNode for Defaults {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "the defaults", log)?;
-        let forget_after = fields.optional("forget_after");
+        let about = "Holds for every module that has no value of its own.";
+        let mut fields = Fields::of(node, map("defaults", "the defaults").about(about), log)?;
+        let forget_after = fields.optional(key("forget_after").about("Modules that statuses make, also those in `other`, leave after this long without a report. It does not hold for modules under `modules`."));
         let defaults = Defaults(Policy { forget_after, ..Policy::of(&mut fields) });
         fields.finish();
         Some(defaults)
@@ -166,15 +196,41 @@ pub(super) struct Limits {
     pub source_bytes: Option<Spanned<u64>>,
 }
 
+/// What each limit may be.
+pub(super) const DISCOVERED_MODULES: RangeInclusive<u64> = 0..=1_000_000;
+pub(super) const VALUES_PER_STATUS: RangeInclusive<u64> = 0..=65_536;
+pub(super) const STRING_BYTES: RangeInclusive<u64> = 16..=1 << 20;
+pub(super) const STATUS_BYTES: RangeInclusive<u64> = 65_536..=1 << 30;
+pub(super) const SOURCE_BYTES_MIN: u64 = 16_384;
+
+fn bounded(range: &RangeInclusive<u64>, otherwise: Option<usize>) -> Members {
+    let bounds = [least(*range.start()), most(*range.end())];
+    bounds.into_iter().chain(otherwise.map(default)).collect()
+}
+
 impl FromNode for Limits {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "the limits", log)?;
+        let mut fields = Fields::of(
+            node,
+            map("limits", "the limits").about("Bounds on everything that is received."),
+            log,
+        )?;
         let limits = Limits {
-            discovered_modules: fields.optional("discovered_modules"),
-            values_per_status: fields.optional("values_per_status"),
-            string_bytes: fields.optional("string_bytes"),
-            status_bytes: fields.optional("status_bytes"),
-            source_bytes: fields.optional("source_bytes"),
+            discovered_modules: fields.optional(key("discovered_modules").rules(|| {
+                bounded(&DISCOVERED_MODULES, Some(Bounds::default().discovered_modules))
+            })),
+            values_per_status: fields.optional(key("values_per_status").rules(|| {
+                bounded(&VALUES_PER_STATUS, Some(Bounds::default().values_per_status))
+            })),
+            string_bytes: fields.optional(key("string_bytes").rules(|| {
+                bounded(&STRING_BYTES, Some(Bounds::default().string_bytes))
+            })),
+            status_bytes: fields.optional(key("status_bytes").about("Messages, hardware ids, keys and values of all statuses together take at most this; beyond it the longest are cut.").rules(|| {
+                bounded(&STATUS_BYTES, Some(Bounds::default().status_bytes))
+            })),
+            source_bytes: fields.optional(key("source_bytes").about("The same for one publisher, up to `status_bytes`. The default is half of `status_bytes`.").rules(|| {
+                bounded(&(SOURCE_BYTES_MIN..=*STATUS_BYTES.end()), None)
+            })),
         };
         fields.finish();
         Some(limits)
@@ -186,7 +242,11 @@ impl FromNode for Text {
         if scalar(node).is_some() || !matches!(node.kind, Kind::Mapping(_)) {
             return String::from_node(node, log).map(|text| Text::plain(&text));
         }
-        let mut fields = Fields::of(node, "a text in two languages", log)?;
+        let mut fields = Fields::of(
+            node,
+            map("languages", "a text in two languages").rules(|| vec![("minProperties", 1.into())]),
+            log,
+        )?;
         let (en, de): (Option<String>, Option<String>) = (fields.optional("en"), fields.optional("de"));
         if fields.key_span("en").is_none() && fields.key_span("de").is_none() {
             let problem = Problem::at(node.span, "a text needs `en` or `de`");
@@ -196,5 +256,13 @@ impl FromNode for Text {
         // One language is read by everybody.
         let (en, de) = (en.as_ref().or(de.as_ref())?.as_str(), de.as_ref().or(en.as_ref())?.as_str());
         Some(Text { en: en.into(), de: de.into() })
+    }
+
+    fn form(schema: &mut Schema) -> Members {
+        schema.define("text", |schema| {
+            let plain = vec![("type", vec!["string", "number"].into())];
+            let forms = one_of([plain, schema.decoder(Self::from_node)]);
+            with_about("One text, or one in each language.", forms)
+        })
     }
 }

@@ -1,33 +1,40 @@
-//! Monitors as they are written (`DESIGN.md` 5).
+//! Monitors as they are written: one kind each, with its sources, its limits and its window.
 
 use super::agreement;
 use super::bands;
-use super::bands::{Unit, bands};
+use super::bands::{Unit, bands, some_bands};
+use super::forms::default_span;
 use super::sources::ScalarSource;
 pub(in crate::config) use super::sources::{Source, Topic};
 use super::watchdog;
+use crate::config::expression::TEXT_BYTES_MAX;
 use crate::engine::model::monitors::Class;
 use crate::engine::model::monitors::{AgreementRule, Bands, ProbeTarget, ValueRule};
 use crate::engine::model::sample::FieldValue;
 use crate::engine::time;
 use crate::yaml::decode::{AllEntries, did_you_mean};
-use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Spanned, suggest};
+use crate::yaml::schema::{Json, needs_any};
+use crate::yaml::{
+    Fields, FromNode, KeyDoc, Kind, Log, Members, Node, Problem, Schema, Spanned, key, map, suggest,
+};
 
-/// The kinds of monitor (`ENGINE.md` 7).
-pub(in crate::config) const KINDS: [&str; 10] = [
-    "self_state",
-    "frequency",
-    "latency",
-    "value",
-    "watchdog",
-    "rate_ratio",
-    "sequence",
-    "agreement",
-    "expression",
-    "external",
+pub(in crate::config) type Decoder = fn(&Node, &mut Log) -> Option<Monitor>;
+
+/// The kinds of monitor, each with its decoder.
+pub(in crate::config) const KINDS: [(&str, Decoder); 10] = [
+    ("self_state", self_state),
+    ("frequency", frequency),
+    ("latency", latency),
+    ("value", single),
+    ("watchdog", watchdog::watchdog),
+    ("rate_ratio", rate_ratio),
+    ("sequence", sequence),
+    ("agreement", agreement::agreement),
+    ("expression", expression),
+    ("external", external),
 ];
 
-/// What is kept grows with these.
+/// The memory of a monitor grows with these.
 pub(in crate::config) const WINDOW_MAX: time::Span = time::Span::from_secs(600);
 pub(in crate::config) const AGE_MAX: time::Span = time::Span::from_secs(3600);
 pub(in crate::config) const INPUTS_MAX: usize = 32;
@@ -103,47 +110,55 @@ impl FromNode for Monitor {
             log.push(problem.help("write `monitor: { KIND: { ... } }`"));
             return None;
         };
-        let known = || format!("one of: {}", KINDS.join(", "));
+        let names = KINDS.map(|(name, _)| name);
+        let known = || format!("one of: {}", names.join(", "));
         let [(kind, value)] = &entries[..] else {
             log.push(Problem::at(node.span, "a monitor has one kind").help(known()));
             return None;
         };
-        match kind.text.as_str() {
-            "self_state" => self_state(value, log),
-            "external" => external(value, log),
-            "frequency" => rate(value, log),
-            "latency" => latency(value, log),
-            "value" => single(value, log),
-            "watchdog" => watchdog::watchdog(value, log),
-            "rate_ratio" => rate_ratio(value, log),
-            "sequence" => sequence(value, log),
-            "agreement" => agreement::agreement(value, log),
-            "expression" => expression(value, log),
-            other => {
-                let help = suggest(other, KINDS).map_or_else(known, did_you_mean);
-                log.push(Problem::at(kind.span, format!("unknown kind of monitor `{other}`")).help(help));
-                None
-            }
-        }
+        let Some((_, read)) = KINDS.iter().find(|(name, _)| *name == kind.text) else {
+            let help = suggest(&kind.text, names).map_or_else(known, did_you_mean);
+            let text = format!("unknown kind of monitor `{}`", kind.text);
+            log.push(Problem::at(kind.span, text).help(help));
+            return None;
+        };
+        read(value, log)
+    }
+
+    fn form(schema: &mut Schema) -> Members {
+        let kinds = KINDS.map(|(name, read)| (name, Json::Object(schema.decoder(read))));
+        vec![
+            ("type", "object".into()),
+            ("additionalProperties", false.into()),
+            ("minProperties", 1.into()),
+            ("maxProperties", 1.into()),
+            ("properties", Json::Object(kinds.into())),
+        ]
     }
 }
 
+const MODULE_STATUS: KeyDoc = key("status").about("Needed where the module has no `status`.");
+
 fn self_state(node: &Node, log: &mut Log) -> Option<Monitor> {
-    let mut fields = Fields::of(node, "a self_state monitor", log)?;
-    let status = fields.optional("status");
+    let doc = map("self_state", "a self_state monitor").about("The level in a status.");
+    let mut fields = Fields::of(node, doc, log)?;
+    let status = fields.optional(MODULE_STATUS);
     fields.finish();
     Some(Monitor::SelfState { status })
 }
 
 fn external(node: &Node, log: &mut Log) -> Option<Monitor> {
-    let mut fields = Fields::of(node, "an external monitor", log)?;
-    let (status, class) = (fields.optional("status"), fields.required("class"));
+    let doc = map("external", "an external monitor")
+        .about("The level in a status of a domain-specific module elsewhere.");
+    let mut fields = Fields::of(node, doc, log)?;
+    let (status, class) = (fields.optional(MODULE_STATUS), fields.required("class"));
     fields.finish();
     Some(Monitor::External { status, class: class? })
 }
 
-fn rate(node: &Node, log: &mut Log) -> Option<Monitor> {
-    let mut fields = Fields::of(node, "a frequency monitor", log)?;
+fn frequency(node: &Node, log: &mut Log) -> Option<Monitor> {
+    let doc = map("frequency", "a frequency monitor").about("Messages in a second; limits in hertz.");
+    let mut fields = Fields::of(node, doc, log)?;
     let (topic, window) = (Topic::of(&mut fields), window(&mut fields));
     let bands = some_bands(&mut fields, Unit::Hertz);
     fields.finish();
@@ -151,7 +166,9 @@ fn rate(node: &Node, log: &mut Log) -> Option<Monitor> {
 }
 
 fn latency(node: &Node, log: &mut Log) -> Option<Monitor> {
-    let mut fields = Fields::of(node, "a latency monitor", log)?;
+    let doc = map("latency", "a latency monitor")
+        .about("Receipt minus the stamp in the header, the worst of the window; limits as durations.");
+    let mut fields = Fields::of(node, doc, log)?;
     let (topic, window) = (Topic::of(&mut fields), window(&mut fields));
     let bands = some_bands(&mut fields, Unit::Duration);
     fields.finish();
@@ -159,11 +176,15 @@ fn latency(node: &Node, log: &mut Log) -> Option<Monitor> {
 }
 
 fn single(node: &Node, log: &mut Log) -> Option<Monitor> {
-    let mut fields = Fields::of(node, "a value monitor", log)?;
+    let doc =
+        map("value", "a value monitor").about("One value against limits, or against the one that is good.");
+    let mut fields = Fields::of(node, doc, log)?;
     let source = Source::of(&mut fields, false);
     let bands = bands(&mut fields, Unit::Number);
-    let error: Option<Spanned<Literal>> = fields.optional("error_unless");
-    let warning: Option<Spanned<Literal>> = fields.optional("warning_unless");
+    let error: Option<Spanned<Literal>> =
+        fields.optional(key("error_unless").about("Any other value is an ERROR."));
+    let warning: Option<Spanned<Literal>> =
+        fields.optional(key("warning_unless").about("Any other value is a WARNING."));
     let unless = ["error_unless", "warning_unless"].into_iter().find_map(|key| fields.key_span(key));
     match (bands::any(&fields), unless) {
         (false, None) => {
@@ -207,10 +228,16 @@ impl FromNode for Literal {
             _ => FieldValue::Text(text.into()),
         }))
     }
+
+    fn form(_: &mut Schema) -> Members {
+        vec![("type", vec!["boolean", "number", "string"].into())]
+    }
 }
 
 fn rate_ratio(node: &Node, log: &mut Log) -> Option<Monitor> {
-    let mut fields = Fields::of(node, "a rate_ratio monitor", log)?;
+    let doc = map("rate_ratio", "a rate_ratio monitor")
+        .about("The rate of the output divided by that of the input.");
+    let mut fields = Fields::of(node, doc, log)?;
     let (input, output): (Option<Topic>, Option<Topic>) =
         (fields.required("input"), fields.required("output"));
     let window = window(&mut fields);
@@ -225,20 +252,26 @@ fn rate_ratio(node: &Node, log: &mut Log) -> Option<Monitor> {
 }
 
 fn sequence(node: &Node, log: &mut Log) -> Option<Monitor> {
-    let mut fields = Fields::of(node, "a sequence monitor", log)?;
+    let doc = map("sequence", "a sequence monitor").about("Later minus earlier.");
+    let mut fields = Fields::of(node, doc, log)?;
     let earlier = fields.required("earlier").map(|ScalarSource(source)| source);
     let later = fields.required("later").map(|ScalarSource(source)| source);
-    let max_gap = age(&mut fields, "max_gap");
+    let max_gap = age(&mut fields, key("max_gap").about("Values further apart are not compared."));
     let bands = some_bands(&mut fields, Unit::Number);
     fields.finish();
     Some(Monitor::Sequence { earlier: earlier?, later: later?, max_gap, bands })
 }
 
 fn expression(node: &Node, log: &mut Log) -> Option<Monitor> {
-    let mut fields = Fields::of(node, "an expression monitor", log)?;
-    let inputs: Option<AllEntries<ScalarSource>> = fields.required("inputs");
-    let max_age = age(&mut fields, "max_age");
-    let (warning, error) = (fields.optional("warning"), fields.optional("error"));
+    let doc = map("expression", "an expression monitor")
+        .about("Conditions over the latest values of several sources.")
+        .rules(|| vec![needs_any(&[&["warning"], &["error"]])]);
+    let mut fields = Fields::of(node, doc, log)?;
+    let inputs = key("inputs").about("The sources, by the names that the conditions use.").rules(input_rules);
+    let inputs: Option<AllEntries<ScalarSource>> = fields.required(inputs);
+    let max_age = age(&mut fields, MAX_AGE);
+    let warning = fields.optional(key("warning").form(condition));
+    let error = fields.optional(key("error").form(condition));
     if fields.key_span("warning").is_none() && fields.key_span("error").is_none() {
         let problem = Problem::at(node.span, "an expression needs `warning` or `error`");
         fields.log.push(problem.help("for example `error: x > 3 && !stopped`"));
@@ -264,34 +297,55 @@ fn expression(node: &Node, log: &mut Log) -> Option<Monitor> {
     Some(Monitor::Expression(Expression { inputs: named.collect(), max_age, warning, error, class }))
 }
 
-fn some_bands(fields: &mut Fields, unit: Unit) -> Bands {
-    let found = bands(fields, unit);
-    if !bands::any(fields) {
-        bands::without_a_limit(fields.span(), "", fields.log);
-    }
-    found
+/// The inputs of a condition: at least one, each with a name that a condition can use.
+pub(in crate::config) fn input_rules() -> Members {
+    let names = Json::Object(vec![("pattern", "^[A-Za-z_][A-Za-z0-9_]*$".into())]);
+    vec![
+        ("type", "object".into()),
+        ("minProperties", 1.into()),
+        ("maxProperties", INPUTS_MAX.into()),
+        ("propertyNames", names),
+    ]
+}
+
+fn condition(schema: &mut Schema) -> Members {
+    schema.define("condition", |_| {
+        let about = "In CEL: `speed > 3 && !stopped`. Numbers are doubles; functions are contains, startsWith, endsWith, double and those of math.";
+        vec![
+            ("description", about.into()),
+            ("type", vec!["string", "boolean"].into()),
+            ("maxLength", TEXT_BYTES_MAX.into()),
+        ]
+    })
 }
 
 fn window(fields: &mut Fields) -> time::Span {
-    span(fields, "window", time::Span::from_millis(1), WINDOW_MAX).unwrap_or(WINDOW)
+    let doc = key("window")
+        .about("The time over which the monitor judges: from 1ms to 10m.")
+        .rules(|| vec![default_span(WINDOW)]);
+    span(fields, doc, time::Span::from_millis(1), WINDOW_MAX).unwrap_or(WINDOW)
 }
 
-pub(in crate::config) fn age(fields: &mut Fields, key: &'static str) -> time::Span {
-    span(fields, key, time::Span::from_nanos(1), AGE_MAX).unwrap_or(AGE)
+pub(in crate::config) const MAX_AGE: KeyDoc = key("max_age").about("A value that is older is not used.");
+
+/// How old a value may be, or how far apart two values may be.
+pub(in crate::config) fn age(fields: &mut Fields, key: KeyDoc) -> time::Span {
+    let doc = key.rules(|| vec![default_span(AGE)]);
+    span(fields, doc, time::Span::from_nanos(1), AGE_MAX).unwrap_or(AGE)
 }
 
 /// A duration within bounds.
 pub(in crate::config) fn span(
     fields: &mut Fields,
-    key: &'static str,
+    doc: KeyDoc,
     least: time::Span,
     most: time::Span,
 ) -> Option<time::Span> {
-    let span: Spanned<time::Span> = fields.optional(key)?;
+    let span: Spanned<time::Span> = fields.optional(doc)?;
     if !(least..=most).contains(&span.value) {
         let (least, most) =
             (crate::config::describe::words::span(least), crate::config::describe::words::span(most));
-        let problem = Problem::at(span.span, format!("`{key}` is not between {least} and {most}"));
+        let problem = Problem::at(span.span, format!("`{}` is not between {least} and {most}", doc.name()));
         fields.log.push(problem.help("choose another duration"));
     }
     Some(span.value)

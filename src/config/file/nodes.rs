@@ -1,5 +1,7 @@
 //! Groups and modules as they are written, and their relations.
 
+use super::forms;
+use super::forms::{ID, WRITERS};
 use super::monitors::Monitor;
 use super::policy::Policy;
 use super::wording::RawWording;
@@ -9,7 +11,10 @@ use crate::engine::model::{Combine, Stage};
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::yaml::decode::{All, Entries, did_you_mean, scalar, word};
-use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Span, Spanned, suggest};
+use crate::yaml::schema::{Json, default, least, most, needs_any, needs_one, not_empty, one_of, words};
+use crate::yaml::{
+    Fields, FromNode, KeyDoc, Kind, Log, Members, Node, Problem, Schema, Span, Spanned, key, map, suggest,
+};
 
 #[derive(Debug)]
 pub(in crate::config) struct Group {
@@ -27,18 +32,24 @@ pub(in crate::config) struct Group {
 
 impl FromNode for Group {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "a group", log)?;
+        let mut fields = Fields::of(node, map("group", "a group"), log)?;
         let group = Group {
             span: fields.span(),
-            id: fields.required("id"),
+            id: fields.required(ID),
             name: fields.optional("name"),
             tile: fields.optional("tile"),
-            filters: fields.or_default("match"),
-            depends_on: fields.or_default("depends_on"),
+            filters: fields.or_default(
+                key("match").about("Statuses that match any of these become modules of this group."),
+            ),
+            depends_on: fields.or_default(DEPENDS_ON),
             when: fields.optional("when"),
-            combine: fields.optional("combine"),
+            combine: fields.optional(
+                key("combine")
+                    .about("`any`: redundant members; the best counts.")
+                    .rules(|| vec![default("worst")]),
+            ),
             modules: fields.or_default("modules"),
-            groups: fields.or_default("groups"),
+            groups: fields.or_default(key("groups").about("Groups inside of this one.")),
         };
         fields.finish();
         Some(group)
@@ -49,7 +60,16 @@ impl FromNode for Combine {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         word(node, log, "way to combine", &[("worst", Combine::Worst), ("any", Combine::Any)])
     }
+
+    fn form(_: &mut Schema) -> Members {
+        words(["worst", "any"])
+    }
 }
+
+const DEPENDS_ON: KeyDoc = key("depends_on").about("What must work before this can be judged.");
+
+/// The last column and the last row.
+pub(in crate::config) const TILE_MAX: u64 = 12;
 
 #[derive(Debug, Clone, Copy)]
 pub(in crate::config) struct Tile {
@@ -59,8 +79,11 @@ pub(in crate::config) struct Tile {
 
 impl FromNode for Tile {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "a tile", log)?;
-        let tile = Tile { column: fields.required("column"), row: fields.required("row") };
+        let about = "The place of a group of the top level on the operator's screen.";
+        let mut fields = Fields::of(node, map("tile", "a tile").about(about), log)?;
+        let range = || vec![least(1), most(TILE_MAX)];
+        let column = fields.required(key("column").rules(range));
+        let tile = Tile { column, row: fields.required(key("row").rules(range)) };
         fields.finish();
         Some(tile)
     }
@@ -95,10 +118,20 @@ impl FromNode for Filter {
             ("contains", FilterKind::Contains),
             ("regex", FilterKind::Regex),
         ];
-        let mut fields = Fields::of(node, "a filter", log)?;
-        let found: Vec<_> = KINDS.into_iter().filter(|(key, _)| fields.node(key).is_some()).collect();
+        let doc = map("filter", "a filter")
+            .rules(|| vec![needs_one(&[&["name"], &["namespace"], &["contains"], &["regex"]])]);
+        let mut fields = Fields::of(node, doc, log)?;
+        fields.may_have::<String>(key("name").about("The exact name."));
+        fields.may_have::<String>(key("namespace").about("Names that begin with this at a `/` or `:`."));
+        fields.may_have::<String>(key("contains").about("Names that contain this."));
+        fields.may_have::<String>(
+            key("regex")
+                .about("Names that this matches as a whole.")
+                .rules(|| vec![("format", "regex".into())]),
+        );
+        let found: Vec<_> = KINDS.into_iter().filter(|(key, _)| fields.node(*key).is_some()).collect();
         let policy = Policy::of_filter(&mut fields);
-        let writers = fields.optional("writers");
+        let writers = fields.optional(WRITERS);
         let filter = match found[..] {
             [(key, kind)] => {
                 let text = fields.optional(key);
@@ -166,9 +199,19 @@ impl FromNode for Dependency {
             let name = FromNode::from_node(node, log)?;
             return Some(Dependency { span, on: DependsOn::Node(name), masks_unknown: false });
         }
-        let mut fields = Fields::of(node, "a dependency", log)?;
-        let (on, any_of) = (fields.optional("on"), fields.optional::<All<_>>("any_of"));
-        let masks_when: Option<Spanned<All<MasksWhen>>> = fields.optional("masks_when");
+        let doc = map("long_dependency", "a dependency").rules(|| vec![needs_one(&[&["on"], &["any_of"]])]);
+        let mut fields = Fields::of(node, doc, log)?;
+        let on = fields.optional(key("on").form(forms::node));
+        let any_of = key("any_of")
+            .about("Redundant: it blocks only when every one of these does.")
+            .form(forms::nodes)
+            .rules(not_empty);
+        let any_of = fields.optional::<All<_>>(any_of);
+        let masks_when: Option<Spanned<All<MasksWhen>>> =
+            fields.optional(key("masks_when").about("The states of the dependency that mask.").rules(|| {
+                let error = ("contains", Json::Object(vec![("const", "error".into())]));
+                vec![("type", "array".into()), error, default(vec!["error"])]
+            }));
         if let Some(states) = masks_when.as_ref().filter(|states| !masks(states, State::Error)) {
             let problem = Problem::at(states.span, "`masks_when` lacks `error`");
             fields.log.push(problem.help("write `[error]` or `[error, unknown]`"));
@@ -183,6 +226,10 @@ impl FromNode for Dependency {
         let masks_unknown = masks_when.is_some_and(|states| masks(&states, State::Unknown));
         let on = on.map(DependsOn::Node).or(any_of.map(|All(names)| DependsOn::AnyOf(names)))?;
         Some(Dependency { span, on, masks_unknown })
+    }
+
+    fn form(schema: &mut Schema) -> Members {
+        schema.define("dependency", |schema| one_of([forms::node(schema), schema.decoder(Self::from_node)]))
     }
 }
 
@@ -199,6 +246,10 @@ impl FromNode for MasksWhen {
         let states = [State::Error, State::Unknown].map(|state| (state.as_str(), state));
         word(node, log, "masking state", &states).map(MasksWhen)
     }
+
+    fn form(_: &mut Schema) -> Members {
+        words([State::Error, State::Unknown].map(State::as_str))
+    }
 }
 
 #[derive(Debug)]
@@ -211,8 +262,12 @@ pub(in crate::config) struct When {
 
 impl FromNode for When {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "a `when`", log)?;
-        let stages: Option<Spanned<All<Stage>>> = fields.optional("stages");
+        let doc = map("when", "a `when`")
+            .about("Where a condition does not hold, the node is ignored.")
+            .rules(|| vec![("minProperties", 1.into())]);
+        let mut fields = Fields::of(node, doc, log)?;
+        let stages: Option<Spanned<All<Stage>>> =
+            fields.optional(key("stages").about("Without it, every stage but `locked`.").rules(not_empty));
         if let Some(empty) = stages.as_ref().filter(|stages| stages.value.0.is_empty()) {
             let problem = Problem::at(empty.span, "without a stage this would never be diagnosed");
             fields.log.push(problem.help("name the stages, or remove `stages`"));
@@ -222,7 +277,12 @@ impl FromNode for When {
             fields.log.push(problem.help("add `stages: [...]` or `signals: { NAME: true }`, or remove it"));
         }
         let stages = stages.map(|stages| stages.value.0).unwrap_or_default();
-        let when = When { span: node.span, stages, signals: fields.or_default("signals") };
+        let when = When {
+            span: node.span,
+            stages,
+            signals: fields
+                .or_default(key("signals").about("The value that each of these signals must have.")),
+        };
         fields.finish();
         Some(when)
     }
@@ -231,6 +291,10 @@ impl FromNode for When {
 impl FromNode for Stage {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         word(node, log, "stage", &Stage::ALL.map(|stage| (stage.as_str(), stage)))
+    }
+
+    fn form(schema: &mut Schema) -> Members {
+        schema.define("stage", |_| words(Stage::ALL.map(Stage::as_str)))
     }
 }
 
@@ -249,18 +313,21 @@ pub(in crate::config) struct Module {
 
 impl FromNode for Module {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "a module", log)?;
-        let status: Option<Spanned<String>> = fields.optional("status");
+        let doc = map("module", "a module").rules(|| vec![needs_any(&[&["status"], &["monitor"]])]);
+        let mut fields = Fields::of(node, doc, log)?;
+        let status: Option<Spanned<String>> = fields.optional(key("status").about(
+            "The exact name of the status that the module takes; beside `monitor` only with self_state and external.",
+        ));
         let mut module = Module {
             span: fields.span(),
-            id: fields.required("id"),
-            name: fields.optional("name"),
-            help: fields.optional("help"),
+            id: fields.required(ID),
+            name: fields.optional(key("name").about("What the fault is called. One text is for WARNING and ERROR.")),
+            help: fields.optional(key("help").about("What the operator should do about it. One text is for the ERROR alone, and for the stages `cleared` and `active`.")),
             policy: Policy::of_module(&mut fields),
-            writers: fields.optional("writers"),
+            writers: fields.optional(WRITERS),
             when: fields.optional("when"),
-            depends_on: fields.or_default("depends_on"),
-            monitor: fields.optional("monitor"),
+            depends_on: fields.or_default(DEPENDS_ON),
+            monitor: fields.optional(key("monitor").about("How the module is judged; one kind.")),
         };
         let keys = (fields.key_span("status"), fields.key_span("monitor"));
         match keys {

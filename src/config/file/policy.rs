@@ -1,9 +1,11 @@
 //! How reports become states, as it is written: timeouts, delays, latches.
 
+use super::forms::{FORGET_AFTER, default_span};
+use crate::engine::model::Policy as Resolved;
 use crate::engine::state::State;
 use crate::engine::time;
-use crate::yaml::decode::word;
-use crate::yaml::{Fields, Spanned};
+use crate::yaml::schema::default;
+use crate::yaml::{Fields, Spanned, key};
 
 /// How reports become states, where it differs from what holds around it.
 #[derive(Debug, Default, Clone, Copy)]
@@ -22,34 +24,48 @@ pub(in crate::config) struct Policy {
 
 impl Policy {
     pub fn of(fields: &mut Fields) -> Policy {
-        let no_publisher = fields.node("no_publisher").and_then(|node| {
-            let states = [State::Unknown, State::Error].map(|state| (state.as_str(), state));
-            word(node, fields.log, "state", &states)
-        });
+        let doc = key("no_publisher")
+            .about("The state of a module while nobody publishes a topic that it watches.")
+            .rules(|| vec![default(Resolved::default().no_publisher.as_str())]);
+        let states = [State::Unknown, State::Error].map(|state| (state.as_str(), state));
+        let no_publisher = fields.choice(doc, "state", &states);
         Policy {
             no_publisher,
-            raise_after: fields.optional("raise_after"),
-            clear_after: fields.optional("clear_after"),
+            raise_after: fields.optional(
+                key("raise_after")
+                    .about("The state rises to the best that was reported within this time.")
+                    .rules(|| vec![default_span(Resolved::default().raise_after)]),
+            ),
+            clear_after: fields.optional(
+                key("clear_after")
+                    .about("The state falls to the worst that was reported within this time.")
+                    .rules(|| vec![default_span(Resolved::default().clear_after)]),
+            ),
             ..Policy::of_silence(fields)
         }
     }
 
-    /// What becomes of who is silent.
+    /// The keys about silent modules.
     fn of_silence(fields: &mut Fields) -> Policy {
-        let stale = fields.node("stale").and_then(|node| {
-            let states = [State::Unknown, State::Warning, State::Error].map(|state| (state.as_str(), state));
-            word(node, fields.log, "stale state", &states)
-        });
-        Policy { timeout: fields.optional("timeout"), stale, ..Policy::default() }
+        let doc = key("stale")
+            .about("The state of a silent module.")
+            .rules(|| vec![default(Resolved::default().stale.as_str())]);
+        let states = [State::Unknown, State::Warning, State::Error].map(|state| (state.as_str(), state));
+        let stale = fields.choice(doc, "stale state", &states);
+        let timeout = key("timeout")
+            .about("Silence longer than this makes a module stale.")
+            .rules(|| vec![default_span(Resolved::default().timeout)]);
+        Policy { timeout: fields.optional(timeout), stale, ..Policy::default() }
     }
 
     /// Of the modules that a filter makes.
     pub fn of_filter(fields: &mut Fields) -> Policy {
-        Policy { forget_after: fields.optional("forget_after"), ..Policy::of_silence(fields) }
+        Policy { forget_after: fields.optional(FORGET_AFTER), ..Policy::of_silence(fields) }
     }
 
     pub fn of_module(fields: &mut Fields) -> Policy {
-        let (latch, forget_after) = (fields.optional("latch"), fields.optional("forget_after"));
+        let latch = key("latch").about("An ERROR that lasted this long stays until it is reset.");
+        let (latch, forget_after) = (fields.optional(latch), fields.optional(FORGET_AFTER));
         Policy { latch, forget_after, ..Policy::of(fields) }
     }
 }

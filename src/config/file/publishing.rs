@@ -1,11 +1,15 @@
 //! What is published, as it is written: what differs from the default.
 
 use super::bands::hertz;
+use super::forms;
+use super::forms::TOPIC;
 use crate::yaml::decode::scalar;
-use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned};
+use crate::yaml::{Fields, FromNode, KeyDoc, Log, Members, Node, Problem, Schema, Span, Spanned, key, map};
 
 /// How often a topic may be published.
 const RATE_HZ: std::ops::RangeInclusive<f64> = 0.1..=100.0;
+
+const RATE: KeyDoc = key("rate").about("How often, from 0.1 Hz to 100 Hz.");
 
 /// As it is written: what differs from the default.
 #[derive(Debug)]
@@ -22,16 +26,20 @@ pub(in crate::config) struct RawPublishing {
 
 impl FromNode for RawPublishing {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "what is published", log)?;
+        let about = "Names and rates of the topics that are published; `false` switches one off.";
+        let mut fields = Fields::of(node, map("publishing", "what is published").about(about), log)?;
         let raw = RawPublishing {
             span: node.span,
-            diagnostics_agg: fields.optional("diagnostics_agg"),
-            toplevel_state: fields.optional("toplevel_state"),
-            initialpose: fields.optional("initialpose"),
-            stage: fields.optional("stage"),
-            clearance: fields.optional("clearance"),
-            deceleration_request: fields.optional("deceleration_request"),
-            maneuver_stop_request: fields.optional("maneuver_stop_request"),
+            diagnostics_agg: fields.optional(key("diagnostics_agg").about("/diagnostics_agg with 1 Hz.")),
+            toplevel_state: fields
+                .optional(key("toplevel_state").about("/diagnostics_toplevel_state with 1 Hz.")),
+            initialpose: fields.optional(key("initialpose").about("/initialpose.")),
+            stage: fields.optional(key("stage").about("/telltale/stage.")),
+            clearance: fields.optional(key("clearance").about("/telltale/clearance.")),
+            deceleration_request: fields
+                .optional(key("deceleration_request").about("/telltale/deceleration_request with 20 Hz.")),
+            maneuver_stop_request: fields
+                .optional(key("maneuver_stop_request").about("/telltale/maneuver_stop_request.")),
         };
         fields.finish();
         Some(raw)
@@ -59,6 +67,10 @@ impl<T: FromNode> FromNode for Switch<T> {
             _ => T::from_node(node, log).map(Switch::On),
         }
     }
+
+    fn form(schema: &mut Schema) -> Members {
+        forms::or_off(T::form(schema))
+    }
 }
 
 #[derive(Debug)]
@@ -68,8 +80,8 @@ pub(in crate::config) struct RawOnce {
 
 impl FromNode for RawOnce {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "a published topic", log)?;
-        let topic = fields.optional("topic");
+        let mut fields = Fields::of(node, map("published", "a published topic"), log)?;
+        let topic = fields.optional(TOPIC);
         fields.finish();
         Some(RawOnce { topic })
     }
@@ -83,8 +95,9 @@ pub(in crate::config) struct RawPeriodic {
 
 impl FromNode for RawPeriodic {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "a topic that is published again and again", log)?;
-        let periodic = RawPeriodic { topic: fields.optional("topic"), rate: fields.optional("rate") };
+        let doc = map("periodic", "a topic that is published again and again");
+        let mut fields = Fields::of(node, doc, log)?;
+        let periodic = RawPeriodic { topic: fields.optional(TOPIC), rate: fields.optional(RATE) };
         fields.finish();
         Some(periodic)
     }
@@ -99,9 +112,12 @@ pub(in crate::config) struct RawAggregated {
 
 impl FromNode for RawAggregated {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "a topic of the aggregated diagnosis", log)?;
-        let periodic = RawPeriodic { topic: fields.optional("topic"), rate: fields.optional("rate") };
-        let aggregated = RawAggregated { periodic, beside_others: fields.optional("beside_others") };
+        let mut fields = Fields::of(node, map("aggregated", "a topic of the aggregated diagnosis"), log)?;
+        let periodic = RawPeriodic { topic: fields.optional(TOPIC), rate: fields.optional(RATE) };
+        let beside_others = key("beside_others").about(
+            "Whether Telltale publishes it also where another program publishes the same; otherwise Telltale is silent there.",
+        );
+        let aggregated = RawAggregated { periodic, beside_others: fields.optional(beside_others) };
         fields.finish();
         Some(aggregated)
     }
@@ -120,6 +136,10 @@ impl FromNode for Rate {
             log.push(problem.help(format!("write {least} Hz to {most} Hz, for example `20 Hz`")));
         }
         found.map(Rate)
+    }
+
+    fn form(schema: &mut Schema) -> Members {
+        forms::rate(schema)
     }
 }
 

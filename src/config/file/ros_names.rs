@@ -3,7 +3,7 @@
 use crate::yaml::{Log, Problem, Spanned};
 
 /// A longer path names no field of a message.
-const PATH_BYTES_MAX: usize = 512;
+pub(super) const PATH_BYTES_MAX: usize = 512;
 
 /// A name with its namespace, as ROS writes it: `/mission/active`.
 pub fn is_full_name(name: &str) -> bool {

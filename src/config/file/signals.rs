@@ -1,14 +1,17 @@
-//! Signals as they are written: a field, or a condition over values (`DESIGN.md` 5).
+//! Signals as they are written: a field of a topic, or a condition over values.
 
-use super::monitors::INPUTS_MAX;
+use super::forms;
+use super::forms::{KEY, STATUS, TOPIC, TYPE, UNIT};
+use super::monitors::{INPUTS_MAX, input_rules};
 use super::sources::{ScalarSource, Source, Topic};
 use crate::config::describe::words::counted;
 use crate::engine::model::monitors::FieldKind;
 use crate::engine::time;
 use crate::yaml::decode::AllEntries;
-use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned};
+use crate::yaml::schema::needs_any;
+use crate::yaml::{Fields, FromNode, KeyDoc, Log, Node, Problem, Span, Spanned, key, map};
 
-/// What the one value is called by which a condition without `inputs` asks.
+/// The name of the value in a condition without `inputs`.
 const VALUE: &str = "value";
 
 #[derive(Debug)]
@@ -32,11 +35,36 @@ pub(in crate::config) enum SignalFrom {
     },
 }
 
+const FIELD: KeyDoc = key("field")
+    .about("Path of a truth value, or of the `value` in `when`; `data` for std_msgs.")
+    .form(forms::path);
+const WHEN: KeyDoc = key("when")
+    .about("A condition in CEL: the signal is true while it holds, unknown while an input is.")
+    .rules(|| vec![("examples", vec!["value == 1", "status == 1 && speed < 0.1"].into())]);
+const INPUTS: KeyDoc = key("inputs")
+    .about("The sources of the condition, by the names that it uses. Without them it is about one `value`.")
+    .rules(input_rules);
+
 impl FromNode for Signal {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "a signal", log)?;
-        let (timeout, present_for) = (fields.optional("timeout"), fields.optional("present_for"));
-        let when: Option<Spanned<String>> = fields.optional("when");
+        let doc = map("signal", "a signal")
+            .about("A truth value of a topic, or a condition over values.")
+            .rules(|| vec![needs_any(&[&["topic"], &["inputs", "when"], &["status", "key", "when"]])]);
+        let mut fields = Fields::of(node, doc, log)?;
+        // Every way to write a signal, so that the keys of each are known.
+        fields.may_have::<String>(TOPIC);
+        fields.may_have::<String>(TYPE);
+        fields.may_have::<String>(FIELD);
+        fields.may_have::<String>(STATUS);
+        fields.may_have::<String>(KEY);
+        fields.may_have::<String>(UNIT);
+        let when: Option<Spanned<String>> = fields.optional(WHEN);
+        fields.may_have::<AllEntries<ScalarSource>>(INPUTS);
+        let timeout = fields.optional(key("timeout").about("Older than this, the signal is unknown."));
+        let present_for = fields.optional(
+            key("present_for")
+                .about("True for this long after each message: for topics whose message is an event."),
+        );
         let places = ["when", "inputs", "status", "key"].map(|key| fields.key_span(key));
         let from = match places {
             [None, None, None, None] => field(&mut fields),
@@ -49,10 +77,6 @@ impl FromNode for Signal {
                 None
             }
         };
-        // The other ways to write one, so that a key of theirs is known.
-        for key in ["topic", "type", "field", "status", "key", "unit", "inputs"] {
-            fields.node(key);
-        }
         fields.finish();
         Some(Signal { from, timeout, present_for })
     }

@@ -1,9 +1,17 @@
 //! The sources of monitors' values, and the terms of the paper's classification, as written.
 
+use super::forms;
+use super::forms::{FIELD, KEY, STATUS, TOPIC, TYPE, UNIT};
 use crate::engine::model::monitors::Class;
 use crate::engine::model::monitors::{FieldKind, StampClock};
+use crate::engine::model::sample::POSITIONS_MAX;
 use crate::yaml::decode::{All, scalar, word};
-use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned};
+use crate::yaml::schema::{default, needs_one, not_empty, one_of, words};
+use crate::yaml::{Fields, FromNode, KeyDoc, Log, Members, Node, Problem, Schema, Span, Spanned, key, map};
+
+/// Topics of diagnostics; each has readers of its own.
+pub(in crate::config) const DIAGNOSTICS_MAX: usize = 32;
+pub(in crate::config) const PREFIX_BYTES_MAX: usize = 128;
 
 #[derive(Debug)]
 pub(in crate::config) struct Topic {
@@ -19,14 +27,14 @@ impl Topic {
     }
 
     pub fn of(fields: &mut Fields) -> Option<Topic> {
-        let (name, type_name) = (fields.required("topic"), fields.optional("type"));
+        let (name, type_name) = (fields.required(TOPIC), fields.optional(TYPE));
         Some(Topic { name: name?, type_name })
     }
 }
 
 impl FromNode for Topic {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "a topic", log)?;
+        let mut fields = Fields::of(node, map("topic", "a topic").about("A topic and its type."), log)?;
         let topic = Topic::of(&mut fields);
         fields.finish();
         topic
@@ -42,8 +50,15 @@ pub(in crate::config) struct RawDiagnostics {
 
 impl FromNode for RawDiagnostics {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "the diagnostics", log)?;
-        let topics = fields.required("topics").map(|All(topics)| topics);
+        let doc = map("diagnostics", "the diagnostics").about("The topics on which components report.");
+        let mut fields = Fields::of(node, doc, log)?;
+        let topics = key("topics")
+            .about("Of diagnostic_msgs/msg/DiagnosticArray; their statuses share their names.")
+            .rules(|| {
+                let most = ("maxItems", DIAGNOSTICS_MAX.into());
+                not_empty().into_iter().chain([most, default(vec!["/diagnostics"])]).collect()
+            });
+        let topics = fields.required(topics).map(|All(topics)| topics);
         fields.finish();
         Some(RawDiagnostics { topics: topics?, span: node.span })
     }
@@ -61,11 +76,17 @@ impl FromNode for RawDiagnosticsTopic {
             let topic = Some(Spanned { value: name.to_owned(), span: node.span });
             return Some(RawDiagnosticsTopic { topic, prefix: None });
         }
-        let mut fields = Fields::of(node, "a topic of diagnostics", log)?;
-        let topic =
-            RawDiagnosticsTopic { topic: fields.required("topic"), prefix: fields.optional("prefix") };
+        let mut fields = Fields::of(node, map("diagnostics_topic", "a topic of diagnostics"), log)?;
+        let prefix = key("prefix")
+            .about("Stands in front of the name of each status of this topic.")
+            .rules(|| vec![("maxLength", PREFIX_BYTES_MAX.into())]);
+        let topic = RawDiagnosticsTopic { topic: fields.required(TOPIC), prefix: fields.optional(prefix) };
         fields.finish();
         Some(topic)
+    }
+
+    fn form(schema: &mut Schema) -> Members {
+        one_of([forms::topic_name(schema), schema.decoder(Self::from_node)])
     }
 }
 
@@ -73,7 +94,17 @@ impl FromNode for StampClock {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         word(node, log, "clock", &[("system", StampClock::System), ("ros", StampClock::Ros)])
     }
+
+    fn form(_: &mut Schema) -> Members {
+        words(["system", "ros"])
+    }
 }
+
+const POSE: KeyDoc = key("pose").about("A Pose or a Transform, or a field that holds one.").form(forms::path);
+const LIST: KeyDoc = key("list")
+    .about("An array whose elements have `x` and `y`, or hold a field that has them: `poses`, `detections[].bbox.center.position`. At most 256 positions are compared.")
+    .form(forms::path);
+const _: () = assert!(POSITIONS_MAX == 256, "the text above says how many");
 
 #[derive(Debug)]
 pub(in crate::config) enum Source {
@@ -91,7 +122,24 @@ impl Source {
 
     /// Reads the keys of a source. `any`: whether it may be a pose or a list of positions.
     pub fn of(fields: &mut Fields, any: bool) -> Option<Source> {
-        let mut there = |keys: &[&'static str]| keys.iter().filter(|key| fields.node(key).is_some()).count();
+        fields.may_have::<String>(TOPIC);
+        fields.may_have::<String>(TYPE);
+        fields.may_have::<String>(FIELD);
+        fields.may_have::<String>(STATUS);
+        fields.may_have::<String>(KEY);
+        fields.may_have::<String>(UNIT);
+        if any {
+            fields.may_have::<String>(POSE);
+            fields.may_have::<String>(LIST);
+        }
+        fields.rule(|| match any {
+            true => {
+                needs_one(&[&["topic", "field"], &["topic", "pose"], &["topic", "list"], &["status", "key"]])
+            }
+            false => needs_one(&[&["topic", "field"], &["status", "key"]]),
+        });
+        let mut there =
+            |keys: &[&'static str]| keys.iter().filter(|key| fields.node(**key).is_some()).count();
         let (topics, keys) = (there(&["topic", "type", "field"]), there(&["status", "key", "unit"]));
         let others = if any { there(&["pose", "list"]) } else { 0 };
         let span = fields.span();
@@ -129,7 +177,8 @@ pub(in crate::config) struct ScalarSource(pub Source);
 
 impl FromNode for ScalarSource {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "a source", log)?;
+        let doc = map("source", "a source").about("A field of a topic, or a value of a status.");
+        let mut fields = Fields::of(node, doc, log)?;
         let source = Source::of(&mut fields, false);
         fields.finish();
         source.map(ScalarSource)
@@ -141,7 +190,8 @@ pub(in crate::config) struct AnySource(pub Source);
 
 impl FromNode for AnySource {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "one of two sources", log)?;
+        let about = "A field, a pose or a list of positions of a topic, or a value of a status.";
+        let mut fields = Fields::of(node, map("any_source", "one of two sources").about(about), log)?;
         let source = Source::of(&mut fields, true);
         fields.finish();
         source.map(AnySource)
@@ -151,22 +201,33 @@ impl FromNode for AnySource {
 /// `{ location: isolated, information: content, flow: parallel }`
 impl FromNode for Class {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let mut fields = Fields::of(node, "a class", log)?;
+        let doc = map("class", "a class")
+            .about("Where a diagnosis stands in the classification.")
+            .rules(|| vec![("required", vec!["location", "information"].into())]);
+        let mut fields = Fields::of(node, doc, log)?;
         let location = required_word(&mut fields, "location", ["isolated", "contextual"]);
         let information = required_word(&mut fields, "information", ["content", "meta"]);
-        let flow = fields.node("flow").filter(|node| !node.is_null());
-        let known = ["sequential", "parallel"].map(|word| (word, word));
+        let doc = key("flow").form(|_| {
+            vec![
+                ("enum", FLOWS.map(Some).into_iter().chain([None]).collect::<Vec<_>>().into()),
+                default(None::<&str>),
+            ]
+        });
+        let flow = fields.node(doc).filter(|node| !node.is_null());
+        let known = FLOWS.map(|word| (word, word));
         let found = flow.and_then(|node| word(node, fields.log, "flow", &known));
         fields.finish();
         Some(Class { location: location?, information: information?, flow: found })
     }
 }
 
-fn required_word(fields: &mut Fields, key: &'static str, words: [&'static str; 2]) -> Option<&'static str> {
-    let Some(node) = fields.node(key) else {
-        let problem = Problem::at(fields.span(), format!("a class needs `{key}`"));
-        fields.log.push(problem.help(format!("add `{key}: {}` or `{key}: {}`", words[0], words[1])));
-        return None;
-    };
-    word(node, fields.log, key, &words.map(|word| (word, word)))
+const FLOWS: [&str; 2] = ["sequential", "parallel"];
+
+fn required_word(fields: &mut Fields, name: &'static str, words: [&'static str; 2]) -> Option<&'static str> {
+    let found = fields.choice(key(name), name, &words.map(|word| (word, word)));
+    if fields.key_span(name).is_none() {
+        let problem = Problem::at(fields.span(), format!("a class needs `{name}`"));
+        fields.log.push(problem.help(format!("add `{name}: {}` or `{name}: {}`", words[0], words[1])));
+    }
+    found
 }

@@ -2,7 +2,7 @@
 
 use crate::engine::time::Span;
 use crate::yaml::decode::{scalar, scaled};
-use crate::yaml::{FromNode, Log, Node, Problem};
+use crate::yaml::{FromNode, Log, Members, Node, Problem, Schema};
 
 /// Longer first where one ends with the other.
 const UNITS: [(&str, u64); 7] = [
@@ -25,6 +25,10 @@ impl FromNode for Span {
             );
         }
         span
+    }
+
+    fn form(schema: &mut Schema) -> Members {
+        super::forms::duration(schema)
     }
 }
 

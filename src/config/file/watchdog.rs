@@ -1,11 +1,12 @@
 //! Watchdogs as they are written: the target, the interval, and the limits of the response time.
 
 use super::bands;
-use super::bands::Unit;
+use super::forms::{default_span, topic_name};
 use super::monitors::{AGE_MAX, Monitor, span};
 use crate::engine::model::monitors::{Bands, ProbeTarget};
 use crate::engine::time;
-use crate::yaml::{Fields, FromNode, Log, Node, Problem, Spanned};
+use crate::yaml::schema::{default, least, most, needs_one, of_type, pattern};
+use crate::yaml::{Fields, FromNode, Log, Node, Problem, Spanned, key, map};
 
 const EVERY_MIN: time::Span = time::Span::from_millis(100);
 const MISSES_MAX: u64 = 1000;
@@ -14,9 +15,26 @@ const EVERY: time::Span = time::Span::from_secs(1);
 const MISSES: u32 = 3;
 
 pub(in crate::config) fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor> {
-    let mut fields = Fields::of(node, "a watchdog monitor", log)?;
-    let kinds = ["icmp", "tcp", "node", "service", "qos"];
-    let found: Vec<_> = kinds.into_iter().filter_map(|kind| Some((kind, fields.node(kind)?))).collect();
+    let doc = map("watchdog", "a watchdog monitor")
+        .about("Whether a machine, a node, a service or the publishers of a topic are there.")
+        .rules(|| vec![needs_one(&[&["icmp"], &["tcp"], &["node"], &["service"], &["qos"]])]);
+    let mut fields = Fields::of(node, doc, log)?;
+    let kinds = [
+        ("icmp", key("icmp").about("An ICMP echo to this host.").form(|_| of_type("string"))),
+        ("tcp", key("tcp").about("A TCP connection to `HOST:PORT`.").form(|_| pattern(":[0-9]+$"))),
+        ("node", key("node").about("A ROS node with its namespace: whether it is announced.").form(topic_name)),
+        (
+            "service",
+            key("service").about("A ROS service with its namespace: whether a node serves it.").form(topic_name),
+        ),
+        (
+            "qos",
+            key("qos")
+                .about("Whether all publishers and subscribers of this topic can come together: type, reliability, durability, deadline, liveliness.")
+                .form(topic_name),
+        ),
+    ];
+    let found: Vec<_> = kinds.into_iter().filter_map(|(kind, key)| Some((kind, fields.node(key)?))).collect();
     let target = match found[..] {
         [(kind, node)] => target(kind, node, fields.log),
         _ => {
@@ -28,8 +46,13 @@ pub(in crate::config) fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor>
             None
         }
     };
-    let every = span(&mut fields, "every", EVERY_MIN, AGE_MAX).unwrap_or(EVERY);
-    let misses: Option<Spanned<u64>> = fields.optional("misses");
+    let every = key("every").about("From 100ms to 1h.").rules(|| vec![default_span(EVERY)]);
+    let every = span(&mut fields, every, EVERY_MIN, AGE_MAX).unwrap_or(EVERY);
+    let misses: Option<Spanned<u64>> = fields.optional(
+        key("misses")
+            .about("This many misses in a row make an ERROR.")
+            .rules(|| vec![least(1), most(MISSES_MAX), default(MISSES)]),
+    );
     if let Some(misses) = misses.filter(|misses| !(1..=MISSES_MAX).contains(&misses.value)) {
         let problem = Problem::at(misses.span, format!("{} is not between 1 and {MISSES_MAX}", misses.value));
         fields.log.push(problem.help(format!("the default is {MISSES}")));
@@ -42,7 +65,8 @@ pub(in crate::config) fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor>
 
 /// Limits on the time until an answer.
 fn limits(fields: &mut Fields, target: Option<&ProbeTarget>, every: time::Span) -> Bands {
-    let bands = bands::above(fields, Unit::Duration);
+    let bands =
+        bands::durations_above(fields, "With `icmp` and `tcp`: how long an answer may take, below `every`.");
     let first = ["warning_above", "error_above"].into_iter().find_map(|key| fields.key_span(key));
     let asks_discovery = matches!(
         target,

@@ -1,9 +1,11 @@
 //! `name` and `help` of a module as they are written: one text, or different texts by level and stage.
 
+use super::forms::with_about;
 use crate::engine::model::Stage;
 use crate::engine::model::wording::{ByStage, Wording};
 use crate::engine::text::Text;
-use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem};
+use crate::yaml::schema::one_of;
+use crate::yaml::{Fields, FromNode, Kind, Log, Members, Node, Problem, Schema, map};
 
 /// What the text alone stands for depends on the key.
 #[derive(Debug)]
@@ -26,7 +28,11 @@ impl FromNode for RawWording {
         if is_text(node) {
             return Text::from_node(node, log).map(RawWording::Text);
         }
-        let mut fields = Fields::of(node, "words for levels", log)?;
+        let mut fields = Fields::of(
+            node,
+            map("levels", "words for levels").rules(|| vec![("minProperties", 1.into())]),
+            log,
+        )?;
         let wording = Wording {
             warning: fields.or_default("warning"),
             error: fields.or_default("error"),
@@ -40,6 +46,16 @@ impl FromNode for RawWording {
         fields.finish();
         Some(RawWording::Levels(wording))
     }
+
+    fn form(schema: &mut Schema) -> Members {
+        schema.define("wording", |schema| {
+            let forms = one_of([Text::form(schema), schema.decoder(Self::from_node)]);
+            with_about(
+                "One text, or different words for each level; a level without words has general ones.",
+                forms,
+            )
+        })
+    }
 }
 
 impl FromNode for ByStage {
@@ -47,7 +63,11 @@ impl FromNode for ByStage {
         if is_text(node) {
             return Text::from_node(node, log).map(ByStage::Always);
         }
-        let mut fields = Fields::of(node, "words for stages", log)?;
+        let about =
+            "Without words of its own, `cleared` has those of `active`, and `localizing` those of `standby`.";
+        let doc =
+            map("stage_words", "words for stages").about(about).rules(|| vec![("minProperties", 1.into())]);
+        let mut fields = Fields::of(node, doc, log)?;
         let stages = [Stage::Localizing, Stage::Standby, Stage::Cleared, Stage::Active];
         let texts: Vec<(Stage, Text)> =
             stages.into_iter().filter_map(|stage| Some((stage, fields.optional(stage.as_str())?))).collect();
@@ -57,6 +77,13 @@ impl FromNode for ByStage {
         }
         fields.finish();
         Some(ByStage::In(texts))
+    }
+
+    fn form(schema: &mut Schema) -> Members {
+        schema.define("stage_wording", |schema| {
+            let forms = one_of([Text::form(schema), schema.decoder(Self::from_node)]);
+            with_about("One text for every stage, or different words for each.", forms)
+        })
     }
 }
 

@@ -10,6 +10,7 @@ mod signals;
 mod topics;
 
 use std::collections::HashMap;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -24,15 +25,11 @@ use crate::engine::model::{
     StageModel, Stop,
 };
 use crate::engine::text::Text;
-use crate::engine::time;
 use crate::yaml::decode::All;
 use crate::yaml::{Log, Problem, Sources, Span, Spanned};
 use names::{Names, check_id};
 use relations::Signals;
 use topics::Topics;
-
-const LOCALIZED_AFTER: time::Span = time::Span::from_secs(2);
-const TILE_MAX: u64 = 12;
 
 /// What a file says, if it can be said to the engine; the log says what is wrong.
 pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mut Log) -> Option<Loaded> {
@@ -50,7 +47,7 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     let names = Names::of(file, log);
     let index = signals.iter().enumerate().map(|(index, signal)| (&*signal.name, index)).collect();
     let countermeasures = countermeasures::rules(&file.countermeasures, &names, &index, log);
-    let localized_after = file.localized_after.unwrap_or(LOCALIZED_AFTER);
+    let localized_after = file.localized_after.unwrap_or(Driving::default().localized_after);
     let (stops, unpublished) = (stops(file, log), Vec::new());
     let mut driving = Driving { stops, localized_after, countermeasures, unpublished };
     let groups = groups(&names, &index, &discovered, log);
@@ -188,23 +185,29 @@ fn stops(file: &file::File, log: &mut Log) -> Vec<Stop> {
 fn limits(raw: Option<&file::Limits>, log: &mut Log) -> Limits {
     let default = Limits::default();
     let Some(raw) = raw else { return default };
-    let mut limit = |value: Option<Spanned<u64>>, otherwise: usize, least: u64, most: u64| {
+    let mut limit = |value: Option<Spanned<u64>>, otherwise: usize, range: RangeInclusive<u64>| {
         let Some(value) = value else { return otherwise };
-        if !(least..=most).contains(&value.value) {
+        if !range.contains(&value.value) {
+            let (least, most) = range.into_inner();
             let problem =
                 Problem::at(value.span, format!("{} is not between {least} and {most}", value.value));
             log.push(problem.help(format!("the default is {otherwise}")));
         }
         value.value as usize
     };
-    let status_bytes = limit(raw.status_bytes, default.status_bytes, 65_536, 1 << 30);
-    let source_bytes = limit(raw.source_bytes, status_bytes / 2, 16_384, status_bytes as u64);
+    let status_bytes = limit(raw.status_bytes, default.status_bytes, file::STATUS_BYTES);
+    let source_bytes =
+        limit(raw.source_bytes, status_bytes / 2, file::SOURCE_BYTES_MIN..=status_bytes as u64);
     Limits {
         status_bytes,
         source_bytes,
-        discovered_modules: limit(raw.discovered_modules, default.discovered_modules, 0, 1_000_000),
-        values_per_status: limit(raw.values_per_status, default.values_per_status, 0, 65_536),
-        string_bytes: limit(raw.string_bytes, default.string_bytes, 16, 1 << 20),
+        discovered_modules: limit(
+            raw.discovered_modules,
+            default.discovered_modules,
+            file::DISCOVERED_MODULES,
+        ),
+        values_per_status: limit(raw.values_per_status, default.values_per_status, file::VALUES_PER_STATUS),
+        string_bytes: limit(raw.string_bytes, default.string_bytes, file::STRING_BYTES),
     }
 }
 
@@ -241,8 +244,8 @@ fn check_tile(
         return None;
     }
     let (column, row) = (tile.value.column?, tile.value.row?);
-    if !(1..=TILE_MAX).contains(&column) || !(1..=TILE_MAX).contains(&row) {
-        let problem = Problem::at(tile.span, format!("column and row go from 1 to {TILE_MAX}"));
+    if !(1..=file::TILE_MAX).contains(&column) || !(1..=file::TILE_MAX).contains(&row) {
+        let problem = Problem::at(tile.span, format!("column and row go from 1 to {}", file::TILE_MAX));
         log.push(problem.help("the first column and the first row are 1"));
         return None;
     }

@@ -5,7 +5,9 @@ use std::sync::Arc;
 
 use crate::config::describe::places::TopicPlace;
 use crate::config::file::ros_names::{check_list, check_path, check_topic, check_type};
-use crate::config::file::sources::{RawDiagnostics, RawDiagnosticsTopic, Topic};
+use crate::config::file::sources::{
+    DIAGNOSTICS_MAX, PREFIX_BYTES_MAX, RawDiagnostics, RawDiagnosticsTopic, Topic,
+};
 use crate::engine::model::monitors::{
     DiagnosticsTopic, FieldKind, FieldSpec, StampClock, TopicId, TopicSpec, WatchdogId, WatchdogSpec, Watched,
 };
@@ -16,9 +18,6 @@ const DIAGNOSTICS: &str = "/diagnostics";
 const DIAGNOSTIC_ARRAY: &str = "diagnostic_msgs/msg/DiagnosticArray";
 /// Where the time of a simulation is published.
 const CLOCK: (&str, &str) = ("/clock", "rosgraph_msgs/msg/Clock");
-/// Topics of diagnostics; each has readers of its own.
-const DIAGNOSTICS_MAX: usize = 32;
-const PREFIX_BYTES_MAX: usize = 128;
 
 /// All topics of a configuration, collected while what reads them is resolved.
 #[derive(Default)]

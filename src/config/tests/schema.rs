@@ -1,10 +1,10 @@
-//! The schema for editors agrees with the reader.
+//! The schema for editors has every key that the reader has, and says how each is written.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::Value;
 
-use crate::config::{SCHEMA, parse};
+use crate::config::{parse, schema};
 
 /// Every map that a configuration knows, each with a key that none of them has.
 const EVERY_MAP: &str = "
@@ -48,8 +48,15 @@ fn the_schema_knows_the_keys_that_the_reader_knows() {
     }
     assert_eq!(reader.len(), 42, "{reader:#?}");
 
-    let schema: Value = serde_json::from_str(SCHEMA).unwrap();
+    let schema: Value = serde_json::from_str(&schema()).unwrap();
     let definitions = schema["$defs"].as_object().unwrap().values();
+    for definition in definitions.clone().chain([&schema]) {
+        for (key, form) in definition["properties"].as_object().into_iter().flatten() {
+            let is_said =
+                ["type", "$ref", "enum", "oneOf"].iter().any(|form_key| form.get(form_key).is_some());
+            assert!(is_said, "the schema does not say how `{key}` is written");
+        }
+    }
     let titled = definitions
         .chain([&schema])
         .filter_map(|definition| Some((definition["title"].as_str()?, definition)));
