@@ -4,16 +4,16 @@ use super::model::Stage;
 use super::model::countermeasure::RequestKind;
 use super::state::State;
 
-/// What an operator may do. Whether it is granted is the engine's answer, see [`Response`].
+/// An operator's action. The engine grants or refuses it: see [`Response`].
 #[derive(Debug, Clone, PartialEq)]
 pub enum OperatorAction {
     Login {
         name: Box<str>,
     },
     Logout,
-    /// Ends the work with the vehicle; it is locked as by a logout.
+    /// Ends the operator's work. The vehicle is locked, as by a logout.
     Shutdown,
-    /// Says where the vehicle stands.
+    /// Tells Telltale the position of the vehicle.
     Localize {
         place: Place,
     },
@@ -21,7 +21,7 @@ pub enum OperatorAction {
     AskClearance {
         /// The display in front of the operator confirmed a recent frame.
         display_live: bool,
-        /// What is granted can be written down.
+        /// The disk can store the action's record.
         storage_ok: bool,
     },
     /// The second step: checks everything again and clears the vehicle.
@@ -29,19 +29,19 @@ pub enum OperatorAction {
         display_live: bool,
         storage_ok: bool,
     },
-    /// Asks the maneuver component for its own safe stop.
+    /// Requests the maneuver component's own safe stop.
     RequestStop,
-    /// Takes note of an alarm, accepts a WARNING, or agrees to the release of a countermeasure.
+    /// Acknowledges an alarm, accepts a WARNING, or agrees to the release of a countermeasure.
     Acknowledge {
         alarm: AlarmRef,
     },
-    /// Forgets the latched ERROR of a module, named `group/module`.
+    /// Resets the latched ERROR of a module, named `group/module`.
     Reset {
         module: Box<str>,
     },
 }
 
-/// Where a vehicle stands, as an operator says it.
+/// The operator's choice of a position of the vehicle.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Place {
     /// Id of a stop of the configuration.
@@ -50,7 +50,7 @@ pub enum Place {
     Pose { x_m: f64, y_m: f64, yaw_deg: f64 },
 }
 
-/// What is acknowledged.
+/// The target of an acknowledgement.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum AlarmRef {
     /// The number of an alarm.
@@ -58,7 +58,7 @@ pub enum AlarmRef {
     /// A node by its name: its alarm, its WARNING (of a group: the WARNINGs inside), and the
     /// countermeasures that it causes.
     Node(Box<str>),
-    /// The stop that the operator asked for.
+    /// The stop that the operator requested.
     OperatorStop,
 }
 
@@ -66,16 +66,16 @@ pub enum AlarmRef {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Response {
     Done,
-    /// Nothing was changed; one reason for each check that failed.
+    /// Nothing changed. One reason for each check that failed.
     Refused(Vec<Refusal>),
 }
 
-/// Why an operator's action was refused. The page puts it into words.
+/// The reason for a refused action. The page has words for each.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Refusal {
-    /// Nobody leads the vehicle.
+    /// No operator is logged in.
     NobodyLoggedIn,
-    /// The action has no meaning in this stage, which is the present one.
+    /// The action is not possible in this stage, the present one.
     WrongStage(Stage),
     /// There is nothing to stop.
     NotDriving,
@@ -88,12 +88,12 @@ pub enum Refusal {
     NoSuchStop(Box<str>),
     /// A coordinate of the pose is infinite or no number.
     PoseNotFinite,
-    /// The pose is farther than this from every stop: surely a slip.
+    /// The pose is farther than this from every stop: surely a typing error.
     PoseTooFar {
         nearest_m: u32,
         limit_m: u32,
     },
-    /// The pose that was given is not confirmed by the group `localization` yet.
+    /// The group `localization` has not confirmed the operator's pose yet.
     NotLocalized,
     /// No goal is set.
     NoGoal,
@@ -106,28 +106,28 @@ pub enum Refusal {
     Warning {
         module: Box<str>,
     },
-    /// A countermeasure is engaged or not released yet.
+    /// A countermeasure is engaged, or not released yet.
     Countermeasure(RequestKind),
-    /// Nobody hears what the vehicle may have to be asked for.
+    /// No reader receives a request that the vehicle may need.
     NobodyListens(RequestKind),
     /// The configuration publishes no request to stop.
     StopNotPublished,
-    /// The display confirmed no recent frame.
+    /// The display has confirmed no recent frame.
     DisplayNotLive,
-    /// Nothing can be written down now.
+    /// The disk can store nothing now.
     StorageNotWritable,
     /// There is no alarm of this number.
     NoSuchAlarm(u64),
     /// There is no group and no module of this name.
     NoSuchNode(Box<str>),
-    /// The node has no alarm, no WARNING and no part in a countermeasure.
+    /// The node has no alarm and no WARNING, and causes no countermeasure.
     NothingToAcknowledge(Box<str>),
-    /// The operator asked for no stop.
+    /// The operator requested no stop.
     NoStopRequested,
     /// There is no module of this name.
     NoSuchModule(Box<str>),
     /// The module holds no latched ERROR.
     NotLatched(Box<str>),
-    /// The module is in ERROR still.
+    /// The module is still in ERROR.
     StillInError(Box<str>),
 }

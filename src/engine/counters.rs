@@ -3,7 +3,7 @@
 use super::input::TroubleKind;
 use super::time::Timestamp;
 
-/// Faults of one kind on one topic, counted.
+/// The number of faults of one kind on one topic.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reception {
     pub topic: Box<str>,
@@ -13,24 +13,24 @@ pub struct Reception {
     pub last_text: Box<str>,
 }
 
-/// What was counted since the start; for developers.
+/// Counters since the start; for developers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counters {
     pub arrays: u64,
     pub statuses: u64,
     /// Statuses of new names past the limit of discovered modules.
     pub dropped_names: u64,
-    /// Alarms that are over and not acknowledged, counted by a later alarm of the same node.
+    /// Ended, unacknowledged alarms that a later alarm of the same node counts.
     pub merged_alarms: u64,
-    /// Those that are gone without one, past what is kept.
+    /// Ended, unacknowledged alarms that were dropped because too many were kept.
     pub dropped_alarms: u64,
     /// Signals that the model does not name.
     pub unknown_signals: u64,
     /// Messages of topics that monitors watch.
     pub samples: u64,
-    /// Messages, news of topics and probes that were asked for by another configuration.
+    /// Messages, publisher changes and probe results that another configuration requested.
     pub dropped_samples: u64,
-    /// Modules whose words are cut now, and the bytes that those of all take.
+    /// Modules with cut texts at present, and the bytes of all modules' texts.
     pub cut_statuses: u64,
     pub status_bytes: u64,
 }

@@ -1,5 +1,5 @@
-//! While the part that speaks DDS is down, nothing of the vehicle can be heard: modules that it feeds are
-//! UNKNOWN at once, and their silence is no fault of theirs.
+//! The outage of the DDS process. Modules that depend on DDS are UNKNOWN at once, and their silence is not
+//! their own fault.
 
 use super::discovery::DISCOVERY;
 use super::mask::node::ModuleKind;
@@ -34,8 +34,7 @@ impl Engine {
         }
     }
 
-    /// What was measured before is of no meaning now, except an ERROR: that is over when it is heard that
-    /// it is.
+    /// Discards earlier measurements, except an ERROR, which ends only when a report ends it.
     fn listen_anew(&mut self) {
         for index in 0..self.watching.watches.len() as u32 {
             if let Purpose::Module(id) = self.watching.watches[index as usize].purpose
@@ -47,7 +46,7 @@ impl Engine {
         }
     }
 
-    /// Whether a probe asked what nobody can know now.
+    /// Whether DDS answers this probe, so that no answer is possible now.
     pub(super) fn asks_in_vain(&self, probe: &Probe) -> bool {
         self.dds_fault.is_some() && probe.source.target.asks_dds()
     }

@@ -6,58 +6,58 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::sync::Arc;
 
-/// Topics that are told of; the rest is counted.
+/// Topics that are listed; further ones are only counted.
 pub const TOPICS_MAX: usize = 2000;
-/// Publishers or subscribers of one topic that are told of.
+/// Publishers or subscribers that are listed for one topic.
 pub const ENDPOINTS_MAX: usize = 200;
 
 /// All topics of a domain at one instant, by name.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Discovery {
-    /// When it was looked at last; `None` before the first time.
+    /// The time of the latest look; `None` before the first one.
     pub at: Option<Timestamp>,
     pub topics: Vec<TopicSeen>,
-    /// Whole names of the nodes that announce themselves, `/ns/name`.
+    /// Full names of the announced nodes, `/ns/name`.
     pub nodes: Vec<String>,
-    /// Topics past the limit.
+    /// The number of topics beyond the limit.
     pub more: usize,
-    /// Participants beside our own.
+    /// Participants other than our own.
     pub participants: usize,
 }
 
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TopicSeen {
-    /// As ROS names it, `/diagnostics`; as DDS does where it is not of ROS.
+    /// The ROS name, `/diagnostics`; for a topic outside ROS, the DDS name.
     pub name: String,
     pub publishers: Vec<Endpoint>,
     pub subscribers: Vec<Endpoint>,
-    /// Messages per second that were received here; `None` where this topic is not read.
+    /// Messages per second that Telltale received; `None` if Telltale does not read the topic.
     pub rate_hz: Option<f32>,
 }
 
 /// A publisher or subscriber of a topic.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub struct Endpoint {
-    /// The participant it belongs to, in hexadecimal digits.
+    /// Its participant, in hexadecimal digits.
     pub participant: String,
-    /// The whole name of its node, `/ns/name`, where that is announced.
+    /// The full name of its node, `/ns/name`, if the node is announced.
     pub node: Option<String>,
     /// As ROS names it: `std_msgs/msg/Bool`.
     pub type_name: String,
     pub reliable: bool,
     pub transient_local: bool,
-    /// How often a message is promised or expected; `None`: nothing is said of it.
+    /// The promised or expected period of messages; `None`: no deadline.
     pub deadline_ns: Option<u64>,
     pub liveliness: Liveliness,
-    /// It is one of our own.
+    /// Whether it belongs to Telltale.
     pub ours: bool,
 }
 
-/// Who says that a publisher lives, from the weakest, and within which time.
+/// How a publisher's liveliness is asserted, from the weakest kind, and within which time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub struct Liveliness {
     pub kind: LivelinessKind,
-    /// `None`: without a limit.
+    /// `None`: no limit.
     pub lease_ns: Option<u64>,
 }
 
@@ -69,17 +69,17 @@ pub enum LivelinessKind {
     ManualByTopic,
 }
 
-/// Why a publisher and a subscriber of one topic do not come together.
+/// The reason why a publisher and a subscriber of one topic do not match.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Mismatch {
     Type,
-    /// Reliability is asked for and not offered.
+    /// The subscriber requests reliability; the publisher does not offer it.
     Reliability,
-    /// Late joiners want the last value, and nobody keeps it.
+    /// The subscriber wants the last value as a late joiner; the publisher does not keep it.
     Durability,
-    /// Messages are expected more often than they are promised.
+    /// The subscriber expects messages more often than the publisher promises them.
     Deadline,
-    /// It is to be said that a publisher lives, and nobody does, or not often enough.
+    /// The subscriber expects a stronger or more frequent assertion of liveliness than the publisher offers.
     Liveliness,
 }
 
@@ -97,7 +97,8 @@ impl Mismatch {
 }
 
 impl TopicSeen {
-    /// What keeps publishers and subscribers apart, each once (DDS 1.4, 2.2.3, request against offer).
+    /// The reasons why publishers and subscribers of the topic do not match, each once (DDS 1.4, 2.2.3:
+    /// requested against offered).
     pub fn mismatches(&self) -> Vec<Mismatch> {
         let mut found = Vec::new();
         for publisher in &self.publishers {
@@ -110,7 +111,7 @@ impl TopicSeen {
         found
     }
 
-    /// Whether somebody else publishes the aggregated diagnosis that we publish.
+    /// Whether another program publishes the same aggregated diagnosis as Telltale.
     pub fn is_published_beside_us(&self) -> bool {
         let aggregated = |it: &Endpoint| it.type_name.starts_with("diagnostic_msgs/msg/Diagnostic");
         let ours = |it: &&Endpoint| it.ours && aggregated(it);
@@ -130,7 +131,7 @@ impl TopicSeen {
 
 impl Endpoint {
     fn mismatch(&self, subscriber: &Endpoint) -> Option<Mismatch> {
-        // Our own readers come in every kind; one of them fits.
+        // Telltale has a reader of each kind; one of them fits.
         if subscriber.ours && self.type_name == subscriber.type_name {
             return None;
         }
@@ -150,7 +151,7 @@ impl Endpoint {
     }
 }
 
-/// Whether what is offered is as short as what is asked for; `None` is without end.
+/// Whether the offered period is at most the requested one; `None` is infinite.
 fn is_within(offered: Option<u64>, asked: Option<u64>) -> bool {
     asked.is_none_or(|asked| offered.is_some_and(|offered| offered <= asked))
 }
@@ -198,30 +199,31 @@ mod tests {
     }
 }
 
-/// Writers whose nodes are remembered. More of them are no vehicle.
+/// Writers whose nodes are remembered. No vehicle has more.
 const WRITERS_MAX: usize = 2048;
 
-/// A DDS writer by its GUID (RTPS 2.5, 9.3.1); all zero where nobody says who it is.
+/// A DDS writer by its GUID (RTPS 2.5, 9.3.1); all zero if the writer is unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct WriterId(pub [u8; 16]);
 
-/// The node of ROS 2 that a writer belongs to.
+/// The ROS 2 node of a writer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum NodeOf {
-    /// Its participant may announce it still.
+    /// The participant may still announce it.
     Pending,
-    /// It was not announced in time, as by programs that use DDS without ROS 2.
+    /// It was not announced in time, for example by a program that uses DDS without ROS 2.
     Unannounced,
-    /// The whole name, `/ns/name`.
+    /// The full name, `/ns/name`.
     Named(Arc<str>),
 }
 
-/// The writers of diagnostics that discovery knows, as a whole.
+/// All writers of diagnostics that discovery knows.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct WriterList {
-    /// When discovery was asked.
+    /// When discovery was read.
     pub as_of: Timestamp,
-    /// Discovery had time to find everybody: a writer that it lacks, and that was not heard since, has left.
+    /// Discovery has had time to find every writer: a writer that is missing here, and was not heard since, has
+    /// left.
     pub complete: bool,
     pub writers: BTreeMap<WriterId, NodeOf>,
 }
@@ -231,7 +233,7 @@ impl WriterList {
         self.writers.get(&writer).unwrap_or(&NodeOf::Pending)
     }
 
-    /// The node's name, or the GUID in hexadecimal digits where there is none.
+    /// The node's name, or else the GUID in hexadecimal digits.
     pub(super) fn label(&self, writer: WriterId) -> Arc<str> {
         match self.node(writer) {
             NodeOf::Named(name) => name.clone(),
@@ -246,7 +248,7 @@ impl WriterList {
         }
     }
 
-    /// Takes a newer list. While discovery is still looking, what was known before holds.
+    /// Takes a newer list. While discovery is still searching, known writers stay.
     pub(super) fn follow(&mut self, newer: &WriterList) {
         let before = std::mem::replace(self, newer.clone());
         if !newer.complete {
@@ -263,5 +265,5 @@ impl WriterList {
     }
 }
 
-/// After a start or a reload, what DDS discovery may take to find those who publish.
+/// The time that DDS discovery may need after a start or a reload to find all publishers.
 pub(super) const DISCOVERY: Span = Span::from_secs(3);

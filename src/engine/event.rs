@@ -9,7 +9,7 @@ use super::model::{NodeId, Stage};
 use super::state::State;
 use super::time::Timestamp;
 
-/// Events that wait to be taken. Past this the oldest are dropped, and counted.
+/// The number of waiting events. Beyond it the oldest are dropped and counted.
 const EVENTS_MAX: usize = 65_536;
 
 #[derive(Debug, Clone, PartialEq)]
@@ -20,15 +20,14 @@ pub struct Event {
 
 #[derive(Debug, Clone, PartialEq)]
 pub enum What {
-    /// A node shows another state, reports another one behind what it shows, or waits for another
-    /// `cause`.
+    /// A node's shown state, its own state behind that, or the `cause` that masks it has changed.
     Shown {
         node: NodeId,
         from: State,
         to: State,
         own: State,
         cause: Option<NodeId>,
-        /// The words of a module.
+        /// The message of a module.
         said: Option<Said>,
     },
     Stage {
@@ -39,12 +38,12 @@ pub enum What {
         index: usize,
         value: Option<bool>,
     },
-    /// A root cause appeared and nothing before explains it.
+    /// A root cause appeared that no earlier alarm explains.
     AlarmRaised {
         id: u64,
         node: NodeId,
     },
-    /// What `symptom` reported since the alarm was raised is owed to `cause`.
+    /// The alarm of `symptom` now belongs to `cause`, which explains it.
     AlarmMoved {
         id: u64,
         symptom: NodeId,
@@ -54,16 +53,16 @@ pub enum What {
         id: u64,
         node: NodeId,
     },
-    /// The root cause is gone, or another alarm stands for it.
+    /// The root cause ended, or another alarm covers it.
     AlarmCleared {
         id: u64,
         node: NodeId,
     },
-    /// A module that was made at run time was silent for too long: it is not there any more.
+    /// A discovered module was silent for too long and was removed.
     Left {
         node: Arc<str>,
     },
-    /// The configuration was replaced: ids before and after name different nodes.
+    /// The configuration was replaced. Ids before and after it name different nodes.
     Reloaded,
 }
 
@@ -88,7 +87,7 @@ impl Events {
         list.push(Event { at, what });
     }
 
-    /// What those that were not taken yet speak of.
+    /// The nodes of the waiting events.
     pub(super) fn nodes(&self) -> impl Iterator<Item = NodeId> {
         let of = |event: &Event| match event.what {
             What::Shown { node, cause, .. } => [Some(node), cause],
@@ -110,16 +109,16 @@ impl Events {
     }
 }
 
-/// So much of a message is kept: a history holds a million of them.
+/// Bytes of a message that are kept: a history holds a million of them.
 const SAID_BYTES_MAX: usize = 200;
 
-/// What a module said when it began to show something. A reported ERROR and a silence that counts
-/// as one differ in nothing else.
+/// The message of a module when its state changed. Only this text distinguishes a reported ERROR from a silence
+/// that counts as an ERROR.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Said {
-    /// Its last message, or the beginning of it.
+    /// The last message, or its beginning.
     pub message: Box<str>,
-    /// For how long nothing had come, where that was longer than its timeout.
+    /// The length of the silence, if it was longer than the module's timeout.
     pub silent: Option<Span>,
 }
 
@@ -129,13 +128,13 @@ impl Said {
         (silent.is_some() || !message.is_empty()).then(|| Said { message: message.into(), silent })
     }
 
-    /// As one text, for programs.
+    /// The message and the silence as one text, for programs.
     pub fn words(&self) -> Cow<'_, str> {
         with_silence(&self.message, self.silent)
     }
 }
 
-/// The last words of what may be silent since.
+/// The last message together with the silence since then, if there is one.
 pub(super) fn with_silence(last: &str, silent: Option<Span>) -> Cow<'_, str> {
     match silent.map(how_long) {
         None => last.into(),

@@ -11,80 +11,79 @@ use super::model::sample::{Probe, Sample, TopicNews};
 use super::state::State;
 use super::text::Text;
 
-/// One thing that happened. Handled by [`Engine::handle`](super::Engine::handle), nowhere else.
+/// One input of the engine. Only [`Engine::handle`](super::Engine::handle) takes inputs.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Input {
     /// One `diagnostic_msgs/DiagnosticArray`.
     Diagnostics(StatusArray),
-    /// Which writers of diagnostics there are, and whose. Said whenever that changes.
+    /// The known writers of diagnostics with their nodes; sent at each change.
     Writers(Arc<WriterList>),
-    /// A sample of a signal that the configuration names.
+    /// A sample of a configured signal.
     Signal { name: Box<str>, value: bool },
-    /// A message of a topic that monitors watch.
+    /// A message of a topic that a monitor watches.
     Sample(Sample),
-    /// Who publishes a topic that monitors watch; said at the start and whenever it changes.
+    /// The publishers of a topic that a monitor watches; sent at the start and at each change.
     Topic(TopicNews),
-    /// A watchdog's probe came to its end.
+    /// The result of a watchdog's probe.
     Probe(Probe),
-    /// Something about the reception itself went wrong.
+    /// A fault of the reception itself.
     Reception(ReceptionTrouble),
-    /// Something for the vehicle could, or could not, be sent. Said when that changes.
+    /// Whether an output to the vehicle could be sent; sent at each change.
     Output(OutputNews),
-    /// Somebody listens, or nobody, to what is published for the vehicle. Said when that changes;
-    /// until then it is taken for heard.
+    /// Whether an output to the vehicle has a reader; sent at each change. Until the first one, a reader is
+    /// assumed.
     Listened(ListenNews),
-    /// Another program publishes, or does not publish, the aggregated diagnosis that this one would.
-    /// Said when that changes.
+    /// Whether another program publishes the same aggregated diagnosis; sent at each change.
     Aggregator {
-        /// Where and who; `None`: nobody.
+        /// The topic and the other program; `None`: there is none.
         other: Option<Box<str>>,
     },
-    /// What must be kept can, or cannot, be written down. Said when that changes.
+    /// Whether the disk can store records; sent at each change.
     Storage {
-        /// What is wrong, for a developer; `None`: nothing.
+        /// The fault, for a developer; `None`: there is none.
         fault: Option<Box<str>>,
     },
-    /// The part that speaks DDS is up, or down: nothing of the vehicle can be heard then. Said when that
-    /// changes, and each time it goes down.
+    /// Whether the DDS process runs. Without it nothing of the vehicle is received. Sent at each change, and at
+    /// each further failure.
     Dds {
-        /// What is wrong, for a developer; `None`: nothing.
+        /// The fault, for a developer; `None`: there is none.
         fault: Option<Box<str>>,
     },
-    /// What has to be put right around the program, and stops nothing. Said when that changes.
+    /// A problem around the program that stops nothing but needs repair; sent at each change.
     Upkeep(Upkeep),
-    /// The operator's display shows, or does not show, what is. Said when that changes.
+    /// Whether the operator's display shows the present state; sent at each change.
     Display {
-        /// Whose display it is; `None`: nothing is wrong.
+        /// The operator whose display is late; `None`: no display is late.
         late: Option<Box<str>>,
     },
-    /// An operator did something on the page.
+    /// An action of the operator.
     Operator(OperatorAction),
-    /// Nothing but time passed.
+    /// Only time has passed.
     Tick,
 }
 
-/// What is wrong with the wall clock and with the certificate of the page; `None`: nothing.
+/// Problems of the wall clock and of the page's certificate; `None`: there is none.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Upkeep {
     pub clock: Option<Text>,
     pub certificate: Option<Text>,
 }
 
-/// A fault of the reception: counted for its topic and shown to the developer.
+/// A fault of the reception, counted for its topic and shown to developers.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReceptionTrouble {
-    /// As ROS names it: `/diagnostics`.
+    /// The ROS name: `/diagnostics`.
     pub topic: Box<str>,
     pub kind: TroubleKind,
-    /// How many messages this one input stands for.
+    /// The number of messages that this one input covers.
     pub count: u64,
-    /// What was wrong, for a developer.
+    /// The fault, for a developer.
     pub text: Box<str>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum TroubleKind {
-    /// The bytes are not what the type says.
+    /// The bytes do not follow the type.
     Malformed,
     /// A publisher offers the topic with another type.
     WrongType,
@@ -92,27 +91,27 @@ pub enum TroubleKind {
     Lost,
 }
 
-/// Whether something that is published for the vehicle could be sent.
+/// Whether an output to the vehicle could be sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OutputNews {
     pub output: Output,
-    /// As ROS names it: `/telltale/clearance`.
+    /// The ROS name: `/telltale/clearance`.
     pub topic: Box<str>,
-    /// Why it could not be sent, for a developer; `None`: it can be sent again.
+    /// The reason of the failure, for a developer; `None`: sending works again.
     pub error: Option<Box<str>>,
 }
 
-/// Whether anybody listens to something that is published for the vehicle.
+/// Whether an output to the vehicle has a reader.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ListenNews {
     pub output: Output,
-    /// As ROS names it: `/telltale/maneuver_stop_request`.
+    /// The ROS name: `/telltale/maneuver_stop_request`.
     pub topic: Box<str>,
     pub heard: bool,
 }
 
-/// The statuses of one `diagnostic_msgs/DiagnosticArray`. All text lies in one buffer, so an
-/// array of a thousand statuses costs three allocations.
+/// The statuses of one `diagnostic_msgs/DiagnosticArray`. One buffer holds all text, so an array of a thousand
+/// statuses costs three allocations.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct StatusArray {
     text: String,
@@ -140,7 +139,7 @@ impl StatusArray {
         }
     }
 
-    /// The same, as this writer said it.
+    /// The same array with its writer.
     pub fn said_by(self, writer: WriterId) -> StatusArray {
         StatusArray { writer, ..self }
     }
@@ -170,7 +169,7 @@ impl StatusArray {
         }
     }
 
-    /// [`push_status`](Self::push_status) of text from outside: what is no UTF-8, and a NUL, becomes U+FFFD.
+    /// [`push_status`](Self::push_status) for received bytes: invalid UTF-8 and NUL become U+FFFD.
     pub fn push_status_lossy(&mut self, level: u8, name: &[u8], message: &[u8], hardware_id: &[u8]) {
         let name = self.append_lossy(name);
         let message = self.append_lossy(message);
@@ -179,7 +178,7 @@ impl StatusArray {
         self.statuses.push(StatusSpans { level, name, message, hardware_id, values: first..first });
     }
 
-    /// [`push_value`](Self::push_value) of text from outside.
+    /// [`push_value`](Self::push_value) for received bytes.
     pub fn push_value_lossy(&mut self, key: &[u8], value: &[u8]) {
         if self.statuses.is_empty() {
             return;

@@ -10,7 +10,7 @@ use super::state::State;
 use super::time::Timestamp;
 use super::timers::TimerKey;
 
-/// What was received for monitors.
+/// An input for monitors.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Received<'a> {
     Sample(&'a Sample),
@@ -19,7 +19,7 @@ pub(super) enum Received<'a> {
 }
 
 impl Engine {
-    /// Takes what was received for monitors. Returns whether anything changed but what was counted.
+    /// Takes an input for monitors. Returns whether more than counters changed.
     pub(super) fn take_watched(&mut self, received: Received<'_>) -> bool {
         if let Received::Probe(probe) = received
             && self.asks_in_vain(probe)
@@ -45,7 +45,7 @@ impl Engine {
         changed
     }
 
-    /// Takes the KeyValues that monitors watch; the statuses have found their modules already.
+    /// Takes the KeyValues that monitors watch, after the statuses have been assigned to their modules.
     pub(super) fn take_keys(&mut self, array: &StatusArray, number: u64) {
         let mut judge = std::mem::take(&mut self.watching.judge);
         let (names, limits) = (&self.names, &self.model.limits);
@@ -56,15 +56,15 @@ impl Engine {
         self.watching.judge = judge;
     }
 
-    /// Lets a monitor speak: because it `heard` something, or by the clock. Returns whether that
-    /// changed anything.
+    /// Judges a monitor after an input (`heard`) or after time has passed. Returns whether that changed
+    /// anything.
     pub(super) fn judge_monitor(&mut self, index: u32, heard: bool) -> bool {
         let id = match self.watching.watches[index as usize].purpose {
             Purpose::Module(id) => id,
             Purpose::Signal(signal) => return heard && self.judge_condition(index, signal),
         };
         if self.dds_fault.is_some() && !heard && self.watching.hears_dds(id) {
-            // That nothing comes says nothing of the vehicle.
+            // Silence while DDS is down is no statement about the vehicle.
             return false;
         }
         let by_the_clock = self.watching.by_the_clock(index);
@@ -89,7 +89,8 @@ impl Engine {
         moved || said
     }
 
-    /// Starts what became relevant and stops what is not any more. Returns whether there was any.
+    /// Starts the monitors of modules that became relevant, and stops the others. Returns whether there were
+    /// any.
     pub(super) fn turn_monitors(&mut self) -> bool {
         let turned = std::mem::take(&mut self.watching.turned);
         for &id in &turned {
@@ -101,7 +102,7 @@ impl Engine {
         !turned.is_empty()
     }
 
-    /// Goes on with the monitors of before a reload, once their modules are known.
+    /// Continues the monitors from before a reload, once their modules exist.
     pub(super) fn resume_monitors(&mut self) {
         for index in 0..self.watching.watches.len() as u32 {
             self.judge_monitor(index, false);
@@ -110,14 +111,14 @@ impl Engine {
 }
 
 impl Net {
-    /// A module's monitor judges otherwise than before, though nothing came. Returns whether the
-    /// module's own state may have changed.
+    /// A module's monitor has a new judgement without a new input. Returns whether the module's own state may
+    /// have changed.
     fn revise(&mut self, id: ModuleId, state: State, by_the_clock: bool, now: Timestamp) -> bool {
         let policy = self.policy(id).clone();
         let own = &mut self.modules[id.0 as usize].own;
         let heard = own.received().is_some();
         let moved = own.revise(state, &policy, by_the_clock, now);
-        // Time acts first, and what was heard may be over at this very instant.
+        // Time acts first: the effect of an input may end at this very instant.
         let forgotten = heard && own.received().is_none();
         if forgotten {
             self.forgotten.push(id);
@@ -125,7 +126,7 @@ impl Net {
         moved || forgotten
     }
 
-    /// A module's monitor has nothing to say any more.
+    /// A module's monitor has no judgement any more.
     fn forget(&mut self, id: ModuleId, now: Timestamp) -> bool {
         let policy = self.policy(id).clone();
         self.modules[id.0 as usize].own.forget(&policy, now);

@@ -1,5 +1,5 @@
-//! Finds heard names that resemble a configured name that is never heard, and reports them where a status
-//! is missing.
+//! Finds received names that resemble a configured name without a status, and shows them where the status is
+//! missing.
 
 use super::Engine;
 use super::model::filter::Filter;
@@ -11,14 +11,15 @@ use super::text::say;
 
 /// Letters of a name that are compared.
 const LETTERS_MAX: usize = 96;
-/// Names that are compared with one another, from a start or a reload on. A vehicle needs a few thousand;
-/// a flood of names costs no more than some tens of milliseconds in all.
+/// Comparisons of names after a start or a reload. A vehicle needs a few thousand; a flood of names costs some
+/// tens of milliseconds in total.
 pub(super) const COMPARISONS_MAX: u32 = 20_000;
-/// A shorter part of a filter is in too many names.
+/// A shorter part of a filter would match too many names.
 const PART_MIN: usize = 3;
 
 impl Engine {
-    /// A name is heard for the first time: each status or filter that was never heard and resembles it is told.
+    /// Compares a name that is received for the first time with every status and filter that has not matched
+    /// yet, and notes the similar ones.
     pub(super) fn compare_new_name(&mut self, heard: &str, unclaimed: bool) {
         let model = self.model.clone();
         for (id, module) in (0..).map(ModuleId).zip(&model.modules) {
@@ -63,7 +64,7 @@ fn nothing_matches(heard: &str) -> Text {
     )
 }
 
-/// The names of the statuses that a monitor waits for.
+/// The names of the statuses that a monitor reads.
 fn statuses(monitor: &MonitorSpec) -> impl Iterator<Item = &str> {
     let keys = feeds(monitor).into_iter().filter_map(|feed| match feed {
         Feed::Values(ValueSource::Key { status, .. }) => Some(&**status),
@@ -72,13 +73,13 @@ fn statuses(monitor: &MonitorSpec) -> impl Iterator<Item = &str> {
     monitor.status().map(|status| &**status).into_iter().chain(keys)
 }
 
-/// What tells names apart: letters and digits, small.
+/// The letters and digits of a name, in lower case: the part that distinguishes names.
 fn plain(name: &str) -> Vec<char> {
     let letters = name.chars().filter(|letter| letter.is_alphanumeric());
     letters.flat_map(char::to_lowercase).take(LETTERS_MAX).collect()
 }
 
-/// Whether one may have been written for the other. Names with other numbers are of other things.
+/// Whether one name may be a misspelling of the other. Names with different numbers belong to different things.
 fn alike(wanted: &str, heard: &str) -> bool {
     let (a, b) = (plain(wanted), plain(heard));
     let (short, long) = if a.len() < b.len() { (&a, &b) } else { (&b, &a) };
@@ -93,7 +94,7 @@ fn numbers(name: &[char]) -> Vec<char> {
     name.iter().copied().filter(char::is_ascii_digit).collect()
 }
 
-/// Whether a filter may have been written for a name that it does not take.
+/// Whether a filter was probably meant to match this name but does not.
 fn nearly_matches(filter: &Filter, heard: &str) -> bool {
     let part = match filter {
         Filter::Name(name) => return alike(name, heard),
@@ -112,7 +113,7 @@ fn nearly_matches(filter: &Filter, heard: &str) -> bool {
     name.windows(part.len()).any(|inside| *inside == *part) || near(&name[..part.len()])
 }
 
-/// Letters to change, add or leave out.
+/// The edit distance: letters to change, add or remove.
 fn distance(a: &[char], b: &[char]) -> usize {
     let mut row: Vec<usize> = (0..=b.len()).collect();
     for (i, x) in a.iter().enumerate() {

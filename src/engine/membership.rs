@@ -1,7 +1,7 @@
 //! The modules of the net: declared ones, and discovered ones that come and go.
 //!
-//! A module's id is its index. The index of a module that left is used again once nothing refers to it, so
-//! the list is never longer than the largest number of simultaneous modules and those that alarms and
+//! A module's id is its index. The index of a module that left is used again as soon as nothing refers to it.
+//! So the list is never longer than the largest number of simultaneous modules and of those that alarms and
 //! countermeasures name.
 
 use super::module::names::Place;
@@ -19,22 +19,22 @@ use super::state::{State, Tally};
 use super::time::Timestamp;
 use super::view::views::Views;
 
-/// Places of modules that left.
+/// The indices of modules that left.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Departed {
-    /// By name: an alarm, or what is asked of the vehicle, may speak of them still.
+    /// By name: alarms or countermeasures may still refer to these.
     named: BTreeMap<Arc<str>, ModuleId>,
-    /// Nothing speaks of them.
+    /// Nothing refers to these any more.
     free: Vec<ModuleId>,
 }
 
 impl Engine {
-    /// Makes the modules of a new name, or those that it lacks; none if the limit is reached.
+    /// Makes the modules of a new name, or the missing ones of a known name; none if the limit is reached.
     pub(super) fn discover(&mut self, name: &str) -> Option<u32> {
         self.discover_but(name, &[])
     }
 
-    /// The same, but makes none in these groups before the name is heard again.
+    /// The same, but leaves these groups without a module until the name is received again.
     pub(super) fn discover_but(&mut self, name: &str, left_out: &[GroupId]) -> Option<u32> {
         let known = self.names.find(name);
         let present = known.map(|route| self.names.modules(route));
@@ -45,7 +45,7 @@ impl Engine {
             .collect();
         present.extend(left_out);
         let claim = self.names.claim(&self.model, name, self.net.other_group(), &present);
-        // What was dropped once is not counted with every status of a name that is known.
+        // A dropped name is counted once, not with each of its statuses.
         for &group in claim.dropped_by.iter().filter(|_| known.is_none()) {
             let module = self
                 .overflow
@@ -82,7 +82,7 @@ impl Engine {
         id
     }
 
-    /// The place of a module that left and that nothing refers to any more.
+    /// The index of a module that left and that nothing refers to.
     fn free_slot(&mut self) -> Option<ModuleId> {
         if self.departed.free.is_empty() && !self.departed.named.is_empty() {
             let spoken_of: HashSet<NodeId> = self
@@ -111,7 +111,7 @@ impl Engine {
         self.departed.free.pop()
     }
 
-    /// Takes note of modules that left, and of those that are as if they had never reported.
+    /// Removes modules that left, and resets those whose reports expired.
     pub(super) fn take_leave(&mut self) {
         for id in std::mem::take(&mut self.net.left) {
             let name = self.views.leave(id);
@@ -125,7 +125,7 @@ impl Engine {
         }
     }
 
-    /// The names of modules that left, each with its group as it is called there.
+    /// The names of modules that left, each with its group.
     pub(super) fn departed_names(&self, new: &Views) -> Vec<(Arc<str>, GroupId)> {
         let group = |id: ModuleId| {
             let group = self.net.modules[id.0 as usize].node.parent?;
@@ -136,13 +136,14 @@ impl Engine {
         named.filter_map(|(name, &id)| Some((name.clone(), group(id)?))).collect()
     }
 
-    /// Keeps the name of a module that left before a restart or a reload, for what speaks of it.
+    /// Keeps the name of a module that left before a restart or a reload, for alarms and countermeasures that
+    /// refer to it.
     pub(super) fn keep_departed(&mut self, name: &str, group: GroupId) {
         let name: Arc<str> = name.into();
         if self.views.has(&name) || self.departed.named.contains_key(&name) {
             return;
         }
-        // What speaks of it comes later: no place is free before that is known.
+        // References to it are restored later: until then no index is free.
         let id = self.net.discover(&Place::of(group), ModuleKind::Discovered, None, self.now);
         self.views.discover(id, group, (name.clone(), 0), (None, None), self.now);
         self.net.remove(id);
@@ -176,7 +177,7 @@ impl Net {
         self.mark_enter(id);
     }
 
-    /// Tells every node who depends on it.
+    /// Enters each node among the dependents of its dependencies.
     pub(super) fn link(&mut self) {
         let groups = (0..self.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
         let modules = (0..self.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
@@ -205,8 +206,8 @@ impl Net {
         self.mark_module(id);
     }
 
-    /// A module made at run time, in the place of one that left where there is one: it has no
-    /// dependencies of its own, so it stands just before its group in the order.
+    /// Adds a discovered module, at the index of one that left if there is one. It has no dependencies of its
+    /// own, so it stands just before its group in the order.
     pub(super) fn discover(
         &mut self,
         place: &Place,
@@ -245,7 +246,7 @@ impl Net {
         id
     }
 
-    /// Of a module that was made at run time: as the entry that made it says.
+    /// The policy of a discovered module: that of the entry that claimed it.
     pub(super) fn discovered_policy(&self, id: ModuleId) -> &Policy {
         let module = &self.modules[id.0 as usize];
         let group = module.node.parent.and_then(|id| self.model.groups.get(id.0 as usize));
@@ -253,7 +254,7 @@ impl Net {
         entry.and_then(|entry| entry.policy.as_ref()).unwrap_or(&self.model.discovered)
     }
 
-    /// Lets a module go that is silent for too long, or is gone already. Returns whether it is gone.
+    /// Removes a module that was silent for too long, if it is not removed already. Returns whether it is gone.
     pub(super) fn leaves(&mut self, id: ModuleId, now: Timestamp) -> bool {
         let module = &self.modules[id.0 as usize];
         if module.kind == ModuleKind::Discovered && module.own.lapsed(self.policy(id), now) {
@@ -265,7 +266,7 @@ impl Net {
         gone
     }
 
-    /// Takes a module out of its group: nothing follows from it any more.
+    /// Takes a module out of its group; it has no further effect.
     pub(super) fn remove(&mut self, id: ModuleId) {
         let module = &mut self.modules[id.0 as usize];
         let before = std::mem::replace(&mut module.node.facts, UNSEEN);

@@ -1,7 +1,7 @@
-//! The pure core: statuses, signals and operator actions in, snapshots out (`ENGINE.md`).
+//! The pure core: statuses, signals and operator actions in, snapshots out.
 //!
-//! No clock, no I/O, no async, no serde, no logging. The caller says what time it is, and
-//! asks [`Engine::next_deadline`] when to call again.
+//! No clock, no I/O, no async, no serde, no logging. The caller passes the time, and asks
+//! [`Engine::next_deadline`] when to call again.
 
 pub mod action;
 mod counters;
@@ -74,35 +74,35 @@ pub struct Engine {
     warnings: Warnings,
     countermeasures: Countermeasures,
     told: Told,
-    /// After a start: until then nobody need have said whether the vehicle drives.
+    /// After a start, the time until which no component has to report whether the vehicle drives.
     active_by: Timestamp,
-    /// Something changed that the vehicle's stage or a request may follow from.
+    /// Something changed that the stage or a request may depend on.
     led: bool,
     timers: Timers,
     overflow: Overflow,
     departed: Departed,
     watching: Watching,
     reception: ReceptionCheck,
-    /// Whose the writers of statuses are.
+    /// The writers of statuses with their nodes.
     writers: WriterList,
     disputes: Disputes,
-    /// Some status may not be said by everybody.
+    /// Some module accepts its status only from certain writers.
     restricted: bool,
-    /// It was said that words are cut.
+    /// Whether the module `telltale/memory` reports cut texts at present.
     said_cut: bool,
-    /// Why nothing can be written down.
+    /// The reason why the disk can store nothing.
     storage_fault: Option<Box<str>>,
     upkeep: Upkeep,
-    /// Whose display shows nothing.
+    /// The operator whose display is late.
     display_late: Option<Box<str>>,
-    /// Why nothing of the vehicle can be heard.
+    /// The reason why nothing is received over DDS.
     dds_fault: Option<Box<str>>,
     counters: Counters,
     events: Events,
     views: Views,
-    /// Names of the array in hand, kept to save allocations.
+    /// Routes of the present array, kept to save allocations.
     touched: Vec<u32>,
-    /// Names that may still be compared with what is configured.
+    /// The remaining comparisons of new names with configured ones.
     comparisons: u32,
 }
 
@@ -113,7 +113,7 @@ impl Engine {
         engine
     }
 
-    /// Everything in its place, nothing judged yet.
+    /// Builds all parts; nothing is judged yet.
     fn build(model: Arc<Model>, now: Timestamp) -> Engine {
         let signals = Signals::new(&model.signals);
         let mut engine = Engine {
@@ -159,8 +159,8 @@ impl Engine {
         engine
     }
 
-    /// Takes one input at `now`; an instant before the last one counts as the last one. What time
-    /// alone changed up to `now` happens first, each at its own instant.
+    /// Takes one input at `now`; an instant before the last one counts as the last one. Deadlines up to `now`
+    /// act first, each at its own instant.
     pub fn handle(&mut self, input: &Input, now: Timestamp) -> Response {
         self.advance(now);
         let mut response = Response::Done;
@@ -174,7 +174,7 @@ impl Engine {
             Input::Display { late } => self.take_display(late.clone()),
             Input::Dds { fault } => self.take_dds(fault.clone()),
             Input::Upkeep(upkeep) => self.take_upkeep(upkeep.clone()),
-            // Nearly every message says what the one before said: then nothing is to be settled.
+            // Nearly every message repeats the one before; then there is nothing to settle.
             Input::Sample(sample) if !self.take_watched(Received::Sample(sample)) => return response,
             Input::Topic(news) if !self.take_watched(Received::Topic(news)) => return response,
             Input::Probe(probe) if !self.take_watched(Received::Probe(probe)) => return response,
@@ -188,7 +188,7 @@ impl Engine {
         response
     }
 
-    /// What everything shows now. Parts that did not change are shared with the snapshot before.
+    /// The present state of everything. Unchanged parts are shared with the snapshot before.
     pub fn snapshot(&mut self) -> Arc<Snapshot> {
         self.views.refresh_ages(&self.net);
         let counters = Counters {
@@ -214,12 +214,13 @@ impl Engine {
         self.events.keep();
     }
 
-    /// What happened since the last call, in order. Past 65,536 the oldest are gone.
+    /// The events since the last call, in order. Of more than 65,536 the oldest are gone.
     pub fn take_events(&mut self) -> Vec<Event> {
         self.events.take()
     }
 
-    /// When time alone may change something next: call [`Engine::handle`] with [`Input::Tick`] then.
+    /// The next instant at which time alone may change something: call [`Engine::handle`] with [`Input::Tick`]
+    /// then.
     pub fn next_deadline(&self) -> Option<Timestamp> {
         self.timers.next()
     }
@@ -242,7 +243,7 @@ impl Engine {
             TimerKey::Group(index) => self.net.mark_leave(GroupId(index)),
             TimerKey::Reception => self.judge_reception(),
             TimerKey::Disputes => self.judge_disputes(),
-            // Settling looks at them.
+            // `settle` evaluates them.
             TimerKey::Localization | TimerKey::Countermeasures | TimerKey::Active | TimerKey::Searched => {
                 self.led = true;
             }
@@ -320,7 +321,7 @@ impl Engine {
         self.reception.message = message;
     }
 
-    /// Sets what the diagnosis says of itself.
+    /// Reports the state of one of Telltale's own modules.
     fn report_on_self(&mut self, check: SystemCheck, state: State, message: impl Into<Text>) {
         let id = self.net.system_module(check);
         if self.net.report(id, state, self.now) {
@@ -329,7 +330,7 @@ impl Engine {
         self.views.set_message(id, message.into());
     }
 
-    /// Brings everything to what follows from what was marked, at the present instant.
+    /// Evaluates everything that was marked, at the present instant.
     fn settle(&mut self) {
         self.say_cut();
         self.follow_changes();
@@ -383,12 +384,12 @@ impl Engine {
         if self.events.wanted() {
             self.keep_changes(&changes, blamed);
         }
-        // The list is handed back empty: its room is used again.
+        // The empty list is handed back, so that its memory is used again.
         self.net.changes = changes;
         self.net.changes.clear();
     }
 
-    /// A contradiction in what is shown: a fault of this program, never of the vehicle.
+    /// A contradiction between shown states: a fault of this program, never of the vehicle.
     fn breach(&self) -> Option<String> {
         if let Some(node) = self.views.masked_by_nothing() {
             return Some(format!("{node} is hidden and nothing explains it"));

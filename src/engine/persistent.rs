@@ -1,5 +1,5 @@
-//! A vector that shares what did not change: the engine edits its own copy, each snapshot holds
-//! another, and an edit copies only the path to the changed element.
+//! A vector that shares unchanged parts: the engine edits its own copy, each snapshot holds another, and an
+//! edit copies only the path to the changed element.
 
 use std::sync::Arc;
 
@@ -103,10 +103,10 @@ impl<T: Clone> PersistentVec<T> {
     }
 }
 
-/// What both share is not looked at. Two of one length have nodes of one shape.
+/// Shared nodes are not compared. Two vectors of equal length have nodes of equal shape.
 impl<T: Eq> PartialEq for PersistentVec<T> {
     fn eq(&self, other: &PersistentVec<T>) -> bool {
-        // `Arc` compares by address first, as the items equal themselves.
+        // `Arc` compares by address first, because the items are `Eq`.
         self.len == other.len && self.root == other.root
     }
 }
@@ -117,7 +117,8 @@ impl<T> std::ops::Index<usize> for PersistentVec<T> {
     type Output = T;
 
     /// # Panics
-    /// If `index` is not below `len`, as a slice does.
+    ///
+    /// If `index` is not below `len`, as for a slice.
     fn index(&self, index: usize) -> &T {
         self.get(index).unwrap_or_else(|| panic!("index {index} of {}", self.len))
     }

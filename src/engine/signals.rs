@@ -1,4 +1,4 @@
-//! The vehicle's signals: named truth values that conditions use (`ENGINE.md` 3).
+//! The vehicle's signals: named truth values that conditions use.
 
 pub(super) mod driving_word;
 
@@ -14,26 +14,26 @@ use driving_word::Drive;
 pub(super) struct Signals {
     /// The built-in signal: the operator gave a pose.
     pub(super) posed: bool,
-    /// What its own contradictions make of the word that the vehicle drives.
+    /// Whether the signal that the vehicle drives is believed.
     pub(super) drive: Drive,
-    /// The signal that says so, where stages follow from it.
+    /// The signal that the stages follow, if there is one.
     active: Option<usize>,
     specs: Vec<SignalSpec>,
     values: Vec<Value>,
 }
 
-/// What was said of a signal, and when.
+/// The last value of a signal, and its time.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Heard {
     pub(super) is: bool,
-    /// Of a condition over several inputs, when the oldest of them came.
+    /// For a condition over several inputs, the time of the oldest.
     pub(super) at: Timestamp,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
 struct Value {
     last: Option<(bool, Timestamp)>,
-    /// What conditions see now.
+    /// The value that conditions see now.
     seen: Option<bool>,
 }
 
@@ -41,7 +41,7 @@ impl Signals {
     pub(super) fn new(specs: &[SignalSpec]) -> Signals {
         let value = |spec: &SignalSpec| Value {
             last: None,
-            // An event that has not come is known to be absent.
+            // An event that has not come counts as false.
             seen: spec.present_for.map(|_| false),
         };
         Signals {
@@ -69,7 +69,7 @@ impl Signals {
         self.specs.iter().zip(&self.values).map(|(spec, value)| (&*spec.name, value.seen))
     }
 
-    /// Takes over the last sample of another set's signal.
+    /// Takes over the last sample of a signal of another set.
     pub(super) fn copy(&mut self, index: usize, other: &Signals, from: usize, now: Timestamp) {
         self.values[index].last = other.values[from].last;
         if self.active == Some(index) {
@@ -78,12 +78,12 @@ impl Signals {
         self.refresh(index, now);
     }
 
-    /// Sets what conditions see until the next sample, however long that takes.
+    /// Sets the value that conditions see until the next sample, however long that takes.
     pub(super) fn assume(&mut self, index: usize, value: bool) {
         self.values[index] = Value { last: None, seen: Some(value) };
     }
 
-    /// An event is used up: it counts as not received. Returns whether what conditions see changed.
+    /// Uses an event up: it counts as not received. Returns whether the value for conditions changed.
     pub(super) fn forget(&mut self, index: usize) -> bool {
         if self.specs[index].present_for.is_none() {
             return false;
@@ -92,21 +92,21 @@ impl Signals {
         self.values[index].seen.replace(false) != Some(false)
     }
 
-    /// Takes the word that the vehicle drives or not; one may contradict the other. `expected`:
-    /// it was cleared to drive. Returns whether what conditions see changed.
+    /// Takes a sample of the signal that the vehicle drives; samples may contradict each other. `expected`: the
+    /// vehicle was cleared. Returns whether the value for conditions changed.
     pub(super) fn take_active(&mut self, value: Heard, expected: bool, now: Timestamp) -> bool {
         let Some(index) = self.active else { return false };
         self.drive.take(value.is, self.value(index) == Some(true), expected, now);
         self.take(index, value, now)
     }
 
-    /// Takes a sample. Returns whether what conditions see changed.
+    /// Takes a sample. Returns whether the value for conditions changed.
     pub(super) fn take(&mut self, index: usize, value: Heard, now: Timestamp) -> bool {
         self.values[index].last = Some((value.is, value.at));
         self.refresh(index, now)
     }
 
-    /// Nothing is known of a level any more. An event stays what it was: it is there or not.
+    /// A level becomes unknown; an event stays as it is. Returns whether the value for conditions changed.
     fn lose(&mut self, index: usize) -> bool {
         if self.specs[index].present_for.is_some() {
             return false;
@@ -114,7 +114,7 @@ impl Signals {
         std::mem::take(&mut self.values[index]).seen.is_some()
     }
 
-    /// Lets the time up to `now` act on one signal. Returns whether what conditions see changed.
+    /// Advances one signal to `now`. Returns whether the value for conditions changed.
     pub(super) fn refresh(&mut self, index: usize, now: Timestamp) -> bool {
         let Some((value, at)) = self.values[index].last else { return false };
         let spec = &self.specs[index];
@@ -126,7 +126,7 @@ impl Signals {
         std::mem::replace(&mut self.values[index].seen, seen) != seen
     }
 
-    /// When time alone changes a signal, or what is thought of it, next.
+    /// The next time at which time alone changes a signal, or whether it is believed.
     pub(super) fn due(&self, index: usize, now: Timestamp) -> Option<Timestamp> {
         let spec = &self.specs[index];
         let over = self.values[index].last.and_then(|(_, at)| Some(at + spec.present_for.or(spec.timeout)?));
@@ -144,7 +144,7 @@ impl Engine {
         self.take_heard(index, Heard { is: value, at: self.now });
     }
 
-    /// Takes what the inputs of a signal's condition say. Returns whether anything follows from it.
+    /// Evaluates the condition of a signal after an input. Returns whether anything follows from it.
     pub(super) fn judge_condition(&mut self, watch: u32, index: usize) -> bool {
         let timeout = self.model.signals[index].timeout;
         let is_known = |heard: &Heard| timeout.is_none_or(|timeout| self.now < heard.at + timeout);
@@ -153,7 +153,7 @@ impl Engine {
             self.signal_changed(index, changed);
             return true;
         };
-        // An event happens when a message says so, however old what stands beside it is.
+        // An event happens with its message, whatever the age of the other inputs.
         let is_event = self.model.signals[index].present_for.is_some();
         let at = if is_event { self.now } else { holds.at };
         self.take_heard(index, Heard { at, ..holds }) || Some(index) == self.active_signal

@@ -1,6 +1,6 @@
-//! The immutable result: what every part of the vehicle shows at one instant, and why.
+//! The immutable result: the state that every part of the vehicle shows at one instant, and why.
 //!
-//! A snapshot is cheap to make and to keep: parts that did not change are shared with the one before.
+//! A snapshot is cheap to make and to keep: it shares unchanged parts with the one before.
 
 use super::model::monitors::Class;
 use std::sync::Arc;
@@ -19,14 +19,14 @@ use super::time::Timestamp;
 /// The state of the whole vehicle at one instant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Snapshot {
-    /// Grows by one with every input or deadline that changed a state, a reason, a root cause, an
-    /// alarm or the stage: what an operator decides by.
+    /// Grows by one with every input or deadline that changed a state, a reason, a root cause, an alarm or the
+    /// stage: everything that an operator decides by.
     pub seq: u64,
-    /// Grows by one with every change at all, words and values included.
+    /// Grows by one with every change, texts and values included.
     pub revision: u64,
     pub now: Timestamp,
     pub stage: Stage,
-    /// The operator in the seat, if one is logged in.
+    /// The logged-in operator.
     pub operator: Option<Arc<str>>,
     /// The fold of the top-level groups; IGNORE if all are ignored.
     pub overall: State,
@@ -35,24 +35,24 @@ pub struct Snapshot {
     pub groups: PersistentVec<GroupView>,
     /// By [`ModuleId`].
     pub modules: PersistentVec<ModuleView>,
-    /// Ranked, worst first (`ENGINE.md` 6).
+    /// Ranked, worst first.
     pub roots: Arc<[RootCause]>,
     /// Active or not acknowledged, by number.
     pub alarms: Arc<[Alarm]>,
     /// The number of the last alarm that was raised.
     pub last_alarm: u64,
-    /// Modules whose WARNING the operator accepted.
+    /// Modules with a WARNING that the operator accepted.
     pub accepted: Arc<[NodeId]>,
-    /// What the vehicle is asked to do, strongest first; at most one of each kind.
+    /// The requests to the vehicle, strongest first; at most one of each kind.
     pub countermeasures: Arc<[Countermeasure]>,
     pub localization: Localization,
     /// The vehicle may start; a level for its topic.
     pub clearance: bool,
-    /// Why the vehicle cannot be cleared now; what only the display and the store know is not in it.
+    /// The reasons against a clearance now, without those that only the display and the store know.
     pub clearance_refusals: Arc<[Refusal]>,
-    /// Requests that would reach nobody, and why.
+    /// Outputs without a receiver, and why.
     pub unreached: Arc<[(Output, Unreached)]>,
-    /// Outputs to which somebody of the vehicle listens. In the first seconds it is not known.
+    /// Outputs with a reader on the vehicle. In the first seconds this is not known.
     pub listened: Arc<[Output]>,
     /// By position in the model's signals; `None` is unknown.
     pub signals: Arc<[(Box<str>, Option<bool>)]>,
@@ -62,33 +62,33 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// The strongest countermeasure: what the operator has to know first.
+    /// The strongest countermeasure: the operator has to know it first.
     pub fn countermeasure(&self) -> Option<&Countermeasure> {
         self.countermeasures.first()
     }
 
-    /// The deceleration to ask for in m/s²; a level for its topic.
+    /// The requested deceleration in m/s²; a level for its topic.
     pub fn deceleration(&self) -> Option<f64> {
         self.countermeasures.iter().find_map(|it| it.request.mps2())
     }
 
-    /// Whether to ask for the maneuver component's own stop; a level for its topic. A stronger
-    /// request beside it does not take it back.
+    /// Whether the maneuver component's own stop is requested; a level for its topic. A stronger request does
+    /// not end it.
     pub fn maneuver_stop(&self) -> bool {
         self.countermeasures.iter().any(|it| it.request.kind() == RequestKind::ManeuverStop)
     }
 
-    /// Whether the operator asked for a stop that is not over.
+    /// Whether the operator requested a stop that is not over.
     pub fn stop_requested(&self) -> bool {
         self.countermeasures.iter().any(|it| it.by_operator)
     }
 
-    /// Why what is said on an output reaches nobody.
+    /// The reason why an output has no receiver.
     pub fn unreached(&self, output: Output) -> Option<Unreached> {
         self.unreached.iter().find(|(of, _)| *of == output).map(|(_, why)| *why)
     }
 
-    /// Whether it is known that somebody listens to this output.
+    /// Whether an output is known to have a reader.
     pub fn is_listened_to(&self, output: Output) -> bool {
         self.listened.contains(&output)
     }
@@ -101,8 +101,7 @@ impl Snapshot {
         (&self.layout.modules[id.0 as usize], &self.modules[id.0 as usize])
     }
 
-    /// The tiles: the configuration's groups without a parent, in its order; then what nothing claims,
-    /// where that is counted.
+    /// The tiles: the configuration's groups without a parent, in its order; then `other`, if that is counted.
     pub fn tiles(&self) -> impl Iterator<Item = GroupId> {
         (0..self.layout.groups.len() as u32).map(GroupId).filter(|&id| {
             let group = &self.layout.groups[id.0 as usize];
@@ -118,20 +117,20 @@ impl Snapshot {
         }
     }
 
-    /// Finds a node by the name of [`Snapshot::node_name`]. Walks all names: for pages and tests.
+    /// Finds a node by the name of [`Snapshot::node_name`]. Searches all names: for pages and tests.
     pub fn node(&self, name: &str) -> Option<NodeId> {
         let group = self.layout.groups.iter().position(|group| &*group.path == name);
         let module = || self.module_ids().find(|id| *self.module(*id).0.id == *name);
         group.map(|index| NodeId::Group(GroupId(index as u32))).or_else(|| module().map(NodeId::Module))
     }
 
-    /// The modules that are there.
+    /// The modules that have not left.
     pub fn module_ids(&self) -> impl Iterator<Item = ModuleId> {
         let modules = self.layout.modules.iter().zip(0..).filter(|(module, _)| !module.gone);
         modules.map(|(_, index)| ModuleId(index))
     }
 
-    /// What a node reports, as if nothing were masked.
+    /// The own state of a node, as if nothing were masked.
     pub fn own(&self, node: NodeId) -> State {
         match node {
             NodeId::Group(id) => self.groups[id.0 as usize].own,
@@ -139,7 +138,7 @@ impl Snapshot {
         }
     }
 
-    /// What a node shows, and why where that is IGNORE.
+    /// The shown state of a node, with the reason if it is IGNORE.
     pub fn shown(&self, node: NodeId) -> (State, Option<&Reason>) {
         match node {
             NodeId::Group(id) => {
@@ -159,9 +158,9 @@ impl Snapshot {
 pub struct Layout {
     pub vehicle_id: Arc<str>,
     pub vehicle_name: Text,
-    /// What becomes of statuses that nothing claims.
+    /// The treatment of unclaimed statuses.
     pub other: Other,
-    /// Where an operator may say that the vehicle stands.
+    /// The places at which an operator may localize the vehicle.
     pub stops: Arc<[Stop]>,
     /// By [`GroupId`]; parents stand before their children, `other` and `telltale` are last.
     pub groups: Vec<GroupInfo>,
@@ -178,13 +177,13 @@ pub struct GroupInfo {
     pub modules: Vec<ModuleId>,
     pub depends_on: Vec<DependsOn>,
     pub tile: Option<(u8, u8)>,
-    /// The group of statuses that nothing claims.
+    /// The group of unclaimed statuses.
     pub is_other: bool,
-    /// It has a part in what the vehicle is.
+    /// It counts towards the state of the vehicle.
     pub counted: bool,
-    /// The group of what the diagnosis says of itself.
+    /// The group of Telltale's own modules.
     pub is_system: bool,
-    /// While nothing matches its filters: a name that looks as if it should.
+    /// While nothing matches its filters: a received name that a filter was probably meant to match.
     pub hint: Option<Text>,
 }
 
@@ -201,34 +200,34 @@ pub struct ModuleInfo {
     pub name: Option<Arc<Wording>>,
     pub help: Option<Arc<Wording>>,
     pub group: GroupId,
-    /// The status that it takes, if it takes one: filters may overlap, so others may take the same.
+    /// The status of the module, if it has one. Filters may overlap, so other modules may have the same.
     pub status: Option<Arc<str>>,
-    /// Whole names of the nodes that may say it; `None`: all.
+    /// Full names of the nodes whose reports count; `None`: all.
     pub writers: Option<NodeNames>,
     pub depends_on: Vec<DependsOn>,
     pub discovered: bool,
-    /// It was silent for too long and is not there any more: what speaks of it finds its name here.
+    /// It was silent for too long and left; alarms and countermeasures still find its name here.
     pub gone: bool,
-    /// Of what was made at run time, the number in order of arrival.
+    /// The number of a discovered module, in order of arrival.
     pub number: u64,
-    /// The kind of its monitor, as the configuration names it.
+    /// The kind of its monitor, as in the configuration.
     pub kind: &'static str,
     pub class: Class,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GroupView {
-    /// What is shown.
+    /// The shown state.
     pub state: State,
-    /// What its members report, as if nothing were masked.
+    /// The fold of its members, as if nothing were masked.
     pub own: State,
     /// Since when it shows this state for this kind of reason.
     pub since: Timestamp,
-    /// Direct members shown OK, of those not ignored.
+    /// Direct members that show OK, and those that are not ignored.
     pub ok: u32,
     pub counted: u32,
     pub reason: Option<Reason>,
-    /// For a group in ERROR or masked: from the group to each root, shortest, both ends included.
+    /// For a group in ERROR or masked: the shortest path from the group to each root, both ends included.
     pub paths: Arc<[Path]>,
 }
 
@@ -240,101 +239,101 @@ pub struct ModuleView {
     pub state: State,
     pub own: State,
     pub since: Timestamp,
-    /// When its last status came; `None` if never.
+    /// The time of its last status; `None` if there was none.
     pub received: Option<Timestamp>,
-    /// Nothing came for its timeout.
+    /// No report came within its timeout.
     pub silent: bool,
     pub steps: Steps,
     pub reason: Option<Reason>,
     pub report: Arc<Report>,
 }
 
-/// The words of a status, kept while they do not change.
+/// The texts of a status, kept while they do not change.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Report {
     pub message: Box<str>,
-    /// The message in German, where the engine says it: a monitor, or the diagnosis of itself.
+    /// The German message, if the engine itself made it: for a monitor or one of Telltale's own modules.
     pub german: Option<Box<str>>,
     pub hardware_id: Box<str>,
-    /// The message is only that an input is too old: of a silent module it says nothing more.
+    /// The message only tells that an input is too old: a silent module shows its silence instead.
     pub aged: bool,
     pub values: Vec<(Box<str>, Box<str>)>,
-    /// Bytes that are left out for want of room ([`Limits::status_bytes`](super::model::Limits)).
+    /// Bytes that were cut because of [`Limits::status_bytes`](super::model::Limits).
     pub cut: usize,
 }
 
-/// Why a node shows IGNORE.
+/// The reason why a node shows IGNORE.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Reason {
     /// A dependency fails; these are the root causes, ranked.
     Masked { by: Arc<[NodeId]> },
-    /// The vehicle's state makes it pointless.
+    /// The state of the vehicle makes its diagnosis pointless.
     NotRelevant(NotRelevant),
 }
 
 /// The condition that does not hold.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum NotRelevant {
-    /// The stage is this one.
+    /// The present stage.
     Stage(Stage),
-    /// The signal has the value that was not asked for.
+    /// The signal, and its value, which is not the required one.
     Signal { name: Box<str>, value: bool },
 }
 
-/// A visible failure that explains itself.
+/// A visible failure that no other failure explains.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RootCause {
     /// A module; a group only if it has no members.
     pub node: NodeId,
-    /// How many modules and groups show IGNORE because of it.
+    /// The number of modules and groups that it masks.
     pub masks: u32,
     pub since: Timestamp,
-    /// It is UNKNOWN only because it is still given time to report, and hides no ERROR: it raises no alarm.
+    /// It is UNKNOWN only because it still has time to report, and hides no ERROR: it raises no alarm.
     pub grace: bool,
 }
 
-/// A root cause that was raised (`ENGINE.md` 6). Its number lasts.
+/// An alarm about a root cause. Its number lasts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alarm {
     pub id: u64,
     pub node: NodeId,
     pub raised: Timestamp,
-    /// When it was over.
+    /// The time at which it ended.
     pub ended: Option<Timestamp>,
     pub acknowledged: bool,
     pub active: bool,
-    /// Earlier ones of the node that are counted here and not kept.
+    /// Earlier alarms of the node that are only counted here.
     pub repeats: u32,
 }
 
-/// Something that is asked of the vehicle because something failed (`ENGINE.md` 10).
+/// A request to the vehicle because of a failure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Countermeasure {
     pub request: Request,
-    /// The operator asked for it too.
+    /// The operator requested it too.
     pub by_operator: bool,
-    /// The root causes, at most 64; those that are over stay until they are acknowledged.
+    /// The root causes, at most 64; ended ones stay until they are acknowledged.
     pub causes: Arc<[CountermeasureCause]>,
     pub since: Timestamp,
     pub state: CountermeasureState,
-    /// No cause is there any more: it waits for the operator's acknowledgement alone.
+    /// No cause is present any more: it only waits for the operator's acknowledgement.
     pub latched: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CountermeasureCause {
     pub node: NodeId,
-    /// It is there still.
+    /// It is still present.
     pub present: bool,
     pub acknowledged: bool,
 }
 
-/// How far a request is.
+/// The progress of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CountermeasureState {
-    /// It is made; the vehicle has not confirmed it, or never does by its configuration.
+    /// Made; the vehicle has not confirmed it, or has no confirmation configured.
     Requested,
-    /// The vehicle confirmed that it does what was asked.
+    /// The vehicle confirmed that it carries it out.
     Engaged,
     /// The vehicle did not confirm it in time, or it could not be sent: an ERROR of its own.
     Unconfirmed,
@@ -351,7 +350,7 @@ impl CountermeasureState {
     }
 }
 
-/// Why a request reaches nobody.
+/// The reason why a request has no receiver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unreached {
     /// The configuration has switched it off.
@@ -360,25 +359,25 @@ pub enum Unreached {
     Unheard,
 }
 
-/// How far the vehicle knows where it is.
+/// The progress of localization.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Localization {
-    /// Grows with every pose that the operator gave: when it grows, `pose` is to be published.
+    /// Grows with every pose that the operator gave: when it grows, `pose` is published.
     pub number: u64,
     /// The last one.
     pub pose: Option<MapPose>,
-    /// When it was given, while it waits to be confirmed or is confirmed in this localizing.
+    /// The time of the pose, while it waits to be confirmed or is confirmed in this localizing.
     pub given: Option<Timestamp>,
-    /// Since when the group `localization` is OK after that.
+    /// The time since which the group `localization` has been OK after that.
     pub ok_since: Option<Timestamp>,
     /// It was OK for long enough.
     pub done: bool,
-    /// The vehicle was said to drive before that: without it there is no clearance.
+    /// The vehicle drove before it was localized: without a localization there is no clearance.
     pub owed: bool,
 }
 
 impl Localization {
-    /// The operator has to localize, or did and it is not confirmed: there is no clearance.
+    /// The operator has to localize, or the pose is not confirmed yet: there is no clearance.
     pub fn is_open(&self) -> bool {
         (self.given.is_some() || self.owed) && !self.done
     }
@@ -392,7 +391,7 @@ pub struct MapPose {
     pub yaw_deg: f64,
 }
 
-/// How a module's own state came about. A state is what the step made of the one before.
+/// The steps to a module's own state. Each step changes the state of the one before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Steps {
     pub reported: Option<State>,

@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-/// A diagnostic state. The order is the order of badness that groups fold by:
-/// UNKNOWN stands above WARNING because it may hide an ERROR; IGNORE never takes part in a fold.
+/// A diagnostic state. The order is the badness by which groups fold: UNKNOWN is above WARNING because it may
+/// hide an ERROR; IGNORE never takes part in a fold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum State {
     Ignore,
@@ -38,7 +38,7 @@ impl State {
         }
     }
 
-    /// The state which [`State::as_str`] names.
+    /// The state with this word: see [`State::as_str`].
     pub fn from_word(word: &str) -> Option<State> {
         State::ALL.into_iter().find(|state| state.as_str() == word)
     }
@@ -54,8 +54,8 @@ impl fmt::Display for State {
     }
 }
 
-/// How many members show each state. A group folds this instead of its members, so the cost of
-/// one changed member does not depend on how many there are.
+/// The number of members in each state. A group folds this instead of its members, so the cost of one changed
+/// member does not depend on their number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Tally([u32; 5]);
 

@@ -28,15 +28,15 @@ impl From<String> for Text {
 }
 
 impl Text {
-    /// The same words in every language.
+    /// The same text in every language.
     pub fn plain(text: &str) -> Text {
         let text: Arc<str> = Arc::from(text);
         Text { en: text.clone(), de: text }
     }
 }
 
-/// One sentence in both languages. Each argument is put in by its name, in the language's words
-/// where it has some: `say!("no message for {time}", "keine Nachricht seit {time}", time = span(age))`.
+/// One sentence in both languages. Each argument is inserted by its name, in its own language if it is a
+/// [`Text`]: `say!("no message for {time}", "keine Nachricht seit {time}", time = span(age))`.
 macro_rules! say {
     ($en:literal, $de:literal $(, $name:ident = $value:expr)*) => {{
         $(let $name = $crate::engine::text::Text::from($value);)*

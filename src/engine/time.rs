@@ -6,20 +6,20 @@ use std::fmt;
 use std::num::NonZeroU64;
 use std::ops::{Add, Sub};
 
-/// Nanoseconds on the monotonic clock of receipt, since a start that only the feeder knows.
+/// Nanoseconds on the monotonic clock of receipt, since a start that only the caller knows.
 ///
-/// It holds one more than that, so that an instant that may be missing takes no more room than one that is
-/// there: a module remembers nine of them.
+/// The stored number is larger by one, so that an optional instant needs no extra room: a module stores nine of
+/// them.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Timestamp(NonZeroU64);
 
 impl Timestamp {
     pub const ZERO: Timestamp = Timestamp(NonZeroU64::MIN);
 
-    /// The last instant there is. Deadlines that never come lie here.
+    /// The last possible instant. Deadlines that never come have it.
     pub const MAX: Timestamp = Timestamp(NonZeroU64::MAX);
 
-    /// What is past [`Timestamp::MAX`] becomes that.
+    /// A larger number becomes [`Timestamp::MAX`].
     pub const fn from_nanos(nanos: u64) -> Timestamp {
         Timestamp(NonZeroU64::MIN.saturating_add(nanos))
     }
@@ -98,7 +98,7 @@ impl Sub for Span {
     }
 }
 
-/// `3 s`, `2 min`, `1 h 5 min`: no finer than anybody reads.
+/// `3 s`, `2 min`, `1 h 5 min`: only as fine as people need.
 pub fn how_long(span: Span) -> String {
     let s = span.as_millis().saturating_add(500) / 1000;
     match s {

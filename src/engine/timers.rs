@@ -1,12 +1,12 @@
-//! Deadlines of modules, monitors and signals. An entry may be early: its owner is asked again when it is
-//! due, so a report of a module costs no work here.
+//! Deadlines of modules, monitors and signals. An entry may be early: its owner is asked again when it comes
+//! up, so a report of a module costs no work here.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use super::time::Timestamp;
 
-/// What a deadline belongs to.
+/// The owner of a deadline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum TimerKey {
     Signal(u32),
@@ -21,11 +21,11 @@ pub(super) enum TimerKey {
     Group(u32),
 }
 
-/// Superseded entries may be twice as many as live ones, and these more.
+/// Superseded entries may be twice as many as live ones, plus this number.
 const SUPERSEDED_MAX: usize = 64;
 
-/// At most one live entry for each key; superseded ones are dropped when they come up, or when they
-/// are too many.
+/// At most one live entry for each key; superseded ones are dropped when they come up, or when there are too
+/// many.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Timers {
     heap: BinaryHeap<Reverse<(Timestamp, TimerKey)>>,
@@ -34,7 +34,7 @@ pub(super) struct Timers {
 }
 
 impl Timers {
-    /// Makes sure that `key` comes up no later than `due`, if that ever is.
+    /// Makes sure that `key` comes up no later than `due`.
     pub(super) fn arm(&mut self, key: TimerKey, due: Timestamp) {
         let slot = self.slot(key);
         let is_new = slot.is_none();
@@ -48,7 +48,7 @@ impl Timers {
         }
     }
 
-    /// Drops what is superseded.
+    /// Drops superseded entries.
     fn clear_out(&mut self) {
         let of_kind = |(kind, slots): (usize, &Vec<Option<Timestamp>>)| {
             let due = |(index, due): (usize, &Option<Timestamp>)| Some(Reverse(((*due)?, key(kind, index))));
@@ -57,12 +57,12 @@ impl Timers {
         self.heap = self.queued.iter().enumerate().flat_map(of_kind).collect();
     }
 
-    /// The next instant at which something may be due.
+    /// The next instant at which an entry may be due.
     pub(super) fn next(&self) -> Option<Timestamp> {
         self.heap.peek().map(|Reverse((due, _))| *due)
     }
 
-    /// Takes one key whose time has come by `now`, with that time.
+    /// Takes one key that is due by `now`, with its time.
     pub(super) fn pop(&mut self, now: Timestamp) -> Option<(Timestamp, TimerKey)> {
         while let Some(&Reverse((due, key))) = self.heap.peek() {
             if due > now {
@@ -137,7 +137,7 @@ mod tests {
         ];
         for round in 0..10_000 {
             for &key in &keys {
-                // A far deadline, and a near one that comes up and leaves it behind.
+                // A far deadline, and a near one that supersedes it.
                 timers.arm(key, Timestamp::from_millis(1_000_000));
                 timers.arm(key, Timestamp::from_millis(round));
                 timers.arm(key, Timestamp::MAX);

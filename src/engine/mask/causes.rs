@@ -1,7 +1,7 @@
-//! Root causes of masked nodes and of nodes in ERROR, and the paths to them (`ENGINE.md` 6).
+//! Root causes of masked nodes and of nodes in ERROR, and the paths to them.
 //!
-//! Only the *region* of nodes that fail or are blocked is searched, and only when it changes; the size of
-//! the healthy rest does not matter.
+//! Only the *region* of failing or blocked nodes is searched, and only when it changes; the size of the healthy
+//! rest does not matter.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -16,19 +16,19 @@ use crate::engine::snapshot::{Path, RootCause};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 
-/// Root causes named for one node, and paths drawn from it: the first by rank. What is past this
-/// helps nobody on a screen; all of them are counted.
+/// Root causes that are named for one node, and paths from it: the first by rank. More would not help on a
+/// screen; all of them are counted.
 const NAMED_MAX: usize = 64;
 
 /// A reason to look further upstream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(in crate::engine) enum Vertex {
-    /// What blocks a group, and with it everything inside.
+    /// The dependencies that block a group and everything inside it.
     Blocked(GroupId),
     Module(ModuleId),
     /// The members that make a group fail.
     Failing(GroupId),
-    /// What a group that only shows IGNORE owes it to.
+    /// The causes of a group that only shows IGNORE.
     Hidden(GroupId),
 }
 
@@ -40,11 +40,11 @@ pub(in crate::engine) struct Causes {
     region: BTreeSet<(u32, Vertex)>,
     since: HashMap<NodeId, Timestamp, Mixing>,
     dirty: bool,
-    /// Groups whose paths are set in the snapshot.
+    /// Groups with paths in the snapshot.
     explained: BTreeSet<GroupId>,
 }
 
-/// Hashes ids of our own making, which nobody outside can choose: a multiplication for each word.
+/// Hashes ids that the engine itself assigns, so no attacker can choose them: one multiplication for each word.
 #[derive(Debug, Default, Clone, Copy)]
 pub(in crate::engine) struct Mixer(u64);
 
@@ -52,7 +52,7 @@ pub(in crate::engine) type Mixing = BuildHasherDefault<Mixer>;
 
 impl Hasher for Mixer {
     fn finish(&self) -> u64 {
-        // A table takes the low bits for a place and the high ones to tell apart.
+        // A table takes the low bits as the place and the high bits to distinguish entries.
         self.0 ^ (self.0 >> 32)
     }
 
@@ -75,14 +75,14 @@ impl Hasher for Mixer {
     }
 }
 
-/// What one search found, for the snapshot.
+/// The result of one search, for the snapshot.
 #[derive(Debug)]
 pub(in crate::engine) struct Explained {
     /// Ranked.
     pub(in crate::engine) roots: Vec<RootCause>,
-    /// For each masked node the causes, ranked.
+    /// The ranked causes of each masked node.
     pub(in crate::engine) masked: Vec<(NodeId, Arc<[NodeId]>)>,
-    /// For each group in ERROR or masked; an empty list for those that were and are no more.
+    /// The paths of each group that is in ERROR or masked; an empty list for a group that no longer is.
     pub(in crate::engine) paths: Vec<(GroupId, Arc<[Path]>)>,
 }
 
@@ -91,18 +91,18 @@ pub(in crate::engine) struct Found {
     pub(in crate::engine) position: HashMap<Vertex, usize, Mixing>,
     sets: Vec<RootSet>,
     roots: Vec<NodeId>,
-    /// By root: its position.
+    /// The position of each root.
     pub(in crate::engine) ends: Vec<u32>,
 }
 
 impl Causes {
-    /// Takes over since when nodes are root causes.
+    /// Copies the start times of root causes.
     pub(in crate::engine) fn copy_since(&mut self, old: &Causes, renamed: impl Fn(NodeId) -> Option<NodeId>) {
         let kept = old.since.iter().filter_map(|(&node, &since)| Some((renamed(node)?, since)));
         self.since = kept.collect();
     }
 
-    /// Notes a change of the graph. Cheap unless it is about failing or blocking.
+    /// Notes a change of the graph. Cheap unless a node began or ceased to fail or to be blocked.
     pub(in crate::engine) fn note(&mut self, net: &Net, change: &Change) {
         let Change { node, before, after } = *change;
         if matters(&before, net.threshold) == matters(&after, net.threshold) {
@@ -138,7 +138,7 @@ impl Causes {
         }
     }
 
-    /// Searches again if anything changed that matters.
+    /// Searches again if a relevant change was noted.
     pub(in crate::engine) fn explain(&mut self, net: &Net, now: Timestamp) -> Option<Explained> {
         if !std::mem::take(&mut self.dirty) {
             return None;
@@ -204,7 +204,7 @@ impl Causes {
     }
 }
 
-/// The part of a node's facts that root causes depend on.
+/// The facts of a node that root causes depend on.
 fn matters(facts: &Facts, threshold: State) -> (bool, bool, bool, bool, Option<State>, Option<State>) {
     let above = |state: State| Some(state).filter(|&state| facts.relevant && state >= threshold);
     (
@@ -221,13 +221,13 @@ fn shows_error(net: &Net, node: NodeId) -> bool {
     net.node(node).facts.shown == State::Error
 }
 
-/// UNKNOWN only because it is still given time to report.
+/// UNKNOWN only because the node still has time to report.
 fn in_grace(net: &Net, node: NodeId) -> bool {
     let facts = net.node(node).facts;
     facts.shown == State::Unknown && facts.grace
 }
 
-/// The configuration stands before what was made at run time.
+/// Declared nodes come before discovered ones.
 fn arrival(net: &Net, node: NodeId) -> u64 {
     match node {
         NodeId::Group(_) => 0,
@@ -243,7 +243,7 @@ fn ranked(set: &[u32], rank: &[u32]) -> Vec<u32> {
     named
 }
 
-/// Goes through the region in the order of the graph: what a vertex points to is done before it.
+/// Walks through the region in the order of the graph: every target of a vertex comes before it.
 fn search(net: &Net, region: &BTreeSet<(u32, Vertex)>) -> Found {
     let mut found = Found {
         order: Vec::with_capacity(region.len()),
@@ -268,7 +268,7 @@ fn search(net: &Net, region: &BTreeSet<(u32, Vertex)>) -> Found {
     found
 }
 
-/// The node itself, where a way upstream ends at it.
+/// The node itself, if it ends a path upstream.
 pub(in crate::engine) fn end(net: &Net, vertex: Vertex) -> Option<NodeId> {
     match vertex {
         Vertex::Module(id) => {
@@ -321,7 +321,7 @@ pub(in crate::engine) fn for_each_hop(net: &Net, vertex: Vertex, mut hop: impl F
     }
 }
 
-/// The dependencies that block a node: its own, then those of the groups around it.
+/// The dependencies that block a node: its own, then those of the enclosing groups.
 fn blocked_hops(net: &Net, node: NodeId, hop: &mut impl FnMut(Vertex)) {
     let mut at = Some(node);
     while let Some(node) = at.map(|id| net.node(id)).filter(|node| node.facts.blocked) {
@@ -344,7 +344,7 @@ impl Found {
             let node = &net.modules[id.0 as usize].node;
             let around =
                 node.parent.filter(|_| node.blocking == 0).and_then(|id| self.set(Vertex::Blocked(id)));
-            // Blocked only through its group: thousands of modules share one set.
+            // Blocked only by its group: thousands of modules share one set.
             if let Some(set) = around {
                 return set.clone();
             }

@@ -1,5 +1,4 @@
-//! Masking: groups and modules with their dependencies, their relevance, and the root causes (`ENGINE.md` 3
-//! to 6).
+//! Masking: groups and modules with their dependencies, their relevance, and the root causes.
 
 pub(super) mod causes;
 pub(super) mod net;

@@ -1,8 +1,7 @@
-//! The net of groups and modules: the present state of each, and how a change of one reaches the others
-//! (`ENGINE.md` 3 to 5).
+//! The net of groups and modules: the present state of each, and the spread of a change from one to the others.
 //!
-//! Nothing is computed twice: groups fold tallies, dependencies count what blocks them, and a
-//! change walks upward in the order of [`Order`](crate::engine::model::order), each node at most once.
+//! Nothing is computed twice: groups fold tallies, dependencies count their blocking members, and a change
+//! walks upward in the order of [`Order`](crate::engine::model::order), each node at most once.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -22,7 +21,7 @@ use crate::engine::snapshot::NotRelevant;
 use crate::engine::state::{State, Tally};
 use crate::engine::time::Timestamp;
 
-/// A node whose facts changed in an evaluation: what it was and what it is.
+/// A node whose facts changed in an evaluation, with the facts before and after.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::engine) struct Change {
     pub(in crate::engine) node: NodeId,
@@ -42,26 +41,26 @@ pub(in crate::engine) struct Net {
     pub(in crate::engine) model: Arc<Model>,
     pub(in crate::engine) groups: Vec<GroupNode>,
     pub(in crate::engine) modules: Vec<ModuleNode>,
-    /// Tiles, folded.
+    /// The fold of the tiles.
     pub(in crate::engine) root: Tally,
-    /// States from this one on may mask: UNKNOWN only if some dependency says so.
+    /// The least state that may mask: UNKNOWN only if a dependency asks for that.
     pub(in crate::engine) threshold: State,
     locked: bool,
-    /// Relevant modules in ERROR by themselves, masked or not; `other` aside.
+    /// Relevant modules in ERROR by themselves, masked or not; without those in `other`.
     pub(in crate::engine) own_errors: usize,
-    /// Of the declared modules.
+    /// The policies of the declared modules.
     policies: Policies,
     built_in_policy: Policy,
     queue: BinaryHeap<Reverse<(u32, Visit)>>,
-    /// Modules that were made at run time so far.
+    /// The number of modules that were discovered so far.
     pub(in crate::engine) arrivals: u64,
-    /// Modules that left since it was last taken.
+    /// Modules that left since the list was last taken.
     pub(in crate::engine) left: Vec<ModuleId>,
-    /// Modules whose reports count no more, since this list was last taken.
+    /// Modules whose reports expired since the list was last taken.
     pub(in crate::engine) forgotten: Vec<ModuleId>,
-    /// What changed since it was last taken, in order.
+    /// Changes since the list was last taken, in order.
     pub(in crate::engine) changes: Vec<Change>,
-    /// Empty groups that are given time, and until when, since it was last taken.
+    /// Empty groups with a grace period and its end, since the list was last taken.
     pub(in crate::engine) graces: Vec<(GroupId, Timestamp)>,
     /// Modules whose deadlines may have moved.
     pub(in crate::engine) rearm: Vec<ModuleId>,
@@ -130,12 +129,12 @@ impl Net {
         }
     }
 
-    /// The group of what nothing claims.
+    /// The group of statuses that no group claims.
     pub(in crate::engine) fn other_group(&self) -> GroupId {
         GroupId(self.model.groups.len() as u32)
     }
 
-    /// The group of what the diagnosis says of itself.
+    /// The group of Telltale's own modules.
     pub(in crate::engine) fn system_group(&self) -> GroupId {
         GroupId(self.model.groups.len() as u32 + 1)
     }
@@ -160,7 +159,7 @@ impl Net {
         self.rank(&self.model.order.leave, id, 1)
     }
 
-    /// The two groups that no configuration names stand after all others.
+    /// The two built-in groups stand after all others.
     fn rank(&self, ranks: &[u32], id: GroupId, below_max: u32) -> u32 {
         let after_all = if id == self.other_group() { 0 } else { 4 };
         ranks.get(id.0 as usize).copied().unwrap_or(u32::MAX - below_max - after_all)
@@ -187,8 +186,8 @@ impl Net {
         }
     }
 
-    /// A member is out for another reason than before, and the groups around it may be out because
-    /// of that member, see [`Net::kept_out_by`]: nothing else about them need have changed.
+    /// A member has a new reason not to be relevant. Enclosing groups may be irrelevant because of that member
+    /// (see [`Net::kept_out_by`]), although nothing else about them changed.
     fn mark_around(&mut self, mut parent: Option<GroupId>) {
         while let Some(id) = parent {
             self.mark_leave(id);
@@ -203,8 +202,8 @@ impl Net {
         }
     }
 
-    /// The stage or a signal changed: everything with a condition is looked at again. To be in a
-    /// stage other than locked is everybody's condition.
+    /// The stage or a signal changed: marks every node with a condition. Every node without one depends on the
+    /// stage being other than locked.
     pub(in crate::engine) fn mark_conditions(&mut self, stage: Stage) {
         let locked = stage == Stage::Locked;
         let everybody = std::mem::replace(&mut self.locked, locked) != locked;
@@ -221,7 +220,7 @@ impl Net {
         }
     }
 
-    /// Brings every marked node, and whatever rests on it, to what it is at `now`.
+    /// Evaluates every marked node, and the nodes that depend on it, at `now`.
     pub(in crate::engine) fn evaluate(&mut self, stage: Stage, signals: &Signals, now: Timestamp) {
         while let Some(Reverse((_, visit))) = self.queue.pop() {
             match visit {
@@ -236,7 +235,7 @@ impl Net {
         self.queue.is_empty()
     }
 
-    /// Why the node is not relevant: first what is around it, then its own condition.
+    /// The reason why a node is not relevant: first that of an enclosing group, then its own condition.
     fn not_relevant(
         &self,
         parent: Option<GroupId>,
@@ -328,12 +327,12 @@ impl Net {
         let group = &mut self.groups[id.0 as usize];
         group.dirty_leave = false;
         let combine = self.model.groups.get(id.0 as usize).map_or(Combine::Worst, |group| group.combine);
-        // Where `other` is a tile, that nothing is outside of the configuration is good news.
+        // If `other` is a tile, an empty `other` is OK: every status is configured.
         let is_other_tile = id.0 as usize == self.model.groups.len() && !group.aside;
         let alone = if is_other_tile { State::Ok } else { State::Unknown };
         let alone = group.members.is_empty().then_some(alone);
         let facts = group.node.facts;
-        // Of a group that is left out altogether it would be better than an ERROR beside it.
+        // Such a group is left out of the overall state; UNKNOWN would be better than an ERROR beside it.
         let floor = |state: State| match state {
             State::Ok if group.overflow.is_some() && facts.relevant => State::Warning,
             state => state,
@@ -348,7 +347,7 @@ impl Net {
         self.tell(NodeId::Group(id), before);
     }
 
-    /// Until when a group that modules join by themselves is given time for its first.
+    /// The end of the grace period of a group that only discovered modules join.
     fn grace_until(&self, id: GroupId) -> Option<Timestamp> {
         let group = &self.groups[id.0 as usize];
         let filters = &self.model.groups.get(id.0 as usize)?.filters;
@@ -357,7 +356,7 @@ impl Net {
         Some(group.relevant_since? + longest?)
     }
 
-    /// Tells the group around a node and its dependents what became of it.
+    /// Passes the change of a node on to its group and its dependents.
     pub(in crate::engine) fn tell(&mut self, id: NodeId, before: Facts) {
         let after = self.node(id).facts;
         self.changes.push(Change { node: id, before, after });

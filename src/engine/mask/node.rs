@@ -11,7 +11,7 @@ use crate::engine::snapshot::NotRelevant;
 use crate::engine::state::{State, Tally};
 use crate::engine::time::Timestamp;
 
-/// What others need to know of a node.
+/// The facts of a node that other nodes use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::engine) struct Facts {
     pub(in crate::engine) relevant: bool,
@@ -20,12 +20,12 @@ pub(in crate::engine) struct Facts {
     pub(in crate::engine) masked: bool,
     pub(in crate::engine) shown: State,
     pub(in crate::engine) own: State,
-    /// It was not heard, or is silent, and is still given time to report.
+    /// It has no report, or is silent, and still has time to report.
     pub(in crate::engine) grace: bool,
 }
 
 impl Facts {
-    /// What the rules of masking look at.
+    /// The facts that the rules of masking use.
     pub(in crate::engine) fn standing(&self) -> Standing {
         Standing { relevant: self.relevant, blocked: self.blocked, shown: self.shown, own: self.own }
     }
@@ -35,7 +35,7 @@ impl Facts {
     }
 }
 
-/// One dependency of a node, with how many of its members block now.
+/// One dependency of a node, with the number of its members that block now.
 #[derive(Debug, Clone)]
 pub(in crate::engine) struct Need {
     pub(in crate::engine) members: Box<[NodeId]>,
@@ -58,20 +58,20 @@ impl Need {
         self.blocking as usize == self.members.len()
     }
 
-    /// Whether a member with these facts blocks.
+    /// Whether a member with these facts blocks the dependency.
     pub(in crate::engine) fn blocked_by(&self, facts: &Facts) -> bool {
         facts.standing().blocks(self.any_of, self.masks_unknown)
     }
 }
 
-/// What groups and modules have in common.
+/// The common part of groups and modules.
 #[derive(Debug, Clone)]
 pub(in crate::engine) struct Node {
     pub(in crate::engine) parent: Option<GroupId>,
     pub(in crate::engine) needs: Box<[Need]>,
-    /// Who needs this node, and as which of its needs.
+    /// The nodes that depend on this one, each with the index of the dependency.
     pub(in crate::engine) dependents: Vec<(NodeId, u32)>,
-    /// How many of its needs block.
+    /// The number of its dependencies that block.
     pub(in crate::engine) blocking: u32,
     pub(in crate::engine) not_relevant: Option<NotRelevant>,
     pub(in crate::engine) facts: Facts,
@@ -81,7 +81,7 @@ pub(in crate::engine) struct Node {
 #[derive(Debug, Clone)]
 pub(in crate::engine) struct GroupNode {
     pub(in crate::engine) node: Node,
-    /// The facts that its parent and dependents know; they are told when it is left.
+    /// The facts that its parent and dependents know; they are updated when the node is left.
     pub(in crate::engine) told: Facts,
     pub(in crate::engine) members: Vec<NodeId>,
     pub(in crate::engine) shown: Tally,
@@ -93,24 +93,24 @@ pub(in crate::engine) struct GroupNode {
     pub(in crate::engine) dirty_leave: bool,
     /// When it last became relevant.
     pub(in crate::engine) relevant_since: Option<Timestamp>,
-    /// Holds what nothing claims, and is not counted.
+    /// Holds unclaimed statuses and is not counted.
     pub(in crate::engine) aside: bool,
-    /// Says that statuses of new names were dropped: then the group is at least WARNING. It takes no
+    /// The module that reports dropped names: while there is one, the group is at least WARNING. It takes no
     /// part in the fold.
     pub(in crate::engine) overflow: Option<ModuleId>,
 }
 
-/// Where a module comes from.
+/// The origin of a module.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::engine) enum ModuleKind {
     Declared,
-    /// Made when a status matched a filter, or nothing.
+    /// Discovered: a status matched a filter, or none.
     Discovered,
     /// The engine itself reports it.
     BuiltIn,
-    /// The engine itself reports it, beside what its group folds.
+    /// The engine itself reports it; it stands beside the fold of its group.
     Overflow,
-    /// It left. Its place may be taken again.
+    /// It left. Its index may be used again.
     Gone,
 }
 
@@ -120,9 +120,9 @@ pub(in crate::engine) struct ModuleNode {
     pub(in crate::engine) node: Node,
     pub(in crate::engine) own: OwnState,
     pub(in crate::engine) rank: u32,
-    /// Among those that were made at run time, the number in order of arrival.
+    /// The number of a discovered module, in order of arrival.
     pub(in crate::engine) arrival: u64,
-    /// The entry of its group's `match` list that made it.
+    /// The entry of the group's `match` list that claimed it.
     pub(in crate::engine) made_by: Option<u32>,
 }
 
@@ -147,7 +147,7 @@ pub(in crate::engine) fn new_node(parent: Option<GroupId>, needs: &[Dependency])
     }
 }
 
-/// The policies of the declared modules, each once: nearly all modules have the same few.
+/// The policies of the declared modules, each once: nearly all modules share a few.
 #[derive(Debug, Clone)]
 pub(in crate::engine) struct Policies {
     distinct: Vec<Policy>,
@@ -156,7 +156,7 @@ pub(in crate::engine) struct Policies {
 }
 
 impl Policies {
-    /// What a monitor judges by the clock never falls silent.
+    /// A monitor that judges by the clock never falls silent.
     pub(in crate::engine) fn of(model: &Model) -> Policies {
         let mut known: HashMap<Policy, u32> = HashMap::new();
         let mut policies = Policies { distinct: Vec::new(), of_module: Vec::new() };

@@ -5,24 +5,23 @@ use super::net::Net;
 use crate::engine::model::NodeId;
 use crate::engine::snapshot::Path;
 
-/// The hops of what one search found, the other way round, and room for one walk at a time. A walk
-/// starts at a root cause and sees only what leads to it, so it costs nothing that there are thousands
-/// of other roots.
+/// The reversed hops of one search, with room for one walk at a time. A walk starts at a root cause and visits
+/// only the nodes that lead to it, so thousands of other roots cost nothing.
 pub(in crate::engine) struct Ways<'a> {
     found: &'a Found,
-    /// By position: who hops there, and which of its hops that is.
+    /// By position: the vertices that hop there, and the index of each hop.
     back: Vec<Vec<(u32, u32)>>,
-    /// By position: the step of the latest walk that came by.
+    /// By position: the step of the latest walk that passed.
     steps: Vec<Step>,
     walk: u32,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
 struct Step {
-    /// The walk that this belongs to; what an earlier walk left does not count.
+    /// The walk of this step; steps of earlier walks do not count.
     walk: u32,
     length: u32,
-    /// Which hop of the vertex this is. Of equally short ways the first hop counts.
+    /// The index of the hop. Among equally short paths the first hop counts.
     hop: u32,
     next: u32,
 }
@@ -31,7 +30,7 @@ impl<'a> Ways<'a> {
     pub(in crate::engine) fn new(net: &Net, found: &'a Found) -> Ways<'a> {
         let mut back = vec![Vec::new(); found.order.len()];
         for (position, &vertex) in (0..).zip(&found.order) {
-            // Where a way ends nothing is behind it.
+            // A path ends here.
             if end(net, vertex).is_some() {
                 continue;
             }
@@ -46,7 +45,7 @@ impl<'a> Ways<'a> {
         Ways { found, back, steps: vec![Step::default(); found.order.len()], walk: 0 }
     }
 
-    /// Finds the shortest way to one root from all that leads to it.
+    /// Finds the shortest path to one root from every vertex that leads to it.
     pub(in crate::engine) fn walk_from(&mut self, root: u32) {
         self.walk += 1;
         let start = self.found.ends[root as usize];
@@ -68,7 +67,7 @@ impl<'a> Ways<'a> {
         }
     }
 
-    /// The way that the latest walk found from a vertex to its root.
+    /// The path of the latest walk from a vertex to its root.
     pub(in crate::engine) fn path(&self, start: u32) -> Path {
         let mut path = Vec::new();
         let mut position = start;

@@ -1,4 +1,4 @@
-//! Evaluates the conditions of relevance: the vehicle's state decides which nodes matter (`ENGINE.md` 3).
+//! Evaluates the conditions of relevance: the state of the vehicle decides which nodes are relevant.
 
 use super::net::Net;
 use super::rules;
@@ -7,7 +7,7 @@ use crate::engine::model::{NodeId, POSED_SIGNAL, Stage, When};
 use crate::engine::signals::Signals;
 use crate::engine::snapshot::NotRelevant;
 
-/// The first condition that does not hold, by its name.
+/// The name of the first condition that does not hold.
 pub(in crate::engine) fn unmet(when: Option<&When>, stage: Stage, signals: &Signals) -> Option<NotRelevant> {
     let unmet = rules::unmet(when, stage, signals.posed, |index| signals.value(index))?;
     Some(match unmet {
@@ -18,7 +18,7 @@ pub(in crate::engine) fn unmet(when: Option<&When>, stage: Stage, signals: &Sign
 }
 
 impl Net {
-    /// The condition that keeps a node out: its own, or that of the first member that has one.
+    /// The condition that makes a node irrelevant: its own, or that of the first member that has one.
     pub(in crate::engine) fn kept_out_by(&self, node: NodeId) -> Option<NotRelevant> {
         let own = self.node(node).not_relevant.clone();
         own.or_else(|| match node {

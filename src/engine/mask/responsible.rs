@@ -3,13 +3,13 @@
 use super::net::Net;
 use crate::engine::model::NodeId;
 
-/// Causes that are named for one node.
+/// The number of causes that are named for one node.
 pub(in crate::engine) const CAUSES_MAX: usize = 64;
 
 const ROOTS_MAX: usize = CAUSES_MAX + 1;
 
-/// The root causes of a node that fails, one more than
-/// [`CAUSES_MAX`] where there are more; the node itself where it is one.
+/// The root causes of a failing node, one more than [`CAUSES_MAX`] if there are more; the node itself if it is
+/// a root cause.
 pub(in crate::engine) fn roots(
     net: &Net,
     masked_by: &impl Fn(NodeId) -> Vec<NodeId>,
@@ -35,7 +35,7 @@ fn collect(net: &Net, masked_by: &impl Fn(NodeId) -> Vec<NodeId>, node: NodeId, 
     let facts = net.node(node).facts;
     if facts.masked {
         let causes = masked_by(node);
-        // Of more than are named there, the node itself stands for the others.
+        // If there are more causes than can be named, the node itself represents the others.
         let others = (causes.len() >= CAUSES_MAX).then_some(node);
         causes.into_iter().chain(others).for_each(add);
         return;
@@ -44,7 +44,7 @@ fn collect(net: &Net, masked_by: &impl Fn(NodeId) -> Vec<NodeId>, node: NodeId, 
         NodeId::Module(_) => add(node),
         NodeId::Group(id) => {
             let group = &net.groups[id.0 as usize];
-            // There may be thousands of them, and only so many are named.
+            // There may be thousands of roots; only a few are named.
             for &member in &group.failing {
                 if found.len() >= ROOTS_MAX {
                     break;

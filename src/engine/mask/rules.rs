@@ -1,24 +1,24 @@
-//! The rules of masking, each once: when a node is relevant, what blocks the nodes that depend on it, and what
-//! a group makes of its members (`ENGINE.md` 3 to 5).
+//! The rules of masking, each once: when a node is relevant, which dependencies block it, and how a group folds
+//! its members.
 //!
-//! Each rule is a function of one instant. The engine asks for the nodes that changed; the check of a
-//! configuration asks for a whole vehicle in every situation.
+//! Each rule is a function of one instant. The engine applies it to the nodes that changed; the check of a
+//! configuration applies it to a whole vehicle in every situation.
 
 use crate::engine::model::{Combine, Dependency, DependsOn, NodeId, Stage, When};
 use crate::engine::state::{State, Tally};
 
-/// What the rules look at in a node.
+/// The facts of a node that the rules use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Standing {
     pub relevant: bool,
     pub blocked: bool,
     pub shown: State,
-    /// What it would show if nothing were masked.
+    /// The state that it would show if nothing were masked.
     pub own: State,
 }
 
 impl Standing {
-    /// The worse of what the node shows and what it would show if nothing were masked.
+    /// The worse of the shown state and the own state.
     pub fn worst(self) -> State {
         self.shown.max(self.own)
     }
@@ -28,48 +28,48 @@ impl Standing {
         self.relevant && (worst == State::Error || masks_unknown && worst == State::Unknown)
     }
 
-    /// Whether the node blocks what names it in a dependency. One that is not relevant passes on what
-    /// blocks it, but keeps a redundancy set open.
+    /// Whether the node blocks a dependency on it. A node that is not relevant passes a blockage on, but keeps
+    /// a redundancy set open.
     pub fn blocks(self, any_of: bool, masks_unknown: bool) -> bool {
         let fails = self.fails(masks_unknown);
         if any_of { self.relevant && (self.blocked || fails) } else { self.blocked || fails }
     }
 
-    /// What the node adds to the own state of the group around it.
+    /// The node's contribution to the own state of its group.
     pub fn own_share(self) -> State {
         if self.relevant { self.own } else { State::Ignore }
     }
 
-    /// Whether the group around the node fails because of it: it is as bad as the group, or worse.
+    /// Whether the group fails because of this member: it is as bad as the group, or worse.
     pub fn is_responsible_for(self, group: Standing) -> bool {
         self.relevant && self.worst() >= group.worst()
     }
 }
 
 impl Dependency {
-    /// The nodes that it names.
+    /// The nodes of the dependency.
     pub fn targets(&self) -> &[NodeId] {
         self.on.nodes()
     }
 
-    /// Whether it names a redundancy set.
+    /// Whether the dependency is a redundancy set.
     pub fn is_any_of(&self) -> bool {
         matches!(self.on, DependsOn::AnyOf(_))
     }
 
-    /// Whether it blocks its holder: every node that it names does.
+    /// Whether the dependency blocks its holder: every node in it blocks.
     pub fn blocks(&self, standing: impl Fn(NodeId) -> Standing) -> bool {
         let blocks = |&node: &NodeId| standing(node).blocks(self.is_any_of(), self.masks_unknown);
         self.targets().iter().all(blocks)
     }
 }
 
-/// What a node shows whose own members or reports come to `state`.
+/// The shown state of a node with the own state `state`.
 pub fn shown(relevant: bool, blocked: bool, state: State) -> State {
     if relevant && !blocked { state } else { State::Ignore }
 }
 
-/// What a group makes of its members. `alone` is its state while it has none at all; a group whose members are
+/// The fold of a group's members. `alone` is the state of a group without members; a group whose members are
 /// all ignored is ignored.
 pub fn fold(combine: Combine, members: &Tally, alone: Option<State>) -> State {
     let folded = match combine {
@@ -85,12 +85,12 @@ pub enum Unmet {
     Stage,
     /// The built-in signal [`POSED_SIGNAL`](crate::engine::model::POSED_SIGNAL).
     Posed,
-    /// The signal of this position, and the value that it has.
+    /// The signal of this index, and its present value.
     Signal(usize, bool),
 }
 
-/// The first condition that does not hold. A signal that is unknown meets every condition: what is not known
-/// to be irrelevant is diagnosed.
+/// The first condition that does not hold. An unknown signal meets every condition: only nodes that are known
+/// to be irrelevant are not diagnosed.
 pub fn unmet(
     when: Option<&When>,
     stage: Stage,
@@ -127,7 +127,8 @@ mod tests {
         let hides = Standing { blocked: true, shown: State::Ignore, own: State::Error, ..HEALTHY };
         let idle = Standing { relevant: false, shown: State::Ignore, own: State::Error, ..HEALTHY };
         let idle_blocked = Standing { blocked: true, ..idle };
-        // The member, and whether it blocks: by itself, where UNKNOWN masks too, and in a redundancy set.
+        // The member, and whether it blocks: by itself, with UNKNOWN as a masking state, and in a redundancy
+        // set.
         for (member, expected) in [
             (HEALTHY, [false, false, false]),
             (shows(State::Warning), [false, false, false]),

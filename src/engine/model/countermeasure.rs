@@ -1,5 +1,4 @@
-//! Countermeasures: what the vehicle is asked to do when something fails (`ENGINE.md` 10; paper,
-//! Sec. IV-D).
+//! Countermeasures: the requests to the vehicle after a failure (paper, Sec. IV-D).
 
 use super::output::Output;
 use super::{NodeId, Stage};
@@ -8,14 +7,14 @@ use crate::engine::text::Text;
 use crate::engine::text::say;
 use crate::engine::time::Span;
 
-/// What is asked of the vehicle, weakest first.
+/// A request to the vehicle, weakest first.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Request {
-    /// On the screen alone.
+    /// Only shown on the screen.
     Notify,
     /// The maneuver component's own safe stop.
     ManeuverStop,
-    /// To slow down by this much until it stands.
+    /// A deceleration of this strength until the vehicle stands.
     Decelerate { mps2: f64 },
 }
 
@@ -28,7 +27,7 @@ impl Request {
         }
     }
 
-    /// The deceleration that is asked for, in m/s².
+    /// The requested deceleration, in m/s².
     pub const fn mps2(self) -> Option<f64> {
         match self {
             Request::Decelerate { mps2 } => Some(mps2),
@@ -51,7 +50,7 @@ pub enum RequestKind {
 }
 
 impl RequestKind {
-    /// What the diagnosis of itself calls it.
+    /// Its name in the messages of Telltale's own modules.
     pub(in crate::engine) fn said(self) -> Text {
         match self {
             RequestKind::Decelerate => say!("decelerate", "Abbremsen"),
@@ -60,7 +59,7 @@ impl RequestKind {
         }
     }
 
-    /// On what a request of this kind is published.
+    /// The topic of requests of this kind.
     pub const fn output(self) -> Option<Output> {
         match self {
             RequestKind::Notify => None,
@@ -80,7 +79,7 @@ impl RequestKind {
         }
     }
 
-    /// Whether the vehicle is asked to move differently, not only the operator to look.
+    /// Whether the request changes the vehicle's motion, beyond a notice to the operator.
     pub const fn moves(self) -> bool {
         !matches!(self, RequestKind::Notify)
     }
@@ -91,18 +90,18 @@ impl RequestKind {
 pub struct Rule {
     pub request: Request,
     pub nodes: Vec<NodeId>,
-    /// WARNING, UNKNOWN or ERROR, and what is worse.
+    /// The least state: WARNING, UNKNOWN or ERROR.
     pub state: State,
     /// Never empty.
     pub stages: Vec<Stage>,
     pub confirmation: Option<Confirmation>,
 }
 
-/// How the vehicle says that it does what was asked.
+/// How the vehicle confirms that it carries out the request.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Confirmation {
     pub by: ConfirmedBy,
-    /// Later than this after the request it counts as not confirmed.
+    /// A later confirmation after the request counts as missing.
     pub within: Span,
 }
 

@@ -12,17 +12,18 @@ pub enum Filter {
     Namespace(Box<str>),
     /// Names that contain this.
     Contains(Box<str>),
-    /// Names that this matches as a whole.
+    /// Names that this matches in full.
     Regex(Regex),
 }
 
 impl Filter {
-    /// A filter by regular expression, which must match the whole name.
+    /// A filter by a regular expression, which must match the whole name.
     ///
     /// # Errors
+    ///
     /// The expression's own syntax error.
     pub fn regex(pattern: &str) -> Result<Filter, regex::Error> {
-        // The pattern is tried alone first: wrapped, an unbalanced `)` could escape the anchors.
+        // The pattern is parsed alone first: inside the anchors, an unbalanced `)` could escape them.
         Regex::new(pattern)?;
         Regex::new(&format!(r"\A(?:{pattern})\z")).map(Filter::Regex)
     }

@@ -1,5 +1,5 @@
-//! The checked configuration: the parts of the vehicle, their dependencies and their relevance. `config`
-//! makes it from files; tests make it by hand. It cannot be wrong: see [`Model::new`].
+//! The checked configuration: the parts of the vehicle, their dependencies and their relevance. `config` makes
+//! it from files, tests make it by hand. It cannot be wrong: see [`Model::new`].
 
 pub mod countermeasure;
 pub mod filter;
@@ -37,7 +37,7 @@ pub enum NodeId {
     Module(ModuleId),
 }
 
-/// Which stages the vehicle knows (`ENGINE.md` 9).
+/// The stages that the vehicle has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StageModel {
     /// The shuttle's: locked until an operator logs in.
@@ -87,13 +87,13 @@ pub struct SignalSpec {
     pub present_for: Option<Span>,
 }
 
-/// Where a signal comes from.
+/// The source of a signal.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SignalSource {
     /// A field that is true or false, or the arrival of a message.
     Field(FieldSource),
-    /// An [`MonitorSpec::Expression`] whose `error` is the condition: true while that holds, unknown
-    /// while an input is.
+    /// An [`MonitorSpec::Expression`] whose `error` is the condition: true while it holds, unknown while an
+    /// input is.
     Condition(Box<MonitorSpec>),
 }
 
@@ -112,7 +112,7 @@ impl SignalSource {
         }
     }
 
-    /// Whether it reads the same things, whatever numbers two configurations give them.
+    /// Whether it reads the same sources, whatever indices two configurations give them.
     pub(super) fn means_the_same(&self, watched: &Watched, other: &SignalSource, others: &Watched) -> bool {
         match (self, other) {
             (SignalSource::Condition(spec), SignalSource::Condition(other)) => {
@@ -129,7 +129,7 @@ impl SignalSource {
 pub struct FieldSource {
     /// As ROS names it: `/mission/active`.
     pub topic: Box<str>,
-    /// `package/msg/Name`; empty: the type that the publisher offers.
+    /// `package/msg/Name`; empty: the type that the publisher announces.
     pub type_name: Box<str>,
     /// Path of the field, `data`.
     pub field: Box<str>,
@@ -138,11 +138,11 @@ pub struct FieldSource {
 /// When a node is relevant. Every condition must hold.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct When {
-    /// Stages in which the node matters. Empty: every stage but `locked`.
+    /// Stages in which the node is relevant. Empty: every stage but `locked`.
     pub stages: Vec<Stage>,
-    /// Index into [`Parts::signals`] and the value asked for.
+    /// Index into [`Parts::signals`] and the required value.
     pub signals: Vec<(usize, bool)>,
-    /// The value asked for of the built-in signal [`POSED_SIGNAL`].
+    /// The required value of the built-in signal [`POSED_SIGNAL`].
     pub posed: Option<bool>,
 }
 
@@ -155,11 +155,11 @@ pub enum Combine {
     Any,
 }
 
-/// What a node needs in order to be judged.
+/// A requirement of a node: unless it works, the node cannot be judged.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Dependency {
     pub on: DependsOn,
-    /// UNKNOWN masks too, not only ERROR.
+    /// UNKNOWN masks as well as ERROR.
     pub masks_unknown: bool,
 }
 
@@ -191,7 +191,7 @@ pub struct GroupSpec {
     pub depends_on: Vec<Dependency>,
     /// Statuses that match any of these become modules of this group.
     pub filters: Vec<Match>,
-    /// Column and row of the tile on the operator's page, counted from 1; laid out by itself if absent.
+    /// Column and row of the tile on the operator's page, counted from 1; without it the page places the tile.
     pub tile: Option<(u8, u8)>,
 }
 
@@ -199,7 +199,7 @@ pub struct GroupSpec {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Match {
     pub filter: Filter,
-    /// Of the modules that it makes; `None`: [`Parts::discovered`].
+    /// The policy of the modules that it claims; `None`: [`Parts::discovered`].
     pub policy: Option<Policy>,
 }
 
@@ -209,12 +209,12 @@ impl From<Filter> for Match {
     }
 }
 
-/// What becomes of statuses that nothing claims, the group `other`.
+/// The treatment of statuses that no group claims: the group `other`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Other {
-    /// For developers alone.
+    /// Shown to developers only.
     Hidden,
-    /// One quiet line for the operator too, when something in it is not OK.
+    /// One quiet line for the operator, if something in it is not OK.
     #[default]
     Shown,
     /// A tile like any other, with alarms.
@@ -224,7 +224,7 @@ pub enum Other {
 impl Other {
     pub const ALL: [Other; 3] = [Other::Hidden, Other::Shown, Other::Counted];
 
-    /// The word of the configuration.
+    /// The word in the configuration.
     pub const fn as_str(self) -> &'static str {
         match self {
             Other::Hidden => "hidden",
@@ -234,10 +234,10 @@ impl Other {
     }
 }
 
-/// Whole names of nodes of ROS 2, `/ns/name`.
+/// Full names of ROS 2 nodes, `/ns/name`.
 pub type NodeNames = Arc<[Arc<str>]>;
 
-/// How a module's reports become its own state (`ENGINE.md` 2).
+/// How a module's reports become its own state.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct Policy {
     /// Silence longer than this makes the module stale.
@@ -250,12 +250,11 @@ pub struct Policy {
     pub clear_after: Span,
     /// An ERROR that lasted this long stays until it is reset.
     pub latch: Option<Span>,
-    /// When nothing was heard for this long, what was heard counts no more. A module that was made at
-    /// run time leaves then.
+    /// After this long without a report, the last report no longer counts. A discovered module leaves then.
     pub forget_after: Option<Span>,
     /// The state while nobody publishes a topic that the module watches: UNKNOWN or ERROR.
     pub no_publisher: State,
-    /// Whole names of the nodes that may say the status; `None`: all.
+    /// Full names of the nodes whose reports count; `None`: all.
     pub writers: Option<NodeNames>,
 }
 
@@ -278,9 +277,9 @@ impl Default for Policy {
 pub struct ModuleSpec {
     /// `group/module`, with the whole path of the group.
     pub id: Arc<str>,
-    /// What its fault is called.
+    /// The name of its fault.
     pub name: Option<Arc<Wording>>,
-    /// What the operator should do about it.
+    /// Advice to the operator.
     pub help: Option<Arc<Wording>>,
     pub group: GroupId,
     pub policy: Policy,
@@ -289,15 +288,15 @@ pub struct ModuleSpec {
     pub monitor: MonitorSpec,
 }
 
-/// Bounds on everything that is fed from outside.
+/// Bounds on all inputs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Limits {
-    /// Modules made at run time, and unmatched names remembered, in all.
+    /// Discovered modules and remembered unmatched names, together.
     pub discovered_modules: usize,
     pub values_per_status: usize,
     pub string_bytes: usize,
-    /// What messages, hardware ids, keys and values of all statuses may take together, and those of one
-    /// writer: beyond it the longest are cut.
+    /// The bytes of messages, hardware ids, keys and values of all statuses, and of those of one writer: beyond
+    /// them the longest are cut.
     pub status_bytes: usize,
     pub source_bytes: usize,
 }
@@ -314,7 +313,7 @@ impl Default for Limits {
     }
 }
 
-/// The parts of a vehicle and their relations, as written down; [`Model::new`] checks them.
+/// The parts of a vehicle and their relations, as configured; [`Model::new`] checks them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parts {
     pub vehicle_id: Arc<str>,
@@ -323,23 +322,23 @@ pub struct Parts {
     pub signals: Vec<SignalSpec>,
     pub groups: Vec<GroupSpec>,
     pub modules: Vec<ModuleSpec>,
-    /// What the modules' monitors need from outside.
+    /// The inputs of the modules' monitors.
     pub watched: Watched,
     pub driving: Driving,
-    /// Policy of modules that are made at run time.
+    /// The policy of discovered modules.
     pub discovered: Policy,
     pub other: Other,
     pub limits: Limits,
 }
 
-/// What leads the vehicle from stage to stage, and what stops it.
+/// The configuration of stages and countermeasures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Driving {
     pub stops: Vec<Stop>,
     /// Localization counts as done when its group was OK for this long.
     pub localized_after: Span,
     pub countermeasures: Vec<Rule>,
-    /// What the configuration has switched off.
+    /// Outputs that the configuration switches off.
     pub unpublished: Vec<Output>,
 }
 
@@ -373,16 +372,18 @@ pub struct Model {
 
 impl Model {
     /// # Errors
-    /// The first cycle of dependencies, in configuration order (`ENGINE.md` 4).
+    ///
+    /// The first cycle of dependencies, in configuration order.
     ///
     /// # Panics
-    /// If an id in `parts` points outside of it: the caller that made the parts made the ids.
+    ///
+    /// If an id in `parts` is out of range: the caller that made the parts made the ids.
     pub fn new(parts: Parts) -> Result<Model, Cycle> {
         let order = Order::of(&parts)?;
         Ok(Model { parts, order })
     }
 
-    /// Whether some status may be said by certain nodes alone.
+    /// Whether some module accepts its status only from certain writers.
     pub(super) fn restricts_writers(&self) -> bool {
         let filters = self.groups.iter().flat_map(|group| &group.filters);
         let of_filters = filters.filter_map(|filter| filter.policy.as_ref());
@@ -390,7 +391,7 @@ impl Model {
         of_modules.chain(of_filters).any(|policy| policy.writers.is_some())
     }
 
-    /// All nodes in an order in which each can be judged after what it rests on.
+    /// All visits in an order in which each comes after everything that it depends on.
     pub fn visits(&self) -> Vec<Visit> {
         self.order.visits()
     }
@@ -404,15 +405,15 @@ impl std::ops::Deref for Model {
     }
 }
 
-/// The signal that the stage machine follows, when the model has it.
+/// The signal that tells whether the vehicle drives, if the model has it.
 pub const ACTIVE_SIGNAL: &str = "active";
 
-/// The signal that says that a goal is set, when the model has it. Without it no goal is asked for.
+/// The signal that tells whether a goal is set, if the model has it. Without it no goal is required.
 pub const GOAL_SIGNAL: &str = "goal";
 
-/// The built-in signal that is true once the operator gave a pose, see [`When::posed`].
+/// The built-in signal that is true as soon as the operator gave a pose: see [`When::posed`].
 pub const POSED_SIGNAL: &str = "posed";
 
-/// The top-level group that says whether the vehicle knows where it is. Without it the pose alone
-/// counts, after [`Driving::localized_after`].
+/// The top-level group that tells whether the vehicle is localized. Without it the pose alone counts, after
+/// [`Driving::localized_after`].
 pub const LOCALIZATION_GROUP: &str = "localization";

@@ -1,4 +1,4 @@
-//! The configuration of monitors: what they watch, and their limits (`ENGINE.md` 7, `DESIGN.md` 5).
+//! The configuration of monitors: their sources and their limits.
 
 use std::fmt;
 use std::sync::Arc;
@@ -14,13 +14,13 @@ pub struct TopicId(pub u32);
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct WatchdogId(pub u32);
 
-/// Everything that the monitors of a model need from outside, each thing once.
+/// All inputs of the monitors of a model, each once.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Watched {
-    /// No two with one name.
+    /// No two have the same name.
     pub topics: Vec<Arc<TopicSpec>>,
     pub watchdogs: Vec<Arc<WatchdogSpec>>,
-    /// Topics of `diagnostic_msgs/DiagnosticArray`; with none it is `/diagnostics`.
+    /// Topics of `diagnostic_msgs/DiagnosticArray`; if empty, `/diagnostics`.
     pub diagnostics: Vec<DiagnosticsTopic>,
     pub stamps: StampClock,
 }
@@ -34,25 +34,25 @@ pub struct DiagnosticsTopic {
     pub prefix: Box<str>,
 }
 
-/// By which clock the stamps of messages are.
+/// The clock of the stamps in messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum StampClock {
     /// The wall clock of this machine.
     #[default]
     System,
-    /// The time on `/clock`, as nodes with `use_sim_time` have it.
+    /// The time on `/clock`, which nodes with `use_sim_time` use.
     Ros,
 }
 
-/// A topic and what is read out of each of its messages. Samples carry it, so that one which was
-/// received under another configuration is known by that.
+/// A topic and the fields that are read from its messages. Each sample carries it, so a sample that was read
+/// for another configuration is recognized.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TopicSpec {
     /// As ROS names it: `/odometry`.
     pub topic: Box<str>,
-    /// `package/msg/Name`; empty: the type that the publisher offers.
+    /// `package/msg/Name`; empty: the type that the publisher announces.
     pub type_name: Box<str>,
-    /// Whether the stamp of the message's header is wanted.
+    /// Whether the stamp of the message's header is needed.
     pub stamp: bool,
     /// [`Sample::values`](super::sample::Sample::values) has the same length and order.
     pub fields: Vec<FieldSpec>,
@@ -70,14 +70,14 @@ pub struct FieldSpec {
 pub enum FieldKind {
     /// A number, a boolean or a string.
     Scalar,
-    /// A `geometry_msgs` Pose or Transform, or what holds one as its member `pose` or `transform`.
+    /// A `geometry_msgs` Pose or Transform, or a message with such a member `pose` or `transform`.
     Pose,
-    /// An array of positions, or of what holds one; `[]` in its path stands for each element, and at
-    /// its end may be left out.
+    /// An array of positions, or of messages that contain one; `[]` in its path stands for each element, and
+    /// may be omitted at its end.
     Positions,
 }
 
-/// What a [`FieldKind::Scalar`] is.
+/// The type of a [`FieldKind::Scalar`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ScalarKind {
     Number,
@@ -85,7 +85,7 @@ pub enum ScalarKind {
     Text,
 }
 
-/// Something that is asked again and again whether it is there.
+/// A target that is probed periodically.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WatchdogSpec {
     pub target: ProbeTarget,
@@ -100,14 +100,14 @@ pub enum ProbeTarget {
     Tcp { address: Box<str> },
     /// A ROS node with its namespace, `/ns/name`.
     Node { name: Box<str> },
-    /// A ROS service with its namespace, `/ns/name`: that somebody serves it, not how soon it answers.
+    /// A ROS service with its namespace, `/ns/name`: whether a node offers it, not its response time.
     Service { name: Box<str> },
-    /// Whether all publishers and subscribers of a topic can come together.
+    /// Whether all publishers and subscribers of a topic match.
     Qos { topic: Box<str> },
 }
 
 impl ProbeTarget {
-    /// The host, address or name that is asked.
+    /// The probed host, address or name.
     pub fn name(&self) -> &str {
         match self {
             ProbeTarget::Icmp { host } => host,
@@ -118,7 +118,7 @@ impl ProbeTarget {
     }
 }
 
-/// Where a value comes from.
+/// The source of a value.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ValueSource {
     Field {
@@ -130,12 +130,12 @@ pub enum ValueSource {
     Key {
         status: Arc<str>,
         key: Arc<str>,
-        /// What may stand behind its number: `V` of `25.60 V`.
+        /// The unit that may follow the number: `V` of `25.60 V`.
         unit: Option<Arc<str>>,
     },
 }
 
-/// Limits. Below or above a limit counts, equal does not; ERROR is judged before WARNING.
+/// Limits. A value below or above a limit counts, an equal value does not; ERROR is judged before WARNING.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Bands {
     pub warning_below: Option<f64>,
@@ -144,18 +144,18 @@ pub struct Bands {
     pub error_above: Option<f64>,
 }
 
-/// How a single value is judged.
+/// The rule for a single value.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ValueRule {
     Bands(Bands),
-    /// Anything but these values is bad; numbers, booleans and words are compared as such.
+    /// Every other value is bad; numbers, booleans and texts are compared as such.
     Unless {
         error: Option<FieldValue>,
         warning: Option<FieldValue>,
     },
 }
 
-/// How two sources are compared.
+/// The rule for two sources.
 #[derive(Debug, Clone, PartialEq)]
 pub enum AgreementRule {
     /// By the absolute difference.
@@ -167,25 +167,25 @@ pub enum AgreementRule {
     Positions { count: Bands, nearest: Bands },
 }
 
-/// What a module watches.
+/// The monitor of a module.
 #[derive(Debug, Clone, PartialEq)]
 pub enum MonitorSpec {
     /// The level in the status of exactly this name.
     SelfState {
         status: Arc<str>,
     },
-    /// The same, from a domain-specific module elsewhere, which states its class.
+    /// The same, from a domain-specific module elsewhere, which has a class of its own.
     External {
         status: Arc<str>,
         class: Class,
     },
-    /// Messages in a second; bands in Hz.
+    /// Messages per second; bands in Hz.
     Frequency {
         topic: TopicId,
         window: Span,
         bands: Bands,
     },
-    /// Receipt minus header stamp, the worst of the window; bands in seconds.
+    /// Receipt minus header stamp, the worst in the window; bands in seconds.
     Latency {
         topic: TopicId,
         window: Span,
@@ -195,20 +195,20 @@ pub enum MonitorSpec {
         source: ValueSource,
         rule: ValueRule,
     },
-    /// As many misses in a row as this make an ERROR; bands on the time until an answer, in seconds.
+    /// This many misses in a row make an ERROR; bands on the response time, in seconds.
     Watchdog {
         watchdog: WatchdogId,
         misses: u32,
         bands: Bands,
     },
-    /// Bands on output rate by input rate.
+    /// Bands on the output rate divided by the input rate.
     RateRatio {
         input: TopicId,
         output: TopicId,
         window: Span,
         bands: Bands,
     },
-    /// Bands on later minus earlier.
+    /// Bands on `later` minus `earlier`.
     Sequence {
         earlier: ValueSource,
         later: ValueSource,
@@ -225,7 +225,7 @@ pub enum MonitorSpec {
         rule: AgreementRule,
     },
     Expression {
-        /// By the name that the conditions use.
+        /// By the names that the conditions use.
         inputs: Vec<(Box<str>, ValueSource)>,
         max_age: Span,
         warning: Option<Condition>,
@@ -235,7 +235,7 @@ pub enum MonitorSpec {
 }
 
 impl MonitorSpec {
-    /// The status whose level is the module's report. It belongs to the module alone.
+    /// The status whose level is the module's report. No other module declares it.
     pub fn status(&self) -> Option<&Arc<str>> {
         match self {
             MonitorSpec::SelfState { status } | MonitorSpec::External { status, .. } => Some(status),
@@ -251,13 +251,13 @@ impl MonitorSpec {
     }
 }
 
-/// A condition over values in the order of the inputs. The language it is written in is the
-/// configuration's affair; two conditions are the same if their texts are.
+/// A condition over values in the order of the inputs. The configuration knows its language; conditions with
+/// equal texts are equal.
 #[derive(Clone)]
 pub struct Condition {
     pub text: Arc<str>,
     evaluate: Arc<Evaluate>,
-    /// What it takes each input for, where it says so.
+    /// The type that the condition assumes for each input, if it does.
     kinds: Arc<[Option<ScalarKind>]>,
 }
 
@@ -271,18 +271,19 @@ impl Condition {
         Condition { text: text.into(), evaluate: Arc::new(evaluate), kinds: Arc::from([]) }
     }
 
-    /// The same with what it takes each input for, in their order.
+    /// The same condition with the assumed types of its inputs, in order.
     pub fn taking(self, kinds: impl Into<Arc<[Option<ScalarKind>]>>) -> Condition {
         Condition { kinds: kinds.into(), ..self }
     }
 
-    /// What it takes an input for, where it says so.
+    /// The type that the condition assumes for an input.
     pub fn takes(&self, input: usize) -> Option<ScalarKind> {
         self.kinds.get(input).copied().flatten()
     }
 
     /// # Errors
-    /// Why there is no answer for these values.
+    ///
+    /// The reason why the condition has no answer for these values.
     pub fn holds(&self, values: &[FieldValue]) -> Result<bool, Box<str>> {
         (self.evaluate)(values)
     }
@@ -300,26 +301,25 @@ impl PartialEq for Condition {
     }
 }
 
-/// Where a diagnosis stands in the paper's classification (Sec. III-B).
+/// The class of a diagnosis in the paper's classification (Sec. III-B).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Class {
     /// `isolated` or `contextual`.
     pub location: &'static str,
     /// `content` or `meta`.
     pub information: &'static str,
-    /// `sequential` or `parallel`, where data flows.
+    /// `sequential` or `parallel`, for a diagnosis of data flow.
     pub flow: Option<&'static str>,
 }
 
 impl Class {
-    /// The column of the paper's taxonomy (Fig. 3), from 0: isolated meta, isolated content,
-    /// contextual meta, contextual content sequential and parallel. A class that the taxonomy does
-    /// not have stands in none.
+    /// The column of the paper's taxonomy (Fig. 3), from 0: isolated meta, isolated content, contextual meta,
+    /// contextual content sequential and parallel. `None` for a class that the taxonomy does not have.
     pub fn column(self) -> Option<usize> {
         match (self.location, self.information, self.flow) {
             ("isolated", "meta", None) => Some(0),
             ("isolated", "content", None) => Some(1),
-            // That its data flows, too, is no column of its own.
+            // A contextual meta diagnosis has one column, with and without data flow.
             ("contextual", "meta", _) => Some(2),
             ("contextual", "content", Some("sequential")) => Some(3),
             ("contextual", "content", Some("parallel")) => Some(4),

@@ -1,12 +1,12 @@
-//! The order in which states can be computed, and the cycles that have none (`ENGINE.md` 4).
+//! The order in which states can be computed, and the cycles that have none.
 //!
-//! A group appears twice: *entered*, when its relevance and its own dependencies are known, and *left*,
+//! A group appears twice: it is *entered* when its relevance and its own dependencies are known, and *left*
 //! when its members are known. A dependency is judged after its group was left.
 
 use super::{Dependency, GroupId, ModuleId, NodeId, Parts};
 
-/// Ranks: whatever a state rests on has a smaller rank. Ranks of the model are even; modules that
-/// are discovered stand just before their group is left, on an odd one.
+/// Ranks: every state depends only on states of smaller rank. Ranks of the model are even; discovered modules
+/// stand just before their group is left, on an odd rank.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(in crate::engine) struct Order {
     pub(in crate::engine) enter: Vec<u32>,
@@ -14,7 +14,7 @@ pub(in crate::engine) struct Order {
     pub(in crate::engine) module: Vec<u32>,
 }
 
-/// Dependencies that end where they began: each step's node rests on the next, the last on the first.
+/// A cycle of dependencies: each step's node depends on the next, the last on the first.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Cycle(pub Vec<CycleStep>);
 
@@ -24,17 +24,17 @@ pub struct CycleStep {
     pub by: CycleEdge,
 }
 
-/// What makes a node rest on the next one of its cycle.
+/// The reason why a node depends on the next one of its cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CycleEdge {
-    /// Entry `index` in the `depends_on` of `holder`: the node itself or a group around it.
+    /// Entry `index` in the `depends_on` of `holder`: the node itself or an enclosing group.
     Depends { holder: NodeId, index: usize },
     /// The next node is a member of this one.
     Contains,
 }
 
 impl Order {
-    /// All visits, each after what it rests on.
+    /// All visits, each after everything that it depends on.
     pub(in crate::engine) fn visits(&self) -> Vec<Visit> {
         let groups = (0..).map(GroupId).zip(self.enter.iter().zip(&self.leave));
         let groups =
@@ -45,7 +45,7 @@ impl Order {
         visits.into_iter().map(|(_, visit)| visit).collect()
     }
 
-    /// Orders the parts, in configuration order where dependencies leave a choice.
+    /// Orders the parts; where dependencies leave a choice, in configuration order.
     pub(in crate::engine) fn of(parts: &Parts) -> Result<Order, Cycle> {
         let mut members = vec![Vec::new(); parts.groups.len()];
         for (index, group) in parts.groups.iter().enumerate() {
@@ -75,8 +75,7 @@ fn depends_on(parts: &Parts, node: NodeId) -> &[Dependency] {
     }
 }
 
-/// Everything that `node` rests on directly: its own dependencies, those of the groups around
-/// it, and its members.
+/// The direct dependencies of `node`: its own, those of the enclosing groups, and its members.
 fn edges(parts: &Parts, members: &[Vec<NodeId>], node: NodeId) -> Vec<(NodeId, CycleEdge)> {
     let mut found = Vec::new();
     let mut holder = Some(node);
@@ -100,7 +99,7 @@ enum Mark {
     Done,
 }
 
-/// Depth first with an own stack: a chain of dependencies may be longer than the thread's stack.
+/// Depth first with a stack of its own: a chain of dependencies may be longer than the thread's stack.
 fn find_cycle(parts: &Parts, members: &[Vec<NodeId>]) -> Result<(), Cycle> {
     let groups = parts.groups.len();
     let key = |node: NodeId| match node {
@@ -144,7 +143,7 @@ fn find_cycle(parts: &Parts, members: &[Vec<NodeId>]) -> Result<(), Cycle> {
     Ok(())
 }
 
-/// One meeting with a node, see the module's words.
+/// One visit of a node: see the top of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Visit {
     Enter(GroupId),
@@ -173,7 +172,7 @@ impl Sorter {
         sorter.order
     }
 
-    /// Post-order over what each visit needs; there is no cycle, [`find_cycle`] has looked.
+    /// Post-order over the dependencies of each visit; [`find_cycle`] has excluded cycles.
     fn visit(&mut self, start: Visit, parts: &Parts, members: &[Vec<NodeId>]) {
         let mut stack = vec![(start, false)];
         while let Some((visit, ready)) = stack.pop() {

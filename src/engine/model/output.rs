@@ -1,17 +1,17 @@
 //! Telltale's publications, for the vehicle and for the tools of ROS 2.
 
-/// What is published for the vehicle. All of it is a level that follows from snapshots.
+/// An output to the vehicle. Each is a level that follows from snapshots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Output {
     Stage,
     Clearance,
-    /// Where the operator says that the vehicle stands.
+    /// The pose that the operator gave.
     Pose,
     Deceleration,
     ManeuverStop,
 }
 
-/// A topic that is published, by what stands on it.
+/// A published topic, by its content.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Publication {
     /// The aggregated diagnosis.

@@ -8,24 +8,24 @@ use crate::engine::time::Span;
 /// One message of a watched topic.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
-    /// What the reader read by. A sample of another configuration is not taken.
+    /// The topic for which it was read. A sample of another configuration is not taken.
     pub source: Arc<TopicSpec>,
-    /// The stamp of its header in nanoseconds since 1970, on the publisher's clock; `None` if it has
-    /// none, it was not asked for, or it cannot be read.
+    /// The stamp of its header in nanoseconds since 1970, on the publisher's clock; `None` if there is none, it
+    /// was not requested, or it cannot be read.
     pub stamp_ns: Option<i64>,
-    /// When it was received by this machine's wall clock, in nanoseconds since 1970. For comparison
-    /// with stamps alone; ages are judged by the monotonic clock. With `clock: ros` the time on `/clock`,
-    /// and [`NO_CLOCK`](Sample::NO_CLOCK) while nothing was heard there.
+    /// The time of receipt by this machine's wall clock, in nanoseconds since 1970. Only for comparison with
+    /// stamps; ages follow the monotonic clock. With `clock: ros` it is the time on `/clock`, and
+    /// [`NO_CLOCK`](Sample::NO_CLOCK) before the first one.
     pub received_wall_ns: i64,
-    /// It was published when nobody listened yet, and came when it could: what it says holds, but it
-    /// is neither counted nor timed.
+    /// It was published before Telltale listened, and arrived later: its value holds, but it is neither counted
+    /// nor timed.
     pub late: bool,
     /// By position in [`TopicSpec::fields`].
     pub values: Box<[FieldValue]>,
 }
 
 impl Sample {
-    /// In the place of a time that is not known.
+    /// Replaces an unknown time.
     pub const NO_CLOCK: i64 = i64::MIN;
 }
 
@@ -37,10 +37,9 @@ pub enum FieldValue {
     Text(Box<str>),
     Pose(Pose),
     Positions(Arc<Positions>),
-    /// It is not in this message: no element is the one that is asked for. Such a message says
-    /// nothing of the field; only its age goes on.
+    /// The message does not contain it: no element has the requested property. The last value stays and ages.
     Absent,
-    /// Why there is none, for a developer: the message ends early, there is no such element.
+    /// The reason why it cannot be read, for a developer: the message ends early, or the element is missing.
     Unreadable(Box<str>),
 }
 
@@ -56,15 +55,15 @@ pub struct Pose {
     pub qw: f64,
 }
 
-/// Positions of one list that are taken; of those behind nothing is known but how many they are.
+/// Positions of one list that are kept; further ones are only counted.
 pub const POSITIONS_MAX: usize = 256;
 
-/// Where the objects of a list are.
+/// The positions of the objects in a list.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Positions {
     /// At most [`POSITIONS_MAX`], the first ones.
     pub taken: Box<[Position]>,
-    /// How many the list has.
+    /// The length of the list.
     pub count: u32,
 }
 
@@ -76,23 +75,23 @@ pub struct Position {
 }
 
 impl Positions {
-    /// Whether there are more than were taken.
+    /// Whether the list has more positions than were kept.
     pub fn is_cut(&self) -> bool {
         self.count as usize > self.taken.len()
     }
 }
 
-/// What discovery knows of a watched topic.
+/// The publishers of a watched topic, from discovery.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TopicNews {
     pub source: Arc<TopicSpec>,
     /// Publishers of the configured type.
     pub publishers: u32,
-    /// Another type under which somebody publishes it: `package/msg/Name`.
+    /// Another type under which the topic is published: `package/msg/Name`.
     pub other_type: Option<Box<str>>,
 }
 
-/// The answer of a probe.
+/// The result of a probe.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Probe {
     pub source: Arc<WatchdogSpec>,
@@ -102,13 +101,13 @@ pub struct Probe {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ProbeOutcome {
     Answered {
-        /// From the question to the answer.
+        /// The response time.
         after: Span,
     },
-    /// Discovery knows it; nobody asked it, so nothing is known of how soon it answers.
+    /// Discovery knows it. It was not asked, so its response time is unknown.
     Announced,
     /// It is not there, with the reason: refused, no answer in time, no such node or service.
     Missed(Box<str>),
-    /// This machine cannot ask, so nothing is known: no permission, a name that does not resolve.
+    /// This machine cannot probe it, so nothing is known: no permission, or a name that does not resolve.
     Impossible(Box<str>),
 }

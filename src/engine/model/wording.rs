@@ -1,11 +1,11 @@
-//! Names of faults and advice, by level and stage. A WARNING never shows the texts of the ERROR, and nobody
-//! is told to take over at a stop.
+//! Names of faults and advice, by level and stage. A WARNING never shows the texts of the ERROR, and no text at
+//! a stop asks the operator to take over.
 
 use super::Stage;
 use crate::engine::state::State;
 use crate::engine::text::Text;
 
-/// The words of a module that is not OK. Where there are none, the page has words of its own.
+/// The words of a module that is not OK. The page has general words for the rest.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Wording {
     pub warning: ByStage,
@@ -20,14 +20,12 @@ pub enum ByStage {
     None,
     /// In every stage.
     Always(Text),
-    /// In these. `cleared` has the words of `active`, and `localizing` those of `standby`, where it
-    /// has none itself.
+    /// In these stages. `cleared` falls back to the words of `active`, and `localizing` to those of `standby`.
     In(Vec<(Stage, Text)>),
 }
 
 impl Wording {
-    /// A name without levels: the fault is called so whether it is a WARNING or an ERROR. What is
-    /// UNKNOWN may be no fault at all.
+    /// A name without levels: it is for WARNING and ERROR. An UNKNOWN module may have no fault at all.
     pub fn name(text: Text) -> Wording {
         Wording {
             warning: ByStage::Always(text.clone()),
@@ -36,7 +34,7 @@ impl Wording {
         }
     }
 
-    /// What to do, without levels: about an ERROR, while the vehicle drives or may drive off.
+    /// Advice without levels: for an ERROR, while the vehicle drives or may start.
     pub fn help(text: Text) -> Wording {
         Wording { error: ByStage::In(vec![(Stage::Active, text)]), ..Wording::default() }
     }

@@ -1,5 +1,5 @@
-//! Bounds the bytes of all statuses. Beyond the bound the longest statuses are cut first, so that no flood
-//! costs a status of ordinary length anything.
+//! Bounds the bytes of all statuses. Beyond the bound the longest statuses are cut first, so a flood never
+//! affects a status of ordinary length.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, HashMap};
@@ -11,18 +11,18 @@ use crate::engine::model::{Limits, ModuleId};
 use crate::engine::state::State;
 use crate::engine::text::Text;
 
-/// Kept up to date with each report that changes, at the cost of a few lookups.
+/// Updated with each changed report, at the cost of a few lookups.
 #[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Budget {
     limit: u64,
-    /// Of what one writer says.
+    /// The bound for one writer.
     source_limit: u64,
     total: u64,
     /// By [`ModuleId`].
     held: Vec<Held>,
-    /// Writers with something held: never more than modules.
+    /// Writers with kept reports: never more than modules.
     sources: HashMap<WriterId, Source>,
-    /// Modules whose words are cut.
+    /// The number of modules with cut reports.
     cut: usize,
 }
 
@@ -36,7 +36,7 @@ struct Held {
 #[derive(Debug, Clone, Default)]
 struct Source {
     total: u64,
-    /// Modules by the number of binary digits of their size: the last is the longest, or half as long.
+    /// Modules by the number of binary digits of their size: the last is the longest, up to a factor of two.
     by_size: BTreeSet<(u8, Reverse<ModuleId>)>,
 }
 
@@ -50,7 +50,7 @@ impl Budget {
         Budget { limit, source_limit, ..Budget::default() }
     }
 
-    /// Notes how many bytes a module's words take, and who said them.
+    /// Notes the size of a module's report and its writer.
     pub(in crate::engine) fn store(&mut self, id: ModuleId, source: WriterId, bytes: usize, is_cut: bool) {
         let index = id.0 as usize;
         if self.held.len() <= index {
@@ -81,8 +81,8 @@ impl Budget {
         }
     }
 
-    /// Whose words are to be cut to how many bytes, after `source` said something; `None`: all fits. To
-    /// be asked until then.
+    /// The module to cut, and its new size, after a report by `source`; `None`: everything fits. The caller
+    /// asks until then.
     pub(in crate::engine) fn over(&self, source: WriterId) -> Option<(ModuleId, usize)> {
         let own = self.sources.get(&source);
         let beyond_own = own.map_or(0, |own| own.total.saturating_sub(self.source_limit));
@@ -99,8 +99,8 @@ impl Budget {
         Some((id, bytes.saturating_sub(beyond).max(bytes / 2) as usize))
     }
 
-    /// The most bytes that what a module says next can have without anything else being cut; what it has
-    /// now is never more.
+    /// The largest size of a module's next report that requires no cut elsewhere; never less than its present
+    /// size.
     pub(in crate::engine) fn room(&self, id: ModuleId, source: WriterId) -> usize {
         let held = self.held.get(id.0 as usize).copied().unwrap_or_default();
         let of_source = self.sources.get(&source).map_or(0, |it| it.total);
@@ -114,7 +114,7 @@ impl Budget {
         self.held.get(id.0 as usize).map(|held| held.source).unwrap_or_default()
     }
 
-    /// Modules whose words are cut.
+    /// The number of modules with cut reports.
     pub(in crate::engine) fn cut(&self) -> usize {
         self.cut
     }
@@ -125,7 +125,7 @@ impl Budget {
 }
 
 impl Engine {
-    /// Says whether words of statuses are cut. No state depends on it.
+    /// Reports whether reports are cut. No state depends on it.
     pub(in crate::engine) fn say_cut(&mut self) {
         let cut = self.views.budget.cut() > 0;
         if std::mem::replace(&mut self.said_cut, cut) != cut {
@@ -148,7 +148,7 @@ mod tests {
         Budget::new(&Limits { status_bytes: limit, source_bytes: source_limit, ..Limits::default() })
     }
 
-    /// Stores it and cuts until all fits; returns who was cut to what.
+    /// Stores a report and cuts until everything fits; returns each cut module with its new size.
     fn store(budget: &mut Budget, id: u32, source: WriterId, bytes: usize) -> Vec<(u32, usize)> {
         budget.store(ModuleId(id), source, bytes, false);
         let mut cuts = Vec::new();

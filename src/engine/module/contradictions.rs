@@ -14,21 +14,21 @@ use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
 use crate::engine::timers::TimerKey;
 
-/// Names that are listed at once; of more it is said that there are.
+/// Names that are listed at once; for more, the message says that there are more.
 const LISTED_MAX: usize = 64;
-/// A dispute is said for this long after it was seen last.
+/// A dispute is shown for this long after its last occurrence.
 const HOLD: Span = Span::from_secs(10);
-/// Counts are written anew this often at most: a flood must not change the page with every message.
+/// The least time between two new texts: a flood must not change the page with every message.
 const WRITE_EVERY: Span = Span::from_secs(1);
-/// Of a name, for people to recognize.
+/// Bytes of a name in the message, enough to recognize it.
 const NAME_BYTES_MAX: usize = 128;
 
-/// What is wrong about who says a name.
+/// A dispute about the writers of a name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(in crate::engine) enum Dispute {
-    /// Two writers say different states, for longer than a moment.
+    /// Two writers report different states, for longer than a moment.
     Contradiction { worse: (Arc<str>, State), better: (Arc<str>, State) },
-    /// The configuration does not let the last of these say it, so it does not count.
+    /// A writer that the configuration does not admit; its report does not count. The last one is named.
     Stranger { who: Arc<str>, count: u64 },
     /// More writers than are kept apart.
     Crowd,
@@ -46,12 +46,12 @@ type Key = (Arc<str>, u8);
 #[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Disputes {
     listed: BTreeMap<Key, Listed>,
-    /// When one was seen that is not listed.
+    /// The time of the last dispute that is not listed.
     more: Option<Timestamp>,
-    /// Something is not written yet.
+    /// The message is not up to date.
     changed: bool,
     written: Option<Timestamp>,
-    /// No entry lapses before.
+    /// The earliest time at which an entry expires.
     lapse: Option<Timestamp>,
 }
 
@@ -103,7 +103,7 @@ fn word(state: State) -> Text {
 }
 
 impl Disputes {
-    /// Returns whether another name is in dispute than before.
+    /// Returns whether a further name is in dispute.
     fn note(&mut self, name: Arc<str>, dispute: Dispute, now: Timestamp) -> bool {
         self.lapse.get_or_insert(now + HOLD);
         let full = self.listed.len() >= LISTED_MAX;
@@ -132,7 +132,7 @@ impl Disputes {
         }
     }
 
-    /// Forgets what was not seen for a while.
+    /// Removes expired entries.
     fn lapse(&mut self, now: Timestamp) {
         self.listed.retain(|_, it| it.last + HOLD > now);
         self.more = self.more.filter(|&last| last + HOLD > now);
@@ -176,14 +176,14 @@ impl Engine {
         self.arm_disputes();
     }
 
-    /// Time has passed.
+    /// Updates the message after time has passed.
     pub(in crate::engine) fn judge_disputes(&mut self) {
         self.disputes.lapse(self.now);
         self.show_disputes();
         self.arm_disputes();
     }
 
-    /// Goes on with what was in dispute before a reload.
+    /// Continues the disputes from before a reload.
     pub(in crate::engine) fn keep_disputes(&mut self, old: &mut Engine) {
         self.disputes = std::mem::take(&mut old.disputes);
         self.arm_disputes();

@@ -1,30 +1,29 @@
-//! A module's own state, from its reports to the state that counts (`ENGINE.md` 2): reported, silent,
-//! debounced, latched.
+//! A module's own state, from its reports to the state that counts: reported, silent, debounced, latched.
 
 use super::model::Policy;
 use super::snapshot::Steps;
 use super::state::State;
 use super::time::{Span, Timestamp};
 
-/// The own state of one module over time. Time is given; deadlines are asked for by [`OwnState::due`].
+/// The own state of one module over time. The caller passes the time and asks [`OwnState::due`] for deadlines.
 #[derive(Debug, Clone)]
 pub(super) struct OwnState {
-    /// What the last report said.
+    /// The state of the last report.
     reported: Option<State>,
     received: Option<Timestamp>,
     silent: bool,
-    /// It is judged by the clock: it needs not be heard.
+    /// A monitor judges it by the clock: it needs no reports.
     spoken_for: bool,
     debounce: Debounce,
-    /// It is given time to report: what its silence comes to does not count yet.
+    /// It still has time to report: its silence does not count yet.
     grace: bool,
-    /// Since when it is judged to be in ERROR by what it reported.
+    /// Since when it counts as ERROR by its reports.
     error_since: Option<Timestamp>,
     latched: bool,
-    /// Since it was heard, nothing can be heard any more of anybody.
+    /// DDS went down after its last report.
     cut_off: bool,
     relevant_since: Option<Timestamp>,
-    /// Of a module that was made at run time: it leaves if nothing is heard from then on.
+    /// For a discovered module: the time from which its silence counts towards leaving.
     made: Option<Timestamp>,
 }
 
@@ -49,7 +48,7 @@ impl OwnState {
         self.received
     }
 
-    /// Whether anything was said of it, by itself or by the clock.
+    /// Whether there is any judgement of it, by a report or by the clock.
     pub(super) fn known(&self) -> bool {
         self.reported.is_some()
     }
@@ -62,18 +61,18 @@ impl OwnState {
         self.latched
     }
 
-    /// Whether it was not heard, or is silent, and is still given time.
+    /// Whether it has no report, or is silent, and still has time.
     pub(super) fn in_grace(&self) -> bool {
         self.grace
     }
 
-    /// Whether a module that was made at run time is silent for so long that it is to leave.
+    /// Whether a discovered module was silent for so long that it leaves.
     pub(super) fn lapsed(&self, policy: &Policy, now: Timestamp) -> bool {
         self.made.is_some() && !self.latched && self.lapse_due(policy).is_some_and(|due| due <= now)
     }
 
-    /// Whether a report says what the one before said, of a module that is not silent: that moves nothing
-    /// but its age. Any other is for [`OwnState::report`].
+    /// Whether a report repeats the last one of a module that is not silent: then only its age changes. All
+    /// other reports are for [`OwnState::report`].
     pub(super) fn repeats(&mut self, state: State, now: Timestamp) -> bool {
         let repeats = self.reported == Some(state) && self.heard() && !self.cut_off;
         if repeats {
@@ -82,12 +81,12 @@ impl OwnState {
         repeats
     }
 
-    /// A report arrived that is news.
+    /// Takes a report that is not a repetition.
     pub(super) fn report(&mut self, state: State, policy: &Policy, now: Timestamp) {
         self.cut_off = false;
         self.received = Some(now);
         if self.silent && self.grace {
-            // It was silent by right: what its silence would have come to holds nothing up.
+            // The module was silent within its grace period: the state for silence delays nothing.
             self.debounce = Debounce { state: self.reported, input: self.reported, ..Debounce::default() };
         }
         self.reported = Some(state);
@@ -96,8 +95,8 @@ impl OwnState {
         self.judge(policy, now);
     }
 
-    /// What was received is judged otherwise, by time or by what is known of its source: that ends
-    /// no silence. By the clock even a module that never heard anything is judged.
+    /// Takes a new judgement of the received values, by time or by discovery: it ends no silence. By the clock
+    /// even a module without reports is judged.
     pub(super) fn revise(
         &mut self,
         state: State,
@@ -118,7 +117,7 @@ impl OwnState {
         true
     }
 
-    /// There is nothing to judge any more: as if it had never reported. What latched stays.
+    /// There is nothing to judge any more, as before the first report. A latched ERROR stays.
     pub(super) fn forget(&mut self, policy: &Policy, now: Timestamp) {
         (self.reported, self.received) = (None, None);
         (self.silent, self.spoken_for, self.cut_off) = (false, false, false);
@@ -126,8 +125,8 @@ impl OwnState {
         self.judge(policy, now);
     }
 
-    /// Nothing can be heard any more, of nobody: UNKNOWN at once and until it is heard again, unless it is
-    /// in ERROR. Returns whether that is news.
+    /// DDS is down: UNKNOWN at once and until the next report, unless the module is in ERROR. Returns whether
+    /// that changed anything.
     pub(super) fn cut_off(&mut self) -> bool {
         let is_news = self.heard() && !self.cut_off;
         self.cut_off |= is_news;
@@ -138,8 +137,8 @@ impl OwnState {
         (self.received.is_some() || self.spoken_for) && !self.silent
     }
 
-    /// Says whether the module is relevant, after [`OwnState::advance`] to `now`; the grace of a silent
-    /// one starts when it becomes so.
+    /// Sets whether the module is relevant, after [`OwnState::advance`] to `now`; the grace period of a silent
+    /// module starts when it becomes relevant.
     pub(super) fn set_relevant(&mut self, relevant: bool, policy: &Policy, now: Timestamp) {
         match (relevant, self.relevant_since) {
             (true, None) => self.relevant_since = Some(now),
@@ -149,8 +148,8 @@ impl OwnState {
         self.judge(policy, now);
     }
 
-    /// Lets the time up to `now` act: silence first, then debounce, grace and latch at their instants,
-    /// and in the end what is silent for too long is forgotten.
+    /// Advances to `now`: silence first, then debounce, grace and latch at their instants, and finally the
+    /// expiry of old reports.
     pub(super) fn advance(&mut self, policy: &Policy, now: Timestamp) {
         if let (Some(received), Some(reported), false) = (self.received, self.reported, self.silent)
             && now >= received + policy.timeout
@@ -168,12 +167,12 @@ impl OwnState {
         self.settle(policy, now);
     }
 
-    /// Whether the module is judged to be in ERROR, latched or not.
+    /// Whether the module counts as ERROR, latched or not.
     pub(super) fn is_in_error(&self, policy: &Policy) -> bool {
         self.judged(policy) == State::Error
     }
 
-    /// Forgets a latched ERROR; nothing changes while the module is still in ERROR.
+    /// Resets a latched ERROR; without effect while the module is still in ERROR.
     pub(super) fn reset(&mut self, policy: &Policy) {
         self.latched &= self.is_in_error(policy);
     }
@@ -189,7 +188,7 @@ impl OwnState {
         if self.cut_off { state.max(State::Unknown) } else { state }
     }
 
-    /// How [`OwnState::state`] came about.
+    /// The intermediate steps of [`OwnState::state`].
     pub(super) fn steps(&self, policy: &Policy) -> Steps {
         Steps {
             reported: self.reported,
@@ -212,8 +211,8 @@ impl OwnState {
             .min()
     }
 
-    /// Runs debounce, grace and latch through their instants up to `now`, in order. An ERROR that ends
-    /// in the instant in which it has lasted long enough latches.
+    /// Runs debounce, grace and latch through their instants up to `now`, in order. An ERROR that ends at the
+    /// instant at which it has lasted long enough latches.
     fn settle(&mut self, policy: &Policy, now: Timestamp) {
         loop {
             let steps = [self.debounce.next_step(policy), self.grace_end(policy), self.latch_due(policy)];
@@ -226,7 +225,7 @@ impl OwnState {
         }
     }
 
-    /// Follows, at every instant at which something changes, what latch and reset judge.
+    /// Follows the judged state at every instant at which it changes, for latch and reset.
     fn judge(&mut self, policy: &Policy, at: Timestamp) {
         let given = self.relevant_since.is_none_or(|since| at < since + policy.timeout);
         self.grace = !self.heard() && given;
@@ -234,7 +233,7 @@ impl OwnState {
         self.error_since = self.error_since.or(Some(at)).filter(|_| in_error);
     }
 
-    /// When the time that it is given to report is over.
+    /// The end of the grace period.
     fn grace_end(&self, policy: &Policy) -> Option<Timestamp> {
         Some(self.relevant_since.filter(|_| self.grace)? + policy.timeout)
     }
@@ -244,15 +243,15 @@ impl OwnState {
         Some(since + policy.latch?)
     }
 
-    /// When nothing was heard for so long that what was heard counts no more.
+    /// The time at which the last report expires.
     fn lapse_due(&self, policy: &Policy) -> Option<Timestamp> {
         Some(self.received.or(self.made)? + policy.forget_after?)
     }
 }
 
-/// Follows what is reported, but rises only to the best state of the last `raise_after` and falls
-/// only to the worst of the last `clear_after`. With four states, the end of each state's last
-/// appearance is all the history that it needs.
+/// Follows the reported state, but rises only to the best state of the last `raise_after` and falls only to the
+/// worst of the last `clear_after`. With four states, the end of each state's last appearance is all the
+/// history that it needs.
 #[derive(Debug, Clone, Default)]
 struct Debounce {
     state: Option<State>,
@@ -274,7 +273,7 @@ impl Debounce {
         }
     }
 
-    /// Moves the state to where the windows that end at `now` allow it.
+    /// Moves the state as far as the windows that end at `now` allow.
     fn step(&mut self, policy: &Policy, now: Timestamp) {
         let (Some(state), Some(input)) = (self.state, self.input) else { return };
         let seen =
@@ -299,7 +298,7 @@ impl Debounce {
     fn next_step(&self, policy: &Policy) -> Option<Timestamp> {
         let (state, input) = (self.state?, self.input?);
         let expires = |other: State, window: Span| self.left[other.index()].map(|left| left + window);
-        // Rising goes on once every state at or below the present one is out of the window.
+        // A rise continues once every state at or below the present one has left the window.
         if state < input {
             STATES.into_iter().filter(|&s| s <= state).filter_map(|s| expires(s, policy.raise_after)).max()
         } else if state > input {
@@ -310,7 +309,7 @@ impl Debounce {
     }
 }
 
-/// The states that can be reported, best first.
+/// The possible reported states, best first.
 const STATES: [State; 4] = [State::Ok, State::Warning, State::Unknown, State::Error];
 
 pub(super) mod budget;

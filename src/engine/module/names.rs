@@ -1,4 +1,4 @@
-//! Names to modules: which modules a status feeds, looked up once and remembered (`ENGINE.md` 1).
+//! Names to modules: the modules that a status feeds, looked up once and remembered.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -6,27 +6,27 @@ use std::sync::Arc;
 use super::writers::Voices;
 use crate::engine::model::{GroupId, Model, ModuleId};
 
-/// What is known of one status name.
+/// A known status name.
 #[derive(Debug, Clone)]
 pub(in crate::engine) struct Route {
     name: Arc<str>,
-    /// In the order in which names were first seen.
+    /// In the order of the first receipt of names.
     number: u64,
-    /// Nearly always there is one, so it lies here and not in a list elsewhere.
+    /// Nearly every name feeds one module, so it is stored here and not in a separate list.
     first: ModuleId,
     more: Vec<ModuleId>,
-    /// The array in which the name was seen last, and where: of two statuses with one name in
-    /// one array the worse one counts.
+    /// The array in which the name was received last, and its position: of two statuses with one name in one
+    /// array the worse one counts.
     pub(in crate::engine) array: u64,
     pub(in crate::engine) position: u32,
-    /// Some group that would have a module of it has none.
+    /// Some group that claims the name has no module of it.
     lacking: bool,
-    /// The route of the name that stood behind this one in an array, or [`NOBODY`]: it most likely does again.
+    /// The route of the name that followed this one in an array, or [`NOBODY`]: it most likely does again.
     next: u32,
-    /// Who said it, and what.
+    /// The writers of the name with their last reports.
     pub(in crate::engine) voices: Voices,
-    /// The array in which what was said of it does not count, as another writer says worse or this one may
-    /// not say it.
+    /// The array whose report of the name does not count, because another writer reports a worse state or the
+    /// writer is not admitted.
     pub(in crate::engine) overruled: u64,
 }
 
@@ -62,32 +62,32 @@ impl Route {
     }
 }
 
-/// Bytes of a discovered name, on average, for which there is room: `limits.discovered_modules` times as
-/// many in all, and no less than some long ones take.
+/// The average size of a discovered name for which there is room, in bytes: `limits.discovered_modules` times
+/// this in total, and at least enough for some long names.
 pub(super) const NAME_BYTES: usize = 256;
 const NAMES_BYTES_MIN: usize = 64 << 10;
 
-/// All names that feed a module. Declared ones stand here from the start.
+/// All names that feed a module. Declared names are here from the start.
 #[derive(Debug, Clone)]
 pub(in crate::engine) struct Names {
     index: HashMap<Arc<str>, u32>,
     pub(in crate::engine) routes: Vec<Route>,
-    /// Routes of names that are not known any more.
+    /// Routes of forgotten names.
     free: Vec<u32>,
     seen: u64,
-    /// By which name each discovered module is fed.
+    /// The route of each discovered module.
     of_module: HashMap<ModuleId, u32>,
     discovered_max: usize,
-    /// What the names of discovered modules take, each module its own.
+    /// The bytes of the names of discovered modules, each module with its own copy.
     bytes: usize,
 }
 
-/// Where a new name belongs.
+/// The groups of a new name.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(in crate::engine) struct Claim {
     /// It feeds a new module in each of these groups.
     pub(in crate::engine) places: Vec<Place>,
-    /// These would have it, but the limit is reached.
+    /// These groups claim it, but the limit is reached.
     pub(in crate::engine) dropped_by: Vec<GroupId>,
     /// The limit is that of the names' bytes.
     pub(in crate::engine) too_long: bool,
@@ -117,13 +117,13 @@ impl Names {
         self.index.get(name).copied()
     }
 
-    /// The same for a name that stands behind another one in an array. Components say their names in the same
-    /// order each time, so nearly always it is where it was, and is not searched for.
+    /// Finds a name by the one before it in an array. Components report their names in the same order each
+    /// time, so nearly always no lookup is needed.
     pub(in crate::engine) fn find_behind(&mut self, before: Option<u32>, name: &str) -> Option<u32> {
         let Some(before) = before else { return self.find(name) };
         let guess = self.routes[before as usize].next;
         let known = self.routes.get(guess as usize).is_some_and(|route| *route.name == *name);
-        // A route that nobody uses has no name, and a status may have none.
+        // An unused route has an empty name, and a status may have one too.
         if known && !name.is_empty() {
             return Some(guess);
         }
@@ -136,12 +136,12 @@ impl Names {
         self.routes[route as usize].name.clone()
     }
 
-    /// Whether what an array says of a name counts beyond the array.
+    /// Whether the report of a name in an array counts outside of the array.
     pub(in crate::engine) fn counts(&self, name: &str, array: u64) -> bool {
         self.find(name).is_none_or(|route| self.routes[route as usize].overruled != array)
     }
 
-    /// Goes on with who said what before a reload.
+    /// Continues the writers of each name from before a reload.
     pub(in crate::engine) fn keep_voices(&mut self, old: &Names) {
         for (name, &route) in &self.index {
             if let Some(before) = old.find(name) {
@@ -150,7 +150,7 @@ impl Names {
         }
     }
 
-    /// Where a name belongs, whether there is room or not.
+    /// The groups that claim a name, whether there is room or not.
     pub(in crate::engine) fn wanted(model: &Model, name: &str, other: GroupId) -> Vec<Place> {
         let matching = model.groups.iter().zip(0..).filter_map(|(group, index)| {
             let filter = group.filters.iter().position(|entry| entry.filter.matches(name))?;
@@ -163,7 +163,7 @@ impl Names {
         places
     }
 
-    /// Asks the filters about a name that nothing is known of in any group but those.
+    /// Matches a name against the filters of all groups but those in which it already has a module.
     pub(in crate::engine) fn claim(
         &self,
         model: &Model,
@@ -184,7 +184,7 @@ impl Names {
         (self.discovered_max.saturating_mul(NAME_BYTES)).max(NAMES_BYTES_MIN).saturating_sub(self.bytes)
     }
 
-    /// Remembers that `name` feeds this module, which was made for it.
+    /// Remembers the discovered module of `name`.
     pub(in crate::engine) fn discovered(&mut self, name: &str, module: ModuleId) -> u32 {
         let route = self.feed(name.into(), module);
         self.of_module.insert(module, route);
@@ -192,7 +192,7 @@ impl Names {
         route
     }
 
-    /// Forgets a module that was made for a name, and the name with its last one.
+    /// Forgets a discovered module, and its name with the last of its modules.
     pub(in crate::engine) fn forget(&mut self, module: ModuleId) {
         let Some(index) = self.of_module.remove(&module) else { return };
         let route = &mut self.routes[index as usize];
@@ -211,12 +211,12 @@ impl Names {
         }
     }
 
-    /// Says whether some group that would have a module of the name has none.
+    /// Sets whether some group that claims the name has no module of it.
     pub(in crate::engine) fn set_lacking(&mut self, route: u32, lacking: bool) {
         self.routes[route as usize].lacking = lacking;
     }
 
-    /// Whether a known name may feed more modules than it does.
+    /// Whether a known name may feed further modules.
     pub(in crate::engine) fn may_grow(&self, route: u32) -> bool {
         let route = &self.routes[route as usize];
         route.lacking && self.of_module.len() < self.discovered_max && route.name.len() <= self.bytes_left()
@@ -226,7 +226,7 @@ impl Names {
         self.routes[route as usize].modules()
     }
 
-    /// All names with their modules, in the order in which they were first seen.
+    /// All names with their modules, in the order of their first receipt.
     pub(in crate::engine) fn in_order(&self) -> Vec<(&str, impl Iterator<Item = ModuleId>)> {
         let mut names: Vec<(u64, &Arc<str>, u32)> = self
             .index
@@ -259,7 +259,7 @@ impl Names {
     }
 }
 
-/// Where a module is made at run time, and by which entry of the group's `match` list.
+/// A group in which a module is discovered, and the index of the claiming entry in the group's `match` list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::engine) struct Place {
     pub(in crate::engine) group: GroupId,

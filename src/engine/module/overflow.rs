@@ -1,4 +1,4 @@
-//! Statuses with new names beyond the limit: counted for the group that would have had them.
+//! Statuses with new names beyond the limit, counted for the group that claims them.
 
 use std::collections::HashMap;
 
@@ -7,7 +7,7 @@ use crate::engine::model::{GroupId, ModuleId};
 use crate::engine::text::Text;
 use crate::engine::text::say;
 
-/// The name of the module that says so.
+/// The name of the module that reports them.
 pub(in crate::engine) const MODULE: &str = "(names past the limit)";
 
 /// At most one entry for each group.
@@ -17,22 +17,22 @@ pub(in crate::engine) struct Overflow {
 }
 
 impl Overflow {
-    /// The module that speaks for the group, if it was made.
+    /// The module that reports dropped names in the group, if there is one.
     pub(in crate::engine) fn module(&self, group: GroupId) -> Option<ModuleId> {
         self.groups.get(&group).map(|(module, _)| *module)
     }
 
-    /// Goes on with what was counted before a reload.
+    /// Continues a count from before a reload.
     pub(in crate::engine) fn keep(&mut self, group: GroupId, module: ModuleId, count: u64) {
         self.groups.insert(group, (module, count));
     }
 
-    /// Each group with its module and how many it refused.
+    /// Each group with its module and its number of dropped names.
     pub(in crate::engine) fn groups(&self) -> impl Iterator<Item = (GroupId, ModuleId, u64)> {
         self.groups.iter().map(|(group, (module, count))| (*group, *module, *count))
     }
 
-    /// Counts one more; returns what the module says now.
+    /// Counts one more; returns the new message.
     pub(in crate::engine) fn count(
         &mut self,
         group: GroupId,

@@ -10,12 +10,11 @@ use crate::engine::snapshot::{ModuleView, Report};
 use crate::engine::text::Text;
 use crate::engine::time::{Span, Timestamp};
 
-/// What a KeyValue takes beside its text: two strings, each on its own.
+/// The memory of a KeyValue beside its text: two strings.
 const VALUE_BYTES: usize = 64;
 
 impl Report {
-    /// Whether the status says the same in the same words. Longer than the limits, it is compared
-    /// as cut by the bridge.
+    /// Whether the status has the same texts. A longer status is compared as the bridge would cut it.
     pub(in crate::engine) fn says(&self, status: Status<'_>) -> bool {
         *self.message == *status.message()
             && *self.hardware_id == *status.hardware_id()
@@ -27,13 +26,13 @@ impl Report {
                 .all(|((k, v), (key, value))| **k == *key && **v == *value)
     }
 
-    /// What a monitor, or the diagnosis of itself, says.
+    /// The report of a monitor or of one of Telltale's own modules.
     pub(in crate::engine) fn of_engine(said: Text, values: Vec<(Box<str>, Box<str>)>) -> Report {
         let german = Some(said.de.as_ref().into());
         Report { message: said.en.as_ref().into(), german, values, ..Report::default() }
     }
 
-    /// The message, unless the module is silent and its message says only that.
+    /// The message, unless it only tells of the silence that is shown anyway.
     pub fn last_words(&self, silent: bool) -> &str {
         if silent && self.aged { "" } else { &self.message }
     }
@@ -51,7 +50,7 @@ impl Report {
         }
     }
 
-    /// The bytes that its words take in memory, about. What the engine says itself is bounded elsewhere.
+    /// The approximate memory of its texts. Reports that the engine makes are bounded elsewhere.
     pub(in crate::engine) fn weight(&self) -> usize {
         if self.german.is_some() {
             return 0;
@@ -60,8 +59,8 @@ impl Report {
         self.message.len() + self.hardware_id.len() + values.sum::<usize>()
     }
 
-    /// The same with at most so many bytes: values go first, from the end, then the hardware id, then the
-    /// end of the message.
+    /// The same report with at most `bytes`: values are dropped first, from the end, then the hardware id, then
+    /// the end of the message.
     pub(in crate::engine) fn cut_to(&self, bytes: usize) -> Report {
         let before = self.weight();
         let keep = |text: &str, bytes: usize| -> Box<str> { text[..text.floor_char_boundary(bytes)].into() };
@@ -82,18 +81,18 @@ impl Report {
 }
 
 impl ModuleView {
-    /// For how long nothing came, where that is longer than the module's timeout.
+    /// The length of the silence, if it is longer than the module's timeout.
     pub fn silent_for(&self, now: Timestamp) -> Option<Span> {
         self.received.filter(|_| self.silent).map(|received| now.since(received))
     }
 
-    /// What it says, for programs: of a silent module first that it is. Its last words alone would
-    /// stand beside a state that they do not explain.
+    /// The message for programs. A silent module's message begins with the silence, because its last message
+    /// would not explain its state.
     pub fn says(&self, now: Timestamp) -> Cow<'_, str> {
         with_silence(self.report.last_words(self.silent), self.silent_for(now))
     }
 
-    /// The same, to be kept.
+    /// The same, for events.
     pub(in crate::engine) fn said(&self, now: Timestamp) -> Option<Said> {
         Said::of(self.report.last_words(self.silent), self.silent_for(now))
     }

@@ -1,4 +1,4 @@
-//! Self checks: the engine is told about other aggregators, its disk, its display, its clock and its
+//! Self checks: the engine receives news of other aggregators, its disk, its display, its clock and its
 //! certificate. Each is a module of the group `telltale`.
 
 use super::system::{self, SystemCheck};

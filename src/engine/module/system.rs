@@ -1,4 +1,4 @@
-//! The group `telltale` with Telltale's own modules (`ENGINE.md` 6 and 8). Nothing masks it.
+//! The group `telltale` with Telltale's own modules. Nothing masks it.
 
 use crate::engine::input::ReceptionTrouble;
 use crate::engine::model::wording::{ByStage, Wording};
@@ -11,44 +11,44 @@ use crate::engine::time::{Span, Timestamp};
 /// The name of the group, reserved in configurations.
 pub const SYSTEM_GROUP: &str = "telltale";
 
-/// The name of the group of statuses that nothing claims, reserved in configurations.
+/// The name of the group of unclaimed statuses, reserved in configurations.
 pub const OTHER_GROUP: &str = "other";
 
-/// The groups that are there without being configured: the path, and the names in English and German.
+/// The built-in groups: the path, and the names in English and German.
 pub const BUILT_IN_GROUPS: [(&str, &str, &str); 2] =
     [(OTHER_GROUP, "Other", "Sonstige"), (SYSTEM_GROUP, "Telltale", "Telltale")];
 
 /// A fault of the reception stays a WARNING for this long after its last appearance.
 const RECEPTION_HOLD: Span = Span::from_secs(10);
 
-/// One thing that the diagnosis checks of itself; a module of the group `telltale`.
+/// A check of Telltale itself; a module of the group `telltale`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum SystemCheck {
     /// The invariants of masking hold.
     Invariants,
-    /// Messages arrive whole and as the configuration says.
+    /// Messages arrive completely and with the configured types.
     Reception,
-    /// Somebody says whether the vehicle drives.
+    /// A component reports whether the vehicle drives.
     Active,
-    /// The vehicle confirms what is asked of it.
+    /// The vehicle confirms the requests.
     Countermeasure,
-    /// What the vehicle is to know can be sent.
+    /// All outputs to the vehicle can be sent.
     Outputs,
-    /// What must be kept can be written down.
+    /// The disk can store records.
     Storage,
-    /// The operator's display shows what is.
+    /// The operator's display shows the present state.
     Display,
-    /// Nobody else publishes the aggregated diagnosis.
+    /// No other program publishes the aggregated diagnosis.
     Aggregator,
-    /// The vehicle can be heard.
+    /// The DDS process runs.
     Dds,
-    /// What statuses say fits into memory.
+    /// The texts of statuses fit into memory.
     Memory,
-    /// No two writers contradict each other, and nobody says what only others may.
+    /// No two writers contradict each other, and no writer reports a status for which it is not admitted.
     Writers,
     /// The wall clock is right.
     Clock,
-    /// Browsers accept the certificate, and will.
+    /// Browsers accept the certificate, and will for some time.
     Certificate,
 }
 
@@ -110,7 +110,7 @@ impl SystemCheck {
         Text { en: en.into(), de: de.into() }
     }
 
-    /// What to do about it: on the way, and at a stop, where there is nothing to take over.
+    /// Advice: while driving, and at a stop, where the operator has nothing to take over.
     pub(in crate::engine) fn help(self) -> Wording {
         let always = |en: &str, de: &str| ByStage::Always(Text { en: en.into(), de: de.into() });
         let driving = |en: &str, de: &str, (stop_en, stop_de): (&str, &str)| {
@@ -175,7 +175,7 @@ impl SystemCheck {
     }
 }
 
-/// What is said of a display that does not answer.
+/// The message about a display that does not answer.
 pub(in crate::engine) fn display_late(whose: &str) -> Text {
     say!(
         "the display of {whose} does not say what it shows",
@@ -184,7 +184,7 @@ pub(in crate::engine) fn display_late(whose: &str) -> Text {
     )
 }
 
-/// What is said while words of statuses are cut.
+/// The message while texts of statuses are cut.
 pub(in crate::engine) fn words_cut(limits: &Limits) -> Text {
     say!(
         "statuses say more than is kept: limits.status_bytes is {all}, limits.source_bytes {one}; the longest are cut, their states hold",
@@ -194,7 +194,7 @@ pub(in crate::engine) fn words_cut(limits: &Limits) -> Text {
     )
 }
 
-/// What is said while another program publishes the aggregated diagnosis.
+/// The message while another program publishes the aggregated diagnosis.
 pub(in crate::engine) fn other_aggregator(other: &str) -> Text {
     say!(
         "another program publishes the diagnosis: {other}",
@@ -203,7 +203,7 @@ pub(in crate::engine) fn other_aggregator(other: &str) -> Text {
     )
 }
 
-/// What is said while the part that speaks DDS is down.
+/// The message while the DDS process is down.
 pub(in crate::engine) fn dds_down(reason: &str) -> Text {
     say!(
         "the connection to the vehicle (DDS) failed and is being restarted: {reason}",
@@ -212,12 +212,12 @@ pub(in crate::engine) fn dds_down(reason: &str) -> Text {
     )
 }
 
-/// System modules are told what they are; they never fall silent.
+/// The engine itself reports these modules; they never fall silent.
 pub(in crate::engine) fn policy() -> Policy {
     Policy { timeout: Span::from_nanos(u64::MAX), ..Policy::default() }
 }
 
-/// Faults of the reception, while they are fresh.
+/// Recent faults of the reception.
 #[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct ReceptionCheck {
     last: Option<Timestamp>,

@@ -1,5 +1,5 @@
-//! The writers of a status. If several writers report one name, the worst of their last reports counts
-//! (`ENGINE.md` 1), so that no OK of a stranger covers an ERROR.
+//! The writers of a status. If several writers report one name, the worst of their last reports counts, so an
+//! OK of another writer never covers an ERROR.
 
 use crate::engine::discovery::{NodeOf, WriterId, WriterList};
 
@@ -11,15 +11,15 @@ use crate::engine::state::State;
 use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
 
-/// Writers of one name that are kept apart. Of more the worst are kept: then what counts is never
-/// better than what was said.
+/// Writers of one name that are kept apart. Beyond it the worst are kept, so the state that counts is never
+/// better than a report.
 pub(in crate::engine) const VOICES_MAX: usize = 8;
 
-/// Whether a policy lets a writer say a status.
+/// Whether a policy admits a writer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Admission {
     Counts,
-    /// Its node is not known yet: what is worse than OK counts, an OK does not.
+    /// The writer's node is not known yet: its report counts unless it is OK.
     Pending,
     Refused,
 }
@@ -36,7 +36,7 @@ impl Policy {
     }
 }
 
-/// What one writer said last of a name.
+/// The last report of one writer about a name.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::engine) struct Voice {
     pub(in crate::engine) writer: WriterId,
@@ -44,7 +44,7 @@ pub(in crate::engine) struct Voice {
     pub(in crate::engine) at: Timestamp,
 }
 
-/// What was said of one name, by whom. Nearly always there is one writer.
+/// The reports of one name by writer. Nearly always there is one writer.
 #[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Voices {
     one: Option<Voice>,
@@ -54,17 +54,17 @@ pub(in crate::engine) struct Voices {
 #[derive(Debug, Clone)]
 pub(in crate::engine) struct Several {
     voices: Vec<Voice>,
-    /// Whose words are shown.
+    /// The writer whose texts are shown.
     shown: WriterId,
-    /// Since when they differ, but for moments.
+    /// Since when they differ, apart from moments.
     differ_since: Option<Timestamp>,
-    /// When they differed last.
+    /// The last time at which they differed.
     differed: Timestamp,
 }
 
 impl Voices {
-    /// Takes what a writer says. Returns false where others say the same name: then more is to be
-    /// asked than what it says.
+    /// Takes a report of the only writer. Returns false if the name has other writers: then [`Voices::hear`]
+    /// decides.
     pub(in crate::engine) fn hear_alone(&mut self, voice: Voice) -> bool {
         let alone = self.several.is_none() && self.one.is_none_or(|one| one.writer == voice.writer);
         if alone {
@@ -73,9 +73,8 @@ impl Voices {
         alone
     }
 
-    /// Takes what one of several writers says. Those that left, and those that were silent for
-    /// `timeout`, count no more. Returns who is left beside the speaker, and whether more spoke than
-    /// are kept.
+    /// Takes a report of one of several writers. Writers that left or were silent for `timeout` no longer
+    /// count. Returns the remaining other writers, and whether there are more than are kept.
     fn hear(&mut self, voice: Voice, timeout: Span, list: &WriterList) -> (Option<&mut Several>, bool) {
         let mut several = self.several.take().unwrap_or_else(|| {
             let first = self.one.unwrap_or(voice);
@@ -104,12 +103,12 @@ impl Voices {
     }
 }
 
-/// How long writers have to contradict each other: one that measures a moment later is no contradiction.
+/// The least time for which two writers must differ: a writer that measures a moment later is no contradiction.
 const DIFFER_MIN: Span = Span::from_secs(2);
 
 impl Several {
-    /// Who contradicts whom now, the worse first. Both must have spoken since they differ: one that was
-    /// started again contradicts nobody.
+    /// The writers that contradict each other now, the worse first. Both must have reported since they differ:
+    /// a restarted writer contradicts nobody.
     fn dispute(&mut self, now: Timestamp) -> Option<(Voice, Voice)> {
         let worst = self.voices.iter().map(|it| it.state).max()?;
         if self.voices.iter().all(|it| it.state == worst) {
@@ -129,18 +128,18 @@ impl Several {
     }
 }
 
-/// Whether discovery lost the writer after it spoke.
+/// Whether discovery lost the writer after its last report.
 fn has_left(list: &WriterList, voice: &Voice) -> bool {
     list.complete && voice.at < list.as_of && !list.writers.contains_key(&voice.writer)
 }
 
 impl Engine {
-    /// Whether a name may not be said by everybody.
+    /// Whether a module of the name admits only certain writers.
     pub(in crate::engine) fn restricts(&self, route: u32) -> bool {
         self.restricted && self.names.modules(route).any(|id| self.net.policy(id).writers.is_some())
     }
 
-    /// Takes a status of a name that several writers say, or that only some may say.
+    /// Takes a status with several writers, or with a module that admits only certain writers.
     pub(in crate::engine) fn take_disputed(
         &mut self,
         route: u32,
@@ -153,7 +152,7 @@ impl Engine {
         let names = &mut self.names.routes[route as usize];
         let policies = names.modules().map(|id| self.net.policy(id));
         let longest = policies.clone().map(|policy| policy.timeout).max().unwrap_or(Span::ZERO);
-        // Values are neither better nor worse: those of a node that is not known yet wait until it is.
+        // Values are neither better nor worse: those of an unknown node wait until the node is known.
         let unknown = *node == NodeOf::Pending && policies.clone().any(|it| it.writers.is_some());
         let admissions: Vec<Admission> = policies.map(|it| it.admits(node, voice.state)).collect();
         let refused = admissions.contains(&Admission::Refused);
@@ -190,14 +189,14 @@ impl Engine {
             let Some(id) = self.names.routes[route as usize].module(position) else { continue };
             let shown = self.report_worst(route, id, voice, status);
             if shown && !refused && !unknown {
-                // Its KeyValues count as well.
+                // Its KeyValues count too.
                 self.names.routes[route as usize].overruled = 0;
             }
         }
     }
 
-    /// Reports to a module the worst of what those say that count. Returns whether that is what the
-    /// speaker says.
+    /// Reports the worst of the reports that count to a module. Returns whether that is the report of the
+    /// present writer.
     fn report_worst(&mut self, route: u32, id: ModuleId, voice: Voice, status: Status<'_>) -> bool {
         let (list, policy) = (&self.writers, self.net.policy(id));
         let names = &mut self.names.routes[route as usize];
@@ -210,7 +209,7 @@ impl Engine {
         let worst = others.clone().map(|it| it.state).max();
         let state = worst.map_or(voice.state, |worst| worst.max(voice.state));
         let speaks = state == voice.state;
-        // Of several that say the same, one is shown: words that change back and forth help nobody.
+        // Among equal states the same writer stays shown: alternating texts are hard to read.
         let shown = names.voices.several.as_ref().map(|several| several.shown);
         let held = others.clone().any(|it| Some(it.writer) == shown && it.state == state);
         if speaks

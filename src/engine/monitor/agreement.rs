@@ -16,15 +16,15 @@ pub(in crate::engine) struct Agreement {
     inputs: Inputs,
     max_age: Span,
     rule: AgreementRule,
-    /// Over which time motions are compared, with where each source was.
+    /// The time over which motions are compared, with the past poses of each source.
     motion: Option<(Span, [History; 2])>,
-    /// How far the last two lists of positions are apart.
+    /// The distance between the last two lists of positions.
     apart_m: f64,
 }
 
-/// What is compared, each with its limits.
+/// The compared quantities, each with its limits.
 enum Difference<'r> {
-    /// The difference, how far rounding may have moved it, and the limits.
+    /// The difference, its possible rounding error, and the limits.
     Number(f64, f64, &'r Bands),
     Pose {
         metres: f64,
@@ -39,7 +39,7 @@ enum Difference<'r> {
     },
 }
 
-/// Two lists of positions, as far as they were taken.
+/// Two lists of positions, as far as they were kept.
 #[derive(Clone, Copy)]
 struct Lists {
     counts: [u32; 2],
@@ -148,7 +148,8 @@ impl Agreement {
             ),
             None => say!("they differ by", "Abweichung"),
         };
-        // Millimetres and hundredths of a degree are noise, and would change the words each time.
+        // Finer digits than millimetres and hundredths of a degree are noise, and would change the text each
+        // time.
         let (metres, degrees) = ((metres * 1e3).round() / 1e3, (degrees * 1e2).round() / 1e2);
         let message = say!(
             "{what} {shift}; {turn}",
@@ -181,7 +182,7 @@ impl Agreement {
         }
     }
 
-    /// How far two poses, or two motions, are apart: in metres and degrees.
+    /// The distance between two poses, or two motions: in metres and degrees.
     fn moved(&self, now: Timestamp) -> Result<(f64, f64), Why> {
         let a = self.inputs.pose(0, now).map_err(Why::Doubt)?;
         let b = self.inputs.pose(1, now).map_err(Why::Doubt)?;
@@ -210,7 +211,7 @@ impl Lists {
         } else if self.is_cut {
             State::Unknown
         } else {
-            // What has no counterpart at all is further from one than any limit.
+            // A position without any counterpart is beyond every limit.
             nearest.judge(self.apart_m.min(f64::MAX))
         };
         count.judge(self.difference()).max(near)
@@ -227,7 +228,7 @@ impl Lists {
         );
         let mut values = vec![("a", a.to_string()), ("b", b.to_string())];
         values.extend(count.values("count_difference", self.difference()));
-        // Centimetres, lest the words change each time.
+        // Centimetres, because finer digits would change the text each time.
         let apart_m = (self.apart_m * 1e2).round() / 1e2;
         if *nearest == Bands::default() {
             return Words { message: counts, values };

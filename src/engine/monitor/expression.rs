@@ -15,7 +15,7 @@ pub(in crate::engine) struct Expression {
     names: Box<[Box<str>]>,
     warning: Option<Condition>,
     error: Option<Condition>,
-    /// The answer for the values as they are; `None` where one of them changed since.
+    /// The answer for the present values; `None` after one of them changed.
     answer: Option<Answer>,
 }
 
@@ -36,7 +36,7 @@ impl Expression {
         Expression { inputs, names: names.collect(), warning, error, answer: None }
     }
 
-    /// Whether it takes an input for a text.
+    /// Whether it assumes a text as this input.
     pub(super) fn wants_words(&self, slot: usize) -> bool {
         let mut conditions = [&self.error, &self.warning].into_iter().flatten();
         conditions.any(|condition| condition.takes(slot) == Some(ScalarKind::Text))
@@ -48,7 +48,7 @@ impl Expression {
         }
     }
 
-    /// When the value came that came first of the present ones; `None` while one is missing.
+    /// The time of the oldest present value; `None` while one is missing.
     pub(in crate::engine) fn oldest(&self) -> Option<Timestamp> {
         let received: Option<Vec<Timestamp>> =
             (0..self.inputs.len()).map(|slot| self.inputs.received(slot)).collect();

@@ -1,4 +1,4 @@
-//! Leads topics, probes and KeyValues to the monitors that watch them.
+//! Passes messages, probe results and KeyValues to the monitors that watch them.
 
 mod blind;
 mod keys;
@@ -15,29 +15,29 @@ use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use blind::Judged;
 
-/// All monitors, and who looks at what.
+/// All monitors and their inputs.
 #[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Watching {
     pub(in crate::engine) watches: Vec<Watch>,
-    /// By [`ModuleId`], for those that are declared.
+    /// By [`ModuleId`], for declared modules.
     of_module: Vec<Option<u32>>,
     /// By [`TopicId`].
     topics: Vec<Topic>,
     topic_names: HashMap<Box<str>, u32>,
-    /// Each probe with the monitors that ask it.
+    /// Each probe with its monitors.
     probes: Vec<(Arc<WatchdogSpec>, Vec<u32>)>,
     statuses: HashMap<Arc<str>, Keyed>,
-    /// Names of the array in hand, kept to save allocations.
+    /// Names of the present array, kept to save allocations.
     touched: Vec<Arc<str>>,
     /// Monitors to judge, kept to save allocations.
     pub(in crate::engine) judge: Vec<u32>,
     /// Modules that became relevant or ceased to be.
     pub(in crate::engine) turned: Vec<ModuleId>,
-    /// After a start or a reload, until then discovery may not have found everybody.
+    /// After a start or a reload, the time until which discovery may not have found every publisher.
     pub(in crate::engine) searching_until: Option<Timestamp>,
 }
 
-/// What a monitor is for.
+/// The use of a monitor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::engine) enum Purpose {
     Module(ModuleId),
@@ -45,21 +45,21 @@ pub(in crate::engine) enum Purpose {
     Signal(usize),
 }
 
-/// A monitor, and what was told of it.
+/// A monitor, and its published judgement.
 #[derive(Debug, Clone)]
 pub(in crate::engine) struct Watch {
     pub(in crate::engine) purpose: Purpose,
     monitor: Monitor,
     topics: Box<[TopicId]>,
     by_the_clock: bool,
-    /// What it judges comes from the vehicle by DDS.
+    /// Its inputs come over DDS.
     from_dds: bool,
     said: Option<State>,
-    /// When time alone changes its state, or somewhat before.
+    /// The time at which time alone changes its state, or somewhat earlier.
     due: Option<Timestamp>,
-    /// When its words were last written.
+    /// The time at which its message was last written.
     worded: Option<Timestamp>,
-    /// What is measured may have changed since then.
+    /// The measured values may have changed since then.
     pending: bool,
     running: bool,
 }
@@ -69,13 +69,13 @@ struct Topic {
     spec: Arc<TopicSpec>,
     /// In the order of the monitors, then of their slots.
     readers: Vec<Reader>,
-    /// What discovery said; nothing is concluded while it said nothing.
+    /// The publishers, from discovery; without them nothing is concluded.
     news: Option<News>,
-    /// A message came, so somebody publishes it whatever discovery says.
+    /// A message came, so the topic has a publisher whatever discovery reports.
     heard: bool,
-    /// Its publishers left, and nothing came since.
+    /// Its publishers left, and no message came since.
     left: bool,
-    /// While nothing was said: until then discovery may not have found everybody.
+    /// Before the first report of discovery: the time until which it may not have found every publisher.
     searched_until: Option<Timestamp>,
 }
 
@@ -89,15 +89,15 @@ struct News {
 struct Reader {
     watch: u32,
     slot: u32,
-    /// `None`: the message as such.
+    /// `None`: the message itself.
     field: Option<u32>,
 }
 
-/// A status whose KeyValues are watched.
+/// A status with watched KeyValues.
 #[derive(Debug, Clone, Default)]
 struct Keyed {
     keys: Vec<KeyReader>,
-    /// In the array in hand, the position of the worst status of this name.
+    /// The position of the worst status of this name in the present array.
     position: Option<usize>,
 }
 
@@ -110,21 +110,21 @@ struct KeyReader {
     as_text: bool,
 }
 
-/// What became of a monitor.
+/// The result of judging a monitor.
 #[derive(Debug)]
 pub(in crate::engine) struct Told {
     pub(in crate::engine) state: Option<State>,
-    /// Whether the state is another one than before.
+    /// Whether the state changed.
     pub(in crate::engine) changed: bool,
     pub(in crate::engine) words: Option<Words>,
-    /// The words are only that an input is too old.
+    /// The message only tells that an input is too old.
     pub(in crate::engine) aged: bool,
-    /// When to look at it again.
+    /// The time of the next judgement.
     pub(in crate::engine) due: Option<Timestamp>,
 }
 
 impl Watch {
-    /// Returns whether that ends a search.
+    /// Returns whether that ends a search for publishers.
     fn found(&mut self, slot: usize, now: Timestamp) -> bool {
         let found = self.monitor.found(slot, now);
         if found {
@@ -133,8 +133,8 @@ impl Watch {
         found
     }
 
-    /// A message that is not counted shows that somebody publishes. Returns whether anything is
-    /// judged at another time now.
+    /// A message that is not counted still shows that there is a publisher. Returns whether the time of a
+    /// judgement changed.
     fn late(&mut self, slot: usize, now: Timestamp) -> bool {
         let found = self.found(slot, now);
         let begins = self.monitor.late(now);
@@ -216,14 +216,14 @@ impl Watching {
         });
     }
 
-    /// The topic of a message that was read as this configuration asks for.
+    /// The id of the topic of a message that was read for this configuration.
     fn topic(&self, source: &Arc<TopicSpec>) -> Option<TopicId> {
         let index = *self.topic_names.get(&source.topic)?;
         let spec = &self.topics[index as usize].spec;
         (Arc::ptr_eq(spec, source) || spec == source).then_some(TopicId(index))
     }
 
-    /// Takes a message; says which monitors to judge, or `None` if it is of another configuration.
+    /// Takes a message; returns the monitors to judge, or `None` if it was read for another configuration.
     pub(in crate::engine) fn take_sample(
         &mut self,
         sample: &Sample,
@@ -261,7 +261,7 @@ impl Watching {
         Some(())
     }
 
-    /// Takes what discovery says; `None` if it is of another configuration.
+    /// Takes a report of discovery; `None` if it is about a topic of another configuration.
     pub(in crate::engine) fn take_news(
         &mut self,
         news: &TopicNews,
@@ -299,7 +299,7 @@ impl Watching {
         Some(())
     }
 
-    /// Notes whether a module is relevant, if that is news to its monitor.
+    /// Notes whether a module is relevant, if that changed for its monitor.
     pub(in crate::engine) fn note_relevance(&mut self, id: ModuleId, relevant: bool) {
         let watch = self.of_module.get(id.0 as usize).copied().flatten();
         if watch.is_some_and(|watch| self.watches[watch as usize].running != relevant) {
@@ -307,7 +307,7 @@ impl Watching {
         }
     }
 
-    /// Starts or stops the monitor of a module. Returns which it is.
+    /// Starts or stops the monitor of a module. Returns whether it runs.
     pub(in crate::engine) fn turn(&mut self, id: ModuleId, relevant: bool, now: Timestamp) -> Option<u32> {
         let index = self.of_module.get(id.0 as usize).copied().flatten()?;
         let watch = &mut self.watches[index as usize];
@@ -323,13 +323,13 @@ impl Watching {
             }
         }
         if watch.by_the_clock {
-            // What was measured before is of no meaning now.
+            // Earlier measurements do not count.
             (watch.worded, watch.pending) = (None, true);
         }
         Some(index)
     }
 
-    /// Judges a monitor at `now`. Its words are written when the state changes, else rarely.
+    /// Judges a monitor at `now`. Its message is written when the state changes, otherwise rarely.
     pub(in crate::engine) fn judge(&mut self, index: u32, policy: &Policy, now: Timestamp) -> Told {
         let Judged { judged, blind, state } = self.look(index, policy, now);
         let watch = &mut self.watches[index as usize];
@@ -340,7 +340,7 @@ impl Watching {
             watch.worded = Some(now);
             watch.pending = watch.monitor.moves(now);
         }
-        // Of one topic more messages only put off what time does: it need not be computed each time.
+        // Further messages of one topic only postpone the effect of time, which need not be computed each time.
         let put_off = matches!(watch.monitor, Monitor::Frequency(_)) && !changed;
         if !put_off || watch.due.is_none_or(|due| due <= now) {
             watch.due = watch.monitor.due(now);
@@ -361,8 +361,8 @@ impl Watching {
         Told { state, changed, words, aged, due }
     }
 
-    /// Whether the condition of a signal holds, and when the oldest of its inputs came; `None` where
-    /// one of them is not known.
+    /// Whether the condition of a signal holds, and the time of its oldest input; `None` while an input is
+    /// unknown.
     pub(in crate::engine) fn condition(&mut self, index: u32, now: Timestamp) -> Option<Heard> {
         let Monitor::Expression(expression) = &mut self.watches[index as usize].monitor else { return None };
         let is = match expression.judge(now)? {
@@ -373,7 +373,7 @@ impl Watching {
         Some(Heard { is, at: expression.oldest()? })
     }
 
-    /// Goes on with what came for the condition of a signal that means the same as before a reload.
+    /// Continues the inputs of a condition with the same meaning from before a reload.
     pub(in crate::engine) fn keep_condition(&mut self, signal: usize, old: &Watching, before: usize) {
         let of = |signal| move |watch: &&Watch| watch.purpose == Purpose::Signal(signal);
         let Some(before) = old.watches.iter().find(of(before)) else { return };
@@ -387,14 +387,14 @@ impl Watching {
         self.watches[index as usize].by_the_clock
     }
 
-    /// Whether what is said of a module comes by DDS; a status does.
+    /// Whether the reports of a module come over DDS; a status does.
     pub(in crate::engine) fn hears_dds(&self, id: ModuleId) -> bool {
         let index = self.of_module.get(id.0 as usize).copied().flatten();
         index.is_none_or(|index| self.watches[index as usize].from_dds)
     }
 
-    /// Countermeasures anew what is judged by the clock, as when it becomes relevant, unless it is in ERROR.
-    /// Discovery looks for who publishes until `searched`.
+    /// Restarts a monitor that judges by the clock, as when it becomes relevant, unless it is in ERROR.
+    /// Discovery searches for publishers until `searched`.
     pub(in crate::engine) fn begin_anew(&mut self, index: u32, searched: Timestamp, now: Timestamp) {
         let watch = &mut self.watches[index as usize];
         if watch.by_the_clock && watch.running && watch.said != Some(State::Error) {
@@ -405,7 +405,7 @@ impl Watching {
         }
     }
 
-    /// Goes on with a monitor of before a reload that means the same.
+    /// Continues a monitor with the same meaning from before a reload.
     pub(in crate::engine) fn keep(&mut self, id: ModuleId, old: &Watching, before: ModuleId) {
         let index =
             |watching: &Watching, id: ModuleId| watching.of_module.get(id.0 as usize).copied().flatten();
@@ -417,7 +417,8 @@ impl Watching {
         (watch.pending, watch.running) = (before.pending, before.running);
     }
 
-    /// What discovery said of topics that stay, and how long it looks for who publishes them.
+    /// Keeps the reports of discovery about topics that stay, and the remaining time of the search for
+    /// publishers.
     pub(in crate::engine) fn keep_topics(&mut self, old: &Watching) {
         for topic in &mut self.topics {
             let before = old.topic_names.get(&topic.spec.topic).map(|&index| &old.topics[index as usize]);
@@ -428,7 +429,7 @@ impl Watching {
         }
     }
 
-    /// Discovery looks for everybody until then.
+    /// Discovery searches for all publishers until then.
     pub(in crate::engine) fn search_until(&mut self, until: Timestamp) {
         self.searching_until = Some(until);
         self.topics.iter_mut().for_each(|topic| topic.searched_until = Some(until));

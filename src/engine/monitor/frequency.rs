@@ -11,8 +11,8 @@ use crate::engine::time::{Span, Timestamp};
 pub(in crate::engine) struct Frequency {
     window: Window,
     bands: Bands,
-    /// Since when the module is relevant: nothing before is counted. Ahead of us while it is not
-    /// known yet who publishes.
+    /// The time since which the module is relevant; earlier messages are not counted. In the future while
+    /// publishers are still being searched.
     since: Option<Timestamp>,
 }
 
@@ -26,12 +26,12 @@ impl Frequency {
         self.since = relevant.then_some(now);
     }
 
-    /// Lets the first window begin only at `until`, unless somebody is found before.
+    /// Starts the first window at `until`, unless a publisher is found earlier.
     pub(super) fn search(&mut self, until: Timestamp) {
         self.since = self.since.map(|since| since.max(until));
     }
 
-    /// Who publishes is known now. Returns whether that ends a search.
+    /// A publisher was found. Returns whether that ends a search.
     pub(super) fn found(&mut self, now: Timestamp) -> bool {
         let searching = self.since.is_some_and(|since| since > now);
         if searching {
@@ -40,7 +40,7 @@ impl Frequency {
         searching
     }
 
-    /// What is not counted came. Returns whether the first window begins anew.
+    /// A late message came, which is not counted. Returns whether the first window starts again.
     pub(super) fn late(&mut self, now: Timestamp) -> bool {
         let first = self.since.is_some_and(|since| since <= now && now < since + self.window.span());
         if first {
@@ -55,7 +55,7 @@ impl Frequency {
         }
     }
 
-    /// Before the first full window only what is too much can be judged: it can no longer get better.
+    /// Before the first full window only too high rates can be judged: they can no longer get better.
     pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
         self.window.advance(now);
         if now >= self.full_at()? {

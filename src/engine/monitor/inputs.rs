@@ -7,10 +7,10 @@ use crate::engine::text::Text;
 use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
 
-/// Why a KeyValue cannot be read that a status leaves out.
+/// The reason for an unreadable KeyValue that the status does not have.
 pub(in crate::engine) const NO_SUCH_KEY: &str = "the status has no such key";
 
-/// Bytes of a reason that are shown: enough for the name of a type and of the field that was meant.
+/// Bytes of a reason that are shown: enough for the name of a type and of the intended field.
 const WHY_MAX: usize = 200;
 
 /// By slot: the position of a source in its monitor.
@@ -22,7 +22,7 @@ pub(super) struct Inputs {
     max_age: Option<Span>,
 }
 
-/// Why there is no answer, and which input lacks it.
+/// The reason why there is no answer, and the input that causes it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Doubt {
     slot: usize,
@@ -41,14 +41,14 @@ enum What {
 }
 
 impl Doubt {
-    /// Whether it is only that nothing came for too long.
+    /// Whether the only reason is the age of the input.
     pub(super) fn is_age(self) -> bool {
         self.what == What::Old
     }
 }
 
 impl Inputs {
-    /// Each source with the role that it has, which may be empty.
+    /// Each source with its role, which may be empty.
     pub(super) fn new<'a>(
         sources: impl Iterator<Item = (Text, &'a ValueSource)>,
         watched: &Watched,
@@ -72,7 +72,7 @@ impl Inputs {
         Inputs { latest: labels.iter().map(|_| None).collect(), labels, max_age }
     }
 
-    /// Returns whether it is another value than before.
+    /// Returns whether the value changed.
     pub(super) fn take(&mut self, slot: usize, value: &FieldValue, now: Timestamp) -> bool {
         match &mut self.latest[slot] {
             Some((received, known)) if known == value => {
@@ -102,12 +102,12 @@ impl Inputs {
         self.latest[slot].as_ref().map(|(received, _)| *received)
     }
 
-    /// What came last, whatever it is.
+    /// The last value of any kind.
     pub(super) fn last(&self, slot: usize) -> Option<&FieldValue> {
         self.latest[slot].as_ref().map(|(_, value)| value)
     }
 
-    /// A value that can be used: there, young enough, readable, and finite where it is a number.
+    /// A usable value: present, recent enough, readable, and finite if it is a number.
     pub(super) fn value(&self, slot: usize, now: Timestamp) -> Result<&FieldValue, Doubt> {
         let doubt = |what| Err(Doubt { slot, what });
         let Some((received, value)) = &self.latest[slot] else { return doubt(What::Missing) };
@@ -163,7 +163,7 @@ impl Inputs {
         }
     }
 
-    /// When the next value becomes too old.
+    /// The time at which the next value becomes too old.
     pub(super) fn due(&self, now: Timestamp) -> Option<Timestamp> {
         let max_age = self.max_age?;
         let old = |(received, _): &(Timestamp, FieldValue)| *received + max_age + Span::from_nanos(1);
@@ -199,7 +199,7 @@ impl Inputs {
             },
             What::NotANumber => say!("{label} is not a number", "{label} ist keine Zahl", label = label),
             What::Infinite => say!("{label} is infinite", "{label} ist unendlich", label = label),
-            // What it says shows why: a unit, a word.
+            // The text itself is the explanation: a unit, a word.
             What::WrongKind { wanted: Kind::Number, is: Kind::Words } if self.text(doubt.slot).is_some() => {
                 say!(
                     "{label} is \"{text}\", text where a number is wanted",
@@ -228,7 +228,7 @@ pub(super) fn nothing_yet(label: Text) -> Text {
     say!("nothing came yet of {label}", "noch nichts gekommen von {label}", label = label)
 }
 
-/// What a value is.
+/// The kind of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Number,

@@ -9,17 +9,17 @@ use crate::engine::text::Text;
 use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
 
-/// Clocks of one vehicle may differ by this much; a stamp further in the future says nothing.
+/// Clocks of one vehicle may differ by this much; a stamp further in the future is useless.
 const FUTURE_MAX: Span = Span::from_millis(50);
 
-/// A stamp this far away is from another clock: of a simulation, or of a machine without the time.
+/// A stamp this far away is from another clock: of a simulation, or of a machine with the wrong time.
 const OTHER_CLOCK: Span = Span::from_secs(3600);
 
-/// Why a stamp says nothing.
+/// The reason why a stamp is useless.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Doubt {
     Absent,
-    /// There is nothing to compare it with.
+    /// There is no time on `/clock` to compare it with.
     NoClock,
     Zero,
     Future(Span),
@@ -30,9 +30,9 @@ enum Doubt {
 pub(in crate::engine) struct Latency {
     window: Window,
     bands: Bands,
-    /// The last message whose stamp says nothing: the window is in doubt while it is in there.
+    /// The last message with a useless stamp: while it is in the window, the window is not judged as OK.
     doubt: Option<(Timestamp, Doubt)>,
-    /// Kept when the window is empty: then the module's timeout decides.
+    /// Kept while the window is empty: then the module's timeout decides.
     last: Option<State>,
 }
 

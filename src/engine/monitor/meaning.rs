@@ -9,11 +9,11 @@ const fn class(location: &'static str, information: &'static str, flow: Option<&
     Class { location, information, flow }
 }
 
-/// A topic by what it is: its name, its type, and the field that is read.
+/// A topic without its index: its name, its type, and the field that is read.
 type Source<'a> = (&'a str, &'a str, Option<&'a FieldSpec>);
 
 impl MonitorSpec {
-    /// Its kind, as the configuration names it.
+    /// Its kind, as in the configuration.
     pub fn kind(&self) -> &'static str {
         match self {
             MonitorSpec::SelfState { .. } => "self_state",
@@ -29,7 +29,7 @@ impl MonitorSpec {
         }
     }
 
-    /// Where its diagnosis stands in the paper's classification (`ENGINE.md` 7).
+    /// Its class in the paper's classification.
     pub fn class(&self) -> Class {
         match self {
             MonitorSpec::SelfState { .. } | MonitorSpec::Value { .. } => class("isolated", "content", None),
@@ -43,7 +43,7 @@ impl MonitorSpec {
         }
     }
 
-    /// Whether silence is judged by the monitor itself, so that the module's timeout means nothing.
+    /// Whether the monitor itself judges silence, so that the module's timeout has no effect.
     pub fn by_the_clock(&self) -> bool {
         match self {
             MonitorSpec::Frequency { .. } | MonitorSpec::RateRatio { .. } | MonitorSpec::Watchdog { .. } => {
@@ -59,7 +59,7 @@ impl MonitorSpec {
         }
     }
 
-    /// Whether it judges the same things of the same sources, whatever their numbers are.
+    /// Whether it judges the same sources in the same way, whatever their indices are.
     pub(in crate::engine) fn means_the_same(
         &self,
         watched: &Watched,
@@ -69,7 +69,7 @@ impl MonitorSpec {
         self.meaning(watched) == other.meaning(others)
     }
 
-    /// The monitor without numbers, and what the numbers stand for.
+    /// The monitor without indices, and the topics behind the indices.
     fn meaning<'a>(&self, watched: &'a Watched) -> (MonitorSpec, Vec<Source<'a>>, Option<&'a WatchdogSpec>) {
         let mut bare = self.clone();
         let mut sources = Vec::new();

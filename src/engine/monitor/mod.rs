@@ -1,6 +1,5 @@
-//! Monitors: modules that diagnose from the outside (paper, Sec. III-D; `ENGINE.md` 7). Each kind is a
-//! small machine that is given the time: it takes inputs, judges them, and says when time alone will change
-//! its judgement.
+//! Monitors: modules that diagnose from the outside (paper, Sec. III-D). Each kind is a small state machine: it
+//! takes inputs with their times, judges them, and tells when time alone will change its judgement.
 
 mod agreement;
 mod expression;
@@ -39,23 +38,23 @@ use super::state::State;
 use super::text::Text;
 use super::time::{Span, Timestamp};
 
-/// What comes of one source of a monitor.
+/// An input of a monitor.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Taken<'a> {
-    /// A message, whatever is in it.
+    /// A message, whatever its content.
     Message(&'a Sample),
     Value(&'a FieldValue),
     Probe(&'a ProbeOutcome),
 }
 
-/// What a monitor is fed from. Its position in [`feeds`] is the slot in which it takes it.
+/// A source of a monitor. Its index in [`feeds`] is the slot of its inputs.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Feed<'a> {
     Messages(TopicId),
     Values(&'a ValueSource),
 }
 
-/// The sources of a monitor, by slot. Probes have none.
+/// The sources of a monitor, by slot. A watchdog has none.
 pub(super) fn feeds(spec: &MonitorSpec) -> Vec<Feed<'_>> {
     match spec {
         MonitorSpec::SelfState { .. } | MonitorSpec::External { .. } | MonitorSpec::Watchdog { .. } => {
@@ -78,7 +77,7 @@ pub(super) fn feeds(spec: &MonitorSpec) -> Vec<Feed<'_>> {
     }
 }
 
-/// One monitor over time. It holds no ids, so it lives on under another configuration.
+/// One monitor over time. It holds no ids, so it survives a change of the configuration.
 #[derive(Debug, Clone)]
 pub(super) enum Monitor {
     Frequency(Frequency),
@@ -92,7 +91,7 @@ pub(super) enum Monitor {
 }
 
 impl Monitor {
-    /// `None` for those that judge the level of a status.
+    /// `None` for a monitor that judges the level of a status.
     pub(super) fn new(spec: &MonitorSpec, watched: &Watched) -> Option<Monitor> {
         let one = |source, max_age| Inputs::new([("".into(), source)].into_iter(), watched, max_age);
         Some(match spec {
@@ -131,7 +130,7 @@ impl Monitor {
         })
     }
 
-    /// Whether words are compared with what comes in a slot, so that "12" is a word too.
+    /// Whether the values of a slot are compared as texts, so that "12" is a text too.
     pub(super) fn wants_words(&self, slot: usize) -> bool {
         match self {
             Monitor::Value(value) => value.wants_words(),
@@ -145,7 +144,7 @@ impl Monitor {
         }
     }
 
-    /// What is judged by the clock too starts when its module becomes relevant, and rests while it is not.
+    /// A monitor that judges by the clock starts when its module becomes relevant, and pauses while it is not.
     pub(super) fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
         match self {
             Monitor::Frequency(monitor) => monitor.set_relevant(relevant, now),
@@ -159,7 +158,7 @@ impl Monitor {
         }
     }
 
-    /// Right after a start or a reload: what nobody was found for yet is not judged by the clock before `until`.
+    /// After a start or a reload: a topic without a known publisher is not judged by the clock before `until`.
     pub(super) fn search(&mut self, until: Timestamp) {
         match self {
             Monitor::Frequency(monitor) => monitor.search(until),
@@ -173,7 +172,7 @@ impl Monitor {
         }
     }
 
-    /// Discovery spoke, or a message came. Returns whether something is to be judged earlier now.
+    /// Discovery reported, or a message came. Returns whether the next judgement moved forward.
     pub(super) fn found(&mut self, slot: usize, now: Timestamp) -> bool {
         match self {
             Monitor::Frequency(monitor) => monitor.found(now),
@@ -187,8 +186,8 @@ impl Monitor {
         }
     }
 
-    /// A message came that is from before our time. Those of now may follow late too, so the first
-    /// window begins after it. Returns whether something is to be judged later now.
+    /// A message came that was published before Telltale listened. Present ones may be delayed too, so the
+    /// first window begins after it. Returns whether the next judgement moved back.
     pub(super) fn late(&mut self, now: Timestamp) -> bool {
         match self {
             Monitor::Frequency(monitor) => monitor.late(now),
@@ -214,7 +213,7 @@ impl Monitor {
             (Monitor::Sequence(monitor), Taken::Value(value)) => monitor.take(slot, value, now),
             (Monitor::Agreement(monitor), Taken::Value(value)) => monitor.take(slot, value, now),
             (Monitor::Expression(monitor), Taken::Value(value)) => monitor.take(slot, value, now),
-            // Nothing of another sort is led to these: see [`feeds`].
+            // These take no other inputs: see [`feeds`].
             (
                 Monitor::Frequency(_) | Monitor::RateRatio(_) | Monitor::Latency(_),
                 Taken::Value(_) | Taken::Probe(_),
@@ -241,7 +240,7 @@ impl Monitor {
         }
     }
 
-    /// After [`Monitor::judge`] at `now`: when the state may change if nothing comes.
+    /// After [`Monitor::judge`] at `now`: the time at which the state may change without an input.
     pub(super) fn due(&self, now: Timestamp) -> Option<Timestamp> {
         let due = match self {
             Monitor::Frequency(monitor) => monitor.due(now),
@@ -255,7 +254,7 @@ impl Monitor {
         due.filter(|&due| due > now)
     }
 
-    /// Whether what is measured, or why it is not known, changes with time alone.
+    /// Whether the message changes with time alone.
     pub(super) fn moves(&self, now: Timestamp) -> bool {
         match self {
             Monitor::Frequency(monitor) => monitor.moves(),
@@ -266,7 +265,7 @@ impl Monitor {
         }
     }
 
-    /// Whether the words are only that an input is too old.
+    /// Whether the message only tells that an input is too old.
     pub(super) fn is_aged(&self, now: Timestamp) -> bool {
         match self {
             Monitor::Agreement(monitor) => monitor.is_aged(now),
@@ -280,7 +279,7 @@ impl Monitor {
         }
     }
 
-    /// After [`Monitor::judge`] at `now`: what was measured, in words.
+    /// After [`Monitor::judge`] at `now`: the measured values as text.
     pub(super) fn words(&self, now: Timestamp) -> Words {
         match self {
             Monitor::Frequency(monitor) => monitor.words(now),
@@ -295,7 +294,7 @@ impl Monitor {
     }
 }
 
-/// What a KeyValue means: `12.5` is a number, `true` and `false` are booleans, also as `diagnostic_updater`
+/// The value of a KeyValue: `12.5` is a number, `true` and `false` are booleans, also as `diagnostic_updater`
 /// and Python write them, the rest is text.
 pub(super) fn parse(text: &str) -> FieldValue {
     let trimmed = text.trim();
@@ -306,5 +305,5 @@ pub(super) fn parse(text: &str) -> FieldValue {
     }
 }
 
-/// Words are written again at most this often while the state stays.
+/// The least time between two texts while the state stays.
 pub(super) const WORDS_EVERY: Span = Span::from_millis(250);

@@ -1,11 +1,11 @@
-//! Poses: the distance of two, and the motion between two instants.
+//! Poses: the distance between two, and the motion between two instants.
 
 use std::collections::VecDeque;
 
 use crate::engine::model::sample::Pose;
 use crate::engine::time::{Span, Timestamp};
 
-/// Poses kept for one motion; those that lie closer together in time are left out, the latest aside.
+/// Poses that are kept for one motion; of those closer together in time only the latest is kept.
 const KEPT: u64 = 128;
 
 type Vector = [f64; 3];
@@ -28,7 +28,7 @@ impl Motion {
         }
     }
 
-    /// From one pose to another, as seen from the first.
+    /// The second pose as seen from the first.
     pub(super) fn between(from: &Motion, to: &Motion) -> Motion {
         let back = conjugate(from.rotation);
         let way = std::array::from_fn(|axis| to.translation[axis] - from.translation[axis]);
@@ -40,7 +40,7 @@ impl Motion {
         x.hypot(y).hypot(z)
     }
 
-    /// The shortest way around, 0 to 180.
+    /// The smallest angle, 0 to 180.
     pub(super) fn angle_deg(&self, other: &Motion) -> f64 {
         let [x, y, z, w] = product(conjugate(self.rotation), other.rotation);
         (2.0 * x.hypot(y).hypot(z).atan2(w.abs())).to_degrees()
@@ -50,7 +50,7 @@ impl Motion {
         let translation = std::array::from_fn(|axis| {
             self.translation[axis] + part * (other.translation[axis] - self.translation[axis])
         });
-        // A quaternion and its negative are one rotation: take the shorter way.
+        // A quaternion and its negative are the same rotation: take the smaller angle.
         let dot: f64 = (0..4).map(|index| self.rotation[index] * other.rotation[index]).sum();
         let sign = if dot < 0.0 { -1.0 } else { 1.0 };
         let mixed = std::array::from_fn(|index| {
@@ -60,7 +60,7 @@ impl Motion {
     }
 }
 
-/// Where something was, for as long back as its motion is judged.
+/// Past poses, as far back as the motion is judged.
 #[derive(Debug, Clone, Default)]
 pub(super) struct History {
     kept: VecDeque<(Timestamp, Motion)>,
@@ -76,20 +76,20 @@ impl History {
             }
         }
         self.latest = Some((at, Motion::to(pose)));
-        // Of those old enough to begin with, the last one is enough.
+        // Among the poses that are old enough, the last one suffices.
         while self.kept.get(1).is_some_and(|(second, _)| *second + over <= at) {
             self.kept.pop_front();
         }
     }
 
-    /// Forgets what was: after a pose that cannot be read, the way there is not known.
+    /// Forgets all poses: after an unreadable pose, the motion is unknown.
     pub(super) fn clear(&mut self) {
         self.kept.clear();
         self.latest = None;
     }
 
-    /// The motion of the last `over`. Between the two poses around its beginning it is interpolated, if
-    /// they lie at most `gap_max` apart.
+    /// The motion during the last `over`. It is interpolated between the two poses around its beginning, if
+    /// they are at most `gap_max` apart.
     pub(super) fn motion(&self, over: Span, gap_max: Span) -> Result<Motion, TooShort> {
         let (until, end) = self.latest.ok_or(TooShort::Young)?;
         let begins = until.as_nanos().checked_sub(over.as_nanos()).ok_or(TooShort::Young)?;
@@ -109,12 +109,12 @@ impl History {
     }
 }
 
-/// Why the motion is not known.
+/// The reason why the motion is unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum TooShort {
-    /// It has not been followed for long enough.
+    /// The source has not been followed for long enough.
     Young,
-    /// At the beginning there is a hole.
+    /// There is a gap at the beginning.
     Gap,
 }
 

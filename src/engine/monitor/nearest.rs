@@ -1,4 +1,4 @@
-//! The distance of two lists of positions.
+//! The distance between two lists of positions.
 
 use crate::engine::model::sample::Position;
 

@@ -12,10 +12,10 @@ pub(in crate::engine) struct RateRatio {
     input: Window,
     output: Window,
     bands: Bands,
-    /// Since when the module is relevant: nothing before is counted. Ahead of us while it is not
-    /// known yet who publishes.
+    /// The time since which the module is relevant; earlier messages are not counted. In the future while
+    /// publishers are still being searched.
     since: Option<Timestamp>,
-    /// By slot: it is known who publishes it.
+    /// By slot: whether a publisher is known.
     known: [bool; 2],
 }
 
@@ -32,13 +32,13 @@ impl RateRatio {
         self.begin(relevant.then_some(now));
     }
 
-    /// Lets the first window begin only at `until`, unless both publishers are found before.
+    /// Starts the first window at `until`, unless both publishers are found earlier.
     pub(super) fn search(&mut self, until: Timestamp) {
         self.since = self.since.map(|since| since.max(until));
     }
 
-    /// Who publishes this one is known now. Returns whether that ends a search: what came of one of
-    /// them before the other was found has nothing to be compared with.
+    /// The publisher of this slot was found. Returns whether that ends a search: earlier messages of the other
+    /// slot have no counterpart.
     pub(super) fn found(&mut self, slot: usize, now: Timestamp) -> bool {
         self.known[slot] = true;
         let found = self.known == [true; 2] && self.since.is_some_and(|since| since > now);
@@ -48,7 +48,7 @@ impl RateRatio {
         found
     }
 
-    /// What is not counted came. Returns whether the first window begins anew.
+    /// A late message came, which is not counted. Returns whether the first window starts again.
     pub(super) fn late(&mut self, now: Timestamp) -> bool {
         let first = self.since.is_some_and(|since| since <= now && now < since + self.input.span());
         if first {
@@ -76,8 +76,8 @@ impl RateRatio {
         (now >= self.full_at()?).then(|| self.at(self.input.count(), self.output.count()))
     }
 
-    /// Before this the state does not change if nothing comes: until enough messages have left either
-    /// window to bring the ratio to a limit, or no input is left.
+    /// Before this time the state does not change without an input: until enough messages have left either
+    /// window for the ratio to reach a limit, or no input is left.
     pub(super) fn due(&self, now: Timestamp) -> Option<Timestamp> {
         let full_at = self.full_at()?;
         if now < full_at {
@@ -90,7 +90,7 @@ impl RateRatio {
         let Bands { warning_below, error_below, warning_above, error_above } = self.bands;
         let (mut inputs, mut outputs) = (input, u64::MAX);
         for limit in [warning_below, error_below, warning_above, error_above].into_iter().flatten() {
-            // Outputs that leave bring it down to the limit, inputs bring it up.
+            // Leaving outputs lower the ratio towards the limit, leaving inputs raise it.
             outputs = outputs.min(leaving(output as f64 - limit * input as f64));
             inputs = inputs.min(leaving(input as f64 - output as f64 / limit));
         }
@@ -139,10 +139,10 @@ impl RateRatio {
     }
 }
 
-/// Of so many messages between a ratio and its limit, those that leave before it is reached, rather
-/// too few than too many; `MAX` if the limit lies on the other side.
+/// A lower bound of the messages that leave before the ratio reaches a limit; `MAX` if the limit is on the
+/// other side.
 fn leaving(between: f64) -> u64 {
-    // What is less than one message beyond it may be rounded.
+    // Less than one message beyond the limit may be a rounding error.
     if between > -1.0 { (between as u64).max(1) } else { u64::MAX }
 }
 

@@ -1,4 +1,4 @@
-//! A value at a later stage against the same at an earlier one.
+//! A value at a later stage of processing against the same value at an earlier stage.
 
 use super::inputs::{Doubt, Inputs, nothing_yet};
 use super::words::{Words, number, span};
@@ -14,7 +14,7 @@ pub(in crate::engine) struct Sequence {
     inputs: Inputs,
     max_gap: Span,
     bands: Bands,
-    /// What `later` was compared to when it came; `earlier` alone is an answer to nothing.
+    /// The last `later` with the `earlier` that it was compared with; `earlier` alone answers nothing.
     pair: Option<Pair>,
 }
 
@@ -84,7 +84,7 @@ impl Sequence {
     }
 }
 
-/// What the difference of two numbers is off at most by rounding.
+/// The largest rounding error of the difference of two numbers.
 pub(super) fn slack(a: f64, b: f64) -> f64 {
     2.0 * f64::EPSILON * a.abs().max(b.abs())
 }
@@ -92,7 +92,7 @@ pub(super) fn slack(a: f64, b: f64) -> f64 {
 enum Why {
     Doubt(Doubt),
     Missing(usize),
-    /// This one is further behind the other than it may.
+    /// This input is too far behind the other.
     Gap(usize),
 }
 

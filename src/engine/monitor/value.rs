@@ -20,7 +20,7 @@ impl Value {
         Value { inputs, rule }
     }
 
-    /// Whether words are compared, so that "12" is a word too.
+    /// Whether texts are compared, so that "12" is a text too.
     pub(super) fn wants_words(&self) -> bool {
         let ValueRule::Unless { error, warning } = &self.rule else { return false };
         [error, warning].into_iter().any(|wanted| matches!(wanted, Some(FieldValue::Text(_))))

@@ -10,13 +10,13 @@ use crate::engine::time::{Span, Timestamp};
 #[derive(Debug, Clone)]
 pub(in crate::engine) struct Watchdog {
     misses_max: u32,
-    /// Of the time until an answer, in seconds.
+    /// Limits of the response time, in seconds.
     bands: Bands,
-    /// A topic is asked whether its ends match.
+    /// Whether it checks the QoS of a topic.
     qos: bool,
-    /// Without the end of any probe for this long nothing is known.
+    /// Without any result for this long, nothing is known.
     patience: Span,
-    /// Since when the module is relevant.
+    /// The time since which the module is relevant.
     since: Option<Timestamp>,
     last: Option<(Timestamp, ProbeOutcome)>,
     /// In a row.
@@ -27,7 +27,7 @@ pub(in crate::engine) struct Watchdog {
 impl Watchdog {
     pub(super) fn new(spec: &WatchdogSpec, misses: u32, bands: Bands) -> Watchdog {
         let misses_max = misses.max(1);
-        // A probe may begin an interval late and take one itself.
+        // A probe may begin one interval late and take one itself.
         let rounds = u64::from(misses_max) + 2;
         let patience = Span::from_nanos(spec.every.as_nanos().saturating_mul(rounds));
         Watchdog {
@@ -62,13 +62,13 @@ impl Watchdog {
                     self.state = Some(State::Error);
                 }
             }
-            // Who cannot ask does not know that it is well again.
+            // A probe that cannot be sent does not show that the target is back.
             ProbeOutcome::Impossible(_) => self.state = self.state.max(Some(State::Unknown)),
         }
         self.last = Some((now, outcome.clone()));
     }
 
-    /// Fewer misses than make an ERROR leave the state as it was.
+    /// Fewer misses than make an ERROR leave the state unchanged.
     pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
         if now >= self.late_at()? { self.state.max(Some(State::Unknown)) } else { self.state }
     }
@@ -103,7 +103,7 @@ impl Watchdog {
                 why = cut(why)
             )),
             Some((_, ProbeOutcome::Answered { after })) => {
-                // In milliseconds for people, like the values behind it.
+                // In milliseconds for people, like the values beside it.
                 let bands = self.bands.scaled(1e3);
                 let millis = after.as_nanos() as f64 / 1e6;
                 let message = if bands == Bands::default() {

@@ -4,23 +4,23 @@ use std::collections::VecDeque;
 
 use crate::engine::time::{Span, Timestamp};
 
-/// Up to this many messages in a window each is known by its own receipt; of more, those within
-/// this fraction of the window leave together with the first of them.
+/// Up to this number of messages in a window, each has its own time of receipt; of more, those within this
+/// fraction of the window leave together with the first of them.
 const BUCKETS: u64 = 256;
 
-/// The shortest window; a shorter one would divide by nothing.
+/// The shortest window; a shorter one would divide by zero.
 const SHORTEST: Span = Span::from_millis(1);
 
-/// A sliding window: a message received at `t` is in it from `t` until just before `t + span`.
-/// A bucket opens with a message and takes what comes within 1/256 of the span. So a slow topic is
-/// counted exactly, and a flood too low by at most 0.4 %.
+/// A sliding window: a message received at `t` is in it from `t` until just before `t + span`. A bucket opens
+/// with a message and takes all messages within 1/256 of the span. So a slow topic is counted exactly, and a
+/// flood too low by at most 0.4 %.
 #[derive(Debug, Clone)]
 pub(super) struct Window {
     span: Span,
     buckets: VecDeque<Bucket>,
     count: u64,
-    /// By the start of their buckets: values that nothing later is below, and above; the first is the
-    /// smallest, or largest, of the window.
+    /// Candidates for the smallest and the largest value, by the start of their buckets: no later value is
+    /// below, or above; the first one is the extreme of the window.
     low: VecDeque<(Timestamp, f64)>,
     high: VecDeque<(Timestamp, f64)>,
 }
@@ -64,7 +64,7 @@ impl Window {
         };
         self.count += 1;
         while self.low.pop_back_if(|(_, low)| *low >= value).is_some() {}
-        // Of one bucket, whose values leave together, one is enough.
+        // Values of one bucket leave together, so one is enough.
         if self.low.back().is_none_or(|(last, _)| *last != start) {
             self.low.push_back((start, value));
         }
@@ -74,7 +74,7 @@ impl Window {
         }
     }
 
-    /// Lets go what is too old at `now`.
+    /// Removes messages that are too old at `now`.
     pub(super) fn advance(&mut self, now: Timestamp) {
         let span = self.span;
         let old = |start: Timestamp| start + span <= now;
@@ -98,13 +98,13 @@ impl Window {
         Some((self.low.front()?.1, self.high.front()?.1))
     }
 
-    /// Messages in a second, if there are `count` in the window. A rate that is equal to a limit
-    /// on paper is equal here: the division is rounded once.
+    /// Messages per second, if the window holds `count`. A rate that equals a limit on paper is equal here: the
+    /// division is rounded once.
     pub(super) fn rate(&self, count: u64) -> f64 {
         count as f64 * 1e9 / self.span.as_nanos() as f64
     }
 
-    /// When the last of the `count` oldest messages leaves if nothing comes; `None` if there are fewer.
+    /// The time at which the last of the `count` oldest messages leaves; `None` if there are fewer.
     pub(super) fn left_by(&self, count: u64) -> Option<Timestamp> {
         let nth = if self.count == self.buckets.len() as u64 {
             self.buckets.get(count.checked_sub(1)? as usize)
@@ -118,7 +118,7 @@ impl Window {
         nth.map(|bucket| bucket.start + self.span)
     }
 
-    /// When messages leave if nothing comes, and how many, in order.
+    /// The times at which messages leave, and their numbers, in order.
     pub(super) fn leaving(&self) -> impl Iterator<Item = (Timestamp, u64)> {
         self.buckets.iter().map(|bucket| (bucket.start + self.span, bucket.count))
     }

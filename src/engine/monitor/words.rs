@@ -6,10 +6,10 @@ use crate::engine::text::Text;
 use crate::engine::text::say;
 use crate::engine::time::Span;
 
-/// Text that is quoted from outside is cut here.
+/// Bytes of a quoted text.
 const QUOTED_MAX: usize = 80;
 
-/// What a monitor says beside its state.
+/// The message of a monitor beside its state.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(in crate::engine) struct Words {
     pub(in crate::engine) message: Text,
@@ -24,13 +24,13 @@ impl Words {
 }
 
 impl Bands {
-    /// Below or above a limit counts, equal does not; ERROR before WARNING. What is not finite is
-    /// not known.
+    /// A value below or above a limit counts, an equal one does not; ERROR before WARNING. A value that is not
+    /// finite is UNKNOWN.
     pub(super) fn judge(&self, value: f64) -> State {
         self.judge_within(value, 0.0)
     }
 
-    /// The same for a value that is known up to `slack`: within it a limit counts as equal.
+    /// The same for a value with the uncertainty `slack`: within it a limit counts as equal.
     pub(super) fn judge_within(&self, value: f64, slack: f64) -> State {
         if !value.is_finite() {
             return State::Unknown;
@@ -107,7 +107,7 @@ impl Bands {
     }
 }
 
-/// A measured value in as few digits as set it apart from the limits.
+/// A measured value with as few digits as distinguish it from the limits.
 fn measured(value: f64, limits: &[Option<f64>]) -> String {
     let like_a_limit = |text: &str| {
         limits
@@ -124,7 +124,7 @@ pub(super) fn number(value: f64) -> String {
     if value.fract() == 0.0 && value.abs() < 1e6 { format!("{}", value + 0.0) } else { rounded(value, 3) }
 }
 
-/// A number as it is said, with the decimal comma in German.
+/// A number with the decimal separator of each language.
 pub(super) fn numeral(number: String) -> Text {
     match &*number {
         "not a number" => say!("not a number", "keine Zahl"),
@@ -162,7 +162,7 @@ pub(super) fn span(span: Span) -> Text {
     say!("{count} {unit}", "{count} {unit}", count = numeral(number(count)), unit = unit)
 }
 
-/// Text from outside between quotes, cut where it is too long.
+/// A quoted text, cut if it is too long.
 pub(super) fn quoted(text: &str) -> String {
     let cut = cut(text);
     if cut.len() < text.len() { format!("\"{cut}…\"") } else { format!("\"{cut}\"") }

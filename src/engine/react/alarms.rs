@@ -1,4 +1,4 @@
-//! Alarms: one for each root cause, with a number that lasts (`ENGINE.md` 6).
+//! Alarms: one for each root cause, with a lasting number.
 
 use std::collections::HashSet;
 use std::collections::hash_map::{Entry, HashMap};
@@ -9,23 +9,23 @@ use crate::engine::model::NodeId;
 use crate::engine::snapshot::Alarm;
 use crate::engine::time::Timestamp;
 
-/// Alarms that are kept once they are over and not acknowledged.
+/// The number of ended, unacknowledged alarms that are kept.
 const KEPT_MAX: usize = 256;
 
-/// Of them, those of one node. A module that comes and goes makes a new one each time, and none of
-/// another node gives way to it: past this they are counted by the next one.
+/// The same for one node. A module that comes and goes makes a new alarm each time; beyond this number the next
+/// one counts them, so no alarm of another node is dropped for them.
 const OF_NODE_MAX: usize = 8;
 
 /// All alarms that are active or not acknowledged.
 #[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Alarms {
     list: Vec<Alarm>,
-    /// How many of them are active.
+    /// The number of active ones.
     active: usize,
     last_id: u64,
     merged: u64,
     dropped: u64,
-    /// Modules with an alarm from before a restart that nothing is known of since: it is not over.
+    /// Modules with an alarm from before a restart and without a report since: the alarm does not end yet.
     awaited: HashSet<NodeId>,
 }
 
@@ -42,8 +42,7 @@ impl Alarms {
         self.last_id
     }
 
-    /// Takes over alarms from before a restart. Those that were active stay until their module is
-    /// known.
+    /// Takes over alarms from before a restart. Active ones stay until their module reports.
     pub(in crate::engine) fn restore(&mut self, mut list: Vec<Alarm>, last_id: u64) {
         for alarm in &mut list {
             alarm.active &= matches!(alarm.node, NodeId::Module(_));
@@ -55,7 +54,7 @@ impl Alarms {
         self.list = list;
     }
 
-    /// Lets go of awaited modules that are known by now. Returns whether there was any.
+    /// Stops waiting for modules that have reported. Returns whether there was any.
     pub(in crate::engine) fn hear(&mut self, is_known: impl Fn(NodeId) -> bool) -> bool {
         let before = self.awaited.len();
         self.awaited.retain(|&node| !is_known(node));
@@ -67,7 +66,7 @@ impl Alarms {
         !self.awaited.is_empty()
     }
 
-    /// The node that an alarm stands for.
+    /// The node of an alarm.
     pub(in crate::engine) fn node(&self, id: u64) -> Option<NodeId> {
         self.list.iter().find(|alarm| alarm.id == id).map(|alarm| alarm.node)
     }
@@ -80,8 +79,7 @@ impl Alarms {
         (latest.id == id).then(|| alarm.clone())
     }
 
-    /// Takes note of what an operator knows; an alarm that is over is then gone. Returns whether
-    /// there was any.
+    /// Acknowledges alarms; one that has ended is then removed. Returns whether there was any.
     pub(in crate::engine) fn acknowledge(
         &mut self,
         which: impl Fn(&Alarm) -> bool,
@@ -99,7 +97,7 @@ impl Alarms {
         found
     }
 
-    /// Takes over alarms under new ids; one whose node is gone is over.
+    /// Takes over alarms under new ids; one whose node is gone has ended.
     pub(in crate::engine) fn copy(&mut self, old: &Alarms, renamed: impl Fn(NodeId) -> Option<NodeId>) {
         self.last_id = old.last_id;
         self.awaited = old.awaited.iter().filter_map(|&node| renamed(node)).collect();
@@ -109,11 +107,10 @@ impl Alarms {
         self.active = self.list.iter().filter(|alarm| alarm.active).count();
     }
 
-    /// Takes the present root causes, ranked, each with whether it raises an alarm: one that raises none
-    /// keeps the alarm that it has, and takes over that of a symptom. `explained` tells for a former root the causes
-    /// that mask it now: its alarm moves to the first of them that has none yet, and keeps its
-    /// number. Where all have theirs, they stand for it too: it is gone, and nobody need know of it
-    /// any more. Returns whether anything changed.
+    /// Takes the present root causes, ranked, each with whether it raises an alarm: one that raises none keeps
+    /// an existing alarm, and takes over that of a symptom. `explained` names the causes that now mask a former
+    /// root: its alarm moves to the first of them without an alarm, and keeps its number. If all of them have
+    /// one, the alarm is removed, because theirs cover it. Returns whether anything changed.
     pub(in crate::engine) fn follow(
         &mut self,
         roots: &[(NodeId, bool)],
@@ -179,8 +176,8 @@ impl Alarms {
         changed
     }
 
-    /// What was raised at `now` by a status that an acknowledged alarm speaks of already is known: it
-    /// only shows at one place more.
+    /// Acknowledges alarms raised at `now` by a status that an acknowledged alarm already covers: the fault
+    /// only shows in a further place.
     fn know(&mut self, same: impl Fn(NodeId, NodeId) -> bool, now: Timestamp, events: &mut Events) {
         let known: Vec<NodeId> =
             self.list.iter().filter(|it| it.active && it.acknowledged).map(|it| it.node).collect();
@@ -192,7 +189,7 @@ impl Alarms {
         }
     }
 
-    /// Counts the oldest of what one node repeats with the next one of it.
+    /// Merges the oldest of a node's repeated alarms into the next one.
     fn merge_repeated(&mut self) {
         let over = |alarm: &&Alarm| !alarm.active;
         let mut count: HashMap<NodeId, usize> = HashMap::new();
@@ -232,14 +229,14 @@ impl Alarms {
         });
     }
 
-    /// How many were merged and how many dropped since the last call.
+    /// The numbers of merged and of dropped alarms since the last call.
     fn take_lost(&mut self) -> (u64, u64) {
         (std::mem::take(&mut self.merged), std::mem::take(&mut self.dropped))
     }
 }
 
 impl Engine {
-    /// Brings the alarms to the present root causes.
+    /// Updates the alarms to the present root causes.
     pub(in crate::engine) fn follow_alarms(&mut self) {
         let (views, roots) = (&self.views, self.views.roots());
         if self.alarms.follow(&roots, |node| views.masked_by(node), self.now, &mut self.events) {
@@ -369,7 +366,7 @@ mod tests {
         let others: Vec<NodeId> = (10..).take(KEPT_MAX).map(|id| NodeId::Module(ModuleId(id))).collect();
         follow(&others);
         follow(&[]);
-        // The node's first is counted by its second, and one that was there once is dropped and counted.
+        // The node's second alarm counts its first; an alarm of a node with one alarm is dropped and counted.
         assert_eq!((alarms.list().len(), alarms.take_lost()), (KEPT_MAX, (1, 1)));
         assert_eq!(numbers(&alarms)[0], (3, others[0], false));
     }

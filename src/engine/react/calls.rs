@@ -1,4 +1,4 @@
-//! Which alarms sound: one call for each fault as an operator sees it.
+//! The alarms that sound: one sound for each fault as an operator sees it.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -7,14 +7,14 @@ use crate::engine::model::NodeId;
 use crate::engine::snapshot::{Alarm, Snapshot};
 use crate::engine::time::{Span, Timestamp};
 
-/// What a component raises within this time is one call.
+/// Alarms of one component within this time have one sound.
 const ONE_CALL: Span = Span::from_secs(5);
 
 impl Snapshot {
-    /// The numbers of the alarms that call by a sound, of those that are there and not acknowledged:
-    /// of each component the oldest, and each that comes when the call before it is long over. One
-    /// fault often shows in several modules of a component at nearly the same time. What one status
-    /// raises in several components at once is one call, with the first number of it.
+    /// The numbers of the audible alarms among the active, unacknowledged ones: the oldest of each component,
+    /// and each one raised long after the sound before it. One fault often shows in several modules of a
+    /// component at nearly the same time. If one status raises alarms in several components at once, only the
+    /// first number sounds.
     pub fn audible(&self) -> Vec<u64> {
         let mut by_status: HashMap<&str, Vec<&Alarm>> = HashMap::new();
         for alarm in self.alarms.iter().filter(|alarm| !alarm.acknowledged) {
@@ -41,7 +41,7 @@ impl Snapshot {
         numbers
     }
 
-    /// The status that a module takes.
+    /// The status of a module.
     pub fn status_of(&self, node: NodeId) -> Option<&Arc<str>> {
         match node {
             NodeId::Module(id) => self.layout.modules.get(id.0 as usize)?.status.as_ref(),
@@ -49,7 +49,7 @@ impl Snapshot {
         }
     }
 
-    /// A node, and the modules in other groups that the same status feeds: to an operator they are one.
+    /// A node, and the modules of other groups with the same status: for an operator they are one fault.
     pub fn places_of(&self, node: NodeId) -> Vec<NodeId> {
         let Some(status) = self.status_of(node) else { return vec![node] };
         let modules = self.module_ids().map(NodeId::Module);
@@ -57,7 +57,7 @@ impl Snapshot {
         std::iter::once(node).chain(others).collect()
     }
 
-    /// The tile that a node belongs to; what belongs to none stands for itself.
+    /// The tile of a node; without one, the node itself.
     fn component(&self, node: NodeId) -> NodeId {
         let mut group = match node {
             NodeId::Group(id) => id,
@@ -71,7 +71,7 @@ impl Snapshot {
 }
 
 impl Alarm {
-    /// Whether both were there at one time.
+    /// Whether both were active at the same time.
     pub fn overlaps(&self, other: &Alarm) -> bool {
         let lasts = |it: &Alarm, until: &Alarm| it.ended.is_none_or(|ended| ended >= until.raised);
         lasts(self, other) && lasts(other, self)

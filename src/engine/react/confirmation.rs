@@ -1,5 +1,4 @@
-//! Whether the vehicle confirms a request (`ENGINE.md` 10). Every rule has its own confirmation, and none
-//! stands in for another.
+//! The vehicle's confirmation of a request. Every rule has its own confirmation, and none replaces another.
 
 use super::held::{By, Countermeasures, Held};
 use crate::engine::mask::net::Net;
@@ -13,29 +12,29 @@ use crate::engine::text::Text;
 use crate::engine::text::say;
 use crate::engine::time::Timestamp;
 
-/// One kind of request, while it is made.
+/// A request of one kind, while it is in force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::engine) struct Asked {
     pub(in crate::engine) request: Request,
     pub(in crate::engine) since: Timestamp,
-    /// Since when the vehicle could have confirmed it and has not.
+    /// The time since which the vehicle could have confirmed it and has not.
     unconfirmed_since: Timestamp,
     pub(in crate::engine) state: CountermeasureState,
 }
 
-/// What one confirmation said last.
+/// The last value of one confirmation.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::engine) struct Heard {
-    /// The rule that it is of.
+    /// The index of its rule.
     rule: usize,
     is: bool,
     lost: Option<Timestamp>,
-    /// Its time is over.
+    /// The time for it has passed.
     late: bool,
 }
 
 impl Heard {
-    /// The same under another configuration that confirms in the same way.
+    /// The same confirmation under another configuration, if that confirms in the same way.
     fn kept(&self, before: &Model, model: &Model) -> Option<Heard> {
         let means = |model: &Model, index: usize| {
             let rule = model.driving.countermeasures.get(index)?;
@@ -54,7 +53,7 @@ impl Heard {
 }
 
 impl Countermeasures {
-    /// Whether the vehicle has time left to confirm what is asked of it.
+    /// Whether the vehicle still has time to confirm a request.
     pub(in crate::engine) fn waits(&self, model: &Model) -> bool {
         let waits = |asked: &Asked| {
             asked.state == CountermeasureState::Requested
@@ -63,7 +62,7 @@ impl Countermeasures {
         self.asked.iter().flatten().any(waits)
     }
 
-    /// Compares what is asked with what the vehicle confirms. Returns when time alone changes that.
+    /// Compares the requests with the confirmations. Returns the time at which time alone changes the result.
     pub(in crate::engine) fn confirm(
         &mut self,
         model: &Model,
@@ -134,7 +133,7 @@ impl Countermeasures {
         heard
     }
 
-    /// All that confirm make it engaged; one whose time is over makes it unconfirmed until then.
+    /// Engaged if every confirmation is given; unconfirmed once the time of one has passed.
     fn state(
         &self,
         confirmations: &[(usize, Timestamp)],
@@ -150,8 +149,9 @@ impl Countermeasures {
         }
     }
 
-    /// How the vehicle confirms a kind: as each rule that asks for it says, since when it asks. Where no
-    /// rule is known to ask, as those do that ask for the same, or else as the first of the kind.
+    /// The confirmations of a kind of request: those of each rule that makes it, with the time since when.
+    /// Without a known rule, those of the rules with the same request, or else that of the first rule of the
+    /// kind.
     fn confirmations(&self, model: &Model, kind: RequestKind) -> Vec<(usize, Timestamp)> {
         let rules = &model.driving.countermeasures;
         let confirmed = |&index: &usize| rules[index].confirmation.is_some();
@@ -181,9 +181,9 @@ impl Countermeasures {
         found
     }
 
-    /// What is wrong with the requests that are made now.
+    /// The fault of the present requests.
     pub(in crate::engine) fn trouble(&self, model: &Model) -> Option<Text> {
-        // That nobody hears it is an ERROR of its own.
+        // A request without a reader is an ERROR of its own.
         let unconfirmed = |asked: &&Asked| {
             asked.state == CountermeasureState::Unconfirmed
                 && self.unreached(model, asked.request.kind()).is_none()
@@ -208,7 +208,7 @@ impl Countermeasures {
         wrong.reduce(|all, next| say!("{all}; {next}", "{all}; {next}", all = all, next = next))
     }
 
-    /// Who does not confirm is named where there are several.
+    /// Names the missing confirmation if there are several.
     fn unconfirmed(&self, model: &Model, kind: RequestKind) -> Text {
         let confirmations = self.confirmations(model, kind);
         let heard = |rule| self.heard.iter().find(|heard| heard.rule == rule);
@@ -239,7 +239,7 @@ impl Countermeasures {
         )
     }
 
-    /// Takes over since when requests are made, and what cannot be sent.
+    /// Takes over the start times of requests, and the outputs that cannot be sent.
     pub(in crate::engine) fn keep(&mut self, old: &Countermeasures, before: &Model, model: &Model) {
         (self.asked, self.arrives) = (old.asked, old.arrives);
         self.heard = old.heard.iter().filter_map(|heard| heard.kept(before, model)).collect();

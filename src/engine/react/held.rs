@@ -1,7 +1,7 @@
-//! Which countermeasures are held, and whether the vehicle confirms them (`ENGINE.md` 10).
+//! The requests in force, and their causes.
 //!
-//! The request of each rule is held by itself, until its own cause is gone and acknowledged. The strongest
-//! held request wins, so no request falls back while its cause is there.
+//! The request of each rule is held separately, until its own cause is gone and acknowledged. The strongest
+//! held request counts, so no request ends while its cause is present.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::Arc;
@@ -25,15 +25,16 @@ pub(in crate::engine) struct Held {
     pub(in crate::engine) by: By,
     pub(in crate::engine) since: Timestamp,
     pub(in crate::engine) present: bool,
-    /// Never empty, but for a stop of the operator: what nobody can be named for is nobody's to take back.
+    /// Never empty, except for the operator's stop: a request without a named cause could not be released by
+    /// anybody.
     pub(in crate::engine) causes: Vec<Cause>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::engine) enum By {
-    /// A rule of the model, by its position, and the node that it is about.
+    /// A rule of the model, by its index, and the node that triggered it.
     Rule(usize, NodeId),
-    /// From before a restart or another configuration: its causes alone are known.
+    /// From before a restart or another configuration: only its causes are known.
     Past,
     Operator,
 }
@@ -45,11 +46,11 @@ pub(in crate::engine) struct Cause {
     pub(in crate::engine) present: bool,
 }
 
-/// A node that the operator knows of.
+/// A node that the operator acknowledges.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::engine) struct Known<'a> {
     pub(in crate::engine) node: NodeId,
-    /// By this alarm of it alone, which is the node's latest.
+    /// Only by this alarm, the latest of the node.
     pub(in crate::engine) alarm: Option<&'a Alarm>,
 }
 
@@ -59,8 +60,8 @@ impl Held {
         !self.present && (self.request.kind() == RequestKind::Notify || is_known())
     }
 
-    /// Looks whether the causes that were named for it are still there. What a node that is well again
-    /// bears in itself, such as one of a set where one is enough, is no cause any more.
+    /// Checks whether the named causes are still present. A failing member inside a node that is well again,
+    /// such as one of a redundancy set, is no cause any more.
     fn look_at_causes(&mut self, net: &Net, state: State, by_itself: Option<NodeId>) {
         let lies_in = |node| by_itself.is_some_and(|around| is_part_of(net, node, around));
         for cause in &mut self.causes {
@@ -70,9 +71,9 @@ impl Held {
         self.present = self.causes.iter().any(|cause| cause.present);
     }
 
-    /// Takes the causes as they are now; what is acknowledged of them stays so. One that is over stays
-    /// until somebody knows of it, and one that is masked by now goes over to what masks it, as its
-    /// alarm does. Where there are too many, `about` stands for those that are not named.
+    /// Takes the present causes; acknowledged ones stay acknowledged. A cause that is over stays until it is
+    /// acknowledged, and a masked one is replaced by the causes that mask it, as its alarm is. If there are too
+    /// many, `about` represents the others.
     fn explain(&mut self, about: NodeId, net: &Net, causes: &impl Fn(NodeId) -> Vec<NodeId>) {
         let before = std::mem::take(&mut self.causes);
         let known = |node| before.iter().any(|it| it.node == node && it.acknowledged);
@@ -121,7 +122,7 @@ impl Held {
         }
     }
 
-    /// Leaves as many causes as are named; one node stands for the others.
+    /// Reduces the causes to the number that is named; one node represents the others.
     fn cut(&mut self, others: NodeId) {
         if self.causes.len() <= CAUSES_MAX {
             return;
@@ -137,8 +138,8 @@ impl Held {
         matches!(self.by, By::Rule(_, it) if it == node)
     }
 
-    /// Takes note of what the operator knows. By the name of the node that it is about that is all of
-    /// it; by an alarm, what that alarm was raised for while this was held.
+    /// Notes an acknowledgement. By the name of the node that triggered it, all causes are acknowledged; by an
+    /// alarm, only the cause of that alarm, if the alarm was active while this was held.
     fn acknowledge(&mut self, known: Known<'_>) {
         let Known { node, alarm } = known;
         let about = alarm.is_none() && self.is_about(node);
@@ -154,21 +155,22 @@ impl Held {
 
 #[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Countermeasures {
-    /// Rules by the nodes that they are about.
+    /// Rules by the nodes that trigger them.
     rules: HashMap<NodeId, Vec<usize>>,
     /// Nodes with rules that changed.
     dirty: BTreeSet<NodeId>,
     pub(in crate::engine) held: Vec<Held>,
-    /// The drive has ended, if it has not begun again by then: until then nothing is let go.
+    /// The end of the drive is certain at this time, unless the vehicle drives again earlier: until then
+    /// nothing is released.
     pub(in crate::engine) arrives: Option<Timestamp>,
     pub(in crate::engine) asked: [Option<Asked>; 3],
-    /// What the vehicle said last, by each confirmation that is waited for.
+    /// The last value of each expected confirmation.
     pub(in crate::engine) heard: Vec<Heard>,
-    /// Why requests of a kind cannot be sent, with the topic.
+    /// Outputs that cannot be sent, with the topic and the reason.
     pub(in crate::engine) unsent: HashMap<Output, OutputNews>,
-    /// Topics to which nobody listens.
+    /// Topics without a reader.
     pub(in crate::engine) unheard: HashMap<Output, Box<str>>,
-    /// Outputs to which somebody listens.
+    /// Outputs with a reader.
     pub(in crate::engine) listened: BTreeSet<Output>,
 }
 
@@ -189,7 +191,7 @@ impl Countermeasures {
         }
     }
 
-    /// The stage changed: rules may hold now that did not before.
+    /// The stage changed: further rules may apply.
     pub(in crate::engine) fn mark_all(&mut self) {
         self.dirty.extend(self.rules.keys());
     }
@@ -198,7 +200,7 @@ impl Countermeasures {
         self.dirty.is_empty() && self.held.is_empty() && self.asked == [None; 3]
     }
 
-    /// Brings what is held to what follows from the nodes. `causes` names the root causes of a node.
+    /// Updates the held requests to the present states of the nodes. `causes` names the root causes of a node.
     pub(in crate::engine) fn follow(
         &mut self,
         model: &Model,
@@ -233,8 +235,8 @@ impl Countermeasures {
                         held.present = true;
                         held.explain(node, net, &causes);
                     } else {
-                        // That a failure is over has to be known. What waited for its cause may be well
-                        // before the cause is.
+                        // A failure is over only when the node is known to be well. A node that waited for its
+                        // cause may recover before the cause.
                         let is_unclear = fails(facts, state.min(State::Unknown));
                         held.look_at_causes(net, state.min(State::Unknown), (!is_unclear).then_some(node));
                         held.present |= is_unclear;
@@ -247,7 +249,7 @@ impl Countermeasures {
         self.let_go();
     }
 
-    /// The drive has ended, as far as is known before `certain`.
+    /// The drive has ended, unless it continues before `certain`.
     pub(in crate::engine) fn arrive(&mut self, certain: Timestamp) {
         self.arrives = Some(certain).filter(|_| !self.held.is_empty());
     }
@@ -258,7 +260,7 @@ impl Countermeasures {
         }
     }
 
-    /// Holds a stop that the operator asked for. Twice is once.
+    /// Holds a stop that the operator requested, once.
     pub(in crate::engine) fn request_stop(&mut self, now: Timestamp) {
         if !self.is_requested() {
             let (request, causes) = (Request::ManeuverStop, Vec::new());
@@ -274,14 +276,14 @@ impl Countermeasures {
         self.held.retain(|held| held.by != By::Operator);
     }
 
-    /// Whether a node has a part in what is held that the operator can know of.
+    /// Whether a node causes a held request that the operator can acknowledge.
     pub(in crate::engine) fn is_held_for(&self, node: NodeId) -> bool {
         let has_part =
             |held: &Held| held.causes.iter().any(|cause| held.is_about(node) || cause.node == node);
         self.held.iter().any(has_part)
     }
 
-    /// Takes note that the operator knows of a node's part.
+    /// Notes that the operator acknowledges a node.
     pub(in crate::engine) fn acknowledge(&mut self, known: Known<'_>) {
         self.held.iter_mut().for_each(|held| held.acknowledge(known));
         self.let_go();
@@ -294,14 +296,14 @@ impl Countermeasures {
         };
     }
 
-    /// What cannot be sent, in order.
+    /// Outputs that cannot be sent, in order.
     pub(in crate::engine) fn unsent(&self) -> Vec<&OutputNews> {
         let mut all: Vec<&OutputNews> = self.unsent.values().collect();
         all.sort_by_key(|news| news.output);
         all
     }
 
-    /// Kinds that ask the vehicle to move differently.
+    /// Kinds of requests that change the vehicle's motion.
     pub(in crate::engine) fn moving(&self) -> impl Iterator<Item = RequestKind> {
         RequestKind::ALL.into_iter().rev().filter(|kind| kind.moves() && self.strongest(*kind).is_some())
     }
@@ -311,7 +313,7 @@ impl Countermeasures {
         all.reduce(|a, b| if b.mps2() > a.mps2() { b } else { a })
     }
 
-    /// For the snapshot: strongest first.
+    /// The countermeasures for the snapshot: strongest first.
     pub(in crate::engine) fn list(&self, others: NodeId) -> Arc<[Countermeasure]> {
         let measure = |asked: &Asked| {
             let of_kind = || self.held.iter().filter(|held| held.request.kind() == asked.request.kind());
@@ -341,7 +343,7 @@ impl Countermeasures {
         &self.held
     }
 
-    /// Takes over what was held before a restart or under another configuration.
+    /// Takes over a request from before a restart or a reload.
     pub(in crate::engine) fn hold(&mut self, held: Held, others: NodeId) {
         if held.is_over() && self.arrives.is_none() {
             return;
@@ -357,7 +359,7 @@ impl Countermeasures {
         }
     }
 
-    /// The rule that asks for the same because of a node as a rule of another configuration did.
+    /// The rule with the same request for a node as a rule of another configuration.
     pub(in crate::engine) fn rule(&self, model: &Model, node: NodeId, before: &Rule) -> Option<By> {
         let rules = &model.driving.countermeasures;
         let asks =
@@ -372,7 +374,7 @@ pub(in crate::engine) fn fails(facts: &Facts, state: State) -> bool {
     facts.relevant && facts.worst() >= state
 }
 
-/// Whether a node is another one or one of its members, at any depth.
+/// Whether a node is `whole` or one of its members, at any depth.
 fn is_part_of(net: &Net, mut node: NodeId, whole: NodeId) -> bool {
     while node != whole {
         let Some(parent) = net.node(node).parent else { return false };

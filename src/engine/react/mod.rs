@@ -1,5 +1,4 @@
-//! Reactions to a fault: alarms, warnings to accept, countermeasures and their confirmation (`ENGINE.md` 6,
-//! 9 and 10).
+//! Reactions to a fault: alarms, warnings to accept, countermeasures and their confirmation.
 
 pub(super) mod alarms;
 pub(super) mod calls;

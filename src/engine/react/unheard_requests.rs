@@ -1,5 +1,5 @@
-//! Requests that nobody hears: nothing is published for them, or no reader of the vehicle is matched
-//! (`ENGINE.md` 10). A request that reaches nobody must not look like one that was sent.
+//! Requests without a receiver: the configuration switches the output off, or it has no matching reader. Such a
+//! request must not look like one that was sent.
 
 use super::held::Countermeasures;
 use crate::engine::Engine;
@@ -11,7 +11,7 @@ use crate::engine::snapshot::Unreached;
 use crate::engine::text::Text;
 use crate::engine::text::say;
 
-/// What a vehicle is asked for.
+/// Requests to the vehicle.
 const REQUESTS: [RequestKind; 2] = [RequestKind::ManeuverStop, RequestKind::Decelerate];
 
 impl Countermeasures {
@@ -26,7 +26,7 @@ impl Countermeasures {
         };
     }
 
-    /// Why requests of a kind reach nobody; none if somebody listens, or nothing is known of it.
+    /// The reason why requests of a kind have no receiver; `None` if they have one, or if that is not known.
     pub(in crate::engine) fn unreached(&self, model: &Model, kind: RequestKind) -> Option<Unreached> {
         let output = kind.output()?;
         if model.driving.unpublished.contains(&output) {
@@ -55,26 +55,26 @@ impl Engine {
         self.led = true;
     }
 
-    /// Why requests reach nobody, as the snapshot has it.
+    /// The outputs without a receiver, for the snapshot.
     pub(in crate::engine) fn unreached(&self) -> Vec<(Output, Unreached)> {
         let of =
             |kind: RequestKind| Some((kind.output()?, self.countermeasures.unreached(&self.model, kind)?));
         REQUESTS.into_iter().filter_map(of).collect()
     }
 
-    /// Requests that may have to be made and that nobody would hear. That nothing is published for
-    /// one is the configuration's word, and `check` warns of it.
+    /// Possible requests without a receiver. An output that the configuration switches off does not count here;
+    /// `check` warns of it.
     pub(in crate::engine) fn deaf_to(&self) -> impl Iterator<Item = RequestKind> {
         let unheard = |kind| self.countermeasures.unreached(&self.model, kind) == Some(Unreached::Unheard);
         let by_rule =
             |kind| self.model.driving.countermeasures.iter().any(|rule| rule.request.kind() == kind);
-        // The operator may ask for a stop wherever the vehicle has stages.
+        // The operator may request a stop on every vehicle with stages.
         let by_operator =
             |kind| kind == RequestKind::ManeuverStop && self.model.stages == StageModel::Shuttle;
         REQUESTS.into_iter().filter(move |&kind| unheard(kind) && (by_rule(kind) || by_operator(kind)))
     }
 
-    /// What is asked for and nobody hears. Where nothing is asked for it is no fault: the page offers no
+    /// The requests in force without a receiver. Without a request in force it is no fault: the page offers no
     /// stop, and there is no clearance.
     pub(in crate::engine) fn unheard(&self) -> Option<Text> {
         let asked = REQUESTS.into_iter().filter(|kind| self.countermeasures.strongest(*kind).is_some());

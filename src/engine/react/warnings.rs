@@ -1,5 +1,5 @@
-//! WARNINGs, and which of them the operator accepted (`ENGINE.md` 9). They are updated as they come and go,
-//! so that finding those that are not accepted does not walk the vehicle.
+//! WARNINGs, and whether the operator accepted them. They are updated as they come and go, so no walk through
+//! the vehicle is needed to find those that are not accepted.
 
 use std::collections::BTreeSet;
 
@@ -7,17 +7,17 @@ use crate::engine::mask::net::{Change, Net};
 use crate::engine::model::{ModuleId, NodeId};
 use crate::engine::state::State;
 
-/// Modules that show WARNING, by whether that is accepted.
+/// Modules that show WARNING, by whether the operator accepted it.
 #[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Warnings {
     open: BTreeSet<ModuleId>,
     accepted: BTreeSet<ModuleId>,
-    /// Accepted before a restart, of modules that have said nothing since.
+    /// Accepted before a restart, without a report of the module since.
     awaited: BTreeSet<ModuleId>,
 }
 
 impl Warnings {
-    /// Follows a module. An acceptance ends with the WARNING, however it ends.
+    /// Follows a module. An acceptance ends with the WARNING, however that ends.
     pub(in crate::engine) fn note(&mut self, net: &Net, change: &Change) -> bool {
         let NodeId::Module(id) = change.node else { return false };
         let module = &net.modules[id.0 as usize];
@@ -35,7 +35,7 @@ impl Warnings {
         !self.accepted.contains(&id) && self.open.insert(id)
     }
 
-    /// The module is not there any more.
+    /// The module was removed.
     pub(in crate::engine) fn forget(&mut self, id: ModuleId) {
         self.open.remove(&id);
         self.accepted.remove(&id);
@@ -56,7 +56,7 @@ impl Warnings {
         self.accepted.contains(&id)
     }
 
-    /// Those that were accepted, and those that were before a restart and may be again.
+    /// Accepted WARNINGs, and those that were accepted before a restart and may return.
     pub(in crate::engine) fn accepted(&self) -> impl Iterator<Item = ModuleId> {
         self.accepted.union(&self.awaited).copied()
     }

@@ -1,5 +1,5 @@
-//! Computes the state to store after an operator's action, without doing the action. The web server stores
-//! it before the action is done.
+//! Computes the state to store after an operator's action, without carrying the action out. The web server
+//! stores it first.
 
 use std::sync::Arc;
 
@@ -12,20 +12,21 @@ use crate::engine::snapshot::{Countermeasure, Snapshot};
 use crate::engine::stage::machine::Event;
 use crate::engine::time::Timestamp;
 
-/// What is to be remembered of an action that would be granted.
+/// The result of an action that would be granted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Foreseen {
-    /// Of the state that it was judged in.
+    /// The `seq` of the state in which it was judged.
     pub seq: u64,
     pub vehicle: Restored,
 }
 
 impl Engine {
-    /// Judges an action as [`Engine::handle`] would at `now`, and does not do it. What it leads to by
-    /// itself, such as an alarm that ends with its acknowledgement, follows from what is remembered.
+    /// Judges an action as [`Engine::handle`] would at `now`, without carrying it out. Consequences such as the
+    /// end of an acknowledged alarm follow from the stored state.
     ///
     /// # Errors
-    /// Every reason for which it is refused.
+    ///
+    /// Every reason for a refusal.
     pub fn foresee(&mut self, action: &OperatorAction, now: Timestamp) -> Result<Foreseen, Vec<Refusal>> {
         self.advance(now);
         self.check(action)?;
@@ -48,7 +49,7 @@ impl Engine {
                 vehicle.raise(Event::Clearance);
             }
             OperatorAction::Acknowledge { alarm } => self.foresee_acknowledged(alarm, &mut after),
-            // Nothing of it is remembered; and a stop waits for no disk, so nobody asks of it.
+            // These change nothing that is stored; and a stop does not wait for the disk.
             OperatorAction::AskClearance { .. }
             | OperatorAction::Reset { .. }
             | OperatorAction::RequestStop => {}
@@ -58,12 +59,12 @@ impl Engine {
         Ok(Foreseen { seq: after.seq, vehicle: after.to_restore() })
     }
 
-    /// The stage and what is asked of the vehicle. The list is another one whenever it changed.
+    /// The stage and the requests. The list is replaced whenever it changes.
     pub fn led(&self) -> (Stage, Arc<[Countermeasure]>) {
         (self.vehicle.stage, self.views.led().countermeasures.clone())
     }
 
-    /// What would be asked for if this were done to what is held.
+    /// The requests after a change of the held ones.
     fn list_after(&mut self, done: impl FnOnce(&mut Countermeasures)) -> Arc<[Countermeasure]> {
         let held = self.countermeasures.held.clone();
         done(&mut self.countermeasures);

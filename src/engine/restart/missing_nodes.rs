@@ -1,4 +1,4 @@
-//! Nodes that were named before a restart or in another configuration, and no longer exist.
+//! Nodes that had a name before a restart or in another configuration, and no longer exist.
 
 use crate::engine::Engine;
 use crate::engine::mask::net::Net;
@@ -7,26 +7,26 @@ use crate::engine::module::overflow;
 use crate::engine::module::system::SystemCheck;
 
 impl Engine {
-    /// Makes a discovered module again, where the filters would make it and there is room for it. A
-    /// status that feeds several groups makes those of the others too.
+    /// Makes a discovered module again, if a filter still claims it and there is room. A status that feeds
+    /// several groups gets its other modules too.
     pub(in crate::engine) fn rediscover(&mut self, name: &str) {
         if let Some((_, status)) = self.would_make(name, true) {
             self.discover(&status);
         }
     }
 
-    /// Keeps the name of a discovered module for what is over, where the filters would make it: it is
-    /// there again when it is heard. Until then it takes no room.
+    /// Keeps the name of a discovered module for an ended alarm or cause, if a filter still claims it: the
+    /// module returns with its next status. Until then it takes no room.
     pub(in crate::engine) fn remember(&mut self, name: &str) {
         if let Some((group, _)) = self.would_make(name, false) {
             self.keep_departed(name, group);
         }
     }
 
-    /// The group that would have a module of this name, if it `needs_room` and there is some, and the
-    /// status that would make it.
+    /// The group that claims a module of this name (with room for it, if it `needs_room`), and the status that
+    /// makes it.
     fn would_make(&self, name: &str, needs_room: bool) -> Option<(GroupId, String)> {
-        // The second of a name is so called because of the first.
+        // The number at the end distinguishes a second module of the same name.
         let first = name.rsplit_once(" (").filter(|(first, _)| self.views.has(first));
         let name = first.map_or(name, |(first, _)| first);
         let inside = |path: &str| name.strip_prefix(path)?.strip_prefix('/').map(str::to_owned);
@@ -44,8 +44,8 @@ impl Engine {
         })
     }
 
-    /// Who stands for a node that is gone: the closest group around it that is there, or else the node
-    /// that was watched, or nobody. An operator can acknowledge it there.
+    /// The substitute for a node that is gone: the closest enclosing group that exists, or else the node that
+    /// triggered the request, or `nobody`. The operator can acknowledge it there.
     pub(in crate::engine) fn stand_in(&self, name: &str, watched: Option<NodeId>) -> NodeId {
         let declared = self.views.paths().take(self.model.groups.len());
         let around =
@@ -56,7 +56,7 @@ impl Engine {
 }
 
 impl Net {
-    /// Stands for causes that belong to no node, and is none itself.
+    /// The substitute for causes that belong to no node.
     pub(in crate::engine) fn nobody(&self) -> NodeId {
         NodeId::Module(self.system_module(SystemCheck::Countermeasure))
     }

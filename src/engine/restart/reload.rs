@@ -19,9 +19,9 @@ use crate::engine::timers::TimerKey;
 use crate::engine::view::views::Views;
 
 impl Engine {
-    /// Takes a new configuration as a whole. What keeps its name keeps its state: modules their
-    /// reports and timers, root causes their age, alarms their numbers, signals their values. The
-    /// operator and the stage stay.
+    /// Takes a complete new configuration. Nodes that keep their names keep their state: modules their reports
+    /// and timers, root causes their age, alarms their numbers, signals their values. The operator and the
+    /// stage stay.
     pub fn reload(&mut self, model: Arc<Model>, now: Timestamp) {
         self.advance(now);
         let mut next = Engine::build(model, self.now);
@@ -38,7 +38,7 @@ impl Engine {
         next.active_by = self.active_by;
         next.timers.arm(TimerKey::Active, next.active_by);
         next.take_signals(self);
-        // Topics that are new to the bridge have to be discovered, as after a start.
+        // New topics have to be discovered first, as after a start.
         next.search_until((self.now + DISCOVERY).max(self.watching.searching_until.unwrap_or(self.now)));
         next.watching.keep_topics(&self.watching);
         next.writers = std::mem::take(&mut self.writers);
@@ -79,7 +79,7 @@ impl Engine {
     }
 
     fn take_modules(&mut self, old: &Engine) {
-        // Names that were discovered find their place again, by the new filters, in their old order.
+        // Discovered names are matched against the new filters, in their old order.
         self.take_overflow(old);
         for (name, modules) in old.names.in_order() {
             let modules: Vec<ModuleId> = modules.collect();
@@ -120,7 +120,8 @@ impl Engine {
         self.resume_monitors();
     }
 
-    /// Groups that refused names still say so, unless the limit was raised: then all are asked again.
+    /// Groups with dropped names keep that warning, unless the limit was raised: then all names are matched
+    /// again.
     fn take_overflow(&mut self, old: &Engine) {
         if self.model.limits.discovered_modules > old.model.limits.discovered_modules {
             return;
@@ -134,8 +135,8 @@ impl Engine {
         }
     }
 
-    /// Groups that would have had a module of the name and have none, as it left or there was no room:
-    /// what was there comes first.
+    /// Groups that claim the name and have no module of it, because it left or there was no room: existing
+    /// modules come first.
     fn lacked_by(&self, old: &Engine, name: &str, modules: &[ModuleId]) -> Vec<GroupId> {
         let there =
             |group| modules.iter().any(|id| old.net.modules[id.0 as usize].node.parent == Some(group));
@@ -143,14 +144,14 @@ impl Engine {
         wanted.filter(|it| !there(it.group)).filter_map(|it| self.same_group(old, it.group)).collect()
     }
 
-    /// The group that is called as one was before.
+    /// The group with the same name in the new configuration.
     fn same_group(&self, old: &Engine, group: GroupId) -> Option<GroupId> {
         let path = old.views.name(NodeId::Group(group));
         self.views.paths().find(|(_, known)| *known == path).map(|(group, _)| group)
     }
 
-    /// A status may feed several groups, and have left some of them: there it is not made again, and
-    /// alarms of those that left keep their name.
+    /// A status may feed several groups and have left some of them: there it is not made again, and alarms of
+    /// those modules keep their name.
     fn leave_out(&mut self, old: &Engine) {
         let live: HashSet<&str> = old.views.module_ids().map(|(name, _)| name).collect();
         let left: Vec<(Arc<str>, GroupId)> = old.departed_names(&self.views);
@@ -188,7 +189,7 @@ impl Engine {
             };
             let watched = if let By::Rule(_, node) = by { Some(node) } else { None };
             let still = |it: &&Cause| renamed(it.node).is_some() || it.present || !it.acknowledged;
-            // An operator who knew of a cause that is gone does not know of what it left.
+            // An acknowledgement of a cause that is gone does not cover its substitute.
             let cause = |it: &Cause| match renamed(it.node) {
                 Some(node) => Cause { node, ..*it },
                 None => {
@@ -217,7 +218,7 @@ impl Engine {
 }
 
 impl Views {
-    /// Takes over the words of a module from before a reload.
+    /// Takes over the report of a module from before a reload.
     pub(in crate::engine) fn copy_report(&mut self, id: ModuleId, old: &Views, from: ModuleId) {
         let before = &old.modules[from.0 as usize];
         self.keep_report(id, before.report.clone(), old.budget.source(from));
@@ -229,7 +230,7 @@ impl Views {
         }
     }
 
-    /// What shows the same as before a reload has shown it since then.
+    /// Nodes that show the same as before a reload keep the time since which they show it.
     pub(in crate::engine) fn keep_since(&mut self, old: &Views) {
         let before: HashMap<&str, NodeId> = old.nodes().map(|(node, name)| (name, node)).collect();
         let kept: Vec<(NodeId, NodeId)> =
@@ -261,7 +262,7 @@ impl Views {
         }
     }
 
-    /// Goes on counting where the views before a reload stopped, and keeps what they counted.
+    /// Continues the counters of the views from before a reload.
     pub(in crate::engine) fn continue_from(&mut self, old: &Views) {
         self.seq = old.seq + 1;
         self.revision = old.revision + 1;

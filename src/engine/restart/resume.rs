@@ -1,4 +1,4 @@
-//! Goes on after a restart, also in the middle of a drive (`SAFETY.md` R6).
+//! Resumes after a restart, also in the middle of a drive.
 
 use crate::engine::discovery::DISCOVERY;
 use std::collections::{HashMap, HashSet};
@@ -15,19 +15,19 @@ use crate::engine::stage::machine::Event;
 use crate::engine::time::{Span, Timestamp};
 use crate::engine::timers::TimerKey;
 
-/// What outlives the program: everything that an operator decided or has to decide. The states of
-/// the components do not; they are UNKNOWN until they are heard. Nodes are named as on the wire.
+/// The state that outlives the program: everything that an operator decided or has to decide. The states of the
+/// components are UNKNOWN until they report. Nodes have their names of the wire.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Restored {
     /// A clearance does not outlive the program: `cleared` becomes `standby`.
     pub stage: Stage,
     pub operator: Option<Box<str>>,
-    /// In `localizing`, whether the operator gave a pose; while `active`, whether it is confirmed.
+    /// In `localizing`, whether the operator gave a pose; while `active`, whether the pose is confirmed.
     pub posed: bool,
-    /// Number and value of the last pose: it is not published again.
+    /// Number and value of the last pose, which is not published again.
     pub pose: Option<(u64, MapPose)>,
     pub alarms: Vec<RestoredAlarm>,
-    /// The number of the last alarm that was raised: no number is given twice.
+    /// The number of the last alarm: no number is used twice.
     pub last_alarm: u64,
     /// Modules whose WARNING is accepted.
     pub accepted: Vec<Box<str>>,
@@ -68,7 +68,7 @@ pub struct RestoredCountermeasure {
 }
 
 impl Snapshot {
-    /// What is to be stored of this snapshot, for [`Engine::resume`].
+    /// The state to store of this snapshot, for [`Engine::resume`].
     pub fn to_restore(&self) -> Restored {
         let name = |node| Box::from(&**self.node_name(node));
         let alarm = |alarm: &Alarm| RestoredAlarm {
@@ -103,7 +103,7 @@ impl Snapshot {
 }
 
 impl Engine {
-    /// Begins where there was no run before: as after one, nobody was found yet.
+    /// Starts without an earlier run: no publisher has been found yet.
     pub fn begin(model: Arc<Model>, now: Timestamp) -> Engine {
         let mut engine = Engine::build(model, now);
         engine.await_publishers();
@@ -111,8 +111,8 @@ impl Engine {
         engine
     }
 
-    /// Goes on where an earlier run of the program ended. Alarms and countermeasures stay until what
-    /// they stand for is heard again; what the configuration does not name any more is left out.
+    /// Resumes an earlier run of the program. Alarms and countermeasures stay until their nodes report again;
+    /// nodes that the configuration no longer has are left out.
     pub fn resume(model: Arc<Model>, restored: &Restored, now: Timestamp) -> Engine {
         let mut engine = Engine::build(model, now);
         engine.await_publishers();
@@ -122,7 +122,7 @@ impl Engine {
         engine
     }
 
-    /// What nobody was found for yet is silent because of us.
+    /// Topics without a found publisher are silent only because Telltale has just started.
     fn await_publishers(&mut self) {
         self.search_until(self.now + DISCOVERY);
         let timeout = self.active_signal.and_then(|index| self.model.signals[index].timeout);
@@ -136,8 +136,8 @@ impl Engine {
         self.timers.arm(TimerKey::Searched, until);
     }
 
-    /// Lets go of alarms from before the restart whose modules are known. What the diagnosis says of
-    /// itself follows from others: it is known once they had their time.
+    /// Stops waiting for alarms from before the restart whose modules have reported. Telltale's own modules
+    /// depend on others: they count as known once those had their time.
     pub(in crate::engine) fn hear_awaited(&mut self) -> bool {
         if !self.alarms.awaits() {
             return false;
@@ -152,7 +152,7 @@ impl Engine {
             NodeId::Module(id) if id == active => told,
             NodeId::Module(id) => match net.modules[id.0 as usize].kind {
                 ModuleKind::BuiltIn => confirmed,
-                // That it left is all that will be known.
+                // A module that left will report nothing more.
                 ModuleKind::Gone => true,
                 ModuleKind::Declared | ModuleKind::Discovered | ModuleKind::Overflow => {
                     net.modules[id.0 as usize].own.known()
@@ -197,7 +197,7 @@ impl Engine {
             if measure.by_operator && self.vehicle.stage == Stage::Active {
                 self.countermeasures.request_stop(self.now);
             }
-            // What is not there any more nobody can find to be over: it is asked for again.
+            // A cause that no longer exists can never be found to be over: it must be acknowledged again.
             let cause = |(name, acknowledged): &(Box<str>, bool)| match find(name) {
                 Some(node) => Cause { node, acknowledged: *acknowledged, present: true },
                 None => Cause { node: self.stand_in(name, None), acknowledged: false, present: true },
@@ -216,7 +216,7 @@ impl Engine {
         self.stage_changed();
     }
 
-    /// All nodes by name, with the discovered ones that something was decided of.
+    /// All nodes by name, with the discovered ones that the stored state refers to.
     fn find_again(&mut self, restored: &Restored) -> HashMap<Box<str>, NodeId> {
         let known: HashSet<Box<str>> = self.views.nodes().map(|(_, name)| name.into()).collect();
         let causes = restored.countermeasures.iter().flat_map(|it| &it.causes).map(|(name, _)| name);
@@ -231,8 +231,8 @@ impl Engine {
         self.views.nodes().map(|(node, name)| (name.into(), node)).collect()
     }
 
-    /// Enters a stage at once with what it implies: an operator, a pose, a goal and what the Mission
-    /// component says. For scenarios; a sample of a signal overrules what is implied of it.
+    /// Enters a stage at once with everything that it implies: an operator, a pose, a goal and the signal that
+    /// the vehicle drives. For scenarios; a sample of a signal replaces the implied value.
     pub fn start_in(&mut self, stage: Stage) {
         if self.vehicle.model == StageModel::None || stage == Stage::Locked {
             return;

@@ -1,13 +1,13 @@
-//! Whether the signal that the vehicle drives can be believed (`ENGINE.md` 9).
+//! Whether the signal that the vehicle drives is believed.
 //!
-//! It is believed as long as it does not contradict itself. A vehicle that has arrived drives again only
-//! after a clearance. If it says that it drives sooner and without one, it did not arrive: two components
-//! disagree, or one flaps. For a while, a `false` then counts only once it has lasted, so that no diagnosis
-//! of the drive is interrupted.
+//! It is believed as long as it does not contradict itself. A vehicle that has arrived drives again only after
+//! a clearance. If the signal turns true sooner and without one, the vehicle did not arrive: two components
+//! disagree, or one flaps. For a while, a `false` then counts only once it has lasted, so no diagnosis of the
+//! drive is interrupted.
 
 use crate::engine::time::{Span, Timestamp};
 
-/// How long an arrival must stand before it withdraws what was asked of the drive.
+/// The time for which an arrival must last before it ends the drive's requests.
 pub(in crate::engine) const ARRIVAL: Span = Span::from_secs(3);
 
 /// How long a contradiction is remembered.
@@ -15,19 +15,19 @@ const DOUBT: Span = Span::from_secs(10);
 
 #[derive(Debug, Clone, Copy, Default)]
 pub(in crate::engine) struct Drive {
-    /// When it was last believed that the drive ended.
+    /// The time of the last believed arrival.
     ended: Option<Timestamp>,
     doubted_until: Option<Timestamp>,
-    /// Since when it says without a break that the vehicle does not drive, and is doubted.
+    /// Since when the signal is false without a break, while it is doubted.
     denied: Option<Timestamp>,
 }
 
 impl Drive {
-    /// Takes what is said. `drove`: that it drives was believed until now. `expected`: it was cleared.
+    /// Takes a sample. `drove`: the vehicle was believed to drive until now. `expected`: it was cleared.
     pub(in crate::engine) fn take(&mut self, drives: bool, drove: bool, expected: bool, now: Timestamp) {
         if drives {
             let denied = self.denied.take();
-            // One that stood is an arrival as well, from then on.
+            // A `false` that lasted is an arrival as well, from then on.
             let ended = self.ended.take().or(denied.map(|at| at + ARRIVAL));
             let is_soon = |at: Option<Timestamp>| at.is_some_and(|at| now < at + ARRIVAL);
             if (is_soon(ended) && !expected) || is_soon(denied) {
@@ -40,7 +40,7 @@ impl Drive {
         }
     }
 
-    /// Whether it counts as driving although it was said last that it does not.
+    /// Whether the vehicle counts as driving although the last sample is false.
     pub(in crate::engine) fn holds(&self, now: Timestamp) -> bool {
         self.denied.is_some_and(|at| now < at + ARRIVAL)
     }
@@ -49,7 +49,7 @@ impl Drive {
         self.doubted_until.is_some_and(|until| now < until)
     }
 
-    /// When time alone changes what is believed.
+    /// The time at which time alone changes the belief.
     pub(in crate::engine) fn due(&self, now: Timestamp) -> Option<Timestamp> {
         let stands = self.denied.map(|at| at + ARRIVAL);
         [stands, self.doubted_until].into_iter().flatten().filter(|&due| due > now).min()
@@ -60,7 +60,7 @@ impl Drive {
 mod tests {
     use super::*;
 
-    /// Says words at milliseconds and compares what is believed and whether it is doubted.
+    /// Passes samples at milliseconds and compares the belief and the doubt.
     fn check(words: &[(u64, bool, bool, bool)], expected: bool) {
         let mut drive = Drive::default();
         let mut believed = true;
@@ -91,7 +91,7 @@ mod tests {
             ],
             false,
         );
-        // One that was doubted, and stood, is an arrival that can be contradicted again.
+        // A doubted `false` that lasted is an arrival that can be contradicted again.
         let before = [(5000, false, false, false), (6000, true, true, true), (15_000, false, true, true)];
         let after = [(18_050, true, true, true), (18_100, false, true, true), (21_100, false, false, true)];
         check(&[before, after].concat(), false);

@@ -16,10 +16,10 @@ use crate::engine::text::Text;
 use crate::engine::text::say;
 use crate::engine::timers::TimerKey;
 
-/// What the diagnosis said last of the vehicle's side.
+/// The last reports of Telltale's own modules about the vehicle.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(in crate::engine) struct Told {
-    /// `None` while somebody says whether the vehicle drives, or need not.
+    /// `None` while a component reports whether the vehicle drives, or need not.
     active_unknown: Option<State>,
     contradicts_itself: bool,
     countermeasures: Option<Text>,
@@ -27,7 +27,7 @@ pub(in crate::engine) struct Told {
     unheard: Option<Text>,
 }
 
-/// Where the vehicle is led and what is asked of it, as the snapshot has it.
+/// The part of the snapshot about stages, requests and outputs.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(in crate::engine) struct Led {
     pub(in crate::engine) last_alarm: u64,
@@ -41,7 +41,7 @@ pub(in crate::engine) struct Led {
 }
 
 impl Engine {
-    /// Lets an event lead to another stage, if the table has a row for it.
+    /// Raises an event; the stage changes if the table has a row for it.
     pub(in crate::engine) fn step(&mut self, event: Event) -> bool {
         let from = self.vehicle.stage;
         if !self.vehicle.raise(event) {
@@ -56,7 +56,7 @@ impl Engine {
         true
     }
 
-    /// Everything that asks for the stage is looked at again.
+    /// Marks everything that depends on the stage.
     pub(in crate::engine) fn stage_changed(&mut self) {
         self.led = true;
         self.countermeasures.mark_all();
@@ -71,8 +71,7 @@ impl Engine {
         self.net.mark_conditions(self.vehicle.stage);
     }
 
-    /// The goal is used up: the next drive needs its own. What is asked of the vehicle stays until it is
-    /// certain that the drive is over.
+    /// The goal is used up: the next drive needs its own. Requests stay until the end of the drive is certain.
     fn arrived(&mut self) {
         self.countermeasures.arrive(self.now + ARRIVAL);
         let Some(goal) = self.goal_signal else { return };
@@ -82,7 +81,7 @@ impl Engine {
         }
     }
 
-    /// The Mission component's word. An unknown Active changes no stage: the last word holds.
+    /// Takes the signal that the vehicle drives. An unknown value changes no stage.
     pub(in crate::engine) fn take_active(&mut self, value: Option<bool>) {
         match value {
             Some(true) => self.step(Event::ActiveTrue),
@@ -92,13 +91,14 @@ impl Engine {
         self.led = true;
     }
 
-    /// Whether something for the vehicle could be sent.
+    /// Takes whether an output could be sent.
     pub(in crate::engine) fn take_output(&mut self, news: &OutputNews) {
         self.countermeasures.take_news(news);
         self.led = true;
     }
 
-    /// Takes what the present states lead to. Returns whether that changes states in turn.
+    /// Advances localization, countermeasures and stage to the present states. Returns whether that changes
+    /// states in turn.
     pub(in crate::engine) fn lead(&mut self) -> bool {
         self.follow_localization();
         if !self.countermeasures.is_idle() {
@@ -146,7 +146,7 @@ impl Engine {
         self.step(Event::Localized);
     }
 
-    /// Says in the group `telltale` what is wrong with the vehicle's side.
+    /// Reports faults of the vehicle's side in the group `telltale`.
     fn report_on_vehicle(&mut self) {
         let shuttle = self.vehicle.model == StageModel::Shuttle;
         let known = self.active_signal.and_then(|index| self.signals.value(index));
@@ -188,7 +188,7 @@ impl Engine {
         self.told = told;
     }
 
-    /// Shows where the vehicle is led, if that changed or may have.
+    /// Updates the part of the snapshot about stages and requests, if it may have changed.
     pub(in crate::engine) fn show_lead(&mut self) {
         if !std::mem::take(&mut self.led) && !self.views.is_changed() {
             return;
@@ -221,7 +221,7 @@ fn unsent(all: &[&OutputNews]) -> Option<String> {
     (!all.is_empty()).then(|| all.iter().map(words).collect::<Vec<_>>().join("; "))
 }
 
-/// The group that says whether the vehicle knows where it is.
+/// The group that tells whether the vehicle is localized.
 pub(in crate::engine) fn localization_group(model: &Model) -> Option<GroupId> {
     let position = model.groups.iter().position(|group| &*group.path == LOCALIZATION_GROUP)?;
     Some(GroupId(position as u32))

@@ -1,4 +1,4 @@
-//! The vehicle's stages and the transitions between them (`ENGINE.md` 9; paper, Sec. IV-B).
+//! The vehicle's stages and the transitions between them (paper, Sec. IV-B).
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use crate::engine::snapshot::{Localization, MapPose};
 use crate::engine::time::Timestamp;
 use Stage::{Active, Cleared, Localizing, Locked, Standby};
 
-/// One way from stage to stage.
+/// A transition between two stages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Transition {
     pub from: &'static [Stage],
@@ -20,7 +20,7 @@ const fn row(from: &'static [Stage], event: Event, guard: Guard, to: Stage) -> T
     Transition { from, event, guard, to }
 }
 
-/// All ways there are. What is not in it does not happen.
+/// All transitions. Every other one is impossible.
 pub const TRANSITIONS: &[Transition] = &[
     row(&[Locked], Event::Login, Guard::None, Localizing),
     row(&[Localizing], Event::Localized, Guard::Localized, Standby),
@@ -36,7 +36,7 @@ pub const TRANSITIONS: &[Transition] = &[
     row(&[Localizing, Standby, Cleared], Event::Shutdown, Guard::None, Locked),
 ];
 
-/// What may lead to another stage.
+/// An event that may lead to another stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
     Login,
@@ -53,7 +53,7 @@ pub enum Event {
 }
 
 impl Event {
-    /// For people.
+    /// The event as text, for people.
     pub const fn as_str(self) -> &'static str {
         match self {
             Event::Login => "login",
@@ -71,7 +71,7 @@ impl Event {
     }
 }
 
-/// What must hold besides.
+/// A further condition of a transition.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Guard {
     None,
@@ -82,7 +82,7 @@ pub enum Guard {
 }
 
 impl Guard {
-    /// For people.
+    /// The condition as text, for people.
     pub const fn as_str(self) -> &'static str {
         match self {
             Guard::None => "",
@@ -96,7 +96,7 @@ impl Guard {
     }
 }
 
-/// Who leads the vehicle, and how far it is.
+/// The operator and the stage.
 #[derive(Debug, Clone)]
 pub(in crate::engine) struct Vehicle {
     pub(in crate::engine) model: StageModel,
@@ -114,13 +114,13 @@ impl Vehicle {
         Vehicle { model, stage, operator: None, localization: Localization::default() }
     }
 
-    /// Lets something happen. Returns whether it led to another stage.
+    /// Raises an event. Returns whether the stage changed.
     pub(in crate::engine) fn raise(&mut self, event: Event) -> bool {
         if self.model == StageModel::None {
             return false;
         }
         let holds = |guard| match guard {
-            // The caller that raises a clearance has just made the checks.
+            // The caller of `Clear` has just made its checks.
             Guard::None | Guard::Checks => true,
             Guard::Localized => self.localization.done,
             Guard::Operator => self.operator.is_some(),
@@ -140,13 +140,13 @@ impl Vehicle {
         true
     }
 
-    /// Somebody takes the seat. Returns what happens with that.
+    /// An operator logs in. Returns the event of that login.
     pub(in crate::engine) fn seat(&mut self, name: &str) -> Event {
         let before = self.operator.replace(Arc::from(name));
         if before.is_some_and(|before| *before != *name) { Event::HandOver } else { Event::Login }
     }
 
-    /// Takes a pose that the operator gave. It must be confirmed from now on.
+    /// Takes the operator's pose, which must be confirmed from now on.
     pub(in crate::engine) fn localize(&mut self, pose: MapPose, now: Timestamp) {
         let number = self.localization.number + 1;
         self.localization = Localization {
@@ -159,7 +159,7 @@ impl Vehicle {
         };
     }
 
-    /// The built-in signal: what comes after localizing has its pose.
+    /// The built-in signal `posed`: true in every stage after localizing.
     pub(in crate::engine) fn posed(&self) -> bool {
         match self.stage {
             Locked => false,
@@ -168,8 +168,8 @@ impl Vehicle {
         }
     }
 
-    /// The stage under another model of stages, where nothing but `active` says whether it drives;
-    /// `None`: nothing can.
+    /// The stage under another model of stages, in which only `active` tells whether it drives; `None`: that is
+    /// not known.
     pub(in crate::engine) fn reload(&mut self, model: StageModel, active: Option<Option<bool>>) {
         let before = std::mem::replace(&mut self.model, model);
         let parked = if self.operator.is_some() { Standby } else { Locked };
@@ -189,7 +189,7 @@ impl Vehicle {
 mod tests {
     use super::*;
 
-    /// Raises events in turn and compares the stage after each.
+    /// Raises events in order and compares the stage after each.
     fn check(vehicle: &mut Vehicle, steps: &[(Event, Stage)]) {
         for (index, (event, stage)) in steps.iter().enumerate() {
             vehicle.raise(*event);

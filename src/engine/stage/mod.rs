@@ -1,4 +1,4 @@
-//! The vehicle's stages, and the operator's actions with their checks (`ENGINE.md` 9).
+//! The vehicle's stages, and the operator's actions with their checks.
 
 pub(super) mod advance;
 pub mod machine;

@@ -13,10 +13,10 @@ use crate::engine::react::held::Known;
 use crate::engine::snapshot::{MapPose, Unreached};
 use crate::engine::state::State;
 
-/// A pose farther than this from every stop is surely a slip.
+/// A pose farther than this from every stop is surely a typing error.
 const FROM_STOP_MAX_M: f64 = 200.0;
 
-/// WARNINGs that are named when a clearance is refused.
+/// WARNINGs that are named in the refusal of a clearance.
 const WARNINGS_MAX: usize = 64;
 
 impl Engine {
@@ -30,7 +30,7 @@ impl Engine {
         }
     }
 
-    /// Does it, or changes nothing and names every reason.
+    /// Carries an action out, or changes nothing and names every reason.
     fn try_to(&mut self, action: &OperatorAction) -> Result<(), Vec<Refusal>> {
         self.check(action)?;
         match action {
@@ -61,7 +61,7 @@ impl Engine {
         Ok(())
     }
 
-    /// Names every reason for which an action is refused now.
+    /// Names every reason for which an action would be refused now.
     pub(in crate::engine) fn check(&self, action: &OperatorAction) -> Result<(), Vec<Refusal>> {
         match action {
             OperatorAction::Login { .. } => Ok(()),
@@ -80,7 +80,7 @@ impl Engine {
                 if self.vehicle.stage != Stage::Active {
                     return Err(vec![Refusal::NotDriving]);
                 }
-                // Where nobody listens yet the request is made: it goes out once somebody does.
+                // Without a reader the request is still made: it is sent as soon as there is one.
                 match self.countermeasures.unreached(&self.model, RequestKind::ManeuverStop) {
                     Some(Unreached::Unpublished) => Err(vec![Refusal::StopNotPublished]),
                     Some(Unreached::Unheard) | None => Ok(()),
@@ -96,7 +96,7 @@ impl Engine {
         }
     }
 
-    /// On a machine without stages the login gates the view alone.
+    /// On a machine without stages, only the page requires a login.
     fn need_operator(&self) -> Result<(), Vec<Refusal>> {
         match (&self.vehicle.operator, self.vehicle.model) {
             (None, StageModel::Shuttle) => Err(vec![Refusal::NobodyLoggedIn]),
@@ -145,7 +145,7 @@ impl Engine {
         let distance = |stop: &crate::engine::model::Stop| (stop.x_m - pose.x_m).hypot(stop.y_m - pose.y_m);
         match stops.iter().map(distance).min_by(f64::total_cmp) {
             Some(nearest) if nearest > FROM_STOP_MAX_M => Err(Refusal::PoseTooFar {
-                // Saturates: a distance past 4 million km is as far as any.
+                // Saturates: every distance beyond 4 million km is equal.
                 nearest_m: nearest as u32,
                 limit_m: FROM_STOP_MAX_M as u32,
             }),
@@ -178,14 +178,14 @@ impl Engine {
         }
     }
 
-    /// What one status says in several groups is one: who knows of it in one place knows of it.
+    /// One status in several groups is one fault: an acknowledgement in one place counts in all.
     fn acknowledge(&mut self, alarm: &AlarmRef) {
         match alarm {
             AlarmRef::OperatorStop => self.countermeasures.release_stop(),
             AlarmRef::Number(number) => {
                 for number in self.of_one_status(*number) {
                     let Some(node) = self.alarms.node(number) else { continue };
-                    // What is asked for today is not released by what was yesterday.
+                    // An acknowledgement of an old alarm does not release a new request.
                     let latest = self.alarms.latest(number);
                     self.alarms.acknowledge(|alarm| alarm.id == number, self.now, &mut self.events);
                     if let Some(alarm) = &latest {
@@ -217,7 +217,7 @@ impl Engine {
         std::iter::once(number).chain(others.map(|alarm| alarm.id)).collect()
     }
 
-    /// A node, and the modules that take the same status.
+    /// A node, and the modules with the same status.
     pub(in crate::engine) fn places_of(&self, node: NodeId) -> Vec<NodeId> {
         let status = self.views.status_of(node).and_then(|status| self.names.find(status));
         let Some(route) = status.map(|route| &self.names.routes[route as usize]) else { return vec![node] };
@@ -229,12 +229,12 @@ impl Engine {
         self.views.nodes().find(|(_, known)| **known == *name).map(|(node, _)| node)
     }
 
-    /// Modules in a node with a WARNING that is not accepted.
+    /// Modules inside a node with a WARNING that is not accepted.
     pub(in crate::engine) fn warned_in(&self, node: NodeId) -> Vec<ModuleId> {
         self.warnings.open().filter(|&id| self.around(NodeId::Module(id)).any(|it| it == node)).collect()
     }
 
-    /// A node and the groups around it.
+    /// A node and its enclosing groups.
     fn around(&self, node: NodeId) -> impl Iterator<Item = NodeId> {
         std::iter::successors(Some(node), |&node| self.net.node(node).parent.map(NodeId::Group))
     }
@@ -258,7 +258,7 @@ impl Engine {
         if reasons.is_empty() { Ok(()) } else { Err(reasons) }
     }
 
-    /// Every check of a clearance that fails and that the vehicle's state decides.
+    /// Every failed check of a clearance that depends on the vehicle's state.
     pub(in crate::engine) fn clearance_refusals(&self) -> Vec<Refusal> {
         let vehicle = &self.vehicle;
         if vehicle.model == StageModel::None {
@@ -297,12 +297,12 @@ impl Engine {
         reasons
     }
 
-    /// Whether a goal is set. A vehicle without the signal has none to wait for.
+    /// Whether a goal is set; always true for a vehicle without that signal.
     pub(in crate::engine) fn has_goal(&self) -> bool {
         self.goal_signal.is_none_or(|index| self.signals.value(index) == Some(true))
     }
 
-    /// The root causes of a node that fails.
+    /// Updates the countermeasures with the root causes of failing nodes.
     pub(in crate::engine) fn follow_measures(&mut self) {
         let (net, views) = (&self.net, &self.views);
         let masked_by = |node| views.masked_by(node);

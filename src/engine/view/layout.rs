@@ -71,7 +71,7 @@ pub(in crate::engine) fn layout(model: &Model) -> Layout {
         modules.push(Arc::new(ModuleInfo {
             id: check.id().into(),
             name: Some(Wording::name(check.name()).into()),
-            // A machine without stages is not driven: the page has words for it.
+            // A machine without stages is not driven: the page has general words for it.
             help: (model.stages == StageModel::Shuttle).then(|| check.help().into()),
             group: system,
             status: None,

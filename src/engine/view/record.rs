@@ -22,8 +22,8 @@ pub struct Record {
 
 #[derive(Debug, Clone, PartialEq)]
 pub enum Recorded {
-    /// The engine started, or took another configuration: what was shown before ends here, and
-    /// every node that there is follows.
+    /// The engine started, or took another configuration: all earlier states end here, and a record of every
+    /// node follows.
     Started {
         anew: bool,
     },
@@ -57,15 +57,15 @@ pub enum Recorded {
         id: u64,
         node: Arc<str>,
     },
-    /// A module that was made at run time was silent for too long: it is not there any more.
+    /// A discovered module was silent for too long and was removed.
     Left {
         node: Arc<str>,
     },
-    /// So many records before this one were dropped.
+    /// This number of records before this one was dropped.
     Lost(u64),
 }
 
-/// A node showed this for this long.
+/// A node showed one state from one instant to another.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stretch {
     /// Milliseconds since 1970.
@@ -75,12 +75,12 @@ pub struct Stretch {
     pub own: State,
     /// The root cause that masked it.
     pub cause: Option<Arc<str>>,
-    /// What it said when it began to show this.
+    /// Its message when it began to show this.
     pub said: Option<Said>,
 }
 
 impl Views {
-    /// Nodes that stay masked, by another cause than before: what they show changes in that alone.
+    /// Nodes that stay masked, but by another cause than before.
     pub(in crate::engine) fn blamed_anew(
         &self,
         masked: &[(NodeId, Arc<[NodeId]>)],
@@ -104,7 +104,7 @@ impl Views {
 }
 
 impl Record {
-    /// A line for an event, by the names of the snapshot that was taken after it.
+    /// The record of an event, with the names of the snapshot that was taken after it.
     pub fn of(event: Event, snapshot: &Snapshot) -> Option<Record> {
         let name = |node: NodeId| snapshot.node_name(node).clone();
         let Event { at, what } = event;
@@ -123,13 +123,14 @@ impl Record {
             What::AlarmAcknowledged { id, node } => Recorded::AlarmAcknowledged { id, node: name(node) },
             What::AlarmCleared { id, node } => Recorded::AlarmCleared { id, node: name(node) },
             What::Left { node } => Recorded::Left { node },
-            // `Record::present` tells of it.
+            // `Record::present` writes it.
             What::Reloaded => return None,
         };
         Some(Record { at, what })
     }
 
-    /// What is, as the first lines of a history: the stage, the signals, and what every node shows.
+    /// The present state as the first records of a history: the stage, the signals, and the state of every
+    /// node.
     pub fn present(snapshot: &Snapshot, anew: bool) -> Vec<Record> {
         let first = [Recorded::Started { anew }, Recorded::Stage(snapshot.stage)];
         let signal =
@@ -157,8 +158,7 @@ impl Record {
 }
 
 impl Engine {
-    /// Tells what other nodes show now, and which wait for another cause. Asked for only where events
-    /// are wanted.
+    /// Records changed nodes, and masked ones with another cause. Called only if events are kept.
     pub(in crate::engine) fn keep_changes(&mut self, changes: &[Change], blamed: Vec<BlamedAnew>) {
         for Change { node, before, after } in changes {
             if (before.shown, before.own, before.masked) != (after.shown, after.own, after.masked) {
@@ -176,7 +176,7 @@ impl Engine {
         self.events.push(self.now, What::Shown { node, from, to, own, cause, said });
     }
 
-    /// What a module says at this instant. The view of it may not know yet when it was heard.
+    /// The present message of a module. Its view may not have the latest time of receipt yet.
     fn said(&self, node: NodeId) -> Option<Said> {
         let NodeId::Module(id) = node else { return None };
         let own = &self.net.modules[id.0 as usize].own;
@@ -186,7 +186,7 @@ impl Engine {
     }
 }
 
-/// A masked node that waits for another cause than before.
+/// A masked node with another cause than before.
 pub(in crate::engine) struct BlamedAnew {
     pub(in crate::engine) node: NodeId,
     pub(in crate::engine) own: State,

@@ -1,14 +1,14 @@
-//! The names of nodes in the tree for the tools of ROS 2, which know a status only by its path.
+//! The names of nodes in the tree for the tools of ROS 2, which identify a status by its path.
 
 use std::collections::HashSet;
 
-/// What a name is as a part of a path: a `/` inside of it would make another level of the tree.
+/// A name as a part of a path: a `/` in it would make another level of the tree.
 pub fn part(name: &str) -> String {
     name.replace('/', " ").trim().to_owned()
 }
 
-/// The parts of what stands beside each other, in order. No two are the same, and none is empty: what
-/// comes later is called `NAME (2)`.
+/// The names of siblings as parts of a path, in order. No two are equal, and none is empty: a later one becomes
+/// `NAME (2)`.
 pub fn unique(parts: impl IntoIterator<Item = String>) -> Vec<String> {
     let mut taken = HashSet::new();
     let distinct = |part: String| {

@@ -25,7 +25,7 @@ use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::time::Timestamp;
 
-/// Topics whose faults are remembered, for each kind of fault: past this new ones are not.
+/// Topics with remembered faults, for each kind of fault; further topics are not remembered.
 const RECEPTION_MAX: usize = 256;
 
 #[derive(Debug, Clone)]
@@ -33,7 +33,7 @@ pub(in crate::engine) struct Views {
     pub(in crate::engine) seq: u64,
     pub(in crate::engine) revision: u64,
     layout: Arc<Layout>,
-    /// Of groups and modules: no two have the same.
+    /// The names of groups and modules: no two are equal.
     names: HashSet<Arc<str>>,
     pub(in crate::engine) groups: PersistentVec<GroupView>,
     pub(in crate::engine) modules: PersistentVec<ModuleView>,
@@ -45,10 +45,10 @@ pub(in crate::engine) struct Views {
     overall: State,
     stage: Option<Stage>,
     operator: Option<Arc<str>>,
-    /// Modules heard since their age was last written down.
+    /// Modules with reports since their age was last updated.
     pub(in crate::engine) heard: Vec<ModuleId>,
     pub(in crate::engine) is_heard: Vec<bool>,
-    /// The words of each module once more, in one row: every status is compared with them.
+    /// A second copy of each module's report, in one vector: every status is compared with it.
     reports: Vec<Arc<Report>>,
     pub(in crate::engine) budget: Budget,
     /// A masked node for which the last search found no cause.
@@ -127,7 +127,7 @@ impl Views {
         }
     }
 
-    /// Writes down when each module was last heard.
+    /// Updates the age of each module's last report.
     pub(in crate::engine) fn refresh_ages(&mut self, net: &Net) {
         for id in self.heard.drain(..) {
             let index = id.0 as usize;
@@ -138,7 +138,7 @@ impl Views {
         }
     }
 
-    /// Sets the words of a module that the engine itself speaks for.
+    /// Sets the message of a module that the engine itself reports.
     pub(in crate::engine) fn set_message(&mut self, id: ModuleId, message: Text) {
         let index = id.0 as usize;
         if *self.reports[index].message != *message.en {
@@ -147,13 +147,13 @@ impl Views {
         self.note_heard(id);
     }
 
-    /// Sets what a monitor says of its module. Returns whether it said something else before.
+    /// Sets the message of a monitor. Returns whether it changed.
     pub(in crate::engine) fn set_words(&mut self, id: ModuleId, words: Words, aged: bool) -> bool {
         let values = words.values.into_iter().map(|(key, value)| (key.into(), value.into()));
         self.set_said(id, Report { aged, ..Report::of_engine(words.message, values.collect()) })
     }
 
-    /// Sets a report that the engine made. Returns whether it said something else before.
+    /// Sets a report that the engine made. Returns whether it changed.
     pub(in crate::engine) fn set_said(&mut self, id: ModuleId, report: Report) -> bool {
         let changed = *self.reports[id.0 as usize] != report;
         if changed {
@@ -162,14 +162,14 @@ impl Views {
         changed
     }
 
-    /// Notes that the age of a module's last report is another one.
+    /// Notes that the age of a module's last report changed.
     pub(in crate::engine) fn note_heard(&mut self, id: ModuleId) {
         if !std::mem::replace(&mut self.is_heard[id.0 as usize], true) {
             self.heard.push(id);
         }
     }
 
-    /// Keeps the words of a status, if they differ from those before.
+    /// Keeps the texts of a status, if they changed.
     pub(in crate::engine) fn take_report(
         &mut self,
         id: ModuleId,
@@ -183,7 +183,7 @@ impl Views {
             return;
         }
         let mut report = Report::of(status, limits);
-        // What was cut stays as it is until there is room again.
+        // A cut report stays as it is until there is room again.
         let room = self.budget.room(id, source);
         if self.reports[index].cut > 0 && report.weight() > room {
             report = report.cut_to(room);
@@ -197,7 +197,7 @@ impl Views {
         self.keep_report(id, report, WriterId::default());
     }
 
-    /// Keeps what a writer said. Where that is too much, the longest are cut.
+    /// Keeps the report of a writer. If the sum is too large, the longest reports are cut.
     pub(in crate::engine) fn keep_report(&mut self, id: ModuleId, report: Arc<Report>, source: WriterId) {
         self.budget.store(id, source, report.weight(), report.cut > 0);
         self.put_report(id, report);
@@ -240,7 +240,7 @@ impl Views {
         self.revision_changed = true;
     }
 
-    /// Takes over what became of a node.
+    /// Takes over a change of a node.
     pub(in crate::engine) fn follow(&mut self, net: &Net, change: &Change, now: Timestamp) {
         match change.node {
             NodeId::Group(id) => self.follow_group(net, id, now),
@@ -283,7 +283,7 @@ impl Views {
         if known == (facts.shown, facts.own, silent, &reason, steps) {
             return;
         }
-        // Steps alone explain, but change nothing that anybody decides by.
+        // Changed steps explain more, but change nothing that an operator decides by.
         let same = (view.state, view.own, &view.reason) == (facts.shown, facts.own, &reason);
         self.seq_changed |= !same;
         self.revision_changed = true;
@@ -295,7 +295,7 @@ impl Views {
         }
     }
 
-    /// Takes what a search found. Returns whether the root causes changed.
+    /// Takes the result of a search. Returns whether the root causes changed.
     pub(in crate::engine) fn set_causes(&mut self, explained: Explained) -> bool {
         self.unexplained = explained.masked.iter().find(|(_, by)| by.is_empty()).map(|(node, _)| *node);
         for (node, by) in explained.masked {
@@ -349,7 +349,7 @@ impl Views {
         }
     }
 
-    /// Whether something changed since [`Views::settle`] that is decided by.
+    /// Whether something that an operator decides by changed since [`Views::settle`].
     pub(in crate::engine) fn is_changed(&self) -> bool {
         self.seq_changed
     }
@@ -373,8 +373,8 @@ impl Views {
     }
 }
 
-/// Why a node shows IGNORE. The causes of a masked one are found later; until then those that are
-/// known stay.
+/// The reason why a node shows IGNORE. The causes of a masked node are searched later; until then the known
+/// ones stay.
 fn reason(
     shown: State,
     masked: bool,

@@ -4,37 +4,38 @@ use crate::engine::model::{NodeId, NodeNames};
 use crate::engine::snapshot::{NotRelevant, Reason, Snapshot};
 use crate::engine::state::State;
 
-/// One step of an explanation, in the order of `ENGINE.md` 2 to 5. Programs and pages put it into words.
+/// One step of an explanation, in the order of the computation: report, silence, debounce, latch, members,
+/// relevance, dependencies. Programs and pages have words for each.
 #[derive(Debug, Clone, PartialEq)]
 pub enum WhyStep {
-    /// Only these nodes may say it.
+    /// Only reports of these nodes count.
     OnlyFrom(NodeNames),
-    /// No report ever came.
+    /// There is no report yet.
     NeverReported,
-    /// The last report said this.
+    /// The state of the last report.
     Reported(State),
-    /// Nothing came for the module's timeout: it counts as this.
+    /// No report came within the module's timeout: it counts as this.
     Silent(State),
-    /// Reports changed too briefly: it counts as this still.
+    /// Reports changed too briefly: it still counts as this.
     Debounced(State),
     /// An ERROR stays until it is reset by name.
     Latched,
-    /// It has been relevant for less than its timeout and is given time to report.
+    /// It has been relevant for less than its timeout and still has time to report.
     Grace,
-    /// These members make the group what it is.
+    /// These members determine the state of the group.
     Members { own: State, responsible: Vec<NodeId> },
     /// The condition that does not hold.
     NotRelevant(NotRelevant),
-    /// It needs `on`, which fails or waits itself; `holder` is the node, or a group around it.
+    /// It depends on `on`, which fails or waits itself; `holder` is the node, or an enclosing group.
     Waits { holder: NodeId, on: NodeId },
     /// The root causes that mask it, ranked.
     Masked { by: Vec<NodeId> },
-    /// What is shown in the end.
+    /// The shown state.
     Shown(State),
 }
 
 impl Snapshot {
-    /// Explains a node, from what was reported of it to what it shows.
+    /// Explains a node, from its report to its shown state.
     pub fn why(&self, node: NodeId) -> Vec<WhyStep> {
         let mut steps = match node {
             NodeId::Module(_) => self.why_own(node),
@@ -85,7 +86,7 @@ impl Snapshot {
         WhyStep::Members { own: view.own, responsible: responsible.collect() }
     }
 
-    /// The dependencies that the node, or a group around it, waits for.
+    /// The dependencies that the node, or an enclosing group, waits for.
     fn waits(&self, node: NodeId) -> Vec<WhyStep> {
         let mut waits = Vec::new();
         let mut at = Some(node);

@@ -8,26 +8,26 @@ use crate::engine::state::State;
 use crate::engine::text::say;
 use crate::engine::time::Timestamp;
 
-/// Why a topic cannot be judged as it should.
+/// The reason why a topic cannot be judged as usual.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Blind {
     WrongType(TopicId),
     NoPublisher(TopicId),
-    /// Somebody publishes it again and said nothing yet: what came before is of somebody else.
+    /// It has a publisher again, which has sent nothing yet: earlier messages are from another publisher.
     Speechless(TopicId),
 }
 
-/// A judgement, and why it cannot be made as it should.
+/// A judgement, and the reason why it cannot be made as usual.
 pub(super) struct Judged {
     pub(super) judged: Option<State>,
     pub(super) blind: Option<Blind>,
-    /// What that comes to.
+    /// The state that follows.
     pub(super) state: Option<State>,
 }
 
 impl Watching {
-    /// What a monitor makes of what came, and what is left of that where its topics are not as they
-    /// should be. Of both the worse counts: nothing is over because nobody can say so any more.
+    /// The judgement of a monitor, reduced by faults of its topics. The worse of both counts: an ERROR does not
+    /// end because its publisher is gone.
     pub(super) fn look(&mut self, index: u32, policy: &Policy, now: Timestamp) -> Judged {
         let blind = self.blind(index);
         let watch = &mut self.watches[index as usize];
@@ -38,11 +38,13 @@ impl Watching {
         });
         let is_frequency = matches!(watch.monitor, Monitor::Frequency(_));
         let state = match blind {
-            // Nobody there is 0 Hz, which the bands judge; where they ask for no least rate, it is not OK.
+            // No publisher is 0 Hz, which the bands judge; if they find that OK, the `no_publisher` state
+            // counts.
             Some(Blind::NoPublisher(_)) if is_frequency => {
                 judged.map(|state| if state == State::Ok { policy.no_publisher } else { state })
             }
-            // Its type is to be learned and cannot be: nobody counted, so nothing is known of a rate.
+            // Its type is to be learned from a publisher and cannot be: nothing was counted, so the rate is
+            // unknown.
             Some(Blind::WrongType(id)) if self.topics[id.0 as usize].spec.type_name.is_empty() => {
                 judged.map(|_| State::Unknown).or(of_blind.filter(|_| !watch.by_the_clock))
             }
@@ -55,13 +57,14 @@ impl Watching {
         Judged { judged, blind, state }
     }
 
-    /// A wrong type says more than that nobody is there, and that more than a silence.
+    /// A wrong type is a better explanation than a missing publisher, and that than a silence.
     fn blind(&self, index: u32) -> Option<Blind> {
         let Watch { topics, by_the_clock, .. } = &self.watches[index as usize];
         let of = |&id: &TopicId| {
             let topic = &self.topics[id.0 as usize];
             match &topic.news {
-                // What the clock judges does not wait for discovery: nobody is there until somebody is.
+                // A monitor that judges by the clock does not wait for discovery: until a publisher is found
+                // there is none.
                 None => (*by_the_clock && !topic.heard).then_some(Blind::NoPublisher(id)),
                 Some(News { publishers: 0, other_type: Some(_) }) => Some(Blind::WrongType(id)),
                 Some(News { publishers: 0, .. }) => Some(Blind::NoPublisher(id)),
@@ -76,7 +79,7 @@ impl Watching {
         topics.iter().rev().filter_map(of).max_by_key(weight)
     }
 
-    /// What is measured stays said where it is judged beside what is wrong with the topic.
+    /// Combines the reason with the measured values, if those are judged beside it.
     pub(super) fn say(&self, blind: Option<Blind>, beside: bool, words: Words) -> Words {
         let Some(blind) = blind else { return words };
         let message = match blind {

@@ -1,4 +1,4 @@
-//! Leads KeyValues of statuses to the monitors that watch them.
+//! Passes KeyValues of statuses to the monitors that watch them.
 
 use super::Watching;
 use crate::engine::input::StatusArray;
@@ -8,15 +8,15 @@ use crate::engine::monitor::{NO_SUCH_KEY, Taken, parse};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 
-/// A number without the unit that stands behind it; anything else as it is.
+/// A number without the unit that follows it; any other text unchanged.
 fn bare<'t>(text: &'t str, unit: Option<&str>) -> &'t str {
     let number = unit.and_then(|unit| text.trim().strip_suffix(unit)).map(str::trim_end);
     number.filter(|number| number.parse::<f64>().is_ok()).unwrap_or(text)
 }
 
 impl Watching {
-    /// Takes the KeyValues of an array. Of two statuses with one name the worse one counts, and none of a
-    /// name that does not count.
+    /// Takes the KeyValues of an array. Of two statuses with one name only the worse one counts, and only if
+    /// the name counts.
     pub(in crate::engine) fn take_keys(
         &mut self,
         array: &StatusArray,
@@ -50,7 +50,7 @@ impl Watching {
             for reader in &keyed.keys {
                 let text = status.values().find(|(key, _)| **key == *reader.key).map(|(_, text)| text);
                 let value = match text {
-                    // A status that repeats what was known once says so.
+                    // A repeated status repeats its values.
                     _ if status.state() == State::Unknown => {
                         FieldValue::Unreadable("the status is STALE".into())
                     }

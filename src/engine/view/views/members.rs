@@ -13,7 +13,7 @@ use crate::engine::time::Timestamp;
 use crate::engine::view::layout::SELF_STATE;
 
 impl Views {
-    /// The name of a module that a status makes: it may be called as another one is that is declared.
+    /// The name of a discovered module, made different from declared ones.
     pub(in crate::engine) fn free_name(&self, group: GroupId, name: &str) -> Arc<str> {
         let path = &self.layout.groups[group.0 as usize].path;
         let second = (2..).map(|number| format!("{path}/{name} ({number})"));
@@ -21,7 +21,7 @@ impl Views {
         free.find(|id| !self.names.contains(&**id)).unwrap_or_default().into()
     }
 
-    /// Shows a module that was made at run time; `number` is its place in the order of arrival.
+    /// Adds a discovered module; `number` is its place in the order of arrival.
     pub(in crate::engine) fn discover(
         &mut self,
         id: ModuleId,
@@ -62,7 +62,7 @@ impl Views {
         self.seq_changed = true;
     }
 
-    /// Shows a module no more. Its name stays where something speaks of it. Returns that name.
+    /// Removes a module. Its name stays while alarms or countermeasures refer to it. Returns that name.
     pub(in crate::engine) fn leave(&mut self, id: ModuleId) -> Arc<str> {
         let layout = Arc::make_mut(&mut self.layout);
         let info = Arc::make_mut(&mut layout.modules[id.0 as usize]);
@@ -76,19 +76,19 @@ impl Views {
         name
     }
 
-    /// Nothing speaks of a module that left any more.
+    /// Nothing refers to a module that left any more.
     pub(in crate::engine) fn clear_name(&mut self, id: ModuleId) {
         let layout = Arc::make_mut(&mut self.layout);
         Arc::make_mut(&mut layout.modules[id.0 as usize]).id = Arc::default();
     }
 
-    /// What was heard of a module counts no more: it is as if it had never reported.
+    /// The last report of a module expired: it has none, as at the beginning.
     pub(in crate::engine) fn forget(&mut self, id: ModuleId) {
         self.note_heard(id);
         self.set_report(id, Arc::default());
     }
 
-    /// Says of an empty group what it may be meant for, once.
+    /// Sets the hint for an empty group, once.
     pub(in crate::engine) fn hint(&mut self, group: GroupId, hint: Text) {
         let known = self.layout.groups[group.0 as usize].hint.is_some();
         if !known {

@@ -1,4 +1,4 @@
-//! Questions of the rest of the engine about the shown state.
+//! The shown state, as the rest of the engine needs it.
 
 use super::Views;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
@@ -9,7 +9,7 @@ impl Views {
         self.module_ids().find(|(id, _)| *id == name).map(|(_, id)| id)
     }
 
-    /// The status that a module takes.
+    /// The status of a module.
     pub(in crate::engine) fn status_of(&self, node: NodeId) -> Option<&str> {
         match node {
             NodeId::Module(id) => self.layout.modules[id.0 as usize].status.as_deref(),
@@ -21,7 +21,7 @@ impl Views {
         self.names.contains(name)
     }
 
-    /// The causes of a masked node, ranked; none if it is not masked.
+    /// The ranked causes of a masked node; none if it is not masked.
     pub(in crate::engine) fn masked_by(&self, node: NodeId) -> Vec<NodeId> {
         match self.reason(node) {
             Some(Reason::Masked { by }) => by.to_vec(),
@@ -49,7 +49,7 @@ impl Views {
         self.roots.iter().map(|root| (root.node, !root.grace)).collect()
     }
 
-    /// How many of them raise an alarm.
+    /// The number of root causes that raise an alarm.
     pub(in crate::engine) fn calling_count(&self) -> usize {
         self.roots.iter().filter(|root| !root.grace).count()
     }
@@ -58,12 +58,12 @@ impl Views {
         self.roots.len()
     }
 
-    /// A root cause that is masked itself. Who is masked or not any more made a search.
+    /// A root cause that is masked itself. Every change of masking has made a search.
     pub(in crate::engine) fn masked_root(&self) -> Option<&str> {
         self.masked_root.map(|node| self.name(node))
     }
 
-    /// A masked node without a cause. A node that lost its last cause was set by the last search.
+    /// A masked node without a cause. The last search updated every node that lost its last cause.
     pub(in crate::engine) fn masked_by_nothing(&self) -> Option<&str> {
         self.unexplained.map(|node| self.name(node))
     }
