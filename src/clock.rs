@@ -78,6 +78,11 @@ impl Clock {
         self.start + Duration::from_nanos(at.as_nanos().saturating_sub(self.ahead()))
     }
 
+    /// The result of a future, unless it comes after `until`.
+    pub async fn by<T>(&self, until: Timestamp, future: impl Future<Output = T>) -> Option<T> {
+        tokio::time::timeout_at(self.instant(until).into(), future).await.ok()
+    }
+
     fn ahead(&self) -> u64 {
         self.ahead.map_or(0, |ahead| ahead.load(Ordering::Relaxed))
     }

@@ -8,7 +8,8 @@ use std::time::{Duration, UNIX_EPOCH};
 use anyhow::{Context as _, bail};
 use clap::Subcommand;
 
-use super::{EXIT_NO, data};
+use super::EXIT_NO;
+use super::data_folder::DataFolder;
 use crate::clock::Clock;
 use crate::store::audit::verify_audit_in;
 use crate::store::{Acknowledged, DemoSecrets, Head, Store};
@@ -21,6 +22,8 @@ use crate::store::{Acknowledged, DemoSecrets, Head, Store};
 pub struct Args {
     #[command(subcommand)]
     command: Command,
+    #[command(flatten)]
+    data: DataFolder,
 }
 
 #[derive(Debug, Subcommand)]
@@ -32,9 +35,6 @@ enum Command {
     /// that can read and write all three can write another log: give the heads that `serve` noted in its log, and a
     /// copy of the key.
     Verify {
-        /// Folder of the database [default: $XDG_DATA_HOME/telltale or ~/.local/share/telltale]
-        #[arg(long, value_name = "DIR")]
-        data: Option<PathBuf>,
         /// A head that was noted elsewhere; may be repeated
         #[arg(long = "head", value_name = "NUMBER:HASH", value_parser = head)]
         heads: Vec<Head>,
@@ -47,9 +47,6 @@ enum Command {
     /// It asks for the secret on the terminal, or reads a line of standard input. What is wrong afterwards,
     /// or is changed in what was acknowledged, is a breach again.
     Acknowledge {
-        /// Folder of the database [default: $XDG_DATA_HOME/telltale or ~/.local/share/telltale]
-        #[arg(long, value_name = "DIR")]
-        data: Option<PathBuf>,
         /// The name of a user with the role of an authority
         #[arg(long, value_name = "NAME")]
         by: String,
@@ -64,9 +61,10 @@ fn head(text: &str) -> Result<Head, String> {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let folder = args.data.path()?;
     match &args.command {
-        Command::Verify { data, heads, key } => verify(&data::folder(data.clone())?, heads, key.as_deref()),
-        Command::Acknowledge { data, by, why } => acknowledge(&data::folder(data.clone())?, by, why),
+        Command::Verify { heads, key } => verify(&folder, heads, key.as_deref()),
+        Command::Acknowledge { by, why } => acknowledge(&folder, by, why),
     }
 }
 

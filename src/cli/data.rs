@@ -1,107 +1,151 @@
-//! The data folder and its lock.
+//! `telltale data`: checks, repairs and restores the database of a vehicle.
 
-use std::fs::{File, TryLockError};
-use std::io;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::process::ExitCode;
 
-use anyhow::bail;
+use anyhow::Context as _;
+use clap::Subcommand;
+use serde_json::json;
 
-use crate::store::make_folder;
+use super::data_folder::{self, DataFolder};
+use super::{EXIT_NO, tls};
+use crate::clock::Clock;
+use crate::store::{DataState, Exposed, Repaired, check_data, exposed, repair, restore};
 
-/// [`is_held`] takes the lock of a folder for a moment: a display that starts meanwhile tries again.
-const HOLD_TRIES: usize = 10;
-const HOLD_AGAIN_AFTER: Duration = Duration::from_millis(100);
-
-/// The data folder: the one given, else `telltale` in the user's data folder as the XDG base
-/// directories name it.
+/// Look through the database of a vehicle, repair it, or take a backup.
 ///
-/// # Errors
-/// If none is given and the environment names none either.
-pub fn folder(given: Option<PathBuf>) -> anyhow::Result<PathBuf> {
-    if let Some(folder) = given {
-        return Ok(folder);
-    }
-    // The specification ignores relative paths.
-    let absolute = |name| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    let data = absolute("XDG_DATA_HOME").or_else(|| Some(absolute("HOME")?.join(".local/share")));
-    match data {
-        Some(data) => Ok(data.join("telltale")),
-        None => bail!("no data folder: neither XDG_DATA_HOME nor HOME is set; name one with --data"),
+/// `serve` backs its database up once a day into `backups` in the data folder, looks the copy through,
+/// and keeps seven. If it finds its database damaged at a start, it shows the diagnosis all the same, lets
+/// people log in as far as users can be read, and gives no clearance: then repair or restore it.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  telltale data check --data /var/lib/telltale\n  \
+    systemctl stop telltale\n  telltale data repair --data /var/lib/telltale\n  systemctl start telltale")]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    data: DataFolder,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Say whether the database and its backups are whole; exit code 1 if the database is not
+    ///
+    /// It changes nothing, and a server may run meanwhile. `--json` prints an object with `ok`, `database`
+    /// (its path), `damage` (text or null), `users` (a number or null), `backups`, the newest first,
+    /// each with `file`, `damage` and `users`, and `exposed`: the files that everybody on the machine can
+    /// read or change, each with `file` and `mode` (octal, a text). Those are warnings alone.
+    Check {
+        /// Print it for programs
+        #[arg(long)]
+        json: bool,
+    },
+    /// Make the database anew of all that can be read of it; no server may run on the folder
+    ///
+    /// Users and records of the audit log that cannot be read come from the newest backup. The old
+    /// files are moved into a folder `damaged-TIME` beside it, and the audit log says what was done.
+    Repair,
+    /// Put a backup in the place of the database; no server may run on the folder
+    ///
+    /// All sessions end. Users and tokens are as they were then: who was removed since is there again. The
+    /// old files are moved into a folder `damaged-TIME` beside it, and the audit log says what was done.
+    Restore {
+        /// The backup [default: the newest that is whole]
+        #[arg(value_name = "FILE")]
+        file: Option<PathBuf>,
+    },
+}
+
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let folder = args.data.path()?;
+    match &args.command {
+        Command::Check { json } => check(&folder, *json),
+        Command::Repair => {
+            let _lock = lock(&folder)?;
+            let state = check_data(&folder)?;
+            if state.damage.is_none() {
+                println!("{} is whole; nothing was changed", state.database.display());
+                return Ok(ExitCode::SUCCESS);
+            }
+            let repaired = repair(&folder, Clock::start()).context("the database cannot be repaired")?;
+            println!("repaired {}", state.database.display());
+            tell(&repaired);
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Restore { file } => {
+            let _lock = lock(&folder)?;
+            let (file, repaired) = restore(&folder, file.as_deref(), Clock::start())
+                .context("no backup was put in the place of the database")?;
+            println!("restored {}", file.display());
+            tell(&repaired);
+            Ok(ExitCode::SUCCESS)
+        }
     }
 }
 
-/// Keeps every other display from a data folder for as long as the answer is held: each would
-/// overwrite what the other remembers. The folder itself is locked, so that it works on a disk that
-/// takes nothing more. `None` where a folder cannot be locked.
-///
-/// # Errors
-/// If another display has it.
-pub fn hold(folder: &Path) -> anyhow::Result<Option<File>> {
-    // The store says what is wrong with a folder that cannot be made or opened.
-    let Ok(file) = make_folder(folder).and_then(|()| File::open(folder)).or_else(|_| File::open(folder))
-    else {
-        return Ok(None);
+/// A folder that is misspelt must not become one.
+fn lock(folder: &Path) -> anyhow::Result<Option<std::fs::File>> {
+    std::fs::metadata(folder).with_context(|| format!("the data folder {}", folder.display()))?;
+    data_folder::lock(folder)
+}
+
+fn tell(repaired: &Repaired) {
+    let users = match repaired.users {
+        1 => "1 user".to_owned(),
+        users => format!("{users} users"),
     };
-    let mut locked = file.try_lock();
-    for _ in 1..HOLD_TRIES {
-        if !matches!(locked, Err(TryLockError::WouldBlock)) {
-            break;
-        }
-        std::thread::sleep(HOLD_AGAIN_AFTER);
-        locked = file.try_lock();
+    println!("         {users}; look at them with `telltale user list`");
+    for loss in &repaired.losses {
+        println!("         {loss}");
     }
-    match locked {
-        Ok(()) => Ok(Some(file)),
-        Err(TryLockError::WouldBlock) => bail!(
-            "another `telltale serve` uses the data folder {}. End that first, or name another folder with --data",
-            folder.display()
-        ),
-        Err(TryLockError::Error(error)) => {
-            tracing::warn!(%error, "{} cannot be locked: start no second display on it", folder.display());
-            Ok(None)
-        }
+    println!("         the old files are in {}", repaired.kept.display());
+}
+
+fn check(folder: &Path, as_json: bool) -> anyhow::Result<ExitCode> {
+    let state = check_data(folder)?;
+    let exposed = exposed(folder, Some(&folder.join(tls::KEY)));
+    let code = if state.damage.is_none() { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) };
+    if as_json {
+        println!("{}", report(&state, &exposed));
+        return Ok(code);
+    }
+    line(&state.database, state.damage.as_deref(), state.users);
+    for backup in &state.backups {
+        line(&backup.file, backup.damage.as_deref(), backup.users);
+    }
+    if state.backups.is_empty() {
+        println!("      there is no backup yet; `serve` makes one a day");
+    }
+    if state.damage.is_some() {
+        println!(
+            "      stop `telltale serve`, then `telltale data repair`, or `telltale data restore` for the"
+        );
+        println!("      newest backup that is whole");
+    }
+    for file in exposed {
+        println!("WARN  {file}");
+    }
+    Ok(code)
+}
+
+fn line(file: &Path, damage: Option<&str>, users: Option<u64>) {
+    let users = users.map_or(String::new(), |users| format!(", users: {users}"));
+    match damage {
+        None => println!("ok    {}{users}", file.display()),
+        Some(damage) => println!("BAD   {}: {}{users}", file.display(), damage.replace('\n', "; ")),
     }
 }
 
-/// Whether a display holds a data folder.
-///
-/// # Errors
-/// If that cannot be found out.
-pub fn is_held(folder: &Path) -> io::Result<bool> {
-    match File::open(folder)?.try_lock_shared() {
-        Ok(()) => Ok(false),
-        Err(TryLockError::WouldBlock) => Ok(true),
-        Err(TryLockError::Error(error)) => Err(error),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::sync::atomic::{AtomicBool, Ordering};
-
-    use super::*;
-
-    #[test]
-    fn a_display_starts_while_others_look_whether_one_runs() {
-        let folder = std::env::temp_dir().join(format!("telltale-held-{}", std::process::id()));
-        make_folder(&folder).unwrap();
-        let is_over = AtomicBool::new(false);
-        std::thread::scope(|scope| {
-            scope.spawn(|| {
-                while !is_over.load(Ordering::Relaxed) {
-                    is_held(&folder).unwrap();
-                }
-            });
-            let have_held = (0..20).all(|_| hold(&folder).is_ok_and(|held| held.is_some()));
-            is_over.store(true, Ordering::Relaxed);
-            assert!(have_held);
-        });
-        let held = hold(&folder).unwrap();
-        assert!(is_held(&folder).unwrap());
-        drop(held);
-        assert!(!is_held(&folder).unwrap());
-        std::fs::remove_dir_all(&folder).unwrap();
-        assert!(is_held(&folder).is_err());
-    }
+fn report(state: &DataState, exposed: &[Exposed]) -> serde_json::Value {
+    let backups =
+        state.backups.iter().map(|it| json!({ "file": it.file, "damage": it.damage, "users": it.users }));
+    let exposed = exposed.iter().map(|it| json!({ "file": it.path, "mode": format!("{:03o}", it.mode) }));
+    json!({
+        "ok": state.damage.is_none(),
+        "database": state.database,
+        "damage": state.damage,
+        "users": state.users,
+        "backups": backups.collect::<Vec<_>>(),
+        "exposed": exposed.collect::<Vec<_>>(),
+    })
 }

@@ -7,8 +7,8 @@ use std::process::ExitCode;
 use anyhow::{Context as _, bail};
 use tokio::sync::mpsc;
 
-use super::ending::Ending;
-use super::station::{self, Station};
+use super::server::{self, Server};
+use super::shutdown_signal::ShutdownSignal;
 use super::vehicle::{SWITCHES, Vehicle};
 use super::{EXIT_USAGE, check, log};
 use crate::clock::Clock;
@@ -31,7 +31,7 @@ const DOMAINS: std::ops::RangeInclusive<u16> = 60..=99;
 #[command(after_help = "Example:\n  telltale demo --listen 127.0.0.1:9000")]
 pub struct Args {
     /// Where browsers find the display
-    #[arg(long, value_name = "ADDR", default_value = station::LISTEN, value_parser = station::address)]
+    #[arg(long, value_name = "ADDR", default_value = server::LISTEN, value_parser = server::address)]
     listen: SocketAddr,
     /// Plain HTTP may leave this machine: everybody on the way can read and change it
     #[arg(long)]
@@ -59,9 +59,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 }
 
 async fn demo(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
-    let ending = Ending::listen()?;
-    station::check_plain(args.listen, false, args.insecure_http)?;
-    let listener = station::bind(args.listen).await?;
+    let signal = ShutdownSignal::listen()?;
+    server::check_plain(args.listen, false, args.insecure_http)?;
+    let listener = server::bind(args.listen).await?;
     let dds_process = DdsProcess::Child { megabytes: DdsProcess::MEGABYTES };
     let options = BridgeOptions { dds_process, ..BridgeOptions::loopback(domain(args.domain)?) };
     let clock = Clock::start();
@@ -76,7 +76,7 @@ async fn demo(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let names = Fault::ALL.map(Fault::as_str).to_vec();
     print!("{}", introduction(listener.local_addr()?, options.domain, args.drive));
     let demo = Some(DemoFaults::new(names, switch));
-    let station = Station {
+    let server = Server {
         loaded,
         file: None,
         store,
@@ -89,7 +89,7 @@ async fn demo(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
         demo,
         clock,
     };
-    station.run(ending).await?;
+    server.run(signal).await?;
     driving.await.context("the simulated shuttle failed")?;
     Ok(ExitCode::SUCCESS)
 }
@@ -129,7 +129,7 @@ fn is_free(domain: u16) -> bool {
 
 /// One screen: where to look, how to log in, what can be tried.
 fn introduction(address: SocketAddr, domain: u16, alone: bool) -> String {
-    let url = station::url(address, false);
+    let url = server::url(address, false);
     let mut text = format!(
         "Telltale demo: a simulated shuttle over real DDS, domain {domain}, on this machine alone.\n\n\
          \x20 Look      {url}\n\n  Log in\n"

@@ -6,10 +6,11 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use anyhow::Context as _;
 
-use super::{EXIT_NO, data};
+use super::EXIT_NO;
+use super::data_folder::DataFolder;
 use crate::picture::figure::{self, MovedAlarm, Panel};
 use crate::picture::strips::{Segment, Strip, merged, recorded, stamp};
-use crate::store::{Happened, Held, HistoryQuery, NodePast, Past, past_in};
+use crate::store::{HistoryQuery, NodePast, Past, PastEvent, Period, past_in};
 
 /// Draw what a vehicle showed around a moment, as the figures of scenarios are drawn.
 ///
@@ -20,9 +21,8 @@ use crate::store::{Happened, Held, HistoryQuery, NodePast, Past, past_in};
     --node sensors --node localization --node localization/tf_quality --signal active --figure outage.svg"
 )]
 pub struct Args {
-    /// Folder of the history [default: $XDG_DATA_HOME/telltale or ~/.local/share/telltale]
-    #[arg(long, value_name = "DIR")]
-    data: Option<PathBuf>,
+    #[command(flatten)]
+    data: DataFolder,
     /// The moment that is drawn as zero, in UTC
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_rfc3339_weak)]
     at: SystemTime,
@@ -50,7 +50,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let folder = data::folder(args.data.clone())?;
+    let folder = args.data.path()?;
     let zero_ms = unix_ms(args.at);
     let millis = |span: Duration| i64::try_from(span.as_millis()).unwrap_or(i64::MAX / 4);
     let query = HistoryQuery {
@@ -80,8 +80,8 @@ fn panel(args: &Args, query: &HistoryQuery, past: &Past, zero_ms: i64) -> Panel 
     let nodes = past.nodes.iter().map(node);
     let signals = past.signals.iter().map(|(name, held)| signal_strip(name, held));
     let strips: Vec<Strip> = nodes.chain(signals).collect();
-    let moved = past.happened.iter().filter_map(|(at_ms, what)| match what {
-        Happened::AlarmMoved { symptom, cause, .. } => {
+    let moved = past.events.iter().filter_map(|(at_ms, what)| match what {
+        PastEvent::AlarmMoved { symptom, cause, .. } => {
             MovedAlarm::between(stamp(*at_ms), symptom, cause, &strips)
         }
         _ => None,
@@ -96,9 +96,9 @@ fn panel(args: &Args, query: &HistoryQuery, past: &Past, zero_ms: i64) -> Panel 
     }
 }
 
-fn signal_strip(name: &str, held: &[Held<Option<bool>>]) -> Strip {
+fn signal_strip(name: &str, held: &[Period<Option<bool>>]) -> Strip {
     let segment =
-        |held: &Held<Option<bool>>| Segment::of_signal(stamp(held.from_ms), stamp(held.to_ms), held.value);
+        |held: &Period<Option<bool>>| Segment::of_signal(stamp(held.from_ms), stamp(held.to_ms), held.value);
     Strip::of_signal(name, merged(held.iter().map(segment).collect()))
 }
 

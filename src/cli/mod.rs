@@ -6,20 +6,20 @@
 mod audit;
 mod check;
 mod data;
+mod data_folder;
 mod dds;
 mod demo;
-mod ending;
 pub mod fields;
 mod graph;
 mod history;
 mod log;
-mod mend;
 pub mod outputs;
 pub mod reload;
 mod scenario;
 mod serve;
+mod server;
+mod shutdown_signal;
 mod sim;
-mod station;
 mod timekeeping;
 mod tls;
 mod user;
@@ -53,7 +53,7 @@ enum Command {
     User(user::Args),
     History(history::Args),
     Audit(audit::Args),
-    Data(mend::Args),
+    Data(data::Args),
     Tls(tls::Args),
     /// The part of `serve`, `demo` and `sim` that speaks DDS; they start it.
     #[command(hide = true)]
@@ -76,7 +76,7 @@ pub fn main() -> ExitCode {
         Command::User(args) => user::run(&args),
         Command::History(args) => history::run(&args),
         Command::Audit(args) => audit::run(&args),
-        Command::Data(args) => mend::run(&args),
+        Command::Data(args) => data::run(&args),
         Command::Tls(args) => tls::run(&args),
         Command::DdsProcess { parent, megabytes } => {
             log::start("warn");

@@ -1,5 +1,5 @@
-//! Reloads the configuration while the vehicle runs: the file is read completely, shown as a difference,
-//! and taken completely or not at all. Modules that stay keep their state.
+//! Reloads the configuration while the vehicle runs: the file is read once, shown as a difference, and taken
+//! completely or not at all. Modules that stay keep their state.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -22,12 +22,12 @@ use crate::yaml::Problems;
 const REQUESTS: usize = 4;
 
 /// A configuration that was read while another one runs.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Outcome {
     pub loaded: Loaded,
     /// Empty if it means the same as the one that runs.
     pub differences: Vec<Difference>,
-    /// What can happen with it and should not; it may be taken all the same.
+    /// Situations that should not occur with it. It may be taken all the same.
     pub warnings: Option<Problems>,
     /// The bridge has to listen to other topics.
     pub topics_changed: bool,
@@ -43,50 +43,44 @@ pub enum ReloadError {
     Ended,
 }
 
-/// Reads a configuration and says what would be different. Nothing is taken.
+/// Reads a configuration and compares it with the one that runs.
 ///
 /// # Errors
 /// Everything that is wrong with the file.
-pub async fn preview(
-    path: &Path,
-    current: &Loaded,
-    definitions: &Definitions,
-) -> Result<Outcome, ReloadError> {
-    let (path, current, definitions) = (path.to_owned(), current.clone(), definitions.clone());
-    let read = move || {
-        let outcome = compare(&path, &current, &definitions)?;
-        let (_, warnings) = outcome.loaded.soundness();
-        Ok(Outcome { warnings, ..outcome })
-    };
-    aside(read).await.unwrap_or(Err(ReloadError::Ended))
-}
-
-/// Reads a configuration and says what would be different, but not what can happen with it.
-///
-/// # Errors
-/// Everything that is wrong with the file.
-async fn glance(path: &Path, current: &Loaded, definitions: &Definitions) -> Result<Outcome, ReloadError> {
+async fn read(path: &Path, current: &Loaded, definitions: &Definitions) -> Result<Outcome, ReloadError> {
     let (path, current, definitions) = (path.to_owned(), current.clone(), definitions.clone());
     let read = move || {
         if current.sources().are_unchanged() {
             let differences = Vec::new();
             return Ok(Outcome { loaded: current, differences, warnings: None, topics_changed: false });
         }
-        compare(&path, &current, &definitions)
+        // By the folders of the start: what reads the messages knows no others.
+        let loaded = fields::whole(config::examine(&path), |_| definitions)?;
+        let differences = config::difference(&current, &loaded);
+        let topics_changed = sources(&current.model) != sources(&loaded.model);
+        Ok(Outcome { loaded, differences, warnings: None, topics_changed })
     };
     aside(read).await.unwrap_or(Err(ReloadError::Ended))
 }
 
-fn compare(path: &Path, current: &Loaded, definitions: &Definitions) -> Result<Outcome, ReloadError> {
-    // By the folders of the start: what reads the messages knows no others.
-    let loaded = fields::whole(config::examine(path), |_| definitions.clone())?;
-    let differences = config::difference(current, &loaded);
-    let topics_changed = sources(&current.model) != sources(&loaded.model);
-    Ok(Outcome { loaded, differences, warnings: None, topics_changed })
+/// Lets the engine run by a configuration, and finds the situations that should not occur with it.
+///
+/// # Errors
+/// If the engine has ended.
+async fn take(outcome: Outcome, engine: &mpsc::Sender<Reload>) -> Result<Outcome, ReloadError> {
+    let judge = move || Outcome { warnings: outcome.loaded.soundness().1, ..outcome };
+    let outcome = aside(judge).await.ok_or(ReloadError::Ended)?;
+    if !outcome.differences.is_empty() {
+        let (done, taken) = oneshot::channel();
+        let reload = Reload { model: outcome.loaded.model.clone(), done };
+        engine.send(reload).await.map_err(|_| ReloadError::Ended)?;
+        taken.await.map_err(|_| ReloadError::Ended)?;
+    }
+    Ok(outcome)
 }
 
-/// Files, and a judgement of every situation, are too long for a thread that others wait for. The end
-/// of the program waits for none of it. `None` if it failed.
+/// Runs work that takes too long for a thread that others wait for: files, and a judgement of every
+/// situation. The end of the program does not wait for it. `None` if it failed.
 async fn aside<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     let (done, result) = oneshot::channel();
     let thread = std::thread::Builder::new().name("configuration".to_owned());
@@ -105,19 +99,7 @@ pub async fn reload(
     definitions: &Definitions,
     engine: &mpsc::Sender<Reload>,
 ) -> Result<Outcome, ReloadError> {
-    let outcome = preview(path, current, definitions).await?;
-    take(&outcome, engine).await?;
-    Ok(outcome)
-}
-
-async fn take(outcome: &Outcome, engine: &mpsc::Sender<Reload>) -> Result<(), ReloadError> {
-    if !outcome.differences.is_empty() {
-        let (done, taken) = oneshot::channel();
-        let reload = Reload { model: outcome.loaded.model.clone(), done };
-        engine.send(reload).await.map_err(|_| ReloadError::Ended)?;
-        taken.await.map_err(|_| ReloadError::Ended)?;
-    }
-    Ok(())
+    take(read(path, current, definitions).await?, engine).await
 }
 
 /// The topics from which signals come, and what monitors watch.
@@ -148,7 +130,8 @@ pub fn start(
     let (requests, waiting) = mpsc::channel(REQUESTS);
     let running = texts(&loaded);
     let (publish, followed) = watch::channel(loaded);
-    tokio::spawn(Task { path, definitions, engine, publish, running, judging: None }.run(waiting, hangups));
+    let task = Task { path, definitions, engine, publish, running, shown: None, judging: None };
+    tokio::spawn(task.run(waiting, hangups));
     Ok(Reloads { requests, running: followed })
 }
 
@@ -187,6 +170,8 @@ struct Task {
     engine: mpsc::Sender<Reload>,
     publish: watch::Sender<Loaded>,
     running: Arc<[ConfigurationText]>,
+    /// What was read and not taken: exactly that is taken if a request names its digest.
+    shown: Option<Outcome>,
     /// One at a time: what is asked for meanwhile is asked for again.
     judging: Option<Judging>,
 }
@@ -219,27 +204,29 @@ impl Task {
         }
     }
 
-    /// Whether the file was taken, and what it is. What differs from what was shown is not taken.
+    /// Returns whether a configuration was taken, and which one was read. One that differs from the one that
+    /// was shown is not taken.
     async fn read(&mut self, take_it: bool, shown: Option<&str>) -> (bool, Result<Outcome, ReloadError>) {
         let current = self.publish.borrow().clone();
-        let read = if take_it {
-            preview(&self.path, &current, &self.definitions).await
-        } else {
-            glance(&self.path, &current, &self.definitions).await
+        let is_shown = |outcome: &Outcome| shown.is_none_or(|shown| shown == digest(outcome));
+        let before = self.shown.take().filter(|outcome| take_it && shown.is_some() && is_shown(outcome));
+        let outcome = match before {
+            Some(outcome) => outcome,
+            None => match read(&self.path, &current, &self.definitions).await {
+                Ok(outcome) => outcome,
+                Err(error) => return (false, Err(error)),
+            },
         };
-        let outcome = match read {
-            Ok(outcome) => outcome,
-            Err(error) => return (false, Err(error)),
-        };
-        if !take_it || shown.is_some_and(|shown| shown != digest(&outcome)) {
+        if !take_it || !is_shown(&outcome) {
+            self.shown = Some(outcome.clone());
             return (false, Ok(outcome));
         }
-        if let Err(error) = take(&outcome, &self.engine).await {
-            return (false, Err(error));
+        let taken = take(outcome, &self.engine).await;
+        if let Ok(outcome) = &taken {
+            self.running = texts(&outcome.loaded);
+            self.publish.send_replace(outcome.loaded.clone());
         }
-        self.running = texts(&outcome.loaded);
-        self.publish.send_replace(outcome.loaded.clone());
-        (true, Ok(outcome))
+        (taken.is_ok(), taken)
     }
 
     fn rereading(&mut self, take: bool, taken: bool, read: &Result<Outcome, ReloadError>) -> Rereading {

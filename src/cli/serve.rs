@@ -6,9 +6,10 @@ use std::process::ExitCode;
 
 use anyhow::Context as _;
 
-use super::ending::Ending;
-use super::station::{self, Station};
-use super::{EXIT_USAGE, check, data, dds, fields, log};
+use super::data_folder::{self, DataFolder};
+use super::server::{self, Server};
+use super::shutdown_signal::ShutdownSignal;
+use super::{EXIT_USAGE, check, dds, fields, log};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::ros::BridgeOptions;
@@ -32,7 +33,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     config: PathBuf,
     /// Where browsers find the display
-    #[arg(long, value_name = "ADDR", default_value = station::LISTEN, value_parser = station::address)]
+    #[arg(long, value_name = "ADDR", default_value = server::LISTEN, value_parser = server::address)]
     listen: SocketAddr,
     /// Another address by which browsers reach it, through a proxy or by name; may be repeated
     ///
@@ -40,9 +41,8 @@ pub struct Args {
     /// or the display's own address, or all of them count as the vehicle's own, with a PIN.
     #[arg(long = "origin", value_name = "URL")]
     origins: Vec<String>,
-    /// The folder of users, sessions and history [default: $XDG_DATA_HOME/telltale or ~/.local/share/telltale]
-    #[arg(long, value_name = "DIR")]
-    data: Option<PathBuf>,
+    #[command(flatten)]
+    data: DataFolder,
     /// The certificate for TLS, PEM, the server's own first
     #[arg(long, value_name = "FILE", requires = "tls_key")]
     tls_cert: Option<PathBuf>,
@@ -84,17 +84,17 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 }
 
 async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
-    let ending = Ending::listen()?;
+    let signal = ShutdownSignal::listen()?;
     let mut options = args.dds.resolve()?;
     options.definitions = options.definitions.with(&loaded.message_folders);
     say_whom_dds_believes(&options);
     let clock = Clock::start();
     let tls = tls(args)?;
     warn_of_proxy(args);
-    station::check_plain(args.listen, tls.is_some(), args.insecure_http)?;
-    let listener = station::bind(args.listen).await?;
-    let folder = data::folder(args.data.clone())?;
-    let _held = data::hold(&folder)?;
+    server::check_plain(args.listen, tls.is_some(), args.insecure_http)?;
+    let listener = server::bind(args.listen).await?;
+    let folder = args.data.path()?;
+    let _lock = data_folder::lock(&folder)?;
     let store = Store::open_or_read(&folder, clock, DemoSecrets::Refused)?;
     for file in exposed(&folder, args.tls_key.as_deref()) {
         tracing::warn!("{file}");
@@ -104,8 +104,8 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let file = Some(args.config.clone());
     let enrolled = Enrolled::new(args.displays.clone()).behind(Proxies::new(args.proxies.clone()));
     let folder = Some(folder);
-    Station { loaded, file, store, folder, options, listener, tls, enrolled, origins, demo: None, clock }
-        .run(ending)
+    Server { loaded, file, store, folder, options, listener, tls, enrolled, origins, demo: None, clock }
+        .run(signal)
         .await?;
     Ok(ExitCode::SUCCESS)
 }

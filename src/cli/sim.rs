@@ -7,7 +7,7 @@ use std::time::Duration;
 use anyhow::Context as _;
 use tokio::sync::mpsc;
 
-use super::ending::Ending;
+use super::shutdown_signal::ShutdownSignal;
 use super::vehicle::{SWITCHES, Vehicle};
 use super::{EXIT_USAGE, check, dds, log};
 use crate::clock::Clock;
@@ -58,13 +58,13 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let options = args.dds.resolve()?;
     let departure = if args.drive { Departure::Alone } else { Departure::Cleared };
     tokio::runtime::Runtime::new().context("the async runtime cannot be started")?.block_on(async {
-        let mut ending = Ending::listen()?;
+        let mut signal = ShutdownSignal::listen()?;
         let vehicle = Vehicle::open(&options, &loaded, departure, Clock::start()).await?;
         let (switch, faults) = mpsc::channel(SWITCHES);
         tracing::info!("the simulated shuttle publishes: {}; end it with Ctrl-C", dds::describe(&options));
         let driving = tokio::spawn(vehicle.run(faults));
         tokio::select! {
-            () = ending.asked() => {}
+            () = signal.requested() => {}
             () = inject(&args.faults, &switch) => {}
         }
         drop(switch);

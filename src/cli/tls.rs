@@ -2,7 +2,7 @@
 
 use std::io::Write as _;
 use std::net::IpAddr;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -10,7 +10,7 @@ use anyhow::{Context as _, bail};
 use clap::Subcommand;
 use rcgen::{CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, KeyPair};
 
-use super::data;
+use super::data_folder::DataFolder;
 use crate::clock::Clock;
 use crate::store::make_folder;
 
@@ -34,6 +34,8 @@ const VALID_BEFORE: Duration = Duration::from_secs(24 * 3600);
 pub struct Args {
     #[command(subcommand)]
     command: Command,
+    #[command(flatten)]
+    data: DataFolder,
 }
 
 #[derive(Debug, Subcommand)]
@@ -42,9 +44,6 @@ enum Command {
     ///
     /// Browsers ask once whether to trust it; install it at the displays so that they need not.
     SelfSigned {
-        /// The folder for both files [default: $XDG_DATA_HOME/telltale or ~/.local/share/telltale]
-        #[arg(long, value_name = "DIR")]
-        data: Option<PathBuf>,
         /// A name or an address by which browsers reach the display, beside those of this machine; may be repeated
         #[arg(long = "name", value_name = "HOST")]
         names: Vec<String>,
@@ -55,8 +54,8 @@ enum Command {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let Command::SelfSigned { data, names, replace } = &args.command;
-    let folder = data::folder(data.clone())?;
+    let Command::SelfSigned { names, replace } = &args.command;
+    let folder = args.data.path()?;
     make_folder(&folder).with_context(|| format!("the folder {} cannot be made", folder.display()))?;
     let (certificate, key) = (folder.join(CERTIFICATE), folder.join(KEY));
     for file in [&certificate, &key] {

@@ -1,7 +1,7 @@
 //! `telltale user`: manages users and the tokens of programs.
 
 use std::io::{self, BufRead, IsTerminal, stdin};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -10,7 +10,8 @@ use clap::{Subcommand, ValueEnum};
 use tokio::task::spawn_blocking;
 use tokio::time::{sleep, timeout};
 
-use super::{EXIT_NO, data};
+use super::EXIT_NO;
+use super::data_folder::{self, DataFolder};
 use crate::clock::Clock;
 use crate::store::{DemoSecrets, Role, Store, TOKEN_LIFE_DAYS, User};
 
@@ -31,9 +32,8 @@ const LOOK_EVERY: Duration = Duration::from_millis(100);
 pub struct Args {
     #[command(subcommand)]
     command: Command,
-    /// Folder of the database [default: $XDG_DATA_HOME/telltale or ~/.local/share/telltale]
-    #[arg(long, value_name = "DIR", global = true)]
-    data: Option<PathBuf>,
+    #[command(flatten)]
+    data: DataFolder,
 }
 
 #[derive(Debug, Subcommand)]
@@ -113,7 +113,7 @@ enum Seen {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let folder = data::folder(args.data.clone())?;
+    let folder = args.data.path()?;
     let runtime =
         tokio::runtime::Builder::new_current_thread().enable_time().build().context("no async runtime")?;
     let done = runtime.block_on(manage(&args.command, &folder));
@@ -193,7 +193,7 @@ async fn tell_whether_seen(store: &Store, folder: &Path) -> anyhow::Result<ExitC
 async fn look_for(store: &Store, folder: &Path, change: i64, trouble: &mut Option<io::Error>) -> Seen {
     loop {
         let place = folder.to_owned();
-        let is_held = spawn_blocking(move || data::is_held(&place)).await;
+        let is_held = spawn_blocking(move || data_folder::is_locked(&place)).await;
         *trouble = match is_held.unwrap_or_else(|error| Err(error.into())) {
             Ok(false) => return Seen::NoServer,
             Ok(true) => None,

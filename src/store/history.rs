@@ -17,7 +17,7 @@ use std::time::Duration;
 use rusqlite::{Connection, OpenFlags};
 
 pub use crate::engine::view::record::Stretch;
-pub use read::{Happened, Held, HistoryQuery, NodePast, Past};
+pub use read::{HistoryQuery, NodePast, Past, PastEvent, Period};
 use reader::Reader;
 
 use super::StoreError;

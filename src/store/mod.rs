@@ -10,6 +10,7 @@ mod caller;
 mod database;
 mod disk;
 mod history;
+mod outbox;
 mod private_file;
 mod queue;
 mod sessions;
@@ -30,10 +31,10 @@ pub use caller::Caller;
 pub use database::schema::FILE_NAME;
 pub use disk::exposed::{Exposed, exposed};
 pub use disk::health::Fault;
-pub use disk::repair::{BackupState, DataState, Mended, check_data, repair, restore};
-pub use history::{HISTORY_FILE, Happened, Held, History, HistoryQuery, NodePast, Past, Stretch, past_in};
+pub use disk::repair::{BackupState, DataState, Repaired, check_data, repair, restore};
+pub use history::{HISTORY_FILE, History, HistoryQuery, NodePast, Past, PastEvent, Period, Stretch, past_in};
 pub use private_file::make_folder;
-pub use sessions::operator_place::{Entering, Written};
+pub use sessions::operator_change::{Entering, Written};
 pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};
 pub use users::role::Role;
 pub use users::secret::{DEMO_USERS, DemoSecrets, SecretError, is_pin};
@@ -44,7 +45,8 @@ pub use vehicle::VehicleMemory;
 use crate::clock::Clock;
 use audit::Log;
 use disk::health::Health;
-use disk::stall::Pace;
+use disk::stall::JobWatch;
+use outbox::Outbox;
 use queue::{Job, Queue};
 use sessions::table::Sessions;
 use users::secret::Hashing;
@@ -138,7 +140,7 @@ pub enum StoreError {
 impl StoreError {
     /// Whether the disk or the database failed, and not the request.
     pub const fn is_of_storage(&self) -> bool {
-        matches!(self, StoreError::Database(_) | StoreError::Files(_))
+        matches!(self, StoreError::Database(_) | StoreError::Files(_) | StoreError::TooLate)
     }
 
     /// Whether the disk takes nothing, or a file beside the database cannot be read.
@@ -174,6 +176,7 @@ impl StoreError {
 pub struct Store {
     queue: Queue,
     sessions: Arc<Sessions>,
+    outbox: Arc<Outbox>,
     hashing: Hashing,
     fault: watch::Receiver<Fault>,
     folder: Option<Arc<Path>>,
@@ -186,15 +189,16 @@ pub struct Store {
 struct Database {
     connection: Connection,
     sessions: Arc<Sessions>,
+    outbox: Arc<Outbox>,
     clock: Clock,
     /// Nothing is judged by a time before this one.
     floor: SystemTime,
     log: Log,
     health: Health,
-    pace: Arc<Pace>,
+    job_watch: Arc<JobWatch>,
     backups: database::backup::Schedule,
-    /// The number of the vehicle's state that this process wrote last.
-    remembered_seq: u64,
+    /// The vehicle's state that this process wrote last.
+    stored_vehicle: Option<VehicleMemory>,
     /// SQLite's count of changes by other processes, at the last look.
     data_version: i64,
     /// This store is the server's, which notes the changes of users that it has taken in.
@@ -293,21 +297,22 @@ impl Store {
         demo: DemoSecrets,
         serves: bool,
     ) -> Result<Store, StoreError> {
-        let sessions = Arc::new(Sessions::default());
+        let (sessions, outbox) = (Arc::new(Sessions::default()), Arc::new(Outbox::default()));
         let fault = health.watch();
         let no_thread = |reason| StoreError::Folder { path: PathBuf::from("(a new thread)"), reason };
-        let pace = Pace::watch(health.voice(), folder, clock).map_err(no_thread)?;
+        let job_watch = JobWatch::start(health.fault_sender(), folder, clock).map_err(no_thread)?;
         let floor = disk::clock_floor::of(&connection)?;
         let mut database = Database {
             connection,
             sessions: sessions.clone(),
+            outbox: outbox.clone(),
             clock,
             floor,
             log,
             health,
-            pace,
+            job_watch,
             backups: database::backup::Schedule::default(),
-            remembered_seq: 0,
+            stored_vehicle: None,
             data_version: 0,
             serves,
             closing: None,
@@ -325,6 +330,7 @@ impl Store {
         Ok(Store {
             queue,
             sessions,
+            outbox,
             hashing: Hashing::new(demo)?,
             fault,
             folder: folder.map(Arc::from),
@@ -348,9 +354,6 @@ impl Store {
     /// Waits until everything is written, the head of the audit log too, and the database is closed. It is
     /// then one file, unless another process uses it.
     pub async fn close(self) {
-        if let Err(error) = self.write_owed().await {
-            tracing::error!(%error, "the end of some sessions is not recorded");
-        }
         let (closing, closed) = oneshot::channel();
         let ask = |database: &mut Database| {
             database.closing = Some(closing);
@@ -370,12 +373,13 @@ impl Database {
                 Ok(job) => Ok(job),
                 Err(TryRecvError::Disconnected) => Err(RecvTimeoutError::Disconnected),
                 Err(TryRecvError::Empty) => {
-                    self.log.note();
-                    self.rest();
+                    self.write_outbox_if_due();
+                    self.log.note_head();
+                    self.idle();
                     jobs.recv_timeout(FOREIGN_CHANGE_POLL)
                 }
             };
-            self.step();
+            self.begin_job();
             match job {
                 Ok(job) => job(&mut self),
                 Err(RecvTimeoutError::Timeout) => {}
@@ -387,7 +391,7 @@ impl Database {
                 let _ = closing.send(());
                 return;
             }
-            self.step();
+            self.begin_job();
             self.probe_if_due();
             self.back_up_if_due();
             if let Err(error) = self.notice_foreign_changes() {
@@ -398,8 +402,10 @@ impl Database {
     }
 
     fn end(mut self) {
-        self.log.note();
-        self.log.say();
+        // The last failure is logged.
+        let _ = self.write_outbox();
+        self.log.note_head();
+        self.log.log_head();
         // SQLite deletes the log by its name. If that is now the log of another database, it is left as it
         // is.
         if self.check_files().is_err() {
@@ -407,14 +413,14 @@ impl Database {
         }
     }
 
-    fn step(&mut self) {
-        if self.pace.step(self.clock.now()) {
+    fn begin_job(&mut self) {
+        if self.job_watch.begin(self.clock.now()) {
             self.health.doubt();
         }
     }
 
-    fn rest(&mut self) {
-        if self.pace.rest() {
+    fn idle(&mut self) {
+        if self.job_watch.idle() {
             self.health.doubt();
         }
     }

@@ -12,12 +12,12 @@ use crate::engine::model::Stage;
 use crate::engine::model::countermeasure::Request;
 use crate::engine::restart::resume::{Restored, RestoredAlarm, RestoredCountermeasure};
 use crate::engine::snapshot::MapPose;
-use crate::engine::time::{Span, Timestamp};
+use crate::engine::time::Span;
 
 /// More than an engine keeps of anything; the rest of a longer list is not stored.
 const ROWS_MAX: usize = 8192;
 
-/// The vehicle's state to be stored. The operator's seat is stored with the sessions.
+/// The vehicle's state to be stored. The operator is stored with the sessions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VehicleMemory {
     /// Counts the states of this process: a state older than the one stored last is not written.
@@ -39,42 +39,22 @@ impl VehicleMemory {
 }
 
 impl Store {
-    /// Stores the vehicle's state, and writes the records that led there, in one transaction. When this
-    /// returns, both are on the disk; only then may an action be acknowledged.
+    /// Stores the vehicle's state, unless it says the same as what is stored. Records that wait are written
+    /// with it. Returns whether the disk had to take anything.
     ///
     /// # Errors
-    /// If the database fails: the action must not be acknowledged then.
-    pub async fn remember(&self, memory: VehicleMemory, records: Vec<Record>) -> Result<(), StoreError> {
-        self.call(move |database| database.keep(Some(&memory), &records)).await
+    /// If the database fails.
+    pub async fn remember(&self, memory: VehicleMemory) -> Result<bool, StoreError> {
+        self.call(move |database| database.remember(Some(memory))).await
     }
 
-    /// [`Store::remember`] for an action that is about to be done. If the disk gets to it after `until`,
-    /// nothing is written.
-    ///
-    /// # Errors
-    /// As there, and [`StoreError::TooLate`].
-    pub async fn write_ahead(
-        &self,
-        memory: Option<VehicleMemory>,
-        records: Vec<Record>,
-        until: Timestamp,
-    ) -> Result<(), StoreError> {
-        self.call(move |database| {
-            if database.clock.now() >= until {
-                return Err(StoreError::TooLate);
-            }
-            database.keep(memory.as_ref(), &records)
-        })
-        .await
-    }
-
-    /// The vehicle's state that was stored last, with the operator who still has the seat; `None` at the
+    /// The vehicle's state that was stored last, with the operator who is still in charge; `None` at the
     /// first start.
     ///
     /// # Errors
     /// If the database fails.
     pub async fn recall(&self) -> Result<Option<Restored>, StoreError> {
-        let operator = self.seated_operator().await?;
+        let operator = self.operator_in_charge().await?;
         let restored = self.call(Database::read_vehicle).await?;
         Ok(restored.map(|restored| Restored { operator: operator.map(Box::from), ..restored }))
     }
@@ -127,12 +107,38 @@ pub(super) fn write(connection: &Connection, memory: &VehicleMemory) -> Result<(
 }
 
 impl Database {
-    /// A state older than the one stored last is not written; the records are.
-    fn keep(&mut self, memory: Option<&VehicleMemory>, records: &[Record]) -> Result<(), StoreError> {
-        let new = memory.filter(|memory| memory.seq >= self.remembered_seq);
-        self.change(records, |transaction| new.map_or(Ok(()), |memory| write(transaction, memory)))?;
-        self.remembered_seq = new.map_or(self.remembered_seq, |memory| memory.seq);
+    /// Writes the vehicle's state and the records that wait. A state that is older than the stored one, or
+    /// says the same, is not written. Returns whether anything was.
+    pub(super) fn remember(&mut self, memory: Option<VehicleMemory>) -> Result<bool, StoreError> {
+        let news = memory.filter(|memory| {
+            let stored = self.stored_vehicle.as_ref();
+            stored.is_none_or(|stored| memory.seq >= stored.seq && !memory.says_the_same(stored))
+        });
+        let Some(memory) = news else { return self.write_outbox() };
+        self.change(&[], |transaction| write(transaction, &memory))?;
+        self.is_stored(memory);
+        Ok(true)
+    }
+
+    /// Writes an action with the vehicle's state after it.
+    pub(super) fn write_ahead(
+        &mut self,
+        memory: Option<VehicleMemory>,
+        record: Record,
+    ) -> Result<(), StoreError> {
+        let memory =
+            memory.filter(|memory| self.stored_vehicle.as_ref().is_none_or(|it| memory.seq >= it.seq));
+        self.change(&[record], |transaction| memory.as_ref().map_or(Ok(()), |it| write(transaction, it)))?;
+        if let Some(memory) = memory {
+            self.is_stored(memory);
+        }
         Ok(())
+    }
+
+    /// This state of the vehicle was written.
+    pub(super) fn is_stored(&mut self, memory: VehicleMemory) {
+        let seq = self.stored_vehicle.as_ref().map_or(memory.seq, |stored| stored.seq.max(memory.seq));
+        self.stored_vehicle = Some(VehicleMemory { seq, ..memory });
     }
 
     fn read_vehicle(&mut self) -> Result<Option<Restored>, StoreError> {
@@ -251,9 +257,11 @@ mod tests {
         for vehicle in [vehicle(Stage::Active, false), vehicle(Stage::Localizing, true), bare] {
             let memory = VehicleMemory { seq: 4, ..recalled(&vehicle) };
             let record = Record::of(Action::Acknowledge, TELLTALE).on("7");
-            store.remember(memory.clone(), vec![record]).await.unwrap();
+            assert!(store.record(record, Some(memory.clone())).await);
             let old = VehicleMemory { seq: 3, vehicle: Restored::default(), ..memory.clone() };
-            store.remember(old, Vec::new()).await.unwrap();
+            for passed_over in [memory, old] {
+                assert!(!store.remember(passed_over).await.unwrap(), "nothing is to be written");
+            }
             let found = store.recall().await.unwrap().unwrap();
             assert_eq!(found.last_alarm, 9, "numbers are never given twice");
             assert!(found.alarms.iter().all(|alarm| alarm.age < Span::from_secs(60)));

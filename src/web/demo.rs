@@ -17,9 +17,8 @@ use super::http::errors::HttpError;
 use super::http::guard::SignedIn;
 use super::http::respond::{Reader, Speaks, json_answer, refusal};
 use super::pages::page_context;
-use super::record::audit::record_of;
 use super::view::{self, DemoFault};
-use crate::store::audit::Action;
+use crate::store::audit::{Action, Record};
 
 /// The faults there are, and the way to the shuttle that has them.
 #[derive(Debug)]
@@ -100,8 +99,8 @@ pub async fn fault(
         return refusal(&reader, HttpError::Unavailable);
     }
     let source = source_of(peer.map(|Extension(peer)| peer));
-    let record = record_of(&session, Action::Fault, source).on(format!("{name}: {}", form.active));
-    if app.audit(record).await.is_err() {
+    let record = Record::of_session(&session, Action::Fault, source).on(format!("{name}: {}", form.active));
+    if !app.store.record(record, None).await {
         return refusal(&reader, HttpError::Unavailable);
     }
     match reader.speaks {

@@ -10,9 +10,9 @@ mod http;
 pub mod live;
 mod operator;
 mod pages;
-mod record;
 mod router;
 mod serve;
+mod vehicle_memory;
 pub mod view;
 
 use std::hash::RandomState;
@@ -35,8 +35,6 @@ use live::frame::Frames;
 use operator::act::PLACES;
 use operator::pending_clearance::PendingClearance;
 use operator::stop_once::Stops;
-use record::audit::Limit;
-use record::outbox::Outbox;
 
 pub use admission::peer::Peer;
 pub use admission::proxies::{Network, NoNetwork, Proxies};
@@ -89,7 +87,6 @@ pub struct Shared {
     pub throttle: Mutex<Throttle>,
     /// Makes numbers of names that are no user's, by a key of this run.
     unknown_names: RandomState,
-    audit_limit: Mutex<Limit>,
     /// Held while the audit log is read.
     audit_readers: tokio::sync::Mutex<()>,
     /// Held while the operator in charge changes.
@@ -101,8 +98,6 @@ pub struct Shared {
     acting: tokio::sync::Mutex<()>,
     /// For those who wait for `acting`, or for the disk, with an action.
     places: Arc<Semaphore>,
-    /// Records that wait for a disk that takes nothing.
-    outbox: Mutex<Outbox>,
     /// Held while somebody has the configuration taken.
     reloading: tokio::sync::Mutex<()>,
     /// Turns true when the server ends.
@@ -126,13 +121,11 @@ impl AppState {
             hand_overs: HandOvers::default(),
             throttle: Mutex::default(),
             unknown_names: RandomState::new(),
-            audit_limit: Mutex::default(),
             audit_readers: tokio::sync::Mutex::default(),
             operator_change: tokio::sync::Mutex::default(),
             undoing: Arc::default(),
             acting: tokio::sync::Mutex::default(),
             places: Arc::new(Semaphore::new(PLACES)),
-            outbox: Mutex::default(),
             reloading: tokio::sync::Mutex::default(),
             closing: watch::channel(false).0,
         }))

@@ -143,11 +143,16 @@ async fn a_request_previews_first_and_takes_when_told() {
     assert_eq!(bench.shown("b/new"), None);
     // What was shown is not what would be taken.
     bench.write(&NEW.replace("id: new", "id: newer"));
+    assert_ne!(ask(false).await.digest, preview.digest);
     let other = ask_shown(true, Some(preview.digest.clone())).await;
     assert!(!other.taken && other.digest != preview.digest && other.differences.len() == 5);
     assert_eq!((bench.shown("b/newer"), &*other.running[0].text), (None, OLD));
     bench.write(NEW);
+    assert_eq!(ask(false).await.digest, preview.digest);
+    // What was shown is taken: the file is not read again.
+    bench.write("groups: 3\n");
     let taken = ask_shown(true, Some(preview.digest.clone())).await;
+    bench.write(NEW);
     assert_eq!((taken.taken, taken.differences.len(), taken.judged), (true, 5, true));
     assert_eq!(taken.running[0].text, NEW);
     let again = ask(false).await;

@@ -131,7 +131,7 @@ pub struct Verdict {
 
 /// Kinds of breaches, as [`Verdict::evidence`] tells them apart. Numbers are never reused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum BreachKind {
     Missing = 1,
     Changed = 2,
     Found = 3,
@@ -151,7 +151,7 @@ pub(in crate::store) struct Verifier {
     last: Option<Head>,
     /// Breaches within the chain, which an authority can acknowledge.
     open: Vec<Breach>,
-    last_kind: Option<Kind>,
+    last_kind: Option<BreachKind>,
     evidence: Sha256,
     acknowledged: Option<Acknowledged>,
     /// Breaches against heads that were noted elsewhere.
@@ -200,18 +200,18 @@ impl Verifier {
         let entry = match Entry::read(row) {
             Ok(entry) => entry,
             Err(error) => {
-                self.breach(Kind::Unreadable, number, number, &[], format!("cannot be read: {error}"));
+                self.breach(BreachKind::Unreadable, number, number, &[], format!("cannot be read: {error}"));
                 last.number = number;
                 return;
             }
         };
         if entry.number < number {
             let what = format!("is preceded by a record {}", entry.number);
-            return self.breach(Kind::Extra, number, number, &entry.content(), what);
+            return self.breach(BreachKind::Extra, number, number, &entry.content(), what);
         }
         if entry.number > number {
             let what = format!("is missing; the next one is {}", entry.number);
-            self.breach(Kind::Missing, number, entry.number - 1, &entry.hash.0, what);
+            self.breach(BreachKind::Missing, number, entry.number - 1, &entry.hash.0, what);
         } else if self.is_as_written(&entry, last.hash) {
             self.records += 1;
             self.judge(&entry);
@@ -220,7 +220,7 @@ impl Verifier {
                 None => "cannot be checked without its key, or is not as it was written",
                 Some(_) => "is not as it was written, or another one before it was changed",
             };
-            self.breach(Kind::Changed, number, number, &entry.content(), what.to_owned());
+            self.breach(BreachKind::Changed, number, number, &entry.content(), what.to_owned());
         }
         if let Some(known) = self.known.iter().find(|known| known.number == entry.number)
             && known.hash != entry.hash
@@ -246,18 +246,18 @@ impl Verifier {
         let number = entry.number;
         if entry.action == Action::ChainBroken.as_str() {
             let what = format!("was written after the log had been found damaged: {}", entry.target);
-            self.breach(Kind::Found, number, number, &entry.content(), what);
+            self.breach(BreachKind::Found, number, number, &entry.content(), what);
         }
         if entry.action == Action::HeadMissing.as_str() {
             // A head that was noted elsewhere may prove that nothing was cut off there.
             if self.known.iter().any(|known| known.number == number - 1) {
-                self.witness(Kind::Found, number, number, &entry.content());
+                self.witness(BreachKind::Found, number, number, &entry.content());
             } else {
                 let what = format!(
                     "was written when nobody could tell whether the end was cut off: {}",
                     entry.target
                 );
-                self.breach(Kind::Found, number, number, &entry.content(), what);
+                self.breach(BreachKind::Found, number, number, &entry.content(), what);
             }
         }
         let evidence = self.evidence();
@@ -274,19 +274,19 @@ impl Verifier {
         }
     }
 
-    fn witness(&mut self, kind: Kind, number: u64, to: u64, content: &[u8]) {
+    fn witness(&mut self, kind: BreachKind, number: u64, to: u64, content: &[u8]) {
         self.evidence.update([kind as u8]);
         self.evidence.update(number.to_be_bytes());
         self.evidence.update(to.to_be_bytes());
         self.evidence.update(content);
     }
 
-    fn breach(&mut self, kind: Kind, number: u64, to: u64, content: &[u8], what: String) {
+    fn breach(&mut self, kind: BreachKind, number: u64, to: u64, content: &[u8], what: String) {
         self.witness(kind, number, to, content);
         let is_next = |last: &Breach| last.to + 1 == number && self.last_kind == Some(kind);
         let is_full = self.open.len() >= BREACHES_MAX;
         match self.open.last_mut() {
-            Some(last) if is_full || kind != Kind::Found && is_next(last) => last.to = to,
+            Some(last) if is_full || kind != BreachKind::Found && is_next(last) => last.to = to,
             _ => self.open.push(Breach { number, to, what }),
         }
         self.last_kind = Some(kind);

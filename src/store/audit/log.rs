@@ -66,7 +66,7 @@ impl Log {
             }
         }
         for record in &news {
-            say_news(record);
+            log_breach(record);
             append(&transaction, &key, record, wall)?;
         }
         transaction.commit()?;
@@ -75,8 +75,8 @@ impl Log {
         }
         let head = Head::of(connection)?;
         let mut log = Log { head_file, key: Some(key), head, noted, logged: head.number, fault: None };
-        log.say();
-        log.note();
+        log.log_head();
+        log.note_head();
         Ok(log)
     }
 
@@ -138,19 +138,19 @@ impl Log {
     pub(super) fn written(&mut self, head: Head, matters: bool, news: Option<&Record>) {
         self.head = head;
         if let Some(news) = news {
-            say_news(news);
-            self.note();
+            log_breach(news);
+            self.note_head();
         }
         if matters || news.is_some() || head.number >= self.logged + LOG_HEAD_EVERY {
-            self.say();
+            self.log_head();
         }
         if head.number >= self.noted.number + HEAD_LAG_MAX {
-            self.note();
+            self.note_head();
         }
     }
 
     /// Writes the head into the program's log.
-    pub(in crate::store) fn say(&mut self) {
+    pub(in crate::store) fn log_head(&mut self) {
         self.logged = self.head.number;
         if self.head_file.is_some() && self.head.number > 0 {
             tracing::info!("audit head {}", self.head);
@@ -158,7 +158,7 @@ impl Log {
     }
 
     /// Writes the head into the file beside the database.
-    pub(in crate::store) fn note(&mut self) {
+    pub(in crate::store) fn note_head(&mut self) {
         if self.noted == self.head {
             return;
         }
@@ -235,7 +235,7 @@ fn head_missing() -> Record {
     Record::of(Action::HeadMissing, TELLTALE).on(format!("{HEAD_FILE_NAME} was gone or no head"))
 }
 
-fn say_news(record: &Record) {
+fn log_breach(record: &Record) {
     let Record { action, target, .. } = record;
     match action {
         Action::Keyed => tracing::info!("from now on the audit log is written with the key in {target}"),

@@ -1,7 +1,7 @@
 //! The audit log: who did what, with which outcome, as a chain in which no change, omission or cut goes
 //! unnoticed.
 //!
-//! A record is on the disk before its caller is answered. Its hash is made with a key outside the database
+//! An action is on the disk before it is done. A record's hash is made with a key outside the database
 //! ([`KEY_FILE_NAME`]), so an attacker who can write only the database cannot write a chain that fits. The
 //! head of the chain is noted in [`HEAD_FILE_NAME`] and in the program's log, so a cut at the end is found.
 
@@ -9,8 +9,11 @@ mod action;
 pub(super) mod chain;
 pub(super) mod head;
 mod key;
+pub(super) mod limit;
 mod log;
+mod write;
 
+use std::net::IpAddr;
 use std::path::Path;
 use std::time::SystemTime;
 
@@ -18,13 +21,14 @@ use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehav
 
 pub use super::database::files::HEAD_FILE_NAME;
 use super::unix_time::{from_unix_ms, to_unix_ms};
-use super::{Caller, Database, Head, Role, Store, StoreError, Verdict, Verified};
+use super::{Caller, Database, Head, Role, Session, Store, StoreError, Verdict, Verified};
 pub use action::Action;
 use chain::{Hash, Verifier};
 use head::read_head;
 pub use key::KEY_FILE_NAME;
 pub(super) use key::Key;
 pub(super) use log::Log;
+pub use write::RECORDED_WITHIN;
 
 /// The number of records that are kept. Beyond it the oldest are pruned, which is recorded.
 const RECORDS_MAX: u64 = 1_000_000;
@@ -58,13 +62,21 @@ pub struct Record {
     pub target: String,
     /// Why it was refused or failed; `None` if it was done.
     pub refusal: Option<String>,
+    /// The caller, if anybody can cause such records: their number is bounded.
+    pub by_anybody: Option<Caller>,
 }
 
 impl Record {
     /// A record without a user.
     pub fn of(action: Action, source: impl Into<String>) -> Record {
         let (who, target) = (String::new(), String::new());
-        Record { who, role: None, source: source.into(), action, target, refusal: None }
+        let source = source.into();
+        Record { who, role: None, source, action, target, refusal: None, by_anybody: None }
+    }
+
+    /// The beginning of a record of what the holder of a session did.
+    pub fn of_session(session: &Session, action: Action, source: IpAddr) -> Record {
+        Record::of(action, source.to_canonical().to_string()).by(&*session.user, session.role)
     }
 
     pub fn by(mut self, who: impl Into<String>, role: Role) -> Record {
@@ -79,6 +91,12 @@ impl Record {
 
     pub fn refused(mut self, why: impl Into<String>) -> Record {
         self.refusal = Some(why.into());
+        self
+    }
+
+    /// Bounds the number of such records, by the caller.
+    pub fn by_anybody(mut self, caller: Caller) -> Record {
+        self.by_anybody = Some(caller);
         self
     }
 }
@@ -143,22 +161,6 @@ impl Entry {
 const DONE: &str = "done";
 
 impl Store {
-    /// Writes a record. When this returns, it is on the disk.
-    ///
-    /// # Errors
-    /// If the database fails: the recorded action must not be acknowledged then.
-    pub async fn audit(&self, record: Record) -> Result<(), StoreError> {
-        self.call(move |database| database.record(record)).await
-    }
-
-    /// [`Store::audit`] of an action that this caller caused.
-    ///
-    /// # Errors
-    /// As there.
-    pub async fn audit_from(&self, caller: Caller, record: Record) -> Result<(), StoreError> {
-        self.call_from(caller, move |database| database.record(record)).await
-    }
-
     /// At most `count` records before number `before`, the newest first.
     ///
     /// # Errors
@@ -166,6 +168,8 @@ impl Store {
     pub async fn audit_entries(&self, before: Option<u64>, count: u32) -> Result<Vec<Entry>, StoreError> {
         let before = before.and_then(|before| i64::try_from(before).ok()).unwrap_or(i64::MAX);
         self.call(move |database| {
+            // What the disk does not take is not in the log.
+            let _ = database.write_outbox();
             let sql = "SELECT number, at_ms, who, role, source, action, target, outcome, hash
                        FROM audit WHERE number < ?1 ORDER BY number DESC LIMIT ?2";
             let mut query = database.connection.prepare_cached(sql)?;
@@ -213,7 +217,7 @@ impl Store {
         if verdict.breaches > 0 {
             let target = format!("{}: {}", cut_to(why, WHY_CHARS_MAX), verdict.evidence);
             let record = Record::of(Action::BreachAcknowledged, COMMAND_LINE).by(user.name(), user.role());
-            self.audit(record.on(target)).await?;
+            self.call(move |database| database.change(&[record.on(target)], |_| Ok(()))).await?;
         }
         Ok(verdict.breaches)
     }
@@ -237,30 +241,6 @@ pub fn verify_audit_in(folder: &Path, heads: &[Head], key: Option<&Path>) -> Res
 }
 
 impl Database {
-    /// A refusal need not be stored to stay a refusal.
-    fn record(&mut self, record: Record) -> Result<(), StoreError> {
-        if record.refusal.is_some() {
-            return self.change_sessions(&[record], |_| Ok(()));
-        }
-        self.change(&[record], |_| Ok(()))
-    }
-
-    /// [`Database::change`] of a login or logout. With a damaged database's copy in memory, people log in
-    /// and out all the same: nobody needs to know of it after a restart.
-    pub(super) fn change_sessions<T>(
-        &mut self,
-        records: &[Record],
-        change: impl FnOnce(&Transaction<'_>) -> Result<T, StoreError>,
-    ) -> Result<T, StoreError> {
-        if self.health.check_keeps().is_err() {
-            for Record { who, source, action, target, refusal, .. } in records {
-                let action = action.as_str();
-                tracing::warn!(who, source, action, target, refusal, "in no audit log");
-            }
-        }
-        self.write(records, change)
-    }
-
     /// Makes a change and writes its records in one transaction. Both are on the disk when this returns.
     pub(super) fn change<T>(
         &mut self,
@@ -271,18 +251,28 @@ impl Database {
         self.write(records, change)
     }
 
-    fn write<T>(
+    /// [`Database::change`] of sessions. With a damaged database's copy in memory, people log in and out all
+    /// the same: nobody needs to know of it after a restart.
+    pub(super) fn write<T>(
         &mut self,
         records: &[Record],
         change: impl FnOnce(&Transaction<'_>) -> Result<T, StoreError>,
     ) -> Result<T, StoreError> {
+        let waiting = self.outbox.batch(self.clock.now());
+        let records = || waiting.records.iter().chain(records);
+        if self.health.check_keeps().is_err() {
+            for Record { who, source, action, target, refusal, .. } in records() {
+                let action = action.as_str();
+                tracing::warn!(who, source, action, target, refusal, "in no audit log");
+            }
+        }
         let wall = self.clock.wall();
         // The end of the chain is read under the lock: another process may write too.
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        let news = if records.is_empty() { None } else { self.log.check(&transaction)? };
+        let news = if records().next().is_none() { None } else { self.log.check(&transaction)? };
         let value = change(&transaction)?;
         let mut head = None;
-        for record in news.iter().chain(records) {
+        for record in news.iter().chain(records()) {
             head = Some(append(&transaction, self.log.key()?, record, wall)?);
         }
         if let Some(last) = head {
@@ -295,11 +285,12 @@ impl Database {
             return Err(fault);
         }
         transaction.commit()?;
+        self.outbox.written(&waiting);
         // A log that was emptied under the server shows once it is written.
         self.check_files()?;
         if let Some(head) = head {
             let matters = |record: &Record| record.refusal.is_none() && record.action.matters();
-            self.log.written(head, records.iter().any(matters), news.as_ref());
+            self.log.written(head, records().any(matters), news.as_ref());
         }
         Ok(value)
     }

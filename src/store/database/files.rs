@@ -23,7 +23,7 @@ const LOG_STARTS_WITH: u32 = 0x377f_0682;
 
 /// The data folder with the files that were opened in it.
 #[derive(Debug)]
-pub(in crate::store) struct Place {
+pub(in crate::store) struct OpenFiles {
     folder: PathBuf,
     database: Opened,
     log: Opened,
@@ -45,12 +45,12 @@ struct Opened {
 /// The file behind a path: its device and its inode.
 type Identity = (u64, u64);
 
-impl Place {
+impl OpenFiles {
     /// The files as they are just after SQLite has opened them.
-    pub(in crate::store) fn new(folder: &Path) -> Place {
+    pub(in crate::store) fn new(folder: &Path) -> OpenFiles {
         let opened = |suffix: &str| Opened::new(folder.join(format!("{FILE_NAME}{suffix}")));
         let (database, log) = (opened("").held(), opened("-wal").held());
-        Place { folder: folder.to_owned(), database, log, index: opened("-shm") }
+        OpenFiles { folder: folder.to_owned(), database, log, index: opened("-shm") }
     }
 
     /// Whether the next start will find what is written now: the files are those that were opened. A
@@ -192,51 +192,51 @@ mod tests {
         }
     }
 
-    fn fault(place: &Place) -> String {
-        place.check_files(false).unwrap_err()
+    fn fault(files: &OpenFiles) -> String {
+        files.check_files(false).unwrap_err()
     }
 
     #[test]
     fn a_file_that_is_gone_or_another_one_is_told() {
         for suffix in ["", "-wal", "-shm"] {
-            let files = Files::new(&format!("gone{suffix}"));
-            let place = Place::new(&files.0);
-            assert_eq!(place.check_files(false), Ok(()));
-            let (path, kept) = (files.path(suffix), files.0.join("kept"));
+            let folder = Files::new(&format!("gone{suffix}"));
+            let files = OpenFiles::new(&folder.0);
+            assert_eq!(files.check_files(false), Ok(()));
+            let (path, kept) = (folder.path(suffix), folder.0.join("kept"));
             std::fs::rename(&path, &kept).unwrap();
-            assert!(fault(&place).contains("was removed or replaced"), "{suffix}");
-            assert_eq!(place.can_be_saved(), !suffix.is_empty(), "{suffix}");
+            assert!(fault(&files).contains("was removed or replaced"), "{suffix}");
+            assert_eq!(files.can_be_saved(), !suffix.is_empty(), "{suffix}");
             std::fs::copy(&kept, &path).unwrap();
-            assert!(fault(&place).contains(path.to_str().unwrap()), "{suffix}");
-            assert!(!place.can_be_saved(), "{suffix}");
-            assert_eq!(place.check_files(true).is_ok(), !suffix.is_empty(), "{suffix}");
+            assert!(fault(&files).contains(path.to_str().unwrap()), "{suffix}");
+            assert!(!files.can_be_saved(), "{suffix}");
+            assert_eq!(files.check_files(true).is_ok(), !suffix.is_empty(), "{suffix}");
             std::fs::rename(&kept, &path).unwrap();
-            assert_eq!(place.check_files(false), Ok(()));
+            assert_eq!(files.check_files(false), Ok(()));
         }
     }
 
     #[test]
     fn a_file_that_is_overwritten_or_cut_is_told() {
-        let files = Files::new("overwritten");
-        let mut place = Place::new(&files.0);
+        let folder = Files::new("overwritten");
+        let mut files = OpenFiles::new(&folder.0);
         for (suffix, good) in [("", DATABASE_STARTS_WITH.as_slice()), ("-wal", &[0x37, 0x7f, 0x06, 0x82])] {
-            files.write(suffix, &[b'x'; 100]);
-            assert!(fault(&place).contains("was overwritten") && !place.can_be_saved(), "{suffix}");
-            files.write(suffix, &good[..3]);
-            assert!(fault(&place).contains("cannot be read"), "{suffix}");
-            files.write(suffix, &[good, &[0; 100]].concat());
-            assert_eq!(place.check_files(false), Ok(()));
+            folder.write(suffix, &[b'x'; 100]);
+            assert!(fault(&files).contains("was overwritten") && !files.can_be_saved(), "{suffix}");
+            folder.write(suffix, &good[..3]);
+            assert!(fault(&files).contains("cannot be read"), "{suffix}");
+            folder.write(suffix, &[good, &[0; 100]].concat());
+            assert_eq!(files.check_files(false), Ok(()));
         }
-        files.write("-wal", b"");
-        assert_eq!(place.check_files(false), Ok(()), "another program may empty the log");
-        assert_eq!(place.check_size(200), Ok(()), "the log holds the rest");
-        files.write("", &DATABASE_STARTS_WITH[..]);
-        assert_eq!(place.check_size(16), Ok(()), "another program tidied it up");
-        files.write("", &[DATABASE_STARTS_WITH.as_slice(), &[0; 100]].concat());
-        assert_eq!(place.check_size(116), Ok(()));
-        files.write("", &DATABASE_STARTS_WITH[..]);
+        folder.write("-wal", b"");
+        assert_eq!(files.check_files(false), Ok(()), "another program may empty the log");
+        assert_eq!(files.check_size(200), Ok(()), "the log holds the rest");
+        folder.write("", &DATABASE_STARTS_WITH[..]);
+        assert_eq!(files.check_size(16), Ok(()), "another program tidied it up");
+        folder.write("", &[DATABASE_STARTS_WITH.as_slice(), &[0; 100]].concat());
+        assert_eq!(files.check_size(116), Ok(()));
+        folder.write("", &DATABASE_STARTS_WITH[..]);
         for _ in 0..2 {
-            assert!(place.check_size(116).unwrap_err().contains("was cut"));
+            assert!(files.check_size(116).unwrap_err().contains("was cut"));
         }
     }
 }

@@ -320,20 +320,20 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn users_sessions_and_the_seat_outlive_a_restart() {
+    async fn users_sessions_and_the_operator_in_charge_outlive_a_restart() {
         let folder = Folder::new("restart");
         let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
         store.add_user("anna", Role::Operator, "135791").await.unwrap();
         let user = store.authenticate("anna", "135791").await.unwrap().unwrap();
         let (token, before) = store.open_session(&user).await.unwrap();
-        store.take_seat("anna").await.unwrap();
+        store.put_in_charge("anna").await.unwrap();
         drop(store);
 
         let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
         let session = store.session(&token).unwrap();
         assert_eq!((&*session.user, session.role), ("anna", Role::Operator));
         assert!(session.expires <= before.expires, "a restart makes no session longer");
-        assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("anna"));
+        assert_eq!(store.operator_in_charge().await.unwrap().as_deref(), Some("anna"));
         store.close().await;
         let file = std::fs::read(folder.0.join(FILE_NAME)).unwrap();
         let wal = std::fs::read(folder.0.join(format!("{FILE_NAME}-wal"))).unwrap_or_default();
@@ -350,11 +350,11 @@ mod tests {
         store.add_user("anna", Role::Operator, "135791").await.unwrap();
         let user = store.authenticate("anna", "135791").await.unwrap().unwrap();
         let (token, _) = store.open_session(&user).await.unwrap();
-        store.take_seat("anna").await.unwrap();
+        store.put_in_charge("anna").await.unwrap();
         let reading = Store::read(&folder.0, "no room", Clock::start(), DemoSecrets::Refused).unwrap();
         assert_eq!(reading.fault().borrow().as_deref(), Some("no room"));
         assert!(reading.session(&token).is_some());
-        assert_eq!(reading.seated_operator().await.unwrap().as_deref(), Some("anna"));
+        assert_eq!(reading.operator_in_charge().await.unwrap().as_deref(), Some("anna"));
         let mut fault = reading.fault();
         fault.wait_for(Option::is_none).await.unwrap();
         reading.open_session(&user).await.expect("it is written again");

@@ -9,7 +9,7 @@ use tokio::sync::watch;
 
 use crate::engine::time::{Span, Timestamp};
 use crate::store::audit::Log;
-use crate::store::database::files::Place;
+use crate::store::database::files::OpenFiles;
 use crate::store::database::schema;
 use crate::store::{Database, Store, StoreError};
 
@@ -29,7 +29,7 @@ impl Store {
 #[derive(Debug)]
 pub(in crate::store) struct Health {
     /// The data folder with the files that were opened; `None` for a store in memory.
-    place: Option<Place>,
+    files: Option<OpenFiles>,
     fault: watch::Sender<Fault>,
     probed: Option<Timestamp>,
     /// The database is open for reading only.
@@ -44,9 +44,9 @@ pub(in crate::store) struct Health {
 
 impl Health {
     pub(in crate::store) fn new(folder: Option<&Path>) -> Health {
-        let (place, fault) = (folder.map(Place::new), watch::channel(None).0);
+        let (files, fault) = (folder.map(OpenFiles::new), watch::channel(None).0);
         Health {
-            place,
+            files,
             fault,
             probed: None,
             is_reading: false,
@@ -59,13 +59,13 @@ impl Health {
     /// The database is damaged, and somebody has to repair it.
     pub(in crate::store) fn is_broken(&mut self, why: &str) {
         self.broken = Some(Arc::from(why));
-        self.say(Some(why));
+        self.report(Some(why));
     }
 
     /// The database is a copy in memory of the readable part of a damaged one: nothing is kept.
     pub(in crate::store) fn is_salvaged(&mut self, why: &str) {
         self.is_salvaged = true;
-        self.place = None;
+        self.files = None;
         self.is_broken(why);
     }
 
@@ -79,7 +79,7 @@ impl Health {
 
     /// The folder of the files; `None` for a database in memory.
     pub(in crate::store) fn folder(&self) -> Option<&Path> {
-        self.place.as_ref().map(Place::folder)
+        self.files.as_ref().map(OpenFiles::folder)
     }
 
     /// Whether no fault is known.
@@ -90,7 +90,7 @@ impl Health {
     /// The database could be opened for reading only.
     pub(in crate::store) fn cannot_write(&mut self, why: &str) {
         self.is_reading = true;
-        self.say(Some(why));
+        self.report(Some(why));
     }
 
     pub(in crate::store) fn is_reading(&self) -> bool {
@@ -99,7 +99,7 @@ impl Health {
 
     /// Whether the files are those that were opened: a restart would not find what is written into others.
     pub(in crate::store) fn check_files(&self) -> Result<(), StoreError> {
-        let checked = self.place.as_ref().map_or(Ok(()), |place| place.check_files(self.is_reading));
+        let checked = self.files.as_ref().map_or(Ok(()), |files| files.check_files(self.is_reading));
         checked.map_err(StoreError::Files)
     }
 
@@ -111,7 +111,7 @@ impl Health {
     /// database that is open for reading only the reason is known.
     pub(in crate::store) fn judge(&mut self, error: &StoreError) {
         if let StoreError::Files(fault) = error {
-            self.say(Some(fault));
+            self.report(Some(fault));
         }
         if let StoreError::Database(rusqlite::Error::SqliteFailure(failure, _)) = error
             && !self.is_reading
@@ -127,12 +127,12 @@ impl Health {
         {
             let is_damage = matches!(failure.code, ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase);
             self.is_suspect |= is_damage;
-            self.say(Some(&error.to_string()));
+            self.report(Some(&error.to_string()));
         }
     }
 
-    /// Other parts of the store report their faults here.
-    pub(in crate::store) fn voice(&self) -> watch::Sender<Fault> {
+    /// Other parts of the store report their faults with this: see [`report`].
+    pub(in crate::store) fn fault_sender(&self) -> watch::Sender<Fault> {
         self.fault.clone()
     }
 
@@ -141,21 +141,22 @@ impl Health {
         self.probed = None;
     }
 
-    fn say(&self, fault: Option<&str>) {
-        say(&self.fault, fault);
+    fn report(&self, fault: Option<&str>) {
+        report(&self.fault, fault);
     }
 }
 
-pub(in crate::store) fn say(voice: &watch::Sender<Fault>, fault: Option<&str>) {
-    voice.send_if_modified(|said| {
-        if said.as_deref() == fault {
+/// Reports a fault of the storage, or its end.
+pub(in crate::store) fn report(sender: &watch::Sender<Fault>, fault: Option<&str>) {
+    sender.send_if_modified(|reported| {
+        if reported.as_deref() == fault {
             return false;
         }
         match fault {
             Some(fault) => tracing::error!("nothing can be kept any more: {fault}"),
             None => tracing::info!("what happens is kept again"),
         }
-        *said = fault.map(Arc::from);
+        *reported = fault.map(Arc::from);
         true
     });
 }
@@ -169,13 +170,13 @@ impl Database {
         }
         let fault = self.check().err();
         self.health.probed = Some(self.clock.now());
-        self.health.say(fault.as_deref());
+        self.health.report(fault.as_deref());
     }
 
     /// Opens a database for writing that could only be read so far.
     fn open_again(&mut self) -> Result<(), String> {
-        let place = self.health.place.as_ref().filter(|_| self.health.is_reading);
-        let Some(folder) = place.map(|place| place.folder().to_owned()) else { return Ok(()) };
+        let files = self.health.files.as_ref().filter(|_| self.health.is_reading);
+        let Some(folder) = files.map(|files| files.folder().to_owned()) else { return Ok(()) };
         // Connections of one process share the index of the log, and with it that it may not be written.
         let nothing = Connection::open_in_memory().map_err(|error| error.to_string())?;
         drop(std::mem::replace(&mut self.connection, nothing));
@@ -190,7 +191,7 @@ impl Database {
                 return Err(error.to_string());
             }
         }
-        self.health.place = Some(Place::new(&folder));
+        self.health.files = Some(OpenFiles::new(&folder));
         self.health.is_reading = false;
         // This also stores what changed meanwhile.
         self.data_version = 0;
@@ -202,8 +203,8 @@ impl Database {
             return Err(broken.to_string());
         }
         self.check_files().map_err(|fault| fault.to_string())?;
-        if let Some(place) = &self.health.place {
-            place.check_room()?;
+        if let Some(files) = &self.health.files {
+            files.check_room()?;
         }
         self.open_again()?;
         if let Some(fault) = self.log.fault() {
@@ -224,7 +225,7 @@ impl Database {
         let Err(fault) = self.health.check_files() else { return Ok(()) };
         // What was acknowledged so far lies in a log that has no name any more. The database still has one:
         // it takes all of that in, unless another program works with it through another log.
-        if !self.health.is_reading && self.health.place.as_ref().is_some_and(Place::can_be_saved) {
+        if !self.health.is_reading && self.health.files.as_ref().is_some_and(OpenFiles::can_be_saved) {
             let saved = self.connection.query_row("PRAGMA wal_checkpoint(PASSIVE)", [], |_| Ok(()));
             if let Err(error) = saved {
                 tracing::error!(%error, "what was in the log of the database cannot be saved");
@@ -234,12 +235,12 @@ impl Database {
     }
 
     fn check_size(&mut self) -> Result<(), String> {
-        let Some(place) = &mut self.health.place else { return Ok(()) };
+        let Some(files) = &mut self.health.files else { return Ok(()) };
         let number = |name| self.connection.pragma_query_value(None, name, |row| row.get::<_, i64>(0));
         let (pages, size) = number("page_count")
             .and_then(|pages| Ok((pages, number("page_size")?)))
             .map_err(|error| format!("the database failed: {error}"))?;
-        place.check_size(pages.unsigned_abs().saturating_mul(size.unsigned_abs()))
+        files.check_size(pages.unsigned_abs().saturating_mul(size.unsigned_abs()))
     }
 
     /// Checks a database that was found damaged: one successful write does not prove that it is whole.

@@ -39,7 +39,7 @@ pub struct BackupState {
 
 /// The result of repairing or replacing a database.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Mended {
+pub struct Repaired {
     pub users: u64,
     /// The data that are lost or older than before.
     pub losses: Vec<String>,
@@ -82,7 +82,7 @@ fn count(connection: &Connection) -> Option<u64> {
 ///
 /// # Errors
 /// If it cannot be written, or no user can be found: nothing is changed then.
-pub fn repair(folder: &Path, clock: Clock) -> Result<Mended, StoreError> {
+pub fn repair(folder: &Path, clock: Clock) -> Result<Repaired, StoreError> {
     let new = new_file(folder)?;
     let mut connection = schema::make_new(&new)?;
     let salvaged = salvage::into_new(folder, &mut connection)?;
@@ -93,7 +93,7 @@ pub fn repair(folder: &Path, clock: Clock) -> Result<Mended, StoreError> {
     }
     let kept = put_in_place(folder, &new, connection, clock.wall())?;
     note(folder, clock, Action::DataRepaired, &salvaged.losses.join("; "))?;
-    Ok(Mended { users: salvaged.users, losses: salvaged.losses, kept })
+    Ok(Repaired { users: salvaged.users, losses: salvaged.losses, kept })
 }
 
 /// Replaces the database with a backup: this one, or the newest that is whole. Nobody is logged in then.
@@ -101,7 +101,7 @@ pub fn repair(folder: &Path, clock: Clock) -> Result<Mended, StoreError> {
 ///
 /// # Errors
 /// If there is no backup that is whole, or it cannot be written: nothing is changed then.
-pub fn restore(folder: &Path, file: Option<&Path>, clock: Clock) -> Result<(PathBuf, Mended), StoreError> {
+pub fn restore(folder: &Path, file: Option<&Path>, clock: Clock) -> Result<(PathBuf, Repaired), StoreError> {
     let (file, from) = match file {
         Some(file) => (file.to_owned(), backup::open(file)?),
         None => backup::newest(folder).ok_or_else(|| StoreError::NoBackup { folder: folder.to_owned() })?,
@@ -117,7 +117,7 @@ pub fn restore(folder: &Path, file: Option<&Path>, clock: Clock) -> Result<(Path
     let kept = put_in_place(folder, &new, connection, clock.wall())?;
     note(folder, clock, Action::DataRestored, &file.display().to_string())?;
     let losses = vec![format!("what happened after {} is not in it", file.display())];
-    Ok((file, Mended { users, losses, kept }))
+    Ok((file, Repaired { users, losses, kept }))
 }
 
 /// An unused name for the new database.
@@ -179,7 +179,8 @@ fn note(folder: &Path, clock: Clock, action: Action, target: &str) -> Result<(),
     let runtime = tokio::runtime::Builder::new_current_thread().build();
     let runtime = runtime.map_err(|reason| folder_error(folder, reason))?;
     runtime.block_on(async {
-        let noted = store.audit(Record::of(action, COMMAND_LINE).on(target)).await;
+        let record = Record::of(action, COMMAND_LINE).on(target);
+        let noted = store.call(move |database| database.change(&[record], |_| Ok(()))).await;
         store.close().await;
         noted
     })

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use tokio::sync::watch;
 
-use super::health::{Fault, say};
+use super::health::{Fault, report};
 use crate::clock::Clock;
 use crate::engine::time::{Span, Timestamp};
 
@@ -16,71 +16,70 @@ const ANSWERS_WITHIN: Span = Span::from_secs(3);
 
 const LOOK_EVERY: Duration = Duration::from_millis(250);
 
-/// The progress of the store's thread.
+/// Watches how long the store's thread has been busy with one job.
 #[derive(Debug)]
-pub(in crate::store) struct Pace {
-    step: Mutex<Step>,
+pub(in crate::store) struct JobWatch {
+    job: Mutex<Job>,
     fault: watch::Sender<Fault>,
     /// The report of a hanging disk.
-    hangs: String,
+    report: String,
 }
 
+/// The present job of the store's thread.
 #[derive(Debug, Default)]
-struct Step {
-    /// When the present job began; `None` while there is none.
+struct Job {
+    /// When it began; `None` while there is no job.
     since: Option<Timestamp>,
     /// It was reported as hanging.
-    is_told: bool,
+    is_reported: bool,
 }
 
-impl Pace {
+impl JobWatch {
     /// Watches a store for as long as the store lives.
-    pub(in crate::store) fn watch(
+    pub(in crate::store) fn start(
         fault: watch::Sender<Fault>,
         folder: Option<&Path>,
         clock: Clock,
-    ) -> std::io::Result<Arc<Pace>> {
+    ) -> std::io::Result<Arc<JobWatch>> {
         let disk = folder.map_or_else(
             || "the database".to_owned(),
             |folder| format!("the disk of the data folder {}", folder.display()),
         );
-        let hangs = format!("{disk} has not answered for {} s", ANSWERS_WITHIN.as_millis() / 1000);
-        let pace = Arc::new(Pace { step: Mutex::default(), fault, hangs });
-        let looked_at = Arc::downgrade(&pace);
-        std::thread::Builder::new()
-            .name("store watch".to_owned())
-            .spawn(move || look_after(&looked_at, clock))?;
-        Ok(pace)
+        let report = format!("{disk} has not answered for {} s", ANSWERS_WITHIN.as_millis() / 1000);
+        let watch = Arc::new(JobWatch { job: Mutex::default(), fault, report });
+        let watched = Arc::downgrade(&watch);
+        std::thread::Builder::new().name("store watch".to_owned()).spawn(move || run(&watched, clock))?;
+        Ok(watch)
     }
 
     /// The next job begins. Returns whether the one before was reported as hanging.
-    pub(in crate::store) fn step(&self, now: Timestamp) -> bool {
-        std::mem::replace(&mut *self.lock(), Step { since: Some(now), is_told: false }).is_told
+    pub(in crate::store) fn begin(&self, now: Timestamp) -> bool {
+        std::mem::replace(&mut *self.lock(), Job { since: Some(now), is_reported: false }).is_reported
     }
 
     /// There is no job. Returns whether the last one was reported as hanging.
-    pub(in crate::store) fn rest(&self) -> bool {
-        std::mem::take(&mut *self.lock()).is_told
+    pub(in crate::store) fn idle(&self) -> bool {
+        std::mem::take(&mut *self.lock()).is_reported
     }
 
     fn look(&self, now: Timestamp) {
-        let mut step = self.lock();
-        let hangs = step.since.is_some_and(|since| now.since(since) >= ANSWERS_WITHIN);
-        if hangs && !step.is_told {
-            step.is_told = true;
-            say(&self.fault, Some(&self.hangs));
+        let mut job = self.lock();
+        let hangs = job.since.is_some_and(|since| now.since(since) >= ANSWERS_WITHIN);
+        if hangs && !job.is_reported {
+            job.is_reported = true;
+            report(&self.fault, Some(&self.report));
         }
     }
 
-    fn lock(&self) -> MutexGuard<'_, Step> {
-        self.step.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> MutexGuard<'_, Job> {
+        self.job.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-fn look_after(pace: &Weak<Pace>, clock: Clock) {
-    while let Some(pace) = pace.upgrade() {
-        pace.look(clock.now());
-        drop(pace);
+fn run(watched: &Weak<JobWatch>, clock: Clock) {
+    while let Some(watch) = watched.upgrade() {
+        watch.look(clock.now());
+        drop(watch);
         std::thread::sleep(LOOK_EVERY);
     }
 }
@@ -93,7 +92,6 @@ mod tests {
     use tokio::task::JoinHandle;
 
     use super::*;
-    use crate::store::audit::{Action, Record, TELLTALE};
     use crate::store::{DemoSecrets, Store, StoreError};
 
     /// A job that does something and then hangs until the sender is dropped.
@@ -126,7 +124,7 @@ mod tests {
         for _ in 0..2 {
             let (answer, hanging) = hang(&store, "").await;
             let waits = store.clone();
-            let waiting = tokio::spawn(async move { waits.audit(Record::of(Action::Start, TELLTALE)).await });
+            let waiting = tokio::spawn(async move { waits.call(|_| Ok(())).await });
             hand.advance(ANSWERS_WITHIN - Span::from_secs(1));
             assert_eq!(*fault.borrow(), None);
             hand.advance(Span::from_secs(1));

@@ -13,7 +13,7 @@ use crate::engine::view::record::Stretch;
 
 /// Transitions of one node that are read; a picture holds no more.
 const STRETCHES_MAX: usize = 4000;
-const HAPPENED_MAX: usize = 500;
+const EVENTS_MAX: usize = 500;
 
 /// A query: milliseconds since 1970, both ends included.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -26,13 +26,13 @@ pub struct HistoryQuery {
 
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Past {
-    /// As asked for, in that order.
+    /// In the order of the query.
     pub nodes: Vec<NodePast>,
-    pub stage: Vec<Held<Stage>>,
-    /// As asked for, in that order.
-    pub signals: Vec<(String, Vec<Held<Option<bool>>>)>,
-    /// Everything that is no transition of a node, oldest first.
-    pub happened: Vec<(i64, Happened)>,
+    pub stage: Vec<Period<Stage>>,
+    /// In the order of the query.
+    pub signals: Vec<(String, Vec<Period<Option<bool>>>)>,
+    /// Events other than transitions of nodes, the oldest first.
+    pub events: Vec<(i64, PastEvent)>,
     /// There are more rows than were read.
     pub cut: bool,
 }
@@ -46,14 +46,14 @@ pub struct NodePast {
 
 /// A stage or signal with the span of time for which it held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Held<T> {
+pub struct Period<T> {
     pub from_ms: i64,
     pub to_ms: i64,
     pub value: T,
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub enum Happened {
+pub enum PastEvent {
     Started {
         anew: bool,
     },
@@ -103,8 +103,8 @@ pub fn past(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<P
         let held = held(rows, &starts, query, |value| Some(value.map(|value| value == 1)));
         past.signals.push((name.clone(), held));
     }
-    past.happened = happened(connection, query)?;
-    past.cut |= past.happened.len() >= HAPPENED_MAX;
+    past.events = events(connection, query)?;
+    past.cut |= past.events.len() >= EVENTS_MAX;
     Ok(past)
 }
 
@@ -240,39 +240,39 @@ fn held<T>(
     starts: &[Start],
     query: &HistoryQuery,
     value: impl Fn(Option<i64>) -> Option<T>,
-) -> Vec<Held<T>> {
-    let held = |(from_ms, to_ms, level)| Some(Held { from_ms, to_ms, value: value(level)? });
+) -> Vec<Period<T>> {
+    let held = |(from_ms, to_ms, level)| Some(Period { from_ms, to_ms, value: value(level)? });
     lasting(rows, starts, query).into_iter().filter_map(held).collect()
 }
 
-fn happened(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<Vec<(i64, Happened)>> {
+fn events(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<Vec<(i64, PastEvent)>> {
     let mut statement = connection.prepare_cached(
         "SELECT at_ms, kind, node.name, state, other.name, number FROM records
             LEFT JOIN nodes AS node ON node.id = node LEFT JOIN nodes AS other ON other.id = other
             WHERE kind <> 1 AND at_ms >= ? AND at_ms <= ? ORDER BY at_ms DESC, records.id DESC LIMIT ?",
     )?;
-    let rows = statement.query_map(params![query.from_ms, query.to_ms, HAPPENED_MAX as i64], |row| {
+    let rows = statement.query_map(params![query.from_ms, query.to_ms, EVENTS_MAX as i64], |row| {
         let name = |column: usize| row.get::<_, Option<String>>(column).map(Option::unwrap_or_default);
         let flag: Option<i64> = row.get(3)?;
         let number = row.get::<_, Option<i64>>(5)?.unwrap_or_default();
         let what = match row.get::<_, i64>(1)? {
-            STARTED => Some(Happened::Started { anew: flag == Some(1) }),
-            STAGE => flag.and_then(stage).map(Happened::Stage),
-            SIGNAL => Some(Happened::Signal { name: name(2)?, value: flag.map(|flag| flag == 1) }),
-            RAISED => Some(Happened::AlarmRaised { id: number, node: name(2)? }),
-            MOVED => Some(Happened::AlarmMoved { id: number, symptom: name(2)?, cause: name(4)? }),
-            ACKNOWLEDGED => Some(Happened::AlarmAcknowledged { id: number, node: name(2)? }),
-            CLEARED => Some(Happened::AlarmCleared { id: number, node: name(2)? }),
-            LEFT => Some(Happened::Left { node: name(2)? }),
-            LOST => Some(Happened::Lost(number)),
+            STARTED => Some(PastEvent::Started { anew: flag == Some(1) }),
+            STAGE => flag.and_then(stage).map(PastEvent::Stage),
+            SIGNAL => Some(PastEvent::Signal { name: name(2)?, value: flag.map(|flag| flag == 1) }),
+            RAISED => Some(PastEvent::AlarmRaised { id: number, node: name(2)? }),
+            MOVED => Some(PastEvent::AlarmMoved { id: number, symptom: name(2)?, cause: name(4)? }),
+            ACKNOWLEDGED => Some(PastEvent::AlarmAcknowledged { id: number, node: name(2)? }),
+            CLEARED => Some(PastEvent::AlarmCleared { id: number, node: name(2)? }),
+            LEFT => Some(PastEvent::Left { node: name(2)? }),
+            LOST => Some(PastEvent::Lost(number)),
             // Written by a newer program.
             _ => None,
         };
         Ok(what.map(|what| (row.get_unwrap(0), what)))
     })?;
-    let mut happened = rows.filter_map(Result::transpose).collect::<rusqlite::Result<Vec<_>>>()?;
-    happened.reverse();
-    Ok(happened)
+    let mut events = rows.filter_map(Result::transpose).collect::<rusqlite::Result<Vec<_>>>()?;
+    events.reverse();
+    Ok(events)
 }
 
 /// Whether a file has the columns for messages: files of earlier versions do not.

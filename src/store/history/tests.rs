@@ -115,37 +115,37 @@ fn nothing_is_claimed_for_the_time_between_two_runs_nor_of_what_is_gone() {
 fn all_else_that_happened_is_told_in_order() {
     let mut disk = Disk::new(ROWS_MAX);
     let all = [
-        (Recorded::Started { anew: false }, Happened::Started { anew: false }),
-        (Recorded::Stage(Stage::Active), Happened::Stage(Stage::Active)),
+        (Recorded::Started { anew: false }, PastEvent::Started { anew: false }),
+        (Recorded::Stage(Stage::Active), PastEvent::Stage(Stage::Active)),
         (
             Recorded::Signal { name: "active".into(), value: None },
-            Happened::Signal { name: "active".into(), value: None },
+            PastEvent::Signal { name: "active".into(), value: None },
         ),
         (
             Recorded::AlarmRaised { id: 3, node: "a".into() },
-            Happened::AlarmRaised { id: 3, node: "a".into() },
+            PastEvent::AlarmRaised { id: 3, node: "a".into() },
         ),
         (
             Recorded::AlarmMoved { id: 3, symptom: "a".into(), cause: "b".into() },
-            Happened::AlarmMoved { id: 3, symptom: "a".into(), cause: "b".into() },
+            PastEvent::AlarmMoved { id: 3, symptom: "a".into(), cause: "b".into() },
         ),
         (
             Recorded::AlarmCleared { id: 3, node: "b".into() },
-            Happened::AlarmCleared { id: 3, node: "b".into() },
+            PastEvent::AlarmCleared { id: 3, node: "b".into() },
         ),
         (
             Recorded::AlarmAcknowledged { id: 3, node: "b".into() },
-            Happened::AlarmAcknowledged { id: 3, node: "b".into() },
+            PastEvent::AlarmAcknowledged { id: 3, node: "b".into() },
         ),
-        (Recorded::Left { node: "a".into() }, Happened::Left { node: "a".into() }),
-        (Recorded::Lost(7), Happened::Lost(7)),
+        (Recorded::Left { node: "a".into() }, PastEvent::Left { node: "a".into() }),
+        (Recorded::Lost(7), PastEvent::Lost(7)),
     ];
     let records: Vec<Recorded> = all.iter().map(|(record, _)| record.clone()).collect();
     disk.write(5, &records);
     let past = disk.past(&[], 0, 10);
-    let told: Vec<Happened> = past.happened.into_iter().map(|(_, what)| what).collect();
+    let told: Vec<PastEvent> = past.events.into_iter().map(|(_, what)| what).collect();
     assert_eq!(told, all.map(|(_, happened)| happened));
-    assert!(disk.past(&[], 6, 10).happened.is_empty());
+    assert!(disk.past(&[], 6, 10).events.is_empty());
 }
 
 #[test]
@@ -172,7 +172,7 @@ async fn a_database_that_fails_is_survived_and_what_was_lost_is_told() {
     assert!(disk.writer.write(&mut disk.connection, &batch, now).is_err());
     disk.connection.execute_batch("ALTER TABLE away RENAME TO records").unwrap();
     disk.write(10, &[shown("a", State::Error, None)]);
-    assert_eq!(disk.past(&[], 0, 20).happened, [(START_MS + 10, Happened::Lost(1))]);
+    assert_eq!(disk.past(&[], 0, 20).events, [(START_MS + 10, PastEvent::Lost(1))]);
     assert_eq!(disk.stretches("a", 0, 20), [(10, 20, State::Error)]);
 
     let folder = std::env::temp_dir().join(format!("telltale-history-{}", std::process::id()));

@@ -1,7 +1,6 @@
-//! Sessions: who holds which token, until when, and which session leads the vehicle (the operator's
-//! *seat*).
+//! Sessions: their tokens, their users, their time, and the operator in charge of the vehicle.
 
-pub(super) mod operator_place;
+pub(super) mod operator_change;
 pub(super) mod table;
 
 use std::fmt;
@@ -136,9 +135,7 @@ impl Store {
         let session = self
             .call(move |database| {
                 let created = database.judged();
-                database.change_sessions(&[], |transaction| {
-                    insert_session(transaction, &user, key, created, &[])
-                })?;
+                database.write(&[], |transaction| insert_session(transaction, &user, key, created, &[]))?;
                 database.reload_sessions()?;
                 database.sessions.find(&key).ok_or(StoreError::SessionEnded)
             })
@@ -156,37 +153,11 @@ impl Store {
         self.sessions.all()
     }
 
-    /// Ends an expired session at once, without waiting for the disk. [`Store::write_owed`] later removes
-    /// it from the database and writes the record.
+    /// Ends an expired session at once, without waiting for the disk, and records that.
     pub fn end_at_once(&self, session: &Session, record: Record) {
-        self.sessions.end(session.key, record);
-    }
-
-    /// Notes an event that has already happened. [`Store::write_owed`] records it.
-    pub fn owe(&self, record: Record) {
-        self.sessions.owe(record);
-    }
-
-    /// Writes the ends of sessions and the records that could not be written when they happened.
-    ///
-    /// # Errors
-    /// If the database fails; all of them stay to be written.
-    pub async fn write_owed(&self) -> Result<(), StoreError> {
-        if !self.sessions.owes() {
-            return Ok(());
+        if self.sessions.end(session.key) {
+            self.note(record);
         }
-        self.call_surely(|database| {
-            let (keys, records) = database.sessions.owed();
-            database.change_sessions(&records, |transaction| {
-                for key in keys {
-                    transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [key])?;
-                }
-                Ok(())
-            })?;
-            database.sessions.paid(records.len());
-            database.reload_sessions()
-        })
-        .await
     }
 
     /// Stores the last activity of the holders of these sessions, so that a restart does not count as
@@ -198,7 +169,7 @@ impl Store {
         let now = self.clock.now();
         self.call(move |database| {
             let wall = database.judged();
-            database.change_sessions(&[], |transaction| {
+            database.write(&[], |transaction| {
                 let mut update = transaction
                     .prepare_cached("UPDATE sessions SET used_ms = max(used_ms, ?2) WHERE token_hash = ?1")?;
                 for session in sessions {
@@ -227,7 +198,7 @@ impl Store {
             if database.clock.now() >= until {
                 return Err(StoreError::TooLate);
             }
-            database.change_sessions(&[record], |transaction| {
+            database.write(&[record], |transaction| {
                 transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [key])?;
                 Ok(())
             })?;
@@ -236,9 +207,9 @@ impl Store {
         .await
     }
 
-    /// Gives an operator the seat without a login.
+    /// Puts an operator in charge without a login.
     #[cfg(test)]
-    pub(super) async fn take_seat(&self, operator: &str) -> Result<(), StoreError> {
+    pub(super) async fn put_in_charge(&self, operator: &str) -> Result<(), StoreError> {
         let operator = operator.to_owned();
         self.call(move |database| {
             database.connection.execute(
@@ -251,11 +222,12 @@ impl Store {
         .await
     }
 
-    /// The operator who had the seat last and still has an open session. The driver keeps it past its time.
+    /// The operator who was in charge last and still has an open session. While the vehicle drives, that session
+    /// does not expire.
     ///
     /// # Errors
     /// If the database fails.
-    pub async fn seated_operator(&self) -> Result<Option<String>, StoreError> {
+    pub async fn operator_in_charge(&self) -> Result<Option<String>, StoreError> {
         self.call(move |database| {
             let now_ms = to_unix_ms(database.judged());
             let name = database.connection.query_row(
@@ -384,16 +356,16 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn the_seat_needs_an_open_session() {
+    async fn an_operator_in_charge_has_an_open_session() {
         let store = store_with_users().await;
         let user = store.authenticate("anna", "135791").await.unwrap().unwrap();
-        store.take_seat("anna").await.unwrap();
-        assert_eq!(store.seated_operator().await.unwrap(), None);
+        store.put_in_charge("anna").await.unwrap();
+        assert_eq!(store.operator_in_charge().await.unwrap(), None);
         let (_, session) = store.open_session(&user).await.unwrap();
-        assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("anna"));
+        assert_eq!(store.operator_in_charge().await.unwrap().as_deref(), Some("anna"));
         let record = Record::of(Action::SessionEnded, TELLTALE);
         store.end_session(&session, record, Timestamp::from_millis(u64::from(u32::MAX))).await.unwrap();
-        assert_eq!(store.seated_operator().await.unwrap(), None);
+        assert_eq!(store.operator_in_charge().await.unwrap(), None);
     }
 
     async fn store_with_users() -> Store {

@@ -9,7 +9,6 @@ use tokio::sync::watch;
 
 use super::{Key, nanos, span};
 use crate::engine::time::Timestamp;
-use crate::store::audit::Record;
 use crate::store::{Role, SESSION_LIFE, Session, SessionKind, Verified};
 
 #[derive(Debug, Default)]
@@ -18,10 +17,10 @@ pub(in crate::store) struct Sessions(RwLock<Table>);
 #[derive(Debug, Default)]
 struct Table {
     open: HashMap<Key, Open>,
-    /// Sessions that ended here and are still in the database.
-    over: HashSet<Key>,
-    /// Events that are not recorded yet. There are never more than there were sessions.
-    owed: Vec<(Option<Key>, Record)>,
+    /// Sessions that ended here and are still in the database, as far as it was read.
+    ended: HashSet<Key>,
+    /// Those that the database does not know to have ended.
+    unwritten: Vec<Key>,
     /// How often the table was updated from the database.
     alignment: u64,
 }
@@ -64,34 +63,25 @@ impl Sessions {
         self.read().open.values().map(|open| open.session.clone()).collect()
     }
 
-    /// Ends a session. Its record is still to be written.
-    pub(in crate::store) fn end(&self, key: Key, record: Record) {
+    /// Ends a session; returns whether it was open. The store's thread removes it from the database later.
+    pub(in crate::store) fn end(&self, key: Key) -> bool {
         let mut table = self.write();
-        if table.open.remove(&key).is_some() {
-            table.over.insert(key);
-            table.owed.push((Some(key), record));
+        let was_open = table.open.remove(&key).is_some();
+        if was_open {
+            table.ended.insert(key);
+            table.unwritten.push(key);
         }
+        was_open
     }
 
-    /// Notes an event that is to be recorded.
-    pub(in crate::store) fn owe(&self, record: Record) {
-        self.write().owed.push((None, record));
-    }
-
-    /// The ended sessions and the records still to be written, in order.
-    pub(in crate::store) fn owed(&self) -> (Vec<Key>, Vec<Record>) {
-        let table = self.read();
-        let keys = table.owed.iter().filter_map(|(key, _)| *key).collect();
-        (keys, table.owed.iter().map(|(_, record)| record.clone()).collect())
-    }
-
-    pub(in crate::store) fn owes(&self) -> bool {
-        !self.read().owed.is_empty()
+    /// Sessions that ended here, of which the database does not know.
+    pub(in crate::store) fn unwritten(&self) -> Vec<Key> {
+        self.read().unwritten.clone()
     }
 
     /// The first `count` of them are written.
-    pub(in crate::store) fn paid(&self, count: usize) {
-        self.write().owed.drain(..count);
+    pub(in crate::store) fn written(&self, count: usize) {
+        self.write().unwritten.drain(..count);
     }
 
     pub(in crate::store) fn alignment(&self) -> u64 {
@@ -113,14 +103,14 @@ impl Sessions {
         let mut table = self.write();
         table.alignment += 1;
         let keys: HashSet<Key> = rows.iter().map(|row| row.key).collect();
-        table.over.retain(|key| keys.contains(key));
+        table.ended.retain(|key| keys.contains(key));
         let mut before = std::mem::take(&mut table.open);
         for row in rows {
             let same = |open: &Open| *open.session.user == *row.user && open.session.role == row.role;
             let open = before.remove(&row.key).filter(same);
             // A token that had expired before has no session to end.
             let is_nothing = open.is_none() && row.is_late && row.kind == SessionKind::Program;
-            if !is_nothing && !table.over.contains(&row.key) {
+            if !is_nothing && !table.ended.contains(&row.key) {
                 table.open.insert(row.key, open.unwrap_or_else(|| Open::new(row)));
             }
         }

@@ -9,14 +9,14 @@ use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
 use crate::store::audit::{Action, Record, TELLTALE};
-use crate::store::{Role, Session, SessionKind, StoreError, Token};
+use crate::store::{Role, Session, SessionKind, Token};
 use crate::web::AppState;
 use crate::web::view::words::session_end::SessionEnd;
 
 const CHECK_EVERY: Duration = Duration::from_millis(500);
 
 /// How much older than it was a developer's last action may look after a restart.
-const NOTE_USE_EVERY: Span = Span::from_secs(60);
+const NOTE_USE_EVERY: Duration = Duration::from_secs(60);
 
 /// A developer who does nothing for this long has gone away from an open page. An operator's work
 /// is to watch, so the display in the vehicle never ends for that.
@@ -61,7 +61,7 @@ impl AppState {
 /// Runs for as long as the server does. What is over ends whatever the disk does, so nothing of that
 /// waits for what is written.
 pub async fn watch(app: AppState) {
-    tokio::join!(end_overdue(&app), lock_empty(&app), write(&app));
+    tokio::join!(end_overdue(&app), lock_empty(&app), note_use(&app));
 }
 
 fn checks() -> Interval {
@@ -108,36 +108,26 @@ async fn lock_if_empty(app: &AppState) {
     if is_empty && matches!(app.command(OperatorAction::Logout).await, Ok(Response::Done)) {
         tracing::info!("the operator has no session any more: the vehicle is locked");
         let record = Record::of(Action::Logout, TELLTALE).by(operator, Role::Operator);
-        app.store.owe(record.on("no session any more"));
+        app.store.note(record.on("no session any more"));
     }
 }
 
-/// Writes down what the others did, as soon as that works.
-async fn write(app: &AppState) {
-    let mut checks = checks();
-    let mut failing = false;
+/// Stores the last activity of developers, so that a restart gives nobody another quarter of an hour.
+async fn note_use(app: &AppState) {
+    let mut checks = interval(NOTE_USE_EVERY);
+    checks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut noted = app.clock.now();
     loop {
         checks.tick().await;
-        app.audit_omitted().await;
-        let mut written = app.store.write_owed().await;
         let now = app.clock.now();
-        if written.is_ok() && now.since(noted) >= NOTE_USE_EVERY {
-            written = note_use(app, now, noted).await;
-            noted = if written.is_ok() { now } else { noted };
+        let mut used = app.store.sessions();
+        used.retain(|session| idles_out(session) && session.idle(now) <= now.since(noted));
+        if used.is_empty() {
+            continue;
         }
-        if let Err(error) = &written
-            && !failing
-        {
-            tracing::error!(%error, "that sessions ended or were used cannot be written yet");
+        match app.store.note_used(used).await {
+            Ok(()) => noted = now,
+            Err(error) => tracing::error!(%error, "the use of sessions cannot be written yet"),
         }
-        failing = written.is_err();
     }
-}
-
-/// A restart gives nobody another quarter of an hour.
-async fn note_use(app: &AppState, now: Timestamp, since: Timestamp) -> Result<(), StoreError> {
-    let mut used = app.store.sessions();
-    used.retain(|session| idles_out(session) && session.idle(now) <= now.since(since));
-    if used.is_empty() { Ok(()) } else { app.store.note_used(used).await }
 }

@@ -13,7 +13,6 @@ use crate::engine::time::{Span, Timestamp};
 use crate::store::Session;
 use crate::store::audit::{Action, Record};
 use crate::web::AppState;
-use crate::web::record::audit::record_of;
 use crate::web::view::words::session_end::SessionEnd;
 
 /// So long before it happens it is announced.
@@ -89,21 +88,21 @@ async fn follow(told: Announced, announced: HandOver) {
     }
     if let Err(why) = announced.take(app).await {
         tracing::warn!(why, "the vehicle is not handed over");
-        app.record(None, announced.record().refused(why)).await;
+        app.store.record(announced.record().refused(why), None).await;
     }
 }
 
 impl HandOver {
     fn record(&self) -> Record {
-        record_of(&self.session, Action::HandOver, self.source).on(format!("from {}", self.from))
+        Record::of_session(&self.session, Action::HandOver, self.source).on(format!("from {}", self.from))
     }
 
     /// Takes charge, judged anew: written first, and not done if that takes too long.
     async fn take(&self, app: &AppState) -> Result<(), String> {
         let late = || "it waited too long for others".to_owned();
         let until = self.due + DONE_WITHIN;
-        let _change = app.by(until, app.lock_operator()).await.ok_or_else(late)?;
-        let _acting = app.by(until, app.acting.lock()).await.ok_or_else(late)?;
+        let _change = app.clock.by(until, app.lock_operator()).await.ok_or_else(late)?;
+        let _acting = app.clock.by(until, app.acting.lock()).await.ok_or_else(late)?;
         let in_charge = app.published().snapshot.operator.clone();
         if !self.session.is_open() || in_charge.is_some_and(|in_charge| *in_charge != *self.from) {
             return Err("things have changed".to_owned());
@@ -113,7 +112,7 @@ impl HandOver {
         let memory = app.remembering(foreseen.map_err(|reasons| format!("{reasons:?}"))?);
         let taking = app.store.take_over(&self.session, &self.from, memory, self.record(), until);
         let mut taking = Box::pin(taking);
-        let Some(taken) = app.by(until, &mut taking).await else {
+        let Some(taken) = app.clock.by(until, &mut taking).await else {
             app.undo_late(taking, self.record());
             return Err("the disk did not answer in time".to_owned());
         };

@@ -1,7 +1,7 @@
 //! Login and logout.
 
+use std::hash::BuildHasher as _;
 use std::net::IpAddr;
-
 use std::sync::PoisonError;
 use std::time::Duration;
 
@@ -96,11 +96,9 @@ pub async fn login(
     let user = match prove(&app, &form, source, device.clone()).await {
         Ok(user) => user,
         Err(failure) => {
-            if app.may_record_refusal(source, Action::Login).await {
-                let record = Record::of(Action::Login, source.to_string());
-                let record = record.on(app.recorded_name(&form.name).await);
-                app.audit_or_log_from(app.caller(source), record.refused(failure.as_str())).await;
-            }
+            let name = recorded_name(&app, &form.name).await;
+            let record = Record::of(Action::Login, source.to_string()).on(name).refused(failure.as_str());
+            app.store.record(record.by_anybody(app.caller(source)), None).await;
             return failed(&app, &reader, &form.name, failure);
         }
     };
@@ -149,6 +147,15 @@ pub async fn shutdown(
     reader: Reader,
 ) -> Response {
     leave(app, peer, session, &reader, OperatorAction::Shutdown).await
+}
+
+/// What is recorded of a name with which a login failed. What is no user's may be a secret that was typed
+/// into the wrong field: of that only repeats can be told, until the next restart.
+async fn recorded_name(app: &AppState, name: &str) -> String {
+    match app.store.knows_user(name).await {
+        Ok(true) => name.to_owned(),
+        _ => format!("(unknown name, {:08x})", app.unknown_names.hash_one(name) >> 32),
+    }
 }
 
 async fn leave(

@@ -15,7 +15,6 @@ use crate::store::audit::{Action, Record};
 use crate::store::{Caller, Entering, Role, Session, StoreError, Token, VehicleMemory, Verified, Written};
 use crate::web::AppState;
 use crate::web::engine_link::NoAnswer;
-use crate::web::record::audit::record_of;
 use crate::web::view::words::session_end::SessionEnd;
 
 /// Why no session was opened or closed.
@@ -37,7 +36,6 @@ impl From<StoreError> for NotOpened {
     fn from(error: StoreError) -> NotOpened {
         tracing::error!(%error, "sessions cannot be changed");
         match error {
-            StoreError::TooLate => NotOpened::Storage,
             error if error.is_of_storage() => NotOpened::Storage,
             _ => NotOpened::Unavailable,
         }
@@ -108,23 +106,21 @@ impl LoginAttempt {
         app: &AppState,
         is_waited_for: impl Fn() -> bool + Send,
     ) -> Result<(Token, Session), NotOpened> {
-        let _change = app.by(self.until, app.lock_operator()).await.ok_or(NotOpened::Busy)?;
+        let _change = app.clock.by(self.until, app.lock_operator()).await.ok_or(NotOpened::Busy)?;
         let (name, role) = (self.user.name(), self.user.role());
         let in_charge = app.published().snapshot.operator.clone();
         let other = in_charge.filter(|it| role == Role::Operator && **it != *name);
         if let Some(other) = other.as_deref().filter(|_| !self.takes_over) {
             let why = format!("{other} is the operator");
-            app.audit(self.record(Action::Login).refused(why)).await?;
+            app.store.record(self.record(Action::Login).refused(why), None).await;
             return Err(NotOpened::OtherOperator(other.to_owned()));
         }
         let snapshot = app.published().snapshot;
         let drives = snapshot.stage == Stage::Active;
         let takes = role == Role::Operator && snapshot.operator.as_deref() != Some(name);
         if takes && drives && app.caller(self.source) != Caller::Vehicle {
-            app.audit(
-                self.record(Action::Login).refused("the vehicle drives, and this is none of its displays"),
-            )
-            .await?;
+            let why = "the vehicle drives, and this is none of its displays";
+            app.store.record(self.record(Action::Login).refused(why), None).await;
             return Err(NotOpened::Drives);
         }
         // At the driver's own display nobody has to be told.
@@ -134,7 +130,8 @@ impl LoginAttempt {
             return Err(NotOpened::Busy);
         }
         if let Some(reason) = self.is_refused_logout(app) {
-            app.audit(self.record(Action::Login).refused(format!("{:?}", [&reason]))).await?;
+            let record = self.record(Action::Login).refused(format!("{:?}", [&reason]));
+            app.store.record(record, None).await;
             return Err(NotOpened::Refused(vec![reason]));
         }
         let is_before = |session: &Session| self.before.as_ref().is_some_and(|before| before.is(session));
@@ -157,7 +154,7 @@ impl LoginAttempt {
         let session = app.store.entered(written)?;
         if let ended @ 1.. = (had + 1).saturating_sub(others()) {
             let record = self.record(Action::SessionEnded);
-            app.audit_or_log(record.on(format!("{ended} of too many, the oldest"))).await;
+            app.store.note(record.on(format!("{ended} of too many, the oldest")));
         }
         app.session_ends.remember(&session);
         if let Some(from) = announced {
@@ -171,13 +168,13 @@ impl LoginAttempt {
     fn entering<'a>(
         &'a self,
         app: &AppState,
-        seat: Option<VehicleMemory>,
+        vehicle: Option<VehicleMemory>,
         from: Option<&'a str>,
     ) -> Entering<'a> {
         let is_driver = app.published().snapshot.operator.as_deref() == Some(self.user.name());
         let mut stay = app.store.sessions();
         stay.retain(|it| is_driver && *it.user == *self.user.name() && app.displays.has(it));
-        Entering { user: &self.user, before: self.before.as_ref(), seat, from, stay }
+        Entering { user: &self.user, before: self.before.as_ref(), vehicle, from, stay }
     }
 
     /// Whether the session of a driving vehicle's operator would end. It does for the operator, and
@@ -191,7 +188,7 @@ impl LoginAttempt {
 
     /// That the session ends which the browser had.
     fn ends(&self) -> impl Iterator<Item = Record> {
-        let record = |before| record_of(before, Action::SessionEnded, self.source);
+        let record = |before| Record::of_session(before, Action::SessionEnded, self.source);
         let target = format!("login of {}", self.user.name());
         self.before.as_ref().map(record).map(|record| record.on(target)).into_iter()
     }
@@ -203,23 +200,24 @@ impl LoginAttempt {
         other: Option<&str>,
         is_waited_for: impl Fn() -> bool + Send,
     ) -> Result<(Token, Written), NotOpened> {
-        let _acting = app.by(self.until, app.acting.lock()).await.ok_or(NotOpened::Busy)?;
+        let _acting = app.clock.by(self.until, app.acting.lock()).await.ok_or(NotOpened::Busy)?;
         let action = OperatorAction::Login { name: self.user.name().into() };
         let foreseen = match app.rehearse(action.clone()).await? {
             Ok(foreseen) => foreseen,
             Err(reasons) => {
-                app.audit(self.record(Action::Login).refused(format!("{reasons:?}"))).await?;
+                let record = self.record(Action::Login).refused(format!("{reasons:?}"));
+                app.store.record(record, None).await;
                 return Err(NotOpened::Refused(reasons));
             }
         };
         if !is_waited_for() {
-            app.record_later(self.record(Action::Login).refused("nobody waited for it any more"));
+            app.store.note(self.record(Action::Login).refused("nobody waited for it any more"));
             return Err(NotOpened::Unavailable);
         }
         let hand_over = other.map(|other| self.record(Action::HandOver).on(format!("from {other}")));
         let records = self.ends().chain(hand_over).chain([self.record(Action::Login)]).collect();
-        let seat = Some(app.remembering(foreseen));
-        let entering = self.entering(app, seat, other);
+        let vehicle = Some(app.remembering(foreseen));
+        let entering = self.entering(app, vehicle, other);
         let (token, written) = self.write(app, entering, records).await?;
         let (why, not_opened) = match app.command(action).await {
             Ok(Answer::Done) => {
@@ -243,10 +241,10 @@ impl LoginAttempt {
         records: Vec<Record>,
     ) -> Result<(Token, Written), NotOpened> {
         let mut writing = Box::pin(app.store.enter(entering, records, self.until));
-        if let Some(written) = app.by(self.until, &mut writing).await {
+        if let Some(written) = app.clock.by(self.until, &mut writing).await {
             return Ok(written.inspect_err(|error| {
                 if matches!(error, StoreError::TooLate) {
-                    app.record_later(self.record(Action::Login).refused(LATE));
+                    app.store.note(self.record(Action::Login).refused(LATE));
                 }
             })?);
         }
@@ -270,26 +268,26 @@ async fn close(
     action: OperatorAction,
 ) -> Result<(), NotOpened> {
     let until = app.clock.now() + DONE_WITHIN;
-    let _change = app.by(until, app.lock_operator()).await.ok_or(NotOpened::Busy)?;
-    let record = record_of(&session, Action::Logout, source);
+    let _change = app.clock.by(until, app.lock_operator()).await.ok_or(NotOpened::Busy)?;
+    let record = Record::of_session(&session, Action::Logout, source);
     let not_done = |error: &StoreError| {
         if matches!(error, StoreError::TooLate) {
-            app.record_later(record.clone().refused(LATE));
+            app.store.note(record.clone().refused(LATE));
         }
     };
     if !is_in_charge(&session, &app.published().snapshot) {
         // Nothing else follows from it: once the disk has begun with it, it may be done later.
-        let ending = app.by(until, app.store.end_session(&session, record.clone(), until)).await;
+        let ending = app.clock.by(until, app.store.end_session(&session, record.clone(), until)).await;
         return Ok(ending.ok_or(NotOpened::Storage)?.inspect_err(not_done)?);
     }
-    let _acting = app.by(until, app.acting.lock()).await.ok_or(NotOpened::Busy)?;
+    let _acting = app.clock.by(until, app.acting.lock()).await.ok_or(NotOpened::Busy)?;
     if let Err(reasons) = app.rehearse(action.clone()).await? {
-        app.audit(record.refused(format!("{reasons:?}"))).await?;
+        app.store.record(record.refused(format!("{reasons:?}")), None).await;
         return Err(NotOpened::Refused(reasons));
     }
     // Written first: while nothing can be written, the operator keeps the vehicle and the session.
     let mut leaving = Box::pin(app.store.leave(&session.user, record.clone(), until));
-    let Some(leaving) = app.by(until, &mut leaving).await else {
+    let Some(leaving) = app.clock.by(until, &mut leaving).await else {
         tracing::error!("the disk does not answer, so nobody is logged out");
         app.undo_late(leaving, record);
         return Err(NotOpened::Storage);
@@ -300,7 +298,7 @@ async fn close(
         Ok(Answer::Done) => {
             app.store.left(leaving);
             // That the vehicle is locked follows from having no operator, after a restart too.
-            if let Err(error) = app.store.remember(app.memory(), Vec::new()).await {
+            if let Err(error) = app.store.remember(app.memory()).await {
                 tracing::error!(%error, "the vehicle cannot be remembered");
             }
             return Ok(());
@@ -337,7 +335,7 @@ impl AppState {
                 Err(error) => Err(error),
             };
             if undone.is_err() {
-                app.record_later(record);
+                app.store.note(record);
             }
         });
     }

@@ -15,7 +15,6 @@ use crate::web::admission::peer::{Peer, source_of};
 use crate::web::http::errors::HttpError;
 use crate::web::http::guard::bearer;
 use crate::web::http::respond::{Speaks, json_answer, refusal};
-use crate::web::record::audit::record_of;
 
 use super::configuration::{self, reread};
 use super::visit::Visit;
@@ -39,8 +38,11 @@ pub async fn post(
     let shown = form.ok().and_then(|Form(form)| form.shown);
     // A request that does not say which page it looks at was shown nothing.
     let shown = if bearer(&headers).is_some() { shown } else { Some(shown.unwrap_or_default()) };
-    let record =
-        record_of(&visit.session, Action::Configuration, source_of(peer.map(|Extension(peer)| peer)));
+    let record = Record::of_session(
+        &visit.session,
+        Action::Configuration,
+        source_of(peer.map(|Extension(peer)| peer)),
+    );
     // Runs to its end also if nobody listens any more: the record says who had it taken.
     let taking = tokio::spawn(have_taken(app, shown, record));
     let (read, found) = match taking.await.unwrap_or(Err(HttpError::Unavailable)) {
@@ -108,31 +110,31 @@ impl Found {
 /// For a disk that is to take the record of a reload.
 const RECORD_WITHIN: Span = Span::from_secs(4);
 
-/// Has the file taken, if it is what was shown. Who asked for what is on the disk before that, so an
-/// error means that nothing was changed; what came of it instead is recorded after.
+/// Has the file taken, if it is what was shown. The request is on the disk before that, so an error means
+/// that nothing was changed; another result than the expected one is recorded after.
 async fn have_taken(
     app: AppState,
     shown: Option<String>,
     record: Record,
 ) -> Result<(Rereading, Found), HttpError> {
     let _turn = app.reloading.try_lock().map_err(|_| HttpError::Busy)?;
-    let glance = reread(&app, false, None).await?;
-    let expected = Found::of(&glance, shown.as_deref());
+    let read = reread(&app, false, None).await?;
+    let expected = Found::of(&read, shown.as_deref());
     let until = app.clock.now() + RECORD_WITHIN;
-    let before = expected.record(record.clone(), &glance.differences);
-    app.write_ahead(None, &before, until, ()).await.map_err(HttpError::from)?;
-    // What was glanced at is taken and nothing else, also for whom nothing was shown.
-    let shown = shown.unwrap_or(glance.digest);
+    let before = expected.record(record.clone(), &read.differences);
+    app.store.write_ahead(&before, None, until, ()).await.map_err(HttpError::from)?;
+    // What was read is taken and nothing else, also where nothing was shown.
+    let shown = shown.unwrap_or(read.digest);
     let read = match reread(&app, true, Some(shown.clone())).await {
         Ok(read) => read,
         Err(trouble) => {
-            app.record(None, before.refused("nobody reads the file any more")).await;
+            app.store.record(before.refused("nobody reads the file any more"), None).await;
             return Err(trouble);
         }
     };
     let found = Found::of(&read, Some(&shown));
     if found != expected {
-        app.record(None, found.record(record, &read.differences)).await;
+        app.store.record(found.record(record, &read.differences), None).await;
     }
     Ok((read, found))
 }

@@ -21,7 +21,7 @@ use crate::engine::model::{ModuleSpec, MonitorSpec, NodeId};
 use crate::engine::state::State;
 use crate::engine::time::Span;
 use crate::runtime::{ConfigurationText, Rereading};
-use crate::store::{Happened, Held, NodePast, Past, Stretch};
+use crate::store::{NodePast, Past, PastEvent, Period, Stretch};
 
 pub fn asked(pairs: &[(&str, &str)]) -> PageQuery {
     PageQuery::of(pairs.iter().map(|&(key, value)| (key.to_owned(), value.to_owned())).collect())
@@ -56,15 +56,13 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         stretch(90_000, State::Ignore, None),
     ];
     let node = |name: &String| NodePast { name: name.clone(), stretches: stretches.clone() };
-    let moved = Happened::AlarmMoved { id: 1, symptom: text.to_owned(), cause: text.to_owned() };
+    let moved = PastEvent::AlarmMoved { id: 1, symptom: text.to_owned(), cause: text.to_owned() };
+    let (from_ms, to_ms) = (window.query.from_ms, window.query.to_ms);
     let past = Past {
         nodes: window.query.nodes.iter().map(node).collect(),
-        stage: vec![Held { from_ms: window.query.from_ms, to_ms: window.query.to_ms, value: Stage::Active }],
-        signals: vec![(
-            text.to_owned(),
-            vec![Held { from_ms: window.query.from_ms, to_ms: window.query.to_ms, value: Some(true) }],
-        )],
-        happened: vec![(window.query.to_ms, moved), (window.query.to_ms, Happened::Lost(3))],
+        stage: vec![Period { from_ms, to_ms, value: Stage::Active }],
+        signals: vec![(text.to_owned(), vec![Period { from_ms, to_ms, value: Some(true) }])],
+        events: vec![(to_ms, moved), (to_ms, PastEvent::Lost(3))],
         cut: false,
     };
     let read = Rereading {
@@ -355,11 +353,11 @@ fn the_timeline_draws_what_was_recorded_and_says_what_was_not() {
         stretch(920_000, 960_000, State::Ignore, Some("a/root")),
     ];
     let nodes = vec![NodePast { name: "a/b".to_owned(), stretches }];
-    let held = |from_ms, to_ms, value| Held { from_ms, to_ms, value };
+    let held = |from_ms, to_ms, value| Period { from_ms, to_ms, value };
     let active = vec![held(900_000, 940_000, None), held(940_000, 1_000_000, Some(true))];
     let past = Past {
         nodes,
-        stage: vec![Held { from_ms: 900_000, to_ms: 1_000_000, value: Stage::Active }],
+        stage: vec![Period { from_ms: 900_000, to_ms: 1_000_000, value: Stage::Active }],
         signals: vec![("active".to_owned(), active)],
         ..Past::default()
     };

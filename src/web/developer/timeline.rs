@@ -19,7 +19,7 @@ use crate::engine::time::Timestamp;
 use crate::picture::bars::patterns;
 use crate::picture::strips::{Axis, stamp};
 use crate::runtime::Published;
-use crate::store::{Happened, HistoryQuery, Past};
+use crate::store::{HistoryQuery, Past, PastEvent};
 use crate::web::view::clean_text::{NAME, clean};
 use crate::web::view::page_frame::Frame;
 use crate::web::view::{PageContext, View, html};
@@ -236,36 +236,36 @@ fn ticks(window: &Window) -> Vec<Tick> {
 /// The newest first.
 fn events(view: &View<'_>, words: &'static DevWords, past: &Past) -> Vec<Event> {
     let lang = view.lang;
-    let event = |(at_ms, what): &(i64, Happened)| {
+    let event = |(at_ms, what): &(i64, PastEvent)| {
         let name = |name: &str| clean(name, 2 * NAME);
         let (what, detail, cause) = match what {
-            Happened::Started { anew: false } => (words.ev_started, String::new(), String::new()),
-            Happened::Started { anew: true } => (words.ev_reloaded, String::new(), String::new()),
-            Happened::Stage(stage) => {
+            PastEvent::Started { anew: false } => (words.ev_started, String::new(), String::new()),
+            PastEvent::Started { anew: true } => (words.ev_reloaded, String::new(), String::new()),
+            PastEvent::Stage(stage) => {
                 (words.ev_stage, lang.stage(*stage, State::Ok).to_owned(), String::new())
             }
-            Happened::Signal { name: signal, value } => {
+            PastEvent::Signal { name: signal, value } => {
                 let value = value.map_or("unknown", |value| if value { "true" } else { "false" });
                 (words.ev_signal, format!("{} {value}", name(signal)), String::new())
             }
-            Happened::AlarmRaised { id, node } => {
+            PastEvent::AlarmRaised { id, node } => {
                 (words.ev_raised, format!("{id}: {}", name(node)), String::new())
             }
-            Happened::AlarmMoved { id, symptom, cause } => {
+            PastEvent::AlarmMoved { id, symptom, cause } => {
                 (words.ev_moved, format!("{id}: {}", name(symptom)), name(cause))
             }
-            Happened::AlarmAcknowledged { id, node } => {
+            PastEvent::AlarmAcknowledged { id, node } => {
                 (words.ev_acknowledged, format!("{id}: {}", name(node)), String::new())
             }
-            Happened::AlarmCleared { id, node } => {
+            PastEvent::AlarmCleared { id, node } => {
                 (words.ev_cleared, format!("{id}: {}", name(node)), String::new())
             }
-            Happened::Left { node } => (words.ev_left, name(node), String::new()),
-            Happened::Lost(count) => (words.history_lost, count.to_string(), String::new()),
+            PastEvent::Left { node } => (words.ev_left, name(node), String::new()),
+            PastEvent::Lost(count) => (words.history_lost, count.to_string(), String::new()),
         };
         Event { at: wall(*at_ms), what, detail, cause }
     };
-    past.happened.iter().rev().take(EVENTS).map(event).collect()
+    past.events.iter().rev().take(EVENTS).map(event).collect()
 }
 
 fn percent(share: f64) -> String {

@@ -2,7 +2,7 @@
 
 use axum::http::StatusCode;
 
-use crate::web::record::write::NotWritten;
+use crate::store::StoreError;
 use crate::web::view::Lang;
 
 /// Why a request is answered with a refusal.
@@ -33,12 +33,9 @@ pub enum HttpError {
     Unavailable,
 }
 
-impl From<NotWritten> for HttpError {
-    fn from(not_written: NotWritten) -> HttpError {
-        match not_written {
-            NotWritten::Storage => HttpError::Storage,
-            NotWritten::Unavailable => HttpError::Unavailable,
-        }
+impl From<StoreError> for HttpError {
+    fn from(error: StoreError) -> HttpError {
+        if error.is_of_storage() { HttpError::Storage } else { HttpError::Unavailable }
     }
 }
 

@@ -96,7 +96,7 @@ pub async fn guard(
     };
     if caller.is_false {
         let (source, record) = refused(&request, None, "the token is not, or no longer, valid");
-        app.audit_refusal(source, record).await;
+        app.store.record(record.by_anybody(app.caller(source)), None).await;
     }
     if needs_session && caller.session.is_none() {
         return not_signed_in(&reader, &request);
@@ -112,7 +112,7 @@ pub async fn guard(
     };
     if let Some(trouble) = trouble {
         let (source, record) = refused(&request, caller.session.as_ref(), trouble.say(Lang::En).1);
-        app.audit_refusal(source, record).await;
+        app.store.record(record.by_anybody(app.caller(source)), None).await;
         return refusal(&reader, trouble);
     }
     let mut request = match admitted(request, caller.session.as_ref()).await {

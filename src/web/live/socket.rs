@@ -22,15 +22,15 @@ use super::displays::Place;
 use super::frame;
 use super::pacing::Pacing;
 use crate::runtime::Published;
-use crate::store::audit::Action;
+use crate::store::audit::{Action, Record};
 use crate::store::{Role, Session};
 use crate::web::admission::peer::{Peer, source_of};
 use crate::web::auth::handover::HandOver;
 use crate::web::http::errors::HttpError;
 use crate::web::http::guard::SignedIn;
 use crate::web::http::respond::{Reader, refusal};
-use crate::web::operator::tap::{StopForm, Tap};
-use crate::web::record::audit::record_of;
+use crate::web::operator::actions::{StopForm, request_stop};
+use crate::web::operator::tap::Tap;
 use crate::web::view::Lang;
 use crate::web::{AppState, turned};
 
@@ -167,8 +167,9 @@ impl Connection {
         };
         tracing::debug!(?ending, user = &*self.client.session.user, "socket closed");
         if ending == Ending::Flood {
-            let record = record_of(&self.client.session, Action::Request, self.source).on("socket");
-            self.app.audit_refusal(self.source, record.refused("it sent more than a socket may")).await;
+            let record = Record::of_session(&self.client.session, Action::Request, self.source).on("socket");
+            let record = record.refused("it sent more than a socket may");
+            self.app.store.record(record.by_anybody(self.app.caller(self.source)), None).await;
         }
         // The place is free before the close frame: a client may take its time to answer it.
         let Connection { client, place, .. } = self;
@@ -347,7 +348,7 @@ impl Connection {
         };
         if self.stops.len() < STOPS_AT_ONCE {
             let tap = Tap::over_socket(&self.app, session, self.source, lang);
-            self.stops.spawn(async move { frame::answered(&name, tap.stop(form).await).await });
+            self.stops.spawn(async move { frame::answered(&name, request_stop(tap, form).await).await });
         }
         Ok(())
     }

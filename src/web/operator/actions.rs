@@ -2,21 +2,27 @@
 
 use axum::extract::rejection::{FormRejection, PathRejection};
 use axum::extract::{Form, Path};
-use axum::response::Response;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
-use serde_json::json;
+use serde_json::{Value, json};
 
-use super::not_done::NotDone;
-use super::pending_clearance::{CONFIRM_WITHIN, NotPending};
-use super::tap::{StopForm, Tap, Validity, Versioned};
+use super::act::act;
+use super::not_done::{InvalidTap, NotDone};
+use super::pending_clearance::CONFIRM_WITHIN;
+use super::tap::{Tap, TappedAction, Validity, Versioned};
 use crate::engine::input::{AlarmRef, OperatorAction, Place};
 use crate::engine::model::NodeId;
 use crate::engine::snapshot::Snapshot;
-use crate::store::audit::Action;
+use crate::store::audit::{Action, Record};
 use crate::web::http::errors::HttpError;
-use crate::web::http::respond::{bad_field, bad_form, refusal};
+use crate::web::http::respond::{Speaks, bad_field, bad_form, json_answer, refusal, refused_in_words};
+use crate::web::view;
 use crate::web::view::Lang;
 use crate::web::view::versions::Aspect;
+
+/// The longest name of a tap that a page makes.
+const TAP_BYTES_MAX: usize = 64;
 
 type FormOf<T> = Result<Form<T>, FormRejection>;
 type PathOf = Result<Path<String>, PathRejection>;
@@ -29,6 +35,15 @@ pub struct LocalizeForm {
     yaw_deg: Option<f64>,
     version: u64,
     beat: Option<String>,
+}
+
+/// A stop, over HTTP or over the socket of the page.
+#[derive(Debug, Deserialize)]
+pub struct StopForm {
+    pub version: u64,
+    pub beat: Option<String>,
+    /// The tap's own name: what comes with the same one again is the same tap.
+    pub tap: Option<Box<str>>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -57,15 +72,31 @@ pub async fn localize(tap: Tap, form: FormOf<LocalizeForm>) -> Response {
         Place::Pose { x_m, y_m, yaw_deg } => format!("x {x_m} y {y_m} yaw {yaw_deg}"),
     };
     let record = tap.record(Action::Localize).on(target);
-    tap.act(tap.validity(&shown, Aspect::Stage), OperatorAction::Localize { place }, record).await
+    let validity = tap.validity(&shown, Aspect::Stage);
+    done(tap, validity, OperatorAction::Localize { place }, record).await
 }
 
 /// `POST /vehicle/stop`
 pub async fn stop(tap: Tap, form: FormOf<StopForm>) -> Response {
     match form {
-        Ok(Form(form)) => tap.stop(form).await,
+        Ok(Form(form)) => request_stop(tap, form).await,
         Err(rejection) => bad_form(&tap.reader, &rejection),
     }
+}
+
+/// Requests a stop, once for each tap, whichever way it came.
+pub async fn request_stop(tap: Tap, form: StopForm) -> Response {
+    let shown = Versioned { version: form.version, beat: form.beat };
+    let validity = Validity { is_stop: true, ..tap.validity(&shown, Aspect::Stage) };
+    let record = tap.record(Action::Stop);
+    let stopping =
+        act(TappedAction { tap: tap.clone(), validity, action: OperatorAction::RequestStop, record });
+    let stopped = match form.tap {
+        Some(name) if name.len() > TAP_BYTES_MAX => return bad_field(&tap.reader, "tap"),
+        Some(name) => tap.app.stops.once(&tap.session, name, stopping).await,
+        None => stopping.await,
+    };
+    answer(&tap, stopped, &json!({}))
 }
 
 /// `POST /vehicle/clearance`: the first step; the answer holds the token for the second.
@@ -75,13 +106,17 @@ pub async fn clearance(tap: Tap, form: FormOf<Versioned>) -> Response {
         Err(rejection) => return bad_form(&tap.reader, &rejection),
     };
     let (display_live, storage_ok) = tap.conditions();
-    let ask = OperatorAction::AskClearance { display_live, storage_ok };
-    let record = tap.record(Action::ClearanceAsked);
-    if let Err(refused) = tap.command(tap.validity(&shown, Aspect::Clearance), ask, record).await {
-        return tap.refuse(refused);
+    let action = OperatorAction::AskClearance { display_live, storage_ok };
+    let (validity, record) = (tap.validity(&shown, Aspect::Clearance), tap.record(Action::ClearanceAsked));
+    let granted = act(TappedAction { tap: tap.clone(), validity, action, record }).await;
+    if granted.is_err() {
+        return answer(&tap, granted, &Value::Null);
     }
-    match tap.app.pending.ask(&tap.session, shown.version, tap.app.clock.now()) {
-        Ok(token) => tap.done(&json!({ "token": token, "expires_s": CONFIRM_WITHIN.as_millis() / 1000 })),
+    match tap.app.pending.request(&tap.session, shown.version, tap.app.clock.now()) {
+        Ok(token) => {
+            let token = json!({ "token": token, "expires_s": CONFIRM_WITHIN.as_millis() / 1000 });
+            answer(&tap, Ok(()), &token)
+        }
         Err(error) => {
             tracing::error!(%error, "no token can be made");
             refusal(&tap.reader, HttpError::Unavailable)
@@ -97,19 +132,18 @@ pub async fn confirm(tap: Tap, form: FormOf<ConfirmForm>) -> Response {
     };
     let redeemed = tap.app.pending.redeem(&form.token, &tap.session, tap.app.clock.now());
     let record = tap.record(Action::Clearance);
-    let (asked, confirmed_until) = match redeemed {
+    let (requested, confirmed_until) = match redeemed {
         Ok(redeemed) => redeemed,
-        Err(why) => {
-            let is_late = why == NotPending::TooLate;
-            tap.app.record(None, record.refused(Lang::En.not_pending(is_late))).await;
-            return tap.refuse(NotDone::Refused(vec![tap.reader.lang.not_pending(is_late)]));
+        Err(invalid) => {
+            tap.app.store.record(record.refused(invalid.words(Lang::En)), None).await;
+            return answer(&tap, Err(invalid.into()), &Value::Null);
         }
     };
     let (display_live, storage_ok) = tap.conditions();
-    let shown =
-        Versioned { version: form.version.map_or(asked, |version| version.min(asked)), beat: form.beat };
+    let version = form.version.map_or(requested, |version| version.min(requested));
+    let shown = Versioned { version, beat: form.beat };
     let validity = Validity { confirmed_until, ..tap.validity(&shown, Aspect::Clearance) };
-    tap.act(validity, OperatorAction::Clear { display_live, storage_ok }, record).await
+    done(tap, validity, OperatorAction::Clear { display_live, storage_ok }, record).await
 }
 
 /// `POST /alarms/{id}/acknowledge`, where the id is the number of an alarm, the name of a node
@@ -127,7 +161,8 @@ pub async fn acknowledge(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Res
         Err(_) => (AlarmRef::Node(id.into()), of_node(&snapshot, id)),
     };
     let record = tap.record(Action::Acknowledge).on(with_places(&snapshot, &alarm, id));
-    tap.act(tap.validity(&shown, aspect), OperatorAction::Acknowledge { alarm }, record).await
+    let validity = tap.validity(&shown, aspect);
+    done(tap, validity, OperatorAction::Acknowledge { alarm }, record).await
 }
 
 /// What is acknowledged, for the log: all places at which one status shows.
@@ -154,7 +189,37 @@ pub async fn reset(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Response 
     };
     let aspect = of_node(&tap.app.published().snapshot, module);
     let action = OperatorAction::Reset { module: module.into() };
-    tap.act(tap.validity(&shown, aspect), action, tap.record(Action::Reset).on(module)).await
+    let (validity, record) = (tap.validity(&shown, aspect), tap.record(Action::Reset).on(module));
+    done(tap, validity, action, record).await
+}
+
+/// Has an action done, and answers.
+async fn done(tap: Tap, validity: Validity, action: OperatorAction, record: Record) -> Response {
+    let done = act(TappedAction { tap: tap.clone(), validity, action, record }).await;
+    answer(&tap, done, &json!({}))
+}
+
+/// Answers with `granted`, or says why the tap changed nothing.
+fn answer(tap: &Tap, done: Result<(), NotDone>, granted: &Value) -> Response {
+    let reader = &tap.reader;
+    match done {
+        Ok(()) => match reader.speaks {
+            Speaks::Json => json_answer(StatusCode::OK, granted),
+            Speaks::Html => Redirect::to("/").into_response(),
+        },
+        Err(NotDone::Refused(reasons)) => {
+            let reasons = view::refusals(&tap.app.published(), reader.lang, &reasons);
+            refused_in_words(reader, &reasons, None)
+        }
+        Err(NotDone::Invalid(InvalidTap::SessionEnded)) => refusal(reader, HttpError::NoSession),
+        Err(NotDone::Invalid(invalid)) => {
+            // What was shown is old: the page asks for what is.
+            let is_old = matches!(invalid, InvalidTap::Stale | InvalidTap::Late);
+            let seq = is_old.then(|| tap.app.published().snapshot.seq);
+            refused_in_words(reader, &[invalid.words(reader.lang)], seq)
+        }
+        Err(NotDone::HttpError(error)) => refusal(reader, error),
+    }
 }
 
 /// Ids hold slashes, so a route of such an id takes all that follows and its last word is read here.

@@ -1,56 +1,54 @@
 //! Why an operator's action was not done.
 
 use crate::engine::input::Refusal;
+use crate::store::StoreError;
+use crate::web::engine_link::NoAnswer;
 use crate::web::http::errors::HttpError;
-use crate::web::record::write::NotWritten;
 use crate::web::view::Lang;
 
-/// Why an operator's action changed nothing.
-#[derive(Debug)]
-pub enum NotActed {
+/// Why a tap is not acknowledged. It changed nothing; a stop that cannot be recorded is requested.
+#[derive(Debug, Clone)]
+pub enum NotDone {
+    /// The engine refuses it.
     Refused(Vec<Refusal>),
-    /// The tap counts no more.
+    /// The tap does not count.
     Invalid(InvalidTap),
-    /// It cannot be written down.
-    Storage,
-    /// Too many wait already.
-    Busy,
-    /// The engine or the store does not answer.
-    Unavailable,
+    HttpError(HttpError),
 }
 
-impl From<NotWritten> for NotActed {
-    fn from(not_written: NotWritten) -> NotActed {
-        match not_written {
-            NotWritten::Storage => NotActed::Storage,
-            NotWritten::Unavailable => NotActed::Unavailable,
-        }
+impl From<InvalidTap> for NotDone {
+    fn from(invalid: InvalidTap) -> NotDone {
+        NotDone::Invalid(invalid)
     }
 }
 
-impl NotActed {
-    /// What is answered where there are no reasons to name.
-    pub const fn trouble(&self) -> HttpError {
-        match self {
-            NotActed::Storage => HttpError::Storage,
-            NotActed::Busy => HttpError::Busy,
-            NotActed::Refused(_) | NotActed::Invalid(_) | NotActed::Unavailable => HttpError::Unavailable,
-        }
+impl From<StoreError> for NotDone {
+    fn from(error: StoreError) -> NotDone {
+        NotDone::HttpError(error.into())
     }
 }
 
-/// Why a tap counts for nothing.
+impl From<NoAnswer> for NotDone {
+    fn from(error: NoAnswer) -> NotDone {
+        tracing::error!(%error, "an action cannot be handed on");
+        NotDone::HttpError(HttpError::Unavailable)
+    }
+}
+
+/// Why a tap does not count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InvalidTap {
     /// The user who made it has no session any more.
     SessionEnded,
     /// Another operator is in charge.
     NotInCharge,
-    /// What it was made for is not as it was shown.
+    /// The part of the state that it was made for is not as it was shown.
     Stale,
     /// It waited too long, on its way or here.
     Late,
-    /// It confirms what was asked for too long ago.
+    /// It confirms a request that was used, replaced, or made by somebody else.
+    NotPending,
+    /// It confirms a request that was made too long ago.
     ConfirmedLate,
 }
 
@@ -62,16 +60,8 @@ impl InvalidTap {
             InvalidTap::NotInCharge => words.not_in_charge.to_owned(),
             InvalidTap::Stale => words.refused_stale.to_owned(),
             InvalidTap::Late => words.refused_late.to_owned(),
+            InvalidTap::NotPending => lang.not_pending(false),
             InvalidTap::ConfirmedLate => lang.not_pending(true),
         }
     }
-}
-
-/// Why a tap is not acknowledged. It changed nothing; a stop that cannot be kept is requested.
-#[derive(Debug, Clone)]
-pub enum NotDone {
-    /// In words.
-    Refused(Vec<String>),
-    Invalid(InvalidTap),
-    HttpError(HttpError),
 }

@@ -1,34 +1,25 @@
-//! One tap of an operator: who made it, the state it was shown with, whether it counts, and its result.
+//! An operator's tap on a button: who made it, the state that it was shown with, and whether it counts.
 
 use std::net::IpAddr;
 
 use axum::extract::FromRequestParts;
-use axum::http::StatusCode;
 use axum::http::request::Parts;
-use axum::response::{IntoResponse, Redirect, Response};
+use axum::response::Response;
 use serde::Deserialize;
-use serde_json::{Value, json};
 
-use super::not_done::{InvalidTap, NotActed, NotDone};
+use super::not_done::InvalidTap;
 use crate::clock::wall_at;
 use crate::engine::input::OperatorAction;
-use crate::engine::model::output::Output;
 use crate::engine::time::{Span, Timestamp};
 use crate::store::Session;
 use crate::store::audit::{Action, Record};
 use crate::web::AppState;
 use crate::web::admission::peer::{Peer, source_of};
 use crate::web::auth::expiry::is_in_charge;
-use crate::web::http::errors::HttpError;
 use crate::web::http::guard::SignedIn;
-use crate::web::http::respond::{Reader, Speaks, bad_field, json_answer, refusal, refused_in_words};
-use crate::web::record::audit::record_of;
-use crate::web::view;
+use crate::web::http::respond::{Reader, Speaks};
 use crate::web::view::versions::Aspect;
 use crate::web::view::{Lang, Palette, Part};
-
-/// Longer names of taps are no page's.
-const TAP_BYTES_MAX: usize = 64;
 
 /// Twice the time after which a page without heartbeats covers itself.
 const TAP_LATE_MAX: Span = Span::from_secs(4);
@@ -41,16 +32,7 @@ pub struct Versioned {
     pub beat: Option<String>,
 }
 
-/// A stop, over HTTP or over the socket of the page.
-#[derive(Debug, Deserialize)]
-pub struct StopForm {
-    pub version: u64,
-    pub beat: Option<String>,
-    /// The tap's own name: what comes with the same one again is the same tap.
-    pub tap: Option<Box<str>>,
-}
-
-/// Somebody touched a button.
+/// A tap on a button, over HTTP or over the socket of the page.
 #[derive(Debug, Clone)]
 pub struct Tap {
     pub app: AppState,
@@ -60,7 +42,17 @@ pub struct Tap {
     arrived: Timestamp,
 }
 
-/// What makes a tap count. It is looked at anew whenever the tap has waited.
+/// A tap with the action that it asks for.
+#[derive(Debug)]
+pub struct TappedAction {
+    pub tap: Tap,
+    pub validity: Validity,
+    pub action: OperatorAction,
+    /// The record of the action.
+    pub record: Record,
+}
+
+/// The conditions under which a tap counts. They are checked again whenever the tap has waited.
 #[derive(Debug, Clone, Copy)]
 pub struct Validity {
     pub aspect: Aspect,
@@ -87,54 +79,11 @@ impl FromRequestParts<AppState> for Tap {
 }
 
 impl Tap {
-    /// Somebody touched a button, and the socket of their page says so.
+    /// A tap that came over the socket of a page.
     pub fn over_socket(app: &AppState, session: &Session, source: IpAddr, lang: Lang) -> Tap {
         let reader =
             Reader { speaks: Speaks::Json, lang, palette: Palette::default(), part: Part::default() };
         Tap { app: app.clone(), session: session.clone(), source, reader, arrived: app.clock.now() }
-    }
-
-    /// Requests a stop, once for each tap.
-    pub async fn stop(&self, form: StopForm) -> Response {
-        let shown = Versioned { version: form.version, beat: form.beat };
-        let validity = Validity { is_stop: true, ..self.validity(&shown, Aspect::Stage) };
-        let tap = self.clone();
-        let record = self.record(Action::Stop);
-        let stopping = async move { tap.command(validity, OperatorAction::RequestStop, record).await };
-        let done = match form.tap {
-            Some(name) if name.len() > TAP_BYTES_MAX => return bad_field(&self.reader, "tap"),
-            Some(name) => self.app.stops.once(&self.session, name, stopping).await,
-            None => stopping.await,
-        };
-        match done {
-            Ok(()) => self.done(&json!({})),
-            Err(refused) => self.refuse(refused),
-        }
-    }
-
-    pub async fn act(&self, validity: Validity, action: OperatorAction, record: Record) -> Response {
-        match self.command(validity, action, record).await {
-            Ok(()) => self.done(&json!({})),
-            Err(refused) => self.refuse(refused),
-        }
-    }
-
-    /// Has the action done, if it was shown as things are and by whom it concerns. What was done or
-    /// refused is on the disk when this returns, unless that does not answer.
-    pub async fn command(
-        &self,
-        validity: Validity,
-        action: OperatorAction,
-        record: Record,
-    ) -> Result<(), NotDone> {
-        if let Err(invalid) = self.check(&validity) {
-            self.app.record(None, record.refused(invalid.words(Lang::En))).await;
-            return Err(NotDone::Invalid(invalid));
-        }
-        // Runs to its end also if nobody listens any more: what was done has to be kept.
-        let tap = self.clone();
-        let done = tokio::spawn(async move { tap.hand_on(validity, action, record).await });
-        done.await.unwrap_or(Err(NotDone::HttpError(HttpError::Unavailable)))
     }
 
     /// A tap that waited on its way was made while the display could still say that it is live, and
@@ -175,79 +124,35 @@ impl Tap {
         if holds { Ok(()) } else { Err(InvalidTap::Stale) }
     }
 
-    /// What is asked for, with what is known in this moment.
-    fn asked(&self, validity: &Validity, action: &OperatorAction) -> Result<OperatorAction, InvalidTap> {
-        self.check(validity)?;
-        let (display_live, storage_ok) = self.conditions();
-        Ok(match action {
-            OperatorAction::AskClearance { .. } => OperatorAction::AskClearance { display_live, storage_ok },
-            OperatorAction::Clear { .. } => OperatorAction::Clear { display_live, storage_ok },
-            other => other.clone(),
-        })
-    }
-
-    async fn hand_on(
-        &self,
-        validity: Validity,
-        action: OperatorAction,
-        record: Record,
-    ) -> Result<(), NotDone> {
-        let acted = if action == OperatorAction::RequestStop {
-            let kept = self.app.act_at_once(action, record).await;
-            let deaf = self.app.published().snapshot.unreached(Output::ManeuverStop).is_some();
-            match kept {
-                Ok(_) if deaf => {
-                    tracing::error!("a stop was requested and nobody listens");
-                    return Err(NotDone::HttpError(HttpError::StopNotHeard));
-                }
-                Ok(true) => Ok(()),
-                Ok(false) => {
-                    tracing::error!("a stop was requested and is not kept yet");
-                    return Err(NotDone::HttpError(HttpError::StopNotKept));
-                }
-                Err(not_acted) => Err(not_acted),
-            }
-        } else {
-            let until = validity.until.min(validity.confirmed_until);
-            self.app.act(until, record, || self.asked(&validity, &action)).await
-        };
-        acted.map_err(|not_acted| match not_acted {
-            NotActed::Refused(reasons) => {
-                NotDone::Refused(view::refusals(&self.app.published(), self.reader.lang, &reasons))
-            }
-            NotActed::Invalid(invalid) => NotDone::Invalid(invalid),
-            other => NotDone::HttpError(other.trouble()),
-        })
-    }
-
     /// What the engine cannot know: whether the operator sees what is, and whether it can be written down.
     pub fn conditions(&self) -> (bool, bool) {
         let display_live = self.app.displays.is_live_for(&self.session, self.app.clock.now());
         (display_live, self.app.is_storage_ok())
     }
 
+    /// The beginning of a record of what this tap asks for.
     pub fn record(&self, action: Action) -> Record {
-        record_of(&self.session, action, self.source)
+        Record::of_session(&self.session, action, self.source)
+    }
+}
+
+impl TappedAction {
+    /// The action with the conditions of this moment, if the tap counts now.
+    ///
+    /// # Errors
+    /// Why it does not count.
+    pub fn judged(&self) -> Result<OperatorAction, InvalidTap> {
+        self.tap.check(&self.validity)?;
+        let (display_live, storage_ok) = self.tap.conditions();
+        Ok(match &self.action {
+            OperatorAction::AskClearance { .. } => OperatorAction::AskClearance { display_live, storage_ok },
+            OperatorAction::Clear { .. } => OperatorAction::Clear { display_live, storage_ok },
+            other => other.clone(),
+        })
     }
 
-    pub fn done(&self, answer: &Value) -> Response {
-        match self.reader.speaks {
-            Speaks::Json => json_answer(StatusCode::OK, answer),
-            Speaks::Html => Redirect::to("/").into_response(),
-        }
-    }
-
-    pub fn refuse(&self, not_done: NotDone) -> Response {
-        match not_done {
-            NotDone::Refused(reasons) => refused_in_words(&self.reader, &reasons, None),
-            NotDone::Invalid(InvalidTap::SessionEnded) => refusal(&self.reader, HttpError::NoSession),
-            NotDone::Invalid(invalid) => {
-                // What was shown is old: the page asks for what is.
-                let is_old = matches!(invalid, InvalidTap::Stale | InvalidTap::Late);
-                let seq = is_old.then(|| self.app.published().snapshot.seq);
-                refused_in_words(&self.reader, &[invalid.words(self.reader.lang)], seq)
-            }
-            NotDone::HttpError(trouble) => refusal(&self.reader, trouble),
-        }
+    /// The tap counts until then.
+    pub fn until(&self) -> Timestamp {
+        self.validity.until.min(self.validity.confirmed_until)
     }
 }

@@ -20,15 +20,15 @@ use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 use tower::ServiceExt as _;
 
-use super::malformed::WithHeaders;
+use super::parse_error::WithHeaders;
 use super::tls::Tls;
 use crate::web::admission::connections::{Connections, Place};
 use crate::web::admission::peer::Peer;
 use crate::web::auth::expiry;
 use crate::web::live::byte_budget::{Meter, Metered};
 use crate::web::live::{displays, trend_sampling};
-use crate::web::record::vehicle_memory::VehicleMemoryTask;
 use crate::web::router::router;
+use crate::web::vehicle_memory::VehicleMemoryTask;
 use crate::web::{AppState, turned};
 
 /// For the head of a request, and for a connection that asks nothing.
@@ -140,11 +140,15 @@ impl Connection {
     async fn converse(mut self, stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static) {
         let mut http = http1::Builder::new();
         http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(64 * 1024);
-        let is_asked = Arc::new(AtomicBool::new(false));
+        let has_request = Arc::new(AtomicBool::new(false));
         let meter = Meter::default();
-        let stream = Metered::new(WithHeaders::new(stream, is_asked.clone(), self.secure), meter.clone());
+        let (reader, writer) = tokio::io::split(stream);
+        let stream = tokio::io::join(
+            Metered::new(reader, meter.clone()),
+            WithHeaders::new(writer, has_request.clone(), self.secure),
+        );
         let service = service_fn(|mut request: Request<Incoming>| {
-            is_asked.store(true, Ordering::Relaxed);
+            has_request.store(true, Ordering::Relaxed);
             request.extensions_mut().insert(Peer(self.peer));
             request.extensions_mut().insert(meter.clone());
             let (work, router) = (self.place.work(), self.router.clone());

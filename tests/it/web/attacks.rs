@@ -218,7 +218,7 @@ async fn whoever_pings_and_reads_nothing_is_closed() {
 }
 
 #[tokio::test]
-async fn before_the_seat_of_a_driving_vehicle_changes_its_page_says_so_and_both_can_stop_it() {
+async fn before_a_hand_over_while_it_drives_the_page_says_so_and_both_can_stop_it() {
     let (fixture, hand) = Fixture::with_hand().await;
     let store = fixture.store.clone();
     store.add_user("bert", Role::Operator, "975310").await.unwrap();

@@ -101,6 +101,11 @@ impl Scene {
         (snapshot.stage, snapshot.localization.number)
     }
 
+    /// Waits for the record of a refusal.
+    async fn until_refused(&self, why: &str) {
+        until(async || self.log(5).await.iter().any(|it| it.outcome == format!("refused: {why}"))).await;
+    }
+
     /// The last records, the newest first.
     async fn log(&self, count: u32) -> Vec<Entry> {
         self.fixture.store.audit_entries(None, count).await.unwrap()
@@ -173,6 +178,32 @@ async fn a_tap_counts_no_more_when_what_it_was_made_for_changes_while_it_waits()
 }
 
 #[tokio::test]
+async fn an_action_is_taken_back_if_its_tap_counts_no_more_once_the_disk_has_answered() {
+    let (disk, fixture, hand) = Disk::with_fixture("taken-back").await;
+    let mut scene = Scene::standing_in(fixture, hand).await;
+    let (before, version) = (scene.standing_so(), scene.version().await);
+    let tap = scene.tap(version, "/vehicle/localize", "x=1&y=0&yaw_deg=0");
+    let judged = scene.judged().await;
+    disk.run("BEGIN IMMEDIATE");
+    judged.go_on();
+    // The disk has begun with it once it answers nobody else.
+    let store = scene.fixture.store.clone();
+    let soon = std::time::Duration::from_millis(50);
+    until(async || tokio::time::timeout(soon, store.recall()).await.is_err()).await;
+    store.end_at_once(&scene.session(), Record::of(Action::SessionEnded, TELLTALE));
+    disk.run("COMMIT");
+    let answer = tap.await.unwrap();
+    assert_eq!(answer.status, StatusCode::UNAUTHORIZED, "{}", answer.body);
+    assert_eq!(scene.standing_so(), before);
+    let log = scene.log(10).await;
+    let outcomes: Vec<_> =
+        log.iter().filter(|it| it.action == "localize").take(2).map(|it| &*it.outcome).collect();
+    assert!(outcomes[0].starts_with("refused: ") && outcomes[1] == "done", "{log:#?}");
+    let pose = store.recall().await.unwrap().unwrap().pose;
+    assert_eq!(pose.map(|pose| pose.0), Some(before.1));
+}
+
+#[tokio::test]
 async fn a_confirmation_that_waits_past_its_ten_seconds_clears_nothing() {
     let mut scene = Scene::standing().await;
     let token = scene.token().await;
@@ -199,7 +230,7 @@ async fn a_confirmation_that_waits_past_its_ten_seconds_clears_nothing() {
 }
 
 #[tokio::test]
-async fn a_tap_that_waits_while_the_seat_is_handed_over_does_nothing_in_the_new_operators_name() {
+async fn a_tap_that_waits_during_a_hand_over_does_nothing_in_the_new_operators_name() {
     let mut scene = Scene::standing().await;
     scene.fixture.store.add_user("bert", Role::Operator, "975310").await.unwrap();
     let before = scene.standing_so();
@@ -215,7 +246,7 @@ async fn a_tap_that_waits_while_the_seat_is_handed_over_does_nothing_in_the_new_
     let answer = tap.await.unwrap();
     assert_eq!(answer.status, StatusCode::UNAUTHORIZED, "{}", answer.body);
     assert_eq!(scene.standing_so(), before);
-    assert_eq!(scene.fixture.store.seated_operator().await.unwrap().as_deref(), Some("bert"));
+    assert_eq!(scene.fixture.store.operator_in_charge().await.unwrap().as_deref(), Some("bert"));
     assert!(scene.held.try_recv().is_err(), "nobody judged it");
 }
 
@@ -291,21 +322,15 @@ async fn a_login_that_waits_too_long_or_for_nobody_changes_nothing() {
             judged.go_on();
             let answer = hand_over.await.unwrap();
             assert_eq!((answer.status, answer.cookie()), (StatusCode::SERVICE_UNAVAILABLE, None));
-            let owed = || scene.fixture.app.waiting_records().all();
-            let why = Some("the disk did not answer in time");
-            until(async || owed().iter().any(|it| it.refusal.as_deref() == why)).await;
+            scene.until_refused("the disk did not answer in time").await;
         } else {
             // The browser goes away.
             hand_over.abort();
             assert!(hand_over.await.is_err_and(|why| why.is_cancelled()));
             judged.go_on();
-            let owed = || scene.fixture.app.waiting_records().all();
-            until(async || {
-                owed().iter().any(|it| it.refusal.as_deref() == Some("nobody waited for it any more"))
-            })
-            .await;
+            scene.until_refused("nobody waited for it any more").await;
         }
-        assert_eq!(scene.fixture.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
+        assert_eq!(scene.fixture.store.operator_in_charge().await.unwrap().as_deref(), Some("operator"));
         assert!(!scene.fixture.store.sessions().iter().any(|session| &*session.user == "bert"));
         assert!(scene.session().is_open());
     }
@@ -321,10 +346,8 @@ async fn a_logout_that_waits_too_long_changes_nothing() {
     let answer = logout.await.unwrap();
     assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE, "{}", answer.body);
     assert!(scene.session().is_open());
-    assert_eq!(scene.fixture.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
-    let owed = || scene.fixture.app.waiting_records().all();
-    let why = Some("the disk did not answer in time");
-    until(async || owed().iter().any(|it| it.refusal.as_deref() == why)).await;
+    assert_eq!(scene.fixture.store.operator_in_charge().await.unwrap().as_deref(), Some("operator"));
+    scene.until_refused("the disk did not answer in time").await;
 }
 
 #[tokio::test]
@@ -349,7 +372,7 @@ async fn a_logout_that_the_disk_writes_after_its_time_is_undone() {
         .await;
         assert_eq!(log[0].outcome, "refused: the disk did not answer in time");
         assert!(scene.session().is_open());
-        assert_eq!(scene.fixture.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
+        assert_eq!(scene.fixture.store.operator_in_charge().await.unwrap().as_deref(), Some("operator"));
         assert_eq!(scene.standing_so().0, Stage::Standby);
         if (&*log[1].action, &*log[1].outcome) == ("logout", "done") {
             return;

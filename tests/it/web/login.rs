@@ -18,7 +18,7 @@ async fn an_operators_login_unlocks_the_vehicle_and_the_others_do_not() {
     }
     let cookie = fixture.cookie_of("operator").await;
     assert_eq!(fixture.stage(), Stage::Localizing);
-    assert_eq!(fixture.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
+    assert_eq!(fixture.store.operator_in_charge().await.unwrap().as_deref(), Some("operator"));
     assert_eq!(fixture.get("/", Some(&cookie)).await.status, StatusCode::OK);
     assert_eq!(fixture.get("/login", Some(&cookie)).await.leads_to(), Some("/"));
 }
@@ -146,7 +146,7 @@ async fn logout_ends_the_session_and_locks_the_vehicle() {
     for cookie in [cookie, other_display] {
         assert_eq!(fixture.get("/", Some(&cookie)).await.leads_to(), Some("/login"));
     }
-    assert_eq!(fixture.store.seated_operator().await.unwrap(), None);
+    assert_eq!(fixture.store.operator_in_charge().await.unwrap(), None);
 }
 
 #[tokio::test]
@@ -224,7 +224,7 @@ async fn a_logout_that_cannot_be_written_changes_nothing_and_names_the_disk() {
             assert_eq!((answer.status, answer.cookie()), (StatusCode::SERVICE_UNAVAILABLE, None), "{path}");
             assert!(answer.body.contains("The disk is full or broken"), "{}", answer.body);
             assert_eq!(fixture.stage(), stage, "{path}");
-            assert_eq!(fixture.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
+            assert_eq!(fixture.store.operator_in_charge().await.unwrap().as_deref(), Some("operator"));
             assert_eq!(fixture.get("/api/v1/snapshot", Some(&cookie)).await.status, StatusCode::OK);
         }
         disk.execute_batch("DROP TRIGGER full").unwrap();

@@ -281,7 +281,7 @@ async fn a_browser_without_scripts_is_led_back_to_its_page() {
 }
 
 #[tokio::test]
-async fn who_does_not_sit_in_the_seat_acts_on_nothing() {
+async fn an_operator_who_is_not_in_charge_acts_on_nothing() {
     let operator = Operator::standing().await;
     let login = "name=operator&secret=246810";
     operator.fixture.post("/logout", Some(&operator.cookie), "").await;

@@ -20,8 +20,8 @@ impl Folder {
         let store = folder.open();
         store.add_user("anna", Role::Operator, "135791").await.unwrap();
         let memory = VehicleMemory { seq: 1, at: UNIX_EPOCH, vehicle: Restored::default() };
-        let records = vec![Record::of(Action::Localize, "here").on("x".repeat(200)); 100];
-        store.remember(memory, records).await.unwrap();
+        (0..100).for_each(|_| store.note(Record::of(Action::Localize, "here").on("x".repeat(200))));
+        store.remember(memory).await.unwrap();
         store.close().await;
         // More users than fit into one page; hashing so many secrets would take a minute.
         let more = format!(
@@ -69,8 +69,8 @@ impl Drop for Folder {
 
 async fn can_log_in(store: &Store) -> bool {
     let Ok(Some(user)) = store.authenticate("anna", "135791").await else { return false };
-    let seat = Some(VehicleMemory { seq: 2, at: UNIX_EPOCH, vehicle: Restored::default() });
-    let entering = Entering { user: &user, before: None, seat, from: None, stay: Vec::new() };
+    let vehicle = Some(VehicleMemory { seq: 2, at: UNIX_EPOCH, vehicle: Restored::default() });
+    let entering = Entering { user: &user, before: None, vehicle, from: None, stay: Vec::new() };
     let record = Record::of(Action::Login, "here");
     let Ok((token, written)) = store.enter(entering, vec![record], LATE).await else { return false };
     store.entered(written).unwrap();
@@ -108,7 +108,7 @@ async fn whatever_page_is_zeroed_there_is_a_display_with_a_login() {
             degraded += 1;
             assert!(fault.contains("damaged") && fault.contains("telltale data repair"), "{fault}");
             let cleared = Record::of(Action::Clearance, "here");
-            let refused = store.audit(cleared).await.unwrap_err();
+            let refused = store.write_ahead(&cleared, None, LATE, ()).await.unwrap_err();
             assert!(refused.is_of_storage(), "no record, no clearance: {refused}");
             assert!(store.verify_audit().await.is_err(), "the log in memory is not the one on the disk");
         }
@@ -237,7 +237,7 @@ fn a_backup_is_whole_private_and_no_session_comes_back_with_it() {
     assert_eq!((&taken, mended.users), (&file, USERS));
     let store = folder.serve();
     assert!(store.sessions().is_empty());
-    assert_eq!(runtime.block_on(store.seated_operator()).unwrap(), None);
+    assert_eq!(runtime.block_on(store.operator_in_charge()).unwrap(), None);
     let newest = runtime.block_on(store.audit_entries(None, 1)).unwrap();
     assert_eq!((&*newest[0].action, &*newest[0].target), ("data restored", file.to_str().unwrap()));
     runtime.block_on(store.close());

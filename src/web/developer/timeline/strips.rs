@@ -5,7 +5,7 @@ use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use crate::picture::bars::{Bar, word};
 use crate::picture::strips::{Look, Segment, class, recorded, stamp};
-use crate::store::{Held, NodePast, Past};
+use crate::store::{NodePast, Past, Period};
 use crate::web::view::Lang;
 use crate::web::view::clean_text::{MESSAGE, NAME, clean};
 
@@ -86,13 +86,13 @@ impl Painter<'_> {
         }
     }
 
-    fn stage(&self, held: &[Held<Stage>]) -> Strip {
+    fn stage(&self, held: &[Period<Stage>]) -> Strip {
         let word = |stage| self.lang.stage(stage, State::Ok);
         let class = |stage| if stage == Stage::Active { "stage bar-driving" } else { "stage" };
         self.level(self.words.stage.to_owned(), Of::Stage, held, |stage| (class(stage), None, word(stage)))
     }
 
-    fn signal(&self, name: &str, held: &[Held<Option<bool>>]) -> Strip {
+    fn signal(&self, name: &str, held: &[Period<Option<bool>>]) -> Strip {
         self.level(clean(name, 2 * NAME), Of::Signal, held, |value| match value {
             Some(true) => ("true", None, "true"),
             Some(false) => ("false", None, "false"),
@@ -105,11 +105,11 @@ impl Painter<'_> {
         &self,
         name: String,
         of: Of,
-        held: &[Held<T>],
+        held: &[Period<T>],
         look: impl Fn(T) -> (&'static str, Option<&'static str>, &'static str),
     ) -> Strip {
         let there = self.at_moment(held, |it| (stamp(it.from_ms), stamp(it.to_ms)));
-        let bar = |it: &Held<T>| {
+        let bar = |it: &Period<T>| {
             let (class, pattern, word) = look(it.value);
             let (from, to) = (stamp(it.from_ms), stamp(it.to_ms));
             let title = format!("{word}, {} \u{2013} {}", clock(from), clock(to));

@@ -1,5 +1,6 @@
-//! Stores the vehicle's state for a restart whenever it has changed, at most every second. An operator's
-//! action is stored before it is done.
+//! Stores the vehicle's state for a restart whenever it has changed, at most every second, and records each
+//! change of the stage and of countermeasures. The state after an operator's action is stored before the
+//! action is done.
 
 use std::time::Duration;
 
@@ -8,27 +9,25 @@ use tokio::sync::{oneshot, watch};
 use tokio::task::JoinHandle;
 use tokio::time::{sleep, timeout};
 
+use super::AppState;
 use crate::engine::model::Stage;
+use crate::engine::restart::foresee::Foreseen;
 use crate::runtime::Published;
 use crate::store::VehicleMemory;
 use crate::store::audit::{Action, Record, TELLTALE};
-use crate::web::AppState;
 
 /// Alarms that come and go must not wear the disk out.
 const WRITE_EVERY: Duration = Duration::from_secs(1);
 
 const CAUSES_NAMED: usize = 4;
 
-/// Records that may wait for a disk that takes nothing.
-const WAITING_MAX: usize = 1024;
-
-/// What is asked of the vehicle, by name and state.
+/// What is requested of the vehicle, by name and state.
 type Requests = Vec<(&'static str, &'static str)>;
 
-/// At the end a disk has this long to answer.
+/// The time for the disk to answer at the end.
 const LAST_WITHIN: Duration = Duration::from_secs(2);
 
-/// Keeps the vehicle for as long as the server runs.
+/// Stores the vehicle's state for as long as the server runs.
 #[derive(Debug)]
 pub struct VehicleMemoryTask {
     end: oneshot::Sender<()>,
@@ -41,30 +40,40 @@ impl VehicleMemoryTask {
         VehicleMemoryTask { end, task: tokio::spawn(follow(app, ends)) }
     }
 
-    /// Keeps what changed last, and ends.
+    /// Stores the last change, and ends.
     pub async fn end(mut self) {
         // It has ended by itself if the engine has.
         let _ = self.end.send(());
         if timeout(LAST_WITHIN, &mut self.task).await.is_err() {
-            tracing::error!("the disk does not answer: what changed last is not kept");
+            tracing::error!("the disk does not answer: the last change of the vehicle is not stored");
             self.task.abort();
         }
     }
 }
 
 impl AppState {
-    /// The vehicle as it is now.
+    /// The vehicle's present state, to be stored.
     pub fn memory(&self) -> VehicleMemory {
         memory_of(&self.published())
+    }
+
+    /// The vehicle's state after an action, to be stored.
+    pub fn remembering(&self, foreseen: Foreseen) -> VehicleMemory {
+        VehicleMemory { seq: foreseen.seq, at: self.clock.wall(), vehicle: foreseen.vehicle }
+    }
+
+    /// Whether what is granted can be written down.
+    pub fn is_storage_ok(&self) -> bool {
+        self.store.fault().borrow().is_none()
     }
 }
 
 async fn follow(app: AppState, mut ends: oneshot::Receiver<()>) {
     let mut turns = app.link.turns.subscribe();
     let mut snapshots = app.link.snapshots.clone();
-    let mut last = LastWritten::default();
+    let mut last = LastSeen::default();
     loop {
-        let is_new = last.write_changes(&app, &mut snapshots, &mut turns).await;
+        let is_new = last.store_changes(&app, &mut snapshots, &mut turns).await;
         let next = async {
             if is_new {
                 sleep(WRITE_EVERY).await;
@@ -74,7 +83,7 @@ async fn follow(app: AppState, mut ends: oneshot::Receiver<()>) {
         let goes_on = tokio::select! {
             goes_on = next => goes_on,
             _ = &mut ends => {
-                last.write_changes(&app, &mut snapshots, &mut turns).await;
+                last.store_changes(&app, &mut snapshots, &mut turns).await;
                 false
             }
         };
@@ -84,22 +93,17 @@ async fn follow(app: AppState, mut ends: oneshot::Receiver<()>) {
     }
 }
 
-/// What was kept last, and what is to be recorded since.
+/// The state that was recorded last.
 #[derive(Debug, Default)]
-struct LastWritten {
-    memory: Option<VehicleMemory>,
-    /// Of the state that was looked at last.
+struct LastSeen {
     seq: u64,
     stage: Option<Stage>,
     requests: Requests,
-    /// What the disk did not take yet; what comes past [`WAITING_MAX`] is counted.
-    waiting: Vec<Record>,
-    lost: u64,
 }
 
-impl LastWritten {
-    /// Remembers what is new; tells whether there was anything.
-    async fn write_changes(
+impl LastSeen {
+    /// Records and stores what is new. Returns whether the disk had to take anything.
+    async fn store_changes(
         &mut self,
         app: &AppState,
         snapshots: &mut watch::Receiver<Published>,
@@ -107,53 +111,32 @@ impl LastWritten {
     ) -> bool {
         let _acting = app.acting.lock().await;
         loop {
-            match turns.try_recv() {
+            let records = match turns.try_recv() {
                 Ok(published) => self.look(&published),
-                Err(TryRecvError::Lagged(lost)) => self.lost += lost,
+                Err(TryRecvError::Lagged(missed)) => vec![missed_changes(missed)],
                 Err(TryRecvError::Empty | TryRecvError::Closed) => break,
-            }
+            };
+            records.into_iter().for_each(|record| app.store.note(record));
         }
         let published = snapshots.borrow_and_update().clone();
-        self.look(&published);
-        let memory = memory_of(&published);
-        let waiting_records = app.waiting_records();
-        let mut records = waiting_records.all();
-        let changes = if self.lost == 1 { "change" } else { "changes" };
-        let omitted = || format!("{} {changes} of the stage or of countermeasures", self.lost);
-        records.extend((self.lost > 0).then(|| Record::of(Action::Omitted, TELLTALE).on(omitted())));
-        records.extend_from_slice(&self.waiting);
-        let is_same = self.memory.as_ref().is_some_and(|kept| memory.says_the_same(kept));
-        if is_same && records.is_empty() {
-            return false;
-        }
-        match app.store.remember(memory.clone(), records).await {
-            Ok(()) => {
-                self.memory = Some(memory);
-                self.waiting.clear();
-                self.lost = 0;
-                app.forget_written(&waiting_records);
-            }
-            // The store's own watch over the disk tells of it.
-            Err(error) => tracing::debug!(%error, "the vehicle cannot be remembered"),
-        }
-        true
+        self.look(&published).into_iter().for_each(|record| app.store.note(record));
+        let stored = app.store.remember(memory_of(&published)).await;
+        // The store's own watch over the disk reports the fault.
+        stored.inspect_err(|error| tracing::debug!(%error, "the vehicle cannot be stored")).unwrap_or(true)
     }
 
-    /// Notes what is to be recorded of a state, unless a later one was looked at before.
-    fn look(&mut self, published: &Published) {
+    /// The records of what is new in a state, unless a later one was looked at before.
+    fn look(&mut self, published: &Published) -> Vec<Record> {
         let snapshot = &published.snapshot;
         if snapshot.seq < self.seq {
-            return;
+            return Vec::new();
         }
-        self.seq = snapshot.seq;
-        for record in self.records(published) {
-            if self.waiting.len() < WAITING_MAX { self.waiting.push(record) } else { self.lost += 1 }
-        }
-        self.stage = Some(snapshot.stage);
-        self.requests = requests_of(published);
+        let records = self.records(published);
+        *self = LastSeen { seq: snapshot.seq, stage: Some(snapshot.stage), requests: requests_of(published) };
+        records
     }
 
-    /// What is different from what was looked at last.
+    /// The differences from the state before.
     fn records(&self, published: &Published) -> Vec<Record> {
         let snapshot = &published.snapshot;
         let mut records = Vec::new();
@@ -176,7 +159,13 @@ impl LastWritten {
     }
 }
 
-/// Why something is asked of the vehicle, in a few names.
+fn missed_changes(count: u64) -> Record {
+    let changes = if count == 1 { "change" } else { "changes" };
+    let target = format!("{count} {changes} of the stage or of countermeasures");
+    Record::of(Action::Omitted, TELLTALE).on(target)
+}
+
+/// Why something is requested of the vehicle, in a few names.
 fn causes(published: &Published, request: &str) -> String {
     let snapshot = &published.snapshot;
     let Some(countermeasure) = snapshot.countermeasures.iter().find(|it| it.request.as_str() == request)
@@ -217,35 +206,19 @@ mod tests {
 
     #[test]
     fn each_turn_of_a_countermeasure_is_a_record_with_its_causes() {
-        let (mut kept, mut vehicle) = (LastWritten::default(), Sample::shuttle(true));
-        kept.look(&published(&mut vehicle));
+        let (mut last, mut vehicle) = (LastSeen::default(), Sample::shuttle(true));
+        let mut records = last.look(&published(&mut vehicle));
         vehicle = vehicle.act(OperatorAction::RequestStop);
-        kept.look(&published(&mut vehicle));
-        kept.look(&published(&mut vehicle));
+        records.extend(last.look(&published(&mut vehicle)));
+        records.extend(last.look(&published(&mut vehicle)));
         vehicle = vehicle.act(OperatorAction::Acknowledge { alarm: AlarmRef::OperatorStop });
-        kept.look(&published(&mut vehicle));
-        let records: Vec<_> = kept.waiting.iter().map(|record| (record.action, &*record.target)).collect();
+        records.extend(last.look(&published(&mut vehicle)));
+        let records: Vec<_> = records.iter().map(|record| (record.action, &*record.target)).collect();
         let expected = [
             (Action::Stage, "active"),
             (Action::Countermeasure, "maneuver_stop: requested, because of the operator"),
             (Action::Countermeasure, "maneuver_stop: ended"),
         ];
         assert_eq!(records, expected);
-    }
-
-    #[test]
-    fn what_waits_for_a_disk_that_takes_nothing_has_a_bound_and_the_rest_is_counted() {
-        let (mut kept, mut vehicle) = (LastWritten::default(), Sample::shuttle(true));
-        let mut all = 0;
-        for _ in 0..WAITING_MAX {
-            vehicle = vehicle.act(OperatorAction::RequestStop);
-            all += kept.records(&published(&mut vehicle)).len();
-            kept.look(&published(&mut vehicle));
-            vehicle = vehicle.act(OperatorAction::Acknowledge { alarm: AlarmRef::OperatorStop });
-            all += kept.records(&published(&mut vehicle)).len();
-            kept.look(&published(&mut vehicle));
-        }
-        assert!(all > 2 * WAITING_MAX - 2, "each turn is a record: {all}");
-        assert_eq!((kept.waiting.len(), kept.lost), (WAITING_MAX, (all - WAITING_MAX) as u64));
     }
 }

@@ -1,5 +1,5 @@
 //! Logins, hand-overs and logouts of operators: each is written before it happens, so that it happens
-//! completely or not at all. The *seat* is the place of the operator who leads the vehicle.
+//! completely or not at all. The table `seat` names the operator in charge.
 
 use rusqlite::{Connection, OptionalExtension, Transaction, params};
 
@@ -18,13 +18,13 @@ pub struct Written {
     goes: Vec<Key>,
     /// The alignment of the table of open sessions at the time of writing.
     alignment: u64,
-    /// The earlier holder of the seat, and the sessions of the users concerned.
+    /// The earlier operator in charge, and the sessions of the users concerned.
     before: Before,
 }
 
 #[derive(Debug)]
 struct Before {
-    seat: Option<i64>,
+    in_charge: Option<i64>,
     sessions: Vec<Stored>,
 }
 
@@ -45,8 +45,8 @@ pub struct Entering<'a> {
     pub user: &'a Verified,
     /// The session that the browser had before, which ends.
     pub before: Option<&'a Session>,
-    /// The vehicle's state to store once this operator has the seat; `None` for others.
-    pub seat: Option<VehicleMemory>,
+    /// The vehicle's state with this operator in charge; `None` for others.
+    pub vehicle: Option<VehicleMemory>,
     /// The earlier operator, who leaves all displays.
     pub from: Option<&'a str>,
     /// Sessions of this user that do not end although there are too many.
@@ -68,7 +68,7 @@ impl Store {
         until: Timestamp,
     ) -> impl Future<Output = Result<(Token, Written), StoreError>> + Send + use<> {
         let store = self.clone();
-        let Entering { user, before, seat, from, stay } = entering;
+        let Entering { user, before, vehicle, from, stay } = entering;
         let stay: Vec<Key> = stay.iter().map(Session::key).collect();
         let (user, from) = (user.clone(), from.map(str::to_owned));
         let ends = before.map(Session::key);
@@ -80,8 +80,7 @@ impl Store {
                     return Err(StoreError::TooLate);
                 }
                 let created = database.judged();
-                let remembered = seat.as_ref().map(|memory| memory.seq);
-                let (before, goes) = database.change_sessions(&records, |transaction| {
+                let (before, goes) = database.write(&records, |transaction| {
                     let before = Before::of(transaction, [Some(user.name()), from.as_deref()], ends)?;
                     if let Some(ends) = ends {
                         transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [ends])?;
@@ -90,14 +89,16 @@ impl Store {
                     if let Some(from) = &from {
                         end_all(transaction, from)?;
                     }
-                    if let Some(memory) = &seat {
-                        take_seat(transaction, user.id)?;
+                    if let Some(memory) = &vehicle {
+                        put_in_charge(transaction, user.id)?;
                         write_vehicle(transaction, memory)?;
                     }
                     let goes = before.ended(transaction)?;
                     Ok((before, goes))
                 })?;
-                database.remembered_seq = database.remembered_seq.max(remembered.unwrap_or(0));
+                if let Some(memory) = vehicle {
+                    database.is_stored(memory);
+                }
                 let comes = Some(Row::of_login(key, &user, database.clock.now()));
                 Ok(Written { comes, goes, alignment: database.sessions.alignment(), before })
             });
@@ -115,8 +116,7 @@ impl Store {
         key.and_then(|key| self.sessions.find(&key)).ok_or(StoreError::SessionEnded)
     }
 
-    /// Writes that an operator who is logged in takes the seat of another operator, who leaves all
-    /// displays. When this returns, it is on the disk; then [`Store::left`] makes it happen, or
+    /// Writes that an operator who is logged in replaces the operator in charge, who leaves all displays. When this returns, it is on the disk; then [`Store::left`] makes it happen, or
     /// [`Store::take_back`] undoes it. If the disk gets to it after `until`, nothing is written.
     ///
     /// # Errors
@@ -136,24 +136,24 @@ impl Store {
                 if database.clock.now() >= until {
                     return Err(StoreError::TooLate);
                 }
-                let (before, goes) = database.change_sessions(&[record], |transaction| {
+                let (before, goes) = database.write(&[record], |transaction| {
                     let before = Before::of(transaction, [Some(&*user), Some(from.as_str())], None)?;
                     let sql = "SELECT id FROM users WHERE name = ?1 AND role = 'operator'";
                     let id = transaction.query_row(sql, [&*user], |row| row.get(0)).optional()?;
-                    take_seat(transaction, id.ok_or(StoreError::SessionEnded)?)?;
+                    put_in_charge(transaction, id.ok_or(StoreError::SessionEnded)?)?;
                     end_all(transaction, &from)?;
                     write_vehicle(transaction, &memory)?;
                     let goes = before.ended(transaction)?;
                     Ok((before, goes))
                 })?;
-                database.remembered_seq = database.remembered_seq.max(memory.seq);
+                database.is_stored(memory);
                 Ok(Written { comes: None, goes, alignment: database.sessions.alignment(), before })
             });
             writing.await
         }
     }
 
-    /// Writes that an operator leaves the seat and all displays, with its record. When this returns, it is
+    /// Writes that the operator in charge leaves all displays, with its record. When this returns, it is
     /// on the disk; then [`Store::left`] makes it happen, or [`Store::take_back`] undoes it. If the disk
     /// gets to it after `until`, nothing is written.
     ///
@@ -171,7 +171,7 @@ impl Store {
                 if database.clock.now() >= until {
                     return Err(StoreError::TooLate);
                 }
-                let (before, goes) = database.change_sessions(&[record], |transaction| {
+                let (before, goes) = database.write(&[record], |transaction| {
                     let before = Before::of(transaction, [Some(user.as_str()), None], None)?;
                     end_all(transaction, &user)?;
                     let sql = "DELETE FROM seat WHERE user = (SELECT id FROM users WHERE name = ?1)";
@@ -190,7 +190,7 @@ impl Store {
         self.sessions.change(written.alignment, &written.goes, written.comes);
     }
 
-    /// Gives the seat and the sessions back, with the vehicle as it is and a record of the reason.
+    /// Restores the operator in charge and the sessions, with the vehicle as it is and a record of the reason.
     ///
     /// # Errors
     /// If the database fails: after a restart the operator then has to log in again.
@@ -201,7 +201,7 @@ impl Store {
         record: Record,
     ) -> Result<(), StoreError> {
         self.call_surely(move |database| {
-            database.change_sessions(&[record], |transaction| {
+            database.write(&[record], |transaction| {
                 if let Some(Row { key, .. }) = written.comes {
                     transaction.execute("DELETE FROM sessions WHERE token_hash = ?1", [key])?;
                 }
@@ -209,11 +209,12 @@ impl Store {
                     session.restore(transaction)?;
                 }
                 transaction.execute("DELETE FROM seat", [])?;
-                if let Some(user) = written.before.seat {
-                    take_seat(transaction, user)?;
+                if let Some(user) = written.before.in_charge {
+                    put_in_charge(transaction, user)?;
                 }
                 write_vehicle(transaction, &memory)
             })?;
+            database.is_stored(memory);
             database.reload_sessions()
         })
         .await
@@ -221,7 +222,7 @@ impl Store {
 }
 
 impl Before {
-    /// The seat, and the sessions of these users and of the token with this key.
+    /// The operator in charge, and the sessions of these users and of the token with this key.
     fn of(
         transaction: &Transaction<'_>,
         names: [Option<&str>; 2],
@@ -243,8 +244,8 @@ impl Before {
             })
         })?;
         let sessions = sessions.collect::<Result<_, _>>()?;
-        let seat = transaction.query_row("SELECT user FROM seat", [], |row| row.get(0)).optional()?;
-        Ok(Before { seat, sessions })
+        let in_charge = transaction.query_row("SELECT user FROM seat", [], |row| row.get(0)).optional()?;
+        Ok(Before { in_charge, sessions })
     }
 
     /// Sessions that no longer exist.
@@ -278,8 +279,8 @@ fn end_all(connection: &Connection, user: &str) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// A user that was removed takes no seat.
-fn take_seat(connection: &Connection, user: i64) -> Result<(), StoreError> {
+/// A user that was removed does not come in charge.
+fn put_in_charge(connection: &Connection, user: i64) -> Result<(), StoreError> {
     connection.execute(
         "INSERT INTO seat (one, user) SELECT 1, id FROM users WHERE id = ?1
          ON CONFLICT (one) DO UPDATE SET user = excluded.user",
@@ -318,16 +319,16 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn an_end_that_is_taken_back_leaves_seat_and_sessions_as_they_were() {
+    async fn an_end_that_is_taken_back_changes_nothing() {
         let store = store().await;
         let (token, session) = store.open_session(&user(&store, "anna", "135791").await).await.unwrap();
-        store.take_seat("anna").await.unwrap();
+        store.put_in_charge("anna").await.unwrap();
 
         let leaving = store.leave("anna", record(), LATE).await.unwrap();
-        assert_eq!(store.seated_operator().await.unwrap(), None);
+        assert_eq!(store.operator_in_charge().await.unwrap(), None);
         assert!(session.is_open(), "it has not happened yet");
         store.take_back(leaving, memory(&store, 1), record().refused("no")).await.unwrap();
-        assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("anna"));
+        assert_eq!(store.operator_in_charge().await.unwrap().as_deref(), Some("anna"));
         assert!(session.is_open() && store.session(&token).is_some());
 
         let leaving = store.leave("anna", record(), LATE).await.unwrap();
@@ -339,26 +340,31 @@ mod tests {
     async fn a_hand_over_happens_whole_or_not_at_all() {
         let store = store().await;
         let (token, session) = store.open_session(&user(&store, "anna", "135791").await).await.unwrap();
-        store.take_seat("anna").await.unwrap();
+        store.put_in_charge("anna").await.unwrap();
         let bert = user(&store, "bert", "246802").await;
         let enter = || {
-            let seat = Some(memory(&store, 1));
-            let entering =
-                Entering { user: &bert, before: Some(&session), seat, from: Some("anna"), stay: Vec::new() };
+            let vehicle = Some(memory(&store, 1));
+            let entering = Entering {
+                user: &bert,
+                before: Some(&session),
+                vehicle,
+                from: Some("anna"),
+                stay: Vec::new(),
+            };
             store.enter(entering, vec![record()], LATE)
         };
 
         let (theirs, written) = enter().await.unwrap();
         assert!(session.is_open() && store.session(&theirs).is_none(), "it has not happened yet");
-        assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("bert"));
+        assert_eq!(store.operator_in_charge().await.unwrap().as_deref(), Some("bert"));
         store.take_back(written, memory(&store, 1), record().refused("no")).await.unwrap();
         assert!(session.is_open() && store.session(&token).is_some() && store.session(&theirs).is_none());
-        assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("anna"));
+        assert_eq!(store.operator_in_charge().await.unwrap().as_deref(), Some("anna"));
 
         let (theirs, written) = enter().await.unwrap();
         assert!(store.entered(written).unwrap().is_of(&theirs));
         assert!(!session.is_open() && store.session(&token).is_none());
-        assert_eq!(store.seated_operator().await.unwrap().as_deref(), Some("bert"));
+        assert_eq!(store.operator_in_charge().await.unwrap().as_deref(), Some("bert"));
     }
 
     #[tokio::test]
@@ -368,7 +374,7 @@ mod tests {
         let bert = user(&store, "bert", "246802").await;
         for is_removed in [false, true] {
             let entering =
-                Entering { user: &bert, before: None, seat: None, from: Some("anna"), stay: Vec::new() };
+                Entering { user: &bert, before: None, vehicle: None, from: Some("anna"), stay: Vec::new() };
             let (token, written) = store.enter(entering, vec![record()], LATE).await.unwrap();
             if is_removed {
                 store.remove_user("bert").await.unwrap();

@@ -1,4 +1,5 @@
-//! The end of the program: the first SIGINT or SIGTERM requests it, a second one ends it at once.
+//! The signals that end the program. The first SIGINT or SIGTERM requests the end; a second one ends it at
+//! once.
 
 use std::time::Duration;
 
@@ -6,21 +7,21 @@ use anyhow::Context as _;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 
-/// So long after the first signal the program is over, whatever hangs: a supervisor, and who sits at the
-/// vehicle, count on three seconds.
-const OVER: Duration = Duration::from_millis(2600);
+/// The program ends this long after the first signal, whatever hangs: supervisors and operators count on
+/// three seconds.
+const ENDS_WITHIN: Duration = Duration::from_millis(2600);
 
-/// Listens for the signals that ask a program to end.
-pub struct Ending {
-    asked: watch::Receiver<u32>,
+/// The requests to end the program.
+pub struct ShutdownSignal {
+    requests: watch::Receiver<u32>,
 }
 
-impl Ending {
-    /// From a thread of its own, which ends the program where nothing else does any more.
+impl ShutdownSignal {
+    /// Listens in a thread of its own, which ends the program if nothing else does any more.
     ///
     /// # Errors
     /// If the operating system refuses the handlers or the thread.
-    pub fn listen() -> anyhow::Result<Ending> {
+    pub fn listen() -> anyhow::Result<ShutdownSignal> {
         let refused = "signals cannot be handled";
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context(refused)?;
         let (mut interrupt, mut terminate) = {
@@ -28,31 +29,31 @@ impl Ending {
             let listen = |kind| signal(kind).context(refused);
             (listen(SignalKind::interrupt())?, listen(SignalKind::terminate())?)
         };
-        let (asks, asked) = watch::channel(0);
+        let (sender, requests) = watch::channel(0);
         let listen = async move {
             loop {
                 tokio::select! {
                     _ = interrupt.recv() => {}
                     _ = terminate.recv() => {}
                 }
-                asks.send_modify(|count| *count += 1);
-                if *asks.borrow() == 1 {
+                sender.send_modify(|count| *count += 1);
+                if *sender.borrow() == 1 {
                     std::thread::spawn(|| {
-                        std::thread::sleep(OVER);
+                        std::thread::sleep(ENDS_WITHIN);
                         // What is acknowledged is on the disk; nobody waits for the rest.
                         std::process::exit(0);
                     });
                 }
             }
         };
-        let thread = std::thread::Builder::new().name("ending".to_owned());
+        let thread = std::thread::Builder::new().name("signals".to_owned());
         thread.spawn(move || runtime.block_on(listen)).context(refused)?;
-        Ok(Ending { asked })
+        Ok(ShutdownSignal { requests })
     }
 
-    /// Waits for the next of them.
-    pub async fn asked(&mut self) {
-        if self.asked.changed().await.is_err() {
+    /// Waits for the next request.
+    pub async fn requested(&mut self) {
+        if self.requests.changed().await.is_err() {
             // The thread lives as long as the program.
             std::future::pending().await
         }

@@ -1,4 +1,4 @@
-//! The common part of `serve` and `demo`: starts and ends the engine, the DDS bridge and the web server.
+//! The server of `serve` and `demo`: starts and ends the engine, the DDS bridge and the web server.
 
 use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr};
@@ -12,7 +12,7 @@ use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 use tokio::time::timeout;
 
-use super::ending::Ending;
+use super::shutdown_signal::ShutdownSignal;
 use super::{dds, outputs, reload, timekeeping};
 use crate::clock::Clock;
 use crate::config::Loaded;
@@ -27,10 +27,10 @@ use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{History, Store};
 use crate::web::{self, AppState, DemoFaults, Enrolled, Origins, Settings, Tls};
 
-/// `ADDRESS:PORT`, with what to write instead of what is none.
+/// Reads `ADDRESS:PORT`.
 ///
 /// # Errors
-/// What to write.
+/// What to write instead.
 pub fn address(text: &str) -> Result<SocketAddr, String> {
     let host = text.strip_prefix("localhost").map(|rest| format!("127.0.0.1{rest}"));
     let text = host.as_deref().unwrap_or(text);
@@ -48,16 +48,16 @@ pub fn address(text: &str) -> Result<SocketAddr, String> {
     })
 }
 
-/// Where browsers find the display unless told otherwise: this machine alone.
+/// The address of the display if none is given: this machine alone.
 pub const LISTEN: &str = "127.0.0.1:8080";
 
-/// At the end a disk has this long to answer.
+/// The time for the disk to answer at the end.
 const LAST_WITHIN: Duration = Duration::from_secs(1);
 
-/// Everything that a running display is made of.
-pub struct Station {
+/// The parts of a running display.
+pub struct Server {
     pub loaded: Loaded,
-    /// The file that it was read from, to read it again.
+    /// The file of the configuration, for reloads.
     pub file: Option<PathBuf>,
     pub store: Store,
     /// The folder of the history; without one it is kept in memory.
@@ -66,7 +66,7 @@ pub struct Station {
     pub listener: TcpListener,
     /// Without it browsers come over plain HTTP.
     pub tls: Option<Tls>,
-    /// Where a PIN will do.
+    /// The vehicle's own displays, where a PIN suffices.
     pub enrolled: Enrolled,
     /// Addresses by which browsers reach it, beside that of the listener.
     pub origins: Vec<String>,
@@ -74,13 +74,13 @@ pub struct Station {
     pub clock: Clock,
 }
 
-impl Station {
+impl Server {
     /// Runs until the program is asked to end.
     ///
     /// # Errors
-    /// What keeps it from starting: DDS, the database, an origin that is none.
-    pub async fn run(self, mut ending: Ending) -> anyhow::Result<()> {
-        let Station { loaded, file, store, folder, options, listener, tls, enrolled, origins, demo, clock } =
+    /// If DDS or the database cannot be started, or an origin is wrong.
+    pub async fn run(self, mut signal: ShutdownSignal) -> anyhow::Result<()> {
+        let Server { loaded, file, store, folder, options, listener, tls, enrolled, origins, demo, clock } =
             self;
         let address = listener.local_addr().context("the listener has no address")?;
         let listens_to = dds::describe(&options);
@@ -101,9 +101,7 @@ impl Station {
         let discovery = Some(bridge.discovery());
         let settings = Settings { origins, secure, enrolled, demo, rereads, history, discovery };
         let start = Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"));
-        if let Err(error) = store.audit(start).await {
-            tracing::error!(%error, "the start cannot be recorded");
-        }
+        store.record(start, None).await;
         let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
         let watching = timekeeping::watch(tls.clone(), hosts, store.floor(), link.inputs.clone(), clock);
         let time = tokio::spawn(watching);
@@ -112,7 +110,7 @@ impl Station {
         let engine = link.inputs.clone();
         {
             let app = AppState::new(link, store, clock, settings);
-            let serving = web::serve(listener, tls, app.clone(), ending.asked());
+            let serving = web::serve(listener, tls, app.clone(), signal.requested());
             let running = reloads.map(|reloads| reloads.running);
             tokio::select! {
                 served = while_serving(serving, &bridge, &outputs, running, &app) => served?,
@@ -125,14 +123,12 @@ impl Station {
         tracing::info!("ending");
         storage.abort();
         time.abort();
-        match timeout(LAST_WITHIN, end.audit(Record::of(Action::End, TELLTALE))).await {
-            Ok(Ok(())) => {}
-            Ok(Err(error)) => tracing::error!(%error, "the end cannot be recorded"),
-            Err(_) => tracing::error!("the disk does not answer: the end is not recorded"),
+        if !end.record(Record::of(Action::End, TELLTALE), None).await {
+            tracing::error!("the end is not recorded");
         }
         tokio::select! {
             () = async { tokio::join!(bridge.shutdown(), outputs.shutdown()); } => {}
-            () = ending.asked() => {}
+            () = signal.requested() => {}
         }
         if timeout(LAST_WITHIN, end.close()).await.is_err() {
             tracing::error!("the disk does not answer: what it was given last may be lost");
@@ -141,14 +137,14 @@ impl Station {
     }
 }
 
-/// The history is no reason not to start: without it, its page says so.
+/// Opens the history. Without one the server starts all the same, and the page of the history says so.
 fn open_history(folder: Option<&Path>, clock: Clock) -> Option<(History, SyncSender<Vec<Happening>>)> {
     let opened = folder.map_or_else(|| History::in_memory(clock), |folder| History::open(folder, clock));
     opened.inspect_err(|error| tracing::error!("nothing will be recorded: {error}")).ok()
 }
 
-/// Serves until the end, and lets the bridge follow the configuration. The engine runs by it already:
-/// what the bridge says anew would be forgotten by an engine that changes later.
+/// Serves until the end, and lets the bridge follow each new configuration. The engine runs by it already:
+/// an engine that changed later would forget what the bridge reports anew.
 async fn while_serving(
     serving: impl Future<Output = std::io::Result<()>>,
     bridge: &Bridge,
@@ -164,14 +160,15 @@ async fn while_serving(
         };
         publishing.follow(outputs::topics(&next.publishing));
         // Nobody is served while this waits, so it waits for no disk.
-        app.note(Record::of(Action::Configuration, TELLTALE).on("the file that was read again is taken"));
+        app.store
+            .note(Record::of(Action::Configuration, TELLTALE).on("the file that was read again is taken"));
         if let Err(error) = bridge.follow(&next.model) {
             tracing::error!("the old topics are read still: {error}");
         }
     }
 }
 
-/// The next configuration that is taken; never, where there is none to come.
+/// Waits for the next configuration that is taken.
 async fn changed(running: &mut Option<watch::Receiver<Loaded>>) -> Loaded {
     if let Some(running) = running
         && running.changed().await.is_ok()
@@ -184,7 +181,7 @@ async fn changed(running: &mut Option<watch::Receiver<Loaded>>) -> Loaded {
 /// Listens for browsers.
 ///
 /// # Errors
-/// Why that is not possible, and what to do.
+/// Why that fails, and what to do.
 pub async fn bind(address: SocketAddr) -> anyhow::Result<TcpListener> {
     TcpListener::bind(address).await.map_err(|error| match error.kind() {
         ErrorKind::AddrInUse => {
@@ -202,7 +199,7 @@ pub async fn bind(address: SocketAddr) -> anyhow::Result<TcpListener> {
     })
 }
 
-/// Where a browser on this machine finds the display.
+/// The address at which a browser on this machine finds the display.
 pub fn url(address: SocketAddr, secure: bool) -> String {
     let host = match address.ip() {
         ip if ip.is_unspecified() => "localhost".to_owned(),
@@ -221,7 +218,7 @@ fn known_origins(address: SocketAddr, secure: bool, more: &[String]) -> anyhow::
     Ok(origins)
 }
 
-/// Keeps the engine told of whether what happens can be written down.
+/// Reports the faults of the storage to the engine.
 async fn tell_of_storage(store: Store, inputs: mpsc::Sender<Stamped>, clock: Clock) {
     let mut faults = store.fault();
     drop(store);
@@ -234,11 +231,11 @@ async fn tell_of_storage(store: Store, inputs: mpsc::Sender<Stamped>, clock: Clo
     }
 }
 
-/// Plain HTTP shows secrets and sessions to everybody on the way: it leaves this machine only where
-/// somebody asked for that by name.
+/// Refuses plain HTTP beyond this machine, which shows secrets and sessions to everybody on the way, unless
+/// the flag `--insecure-http` is given.
 ///
 /// # Errors
-/// If it would, and nobody did.
+/// What to do instead.
 pub fn check_plain(address: SocketAddr, has_tls: bool, insecure: bool) -> anyhow::Result<()> {
     if has_tls || insecure || address.ip().is_loopback() {
         return Ok(());
@@ -250,8 +247,8 @@ pub fn check_plain(address: SocketAddr, has_tls: bool, insecure: bool) -> anyhow
     )
 }
 
-/// Starts the engine where the last run ended: a restart in the middle of a drive must not leave the
-/// vehicle without a display. Nothing is known of its components until they are heard.
+/// Starts the engine where the last run ended: a restart during a drive must not leave the vehicle without a
+/// display. The states of modules are unknown until they are heard.
 async fn resume(
     model: &Arc<Model>,
     store: &Store,

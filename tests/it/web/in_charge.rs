@@ -81,7 +81,7 @@ async fn strangers_do_not_delay_the_right_pin_at_an_enrolled_display() {
 }
 
 #[tokio::test]
-async fn the_seat_is_one_and_is_handed_over_in_so_many_words() {
+async fn one_operator_is_in_charge_and_is_replaced_in_so_many_words() {
     let (fixture, hand) = Fixture::with_hand().await;
     fixture.store.add_user("bert", Role::Operator, "975310").await.unwrap();
     let first = fixture.cookie_of("operator").await;
@@ -104,7 +104,7 @@ async fn the_seat_is_one_and_is_handed_over_in_so_many_words() {
     hand.advance(Span::from_secs(5));
     fixture.until(|snapshot| snapshot.operator.as_deref() == Some("bert")).await;
     until(async || fixture.get("/", Some(&first)).await.status != StatusCode::OK).await;
-    assert_eq!(fixture.store.seated_operator().await.unwrap().as_deref(), Some("bert"));
+    assert_eq!(fixture.store.operator_in_charge().await.unwrap().as_deref(), Some("bert"));
     assert_eq!(fixture.get("/", Some(&first)).await.leads_to(), Some("/login"), "its sessions ended");
     assert_eq!(fixture.get("/", Some(&second)).await.status, StatusCode::OK);
     let entries = fixture.store.audit_entries(None, 2).await.unwrap();
@@ -115,7 +115,7 @@ async fn the_seat_is_one_and_is_handed_over_in_so_many_words() {
     let answer = fixture.send(program).await;
     let body: serde_json::Value = serde_json::from_str(&answer.body).unwrap();
     assert_eq!((answer.status, &body["operator"]), (StatusCode::CONFLICT, &serde_json::json!("bert")));
-    // The same operator at another display takes nothing over, and others need no seat.
+    // The same operator at another display takes nothing over, and others need not be in charge.
     assert_eq!(fixture.log_in("bert", "975310").await.leads_to(), Some("/"));
     fixture.cookie_of("developer").await;
     assert_eq!(fixture.get("/", Some(&second)).await.status, StatusCode::OK);
@@ -214,7 +214,7 @@ async fn without_users_the_page_says_how_to_make_the_first_one() {
 }
 
 #[tokio::test]
-async fn while_it_drives_the_seat_is_taken_at_the_vehicles_displays_alone() {
+async fn while_it_drives_operators_change_at_its_displays_alone() {
     let (fixture, hand) = Fixture::with_hand().await;
     fixture.store.add_user("bert", Role::Operator, "a long password").await.unwrap();
     let driver = fixture.cookie_of("operator").await;
@@ -231,7 +231,7 @@ async fn while_it_drives_the_seat_is_taken_at_the_vehicles_displays_alone() {
 }
 
 #[tokio::test]
-async fn the_empty_seat_of_a_driving_vehicle_is_taken_at_its_displays_alone_too() {
+async fn a_driving_vehicle_without_operator_gets_one_at_its_displays_alone() {
     let (fixture, hand) = Fixture::with_hand().await;
     for name in ["anna", "bert"] {
         fixture.store.add_user(name, Role::Operator, "a long password").await.unwrap();
@@ -243,8 +243,9 @@ async fn the_empty_seat_of_a_driving_vehicle_is_taken_at_its_displays_alone_too(
     assert!(far.body.contains("the vehicle drives"), "{}", far.body);
     let near = log_in_from(&fixture, "127.0.0.1", "name=anna&secret=a+long+password").await;
     assert_eq!(near.status, StatusCode::OK, "{}", near.body);
-    let seated = |name: &'static str| move |snapshot: &Snapshot| snapshot.operator.as_deref() == Some(name);
-    let snapshot = fixture.until(seated("anna")).await;
+    let in_charge =
+        |name: &'static str| move |snapshot: &Snapshot| snapshot.operator.as_deref() == Some(name);
+    let snapshot = fixture.until(in_charge("anna")).await;
     assert_eq!(
         (snapshot.stage, fixture.app.hand_overs.is_announced()),
         (Stage::Active, false),
@@ -258,7 +259,7 @@ async fn the_empty_seat_of_a_driving_vehicle_is_taken_at_its_displays_alone_too(
     assert_eq!(log_in_from(&fixture, "127.0.0.1", form).await.status, StatusCode::OK);
     assert!(fixture.app.hand_overs.is_announced());
     hand.advance(Span::from_secs(5));
-    fixture.until(seated("bert")).await;
+    fixture.until(in_charge("bert")).await;
     assert_eq!(fixture.stage(), Stage::Active);
 }
 
@@ -275,7 +276,7 @@ async fn whoever_takes_a_driving_vehicle_over_and_logs_out_again_takes_nothing()
     hand.advance(Span::from_secs(6));
     until(async || !fixture.app.hand_overs.is_announced()).await;
     assert_eq!(fixture.get("/", Some(&driver)).await.status, StatusCode::OK);
-    assert_eq!(fixture.store.seated_operator().await.unwrap().as_deref(), Some("operator"));
+    assert_eq!(fixture.store.operator_in_charge().await.unwrap().as_deref(), Some("operator"));
 }
 
 #[tokio::test]
