@@ -95,7 +95,7 @@ rust_tests() {
     # Tests with peers wait most of the time.
     local threads
     threads=$(nproc)
-    export RUST_TEST_THREADS=$((threads < 4 ? 4 : threads))
+    export RUST_TEST_THREADS=$((threads < 3 ? 12 : 4 * threads))
     cargo test --locked --no-fail-fast 2>&1 | tee "$work/cargo.log"
     local code=${PIPESTATUS[0]} sums
     read -r -a sums < <(awk '/^test result:/ { for (i = 2; i <= NF; i++) {
@@ -117,12 +117,15 @@ scenarios() {
 }
 
 # The real program, foreign DDS peers and a real browser. Most of these tests wait most of the time, so
-# three processes run them side by side, each with DDS domains and ports of its own. Tests that measure time
-# (`pytest.mark.alone`) run afterwards, with nothing beside them.
+# several processes run them side by side, each with DDS domains and ports of its own. Tests with limits of
+# seconds (`pytest.mark.timed`) run two at a time, a file in one process; those that measure times close to
+# their limits (`pytest.mark.alone`) run last, with nothing beside them.
 browser_tests() {
     say "the whole program side by side: foreign DDS peers, real browser"
-    browser_part together -m "not alone" --numprocesses 3 --dist worksteal
-    say "the whole program, where time is measured"
+    browser_part together -m "not alone and not timed" --numprocesses 4 --dist worksteal
+    say "the whole program, where limits are seconds"
+    browser_part timed -m timed --numprocesses 2 --dist loadfile
+    say "the whole program, where times are measured"
     browser_part alone -m alone
 }
 

@@ -6,7 +6,7 @@ import os
 import pytest
 from playwright.sync_api import expect, sync_playwright
 
-from operating import watch
+from operating import expect_standing, log_in, watch
 from vehicle import CHROMIUM, Vehicle, serving
 
 
@@ -17,7 +17,8 @@ expect.set_options(timeout=PATIENCE_MS)
 
 
 def pytest_configure(config):
-    config.addinivalue_line("markers", "alone: measures time, so no other test may run beside it")
+    config.addinivalue_line("markers", "alone: measures times close to their limits, so no other test may run beside it")
+    config.addinivalue_line("markers", "timed: has limits of seconds, so at most one other test may run beside it")
 
 
 @pytest.fixture(scope="session")
@@ -67,3 +68,13 @@ def page(chromium, trouble):
     watch(page, trouble)
     yield page
     context.close()
+
+
+@pytest.fixture
+def driving(server, vehicle, page):
+    """An operator's page of a vehicle that drives."""
+    log_in(page, server)
+    expect_standing(page)
+    vehicle.drive(True)
+    expect(page.locator("body")).to_have_attribute("data-stage", "active")
+    return page

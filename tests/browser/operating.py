@@ -1,10 +1,14 @@
-"""The touches of an operator at a display."""
+"""What users do in a browser, by touch or not, and what an operator sees of a vehicle that stands."""
+
+import re
 
 from playwright.sync_api import TimeoutError, expect
 
+from vehicle import OPERATOR
 
 DEMO_OPERATOR = ("operator", "246810")
 DISPLAY = {"width": 1280, "height": 800}
+TILES = ["sensors", "localization", "perception", "prediction", "can", "mission", "planning", "execution"]
 
 
 def touch_context(chromium, lang="en", palette="night", **more):
@@ -28,6 +32,50 @@ def watch(page, trouble):
     )
 
 
+def log_in(page, server, name=OPERATOR[0], secret=OPERATOR[1]):
+    page.goto(server.url + "/")
+    page.wait_for_url(server.url + "/login*")
+    page.locator("[name=name]").fill(name)
+    page.locator("[name=secret]").fill(secret)
+    page.locator("[name=secret]").press("Enter")
+
+
+def enter(page, server, name, secret):
+    """Logs in, and is there."""
+    log_in(page, server, name, secret)
+    page.wait_for_url(server.url + "/")
+
+
+def tile(page, name):
+    return page.locator(f"#tile-{name}")
+
+
+def expect_tile(page, name, state, reason=None):
+    expect(tile(page, name)).to_have_attribute("data-state", state)
+    if reason is None:
+        expect(tile(page, name)).not_to_have_attribute("data-reason", re.compile("."))
+    else:
+        expect(tile(page, name)).to_have_attribute("data-reason", reason)
+
+
+def expect_standing(page):
+    """Logged in at a stop: all is well, and nobody asks the planner."""
+    expect(page.locator("body")).to_have_attribute("data-stage", re.compile("localizing|standby"))
+    # A tap on a page that is not live does nothing.
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+    if page.locator("body").get_attribute("data-stage") == "localizing":
+        page.locator("#actions button[name=localize]").first.click()
+    expect(page.locator("body")).to_have_attribute("data-stage", "standby")
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+    for name in TILES:
+        if name in ("planning", "execution"):
+            expect_tile(page, name, "ignore", "not_relevant")
+            expect(tile(page, name)).to_contain_text("not driving")
+        else:
+            expect_tile(page, name, "ok")
+            expect(tile(page, name)).to_contain_text("Okay")
+
+
 def type_by_touch(page, name, secret):
     """Fills the form with the pad alone."""
     for letter in name:
@@ -42,6 +90,12 @@ def log_in_by_touch(page, server, name, secret):
     type_by_touch(page, name, secret)
     page.locator(".digits [data-key=enter]").tap()
     expect(page.locator("body")).to_have_attribute("data-live", "live")
+
+
+def let_colours_settle(page):
+    """Waits until no colour is fading: the colour on the screen is in no computed style meanwhile, and the colour of
+    an ended fault stays for a moment."""
+    page.wait_for_function("() => !document.getAnimations().some(it => it instanceof CSSTransition)")
 
 
 def stage(page, name, seconds=10):

@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import expect
 
 from accessible import violations
-from operating import DEMO_OPERATOR, ask_for_clearance, localize, log_in_by_touch, stage, step, touch_context, watch
+from operating import DEMO_OPERATOR, ask_for_clearance, enter, localize, log_in_by_touch, stage, step, touch_context, watch
 from vehicle import CONFIG, OPERATOR, Client, Server, Vehicle, own_domain, until
 
 DEVELOPER = ("dora", "lantern-48-harbour")
@@ -28,14 +28,6 @@ def dress(context, server, lang, palette):
 def check(page, name):
     found = violations(page)
     assert not found, f"{name}:\n{found}"
-
-
-def log_in(page, server, name, secret):
-    page.goto(server.url + "/login")
-    page.locator("[name=name]").fill(name)
-    page.locator("[name=secret]").fill(secret)
-    page.locator("[name=secret]").press("Enter")
-    page.wait_for_url(server.url + "/")
 
 
 @pytest.fixture
@@ -94,7 +86,7 @@ def test_the_developers_pages(broken, chromium, trouble, lang, palette):
     dress(context, server, lang, palette)
     page = context.new_page()
     watch(page, trouble)
-    log_in(page, server, *DEVELOPER)
+    enter(page, server, *DEVELOPER)
     found = []
     for path, there in pages(config):
         page.set_viewport_size({"width": 1280, "height": 800})
@@ -131,7 +123,7 @@ def test_what_refuses_and_who_is_not_logged_in(broken, chromium, trouble, lang, 
     page.locator("[name=secret]").press("Enter")
     expect(page.locator(".failure:visible")).not_to_be_empty()
     check(page, "a wrong secret")
-    log_in(page, server, *OPERATOR)
+    enter(page, server, *OPERATOR)
     for path, status in (("/developer", 403), ("/nowhere", 404), ("/vehicle/localize", 405)):
         answer = page.goto(server.url + path)
         assert answer.status == status
@@ -202,7 +194,7 @@ def check_authority(chromium, server, trouble, lang, palette):
     dress(context, server, lang, palette)
     page = context.new_page()
     watch(page, trouble)
-    log_in(page, server, "authority", "demo-authority")
+    enter(page, server, "authority", "demo-authority")
     expect(page.locator("body")).to_have_attribute("data-live", "live")
     check(page, "the authority's page")
     page.goto(server.url + "/developer/audit")

@@ -11,25 +11,15 @@ import pytest
 from playwright.sync_api import expect
 
 from operating import step
-from test_operator import expect_standing, log_in
 from vehicle import OPERATOR, PYTHON, ROOT, Client, megabytes, until
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.timed
 
 # The folder for pictures of the page, for people to look at.
 SCREENS = os.environ.get("TELLTALE_SCREENS")
 STOPS = 10
 STOP_EVERY_S = 0.5
 ANSWERED_WITHIN_S = 1.0
-
-
-@pytest.fixture
-def driving(server, vehicle, page, trouble):
-    log_in(page, server)
-    expect_standing(page)
-    vehicle.drive(True)
-    expect(page.locator("body")).to_have_attribute("data-stage", "active")
-    return page
 
 
 class Attack:
@@ -68,17 +58,23 @@ def unfinished_login(server):
     return (head + form).encode()
 
 
-def stop_during(client, attack, stops=STOPS):
-    """Asks for a stop again and again; returns how long each answer took."""
+def check_stops(client, attack, driving, stops=STOPS):
+    """Each of many stops is answered in time during the attack, and the driver's page stays live. Returns what the
+    attack says at its end."""
     took = []
-    for _ in range(stops):
-        attack.renew()
-        version = client.snapshot()["seq"]
-        asked = time.monotonic()
-        client.post("/vehicle/stop", version=version)
-        took.append(time.monotonic() - asked)
-        time.sleep(STOP_EVERY_S)
-    return took
+    try:
+        for _ in range(stops):
+            attack.renew()
+            version = client.snapshot()["seq"]
+            asked = time.monotonic()
+            client.post("/vehicle/stop", version=version)
+            took.append(time.monotonic() - asked)
+            time.sleep(STOP_EVERY_S)
+    finally:
+        said = attack.close()
+    assert max(took) < ANSWERED_WITHIN_S, took
+    expect(driving.locator("body")).to_have_attribute("data-live", "live", timeout=1000)
+    return said
 
 
 def wrong_login(server):
@@ -112,13 +108,7 @@ def test_stops_are_answered_beside_strangers(server, driving, trouble, strangers
     client.stop()
     before_mb = megabytes(server.process.pid)
     count, begin = STRANGERS[strangers]
-    attack = Attack(server, count * [begin(server)])
-    try:
-        took = stop_during(client, attack)
-    finally:
-        attack.close()
-    assert max(took) < ANSWERED_WITHIN_S, took
-    expect(driving.locator("body")).to_have_attribute("data-live", "live")
+    check_stops(client, Attack(server, count * [begin(server)]), driving)
     until(lambda: megabytes(server.process.pid) < before_mb + KEPT_MB, 5, "the memory returns")
 
 
@@ -161,13 +151,7 @@ def test_stops_are_answered_beside_sockets_that_send_without_an_end(server, driv
         "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
         for reader in readers
     ]
-    attack = Flood(server, 16 * [upgrade.encode() for upgrade in upgrades], said)
-    try:
-        took = stop_during(client, attack)
-    finally:
-        attack.close()
-    assert max(took) < ANSWERED_WITHIN_S, took
-    expect(driving.locator("body")).to_have_attribute("data-live", "live")
+    check_stops(client, Flood(server, 16 * [upgrade.encode() for upgrade in upgrades], said), driving)
 
 
 def test_a_stop_goes_over_the_socket_where_no_request_gets_through(driving, trouble):
@@ -234,12 +218,7 @@ def test_stops_are_answered_beside_statuses_that_fill_the_memory(server, vehicle
     client = Client(server, *OPERATOR)
     client.stop()
     attack = Swell(server)
-    try:
-        took = stop_during(client, attack, 2 * SWELLS_S)
-    finally:
-        sent = attack.close()
-    expect(driving.locator("body")).to_have_attribute("data-live", "live", timeout=1000)
-    assert max(took) < ANSWERED_WITHIN_S, took
+    sent = check_stops(client, attack, driving, 2 * SWELLS_S)
     assert sent["bytes"] > 200e6, sent
     assert attack.program_mb < PROGRAM_MB, f"{attack.program_mb:.0f} MB after {sent}"
     assert attack.memory_mb < SWOLLEN_MB, f"{attack.memory_mb:.0f} MB after {sent}"

@@ -15,6 +15,8 @@ BORDERS = """() => [...document.querySelectorAll(".tile")].map(it => getComputed
   .filter(it => it !== "none" && !/^\\w+\\([^)]*[,/] 0\\)/.test(it))"""
 
 
+SETTLED = "() => !document.getAnimations().some(it => it.playState === 'running')"
+
 # These tests only look, so one server and one vehicle serve them all.
 
 
@@ -28,7 +30,7 @@ def session(server, vehicle):
     client.stop()
     sensors = lambda: next(group for group in client.snapshot()["groups"] if group["id"] == "sensors")
     until(lambda: sensors()["state"] == "error", 10, sensors)
-    return [dict(zip(("name", "value"), pair.split("=", 1)), url=server.url) for pair in client.cookie().split("; ")]
+    return client.browser_cookies()
 
 
 @pytest.mark.parametrize("without", ["any script", "watchdog.js", "live.js", "behind.js", "htmx.min.js"])
@@ -41,7 +43,7 @@ def test_a_page_whose_scripts_do_not_run_is_covered(server, session, chromium, w
     expect(page.locator("#tile-sensors")).to_have_attribute("data-state", "error")
     expect(page.locator(".banner .when-dead").filter(visible=True)).to_have_text("Display not live - take over", timeout=5_000)
     page.locator("#tile-sensors").click(force=True)
-    page.wait_for_timeout(500)
+    until(lambda: page.evaluate(SETTLED), 5, "no colour fades any more")
     assert page.evaluate(BRIGHT) == []
     assert page.evaluate(BORDERS) == []
     for cover in page.locator(".tile .cover").all():

@@ -6,13 +6,12 @@ import pytest
 from playwright.sync_api import expect
 
 from delay import Delay
-from operating import watch
+from operating import enter, expect_standing, log_in, watch
 from test_live import SOCKETS
-from test_operator import expect_standing, log_in
 from test_developer import DEVELOPER
 from vehicle import serving
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.timed
 
 
 @pytest.fixture
@@ -54,8 +53,7 @@ def test_a_delay_that_grows_slowly_is_seen(server, vehicle, way, page, developer
         each.add_init_script("const start = Date.now(); Date.now = () => start - 4 * performance.now();")
     log_in(page, way)
     expect_standing(page)
-    log_in(developer, way, *DEVELOPER)
-    developer.wait_for_url(way.url + "/")
+    enter(developer, way, *DEVELOPER)
     developer.goto(way.url + "/developer")
     page.goto(way.url + "/")
     for each in (page, developer):
@@ -84,7 +82,7 @@ def test_a_socket_that_opens_slowly_is_waited_for(server, vehicle, way, page, de
         each.route("**/readyz", lambda route: route.fulfill(body="ready"))
     log_in(page, way)
     expect_standing(page)
-    log_in(developer, way, *DEVELOPER)
+    enter(developer, way, *DEVELOPER)
     developer.goto(way.url + "/developer")
     for each in (page, developer):
         expect_live(each)
@@ -105,10 +103,14 @@ def test_a_page_that_was_opened_on_a_slow_way_is_not_live(server, vehicle, way, 
     page.goto(way.url + "/", timeout=60_000)
     page.evaluate("""() => {
       window.said = new Set();
+      window.beats = 0;
       new MutationObserver(() => window.said.add(document.body.dataset.live))
         .observe(document.body, { attributes: true, attributeFilter: ["data-live"] });
+      new MutationObserver(() => window.beats++)
+        .observe(document.querySelector("#live .pulse"), { attributes: true, attributeFilter: ["data-phase"] });
     }""")
-    page.wait_for_timeout(12_000)
+    # Four seconds of heartbeats, each as late as the others.
+    page.wait_for_function("() => window.beats > 16")
     assert "live" not in page.evaluate("() => [...window.said]") and live(page) == "dead"
     way.seconds = 0
     expect_live(page)

@@ -4,6 +4,7 @@ DDS and the real monitors, read as a program reads it."""
 import contextlib
 import json
 import re
+import signal
 import time
 import urllib.error
 
@@ -13,7 +14,7 @@ from websockets.sync.client import connect
 from vehicle import Client, Server, own_domain, until
 
 # The simulation lives in real time.
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.timed
 
 OPERATOR = ("operator", "246810")
 DEPARTURE_S = 30
@@ -96,7 +97,8 @@ def stream(demo, client):
 
 def test_a_demo_that_was_put_to_sleep_wakes_up_whole(demo, client, stream):
     stream.wait(healthy, A_LEG_S, "all is well")
-    demo.sleep()
+    demo.pause()
+    demo.send(signal.SIGCONT)
     woken = time.monotonic()
     # Its statuses would be silent for longer than their timeout of 2 s by then.
     stream.wait(lambda s: time.monotonic() - woken > 4 and healthy(s), 10, "all is well again")

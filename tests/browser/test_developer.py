@@ -3,11 +3,11 @@
 import re
 import signal
 import threading
-import time
 
 import pytest
 from playwright.sync_api import expect
 
+from operating import enter
 from vehicle import OPERATOR, Client, Server, Writer, own_domain, until
 
 DEVELOPER = ("dora", "lantern-48-harbour")
@@ -19,7 +19,7 @@ STATUS = "velodyne_packet_alive"
 def developer(server, vehicle, page):
     """A page of a developer's, of a vehicle that an operator has taken and that stands well."""
     prepare(server)
-    log_in(page, server)
+    enter(page, server, *DEVELOPER)
     return page
 
 
@@ -32,14 +32,6 @@ def prepare(server):
     until(lambda: operator.snapshot()["stage"] == "standby", 20, operator.snapshot)
     until(lambda: operator.snapshot()["overall"] == "ok", 20, operator.snapshot)
     return operator
-
-
-def log_in(page, server):
-    page.goto(server.url + "/login")
-    page.locator("[name=name]").fill(DEVELOPER[0])
-    page.locator("[name=secret]").fill(DEVELOPER[1])
-    page.locator("[name=secret]").press("Enter")
-    page.wait_for_url(server.url + "/")
 
 
 def visit(page, server, path):
@@ -107,7 +99,9 @@ def test_the_timeline_goes_on_and_back(server, vehicle, developer, trouble):
     visit(page, server, "/developer/timeline?span=30")
     lane = page.locator('.lane[data-node="sensors"]')
     expect(lane.locator(".chip")).to_have_text("Okay")
-    time.sleep(1)
+    # Wide enough to be pointed at.
+    okay = lane.locator(".bar-ok").last
+    until(lambda: okay.bounding_box()["width"] > 10, 10, lambda: f"time goes on: {okay.bounding_box()}")
     vehicle.set(STATUS, 2, "no packets")
     expect(lane.locator(".bar-error")).to_be_attached()
     expect(lane.locator(".chip")).to_have_text("Error")
@@ -186,7 +180,7 @@ def test_five_thousand_modules_are_handled_in_a_tenth_of_a_second(chromium, tmp_
     context = chromium.new_context(viewport={"width": 1280, "height": 800}, locale="en-GB", bypass_csp=True)
     page = context.new_page()
     try:
-        log_in(page, server)
+        enter(page, server, *DEVELOPER)
         visit(page, server, "/developer")
         # Beside them there are Telltale's own modules.
         expect(page.locator("#matching")).to_have_text(re.compile(f"^{GROUPS * MODULES // 100}\\d\\d$"))

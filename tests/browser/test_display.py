@@ -7,7 +7,7 @@ import subprocess
 import pytest
 from playwright.sync_api import expect
 
-from operating import DEMO_OPERATOR, localize, log_in_by_touch, stage, step, touch_context, watch
+from operating import DEMO_OPERATOR, let_colours_settle, localize, log_in_by_touch, stage, step, touch_context, watch
 from test_looks import check_sizes, violations
 from vehicle import OPERATOR, TELLTALE, Client, Server, Writer, own_domain
 
@@ -50,8 +50,7 @@ def clean_in_both_palettes(page, name):
     """Nothing for axe-core to find, whatever can be touched."""
     for palette in ("day", "night"):
         page.evaluate("palette => void (document.documentElement.dataset.palette = palette)", palette)
-        # The colour of an ended fault stays for a moment.
-        page.wait_for_timeout(400)
+        let_colours_settle(page)
         found = violations(page)
         assert not found, f"{name}, {palette}:\n{found}"
 
@@ -285,7 +284,7 @@ def test_an_error_that_is_held_is_reset_at_its_component(tmp_path, chromium, tro
         expect(tile).to_have_attribute("data-state", "error")
         tile.tap()
         expect(held).to_contain_text("Held until reset")
-        page.wait_for_timeout(1_000)
+        let_colours_settle(page)
         held.locator("button").tap(force=True)
         expect(page.locator("#notice li").first).to_be_visible()
         page.locator("#notice [name=dismiss]").tap()

@@ -28,7 +28,7 @@ def german(chromium, trouble, server):
     """An operator's page in German, and the operator as a program."""
     client = Client(server, *OPERATOR)
     context = touch_context(chromium, "de")
-    context.add_cookies([dict(zip(("name", "value"), pair.split("=", 1)), url=server.url) for pair in client.cookie().split("; ")])
+    context.add_cookies(client.browser_cookies())
     page = context.new_page()
     watch(page, trouble)
     yield page, client
@@ -69,7 +69,7 @@ def test_the_audit_log_breaks_no_word_and_speaks_german(server, german, trouble)
     page, _ = german
     server.add_user("aron", "lantern-48-harbour", role="authority")
     reader = Client(server, "aron", "lantern-48-harbour")
-    page.context.add_cookies([dict(zip(("name", "value"), pair.split("=", 1)), url=server.url) for pair in reader.cookie().split("; ")])
+    page.context.add_cookies(reader.browser_cookies())
     for width in (1280, 800):
         page.set_viewport_size({"width": width, "height": 800})
         page.goto(server.url + "/developer/audit")

@@ -3,12 +3,11 @@
 import pytest
 from playwright.sync_api import expect
 
-from operating import touch_context
-from test_operator import expect_standing, log_in
+from operating import expect_standing, log_in, touch_context
 from one_server import server, vehicle  # noqa: F401
 from vehicle import until
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.timed
 
 FLASHES_MAX = 3
 NAME = "velodyne_packet_alive"

@@ -7,7 +7,7 @@ import urllib.error
 import pytest
 from playwright.sync_api import expect
 
-from test_operator import expect_standing, log_in
+from operating import expect_standing, log_in
 from vehicle import OPERATOR, Client, until
 
 pytestmark = pytest.mark.alone

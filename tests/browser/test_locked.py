@@ -15,12 +15,14 @@ AUTHORITY = ("aron", "lantern-48-harbour")
 def test_what_tells_no_state_stays_while_the_vehicle_is_locked(server, page, trouble, path):
     server.add_user(*AUTHORITY, role="authority")
     reader = Client(server, *AUTHORITY)
-    page.context.add_cookies(cookies(server, reader))
+    page.context.add_cookies(reader.browser_cookies())
     loads = []
     page.on("load", lambda _: loads.append(page.url))
     page.goto(f"{server.url}/developer/{path}")
     expect(page.locator("body")).to_have_attribute("data-live", "live")
-    page.wait_for_timeout(3_000)
+    # It would load itself anew at a heartbeat; these two are a second apart.
+    for phase in ("0", "4"):
+        expect(page.locator("#live .pulse")).to_have_attribute("data-phase", phase)
     assert len(loads) == 1, loads
     expect(page.locator("body")).to_have_attribute("data-stage", "locked")
     # Parts of the diagnosis appear with the operator, and disappear.
@@ -28,10 +30,6 @@ def test_what_tells_no_state_stays_while_the_vehicle_is_locked(server, page, tro
     expect(page.locator("#dev .empty")).to_contain_text("Locked")
     Client(server, *OPERATOR)
     expect(page.locator("#modules")).to_be_visible()
-
-
-def cookies(server, client):
-    return [dict(zip(("name", "value"), pair.split("=", 1)), url=server.url) for pair in client.cookie().split("; ")]
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import expect
 
 from accessible import violations
-from operating import DEMO_OPERATOR, clear, localize, log_in_by_touch, stage, touch_context, watch
+from operating import DEMO_OPERATOR, clear, let_colours_settle, localize, log_in_by_touch, stage, touch_context, watch
 from vehicle import Client, Server, own_domain
 
 # 15 mm and 20 mm, and the capitals' heights of 2.8 mm and 3.7 mm, at 149 dpi.
@@ -119,8 +119,7 @@ def check_sizes(page, name):
 
 
 def check_contrasts(page, name):
-    # The background of a fading colour is not in any computed style.
-    page.wait_for_function("() => !document.getAnimations().some(it => it instanceof CSSTransition)")
+    let_colours_settle(page)
     for what, ratio in page.evaluate(CONTRAST, "p, .tile span:not(.hush, .cover, .cover *), .cause span:not(.hush), button, label, .checks span"):
         assert ratio >= 4.5, f"{name}: {what}: {ratio:.2f}"
     alarms = ".tile:is([data-state=error], [data-state=warning]) > span:not(.cover), .cause .title, .cause .help, .measure strong"

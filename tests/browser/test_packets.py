@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 
 from vehicle import OPERATOR, PYTHON, ROOT, STOP, Client, Writer, megabytes, own_domain, serving, until
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.timed
 
 BACK_S = 5
 SILENT_S = 2
@@ -27,24 +27,8 @@ STATUS = "velodyne_packet_alive"
 # `TELLTALE_FUZZ_S=3600 ... pytest -s -k fuzzing` fuzzes by the hour, and prints a line for each minute.
 FUZZED_S = int(os.environ.get("TELLTALE_FUZZ_S", "0"))
 
-# Runs the named test at one end of a cable between two machines (network namespaces).
+# A process of the machine at the other end of the cable, which `tests/dds/cable.sh` names.
 OTHER_MACHINE = os.environ.get("TELLTALE_TEST_OTHER_MACHINE")
-CABLE = """
-set -e
-ip link set lo up
-unshare --net sleep 300 & other=$!
-trap 'kill $other' EXIT
-until [ "$(readlink /proc/$other/ns/net)" != "$(readlink /proc/self/ns/net)" ]; do sleep 0.05; done
-ip link add here type veth peer name there
-ip link set there netns $other
-ip addr add 10.77.0.1/24 dev here
-ip link set here up
-nsenter --target $other --net sh -c '
-    ip link set lo up
-    ip addr add 10.77.0.2/24 dev there
-    ip link set there up'
-TELLTALE_TEST_OTHER_MACHINE=$other "$@"
-"""
 
 
 class Watched:
@@ -136,11 +120,25 @@ def watched(tmp_path):
         watched.check()
 
 
-def attack(*words, seconds):
+def attacker(*words, seconds):
     words = [PYTHON, str(ROOT / "tests/dds/rtps.py"), "--domain", str(own_domain()), *words, "--seconds", str(seconds)]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=seconds + 30)
-    assert done.returncode == 0 and json.loads(done.stdout)["sent"] > 0, done.stderr
-    return json.loads(done.stdout)["sent"]
+    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+
+
+def attack(*words, seconds):
+    """Attacks for so long, and returns how many packets were sent."""
+    return sent_by(attacker(*words, seconds=seconds), seconds)
+
+
+def sent_by(process, seconds):
+    with process:
+        try:
+            said, _ = process.communicate(timeout=seconds + 30)
+        finally:
+            process.kill()
+    sent = json.loads(said.splitlines()[-1])["sent"]
+    assert process.returncode == 0 and sent > 0, sent
+    return sent
 
 
 def test_one_heartbeat_that_claims_all_numbers_costs_a_moment(watched):
@@ -202,9 +200,8 @@ def test_data_are_back_five_seconds_after_each_round_of_fuzzing(watched, tmp_pat
 
 def test_sigterm_ends_all_within_three_seconds_in_the_middle_of_it(tmp_path):
     with serving(tmp_path) as server, contextlib.closing(Watched(server, tmp_path)) as watched:
-        attacker = threading.Thread(target=attack, args=["fuzz"], kwargs={"seconds": 6})
-        attacker.start()
-        time.sleep(2)
+        fuzzing = attacker("fuzz", seconds=6)
+        assert json.loads(fuzzing.stdout.readline())["under_way"]
         processes = [server.process.pid, *watched.server.children()]
         watched.ended.set()
         started = time.monotonic()
@@ -213,7 +210,7 @@ def test_sigterm_ends_all_within_three_seconds_in_the_middle_of_it(tmp_path):
         took_s = time.monotonic() - started
         assert took_s < 3, f"{took_s:.1f} s"
         until(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in processes[1:]), 1, "the DDS processes ended")
-        attacker.join()
+        sent_by(fuzzing, 6)
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
@@ -262,10 +259,8 @@ def test_an_interface_that_goes_is_said_and_data_are_back_when_it_comes(tmp_path
     if OTHER_MACHINE:
         return at_one_end_of_the_cable(tmp_path)
     this = [PYTHON, "-m", "pytest", "-q", "-p", "no:cacheprovider", __file__, "-k", "an_interface_that_goes"]
-    # Root may lay cables; other users in a user namespace of their own.
-    is_root = subprocess.run(["unshare", "--net", "true"], stderr=subprocess.DEVNULL).returncode == 0
-    own = ["--net"] if is_root else ["--user", "--map-root-user", "--net"]
-    done = subprocess.run(["unshare", *own, "sh", "-c", CABLE, "sh", *this], capture_output=True, text=True, timeout=120)
+    cable = [ROOT / "tests/dds/cable.sh", "on"]
+    done = subprocess.run([*cable, *this], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stdout + done.stderr
 
 

@@ -7,7 +7,8 @@ import pytest
 from playwright.sync_api import expect
 
 from accessible import violations
-from test_developer import CAUSE, STATUS, log_in, prepare, row, visit
+from operating import enter
+from test_developer import CAUSE, DEVELOPER, STATUS, prepare, row, visit
 from one_server import server, vehicle  # noqa: F401
 from vehicle import until
 
@@ -34,7 +35,7 @@ def developer(server, vehicle, operator, page):
     """A page of a developer's, with a session of its own, of a vehicle that stands well."""
     vehicle.set(STATUS, 0)
     until(lambda: operator.snapshot()["overall"] == "ok", 20, operator.snapshot)
-    log_in(page, server)
+    enter(page, server, *DEVELOPER)
     return page
 
 

@@ -3,22 +3,17 @@
 import pytest
 from playwright.sync_api import expect
 
-from operating import step
-from test_operator import expect_standing, expect_tile, log_in
+from operating import expect_tile, step
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.timed
 
 
 @pytest.fixture
-def driving(server, vehicle, page, trouble):
+def driving(driving, vehicle):
     """A vehicle that drives and has just come to an alarm."""
-    log_in(page, server)
-    expect_standing(page)
-    vehicle.drive(True)
-    expect(page.locator("body")).to_have_attribute("data-stage", "active")
     vehicle.set("velodyne_packet_alive", 2, "Only 2.0 scans per second")
-    expect_tile(page, "sensors", "error")
-    return page
+    expect_tile(driving, "sensors", "error")
+    return driving
 
 
 def hold(page, address):

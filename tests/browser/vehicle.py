@@ -137,11 +137,10 @@ class Server:
     def send(self, number):
         self.process.send_signal(number)
 
-    def sleep(self):
-        """Stops it, as Ctrl-Z does, until it has stopped, and lets it go on."""
+    def pause(self):
+        """Stops it, as Ctrl-Z does, and waits until it has stopped; SIGCONT lets it go on."""
         self.send(signal.SIGSTOP)
         os.waitpid(self.process.pid, os.WUNTRACED)
-        self.send(signal.SIGCONT)
 
     def kill(self):
         self.process.kill()
@@ -194,6 +193,10 @@ class Client:
 
     def cookie(self):
         return "; ".join(f"{cookie.name}={cookie.value}" for cookie in self.jar)
+
+    def browser_cookies(self):
+        """The session, as a browser takes it."""
+        return [{"name": it.name, "value": it.value, "url": self.server.url} for it in self.jar]
 
     def post(self, path, **fields):
         body = urllib.parse.urlencode(fields).encode()

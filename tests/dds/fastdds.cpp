@@ -76,7 +76,7 @@ struct Participant {
     DomainParticipant* dds = nullptr;
     Publisher* publisher = nullptr;
     Subscriber* subscriber = nullptr;
-    std::vector<std::unique_ptr<DataReaderListener>> ears;
+    std::vector<std::unique_ptr<DataReaderListener>> listeners;
     std::mutex lock;
     std::condition_variable news;
     std::deque<std::pair<uint32_t, Bytes>> received;
@@ -84,9 +84,9 @@ struct Participant {
 };
 
 // Takes what a reader has into the one queue.
-class Ear : public DataReaderListener {
+class QueueListener : public DataReaderListener {
 public:
-    Ear(Participant* owner, uint32_t number) : owner_(owner), number_(number) {}
+    QueueListener(Participant* owner, uint32_t number) : owner_(owner), number_(number) {}
 
     void on_data_available(DataReader* reader) override {
         Bytes bytes;
@@ -203,9 +203,9 @@ bool fast_reader(Participant* participant, uint32_t number, const char* topic, c
     DataReaderQos qos = DATAREADER_QOS_DEFAULT;
     set(qos, reliable, transient_local, depth);
     Topic* made = make_topic(participant, topic, type);
-    participant->ears.push_back(std::make_unique<Ear>(participant, number));
+    participant->listeners.push_back(std::make_unique<QueueListener>(participant, number));
     return made != nullptr && participant->subscriber->create_datareader(
-                                  made, qos, participant->ears.back().get()) != nullptr;
+                                  made, qos, participant->listeners.back().get()) != nullptr;
 }
 
 // Waits for a sample; its bytes stay until the next call.

@@ -8,8 +8,9 @@
     rtps.py --domain 7 endpoints --rate 3000      one participant with writers and readers without end
     rtps.py --domain 7 fuzz --seed 5              packets made by the grammar, and changed ones
 
-It joins as a participant of its own where an attack needs one that is known. At the end it prints how many packets
-it has sent, as JSON. Nothing but the standard library is needed. RTPS 2.5, chapters 8 and 9, has the numbers.
+It joins as a participant of its own where an attack needs one that is known. After a second it prints that it is
+under way, and at the end how many packets it has sent, each as a line of JSON. Nothing but the standard library is
+needed. RTPS 2.5, chapters 8 and 9, has the numbers.
 """
 
 import argparse
@@ -93,19 +94,19 @@ class Attacker:
         self.sent, self.count, self.patience = 0, 0, 0.05
         self.prefix = self.stranger()
         self.prefixes, self.entities, self.packets = [self.prefix], [], []
-        self.ears = [self.socket, self.listen()]
+        self.sockets = [self.socket, self.listen()]
 
     def listen(self):
         """Hears what others announce."""
-        ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
-        ear.bind(("", self.base))
+        it = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        it.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        it.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        it.bind(("", self.base))
         try:
-            ear.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(GROUP) + socket.inet_aton(HOST))
+            it.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(GROUP) + socket.inet_aton(HOST))
         except OSError:
             pass
-        return ear
+        return it
 
     def stranger(self):
         return b"\x01\x0f" + self.random.randbytes(10)
@@ -125,9 +126,9 @@ class Attacker:
 
     def learn(self):
         """Remembers who speaks here, and what was said."""
-        while (ready := select.select(self.ears, [], [], 0)[0]):
-            for ear in ready:
-                packet = ear.recv(65536)
+        while (ready := select.select(self.sockets, [], [], 0)[0]):
+            for it in ready:
+                packet = it.recv(65536)
                 if packet[:4] == b"RTPS" and len(packet) >= 20:
                     if packet[8:20] not in self.prefixes:
                         self.prefixes = (self.prefixes + [packet[8:20]])[-64:]
@@ -320,9 +321,12 @@ def main():
     if words.once:
         # It has to be known for it.
         attacker.patience = 1
-    started = time.monotonic()
+    started, is_said = time.monotonic(), False
     while time.monotonic() - started < words.seconds:
         attacks[words.attack](attacker)
+        if not is_said and attacker.sent >= min(words.rate, 1000):
+            is_said = True
+            print(json.dumps({"under_way": True}), flush=True)
         if words.once:
             break
         ahead = attacker.sent / words.rate - (time.monotonic() - started)

@@ -260,7 +260,7 @@ async fn the_shuttle_localizes_drives_and_decelerates_as_a_foreign_peer_asks() {
     let _shuttle = Shuttle::start(&domain);
     let topics = "rt/can/speed=TwistStamped rt/mission/active=Bool rt/mission/state=String \
                   rt/vehicle/deceleration_active=Bool rt/vehicle/maneuver_stop_active=Bool";
-    let mut ears = Peer::start(&domain, &format!("sub --topic {topics}"));
+    let mut listener = Peer::start(&domain, &format!("sub --topic {topics}"));
     let stamped = |frame_id| Header { stamp: std::time::UNIX_EPOCH, frame_id };
 
     let mut pose = Peer::start(&domain, "pub --topic rt/initialpose --type PoseWithCovarianceStamped");
@@ -268,13 +268,13 @@ async fn the_shuttle_localizes_drives_and_decelerates_as_a_foreign_peer_asks() {
     let half = std::f64::consts::FRAC_PI_4;
     let depot = Pose { x_m: 12.5, y_m: 3.0, qz: half.sin(), qw: half.cos(), ..Pose::default() };
     pose.write(&raw(&encode::pose_with_covariance_stamped(stamped("map"), depot, &[0.0; 36])));
-    hear(&mut ears, "/mission/state", |value| value["data"] == "waiting");
+    hear(&mut listener, "/mission/state", |value| value["data"] == "waiting");
     let mut clearance =
         Peer::start(&domain, "--durability transient_local pub --topic rt/telltale/clearance --type Bool");
     clearance.wait_matched(1);
     clearance.write(&json!({ "bool": true }));
-    hear(&mut ears, "/mission/active", |value| value["data"] == true);
-    while speed(&mut ears).1 < 5.0 {}
+    hear(&mut listener, "/mission/active", |value| value["data"] == true);
+    while speed(&mut listener).1 < 5.0 {}
 
     let mut brake = Peer::start(&domain, "pub --topic rt/telltale/deceleration_request --type AccelStamped");
     brake.wait_matched(1);
@@ -284,12 +284,12 @@ async fn the_shuttle_localizes_drives_and_decelerates_as_a_foreign_peer_asks() {
     };
     let mut requests = tokio::time::interval(Duration::from_millis(50));
     brake.write(&request(1.0));
-    hear(&mut ears, "/vehicle/deceleration_active", |value| value["data"] == true);
+    hear(&mut listener, "/vehicle/deceleration_active", |value| value["data"] == true);
     let (mut speeds, mut mps) = (Vec::new(), f64::INFINITY);
     while mps > 0.0 {
         requests.tick().await;
         brake.write(&request(1.0));
-        for line in ears.so_far() {
+        for line in listener.so_far() {
             if line["topic"] == "rt/can/speed" {
                 mps = line["value"]["linear"][0].as_f64().expect("a number");
                 speeds.push((seconds(&line["value"]), mps));
@@ -304,18 +304,18 @@ async fn the_shuttle_localizes_drives_and_decelerates_as_a_foreign_peer_asks() {
     slopes.sort_by(f64::total_cmp);
     let mps2 = slopes[slopes.len() / 2];
     assert!((mps2 - 1.0).abs() < 0.04, "{mps2} m/s², of {} slopes", slopes.len());
-    hear(&mut ears, "/vehicle/deceleration_active", |value| value["data"] == false);
+    hear(&mut listener, "/vehicle/deceleration_active", |value| value["data"] == false);
 
-    while speed(&mut ears).1 < 1.0 {}
+    while speed(&mut listener).1 < 1.0 {}
     let mut stop = Peer::start(
         &domain,
         "--durability transient_local pub --topic rt/telltale/maneuver_stop_request --type Bool",
     );
     stop.wait_matched(1);
     stop.write(&json!({ "bool": true }));
-    hear(&mut ears, "/vehicle/maneuver_stop_active", |value| value["data"] == true);
-    while speed(&mut ears).1 > 0.0 {}
+    hear(&mut listener, "/vehicle/maneuver_stop_active", |value| value["data"] == true);
+    while speed(&mut listener).1 > 0.0 {}
     stop.write(&json!({ "bool": false }));
-    hear(&mut ears, "/vehicle/maneuver_stop_active", |value| value["data"] == false);
-    while speed(&mut ears).1 < 0.5 {}
+    hear(&mut listener, "/vehicle/maneuver_stop_active", |value| value["data"] == false);
+    while speed(&mut listener).1 < 0.5 {}
 }

@@ -11,42 +11,23 @@ use telltale::ros::{BridgeOptions, Interface, Publisher};
 use crate::dds::{Reading, one};
 use crate::peer::{Domain, PATIENCE, Peer};
 
-/// The process that holds the namespace of the other machine.
+/// A process of the other machine, which `tests/dds/cable.sh` names.
 const OTHER: &str = "TELLTALE_TEST_OTHER_MACHINE";
 
 /// The time after which a silent peer counts as gone.
 const LEASE_S: u64 = 2;
 
-/// Lays the cable and runs the test at its first end.
-const CABLE: &str = r#"
-set -e
-ip link set lo up
-unshare --net sleep 300 & other=$!
-trap 'kill $other' EXIT
-until [ "$(readlink /proc/$other/ns/net)" != "$(readlink /proc/self/ns/net)" ]; do sleep 0.05; done
-ip link add here type veth peer name there
-ip link set there netns $other
-ip addr add 10.77.0.1/24 dev here
-ip link set here multicast off up
-nsenter --target $other --net sh -c '
-    ip link set lo up
-    ip addr add 10.77.0.2/24 dev there
-    ip link set there multicast off up'
-TELLTALE_TEST_OTHER_MACHINE=$other "$1" network::a_host_without_multicast_is_reached_by_its_address_alone --exact --nocapture
-"#;
-
-/// Lays the cable and runs itself at one end of it.
+/// Lays a cable and runs itself at one end of it.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_host_without_multicast_is_reached_by_its_address_alone() {
+    const NAME: &str = "network::a_host_without_multicast_is_reached_by_its_address_alone";
     if let Ok(other) = std::env::var(OTHER) {
         return of_the_two_machines(&other).await;
     }
+    let cable = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/dds/cable.sh");
     let this = std::env::current_exe().expect("it runs");
-    // Root may lay cables; other users in a user namespace of their own.
-    let may = Command::new("unshare").args(["--net", "true"]).status().expect("unshare is there").success();
-    let own: &[&str] = if may { &["--net"] } else { &["--user", "--map-root-user", "--net"] };
-    let ran = Command::new("unshare").args(own).args(["sh", "-c", CABLE, "sh"]).arg(this).status();
-    assert!(ran.expect("unshare is there").success(), "see above; it needs iproute2 and network namespaces");
+    let ran = Command::new(cable).arg("off").arg(this).args([NAME, "--exact", "--nocapture"]).status();
+    assert!(ran.expect("a shell is there").success(), "see above; it needs iproute2 and network namespaces");
 }
 
 async fn of_the_two_machines(other: &str) {

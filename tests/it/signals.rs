@@ -1,4 +1,4 @@
-//! Signals that are conditions over values (`ENGINE.md` 3).
+//! Signals that are conditions over values of messages.
 
 use std::sync::Arc;
 

@@ -18,21 +18,12 @@ impl Folder {
             let record = Record::of(Action::Login, "127.0.0.1").by("anna", Role::Operator);
             assert!(store.record(record.on(number.to_string()), None).await);
         }
-        folder.closed(store);
+        store.close().await;
         folder
     }
 
     fn store(&self) -> Store {
         Store::open(&self.0, Clock::start(), DemoSecrets::Refused).unwrap()
-    }
-
-    /// Waits until the store's thread has written the head and closed the database.
-    fn closed(&self, store: Store) {
-        drop(store);
-        let expected = self.database(|connection| Head::of(connection).unwrap());
-        while read_head(&self.0.join(HEAD_FILE_NAME)).unwrap() != Some(expected) {
-            std::thread::yield_now();
-        }
     }
 
     fn database<T>(&self, use_it: impl FnOnce(&Connection) -> T) -> T {
@@ -125,7 +116,7 @@ async fn a_log_that_was_cut_stays_found_out_when_it_goes_on() {
     for _ in 0..30 {
         assert!(store.record(Record::of(Action::Logout, TELLTALE), None).await);
     }
-    folder.closed(store);
+    store.close().await;
     let breach = folder.breach().unwrap();
     assert!(breach.number == 11 && breach.what.contains("20:"), "{breach:?}");
 }
@@ -221,7 +212,7 @@ async fn a_head_that_cannot_be_read_is_not_called_missing() {
     hand.advance(Span::from_secs(5));
     store.fault().wait_for(Option::is_none).await.unwrap();
     assert!(store.record(Record::of(Action::Start, TELLTALE), None).await);
-    folder.closed(store);
+    store.close().await;
     let verdict = folder.verdict();
     assert_eq!((verdict.records, verdict.breach), (6, None), "nothing was lost, so nothing says so");
 }
@@ -231,7 +222,7 @@ async fn a_file_that_holds_no_head_is_as_good_as_none() {
     for text in [b"".as_slice(), b"\xff\xfe", b"4:00\n"] {
         let folder = Folder::with_records("none", 3).await;
         std::fs::write(folder.0.join(HEAD_FILE_NAME), text).unwrap();
-        folder.closed(folder.store());
+        folder.store().close().await;
         let verdict = folder.verdict();
         let breach = verdict.breach.map(|breach| breach.number);
         assert_eq!((verdict.records, breach), (4, Some(4)), "its loss is a record, and a breach");
@@ -278,7 +269,7 @@ async fn what_is_done_to_the_log_while_it_is_written_is_found_with_the_next_reco
         let found = if how == "head removed" { "head missing" } else { "chain broken" };
         assert_eq!(said[..4], ["stop", "stop", "stop", found], "{how}: once, before what comes next");
         assert_eq!(store.verify_audit().await.unwrap().breach.map(|it| it.number), Some(expected), "{how}");
-        folder.closed(store);
+        store.close().await;
         assert_eq!(folder.breach().map(|it| it.number), Some(expected), "{how}");
     }
 }
@@ -293,7 +284,7 @@ async fn what_another_program_of_ours_writes_is_no_breach() {
         assert!(command.record(Record::of(Action::UserAdded, COMMAND_LINE), None).await);
     }
     command.close().await;
-    folder.closed(server);
+    server.close().await;
     let verdict = folder.verdict();
     assert_eq!((verdict.records, verdict.breach), (12, None));
 }
@@ -307,7 +298,7 @@ async fn a_chain_that_was_written_anew_while_nobody_served_needs_the_key() {
     folder.note();
     let breach = folder.breach().unwrap();
     assert!(breach.what.contains("without the key"), "{breach:?}");
-    folder.closed(folder.store());
+    folder.store().close().await;
     let breach = folder.breach().unwrap();
     assert_eq!(breach.number, 11, "{breach:?}");
     // Without the key nothing of it can be proven, and every later start says so.
@@ -319,7 +310,7 @@ async fn a_chain_that_was_written_anew_while_nobody_served_needs_the_key() {
             false => std::fs::write(&key, format!("{}\n", "ab".repeat(32))).unwrap(),
         }
         assert_eq!(folder.breach().map(|it| it.number), Some(1));
-        folder.closed(folder.store());
+        folder.store().close().await;
         let verdict = folder.verdict();
         assert!(verdict.breach.is_some() && verdict.records == 1, "{verdict:?}");
         let newest = folder.store().audit_entries(None, 1).await.unwrap();
@@ -337,7 +328,7 @@ async fn the_log_of_an_earlier_version_is_kept_and_goes_on_with_a_key() {
     assert_eq!(folder.breach(), None, "it can be verified as before");
     let store = folder.store();
     assert!(store.record(Record::of(Action::Stop, "127.0.0.1"), None).await);
-    folder.closed(store);
+    store.close().await;
     let verdict = folder.verdict();
     assert_eq!((verdict.records, verdict.breach), (7, None));
     let mode = std::os::unix::fs::PermissionsExt::mode(
@@ -367,7 +358,7 @@ async fn a_breach_is_one_until_an_authority_acknowledges_it_and_another_is_anoth
     let refused = store.acknowledge_breaches(&dora, "mine").await.unwrap_err().to_string();
     assert!(refused.contains("dora is no authority"), "{refused}");
     assert_eq!(store.acknowledge_breaches(&carl, "the disk was changed").await.unwrap(), 3);
-    folder.closed(store);
+    store.close().await;
     let verdict = folder.verdict();
     assert_eq!((verdict.breach, verdict.breaches), (None, 0));
     let known = verdict.acknowledged.unwrap();
@@ -390,7 +381,7 @@ async fn what_a_process_left_behind_that_was_killed_is_removed() {
     for file in [&left, &mine] {
         std::fs::write(file, "3:").unwrap();
     }
-    folder.closed(folder.store());
+    folder.store().close().await;
     assert!(!left.exists() && mine.exists());
 }
 

@@ -322,7 +322,7 @@ fn check_roots(snapshot: &Snapshot, oracle: &mut Oracle<'_>, last_alarm: &mut u6
         let named: BTreeSet<NodeId> = match snapshot.shown(node).1 {
             Some(Reason::Masked { by }) => by.iter().copied().collect(),
             _ => {
-                // I2: a root cause is not masked, and a masked node is no root cause.
+                // A root cause is not masked, and a masked node is no root cause.
                 continue;
             }
         };

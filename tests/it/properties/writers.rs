@@ -1,5 +1,5 @@
 //! The state of a status with several writers, compared with the definition: the worst of their last
-//! reports (`ENGINE.md` 1), of the writers that may publish it.
+//! reports, of the writers that may publish it.
 
 use std::collections::BTreeMap;
 

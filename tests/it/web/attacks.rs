@@ -136,7 +136,7 @@ async fn a_stop_over_the_socket_is_a_tap_and_over_both_ways_is_one() {
 }
 
 #[tokio::test]
-async fn whoever_does_not_lead_the_vehicle_stops_nothing_over_a_socket() {
+async fn a_user_who_is_not_in_charge_stops_nothing_over_a_socket() {
     let (server, operator) = driving().await;
     let shown = version(&server);
     let stop = json!({ "stop": { "version": shown, "tap": "first" } });
@@ -180,7 +180,7 @@ async fn floods_recorded(fixture: &Fixture) -> usize {
 }
 
 #[tokio::test]
-async fn whoever_sends_empty_fragments_without_an_end_is_closed_and_delays_nobody() {
+async fn a_client_that_sends_empty_fragments_without_an_end_is_closed_and_delays_nobody() {
     const FLOODS: usize = 12;
     let (server, operator) = driving().await;
     let mut page = server.connect("/ws", &operator).await;
@@ -203,7 +203,7 @@ async fn whoever_sends_empty_fragments_without_an_end_is_closed_and_delays_nobod
 }
 
 #[tokio::test]
-async fn whoever_pings_and_reads_nothing_is_closed() {
+async fn a_client_that_pings_and_reads_nothing_is_closed() {
     let (server, _) = driving().await;
     let authority = server.fixture.cookie_of("authority").await;
     let mut silent = server.connect("/ws", &authority).await;

@@ -213,7 +213,7 @@ async fn a_program_gets_whole_snapshots() {
 }
 
 #[tokio::test]
-async fn whoever_does_not_read_delays_nobody_and_is_closed() {
+async fn a_client_that_does_not_read_is_closed_and_delays_nobody() {
     let server = Server::new().await;
     let cookie = server.fixture.cookie_of("operator").await;
     let mut silent = Vec::new();
