@@ -198,7 +198,7 @@ mod tests {
 
     use super::*;
     use crate::engine::action::{AlarmRef, OperatorAction};
-    use crate::web::view::sample::Sample;
+    use crate::web::view::tests::sample::Sample;
 
     fn published(vehicle: &mut Sample) -> Published {
         Published { snapshot: vehicle.snapshot(), at: SystemTime::UNIX_EPOCH }

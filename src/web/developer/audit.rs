@@ -17,8 +17,8 @@ use crate::runtime::Published;
 use crate::store::audit::Entry;
 use crate::store::{Acknowledged, Verdict};
 
-use crate::web::view::clean_text::{MESSAGE, NAME, clean};
-use crate::web::view::page_frame::Frame;
+use crate::web::view::page::frame::Frame;
+use crate::web::view::text::{MESSAGE, NAME, clean};
 use crate::web::view::{Lang, PageContext, View, html};
 
 use super::{DevFrame, Page};

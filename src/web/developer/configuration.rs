@@ -16,8 +16,8 @@ use super::visit::Visit;
 use crate::runtime::Published;
 use crate::runtime::Reread;
 use crate::runtime::{ConfigurationText, Rereading};
-use crate::web::view::clean_text::{MESSAGE, NAME, clean, clean_lines};
-use crate::web::view::page_frame::Frame;
+use crate::web::view::page::frame::Frame;
+use crate::web::view::text::{MESSAGE, NAME, clean, clean_lines};
 use crate::web::view::{PageContext, View, html};
 
 use super::page_query::address;

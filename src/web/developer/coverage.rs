@@ -11,8 +11,8 @@ use super::visit::Visit;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::ModuleInfo;
 use crate::runtime::Published;
-use crate::web::view::clean_text::{NAME, clean};
-use crate::web::view::page_frame::Frame;
+use crate::web::view::page::frame::Frame;
+use crate::web::view::text::{NAME, clean};
 use crate::web::view::{PageContext, View, html};
 
 use super::pager::Pager;

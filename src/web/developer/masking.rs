@@ -10,8 +10,8 @@ use crate::engine::snapshot::Reason;
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use crate::runtime::Published;
-use crate::web::view::clean_text::{MESSAGE, clean};
-use crate::web::view::page_frame::Frame;
+use crate::web::view::page::frame::Frame;
+use crate::web::view::text::{MESSAGE, clean};
 use crate::web::view::{PageContext, View, html};
 
 use super::pager::Pager;

@@ -24,8 +24,8 @@ pub use audit::AuditPage;
 pub use page_query::PageQuery;
 pub use timeline::Window;
 
-use super::view::clean_text::{NAME, clean};
-use super::view::page_frame::Frame;
+use super::view::page::frame::Frame;
+use super::view::text::{NAME, clean};
 use super::view::{PageContext, View};
 use words::DevWords;
 

@@ -3,7 +3,7 @@
 
 use std::fmt::Write as _;
 
-use crate::web::view::clean_text::clean;
+use crate::web::view::text::clean;
 
 /// Fields of one address; what is beyond is not looked at.
 const PAIRS: usize = 64;

@@ -17,9 +17,9 @@ use crate::engine::snapshot::{ModuleInfo, ModuleView};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use crate::runtime::Published;
-use crate::web::view::clean_text::{MESSAGE, NAME, VALUE, clean};
 use crate::web::view::node_names::reason_word;
-use crate::web::view::page_frame::Frame;
+use crate::web::view::page::frame::Frame;
+use crate::web::view::text::{MESSAGE, NAME, VALUE, clean};
 use crate::web::view::trends::{POINTS_SMALL, Trend};
 use crate::web::view::{Lang, PageContext, Trends, View, html};
 

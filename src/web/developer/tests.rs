@@ -6,7 +6,7 @@ use crate::engine::model::{Parts as ModelParts, StageModel};
 use crate::engine::text::Text;
 use crate::engine::time::Timestamp;
 use crate::runtime::Published;
-use crate::web::view::sample::{Sample, group, module, parts};
+use crate::web::view::tests::sample::{Sample, group, module, parts};
 use crate::web::view::tests::{context, jump, operator_page};
 use crate::web::view::{Lang, PageContext, Palette, Part, Trends};
 

@@ -20,8 +20,8 @@ use crate::picture::bars::patterns;
 use crate::picture::strips::{Axis, stamp};
 use crate::runtime::Published;
 use crate::store::{HistoryQuery, Past, PastEvent};
-use crate::web::view::clean_text::{NAME, clean};
-use crate::web::view::page_frame::Frame;
+use crate::web::view::text::{NAME, clean};
+use crate::web::view::page::frame::Frame;
 use crate::web::view::{PageContext, View, html};
 
 use super::page_query::is_clean;

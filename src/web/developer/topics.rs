@@ -11,8 +11,8 @@ use crate::web::AppState;
 use super::visit::Visit;
 use crate::engine::discovery::{Discovery, Endpoint, Mismatch, TopicSeen};
 use crate::runtime::Published;
-use crate::web::view::clean_text::{MESSAGE, NAME, clean};
-use crate::web::view::page_frame::Frame;
+use crate::web::view::page::frame::Frame;
+use crate::web::view::text::{MESSAGE, NAME, clean};
 use crate::web::view::{PageContext, View, html};
 
 use super::pager::Pager;

@@ -15,8 +15,8 @@ use crate::engine::model::NodeId;
 use crate::engine::state::State;
 use crate::engine::view::why::WhyStep;
 use crate::runtime::Published;
-use crate::web::view::clean_text::{MESSAGE, NAME, VALUE, clean};
-use crate::web::view::page_frame::Frame;
+use crate::web::view::page::frame::Frame;
+use crate::web::view::text::{MESSAGE, NAME, VALUE, clean};
 use crate::web::view::trends::{POINTS_WIDE, Trend};
 use crate::web::view::{Lang, PageContext, Trends, View, html};
 

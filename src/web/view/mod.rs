@@ -1,32 +1,18 @@
 //! The pages and their fragments as HTML. Nothing here reads a request or sends an answer.
 //!
 //! Everything that is shown comes from one [`Snapshot`]; text that the vehicle or a publisher wrote is
-//! cleaned by [`clean_text`] and escaped by the templates.
+//! cleaned by [`text`] and escaped by the templates.
 
-mod action_bar;
-mod arrows;
+mod bars;
 mod board;
-pub mod clean_text;
-mod clearance_checks;
-mod countermeasure;
-mod fault_entries;
-mod fault_list;
-mod lang;
-mod login;
+mod faults;
 pub(super) mod node_names;
-pub(in crate::web) mod page_frame;
-mod pages;
+pub(super) mod page;
 mod permitted;
 #[cfg(test)]
-pub(super) mod sample;
-#[cfg(test)]
 pub(super) mod tests;
-mod text_width;
-mod tile;
-mod tile_detail;
-mod top_bar;
+pub mod text;
 pub(super) mod trends;
-mod undeclared_statuses;
 pub(super) mod versions;
 pub mod words;
 
@@ -38,67 +24,19 @@ use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Timestamp;
 use crate::runtime::Published;
-use crate::store::Role;
-use board::Board;
+use bars::{action_bar, countermeasure, top_bar};
+use board::{Board, tile, tile_detail};
+use faults::{entries, list};
 use versions::Seen;
 use words::Words;
 
-pub use lang::Lang;
-pub use login::{LoginContext, LoginFailure, login_page};
-pub use pages::{demo_page, message_page, operator_page};
+pub use page::{
+    DemoFault, LoginContext, LoginFailure, PageContext, Palette, Part, demo_page, login_page, message_page,
+    operator_page,
+};
 pub use permitted::permitted;
 pub use trends::Trends;
-
-/// The colours of the pages.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Palette {
-    Day,
-    #[default]
-    Night,
-}
-
-impl Palette {
-    /// The word of the `data-palette` attribute and cookie: `day`, `night`.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Palette::Day => "day",
-            Palette::Night => "night",
-        }
-    }
-
-    pub fn from_word(word: &str) -> Option<Palette> {
-        [Palette::Day, Palette::Night].into_iter().find(|palette| palette.as_str() == word)
-    }
-}
-
-/// What of a developer's page is made: a script that has the rest asks for no more.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Part {
-    #[default]
-    Whole,
-    /// All but the frame that every page has: `<main>`.
-    Main,
-    /// What changes while the page stands: `#dev`.
-    Content,
-}
-
-impl Part {
-    pub fn from_word(word: &str) -> Option<Part> {
-        match word {
-            "main" => Some(Part::Main),
-            "content" => Some(Part::Content),
-            _ => None,
-        }
-    }
-
-    pub(super) fn is_whole(self) -> bool {
-        self == Part::Whole
-    }
-
-    pub(super) fn is_content(self) -> bool {
-        self == Part::Content
-    }
-}
+pub use words::Lang;
 
 /// How the ids of those elements begin that stand behind the tiles, and on sheets.
 pub const DETAIL: &str = "detail-";
@@ -111,29 +49,6 @@ pub struct Fragment {
     pub id: String,
     /// The element, ready to be swapped in by its id.
     pub html: String,
-}
-
-/// For whom a page is made.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct PageContext {
-    pub lang: Lang,
-    pub palette: Palette,
-    pub user: String,
-    pub role: Role,
-    /// The simulated shuttle runs in this process: pages may link to `/demo`.
-    pub demo: bool,
-    /// The configuration comes from a file: pages may link to its page.
-    pub configuration: bool,
-    /// What is made of it.
-    pub part: Part,
-}
-
-/// A fault of the simulated shuttle.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct DemoFault {
-    /// As `POST /demo/fault` takes it: `sensor_outage`.
-    pub name: String,
-    pub active: bool,
 }
 
 /// Every element of the operator's page that changes with the snapshot, in page order. While the
@@ -211,17 +126,17 @@ struct Parts {
 
 impl Parts {
     fn of(view: &View<'_>) -> Parts {
-        let entries = fault_entries::entries(view);
+        let entries = entries::entries(view);
         Parts {
             top: top_bar::top(view),
             measure: countermeasure::measure(view),
             arrows: tile::arrows(view),
             tiles: (0..view.board.tiles.len()).map(|tile| tile::tile(view, tile)).collect(),
-            causes: fault_list::causes(view, &entries),
+            causes: list::causes(view, &entries),
             step: action_bar::step(view),
             stops: action_bar::all_stops(view),
             checks: action_bar::all_checks(view),
-            all_causes: fault_list::all_causes(view, &entries),
+            all_causes: list::all_causes(view, &entries),
             details: (0..view.board.tiles.len()).map(|tile| tile_detail::detail(view, tile)).collect(),
         }
     }

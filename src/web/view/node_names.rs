@@ -4,9 +4,8 @@ use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::{ModuleInfo, ModuleView, Reason, Report};
 use crate::engine::state::State;
 
-use super::Lang;
-use super::View;
-use super::clean_text::{MESSAGE, NAME, clean};
+use super::text::{MESSAGE, NAME, clean};
+use super::{Lang, View};
 
 /// The icon for a state: the two reasons of IGNORE never look alike.
 pub fn icon(state: State, reason: Option<&Reason>) -> &'static str {

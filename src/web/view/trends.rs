@@ -185,7 +185,7 @@ fn draw(key: &str, samples: &VecDeque<f32>, points: usize) -> Option<Trend> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::web::view::sample::Sample;
+    use crate::web::view::tests::sample::Sample;
 
     #[test]
     fn a_number_gets_a_past_and_silence_a_gap() {

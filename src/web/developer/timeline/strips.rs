@@ -7,7 +7,7 @@ use crate::picture::bars::{Bar, word};
 use crate::picture::strips::{Look, Segment, class, recorded, stamp};
 use crate::store::{NodePast, Past, Period};
 use crate::web::view::Lang;
-use crate::web::view::clean_text::{MESSAGE, NAME, clean};
+use crate::web::view::text::{MESSAGE, NAME, clean};
 
 use super::super::words::DevWords;
 use super::super::{PageQuery, why_address};

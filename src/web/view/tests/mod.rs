@@ -5,16 +5,18 @@ mod causes;
 mod details;
 mod hostile;
 mod pages;
+pub mod sample;
 mod stages;
 mod states;
 mod words;
 
-use super::sample::{Sample, group, module, on_group, parts, text};
 use super::versions::Versions;
 use super::*;
 use crate::engine::input::{AlarmRef, OperatorAction, TroubleKind};
 use crate::engine::model::{GroupId, Parts as ModelParts, StageModel, When};
 use crate::engine::text::Text;
+use crate::store::Role;
+use sample::{Sample, group, module, on_group, parts, text};
 
 pub fn context(lang: Lang, palette: Palette) -> PageContext {
     PageContext {

@@ -1,12 +1,11 @@
 //! The texts of the operator's actions: the next step of each stage, clearances, alarms, countermeasures.
 
-use super::words;
+use super::{Lang, words};
 use crate::engine::model::countermeasure::{Request, RequestKind};
 use crate::engine::snapshot::CountermeasureState;
 use crate::engine::state::State;
 use crate::engine::time::Span;
 use crate::engine::time::how_long;
-use crate::web::view::Lang;
 
 words! {
     StepWords;

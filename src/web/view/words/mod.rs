@@ -1,15 +1,17 @@
 //! The texts of the pages. A text that lacks a language does not compile.
 
 pub(in crate::web) mod action_words;
+mod lang;
 pub(in crate::web) mod refusals;
 pub(in crate::web) mod session_end;
 
-use super::clean_text::{NAME, clean};
+pub use lang::Lang;
+
 use crate::engine::model::{ACTIVE_SIGNAL, POSED_SIGNAL, Stage};
 use crate::engine::snapshot::NotRelevant;
 use crate::engine::state::State;
 use crate::engine::text::Text;
-use crate::web::view::Lang;
+use crate::web::view::text::{NAME, clean};
 
 macro_rules! words {
     ($table:ident; $($key:ident: $en:literal, $de:literal;)*) => {
@@ -71,6 +73,7 @@ words! {
     since_for: "for", "seit";
     no_news: "no news", "keine Meldung";
     no_member: "nothing to watch", "nichts zu überwachen";
+    none_undeclared: "none there", "keine da";
     last_words: "last:", "zuletzt:";
     no_report: "has not reported yet", "hat sich noch nicht gemeldet";
     masked_by: "Cause", "Ursache";

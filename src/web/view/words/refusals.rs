@@ -1,11 +1,11 @@
 //! The texts of refused actions: why, and what to do.
 
+use super::Lang;
 use crate::engine::input::Refusal;
 use crate::engine::model::Stage;
 use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::state::State;
-use crate::web::view::Lang;
-use crate::web::view::clean_text::{NAME, clean};
+use crate::web::view::text::{NAME, clean};
 
 impl Lang {
     /// Why an operator's action was refused, with what to do.

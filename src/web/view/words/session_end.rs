@@ -1,6 +1,6 @@
 //! The texts of ended sessions, for the login page.
 
-use crate::web::view::Lang;
+use super::Lang;
 
 /// Why somebody has to log in again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

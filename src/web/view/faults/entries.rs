@@ -7,9 +7,9 @@ use crate::engine::snapshot::{Reason, RootCause};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 
-use super::View;
-use super::node_names::Spoken;
-use super::versions::Aspect;
+use crate::web::view::View;
+use crate::web::view::node_names::Spoken;
+use crate::web::view::versions::Aspect;
 
 /// WARNINGs of one component that are entries of their own; more of them are one.
 const WARNINGS_NAMED: usize = 3;

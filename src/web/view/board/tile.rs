@@ -5,10 +5,10 @@ use askama::Template;
 use crate::engine::model::NodeId;
 use crate::engine::state::State;
 
-use super::board::Tile;
-use super::node_names::{icon, reason_word};
-use super::words::Words;
-use super::{Fragment, View, arrows as lines, fault_list, html, undeclared_statuses};
+use super::{Tile, arrows as lines};
+use crate::web::view::node_names::{icon, reason_word};
+use crate::web::view::words::Words;
+use crate::web::view::{Fragment, View, html};
 
 #[derive(Template)]
 #[template(path = "partials/tile.html")]
@@ -31,7 +31,7 @@ pub fn tile(view: &View<'_>, tile: Tile) -> Fragment {
     let (info, group) = view.snapshot.group(id);
     let line = match group.state {
         State::Ignore => view.reason(NodeId::Group(id), group.reason.as_ref()),
-        State::Ok if group.counted == 0 => undeclared_statuses::none(view.lang).to_owned(),
+        State::Ok if group.counted == 0 => view.words.none_undeclared.to_owned(),
         _ if group.counted == 0 => view.no_member(id),
         State::Unknown if group.ok == 0 => view.words.no_news.to_owned(),
         _ => view.lang.ok_of(group.ok, group.counted),
@@ -48,9 +48,16 @@ pub fn tile(view: &View<'_>, tile: Tile) -> Fragment {
         icon: icon(group.state, group.reason.as_ref()),
         word: view.lang.state(group.state),
         line,
-        flashes: fault_list::flashes(view, tile),
+        flashes: flashes(view, tile),
     });
     Fragment { id: format!("tile-{}", info.path), html }
+}
+
+/// A tile flashes while an alarm in it waits to be acknowledged.
+fn flashes(view: &View<'_>, tile: usize) -> bool {
+    let alarms = view.snapshot.alarms.iter().filter(|alarm| alarm.active && !alarm.acknowledged);
+    let mut nodes = alarms.map(|alarm| alarm.node);
+    nodes.any(|node: NodeId| view.board.tile_of(node) == Some(tile))
 }
 
 struct ArrowHtml<'a> {

@@ -3,7 +3,7 @@
 use crate::engine::model::{ModuleId, Other};
 use crate::engine::state::State;
 
-use super::{Lang, View};
+use crate::web::view::{Lang, View};
 
 /// How many of them are not OK, by the worst state among them; nothing where all are.
 pub(super) fn line(view: &View<'_>) -> Option<String> {
@@ -36,14 +36,6 @@ fn words(lang: Lang, state: State, count: usize) -> String {
     match lang {
         Lang::En => format!("{count} {what} outside of the configuration"),
         Lang::De => format!("{count} {what} außerhalb der Konfiguration"),
-    }
-}
-
-/// On the tile, where they are a component: there is none of them.
-pub(super) fn none(lang: Lang) -> &'static str {
-    match lang {
-        Lang::En => "none there",
-        Lang::De => "keine da",
     }
 }
 

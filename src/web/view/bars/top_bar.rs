@@ -7,11 +7,11 @@ use askama::Template;
 use crate::engine::input::Refusal;
 use crate::engine::model::Stage;
 
-use super::clean_text::{NAME, clean};
-use super::words::Words;
-use super::words::action_words::StepWords;
-use super::{Fragment, View, html};
 use crate::web::assets;
+use crate::web::view::text::{NAME, clean};
+use crate::web::view::words::Words;
+use crate::web::view::words::action_words::StepWords;
+use crate::web::view::{Fragment, View, html};
 
 #[derive(Template)]
 #[template(path = "partials/top.html")]

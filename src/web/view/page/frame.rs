@@ -1,9 +1,9 @@
 //! The frame of every page.
 
-use super::words::Words;
+use super::{Palette, Part};
 use crate::web::assets;
-
-use super::{Lang, Palette, Part};
+use crate::web::view::Lang;
+use crate::web::view::words::Words;
 
 /// What every page is framed by.
 pub struct Frame {

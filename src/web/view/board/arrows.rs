@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::board::{Board, Tile};
+use super::{Board, Tile};
 
 /// The inside of the board in pixels of the reference display. Other sizes stretch the drawing.
 const BOARD: (f64, f64) = (864.0, 515.0);
@@ -373,7 +373,7 @@ mod tests {
 
     #[test]
     fn the_stylesheet_has_the_same_shares() {
-        let css = include_str!("../../../static/telltale.css");
+        let css = include_str!("../../../../static/telltale.css");
         let percent = |share: f64| format!("{}%", (share * 1000.0).round() / 10.0);
         for columns in 1..GAP_X.len() {
             let rule = format!(

@@ -2,11 +2,11 @@
 
 use askama::Template;
 
-use super::words::session_end::SessionEnd;
-
-use super::clean_text::{NAME, clean};
-use super::page_frame::Frame;
-use super::{Lang, Palette, html};
+use super::Palette;
+use super::frame::Frame;
+use crate::web::view::text::{NAME, clean};
+use crate::web::view::words::session_end::SessionEnd;
+use crate::web::view::{Lang, html};
 
 /// What the login page shows.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,18 +1,18 @@
-//! Whole pages: the operator's screen, the login, the demo's switches, and pages of one sentence.
+//! The operator's page.
 
 use askama::Template;
 
-use super::versions::Seen;
-use super::words::action_words::StepWords;
+use super::PageContext;
+use super::frame::Frame;
+use super::login::{LoginContext, login_page};
 use crate::engine::model::Stage;
 use crate::runtime::Published;
 use crate::store::Role;
-
-use super::clean_text::{MESSAGE, NAME, clean};
-use super::page_frame::Frame;
-use super::{
-    DemoFault, Lang, LoginContext, PageContext, Palette, Parts, Trends, View, html, login_page, top_bar,
-};
+use crate::web::view::bars::top_bar;
+use crate::web::view::text::{NAME, clean};
+use crate::web::view::versions::Seen;
+use crate::web::view::words::action_words::StepWords;
+use crate::web::view::{Fragment, Lang, Parts, Trends, View, html};
 
 /// A word by language.
 type InBoth = [(&'static str, &'static str); 2];
@@ -52,7 +52,7 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
     let view = View { seen: seen.clone(), trends: Some(trends), ..View::new(published, context.lang, false) };
     let parts = Parts::of(&view);
     let paths = view.board.tiles.iter().map(|&id| view.snapshot.group(id).0.path.to_string());
-    let text = |fragment: super::Fragment| fragment.html;
+    let text = |fragment: Fragment| fragment.html;
     html(&OperatorHtml {
         frame: Frame::new(context.lang, context.palette),
         stage: published.snapshot.stage.as_str(),
@@ -82,58 +82,4 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
 /// A word of a part that is not swapped, in both languages.
 fn titles(word: fn(&StepWords) -> &'static str) -> InBoth {
     Lang::ALL.map(|lang| (lang.as_str(), word(lang.steps())))
-}
-
-struct FaultHtml {
-    name: String,
-    title: String,
-    text: &'static str,
-    active: bool,
-}
-
-#[derive(Template)]
-#[template(path = "demo.html")]
-struct DemoHtml {
-    frame: Frame,
-    faults: Vec<FaultHtml>,
-}
-
-/// The switches of the simulated shuttle's faults.
-pub fn demo_page(faults: &[DemoFault], context: &PageContext) -> String {
-    let words = context.lang.words();
-    let faults = faults.iter().map(|fault| {
-        let (title, text) = match &*fault.name {
-            "sensor_outage" => (words.sensor_outage, words.sensor_outage_text),
-            "localization_jump" => (words.localization_jump, words.localization_jump_text),
-            "costmap_delay" => (words.costmap_delay, words.costmap_delay_text),
-            "planner_stall" => (words.planner_stall, words.planner_stall_text),
-            "can_loss" => (words.can_loss, words.can_loss_text),
-            "low_battery" => (words.low_battery, words.low_battery_text),
-            "camera_crash" => (words.camera_crash, words.camera_crash_text),
-            _ => ("", ""),
-        };
-        let title = if title.is_empty() { clean(&fault.name, NAME) } else { title.to_owned() };
-        FaultHtml { name: clean(&fault.name, NAME), title, text, active: fault.active }
-    });
-    let faults = faults.collect();
-    html(&DemoHtml { frame: Frame::new(context.lang, context.palette), faults })
-}
-
-#[derive(Template)]
-#[template(path = "message.html")]
-struct MessageHtml {
-    frame: Frame,
-    status: u16,
-    title: String,
-    text: String,
-}
-
-/// A page that says one thing; `title` and `text` are in the reader's language and not yet escaped.
-pub fn message_page(status: u16, title: &str, text: &str, lang: Lang, palette: Palette) -> String {
-    html(&MessageHtml {
-        frame: Frame::new(lang, palette),
-        status,
-        title: clean(title, MESSAGE),
-        text: clean(text, 2 * MESSAGE),
-    })
 }

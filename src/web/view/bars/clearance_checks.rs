@@ -7,8 +7,8 @@ use crate::engine::model::{ModuleId, NodeId};
 use crate::engine::snapshot::Reason;
 use crate::engine::state::State;
 
-use super::View;
-use super::clean_text::{ID, NAME, clean};
+use crate::web::view::View;
+use crate::web::view::text::{ID, NAME, clean};
 
 /// One line of the action bar's list.
 pub struct Check {
@@ -78,7 +78,7 @@ impl View<'_> {
     }
 
     /// Why something was refused, a sentence a reason; what waits for one cause is one of them.
-    pub(super) fn sentences(&self, refusals: &[Refusal]) -> Vec<String> {
+    pub fn sentences(&self, refusals: &[Refusal]) -> Vec<String> {
         let waits = |it: &&Refusal| matches!(it, Refusal::Group { state: State::Ignore, .. });
         let ids = refusals.iter().filter(waits).filter_map(|refusal| match refusal {
             Refusal::Group { group, .. } => Some(&**group),
@@ -129,7 +129,7 @@ impl View<'_> {
     }
 
     /// Why something was refused, with what to do.
-    pub(super) fn sentence(&self, refusal: &Refusal) -> String {
+    fn sentence(&self, refusal: &Refusal) -> String {
         match refusal {
             Refusal::Group { group, state } => {
                 self.lang.refusal(&Refusal::Group { group: self.called(group).into(), state: *state })
@@ -142,7 +142,7 @@ impl View<'_> {
     }
 
     /// A node by the name that the operator knows; a module by what its fault is called.
-    pub(super) fn called(&self, name: &str) -> String {
+    fn called(&self, name: &str) -> String {
         match self.snapshot.node(name) {
             Some(NodeId::Group(id)) => self.group_name(id),
             Some(NodeId::Module(id)) => self.module_name(id),

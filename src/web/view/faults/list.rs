@@ -4,16 +4,17 @@
 
 use askama::Template;
 
-use crate::engine::model::NodeId;
 use crate::engine::state::State;
 
-use super::clean_text::{ID, address, clean};
-use super::fault_entries::Entry;
-use super::node_names::Spoken;
-use super::text_width::{LARGE, LARGE_EM, SMALL, SMALL_EM, lines};
-use super::words::Words;
-use super::words::action_words::StepWords;
-use super::{Fragment, View, countermeasure, html, undeclared_statuses};
+use super::entries::Entry;
+use super::undeclared_statuses;
+use crate::web::view::bars::countermeasure;
+use crate::web::view::node_names::{Spoken, icon};
+use crate::web::view::text::width::{LARGE, LARGE_EM, SMALL, SMALL_EM, lines};
+use crate::web::view::text::{ID, address, clean};
+use crate::web::view::words::Words;
+use crate::web::view::words::action_words::StepWords;
+use crate::web::view::{Fragment, View, html};
 
 /// Height of the list on the reference display in pixels. The heading gives way to entries.
 const ROOM: usize = 512;
@@ -223,7 +224,7 @@ fn of_entry(view: &View<'_>, entry: &Entry) -> EntryHtml {
         node: clean(view.snapshot.node_name(entry.node), ID),
         panel: tile.map(|id| view.snapshot.group(id).0.path.to_string()).unwrap_or_default(),
         state: entry.state.as_str(),
-        icon: if entry.over { "ok" } else { super::node_names::icon(entry.state, None) },
+        icon: if entry.over { "ok" } else { icon(entry.state, None) },
         word: if entry.over { view.lang.steps().over } else { view.lang.state(entry.state) },
         waiting: entry.calls || entry.over,
         over: entry.over,
@@ -251,17 +252,10 @@ fn calm(view: &View<'_>) -> (bool, String) {
     }
 }
 
-/// The tiles whose root causes wait to be acknowledged: they flash.
-pub fn flashes(view: &View<'_>, tile: usize) -> bool {
-    let alarms = view.snapshot.alarms.iter().filter(|alarm| alarm.active && !alarm.acknowledged);
-    let mut nodes = alarms.map(|alarm| alarm.node);
-    nodes.any(|node: NodeId| view.board.tile_of(node) == Some(tile))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::model::GroupId;
+    use crate::engine::model::{GroupId, NodeId};
     use crate::engine::time::Timestamp;
 
     fn entry(title: &str, help: &str) -> Entry {

@@ -9,7 +9,7 @@ use crate::engine::model::NodeId;
 use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::snapshot::{Countermeasure, CountermeasureState};
 
-use super::{Fragment, View, html};
+use crate::web::view::{Fragment, View, html};
 
 #[derive(Template)]
 #[template(path = "partials/measure.html")]

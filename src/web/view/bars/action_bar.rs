@@ -7,13 +7,14 @@ use crate::engine::model::{LOCALIZATION_GROUP, NodeId, Stage, Stop};
 use crate::engine::snapshot::Unreached;
 use crate::engine::state::State;
 
-use super::clean_text::{ID, NAME, clean};
 use super::clearance_checks::Check;
-use super::text_width::{SMALL_EM_BAR, SMALL_EM_BAR_NARROW, lines};
-use super::versions::Aspect;
-use super::words::Words;
-use super::words::action_words::StepWords;
-use super::{Fragment, View, countermeasure, html};
+use super::countermeasure;
+use crate::web::view::text::width::{SMALL_EM_BAR, SMALL_EM_BAR_NARROW, lines};
+use crate::web::view::text::{ID, NAME, clean};
+use crate::web::view::versions::Aspect;
+use crate::web::view::words::Words;
+use crate::web::view::words::action_words::StepWords;
+use crate::web::view::{Fragment, View, html};
 
 /// Stops that have room in the bar; more of them stand on a sheet of their own.
 const STOPS_IN_BAR: usize = 3;

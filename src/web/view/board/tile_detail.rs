@@ -6,14 +6,14 @@ use crate::engine::model::{ModuleId, NodeId};
 use crate::engine::snapshot::{ModuleView, Reason};
 use crate::engine::state::State;
 
-use super::board::Tile;
-use super::clean_text::{ID, VALUE, address, clean};
-use super::node_names::{Spoken, icon, own_matters, reason_word};
-use super::trends::{POINTS_SMALL, Trend};
-use super::versions::Aspect;
-use super::words::Words;
-use super::words::action_words::StepWords;
-use super::{DETAIL, Fragment, View, html};
+use super::Tile;
+use crate::web::view::node_names::{Spoken, icon, own_matters, reason_word};
+use crate::web::view::text::{ID, VALUE, address, clean};
+use crate::web::view::trends::{POINTS_SMALL, Trend};
+use crate::web::view::versions::Aspect;
+use crate::web::view::words::Words;
+use crate::web::view::words::action_words::StepWords;
+use crate::web::view::{DETAIL, Fragment, View, html};
 
 /// Modules of one component that are listed; the worst first, the rest is counted.
 const ROWS: usize = 40;

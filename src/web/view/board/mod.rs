@@ -1,5 +1,9 @@
 //! The positions of the tiles and the arrows between them: the graph of the top-level groups.
 
+mod arrows;
+pub mod tile;
+pub mod tile_detail;
+
 use std::collections::BTreeSet;
 
 use crate::engine::model::{GroupId, NodeId};

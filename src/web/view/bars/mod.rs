@@ -1,0 +1,6 @@
+//! The bars of the operator's page: the vehicle and its stage, the countermeasure, the next step.
+
+pub mod action_bar;
+mod clearance_checks;
+pub mod countermeasure;
+pub mod top_bar;

@@ -1,0 +1,27 @@
+//! A page of one sentence.
+
+use askama::Template;
+
+use super::Palette;
+use super::frame::Frame;
+use crate::web::view::text::{MESSAGE, clean};
+use crate::web::view::{Lang, html};
+
+#[derive(Template)]
+#[template(path = "message.html")]
+struct MessageHtml {
+    frame: Frame,
+    status: u16,
+    title: String,
+    text: String,
+}
+
+/// A page that says one thing; `title` and `text` are in the reader's language and not yet escaped.
+pub fn message_page(status: u16, title: &str, text: &str, lang: Lang, palette: Palette) -> String {
+    html(&MessageHtml {
+        frame: Frame::new(lang, palette),
+        status,
+        title: clean(title, MESSAGE),
+        text: clean(text, 2 * MESSAGE),
+    })
+}
