@@ -1,11 +1,11 @@
-// The developer's pages: the address is a page's whole state, and the server renders it. This script asks
-// for it again when the server has news, and brings other developer's pages into the frame that stands.
+// The developer pages: the address is a page's whole state, and the server renders it. This script requests
+// it again when the server has news, and loads other developer pages into the present frame.
 (() => {
   "use strict";
   // Between two answers: four a second look live.
   const RENEW_MIN_MS = 250;
   const ANSWER_MS = 5000;
-  // Without the announced news for this long the page is stale, and then dead.
+  // If announced news is missing for so long, the page is stale, then dead.
   const BEHIND_STALE_MS = 2000;
   const BEHIND_DEAD_MS = 5000;
   const SCROLLED_MS = 150;
@@ -37,7 +37,7 @@
     }
   };
 
-  // --- what stands here
+  // --- the page that is shown
 
   // The page that an address belongs to, without its parameters.
   const WHY = "/developer/why";
@@ -48,8 +48,8 @@
   let standing = pageOf(location);
   const { frame } = main().dataset;
 
-  // One request at a time; a newer one aborts the older one, which then has no answer. A header tells the
-  // server when nobody did anything: an open page keeps no session alive.
+  // One request at a time; a newer one aborts the older one, which then has no answer. With a header,
+  // requests that no person made keep no session alive.
   const ask = async (address, part, byItself) => {
     asking?.abort();
     const abort = new AbortController();
@@ -136,7 +136,7 @@
 
   // --- live, stale, dead
 
-  // News that is not on the page ages it slower than silence does.
+  // Missing news ages the page slower than missing heartbeats.
   const behind = (now) => {
     const waited = behindSince === null ? 0 : now - behindSince;
     return waited >= BEHIND_DEAD_MS ? Live.DEAD_MS : waited >= BEHIND_STALE_MS ? Live.STALE_MS : 0;

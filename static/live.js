@@ -1,5 +1,5 @@
-// What "live" means, for every page that shows the vehicle: heartbeats come, and come in time. Opens
-// the page's connection again after the server answered, and shows the pulse. Looks are the stylesheet's.
+// Decides whether a page is live, by the age of the server's heartbeats. Opens the page's connection again
+// when it is lost, and shows the pulse.
 (() => {
   "use strict";
   const STALE_MS = 1000;
@@ -7,13 +7,13 @@
   const CHECK_MS = 100;
   // A connection that hangs without an end, or brings everything late, is replaced after this.
   const HANG_MS = 4000;
-  // One that is being opened gets longer: the server has just answered, and a browser may hold it back.
+  // A connection that is being opened gets more time, because a browser may hold it back.
   const OPENING_MS = 15000;
-  // Between two that were not opened.
+  // Between two attempts that failed.
   const RETRY_MS = 1000;
   const ANSWER_MS = 2000;
   const ASK_AGAIN_MS = 500;
-  // Nobody did anything: this request keeps no session alive.
+  // With this header a request keeps no session alive, because no person made it.
   const RENEWAL = { "Telltale-Renewal": "1" };
 
   const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
@@ -22,8 +22,8 @@
     if (element.textContent !== text) element.textContent = text;
   };
 
-  // How late heartbeats come. Each says the server's own time, and what that and the monotonic clock
-  // of this page are apart grows by delay on the way alone. The page's wall clock takes no part.
+  // How late heartbeats come. Each has the time of the server's monotonic clock; its difference to the
+  // page's monotonic clock grows only by delay on the way. The page's wall clock takes no part.
   class Lag {
     // Two clocks that both run right drift apart by less than this.
     static DRIFT = 0.0002;
@@ -33,13 +33,13 @@
     #least = Infinity;
     #leastAt = 0;
 
-    // A connection is there. What an earlier one has told is no measure for this one.
+    // A new connection: differences of an earlier one do not count.
     begin(opening) {
       this.#opening = opening > Lag.OPENING_MS ? opening : 0;
       this.#least = Infinity;
     }
 
-    // How long ago the server said this, in milliseconds: `ms` is its monotonic clock, `at` its wall clock.
+    // How late a heartbeat is, in milliseconds: `ms` is the server's monotonic clock, `at` its wall clock.
     of({ ms, at }) {
       const now = performance.now();
       const apart = now - (typeof ms === "number" ? ms : Date.parse(at));
@@ -59,26 +59,26 @@
     }
   };
 
-  // Browsers make sockets wait longer and longer after some that failed, and requests never: so one
-  // asks first. Whatever the server answers, it is there.
+  // Browsers hold back sockets after some that failed, but never requests. So a request is sent first; any
+  // answer will do.
   const serverAnswers = async () => {
     while (!(await ask("/readyz"))) await pause(ASK_AGAIN_MS);
   };
 
-  // Large messages are read once, for all who want to know.
+  // A large message is parsed once, for all listeners.
   let last = { data: null, message: null };
   const read = (data) => {
     if (last.data !== data) last = { data, message: JSON.parse(data) };
     return last.message;
   };
 
-  // A page has one of these, and tells it what is its own:
-  //   address   where it is found
+  // Each page makes one of these, from:
+  //   address   the address of the page
   //   connect   opens a connection in place of the one that is there
   //   beat      takes a heartbeat
-  //   judged    is called after each look at the age, with what it came to
-  //   unshown   how long what the connection brought has waited to be shown, in milliseconds
-  //   behind    how old its content is that comes another way
+  //   judged    is called after each judgement with its result
+  //   unshown   for how long a received message has waited to be shown, in milliseconds
+  //   behind    the age of content that does not come over the connection
   globalThis.Live = class {
     static STALE_MS = STALE_MS;
     static DEAD_MS = DEAD_MS;
@@ -88,7 +88,7 @@
 
     // The connection that brings the heartbeats, once it is open.
     socket = null;
-    // The server's wall clock at the last heartbeat, as it said it: taps say by it when they were made.
+    // The server's wall clock at the last heartbeat, as it was sent: a tap carries it as its time.
     beatAt = "";
     everBeat = false;
     // When the last heartbeat came, and how late it was.
@@ -103,7 +103,7 @@
     #triedAt = performance.now();
     #isOpening = true;
     #isOpen = false;
-    // The server is asked whether it answers.
+    // A request waits for the server's answer.
     #isAsking = false;
 
     constructor(page) {
@@ -128,7 +128,7 @@
       this.#page.connect();
     }
 
-    // It is being opened.
+    // The connection is being opened.
     trying() {
       this.#triedAt = performance.now();
     }
@@ -161,7 +161,7 @@
       return this.#reconnect(wasOpen ? 0 : RETRY_MS);
     }
 
-    // Says by how old what is shown is whether it is live, stale or dead.
+    // Decides by the age of what is shown whether the page is live, stale or dead.
     judge() {
       const now = performance.now();
       const heard = this.#heardAge(now);

@@ -3,7 +3,7 @@
   "use strict";
   const root = document.documentElement;
 
-  // A live display needs it; the page says so itself.
+  // Without WebSocket there is no live display: the page says so.
   if (!("WebSocket" in globalThis)) document.body.dataset.unfit = "";
 
   const remember = (name, value) => {
@@ -11,7 +11,7 @@
   };
 
   const switchPalette = () => {
-    // Colours that leave late otherwise turn at once.
+    // Switches all colours at once, without their transitions.
     root.dataset.turning = "";
     root.dataset.palette = root.dataset.palette === "day" ? "night" : "day";
     requestAnimationFrame(() => requestAnimationFrame(() => delete root.dataset.turning));

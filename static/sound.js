@@ -1,5 +1,5 @@
-// The operator's sound: one for each alarm that calls. None for what a root cause masks, none when an alarm moves
-// to its cause, none for more that a component raises at once, none twice. Made here, so that it needs no file.
+// Sounds once for each new alarm. Masked modules, alarms that move to their cause and further alarms of a
+// component at the same time do not sound. The tones are generated, so no file is needed.
 (() => {
   "use strict";
   const HEARD = "telltale.heard";
@@ -9,7 +9,7 @@
   const body = document.body;
   const tool = document.querySelector("[data-tool=sound]");
   const silence = new URL("silence.wav", document.currentScript.src);
-  // Created when sound is permitted: earlier the browser would complain.
+  // Created when sound is permitted: before, the browser would log a warning.
   let context = null;
   // A user who only looks on hears nothing unless they want to.
   let wanted = body.dataset.role === "operator";

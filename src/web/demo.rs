@@ -20,7 +20,7 @@ use super::pages::page_context;
 use super::view::{self, DemoFault};
 use crate::store::audit::{Action, Record};
 
-/// The faults there are, and the way to the shuttle that has them.
+/// The faults of the simulated shuttle, and the channel that switches them.
 #[derive(Debug)]
 pub struct DemoFaults {
     names: Vec<&'static str>,
@@ -36,7 +36,7 @@ pub struct FaultSwitch {
 }
 
 impl DemoFaults {
-    /// `names` are those the simulation knows; it takes the switches from the other end.
+    /// `names` are the faults that the simulation knows; it receives from `switch`.
     pub fn new(names: Vec<&'static str>, switch: mpsc::Sender<FaultSwitch>) -> DemoFaults {
         DemoFaults { names, switch, active: Mutex::default() }
     }
@@ -48,7 +48,7 @@ impl DemoFaults {
         self.names.iter().map(fault).collect()
     }
 
-    /// Whether the simulation was told.
+    /// Switches a fault; false if the simulation does not take it.
     fn set(&self, switch: FaultSwitch) -> bool {
         let mut active = self.active.lock().unwrap_or_else(PoisonError::into_inner);
         if self.switch.try_send(switch).is_err() {

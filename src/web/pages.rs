@@ -51,7 +51,7 @@ pub async fn readyz(State(app): State<AppState>) -> (StatusCode, &'static str) {
     }
 }
 
-/// What no route claims.
+/// Answers an address without a route.
 pub async fn not_found(reader: Reader) -> Response {
     refusal(&reader, HttpError::NotFound)
 }

@@ -7,7 +7,7 @@ from one_server import server, vehicle  # noqa: F401
 from vehicle import OPERATOR, Client, until
 
 # What may still be visible in place of the vehicle.
-BRIGHT = """() => [...document.querySelectorAll(".measure *, .measure, .tile > .icon, .cause, .actions *, .panel *")]
+BRIGHT = """() => [...document.querySelectorAll(".countermeasure *, .countermeasure, .tile > .icon, .cause, .actions *, .panel *")]
   .filter(it => it.checkVisibility({ checkVisibilityCSS: true })).map(it => it.outerHTML.slice(0, 80))"""
 # Colours that are not quite transparent, of what surrounds a tile.
 BORDERS = """() => [...document.querySelectorAll(".tile")].map(it => getComputedStyle(it))
@@ -33,7 +33,7 @@ def session(server, vehicle):
     return client.browser_cookies()
 
 
-@pytest.mark.parametrize("without", ["any script", "watchdog.js", "live.js", "behind.js", "htmx.min.js"])
+@pytest.mark.parametrize("without", ["any script", "updates.js", "live.js", "hidden_panels.js", "htmx.min.js"])
 def test_a_page_whose_scripts_do_not_run_is_covered(server, session, chromium, without):
     context = chromium.new_context(viewport={"width": 1280, "height": 800}, java_script_enabled=without != "any script")
     context.add_cookies(session)

@@ -131,7 +131,7 @@ def test_a_lost_session_leads_to_the_login(demo, display, chromium, trouble):
     page.context.clear_cookies()
     step(page, "localize").first.tap()
     page.wait_for_url(demo.url + "/login*", timeout=5_000)
-    expect(page.locator(".farewell")).to_have_count(0)
+    expect(page.locator(".session-end")).to_have_count(0)
     trouble.expect("401", "403", "Failed to load resource")
 
 
@@ -180,15 +180,15 @@ def test_the_login_says_why_a_session_is_over(others, chromium, trouble, lang, e
         enters(other, others, "anna")
         step(other, "logout").tap()
         expect(other).to_have_url(others.url + "/login")
-        expect(other.locator(".farewell")).to_have_count(0)
+        expect(other.locator(".session-end")).to_have_count(0)
     else:
         remove(others, "anna")
     expect(page).to_have_url(others.url + "/login")
-    expect(page.locator(".farewell")).to_have_text(says)
+    expect(page.locator(".session-end")).to_have_text(says)
     assert not violations(page), violations(page)
     # Nothing from the address is shown.
     page.goto(others.url + "/login?why=forged&farewell=forged")
-    expect(page.locator(".farewell")).to_have_text(says)
+    expect(page.locator(".session-end")).to_have_text(says)
     assert "forged" not in page.content()
     trouble.expect("401", "403", "Failed to load resource", "WebSocket")
     first.close()

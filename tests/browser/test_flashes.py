@@ -30,7 +30,7 @@ WATCH = """() => {
   const frames = (window.frames_ = []);
   const look = () => {
     const parts = {};
-    for (const it of document.querySelectorAll('#tile-sensors, #tile-localization, aside, .measure, .panel:popover-open .summary')) {
+    for (const it of document.querySelectorAll('#tile-sensors, #tile-localization, aside, .countermeasure, .panel:popover-open .summary')) {
       const [r, g, b] = shown(it).map(linear);
       const red = r / (r + g + b + 1e-9) >= 0.8 ? 1 : 0;
       parts[it.id || it.className || it.tagName] = [0.2126 * r + 0.7152 * g + 0.0722 * b, red, it.dataset.state ?? ''];

@@ -122,7 +122,7 @@ def check_contrasts(page, name):
     let_colours_settle(page)
     for what, ratio in page.evaluate(CONTRAST, "p, .tile span:not(.hush, .cover, .cover *), .cause span:not(.hush), button, label, .checks span"):
         assert ratio >= 4.5, f"{name}: {what}: {ratio:.2f}"
-    alarms = ".tile:is([data-state=error], [data-state=warning]) > span:not(.cover), .cause .title, .cause .help, .measure strong"
+    alarms = ".tile:is([data-state=error], [data-state=warning]) > span:not(.cover), .cause .title, .cause .help, .countermeasure strong"
     for what, ratio in page.evaluate(CONTRAST, alarms):
         assert ratio >= 7, f"{name}: {what}: {ratio:.2f}"
 

@@ -104,11 +104,11 @@ def test_a_status_that_stops_coming_is_unknown_never_okay(server, vehicle, page,
 
 # Closed panels are not updated bit by bit; what the server said of that of the sensors is noted.
 LATE_PANELS = """() => {
-  const { hear } = Behind.prototype;
+  const { receive } = HiddenPanels.prototype;
   window.heard = [];
-  Behind.prototype.follow = () => {};
-  Behind.prototype.hear = function (message) {
-    hear.call(this, message);
+  HiddenPanels.prototype.updateNext = () => {};
+  HiddenPanels.prototype.receive = function (message) {
+    receive.call(this, message);
     window.heard.push(message.behind?.["detail-sensors"] ?? "");
   };
 }"""

@@ -13,7 +13,7 @@ use telltale::runtime::Published;
 use telltale::store::Role;
 use telltale::web::developer::{PageQuery, coverage, graph, masking, statuses, topics, why};
 use telltale::web::live::frame::Frames;
-use telltale::web::view::{Lang, PageContext, Palette, Part, Trends, operator_page};
+use telltale::web::view::{Lang, PageContext, PagePart, Palette, Trends, operator_page};
 
 const PAGE_BYTES: usize = 1 << 20;
 const ANSWER_BYTES: usize = 16 << 20;
@@ -76,7 +76,7 @@ fn context() -> PageContext {
         role: Role::Developer,
         demo: false,
         configuration: true,
-        part: Part::Whole,
+        part: PagePart::Whole,
     }
 }
 

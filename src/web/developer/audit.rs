@@ -12,12 +12,12 @@ use crate::web::AppState;
 use crate::web::http::errors::HttpError;
 use crate::web::http::respond::refusal;
 
-use super::visit::Visit;
+use super::request::PageRequest;
 use crate::runtime::Published;
 use crate::store::audit::Entry;
 use crate::store::{Acknowledged, Verdict};
 
-use crate::web::view::page::frame::Frame;
+use crate::web::view::page::frame::PageFrame;
 use crate::web::view::text::{MESSAGE, NAME, clean};
 use crate::web::view::{Lang, PageContext, View, html};
 
@@ -33,7 +33,7 @@ pub struct AuditPage {
     pub verdict: Verdict,
 }
 
-struct Row {
+struct RecordRow {
     number: u64,
     at: String,
     who: String,
@@ -48,13 +48,13 @@ struct Row {
 #[derive(Template)]
 #[template(path = "developer/audit.html")]
 struct AuditHtml {
-    frame: Frame,
+    frame: PageFrame,
     dev: DevFrame,
     heads: [&'static str; 7],
     is_whole: bool,
     verdict: String,
     head: String,
-    rows: Vec<Row>,
+    rows: Vec<RecordRow>,
     older: Option<u64>,
     older_word: &'static str,
 }
@@ -63,14 +63,14 @@ struct AuditHtml {
 const AUDIT_ROWS: u32 = 100;
 
 /// `GET /developer/audit?before=NUMBER`: the audit log, newest first, and whether its chain is whole.
-pub async fn get(State(app): State<AppState>, visit: Visit) -> Response {
-    let before = visit.asked.get("before");
-    if !before.is_empty() && visit.asked.number("before").is_none() {
-        return refusal(&visit.reader, HttpError::NotFound);
+pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response {
+    let before = request.query.get("before");
+    if !before.is_empty() && request.query.number("before").is_none() {
+        return refusal(&request.reader, HttpError::NotFound);
     }
-    let before = visit.asked.number("before");
-    // One reader at a time: to go through a long chain takes a while.
-    let _turn = app.audit_readers.lock().await;
+    let before = request.query.number("before");
+    // One reader at a time, because verifying a long chain takes a while.
+    let _reader = app.audit_readers.lock().await;
     let read = async {
         let entries = app.store.audit_entries(before, AUDIT_ROWS).await?;
         Ok::<_, StoreError>((entries, app.store.verify_audit().await?))
@@ -79,26 +79,26 @@ pub async fn get(State(app): State<AppState>, visit: Visit) -> Response {
         Ok(read) => read,
         Err(error) => {
             tracing::error!(%error, "the audit log cannot be read");
-            return refusal(&visit.reader, HttpError::Unavailable);
+            return refusal(&request.reader, HttpError::Unavailable);
         }
     };
     let is_full = entries.len() == AUDIT_ROWS as usize;
     let older = entries.last().filter(|last| is_full && last.number > 1).map(|last| last.number);
     let audit = AuditPage { entries, older, verdict };
-    Html(page(&visit.published, &audit, &visit.context)).into_response()
+    Html(page(&request.published, &audit, &request.context)).into_response()
 }
 
 pub fn page(published: &Published, page: &AuditPage, context: &PageContext) -> String {
     let view = &View::new(published, context.lang, false);
     let mut dev = DevFrame::new(view, context, Page::Audit, 0);
-    // To read the chain takes a while: it is read when somebody asks. What was done is no diagnosis.
+    // Verifying the chain takes a while, so the page does not ask again by itself. The log is no diagnosis, so it is shown while the vehicle is locked.
     dev.fixed = true;
     dev.locked = false;
     let (heads, older_word) = match context.lang {
         Lang::En => (["No.", "Time", "Who", "From", "What", "On what", "Outcome"], "Older records"),
         Lang::De => (["Nr.", "Zeit", "Wer", "Woher", "Was", "Woran", "Ergebnis"], "Ältere Einträge"),
     };
-    let rows = page.entries.iter().map(|entry| Row {
+    let rows = page.entries.iter().map(|entry| RecordRow {
         number: entry.number,
         at: humantime::format_rfc3339_millis(entry.at()).to_string(),
         who: clean(&entry.who, NAME),
@@ -122,7 +122,7 @@ pub fn page(published: &Published, page: &AuditPage, context: &PageContext) -> S
     })
 }
 
-/// A word of the log in the reader's language; what it has no word for stays as it was written.
+/// A word of the log in the reader's language; an unknown one stays as it was written.
 fn word(written: &str, lang: Lang) -> &str {
     if lang == Lang::En {
         return written;

@@ -12,11 +12,11 @@ use crate::web::AppState;
 use crate::web::http::errors::HttpError;
 use crate::web::http::respond::refusal;
 
-use super::visit::Visit;
+use super::request::PageRequest;
 use crate::runtime::Published;
 use crate::runtime::Reread;
 use crate::runtime::{ConfigurationText, Rereading};
-use crate::web::view::page::frame::Frame;
+use crate::web::view::page::frame::PageFrame;
 use crate::web::view::text::{MESSAGE, NAME, clean, clean_lines};
 use crate::web::view::{PageContext, View, html};
 
@@ -27,7 +27,7 @@ use super::{DevFrame, Page, PageQuery};
 /// Lines of one page.
 const LINES: usize = 100;
 const LETTERS: usize = 400;
-/// What is being found out is asked for again.
+/// The page asks again until the file is judged.
 const RENEW_MS: u32 = 1000;
 
 struct Line {
@@ -36,7 +36,7 @@ struct Line {
 }
 
 /// One of the files.
-struct Choice {
+struct FileLink {
     name: String,
     address: String,
     chosen: bool,
@@ -45,46 +45,46 @@ struct Choice {
 #[derive(Template)]
 #[template(path = "developer/configuration.html")]
 struct ConfigurationHtml {
-    frame: Frame,
+    frame: PageFrame,
     dev: DevFrame,
     taken: bool,
     differences: Vec<String>,
     problems: Option<String>,
     warnings: Option<String>,
     judged: bool,
-    /// The reader may let the engine run by it.
+    /// The reader may take the file.
     may_take: bool,
-    /// It is not what the reader was shown before, and was not taken.
+    /// The files have changed since they were shown, so they were not taken.
     is_other: bool,
-    /// What is shown here, for the button.
+    /// The digest of the files that are shown, for the button.
     shown: String,
     filter: String,
     kept: Vec<(&'static str, String)>,
-    files: Vec<Choice>,
+    files: Vec<FileLink>,
     pager: Pager,
     lines: Vec<Line>,
 }
 
-/// `GET /developer/configuration?q=TEXT&file=NUMBER&page=N`: what the file would change, if it were
-/// taken now, and what runs.
-pub async fn get(State(app): State<AppState>, visit: Visit) -> Response {
+/// `GET /developer/configuration?q=TEXT&file=NUMBER&page=N`
+pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response {
     match reread(&app, false, None).await {
         Ok(read) => {
-            let may_take = visit.session.role == Role::Developer;
-            let page = page(&visit.published, &read, may_take.then_some(false), &visit.context, &visit.asked);
+            let may_take = request.session.role == Role::Developer;
+            let page =
+                page(&request.published, &read, may_take.then_some(false), &request.context, &request.query);
             Html(page).into_response()
         }
-        Err(trouble) => refusal(&visit.reader, trouble),
+        Err(trouble) => refusal(&request.reader, trouble),
     }
 }
 
-/// `offer` is there for users who may take the files, and true if they are not what was shown before.
+/// `offer` is `Some` for users who may take the files, and true if the files have changed since they were shown.
 pub fn page(
     published: &Published,
     read: &Rereading,
     offer: Option<bool>,
     context: &PageContext,
-    asked: &PageQuery,
+    query: &PageQuery,
 ) -> String {
     let view = &View::new(published, context.lang, false);
     let mut dev = DevFrame::new(view, context, Page::Configuration, RENEW_MS);
@@ -92,13 +92,13 @@ pub fn page(
     dev.locked = false;
     dev.fixed = read.judged;
     let whole = |text: &Option<String>| text.as_deref().map(clean_lines);
-    let chosen = (asked.number("file").unwrap_or(0) as usize).min(read.running.len().saturating_sub(1));
-    let file = |(index, file): (usize, &ConfigurationText)| Choice {
+    let chosen = (query.number("file").unwrap_or(0) as usize).min(read.running.len().saturating_sub(1));
+    let file = |(index, file): (usize, &ConfigurationText)| FileLink {
         name: clean(&file.name, 2 * NAME),
         address: address([("file", &*index.to_string())].into_iter()),
         chosen: index == chosen,
     };
-    let (pager, lines) = lines(read.running.get(chosen), asked);
+    let (pager, lines) = lines(read.running.get(chosen), query);
     html(&ConfigurationHtml {
         frame: super::frame(context),
         dev,
@@ -110,8 +110,8 @@ pub fn page(
         may_take: offer.is_some(),
         is_other: offer == Some(true),
         shown: read.digest.clone(),
-        filter: clean(asked.get("q"), MESSAGE),
-        kept: asked.kept(&["file"]),
+        filter: clean(query.get("q"), MESSAGE),
+        kept: query.kept(&["file"]),
         files: read.running.iter().enumerate().map(file).collect(),
         pager,
         lines,
@@ -119,12 +119,12 @@ pub fn page(
 }
 
 /// The lines that the filter leaves, with their numbers in the file.
-fn lines(file: Option<&ConfigurationText>, asked: &PageQuery) -> (Pager, Vec<Line>) {
-    let filter = asked.get("q").to_lowercase();
+fn lines(file: Option<&ConfigurationText>, query: &PageQuery) -> (Pager, Vec<Line>) {
+    let filter = query.get("q").to_lowercase();
     let all = file.map_or("", |file| &*file.text).lines().enumerate();
     let wanted = |text: &str| filter.is_empty() || text.to_lowercase().contains(&filter);
     let found: Vec<(usize, &str)> = all.filter(|(_, text)| wanted(text)).collect();
-    let (pager, shown) = Pager::of(asked, "matching", "page", found.len(), LINES);
+    let (pager, shown) = Pager::of(query, "matching", "page", found.len(), LINES);
     let line = |&(index, text): &(usize, &str)| {
         let kept: String = text.chars().take(LETTERS).collect();
         Line { number: index + 1, text: clean_lines(&kept) }

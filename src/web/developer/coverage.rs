@@ -7,11 +7,11 @@ use askama::Template;
 
 use axum::response::Html;
 
-use super::visit::Visit;
+use super::request::PageRequest;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::ModuleInfo;
 use crate::runtime::Published;
-use crate::web::view::page::frame::Frame;
+use crate::web::view::page::frame::PageFrame;
 use crate::web::view::text::{NAME, clean};
 use crate::web::view::{PageContext, View, html};
 
@@ -36,7 +36,7 @@ struct Cell {
     open: bool,
 }
 
-struct Row {
+struct GroupRow {
     name: String,
     path: String,
     depth: usize,
@@ -51,14 +51,14 @@ struct Technique {
     sum: usize,
 }
 
-struct Listed {
+struct CellModules {
     title: String,
     /// Components, then data streams; without those that have none.
-    parts: Vec<Part>,
+    parts: Vec<TechniqueModules>,
     more: Option<String>,
 }
 
-struct Part {
+struct TechniqueModules {
     name: &'static str,
     modules: Vec<(NodeLink, &'static str, &'static str)>,
 }
@@ -66,31 +66,31 @@ struct Part {
 #[derive(Template)]
 #[template(path = "developer/coverage.html")]
 struct CoverageHtml {
-    frame: Frame,
+    frame: PageFrame,
     dev: DevFrame,
     /// A module stands in none of the five columns: there is a sixth.
     unstated: bool,
     pager: Pager,
-    rows: Vec<Row>,
+    rows: Vec<GroupRow>,
     total: Vec<usize>,
     techniques: [Technique; 2],
-    listed: Option<Listed>,
+    listed: Option<CellModules>,
 }
 
 /// `GET /developer/coverage?cell=COLUMN PATH&page=N`
-pub async fn get(visit: Visit) -> Html<String> {
-    Html(page(&visit.published, &visit.context, &visit.asked))
+pub async fn get(request: PageRequest) -> Html<String> {
+    Html(page(&request.published, &request.context, &request.query))
 }
 
-pub fn page(published: &Published, context: &PageContext, asked: &PageQuery) -> String {
+pub fn page(published: &Published, context: &PageContext, query: &PageQuery) -> String {
     let view = &View::new(published, context.lang, false);
     let words = DevWords::of(context.lang);
     let layout = &view.snapshot.layout;
     let unstated = layout.modules.iter().any(|module| module.class.column().is_none());
     let columns = COLUMNS + usize::from(unstated);
-    let mut rows: Vec<Row> = ordered(view).into_iter().map(|id| row(view, id, columns, asked)).collect();
+    let mut rows: Vec<GroupRow> = ordered(view).into_iter().map(|id| row(view, id, columns, query)).collect();
     let total = (0..columns).map(|column| rows.iter().map(|row| row.cells[column].count).sum()).collect();
-    let (pager, shown) = Pager::of(asked, "matching", "page", rows.len(), ROWS);
+    let (pager, shown) = Pager::of(query, "matching", "page", rows.len(), ROWS);
     rows.truncate(shown.end);
     rows.drain(..shown.start);
     html(&CoverageHtml {
@@ -101,7 +101,7 @@ pub fn page(published: &Published, context: &PageContext, asked: &PageQuery) -> 
         rows,
         total,
         techniques: [true, false].map(|of_components| technique(view, words, columns, of_components)),
-        listed: listed(view, words, asked),
+        listed: listed(view, words, query),
     })
 }
 
@@ -144,19 +144,19 @@ fn ordered(view: &View<'_>) -> Vec<GroupId> {
     ordered
 }
 
-fn row(view: &View<'_>, id: GroupId, columns: usize, asked: &PageQuery) -> Row {
+fn row(view: &View<'_>, id: GroupId, columns: usize, query: &PageQuery) -> GroupRow {
     let group = &view.snapshot.layout.groups[id.0 as usize];
-    let open = chosen(asked);
+    let open = chosen(query);
     let mut cells: Vec<Cell> = (0..columns)
         .map(|column| {
-            let address = asked.with("cell", &format!("{column} {}", group.path));
+            let address = query.with("cell", &format!("{column} {}", group.path));
             Cell { count: 0, address, open: open == Some((column, &*group.path)) }
         })
         .collect();
     for &module in &group.modules {
         cells[column(view.snapshot.module(module).0)].count += 1;
     }
-    Row {
+    GroupRow {
         name: view.group_name(id),
         path: clean(&group.path, 2 * NAME),
         depth: group.path.matches('/').count().min(5),
@@ -166,18 +166,18 @@ fn row(view: &View<'_>, id: GroupId, columns: usize, asked: &PageQuery) -> Row {
 }
 
 /// Column and group of the cell that is asked for.
-fn chosen(asked: &PageQuery) -> Option<(usize, &str)> {
-    let (column, path) = asked.get("cell").split_once(' ')?;
+fn chosen(query: &PageQuery) -> Option<(usize, &str)> {
+    let (column, path) = query.get("cell").split_once(' ')?;
     Some((column.parse().ok()?, path))
 }
 
-fn listed(view: &View<'_>, words: &'static DevWords, asked: &PageQuery) -> Option<Listed> {
-    let (asked_column, path) = chosen(asked)?;
+fn listed(view: &View<'_>, words: &'static DevWords, query: &PageQuery) -> Option<CellModules> {
+    let (chosen_column, path) = chosen(query)?;
     let Some(NodeId::Group(id)) = view.snapshot.node(path) else { return None };
-    let in_cell = |&&module: &&ModuleId| column(view.snapshot.module(module).0) == asked_column;
+    let in_cell = |&&module: &&ModuleId| column(view.snapshot.module(module).0) == chosen_column;
     let (info, _) = view.snapshot.group(id);
     let mut modules: Vec<ModuleId> = info.modules.iter().filter(in_cell).copied().collect();
-    let way = match asked_column {
+    let way = match chosen_column {
         0 => vec![words.isolated, words.meta],
         1 => vec![words.isolated, words.content],
         2 => vec![words.contextual, words.meta],
@@ -191,7 +191,7 @@ fn listed(view: &View<'_>, words: &'static DevWords, asked: &PageQuery) -> Optio
         let state = view.snapshot.module(id).1.state;
         (NodeLink::of(view, NodeId::Module(id)), state.as_str(), view.lang.state(state))
     };
-    let part = |of_components: bool| Part {
+    let part = |of_components: bool| TechniqueModules {
         name: if of_components { words.components } else { words.data_streams },
         modules: modules
             .iter()
@@ -199,7 +199,7 @@ fn listed(view: &View<'_>, words: &'static DevWords, asked: &PageQuery) -> Optio
             .map(module)
             .collect(),
     };
-    Some(Listed {
+    Some(CellModules {
         title: format!("{}: {}", view.group_name(id), way.join(", ").to_lowercase()),
         parts: [true, false].map(part).into_iter().filter(|part| !part.modules.is_empty()).collect(),
         more: (more > 0).then(|| view.lang.and_more(more)),

@@ -10,7 +10,7 @@ use askama::Template;
 use axum::response::Html;
 
 use super::page_query::address;
-use super::visit::Visit;
+use super::request::PageRequest;
 use super::{DevFrame, Page, PageQuery, why_address};
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::{GroupInfo, Reason};
@@ -19,11 +19,11 @@ use crate::picture::graph::{self, Arrow, Drawing, GroupBox, Label, Row, Style, T
 use crate::picture::svg::Attributes;
 use crate::runtime::Published;
 use crate::web::view::node_names::reason_word;
-use crate::web::view::page::frame::Frame;
+use crate::web::view::page::frame::PageFrame;
 use crate::web::view::text::{NAME, clean};
 use crate::web::view::{PageContext, View, html};
 use links::Link;
-use open::Open;
+use open::OpenGroups;
 
 const RENEW_MS: u32 = 0;
 /// Modules drawn in one group that is open: fewer where many are, so that all of them are no more
@@ -51,20 +51,20 @@ const STYLE: Style = Style {
 #[derive(Template)]
 #[template(path = "developer/graph.html")]
 struct GraphHtml {
-    frame: Frame,
+    frame: PageFrame,
     dev: DevFrame,
     drawing: Drawing,
     left_out: Vec<(String, String)>,
 }
 
 /// `GET /developer/graph?open=GROUP`
-pub async fn get(visit: Visit) -> Html<String> {
-    Html(page(&visit.published, &visit.context, &visit.asked))
+pub async fn get(request: PageRequest) -> Html<String> {
+    Html(page(&request.published, &request.context, &request.query))
 }
 
-pub fn page(published: &Published, context: &PageContext, asked: &PageQuery) -> String {
+pub fn page(published: &Published, context: &PageContext, query: &PageQuery) -> String {
     let view = &View::new(published, context.lang, false);
-    let mut graph = Graph::of(view, asked);
+    let mut graph = Graph::of(view, query);
     let layout = &view.snapshot.layout;
     let beyond = graph.tops.split_off(graph.tops.len().min(BOXES));
     for top in graph.tops.clone() {
@@ -85,23 +85,23 @@ pub fn page(published: &Published, context: &PageContext, asked: &PageQuery) -> 
 
 struct Graph<'a> {
     view: &'a View<'a>,
-    open: Open<'a>,
+    open: OpenGroups<'a>,
     /// Modules drawn in each group that is open.
     each: usize,
-    /// What stands for each group and module in the picture.
+    /// The node that is drawn for each group and module.
     groups: Vec<Option<NodeId>>,
     modules: Vec<Option<NodeId>>,
     tops: Vec<GroupId>,
 }
 
 impl<'a> Graph<'a> {
-    fn of(view: &'a View<'a>, asked: &'a PageQuery) -> Graph<'a> {
+    fn of(view: &'a View<'a>, query: &'a PageQuery) -> Graph<'a> {
         let layout = &view.snapshot.layout;
         let is_there = |id: &GroupId| {
             let group = &layout.groups[id.0 as usize];
             group.parent.is_none() && !(group.is_other && group.modules.is_empty())
         };
-        let open = Open::of(view, asked);
+        let open = OpenGroups::of(view, query);
         let opened = layout.groups.iter().filter(|group| open.is(&group.path)).count().max(1);
         Graph {
             view,
@@ -155,7 +155,7 @@ impl<'a> Graph<'a> {
         }
     }
 
-    /// What is hot is drawn last, over the rest.
+    /// Hot arrows are drawn last, over the others.
     fn arrows(&self) -> Vec<Arrow> {
         let name = |node: NodeId| clean(self.view.snapshot.node_name(node), 2 * NAME);
         let mut links: Vec<((NodeId, NodeId), Link)> = self.links().into_iter().collect();
@@ -179,7 +179,7 @@ impl<'a> Graph<'a> {
         let name = self.view.group_name(id);
         let state = self.view.lang.state(group.state);
         let because = self.view.reason(NodeId::Group(id), group.reason.as_ref());
-        // Of what is ignored nothing counts.
+        // No member of an ignored group counts.
         let count = match group.counted {
             0 => "\u{2013}".to_owned(),
             counted => format!("{}/{counted}", group.ok),

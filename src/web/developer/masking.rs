@@ -4,13 +4,13 @@ use askama::Template;
 
 use axum::response::Html;
 
-use super::visit::Visit;
+use super::request::PageRequest;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::Reason;
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use crate::runtime::Published;
-use crate::web::view::page::frame::Frame;
+use crate::web::view::page::frame::PageFrame;
 use crate::web::view::text::{MESSAGE, clean};
 use crate::web::view::{PageContext, View, html};
 
@@ -22,10 +22,10 @@ use super::{DevFrame, NodeLink, Page, PageQuery};
 const ROWS: usize = 40;
 /// Root causes named beside one node.
 const NAMED: usize = 6;
-/// For how long a module has been silent counts on.
+/// The durations of silences count on.
 const RENEW_MS: u32 = 1000;
 
-struct Row {
+struct HiddenRow {
     node: NodeLink,
     is_group: bool,
     by: Vec<NodeLink>,
@@ -37,23 +37,24 @@ struct Row {
     message: String,
 }
 
-/// What a table is called, its counter, and its field in the address.
-struct Kind {
+/// The ids of a table and of its counter, and its field in the address.
+struct TableKind {
     id: &'static str,
     counter: &'static str,
     field: &'static str,
 }
 
-const MASKED: Kind = Kind { id: "masked", counter: "masked-count", field: "page" };
-const NOT_RELEVANT: Kind = Kind { id: "not-relevant", counter: "not-relevant-count", field: "page-idle" };
+const MASKED: TableKind = TableKind { id: "masked", counter: "masked-count", field: "page" };
+const NOT_RELEVANT: TableKind =
+    TableKind { id: "not-relevant", counter: "not-relevant-count", field: "page-idle" };
 
 /// The hidden nodes of one kind, the worst and then the oldest first.
-struct Table {
+struct HiddenTable {
     id: &'static str,
     title: &'static str,
     nothing: &'static str,
     masked: bool,
-    rows: Vec<Row>,
+    rows: Vec<HiddenRow>,
     pager: Pager,
     /// Nodes that report an ERROR behind what they show.
     behind: usize,
@@ -62,29 +63,29 @@ struct Table {
 #[derive(Template)]
 #[template(path = "developer/masking.html")]
 struct MaskingHtml {
-    frame: Frame,
+    frame: PageFrame,
     dev: DevFrame,
     filter: String,
-    tables: [Table; 2],
+    tables: [HiddenTable; 2],
 }
 
 /// `GET /developer/masking?q=TEXT&page=N&page-idle=N`
-pub async fn get(visit: Visit) -> Html<String> {
-    Html(page(&visit.published, &visit.context, &visit.asked))
+pub async fn get(request: PageRequest) -> Html<String> {
+    Html(page(&request.published, &request.context, &request.query))
 }
 
-pub fn page(published: &Published, context: &PageContext, asked: &PageQuery) -> String {
+pub fn page(published: &Published, context: &PageContext, query: &PageQuery) -> String {
     let view = &View::new(published, context.lang, false);
     let words = DevWords::of(context.lang);
-    let hidden = hidden(view, &asked.get("q").to_lowercase());
+    let hidden = hidden(view, &query.get("q").to_lowercase());
     let (masked, irrelevant): (Vec<_>, Vec<_>) = hidden.into_iter().partition(|hidden| hidden.masked);
     html(&MaskingHtml {
         frame: super::frame(context),
         dev: DevFrame::new(view, context, Page::Masking, RENEW_MS),
-        filter: clean(asked.get("q"), MESSAGE),
+        filter: clean(query.get("q"), MESSAGE),
         tables: [
-            table(view, asked, &MASKED, (words.masked, words.nothing_masked), masked),
-            table(view, asked, &NOT_RELEVANT, (words.not_relevant, words.nothing_irrelevant), irrelevant),
+            table(view, query, &MASKED, (words.masked, words.nothing_masked), masked),
+            table(view, query, &NOT_RELEVANT, (words.not_relevant, words.nothing_irrelevant), irrelevant),
         ],
     })
 }
@@ -117,13 +118,13 @@ fn hidden(view: &View<'_>, filter: &str) -> Vec<Hidden> {
 
 fn table(
     view: &View<'_>,
-    asked: &PageQuery,
-    kind: &Kind,
+    query: &PageQuery,
+    kind: &TableKind,
     (title, nothing): (&'static str, &'static str),
     hidden: Vec<Hidden>,
-) -> Table {
-    let (pager, shown) = Pager::of(asked, kind.counter, kind.field, hidden.len(), ROWS);
-    Table {
+) -> HiddenTable {
+    let (pager, shown) = Pager::of(query, kind.counter, kind.field, hidden.len(), ROWS);
+    HiddenTable {
         id: kind.id,
         title,
         nothing,
@@ -134,7 +135,7 @@ fn table(
     }
 }
 
-fn row(view: &View<'_>, hidden: &Hidden) -> Row {
+fn row(view: &View<'_>, hidden: &Hidden) -> HiddenRow {
     let snapshot = view.snapshot;
     let (_, reason) = snapshot.shown(hidden.node);
     let by: &[NodeId] = match reason {
@@ -146,10 +147,10 @@ fn row(view: &View<'_>, hidden: &Hidden) -> Row {
         _ => String::new(),
     };
     let message = match hidden.node {
-        NodeId::Module(id) => view.says(snapshot.module(id).1),
+        NodeId::Module(id) => view.message_text(snapshot.module(id).1),
         NodeId::Group(_) => String::new(),
     };
-    Row {
+    HiddenRow {
         node: NodeLink::of(view, hidden.node),
         is_group: matches!(hidden.node, NodeId::Group(_)),
         by: by.iter().take(NAMED).map(|&node| NodeLink::of(view, node)).collect(),

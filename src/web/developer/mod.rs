@@ -9,27 +9,29 @@ pub mod masking;
 mod page_query;
 mod pager;
 pub mod reload;
+mod request;
 pub mod statuses;
 #[cfg(test)]
 pub(in crate::web) mod tests;
 pub mod timeline;
 pub mod topics;
-mod visit;
 pub mod why;
 mod words;
 
 use crate::engine::model::{NodeId, Stage};
+use crate::engine::snapshot::ModuleView;
 
 pub use audit::AuditPage;
 pub use page_query::PageQuery;
 pub use timeline::Window;
 
-use super::view::page::frame::Frame;
-use super::view::text::{NAME, clean};
+use super::view::page::frame::PageFrame;
+use super::view::text::{NAME, VALUE, clean};
+use super::view::trends::Trend;
 use super::view::{PageContext, View};
 use words::DevWords;
 
-/// A page of the developer's.
+/// A developer page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Page {
     Statuses,
@@ -82,7 +84,7 @@ impl Page {
 }
 
 /// A page in the navigation.
-struct Way {
+struct NavLink {
     path: &'static str,
     word: &'static str,
     /// The key that leads there.
@@ -90,13 +92,13 @@ struct Way {
     here: bool,
 }
 
-/// What every developer's page is framed by.
+/// The frame of every developer page.
 struct DevFrame {
     words: &'static DevWords,
     title: String,
     /// Where it stands in the navigation.
     path: &'static str,
-    ways: Vec<Way>,
+    links: Vec<NavLink>,
     vehicle: String,
     stage: &'static str,
     stage_word: &'static str,
@@ -106,10 +108,10 @@ struct DevFrame {
     at: String,
     seq: u64,
     revision: u64,
-    /// Milliseconds after which the page asks anew though nothing was said to have changed; zero
-    /// where nothing changes unsaid.
+    /// Milliseconds after which the page asks again without news, because times in it count on; zero if
+    /// none do.
     renew_ms: u32,
-    /// What it shows is no present, and does not change by itself.
+    /// The content does not change by itself: it is from the past, or complete.
     fixed: bool,
 }
 
@@ -118,7 +120,7 @@ impl DevFrame {
         let snapshot = view.snapshot;
         let words = DevWords::of(context.lang);
         let known = Page::ALL.into_iter().filter(|&it| it != Page::Configuration || context.configuration);
-        let ways = known.enumerate().map(|(index, it)| Way {
+        let links = known.enumerate().map(|(index, it)| NavLink {
             path: it.path(),
             word: it.word(words),
             key: index + 1,
@@ -128,7 +130,7 @@ impl DevFrame {
             words,
             title: page.word(words).to_owned(),
             path: page.path(),
-            ways: ways.collect(),
+            links: links.collect(),
             vehicle: view.lang.pick(&snapshot.layout.vehicle_name, NAME),
             stage: snapshot.stage.as_str(),
             stage_word: view.lang.stage(snapshot.stage, snapshot.overall),
@@ -144,8 +146,8 @@ impl DevFrame {
     }
 }
 
-fn frame(context: &PageContext) -> Frame {
-    Frame { part: context.part, ..Frame::new(context.lang, context.palette) }
+fn frame(context: &PageContext) -> PageFrame {
+    PageFrame { part: context.part, ..PageFrame::new(context.lang, context.palette) }
 }
 
 /// A link to the page of one node.
@@ -161,7 +163,28 @@ impl NodeLink {
     }
 }
 
-/// Where a page says why a node shows what it shows. The name goes as it is: cleaned, it would be another.
+/// The address of the page that explains a node. The name is not cleaned, because a cleaned one could be another node's.
 fn why_address(name: &str) -> String {
     format!("/developer/why{}", page_query::address([("node", name)].into_iter()))
+}
+
+/// A value of a report, with its last minutes if it is a number.
+struct ReportValue {
+    key: String,
+    value: String,
+    trend: Option<Trend>,
+}
+
+/// The first `count` values of a report, each in so many letters.
+fn report_values(
+    module: &ModuleView,
+    count: usize,
+    letters: usize,
+    mut past: Vec<Trend>,
+) -> Vec<ReportValue> {
+    let value = |(key, value): &(Box<str>, Box<str>)| {
+        let trend = past.iter().position(|trend| *trend.key == **key).map(|index| past.swap_remove(index));
+        ReportValue { key: clean(key, VALUE), value: clean(value, letters), trend }
+    };
+    module.report.values.iter().take(count).map(value).collect()
 }

@@ -5,12 +5,12 @@ use std::fmt::Write as _;
 
 use crate::web::view::text::clean;
 
-/// Fields of one address; what is beyond is not looked at.
+/// Fields that are read; more are ignored.
 const PAIRS: usize = 64;
 /// Letters of one value.
 const LETTERS: usize = 400;
 
-/// The fields of a query in their order, names more than once if they were written so.
+/// The fields of an address in their order; a name may stand there more than once.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct PageQuery(Vec<(String, String)>);
 
@@ -35,13 +35,13 @@ impl PageQuery {
         self.get(name).parse().ok()
     }
 
-    /// The address of this page with one field set anew; without it where `value` is empty.
+    /// The address of this page with another value of a field; without the field if `value` is empty.
     pub fn with(&self, name: &str, value: &str) -> String {
         let kept = self.0.iter().filter(|(key, _)| key != name);
         address(kept.map(pair).chain([(name, value)]))
     }
 
-    /// The address of this page with one value of a field more, or without it if it is there.
+    /// The address of this page with a value of a field added, or removed if it is there.
     pub fn toggled(&self, name: &str, value: &str) -> String {
         let there = self.0.iter().any(|(key, old)| key == name && old == value);
         let kept = self.0.iter().filter(|(key, old)| key != name || old != value);
@@ -49,7 +49,7 @@ impl PageQuery {
         address(kept.map(pair).chain(more))
     }
 
-    /// These fields for a form that has to keep them. What cannot be seen cannot stand in a page.
+    /// These fields, for a form that keeps them; without values that contain invisible characters.
     pub fn kept(&self, names: &[&'static str]) -> Vec<(&'static str, String)> {
         let values = |&name: &&'static str| self.all(name).map(move |value| (name, value));
         let visible = names.iter().flat_map(values).filter(|(_, value)| is_clean(value));
@@ -71,7 +71,7 @@ fn pair((name, value): &(String, String)) -> (&str, &str) {
     (name, value)
 }
 
-/// `?a=1&b=2`, of what is not empty.
+/// `?a=1&b=2`, without empty values.
 pub fn address<'a>(pairs: impl Iterator<Item = (&'a str, &'a str)>) -> String {
     let mut out = String::from("?");
     for (name, value) in pairs.filter(|(_, value)| !value.is_empty()) {
@@ -100,25 +100,25 @@ fn encode(out: &mut String, text: &str) {
 mod tests {
     use super::*;
 
-    fn asked(pairs: &[(&str, &str)]) -> PageQuery {
+    fn query(pairs: &[(&str, &str)]) -> PageQuery {
         PageQuery::of(pairs.iter().map(|&(key, value)| (key.to_owned(), value.to_owned())).collect())
     }
 
     #[test]
     fn addresses_keep_what_they_do_not_change() {
-        let asked = asked(&[("q", "a b"), ("pin", "x/y"), ("pin", "z"), ("page", "3"), ("level", "")]);
-        assert_eq!(asked.with("page", "4"), "?q=a%20b&pin=x%2Fy&pin=z&page=4");
-        assert_eq!(asked.with("q", ""), "?pin=x%2Fy&pin=z&page=3");
-        assert_eq!(asked.toggled("pin", "z"), "?q=a%20b&pin=x%2Fy&page=3");
-        assert_eq!(asked.toggled("pin", "\"&<é"), "?q=a%20b&pin=x%2Fy&pin=z&page=3&pin=%22%26%3C%C3%A9");
-        assert_eq!(asked.without(&["pin", "page"]), "?q=a%20b");
-        assert_eq!((asked.get("pin"), asked.number("page"), asked.number("q")), ("x/y", Some(3), None));
+        let query = query(&[("q", "a b"), ("pin", "x/y"), ("pin", "z"), ("page", "3"), ("level", "")]);
+        assert_eq!(query.with("page", "4"), "?q=a%20b&pin=x%2Fy&pin=z&page=4");
+        assert_eq!(query.with("q", ""), "?pin=x%2Fy&pin=z&page=3");
+        assert_eq!(query.toggled("pin", "z"), "?q=a%20b&pin=x%2Fy&page=3");
+        assert_eq!(query.toggled("pin", "\"&<é"), "?q=a%20b&pin=x%2Fy&pin=z&page=3&pin=%22%26%3C%C3%A9");
+        assert_eq!(query.without(&["pin", "page"]), "?q=a%20b");
+        assert_eq!((query.get("pin"), query.number("page"), query.number("q")), ("x/y", Some(3), None));
     }
 
     #[test]
     fn an_endless_address_is_cut() {
         let many: Vec<_> = (0..1000).map(|index| ("pin".to_owned(), index.to_string())).collect();
         assert_eq!(PageQuery::of(many).all("pin").count(), PAIRS);
-        assert_eq!(asked(&[("q", &"x".repeat(LETTERS + 1))]).get("q"), "");
+        assert_eq!(query(&[("q", &"x".repeat(LETTERS + 1))]).get("q"), "");
     }
 }

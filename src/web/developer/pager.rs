@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::PageQuery;
 
 pub struct Pager {
-    /// By which a program finds how many there are.
+    /// The `id` of the element that has the number of rows.
     pub id: &'static str,
     /// Counted from 1; 0 where there is nothing.
     pub first: usize,
@@ -16,20 +16,19 @@ pub struct Pager {
 }
 
 impl Pager {
-    /// The part that the address asks for in `field`, and which rows it has. A page that is not there
-    /// is the nearest that is.
+    /// The page that the address names in `field`, or the nearest that exists, with the range of its rows.
     pub fn of(
-        asked: &PageQuery,
+        query: &PageQuery,
         id: &'static str,
         field: &str,
         count: usize,
         rows: usize,
     ) -> (Pager, Range<usize>) {
         let pages = count.div_ceil(rows).max(1);
-        let asked_for = usize::try_from(asked.number(field).unwrap_or(1)).unwrap_or(pages);
-        let page = asked_for.clamp(1, pages);
+        let wanted = usize::try_from(query.number(field).unwrap_or(1)).unwrap_or(pages);
+        let page = wanted.clamp(1, pages);
         let shown = (page - 1) * rows..(page * rows).min(count);
-        let to = |page: usize| asked.with(field, &page.to_string());
+        let to = |page: usize| query.with(field, &page.to_string());
         let pager = Pager {
             id,
             first: if count == 0 { 0 } else { shown.start + 1 },
@@ -41,7 +40,7 @@ impl Pager {
         (pager, shown)
     }
 
-    /// Whether there is more than one part.
+    /// Whether there is more than one page.
     pub fn is_needed(&self) -> bool {
         self.previous.is_some() || self.next.is_some()
     }
@@ -63,8 +62,8 @@ mod tests {
             ("18446744073709551615", 21, 20..21, 21, (true, false)),
             ("0", 21, 0..10, 1, (false, true)),
         ] {
-            let asked = PageQuery::of(vec![("page".to_owned(), page.to_owned())]);
-            let (pager, range) = Pager::of(&asked, "", "page", count, 10);
+            let query = PageQuery::of(vec![("page".to_owned(), page.to_owned())]);
+            let (pager, range) = Pager::of(&query, "", "page", count, 10);
             let has = (pager.previous.is_some(), pager.next.is_some());
             assert_eq!((range, pager.first, has), (shown, first, ways), "{page} of {count}");
         }

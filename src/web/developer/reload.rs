@@ -17,7 +17,7 @@ use crate::web::http::guard::bearer;
 use crate::web::http::respond::{Speaks, json_answer, refusal};
 
 use super::configuration::{self, reread};
-use super::visit::Visit;
+use super::request::PageRequest;
 
 /// What the page with the button showed.
 #[derive(Debug, Deserialize)]
@@ -32,14 +32,14 @@ pub async fn post(
     State(app): State<AppState>,
     peer: Option<Extension<Peer>>,
     headers: HeaderMap,
-    visit: Visit,
+    request: PageRequest,
     form: Result<Form<ReloadForm>, FormRejection>,
 ) -> Response {
     let shown = form.ok().and_then(|Form(form)| form.shown);
     // A request that does not say which page it looks at was shown nothing.
     let shown = if bearer(&headers).is_some() { shown } else { Some(shown.unwrap_or_default()) };
     let record = Record::of_session(
-        &visit.session,
+        &request.session,
         Action::Configuration,
         source_of(peer.map(|Extension(peer)| peer)),
     );
@@ -47,7 +47,7 @@ pub async fn post(
     let taking = tokio::spawn(have_taken(app, shown, record));
     let (read, found) = match taking.await.unwrap_or(Err(HttpError::Unavailable)) {
         Ok(taken) => taken,
-        Err(trouble) => return refusal(&visit.reader, trouble),
+        Err(trouble) => return refusal(&request.reader, trouble),
     };
     let status = match found {
         Found::Wrong => StatusCode::UNPROCESSABLE_ENTITY,
@@ -55,7 +55,7 @@ pub async fn post(
         Found::Same | Found::Different => StatusCode::OK,
     };
     let is_other = found == Found::Other;
-    match visit.reader.speaks {
+    match request.reader.speaks {
         Speaks::Json => {
             let Rereading { taken, differences, problems, warnings, digest, .. } = read;
             let answer = json!({
@@ -65,8 +65,9 @@ pub async fn post(
             json_answer(status, &answer)
         }
         Speaks::Html => {
-            let (visit, offer) = (&visit, Some(is_other));
-            let page = configuration::page(&visit.published, &read, offer, &visit.context, &visit.asked);
+            let (request, offer) = (&request, Some(is_other));
+            let page =
+                configuration::page(&request.published, &read, offer, &request.context, &request.query);
             (status, Html(page)).into_response()
         }
     }

@@ -10,7 +10,7 @@ use axum::response::Html;
 
 use crate::web::AppState;
 
-use super::visit::Visit;
+use super::request::PageRequest;
 use crate::engine::input::TroubleKind;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::{ModuleInfo, ModuleView};
@@ -18,14 +18,14 @@ use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use crate::runtime::Published;
 use crate::web::view::node_names::reason_word;
-use crate::web::view::page::frame::Frame;
+use crate::web::view::page::frame::PageFrame;
 use crate::web::view::text::{MESSAGE, NAME, VALUE, clean};
-use crate::web::view::trends::{POINTS_SMALL, Trend};
+use crate::web::view::trends::POINTS_SMALL;
 use crate::web::view::{Lang, PageContext, Trends, View, html};
 
 use super::pager::Pager;
 use super::words::DevWords;
-use super::{DevFrame, Page, PageQuery, why_address};
+use super::{DevFrame, Page, PageQuery, ReportValue, report_values, why_address};
 
 /// Rows of one page of the table.
 const ROWS: usize = 30;
@@ -33,7 +33,7 @@ const ROWS: usize = 30;
 const PINS: usize = 20;
 const VALUES: usize = 5;
 const TROUBLES: usize = 12;
-/// Ages change without anything else.
+/// Ages count on without news.
 const RENEW_MS: u32 = 1000;
 
 /// The columns by which the table can be sorted.
@@ -47,13 +47,7 @@ struct Trouble {
     text: String,
 }
 
-struct Value {
-    key: String,
-    value: String,
-    trend: Option<Trend>,
-}
-
-struct Row {
+struct StatusRow {
     id: String,
     why: String,
     pin: String,
@@ -69,11 +63,11 @@ struct Row {
     silent: bool,
     class: String,
     message: String,
-    values: Vec<Value>,
+    values: Vec<ReportValue>,
     more_values: usize,
 }
 
-/// The head of a column: what a click on it asks for.
+/// The head of a column, with the address that sorts by it.
 struct Column {
     name: &'static str,
     word: &'static str,
@@ -82,7 +76,7 @@ struct Column {
     sorted: &'static str,
 }
 
-struct Choice {
+struct FilterOption {
     value: String,
     word: String,
     chosen: bool,
@@ -91,11 +85,11 @@ struct Choice {
 #[derive(Template)]
 #[template(path = "developer/statuses.html")]
 struct StatusesHtml {
-    frame: Frame,
+    frame: PageFrame,
     dev: DevFrame,
     filter: String,
-    levels: Vec<Choice>,
-    groups: Vec<Choice>,
+    levels: Vec<FilterOption>,
+    groups: Vec<FilterOption>,
     /// Fields of the address that the form has to keep.
     kept: Vec<(&'static str, String)>,
     troubles: Vec<Trouble>,
@@ -103,32 +97,32 @@ struct StatusesHtml {
     counters: [(&'static str, u64); 9],
     signals: Vec<(String, &'static str)>,
     columns: Vec<Column>,
-    pinned: Vec<Row>,
-    rows: Vec<Row>,
+    pinned: Vec<StatusRow>,
+    rows: Vec<StatusRow>,
     pager: Pager,
 }
 
 /// `GET /developer?q=TEXT&level=STATE&group=PATH&sort=COLUMN&desc=1&page=N&pin=MODULE`
-pub async fn get(extract::State(app): extract::State<AppState>, visit: Visit) -> Html<String> {
-    Html(page(&visit.published, &visit.context, &visit.asked, &app.trends))
+pub async fn get(extract::State(app): extract::State<AppState>, request: PageRequest) -> Html<String> {
+    Html(page(&request.published, &request.context, &request.query, &app.trends))
 }
 
-pub fn page(published: &Published, context: &PageContext, asked: &PageQuery, trends: &Trends) -> String {
+pub fn page(published: &Published, context: &PageContext, query: &PageQuery, trends: &Trends) -> String {
     let view = &View::new(published, context.lang, false);
     let words = DevWords::of(context.lang);
     let dev = DevFrame::new(view, context, Page::Statuses, RENEW_MS);
     let snapshot = view.snapshot;
-    let mut modules: Vec<ModuleId> = Wanted::of(view, asked).modules();
-    sort(view, asked, &mut modules);
-    let (pager, shown) = Pager::of(asked, "matching", "page", modules.len(), ROWS);
-    let pins: Vec<&str> = asked.all("pin").take(PINS).collect();
-    let row = |id: ModuleId| row(view, id, asked, &pins, trends);
-    let rows: Vec<Row> = modules[shown].iter().map(|&id| row(id)).collect();
+    let mut modules: Vec<ModuleId> = StatusFilter::of(view, query).modules();
+    sort(view, query, &mut modules);
+    let (pager, shown) = Pager::of(query, "matching", "page", modules.len(), ROWS);
+    let pins: Vec<&str> = query.all("pin").take(PINS).collect();
+    let row = |id: ModuleId| row(view, id, query, &pins, trends);
+    let rows: Vec<StatusRow> = modules[shown].iter().map(|&id| row(id)).collect();
     html(&StatusesHtml {
-        filter: clean(asked.get("q"), MESSAGE),
-        levels: levels(view, words, asked),
-        groups: groups(view, words, asked),
-        kept: asked.kept(&["sort", "desc", "pin"]),
+        filter: clean(query.get("q"), MESSAGE),
+        levels: levels(view, words, query),
+        groups: groups(view, words, query),
+        kept: query.kept(&["sort", "desc", "pin"]),
         troubles: if dev.locked { Vec::new() } else { troubles(view, words) },
         more_troubles: snapshot.reception.len().saturating_sub(TROUBLES),
         counters: [
@@ -143,7 +137,7 @@ pub fn page(published: &Published, context: &PageContext, asked: &PageQuery, tre
             (words.dropped_samples, snapshot.counters.dropped_samples),
         ],
         signals: snapshot.signals.iter().map(|(name, value)| (clean(name, NAME), signal(*value))).collect(),
-        columns: columns(words, asked),
+        columns: columns(words, query),
         pinned: pins.iter().filter_map(|name| module_of(view, name)).map(row).collect(),
         pager,
         rows,
@@ -159,39 +153,39 @@ fn module_of(view: &View<'_>, name: &str) -> Option<ModuleId> {
     }
 }
 
-/// What the filter asks for.
-struct Wanted<'a> {
+/// The filter of the table.
+struct StatusFilter<'a> {
     view: &'a View<'a>,
     text: String,
     level: &'a str,
     group: &'a str,
 }
 
-impl<'a> Wanted<'a> {
-    fn of(view: &'a View<'a>, asked: &'a PageQuery) -> Wanted<'a> {
-        let text = asked.get("q").to_lowercase();
-        Wanted { view, text, level: asked.get("level"), group: asked.get("group") }
+impl<'a> StatusFilter<'a> {
+    fn of(view: &'a View<'a>, query: &'a PageQuery) -> StatusFilter<'a> {
+        let text = query.get("q").to_lowercase();
+        StatusFilter { view, text, level: query.get("level"), group: query.get("group") }
     }
 
     /// In the order of the groups; those of `other` come last.
     fn modules(&self) -> Vec<ModuleId> {
         let groups = self.view.snapshot.layout.groups.iter().filter(|group| is_in(&group.path, self.group));
         let modules = groups.flat_map(|group| group.modules.iter().copied());
-        modules.filter(|&id| self.wants(id)).collect()
+        modules.filter(|&id| self.matches(id)).collect()
     }
 
-    fn wants(&self, id: ModuleId) -> bool {
+    fn matches(&self, id: ModuleId) -> bool {
         let (info, module) = self.view.snapshot.module(id);
         let level = match self.level {
             "" => true,
             "abnormal" => matches!(module.state, State::Error | State::Warning | State::Unknown),
             word => module.state.as_str() == word,
         };
-        level && (self.text.is_empty() || self.says(id, info, module))
+        level && (self.text.is_empty() || self.contains_text(id, info, module))
     }
 
-    /// Whether one of the words of its row, or what it said, holds the text.
-    fn says(&self, id: ModuleId, info: &ModuleInfo, module: &ModuleView) -> bool {
+    /// Whether its row or its report contains the text.
+    fn contains_text(&self, id: ModuleId, info: &ModuleInfo, module: &ModuleView) -> bool {
         let holds = |text: &str| contains(text, &self.text);
         let (view, report) = (self.view, &module.report);
         holds(&info.id)
@@ -202,19 +196,19 @@ impl<'a> Wanted<'a> {
             || [module.state, module.own].iter().any(|state| holds(view.lang.state(*state)))
             || holds(&class(info))
             || module.received.is_none() && holds(DevWords::of(view.lang).never)
-            || module.silent && holds(&view.says(module))
+            || module.silent && holds(&view.message_text(module))
             || module.reason.is_some() && holds(&view.reason(NodeId::Module(id), module.reason.as_ref()))
     }
 }
 
-/// Whether a group is this one or inside of it; any is where none is asked for.
+/// Whether a group is this one or inside it; every path is inside the empty one.
 fn is_in(path: &str, group: &str) -> bool {
     let rest = path.strip_prefix(group);
     group.is_empty() || rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
 }
 
-/// Whether `text` contains what is in small letters already. Nearly all that comes is ASCII and
-/// needs no copy.
+/// Whether `text` contains `lower`, in small or capital letters. ASCII, which nearly every text is, needs
+/// no copy.
 fn contains(text: &str, lower: &str) -> bool {
     if !text.is_ascii() {
         return text.to_lowercase().contains(lower);
@@ -223,8 +217,8 @@ fn contains(text: &str, lower: &str) -> bool {
     text.len() >= lower.len() && text.windows(lower.len()).any(|part| part.eq_ignore_ascii_case(lower))
 }
 
-fn sort(view: &View<'_>, asked: &PageQuery, modules: &mut [ModuleId]) {
-    let key = asked.get("sort");
+fn sort(view: &View<'_>, query: &PageQuery, modules: &mut [ModuleId]) {
+    let key = query.get("sort");
     let snapshot = view.snapshot;
     let compare = |a: ModuleId, b: ModuleId| -> Ordering {
         let ((a_info, a), (b_info, b)) = (snapshot.module(a), snapshot.module(b));
@@ -242,18 +236,18 @@ fn sort(view: &View<'_>, asked: &PageQuery, modules: &mut [ModuleId]) {
     if SORTS.contains(&key) {
         modules.sort_by(|&a, &b| compare(a, b));
     }
-    if asked.get("desc") == "1" {
+    if query.get("desc") == "1" {
         modules.reverse();
     }
 }
 
-fn columns(words: &'static DevWords, asked: &PageQuery) -> Vec<Column> {
+fn columns(words: &'static DevWords, query: &PageQuery) -> Vec<Column> {
     let heads = [words.shown, words.own, words.module, words.since, words.age, words.message];
     let column = |(name, word): (&'static str, &'static str)| {
-        let here = asked.get("sort") == name;
-        let descending = asked.get("desc") == "1";
+        let here = query.get("sort") == name;
+        let descending = query.get("desc") == "1";
         // A third click leaves the order of the configuration.
-        let kept = asked.without(&["page", "sort", "desc"]);
+        let kept = query.without(&["page", "sort", "desc"]);
         let more = match (here, descending) {
             (false, _) => format!("sort={name}"),
             (true, false) => format!("sort={name}&desc=1"),
@@ -270,22 +264,26 @@ fn columns(words: &'static DevWords, asked: &PageQuery) -> Vec<Column> {
     SORTS.into_iter().zip(heads).map(column).collect()
 }
 
-fn levels(view: &View<'_>, words: &'static DevWords, asked: &PageQuery) -> Vec<Choice> {
+fn levels(view: &View<'_>, words: &'static DevWords, query: &PageQuery) -> Vec<FilterOption> {
     let states = State::ALL.iter().rev().map(|state| (state.as_str(), view.lang.state(*state)));
     let all = [("", words.all_states), ("abnormal", words.abnormal)].into_iter().chain(states);
-    let chosen = |value: &str| asked.get("level") == value;
-    all.map(|(value, word)| Choice { value: value.to_owned(), word: word.to_owned(), chosen: chosen(value) })
-        .collect()
+    let chosen = |value: &str| query.get("level") == value;
+    all.map(|(value, word)| FilterOption {
+        value: value.to_owned(),
+        word: word.to_owned(),
+        chosen: chosen(value),
+    })
+    .collect()
 }
 
-fn groups(view: &View<'_>, words: &'static DevWords, asked: &PageQuery) -> Vec<Choice> {
-    let group = |(index, path): (usize, &str)| Choice {
+fn groups(view: &View<'_>, words: &'static DevWords, query: &PageQuery) -> Vec<FilterOption> {
+    let group = |(index, path): (usize, &str)| FilterOption {
         value: path.to_owned(),
         word: format!("{} ({})", view.group_name(GroupId(index as u32)), clean(path, NAME)),
-        chosen: asked.get("group") == path,
+        chosen: query.get("group") == path,
     };
     let layout = &view.snapshot.layout;
-    let all = Choice { value: String::new(), word: words.all_groups.to_owned(), chosen: false };
+    let all = FilterOption { value: String::new(), word: words.all_groups.to_owned(), chosen: false };
     let groups = layout.groups.iter().map(|group| &*group.path).enumerate().map(group);
     std::iter::once(all).chain(groups).collect()
 }
@@ -314,17 +312,12 @@ fn signal(value: Option<bool>) -> &'static str {
     }
 }
 
-fn row(view: &View<'_>, id: ModuleId, asked: &PageQuery, pins: &[&str], trends: &Trends) -> Row {
+fn row(view: &View<'_>, id: ModuleId, query: &PageQuery, pins: &[&str], trends: &Trends) -> StatusRow {
     let (info, module) = view.snapshot.module(id);
-    let mut past = trends.of(id.0 as usize, &info.id, POINTS_SMALL);
-    let values = module.report.values.iter().take(VALUES).map(|(key, value)| {
-        let trend = past.iter().position(|trend| *trend.key == **key).map(|index| past.swap_remove(index));
-        Value { key: clean(key, VALUE), value: clean(value, VALUE), trend }
-    });
-    Row {
+    StatusRow {
         id: clean(&info.id, 2 * NAME),
         why: why_address(&info.id),
-        pin: asked.toggled("pin", &info.id),
+        pin: query.toggled("pin", &info.id),
         pinned: pins.contains(&&*info.id),
         state: module.state.as_str(),
         word: view.lang.state(module.state),
@@ -336,8 +329,8 @@ fn row(view: &View<'_>, id: ModuleId, asked: &PageQuery, pins: &[&str], trends: 
         age: module.received.map_or_else(|| DevWords::of(view.lang).never.to_owned(), |then| age(view, then)),
         silent: module.silent,
         class: class(info),
-        message: view.says(module),
-        values: values.collect(),
+        message: view.message_text(module),
+        values: report_values(module, VALUES, VALUE, trends.of(id.0 as usize, &info.id, POINTS_SMALL)),
         more_values: module.report.values.len().saturating_sub(VALUES),
     }
 }

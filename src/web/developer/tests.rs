@@ -8,7 +8,7 @@ use crate::engine::time::Timestamp;
 use crate::runtime::Published;
 use crate::web::view::tests::sample::{Sample, group, module, parts};
 use crate::web::view::tests::{context, jump, operator_page};
-use crate::web::view::{Lang, PageContext, Palette, Part, Trends};
+use crate::web::view::{Lang, PageContext, PagePart, Palette, Trends};
 
 use crate::engine::discovery::{Discovery, Endpoint, TopicSeen};
 use crate::engine::event::Said;
@@ -23,13 +23,13 @@ use crate::engine::time::Span;
 use crate::runtime::{ConfigurationText, Rereading};
 use crate::store::{NodePast, Past, PastEvent, Period, Stretch};
 
-pub fn asked(pairs: &[(&str, &str)]) -> PageQuery {
+pub fn query(pairs: &[(&str, &str)]) -> PageQuery {
     PageQuery::of(pairs.iter().map(|&(key, value)| (key.to_owned(), value.to_owned())).collect())
 }
 
 /// Every page of the developer's. What is asked for, was recorded and is read from files is `text`.
 pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&'static str, String)> {
-    let asked = asked(&[
+    let query = query(&[
         ("q", ""),
         ("pin", text),
         ("group", ""),
@@ -40,7 +40,7 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         ("open", "all"),
     ]);
     let trends = Trends::default();
-    let window = Window::of(published, &asked);
+    let window = Window::of(published, &query);
     let stretch = |from_ms: i64, state: State, cause: Option<&str>| Stretch {
         from_ms: window.query.from_ms + from_ms,
         to_ms: window.query.from_ms + from_ms + 30_000,
@@ -75,14 +75,14 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         digest: "0123".to_owned(),
     };
     let mut pages = vec![
-        ("statuses", statuses::page(published, context, &asked, &trends)),
-        ("graph", graph::page(published, context, &asked)),
-        ("timeline", timeline::page(published, context, &asked, &window, Some(&past))),
-        ("timeline-none", timeline::page(published, context, &asked, &window, None)),
-        ("masking", masking::page(published, context, &asked)),
-        ("coverage", coverage::page(published, context, &asked)),
-        ("topics", topics::page(published, context, &asked, &discovery(text))),
-        ("configuration", configuration::page(published, &read, Some(true), context, &asked)),
+        ("statuses", statuses::page(published, context, &query, &trends)),
+        ("graph", graph::page(published, context, &query)),
+        ("timeline", timeline::page(published, context, &query, &window, Some(&past))),
+        ("timeline-none", timeline::page(published, context, &query, &window, None)),
+        ("masking", masking::page(published, context, &query)),
+        ("coverage", coverage::page(published, context, &query)),
+        ("topics", topics::page(published, context, &query, &discovery(text))),
+        ("configuration", configuration::page(published, &read, Some(true), context, &query)),
     ];
     // Of a locked vehicle no node has a page.
     let locked = published.snapshot.stage == Stage::Locked;
@@ -129,7 +129,7 @@ fn holds(html: &str, parts: &[&str]) {
 
 /// The modules in the table, in its order.
 fn listed(published: &Published, pairs: &[(&str, &str)]) -> Vec<String> {
-    let html = statuses::page(published, &english(), &asked(pairs), &Trends::default());
+    let html = statuses::page(published, &english(), &query(pairs), &Trends::default());
     let rows = html.split("data-module=\"").skip(1);
     rows.map(|row| row.split('"').next().unwrap_or_default().to_owned()).collect()
 }
@@ -184,7 +184,7 @@ fn many_modules_come_in_pages_and_collapsed() {
     assert!(first.last() < second.first());
     let graph = graph::page(&published, &english(), &PageQuery::default());
     assert!(graph.len() < 20_000 && !graph.contains("g/0001"), "{}", graph.len());
-    let open = graph::page(&published, &english(), &asked(&[("open", "g")]));
+    let open = graph::page(&published, &english(), &query(&[("open", "g")]));
     assert!(open.contains("g/0001") && !open.contains("g/4000") && open.len() < 60_000);
 }
 
@@ -195,14 +195,14 @@ fn the_audit_names_what_is_hidden_and_by_whom() {
     let masked = page.split("id=\"not-relevant\"").next().unwrap_or_default();
     holds(masked, &["perception/costmap_delay", "localization/tf_quality", "350 ms late"]);
     assert!(!masked.contains(">sensors/imu<"), "{masked}");
-    let filtered = masking::page(&published, &english(), &asked(&[("q", "COSTMAP")]));
+    let filtered = masking::page(&published, &english(), &query(&[("q", "COSTMAP")]));
     assert!(filtered.contains("perception/costmap_delay") && !filtered.contains(">prediction<"));
 }
 
 #[test]
 fn the_coverage_counts_every_module_once_and_marks_what_is_empty() {
     let published = Sample::shuttle(true).published();
-    let page = coverage::page(&published, &english(), &asked(&[("cell", "1 can")]));
+    let page = coverage::page(&published, &english(), &query(&[("cell", "1 can")]));
     let all = published.snapshot.modules.len();
     holds(&page, &[&format!("<td class=\"sum\">{all}</td>"), "class=\"none\"", "can/battery"]);
     // Five columns, and no sixth where every class is in one of them.
@@ -255,7 +255,7 @@ fn techniques_are_of_components_or_of_data_streams() {
         ..parts()
     };
     let published = Sample::of(parts).published();
-    let page = |cell: &str| coverage::page(&published, &english(), &asked(&[("cell", cell)]));
+    let page = |cell: &str| coverage::page(&published, &english(), &query(&[("cell", cell)]));
     let whole = page("");
     let rows: Vec<&str> = whole.split("<tr data-technique>").skip(1).collect();
     let cells = |row: &str| -> Vec<String> {
@@ -284,7 +284,7 @@ fn techniques_are_of_components_or_of_data_streams() {
 #[test]
 fn the_graph_draws_the_path_of_a_root_cause_and_no_other_hot() {
     let lines = |published: &Published, open: &str| {
-        let page = graph::page(published, &english(), &asked(&[("open", open)]));
+        let page = graph::page(published, &english(), &query(&[("open", open)]));
         let lines = page.split("<g class=\"line\" data-hot><title>").skip(1);
         lines.map(|line| line.split('<').next().unwrap_or_default().to_owned()).collect::<Vec<_>>()
     };
@@ -306,7 +306,7 @@ fn of_many_modules_in_a_group_the_worst_are_drawn() {
         ..parts()
     };
     let published = Sample::of(parts).report("g2/299", 2, "broken", &[]).pass(4).published();
-    let graph = |pairs: &[(&str, &str)]| graph::page(&published, &english(), &asked(pairs));
+    let graph = |pairs: &[(&str, &str)]| graph::page(&published, &english(), &query(pairs));
     let all = graph(&[("open", "all")]);
     holds(&all, &["g2/200:", "g2/299: Error", "g0/0:"]);
     assert!(!all.contains("g2/298:") && !all.contains("g0/99:"), "{all}");
@@ -322,8 +322,8 @@ fn of_many_modules_in_a_group_the_worst_are_drawn() {
 fn a_part_of_a_page_is_what_the_whole_has_of_it() {
     let published = jump().pass(4).published();
     let pages_of = |part| pages(&published, &PageContext { part, ..english() }, "text");
-    let parts = pages_of(Part::Main).into_iter().zip(pages_of(Part::Content));
-    for ((name, whole), ((_, main), (_, content))) in pages_of(Part::Whole).into_iter().zip(parts) {
+    let parts = pages_of(PagePart::Main).into_iter().zip(pages_of(PagePart::Content));
+    for ((name, whole), ((_, main), (_, content))) in pages_of(PagePart::Whole).into_iter().zip(parts) {
         let (main, content) = (main.trim(), content.trim());
         assert!(main.starts_with("<main ") && main.ends_with("</main>"), "{name}: {main}");
         assert!(content.starts_with("<div id=\"dev\"") && content.ends_with("</div>"), "{name}: {content}");
@@ -334,11 +334,11 @@ fn a_part_of_a_page_is_what_the_whole_has_of_it() {
 #[test]
 fn the_timeline_draws_what_was_recorded_and_says_what_was_not() {
     let published = Sample::shuttle(true).published();
-    let live = Window::of(&published, &asked(&[("span", "100")]));
+    let live = Window::of(&published, &query(&[("span", "100")]));
     assert_eq!(live.query.to_ms - live.query.from_ms, 100_000);
     assert_eq!(live.query.nodes.len(), 8, "{:?}", live.query.nodes);
     let asks = [("node", "a/b"), ("span", "100"), ("until", "1000000"), ("at", "500")];
-    let window = Window::of(&published, &asked(&asks));
+    let window = Window::of(&published, &query(&asks));
     assert_eq!((window.query.from_ms, window.query.to_ms), (900_000, 1_000_000));
     let stretch = |from_ms, to_ms, state, cause: Option<&str>| Stretch {
         from_ms,
@@ -361,7 +361,7 @@ fn the_timeline_draws_what_was_recorded_and_says_what_was_not() {
         signals: vec![("active".to_owned(), active)],
         ..Past::default()
     };
-    let page = timeline::page(&published, &english(), &asked(&asks), &window, Some(&past));
+    let page = timeline::page(&published, &english(), &query(&asks), &window, Some(&past));
     // The ERROR before the cause showed itself is owed to it; the moment in the middle is masked.
     holds(
         &page,
@@ -379,7 +379,7 @@ fn the_timeline_draws_what_was_recorded_and_says_what_was_not() {
     );
     holds(&page, &["data-state=\"ignore\">Ignored</span> <small>a/root", "1970-01-01T00:15:50.000Z"]);
     assert!(!page.contains("silent"), "nothing was said");
-    let after = asked(&[asks[0], asks[1], asks[2]]);
+    let after = query(&[asks[0], asks[1], asks[2]]);
     let window = Window::of(&published, &after);
     let page = timeline::page(&published, &english(), &after, &window, Some(&past));
     holds(&page, &["data-state=\"none\">no record<"]);
@@ -400,9 +400,9 @@ fn the_timeline_tells_a_silence_from_an_error_that_was_reported() {
     ];
     let past = Past { nodes: vec![NodePast { name: "a/b".to_owned(), stretches }], ..Past::default() };
     let page = |lang, at| {
-        let asked = asked(&[asks[0], asks[1], asks[2], ("at", at)]);
-        let window = Window::of(&published, &asked);
-        timeline::page(&published, &context(lang, Palette::Day), &asked, &window, Some(&past))
+        let query = query(&[asks[0], asks[1], asks[2], ("at", at)]);
+        let window = Window::of(&published, &query);
+        timeline::page(&published, &context(lang, Palette::Day), &query, &window, Some(&past))
     };
     let english = page(Lang::En, "300");
     holds(&english, &[", \u{201c}silent for 2 s; last: Images &lt;arrive&gt;\u{201d}</title>"]);
@@ -441,6 +441,6 @@ fn topics_show_types_rates_and_what_does_not_match() {
             "/front_driver",
         ],
     );
-    let page = topics::page(&jump().published(), &english(), &asked(&[("q", "rear")]), &discovery("front"));
+    let page = topics::page(&jump().published(), &english(), &query(&[("q", "rear")]), &discovery("front"));
     assert!(!page.contains("data-topic"), "{page}");
 }

@@ -13,21 +13,21 @@ use axum::response::Html;
 use crate::engine::model::Stage;
 use crate::web::AppState;
 
-use super::visit::Visit;
+use super::request::PageRequest;
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use crate::picture::bars::patterns;
 use crate::picture::strips::{Axis, stamp};
 use crate::runtime::Published;
 use crate::store::{HistoryQuery, Past, PastEvent};
+use crate::web::view::page::frame::PageFrame;
 use crate::web::view::text::{NAME, clean};
-use crate::web::view::page::frame::Frame;
 use crate::web::view::{PageContext, View, html};
 
 use super::page_query::is_clean;
 use super::words::DevWords;
 use super::{DevFrame, Page, PageQuery};
-use strips::{Of, Painter, Strip};
+use strips::{Painter, Strip, StripKind};
 
 /// Strips of nodes on one page, and below them of signals.
 const STRIPS: usize = 60;
@@ -38,9 +38,9 @@ const SPAN_S: u64 = 120;
 const SPANS_S: [u64; 7] = [30, 120, 600, 3600, 6 * 3600, 24 * 3600, 7 * 24 * 3600];
 const EVENTS: usize = 100;
 const RENEW_MS: u32 = 1000;
-/// Names offered to choose from.
+/// Names in the list to choose from.
 const OFFERED: usize = 300;
-/// Where the slider stands, in thousandths of the span.
+/// The right end of the slider, in thousandths of the span.
 const AT_END: u64 = 1000;
 
 struct Event {
@@ -53,11 +53,10 @@ struct Event {
 struct Tick {
     x: String,
     at: String,
-    /// The day too, as the span is longer than one.
     text: String,
 }
 
-struct Choice {
+struct SpanOption {
     value: u64,
     word: String,
     chosen: bool,
@@ -66,19 +65,19 @@ struct Choice {
 #[derive(Template)]
 #[template(path = "developer/timeline.html")]
 struct TimelineHtml {
-    frame: Frame,
+    frame: PageFrame,
     dev: DevFrame,
     live: bool,
     /// The patterns of states; the stylesheet says their colours.
     patterns: String,
-    spans: Vec<Choice>,
+    spans: Vec<SpanOption>,
     /// Fields that the forms have to keep.
     kept: Vec<(&'static str, String)>,
     offered: Vec<String>,
     from_ms: i64,
     to_ms: i64,
     slider: u64,
-    /// Where the moment stands, if it is not the end.
+    /// The position of the selected moment, unless it is the end.
     line: Option<String>,
     moment: String,
     earlier: String,
@@ -90,7 +89,7 @@ struct TimelineHtml {
     trouble: Option<&'static str>,
 }
 
-/// The span, the moment and the nodes that an address asks for.
+/// The span, the moment and the nodes that an address names.
 pub struct Window {
     pub query: HistoryQuery,
     span_s: u64,
@@ -99,15 +98,15 @@ pub struct Window {
 }
 
 impl Window {
-    pub fn of(published: &Published, asked: &PageQuery) -> Window {
+    pub fn of(published: &Published, query: &PageQuery) -> Window {
         let now_ms = millis(published.at);
-        let span_s = asked.number("span").unwrap_or(SPAN_S).clamp(1, SPANS_S[SPANS_S.len() - 1]);
-        let until = asked.number("until").and_then(|until| i64::try_from(until).ok());
+        let span_s = query.number("span").unwrap_or(SPAN_S).clamp(1, SPANS_S[SPANS_S.len() - 1]);
+        let until = query.number("until").and_then(|until| i64::try_from(until).ok());
         let to_ms = until.unwrap_or(now_ms).min(now_ms);
         let from_ms = to_ms.saturating_sub(span_s as i64 * 1000).max(0);
         let mut nodes: Vec<String> = Vec::new();
-        // What was added last is seen, whatever there is already.
-        let named: Vec<&str> = asked.all("node").collect();
+        // The nodes that were added last are shown.
+        let named: Vec<&str> = query.all("node").collect();
         for &name in &named[named.len().saturating_sub(STRIPS)..] {
             if !nodes.iter().any(|known| known == name) {
                 nodes.push(name.to_owned());
@@ -124,7 +123,7 @@ impl Window {
         }
         let signals = published.snapshot.signals.iter().map(|(name, _)| name.to_string()).take(SIGNALS);
         let signals = signals.collect();
-        let at = asked.number("at").unwrap_or(AT_END).min(AT_END);
+        let at = query.number("at").unwrap_or(AT_END).min(AT_END);
         Window { query: HistoryQuery { nodes, signals, from_ms, to_ms }, span_s, live: until.is_none(), at }
     }
 
@@ -141,25 +140,25 @@ impl Window {
 }
 
 /// `GET /developer/timeline?node=NODE&span=SECONDS&until=MS&at=THOUSANDTHS`
-pub async fn get(extract::State(app): extract::State<AppState>, visit: Visit) -> Html<String> {
-    let Visit { published, context, asked, .. } = visit;
-    let window = Window::of(&published, &asked);
+pub async fn get(extract::State(app): extract::State<AppState>, request: PageRequest) -> Html<String> {
+    let PageRequest { published, context, query, .. } = request;
+    let window = Window::of(&published, &query);
     let past = match &app.settings.history {
-        // Locked, nothing of the vehicle is shown: not its past either.
+        // While the vehicle is locked, its past is not shown either.
         Some(history) if published.snapshot.stage != Stage::Locked => {
             let past = history.past(window.query.clone()).await;
             past.inspect_err(|error| tracing::warn!(%error, "the history cannot be read")).ok()
         }
         _ => None,
     };
-    Html(page(&published, &context, &asked, &window, past.as_ref()))
+    Html(page(&published, &context, &query, &window, past.as_ref()))
 }
 
-/// `None` of the past where it cannot be read.
+/// `past` is `None` if it cannot be read.
 pub fn page(
     published: &Published,
     context: &PageContext,
-    asked: &PageQuery,
+    query: &PageQuery,
     window: &Window,
     past: Option<&Past>,
 ) -> String {
@@ -169,8 +168,8 @@ pub fn page(
     let mut dev = DevFrame::new(view, context, Page::Timeline, RENEW_MS);
     dev.fixed = !window.live;
     let half = window.span_s as i64 * 500;
-    let shift = |to: i64| asked.with("until", &to.to_string());
-    let painter = Painter { lang: context.lang, words, window, asked };
+    let shift = |to: i64| query.with("until", &to.to_string());
+    let painter = Painter { lang: context.lang, words, window, query };
     let trouble = match past {
         None => Some(words.no_history),
         Some(past) if past.cut => Some(words.cut),
@@ -181,7 +180,7 @@ pub fn page(
         live: window.live,
         patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
         spans: spans(window),
-        kept: asked.kept(&["until", "span", "at", "node"]),
+        kept: query.kept(&["until", "span", "at", "node"]),
         offered: offered(view, nodes),
         from_ms,
         to_ms,
@@ -190,7 +189,7 @@ pub fn page(
         moment: wall(window.moment_ms()),
         earlier: shift((to_ms - half).max(0)),
         later: (!window.live).then(|| shift(to_ms + half)),
-        present: asked.without(&["until", "at"]),
+        present: query.without(&["until", "at"]),
         strips: past.map(|past| painter.strips(past)).unwrap_or_default(),
         ticks: ticks(window),
         events: past.map(|past| events(view, words, past)).unwrap_or_default(),
@@ -199,7 +198,7 @@ pub fn page(
     })
 }
 
-fn spans(window: &Window) -> Vec<Choice> {
+fn spans(window: &Window) -> Vec<SpanOption> {
     let word = |seconds: u64| match seconds {
         0..60 => format!("{seconds} s"),
         60..3600 => format!("{} min", seconds / 60),
@@ -211,7 +210,9 @@ fn spans(window: &Window) -> Vec<Choice> {
         all.push(window.span_s);
     }
     all.sort_unstable();
-    all.into_iter().map(|value| Choice { value, word: word(value), chosen: value == window.span_s }).collect()
+    all.into_iter()
+        .map(|value| SpanOption { value, word: word(value), chosen: value == window.span_s })
+        .collect()
 }
 
 /// Names that are not shown yet.
@@ -282,7 +283,7 @@ fn wall(ms: i64) -> String {
     humantime::format_rfc3339_millis(at).to_string()
 }
 
-/// `12:03:04.5` of universal time, for who has no script that says it in the time of the place.
+/// `12:03:04.5` in UTC; the page's script replaces it by local time.
 fn clock(at: Timestamp) -> String {
     let text = wall((at.as_nanos() / 1_000_000) as i64);
     text.get(11..21).unwrap_or_default().trim_end_matches(".0").to_owned()

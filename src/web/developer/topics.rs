@@ -8,10 +8,10 @@ use axum::response::Html;
 
 use crate::web::AppState;
 
-use super::visit::Visit;
+use super::request::PageRequest;
 use crate::engine::discovery::{Discovery, Endpoint, Mismatch, TopicSeen};
 use crate::runtime::Published;
-use crate::web::view::page::frame::Frame;
+use crate::web::view::page::frame::PageFrame;
 use crate::web::view::text::{MESSAGE, NAME, clean};
 use crate::web::view::{PageContext, View, html};
 
@@ -26,17 +26,17 @@ const LISTED: usize = 24;
 const NODES: usize = 500;
 const RENEW_MS: u32 = 1000;
 
-struct Side {
+struct EndpointList {
     count: usize,
-    /// Node, or participant where no node is announced, and quality; or that it is ours.
+    /// The node, or the participant if no node is announced, with its quality of service; or Telltale itself.
     listed: Vec<(String, &'static str, bool)>,
 }
 
-struct Row {
+struct TopicRow {
     name: String,
     types: Vec<String>,
     /// Publishers, then subscribers.
-    sides: [Side; 2],
+    sides: [EndpointList; 2],
     rate: Option<String>,
     mismatches: Vec<&'static str>,
 }
@@ -44,11 +44,11 @@ struct Row {
 #[derive(Template)]
 #[template(path = "developer/topics.html")]
 struct TopicsHtml {
-    frame: Frame,
+    frame: PageFrame,
     dev: DevFrame,
     filter: String,
     looked: bool,
-    rows: Vec<Row>,
+    rows: Vec<TopicRow>,
     pager: Pager,
     participants: usize,
     nodes: Vec<String>,
@@ -57,27 +57,27 @@ struct TopicsHtml {
 }
 
 /// `GET /developer/topics?q=TEXT&page=N`
-pub async fn get(State(app): State<AppState>, visit: Visit) -> Html<String> {
+pub async fn get(State(app): State<AppState>, request: PageRequest) -> Html<String> {
     let seen = app.settings.discovery.as_ref().map(|seen| seen.borrow().clone()).unwrap_or_default();
-    Html(page(&visit.published, &visit.context, &visit.asked, &seen))
+    Html(page(&request.published, &request.context, &request.query, &seen))
 }
 
-pub fn page(published: &Published, context: &PageContext, asked: &PageQuery, seen: &Discovery) -> String {
+pub fn page(published: &Published, context: &PageContext, query: &PageQuery, seen: &Discovery) -> String {
     let view = &View::new(published, context.lang, false);
     let words = DevWords::of(context.lang);
-    let filter = asked.get("q").to_lowercase();
+    let filter = query.get("q").to_lowercase();
     let wanted = |topic: &&TopicSeen| {
         let holds = |text: &str| text.to_lowercase().contains(&filter);
         filter.is_empty() || holds(&topic.name) || topic.types().into_iter().any(holds)
     };
     let mut topics: Vec<&TopicSeen> = seen.topics.iter().filter(wanted).collect();
-    // What does not come together stands first.
+    // Mismatches stand first.
     topics.sort_by_key(|topic| topic.mismatches().is_empty() && !topic.is_published_beside_us());
-    let (pager, shown) = Pager::of(asked, "matching", "page", topics.len(), ROWS);
+    let (pager, shown) = Pager::of(query, "matching", "page", topics.len(), ROWS);
     html(&TopicsHtml {
         frame: super::frame(context),
         dev: DevFrame::new(view, context, Page::Topics, RENEW_MS),
-        filter: clean(asked.get("q"), MESSAGE),
+        filter: clean(query.get("q"), MESSAGE),
         looked: seen.at.is_some(),
         pager,
         rows: topics[shown].iter().map(|topic| row(words, topic)).collect(),
@@ -88,7 +88,7 @@ pub fn page(published: &Published, context: &PageContext, asked: &PageQuery, see
     })
 }
 
-fn row(words: &'static DevWords, topic: &TopicSeen) -> Row {
+fn row(words: &'static DevWords, topic: &TopicSeen) -> TopicRow {
     let word = |mismatch: Mismatch| match mismatch {
         Mismatch::Type => words.mismatch_type,
         Mismatch::Reliability => words.mismatch_reliability,
@@ -97,20 +97,20 @@ fn row(words: &'static DevWords, topic: &TopicSeen) -> Row {
         Mismatch::Liveliness => words.mismatch_liveliness,
     };
     let twice = topic.is_published_beside_us().then_some(words.published_twice);
-    Row {
+    TopicRow {
         name: clean(&topic.name, 2 * NAME),
         types: topic.types().into_iter().map(|name| clean(name, 2 * NAME)).collect(),
         sides: [
-            side(&topic.publishers, topic.publishers.iter().any(|it| it.ours)),
-            side(&topic.subscribers, topic.rate_hz.is_some()),
+            endpoints(&topic.publishers, topic.publishers.iter().any(|it| it.ours)),
+            endpoints(&topic.subscribers, topic.rate_hz.is_some()),
         ],
         rate: topic.rate_hz.map(|rate| format!("{rate:.1} Hz")),
         mismatches: topic.mismatches().into_iter().map(word).chain(twice).collect(),
     }
 }
 
-/// Discovery tells nothing of our own: whether there is one is known otherwise.
-fn side(endpoints: &[Endpoint], ours: bool) -> Side {
+/// Discovery does not list Telltale's own endpoints: `ours` says whether there is one.
+fn endpoints(endpoints: &[Endpoint], ours: bool) -> EndpointList {
     let listed = endpoints.iter().filter(|endpoint| !endpoint.ours).take(LISTED).map(|endpoint| {
         let quality = match (endpoint.reliable, endpoint.transient_local) {
             (true, true) => "reliable, transient local",
@@ -124,5 +124,5 @@ fn side(endpoints: &[Endpoint], ours: bool) -> Side {
     });
     let own = ours.then(|| (String::new(), "", true));
     let others = endpoints.iter().filter(|endpoint| !endpoint.ours).count();
-    Side { count: others + usize::from(ours), listed: own.into_iter().chain(listed).collect() }
+    EndpointList { count: others + usize::from(ours), listed: own.into_iter().chain(listed).collect() }
 }

@@ -10,17 +10,17 @@ use crate::web::AppState;
 use crate::web::http::errors::HttpError;
 use crate::web::http::respond::refusal;
 
-use super::visit::Visit;
+use super::request::PageRequest;
 use crate::engine::model::NodeId;
 use crate::engine::state::State;
 use crate::engine::view::why::WhyStep;
 use crate::runtime::Published;
-use crate::web::view::page::frame::Frame;
-use crate::web::view::text::{MESSAGE, NAME, VALUE, clean};
-use crate::web::view::trends::{POINTS_WIDE, Trend};
+use crate::web::view::page::frame::PageFrame;
+use crate::web::view::text::{MESSAGE, NAME, clean};
+use crate::web::view::trends::POINTS_WIDE;
 use crate::web::view::{Lang, PageContext, Trends, View, html};
 
-use super::{DevFrame, NodeLink, Page};
+use super::{DevFrame, NodeLink, Page, ReportValue, report_values};
 
 /// Nodes named in one step; a group may have thousands of members.
 const NAMED: usize = 20;
@@ -28,22 +28,16 @@ const VALUES: usize = 64;
 const RENEW_MS: u32 = 1000;
 
 /// A sentence, and the nodes that it is about.
-struct Step {
+struct Explanation {
     text: String,
     nodes: Vec<NodeLink>,
     more: Option<String>,
 }
 
-struct Value {
-    key: String,
-    value: String,
-    trend: Option<Trend>,
-}
-
 #[derive(Template)]
 #[template(path = "developer/why.html")]
 struct WhyHtml {
-    frame: Frame,
+    frame: PageFrame,
     dev: DevFrame,
     node: String,
     state: &'static str,
@@ -52,9 +46,9 @@ struct WhyHtml {
     message: String,
     hardware: String,
     class: String,
-    steps: Vec<Step>,
+    steps: Vec<Explanation>,
     paths: Vec<Vec<NodeLink>>,
-    values: Vec<Value>,
+    values: Vec<ReportValue>,
     members: Vec<(NodeLink, &'static str, &'static str)>,
     more_members: Option<String>,
     /// Where the page of the timeline shows this node.
@@ -62,11 +56,11 @@ struct WhyHtml {
 }
 
 /// `GET /developer/why?node=group/module`
-pub async fn get(extract::State(app): extract::State<AppState>, visit: Visit) -> Response {
-    let Some(node) = visit.published.snapshot.node(visit.asked.get("node")) else {
-        return refusal(&visit.reader, HttpError::NotFound);
+pub async fn get(extract::State(app): extract::State<AppState>, request: PageRequest) -> Response {
+    let Some(node) = request.published.snapshot.node(request.query.get("node")) else {
+        return refusal(&request.reader, HttpError::NotFound);
     };
-    Html(page(&visit.published, node, &visit.context, &app.trends)).into_response()
+    Html(page(&request.published, node, &request.context, &app.trends)).into_response()
 }
 
 pub fn page(published: &Published, node: NodeId, context: &PageContext, trends: &Trends) -> String {
@@ -78,9 +72,9 @@ pub fn page(published: &Published, node: NodeId, context: &PageContext, trends: 
     dev.title = format!("{}: {name}", dev.words.why);
     let (state, _) = snapshot.shown(node);
     let steps = snapshot.why(node).into_iter().map(|step| {
-        let (text, nodes) = say(view, &step);
+        let (text, nodes) = explain(view, &step);
         let more = nodes.len().saturating_sub(NAMED);
-        Step {
+        Explanation {
             text,
             nodes: nodes.into_iter().take(NAMED).map(link).collect(),
             more: (more > 0).then(|| view.lang.and_more(more)),
@@ -110,16 +104,11 @@ pub fn page(published: &Published, node: NodeId, context: &PageContext, trends: 
         NodeId::Module(id) => {
             let (info, module) = snapshot.module(id);
             page.since = view.wall(module.since);
-            page.message = view.says(module);
+            page.message = view.message_text(module);
             page.hardware = clean(&module.report.hardware_id, NAME);
             page.class = super::statuses::class(info);
-            let mut past = trends.of(id.0 as usize, &info.id, POINTS_WIDE);
-            let values = module.report.values.iter().take(VALUES).map(|(key, value)| {
-                let trend = past.iter().position(|trend| *trend.key == **key);
-                let trend = trend.map(|index| past.swap_remove(index));
-                Value { key: clean(key, VALUE), value: clean(value, MESSAGE), trend }
-            });
-            page.values = values.collect();
+            let past = trends.of(id.0 as usize, &info.id, POINTS_WIDE);
+            page.values = report_values(module, VALUES, MESSAGE, past);
         }
         NodeId::Group(id) => {
             let (info, group) = snapshot.group(id);
@@ -140,7 +129,7 @@ pub fn page(published: &Published, node: NodeId, context: &PageContext, trends: 
     html(&page)
 }
 
-fn say(view: &View<'_>, step: &WhyStep) -> (String, Vec<NodeId>) {
+fn explain(view: &View<'_>, step: &WhyStep) -> (String, Vec<NodeId>) {
     let lang = view.lang;
     let state = |state: State| lang.state(state).to_owned();
     let text = |en: &str, de: &str| match lang {

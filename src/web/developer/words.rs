@@ -1,22 +1,10 @@
 //! The texts of the developer's pages. A text that lacks a language does not compile.
 
 use crate::web::view::Lang;
-
-macro_rules! words {
-    ($($key:ident: $en:literal, $de:literal;)*) => {
-        /// Fixed words of one language.
-        #[derive(Debug)]
-        pub struct DevWords { $(pub $key: &'static str,)* }
-
-        static EN: DevWords = DevWords { $($key: $en,)* };
-        static DE: DevWords = DevWords { $($key: $de,)* };
-
-        #[cfg(test)]
-        const ALL: &[(&str, &str, &str)] = &[$((stringify!($key), $en, $de),)*];
-    };
-}
+use crate::web::view::words::words;
 
 words! {
+    DevWords;
     statuses: "Statuses", "Status";
     graph: "Graph", "Graph";
     timeline: "Timeline", "Zeitverlauf";
@@ -99,7 +87,7 @@ words! {
     hidden_by: "By", "Durch";
     masked: "Masked: what they need fails", "Maskiert: Was sie brauchen, fällt aus";
     not_relevant: "Not relevant now", "Zurzeit nicht wichtig";
-    says: "Says itself", "Sagt selbst";
+    own_report: "Says itself", "Sagt selbst";
     because: "Because", "Weil";
     nothing_masked: "Nothing is masked now.", "Zurzeit ist nichts maskiert.";
     nothing_irrelevant: "Everything matters now.", "Zurzeit ist alles wichtig.";
@@ -158,7 +146,7 @@ words! {
     ev_reloaded: "configuration replaced", "Konfiguration ersetzt";
     ev_started: "Telltale started", "Telltale gestartet";
     cause: "Cause", "Ursache";
-    owed: "owed to the cause", "der Ursache geschuldet";
+    attributed: "owed to the cause", "der Ursache geschuldet";
 
     topic_type: "Type", "Typ";
     publishers: "Publishers", "Publisher";

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use super::errors::HttpError;
 use crate::engine::input::Refusal;
 use crate::web::view;
-use crate::web::view::{Lang, Palette, Part};
+use crate::web::view::{Lang, PagePart, Palette};
 
 /// What a client reads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,7 +30,7 @@ pub struct Reader {
     pub speaks: Speaks,
     pub lang: Lang,
     pub palette: Palette,
-    pub part: Part,
+    pub part: PagePart,
 }
 
 /// By which a page's script says what it takes of an answer.
@@ -48,7 +48,7 @@ impl Reader {
             speaks,
             lang: lang.unwrap_or_default(),
             palette: palette.unwrap_or_default(),
-            part: header(headers, PART).and_then(Part::from_word).unwrap_or_default(),
+            part: header(headers, PART).and_then(PagePart::from_word).unwrap_or_default(),
         }
     }
 }

@@ -19,7 +19,7 @@ use crate::web::auth::expiry::is_in_charge;
 use crate::web::http::guard::SignedIn;
 use crate::web::http::respond::{Reader, Speaks};
 use crate::web::view::versions::Aspect;
-use crate::web::view::{Lang, Palette, Part};
+use crate::web::view::{Lang, PagePart, Palette};
 
 /// Twice the time after which a page without heartbeats covers itself.
 const TAP_LATE_MAX: Span = Span::from_secs(4);
@@ -82,7 +82,7 @@ impl Tap {
     /// A tap that came over the socket of a page.
     pub fn over_socket(app: &AppState, session: &Session, source: IpAddr, lang: Lang) -> Tap {
         let reader =
-            Reader { speaks: Speaks::Json, lang, palette: Palette::default(), part: Part::default() };
+            Reader { speaks: Speaks::Json, lang, palette: Palette::default(), part: PagePart::default() };
         Tap { app: app.clone(), session: session.clone(), source, reader, arrived: app.clock.now() }
     }
 

@@ -31,14 +31,14 @@ use versions::Seen;
 use words::Words;
 
 pub use page::{
-    DemoFault, LoginContext, LoginFailure, PageContext, Palette, Part, demo_page, login_page, message_page,
-    operator_page,
+    DemoFault, LoginContext, LoginFailure, PageContext, PagePart, Palette, demo_page, login_page,
+    message_page, operator_page,
 };
 pub use permitted::permitted;
 pub use trends::Trends;
 pub use words::Lang;
 
-/// How the ids of those elements begin that stand behind the tiles, and on sheets.
+/// How ids of elements begin that stand in a panel behind a tile, and on a sheet.
 pub const DETAIL: &str = "detail-";
 pub const SHEET: &str = "all-";
 
@@ -51,8 +51,8 @@ pub struct Fragment {
     pub html: String,
 }
 
-/// Every element of the operator's page that changes with the snapshot, in page order. While the
-/// vehicle is locked that is the top bar alone, which tells the page to leave.
+/// Every element of the operator's page that changes with the snapshot, in page order. While the vehicle is
+/// locked that is the top bar alone, whose stage sends the page to the login.
 pub fn fragments(published: &Published, seen: &Seen, lang: Lang, trends: &Trends) -> Vec<Fragment> {
     let view = View { seen: seen.clone(), trends: Some(trends), ..View::new(published, lang, true) };
     if published.snapshot.stage == Stage::Locked {
@@ -61,13 +61,13 @@ pub fn fragments(published: &Published, seen: &Seen, lang: Lang, trends: &Trends
     Parts::of(&view).into_fragments()
 }
 
-/// Why something was refused, one sentence a reason, by the names that are shown.
+/// The reasons of a refusal, one sentence each, with the names that the page shows.
 pub fn refusals(published: &Published, lang: Lang, reasons: &[Refusal]) -> Vec<String> {
     let view = View::new(published, lang, false);
     view.sentences(reasons)
 }
 
-/// What all parts of a page are made from.
+/// A snapshot with everything that the parts of a page need.
 pub(super) struct View<'a> {
     pub(super) snapshot: &'a Snapshot,
     pub(super) at: SystemTime,
@@ -90,18 +90,18 @@ impl<'a> View<'a> {
         View { snapshot, at: published.at, lang, words, board, swap, seen, trends: None }
     }
 
-    /// Whether this machine is led from stage to stage at all.
+    /// Whether the machine has stages (`vehicle.stages` is not `none`).
     pub(super) fn has_stages(&self) -> bool {
         !self.snapshot.clearance_refusals.contains(&Refusal::NoStages)
     }
 
-    /// Whether there is something to take over.
+    /// Whether the vehicle drives, or may start at any moment.
     pub(super) fn drives(&self) -> bool {
         self.has_stages() && matches!(self.snapshot.stage, Stage::Cleared | Stage::Active)
     }
 
-    /// When `then` was, by the wall clock, to the second: the page counts on from there. Finer
-    /// would differ a little with each snapshot and send what has not changed.
+    /// The wall clock's time of `then`, rounded to a second. The page counts on from there. A finer time
+    /// would differ a little with each snapshot, and unchanged elements would be sent again.
     pub(super) fn wall(&self, then: Timestamp) -> String {
         let exact = wall_at(self.at, self.snapshot.now, then);
         let rounded = exact.checked_add(Duration::from_millis(500)).unwrap_or(exact);
@@ -112,12 +112,12 @@ impl<'a> View<'a> {
 /// The elements of the operator's page.
 struct Parts {
     top: Fragment,
-    measure: Fragment,
+    countermeasure: Fragment,
     arrows: Fragment,
     tiles: Vec<Fragment>,
     causes: Fragment,
     step: Fragment,
-    /// What stands on sheets: stops, checks, causes.
+    /// The content of the sheets.
     stops: Fragment,
     checks: Fragment,
     all_causes: Fragment,
@@ -129,7 +129,7 @@ impl Parts {
         let entries = entries::entries(view);
         Parts {
             top: top_bar::top(view),
-            measure: countermeasure::measure(view),
+            countermeasure: countermeasure::countermeasure(view),
             arrows: tile::arrows(view),
             tiles: (0..view.board.tiles.len()).map(|tile| tile::tile(view, tile)).collect(),
             causes: list::causes(view, &entries),
@@ -142,7 +142,7 @@ impl Parts {
     }
 
     fn into_fragments(self) -> Vec<Fragment> {
-        let mut all = vec![self.top, self.measure, self.arrows];
+        let mut all = vec![self.top, self.countermeasure, self.arrows];
         all.extend(self.tiles);
         all.extend([self.causes, self.step, self.stops, self.checks, self.all_causes]);
         all.extend(self.details);

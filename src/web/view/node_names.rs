@@ -1,4 +1,4 @@
-//! The names and marks of the vehicle's parts, wherever they appear.
+//! Names, icons, messages and reasons of groups and modules, for all parts of a page.
 
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::{ModuleInfo, ModuleView, Reason, Report};
@@ -28,14 +28,14 @@ pub fn reason_word(reason: Option<&Reason>) -> &'static str {
     }
 }
 
-/// The words of a module: without the silence, those of before would be all that there is.
+/// A module's last message, and since when the module is silent. Alone, an old message would look like a new one.
 #[derive(Debug, Clone, Default)]
-pub struct Spoken {
+pub struct ModuleMessage {
     pub silent: Option<Silence>,
-    pub message: String,
+    pub text: String,
 }
 
-/// Words around a time that counts on by itself.
+/// The texts around a duration, which the page's script counts on.
 #[derive(Debug, Clone)]
 pub struct Silence {
     pub before: &'static str,
@@ -43,15 +43,15 @@ pub struct Silence {
     pub after: &'static str,
 }
 
-impl Spoken {
+impl ModuleMessage {
     pub fn is_empty(&self) -> bool {
-        self.silent.is_none() && self.message.is_empty()
+        self.silent.is_none() && self.text.is_empty()
     }
 
-    /// About as long as it is shown, for estimates of its room.
+    /// A text about as long as the shown one, to estimate the room that it needs.
     pub fn estimate(&self) -> String {
         let silent = self.silent.as_ref().map(|it| format!("{}00 min{}; last: ", it.before, it.after));
-        silent.unwrap_or_default() + &self.message
+        silent.unwrap_or_default() + &self.text
     }
 }
 
@@ -60,18 +60,18 @@ impl View<'_> {
         self.lang.pick(&self.snapshot.layout.groups[id.0 as usize].name, NAME)
     }
 
-    /// Why a group has no member that counts.
+    /// The line of a group without a member that counts.
     pub(super) fn no_member(&self, id: GroupId) -> String {
         self.hint(id).unwrap_or_else(|| self.words.no_member.to_owned())
     }
 
-    /// What may be meant for a group to which nothing came.
+    /// Which statuses were probably meant for a group that got none.
     pub(super) fn hint(&self, id: GroupId) -> Option<String> {
         let hint = self.snapshot.layout.groups[id.0 as usize].hint.as_ref();
         hint.map(|hint| self.lang.pick(hint, MESSAGE))
     }
 
-    /// The name of the component in which a node stands, or of the group where it is in none.
+    /// The name of the component that contains a node, or of its group if none does.
     pub(super) fn tile_name(&self, node: NodeId) -> String {
         let tile = self.board.tile_of(node).map(|tile| self.board.tiles[tile]);
         self.group_name(tile.unwrap_or_else(|| match node {
@@ -80,27 +80,27 @@ impl View<'_> {
         }))
     }
 
-    /// The groups that the operator hears of: the components, then what the diagnosis says of itself.
+    /// The groups whose faults are listed: the components, then the group `telltale`.
     pub(super) fn watched(&self) -> impl Iterator<Item = GroupId> {
         let groups = self.snapshot.layout.groups.iter().enumerate();
         let system = groups.filter(|(_, group)| group.is_system).map(|(index, _)| GroupId(index as u32));
         self.board.tiles.iter().copied().chain(system)
     }
 
-    /// What a developer calls a module, without the group it stands in.
+    /// The name of a module without the path of its group.
     pub fn label(&self, info: &ModuleInfo) -> String {
         let path = &self.snapshot.layout.groups[info.group.0 as usize].path;
         let tail = info.id.strip_prefix(&**path).and_then(|rest| rest.strip_prefix('/'));
         clean(tail.unwrap_or(&info.id), NAME)
     }
 
-    /// What is wrong with a module, in the operator's words. The configuration's text names the
-    /// fault ("Position jumped"), so it must not stand beside a state that is not one.
+    /// The title of a module's fault: the configuration's name for it ("Position jumped"), or the component
+    /// with its state. A name is no title for a state that is no fault.
     pub(super) fn fault(&self, id: ModuleId, state: State) -> String {
         self.fault_at(id, state, &self.tile_name(NodeId::Module(id)))
     }
 
-    /// The same of a fault that shows at other places too: they are all named.
+    /// The same for a fault that several components show: `place` names them.
     pub(super) fn fault_at(&self, id: ModuleId, state: State, place: &str) -> String {
         let (info, view) = self.snapshot.module(id);
         if let Some(name) = self.name_of_fault(info, state) {
@@ -109,51 +109,51 @@ impl View<'_> {
         match state {
             State::Unknown if view.received.is_none() || view.silent => self.lang.no_news_from(place),
             State::Unknown => self.lang.state_unknown(place),
-            // What a publisher says is no headline: it may be anything.
+            // A publisher's message may be anything, so it is no title.
             _ => format!("{place}: {}", self.lang.state(state)),
         }
     }
 
-    /// What the configuration calls the fault of a module in this state. A module that is well is
-    /// called by the fault that is over.
+    /// The configuration's name for the fault of a module in this state; without a fault, the name of its
+    /// ERROR.
     pub(super) fn name_of_fault(&self, info: &ModuleInfo, state: State) -> Option<String> {
         let state = if matches!(state, State::Ok | State::Ignore) { State::Error } else { state };
         let name = info.name.as_ref()?.of(state, self.snapshot.stage)?;
         Some(self.lang.pick(name, NAME))
     }
 
-    /// What was reported. Publishers have one language; the engine has that of the page.
-    pub(super) fn said(&self, report: &Report) -> String {
+    /// The message of a report. A publisher has one language; the engine's own messages have both.
+    pub(super) fn report_text(&self, report: &Report) -> String {
         let german = report.german.as_ref().filter(|_| self.lang == Lang::De);
         clean(german.unwrap_or(&report.message), MESSAGE)
     }
 
-    /// What a module said last, and since when it is silent, if it is: the page counts on from there.
-    pub(super) fn words_of(&self, module: &ModuleView) -> Spoken {
+    /// The last message of a module, and since when it is silent, if it is.
+    pub(super) fn message_of(&self, module: &ModuleView) -> ModuleMessage {
         let (before, after) = self.lang.silent_around();
         let silent = module.received.filter(|_| module.silent);
-        Spoken {
+        ModuleMessage {
             silent: silent.map(|since| Silence { before, since: self.wall(since), after }),
-            message: match module.received.is_none() && module.report.message.is_empty() {
+            text: match module.received.is_none() && module.report.message.is_empty() {
                 true => self.words.no_report.to_owned(),
-                false => self.last_words(module),
+                false => self.last_message(module),
             },
         }
     }
 
-    fn last_words(&self, module: &ModuleView) -> String {
+    fn last_message(&self, module: &ModuleView) -> String {
         match module.report.last_words(module.silent) {
             "" => String::new(),
-            _ => self.said(&module.report),
+            _ => self.report_text(&module.report),
         }
     }
 
-    /// The same as one text, for pages that count nothing.
-    pub fn says(&self, module: &ModuleView) -> String {
-        self.lang.with_silence(self.last_words(module), module.silent_for(self.snapshot.now))
+    /// The same as one text, for pages on which no time counts on.
+    pub fn message_text(&self, module: &ModuleView) -> String {
+        self.lang.with_silence(self.last_message(module), module.silent_for(self.snapshot.now))
     }
 
-    /// What the configuration says to do about a node in this state, now.
+    /// The configuration's `help` for a node in this state and stage.
     pub(super) fn help(&self, node: NodeId, state: State) -> Option<String> {
         let NodeId::Module(id) = node else { return None };
         let help = self.snapshot.module(id).0.help.as_ref()?.of(state, self.snapshot.stage)?;
@@ -167,7 +167,7 @@ impl View<'_> {
             Some(Reason::NotRelevant(because)) => self.lang.not_relevant(because),
             Some(Reason::Masked { by }) => {
                 let Some(&root) = by.first() else { return String::new() };
-                // Within one component its name says nothing: the module's does.
+                // Within one component, the module's name tells more than the component's.
                 let near = self.board.tile_of(root) == self.board.tile_of(node);
                 self.lang.waits_for(&match root {
                     NodeId::Module(id) if near => self.label(self.snapshot.module(id).0),
@@ -191,7 +191,7 @@ impl View<'_> {
     }
 }
 
-/// Whether what a module reports itself is worth a word beside what it shows.
+/// Whether a module reports a fault behind its IGNORE.
 pub fn own_matters(view: &ModuleView) -> bool {
     view.state == State::Ignore && matches!(view.own, State::Warning | State::Error)
 }

@@ -8,8 +8,8 @@ use crate::engine::snapshot::{Layout, Localization, Snapshot};
 use crate::engine::state::State;
 use crate::runtime::Published;
 
-/// What may be shown: everything, but in the stage `locked` nothing that tells of the vehicle's
-/// parts (`ENGINE.md` 9). Every page and every frame is made from this.
+/// A snapshot without what nobody may see: in the stage `locked`, everything about the vehicle's parts.
+/// Every page and every frame is made from this.
 pub fn permitted(published: &Published) -> Published {
     let snapshot = &published.snapshot;
     if snapshot.stage != Stage::Locked {

@@ -30,24 +30,24 @@ const HEIGHT: f32 = 20.0;
 
 /// The recent past of all numbers. Bounded: 20,000 values with 150 samples each.
 #[derive(Debug, Default)]
-pub struct Trends(Mutex<Inner>);
+pub struct Trends(Mutex<Sampled>);
 
 #[derive(Debug, Default)]
-struct Inner {
+struct Sampled {
     last: Option<Timestamp>,
     layout: Option<Arc<Layout>>,
     /// By `ModuleId` of `layout`.
-    modules: Vec<Module>,
+    modules: Vec<ModuleTrends>,
     series: usize,
 }
 
 #[derive(Debug, Default)]
-struct Module {
+struct ModuleTrends {
     report: Option<Arc<Report>>,
     values: Vec<(Box<str>, VecDeque<f32>)>,
 }
 
-/// One value over time as a line, with what it was least and most.
+/// One value over time as a line, with its least and greatest value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trend {
     pub key: String,
@@ -66,7 +66,7 @@ impl Trends {
         }
         inner.last = Some(snapshot.now);
         inner.follow(&snapshot.layout);
-        let Inner { modules, series, .. } = &mut *inner;
+        let Sampled { modules, series, .. } = &mut *inner;
         for (module, view) in modules.iter_mut().zip(snapshot.modules.iter()) {
             let same = module.report.as_ref().is_some_and(|report| Arc::ptr_eq(report, &view.report));
             if same || view.silent {
@@ -88,25 +88,25 @@ impl Trends {
     }
 }
 
-impl Inner {
-    /// Where the layout is another, each module keeps its past by its name.
+impl Sampled {
+    /// With a new layout, each module keeps its samples by its name.
     fn follow(&mut self, layout: &Arc<Layout>) {
         let Some(before) = self.layout.replace(layout.clone()) else {
-            self.modules.resize_with(layout.modules.len(), Module::default);
+            self.modules.resize_with(layout.modules.len(), ModuleTrends::default);
             return;
         };
         if Arc::ptr_eq(&before, layout) {
             return;
         }
         let names = before.modules.iter().map(|info| info.id.clone());
-        let mut old: HashMap<Arc<str>, Module> = names.zip(std::mem::take(&mut self.modules)).collect();
+        let mut old: HashMap<Arc<str>, ModuleTrends> = names.zip(std::mem::take(&mut self.modules)).collect();
         let kept = layout.modules.iter().map(|info| old.remove(&info.id).unwrap_or_default());
         self.modules = kept.collect();
         self.series = self.modules.iter().map(|module| module.values.len()).sum();
     }
 }
 
-impl Module {
+impl ModuleTrends {
     fn take(&mut self, report: &Arc<Report>, series: &mut usize) {
         self.report = Some(report.clone());
         let numbers: Vec<(&str, f32)> = report
@@ -129,7 +129,7 @@ impl Module {
         }
     }
 
-    /// The values are as they were; or nobody knows, as nothing came.
+    /// Repeats the last values; a silent module gets a gap.
     fn go_on(&mut self, silent: bool) {
         for (_, samples) in &mut self.values {
             let last = samples.back().copied().unwrap_or(f32::NAN);

@@ -11,12 +11,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 use crate::engine::model::{GroupId, NodeId};
 use crate::engine::snapshot::{Alarm, Snapshot};
 
-/// A part of the state that an operator decides by.
+/// A part of the state on which an operator's decision depends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Aspect {
-    /// The stage, who leads the vehicle, where it was said to stand, and whether a stop is asked for.
+    /// The stage, the operator, the given position, and whether a stop is requested.
     Stage,
-    /// All that is judged before a clearance.
+    /// Everything that a clearance depends on.
     Clearance,
     /// One alarm, by its number: which fault it is of, and whether it is there still.
     Alarm(u64),
@@ -24,7 +24,7 @@ pub enum Aspect {
     Component(GroupId),
 }
 
-/// The aspects of the newest snapshot that anybody was shown.
+/// The aspects of the newest snapshot that a page was shown.
 #[derive(Debug, Default)]
 pub struct Versions(Mutex<Latest>);
 
@@ -48,7 +48,7 @@ impl Seen {
 
     /// The version by which a command about this aspect is given.
     pub fn of(&self, aspect: Aspect) -> u64 {
-        // Of an aspect that is gone nothing older than now holds.
+        // For an aspect that is gone, only the present version holds.
         self.since.get(&aspect).map_or(self.seq, |&since| since.min(self.seq))
     }
 
@@ -59,7 +59,7 @@ impl Seen {
 }
 
 impl Versions {
-    /// Every snapshot comes by here before somebody is shown it.
+    /// Takes each snapshot before a page shows it.
     pub fn observe(&self, snapshot: &Snapshot) -> Seen {
         let mut latest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if snapshot.seq > latest.seen.seq || latest.digests.is_empty() {
@@ -72,7 +72,7 @@ impl Versions {
             let since = Arc::new(since.collect());
             *latest = Latest { seen: Seen { seq: snapshot.seq, since }, digests };
         }
-        // Who is shown an older snapshot has that one's versions: none newer than itself.
+        // An older snapshot has no version that is newer than itself.
         Seen { seq: snapshot.seq, since: latest.seen.since.clone() }
     }
 }
@@ -94,7 +94,7 @@ fn digests(snapshot: &Snapshot) -> HashMap<Aspect, u64> {
     }
     let roots: Vec<NodeId> = snapshot.roots.iter().map(|root| root.node).collect();
     let alarms: Vec<_> = snapshot.alarms.iter().map(of_alarm).collect();
-    // Reasons and measures hold figures, which have no hash of their own.
+    // Refusals and countermeasures contain numbers with a fraction, which have no hash.
     let words = format!("{:?} {:?}", snapshot.clearance_refusals, snapshot.countermeasures);
     let judged = (steps, tiles, roots, alarms, &snapshot.accepted, words);
     digests.insert(Aspect::Clearance, digest(&judged));

@@ -1,4 +1,4 @@
-//! The lines of the graph, and which of them are part of a path from a root cause.
+//! The arrows of the graph; those on a path from a root cause are hot.
 
 use std::collections::BTreeMap;
 
@@ -8,17 +8,17 @@ use crate::engine::state::State;
 
 use super::Graph;
 
-/// A dependency between what is drawn of two nodes.
+/// The dependencies between two nodes that are drawn.
 #[derive(Default)]
 pub(super) struct Link {
     pub any: bool,
     pub hot: bool,
-    /// Dependencies that this line stands for.
+    /// Dependencies that this arrow stands for.
     pub count: usize,
 }
 
 impl Graph<'_> {
-    /// From what is depended on to what depends, as far as both are drawn apart.
+    /// By the node that is depended on and the node that depends, unless both are drawn as one.
     pub(super) fn links(&self) -> BTreeMap<(NodeId, NodeId), Link> {
         let layout = &self.view.snapshot.layout;
         let groups =

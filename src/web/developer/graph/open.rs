@@ -8,26 +8,26 @@ use crate::web::view::View;
 /// With no more modules than this, all groups are open unless the address says otherwise.
 const OPEN_MODULES: usize = 60;
 
-pub(super) enum Open<'a> {
+pub(super) enum OpenGroups<'a> {
     AllBut(Vec<&'a str>),
-    Those(Vec<&'a str>),
+    Only(Vec<&'a str>),
 }
 
-impl<'a> Open<'a> {
-    pub fn of(view: &View<'_>, asked: &'a PageQuery) -> Open<'a> {
-        let those: Vec<&str> = asked.all("open").collect();
+impl<'a> OpenGroups<'a> {
+    pub fn of(view: &View<'_>, query: &'a PageQuery) -> OpenGroups<'a> {
+        let those: Vec<&str> = query.all("open").collect();
         let few = view.snapshot.layout.modules.len() <= OPEN_MODULES;
         if those.contains(&"all") || those.is_empty() && few {
-            Open::AllBut(asked.all("shut").collect())
+            OpenGroups::AllBut(query.all("shut").collect())
         } else {
-            Open::Those(those)
+            OpenGroups::Only(those)
         }
     }
 
     pub fn is(&self, path: &str) -> bool {
         match self {
-            Open::AllBut(shut) => !shut.contains(&path),
-            Open::Those(those) => those.contains(&path),
+            OpenGroups::AllBut(shut) => !shut.contains(&path),
+            OpenGroups::Only(those) => those.contains(&path),
         }
     }
 

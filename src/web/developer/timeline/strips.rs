@@ -23,17 +23,17 @@ const WORD_Y: f64 = 16.0;
 
 pub struct Strip {
     pub name: String,
-    pub of: Of,
+    pub kind: StripKind,
     /// SVG, as wide as the page has room for.
     pub bars: String,
-    /// What it showed at the moment that is asked for.
+    /// What it showed at the selected moment.
     pub state: &'static str,
     pub word: &'static str,
     pub because: String,
 }
 
-/// What a strip is of.
-pub enum Of {
+/// What a strip shows.
+pub enum StripKind {
     Stage,
     Signal,
     Node {
@@ -43,12 +43,12 @@ pub enum Of {
     },
 }
 
-/// What the strips of one page are drawn by.
+/// What the strips of a page need.
 pub struct Painter<'a> {
     pub lang: Lang,
     pub words: &'static DevWords,
     pub window: &'a Window,
-    pub asked: &'a PageQuery,
+    pub query: &'a PageQuery,
 }
 
 impl Painter<'_> {
@@ -67,18 +67,18 @@ impl Painter<'_> {
                 let because = match &segment.cause {
                     Some(cause) => clean(cause, 2 * NAME),
                     None if segment.look == Look::Ok => String::new(),
-                    None => self.said(segment),
+                    None => self.message(segment),
                 };
                 (state_of(segment.look), look_word(self.lang, segment.look), because)
             }
             None => ("none", self.words.no_record, String::new()),
         };
         let others = self.window.query.nodes.iter().filter(|name| **name != past.name);
-        let other_fields = ["span", "until", "at"].into_iter().map(|name| (name, self.asked.get(name)));
+        let other_fields = ["span", "until", "at"].into_iter().map(|name| (name, self.query.get(name)));
         let remove = address(other_fields.chain(others.map(|name| ("node", &**name))));
         Strip {
             name: clean(&past.name, 2 * NAME),
-            of: Of::Node { why: why_address(&past.name), remove },
+            kind: StripKind::Node { why: why_address(&past.name), remove },
             bars: segments.iter().map(|segment| self.segment(segment)).collect(),
             state,
             word,
@@ -89,22 +89,24 @@ impl Painter<'_> {
     fn stage(&self, held: &[Period<Stage>]) -> Strip {
         let word = |stage| self.lang.stage(stage, State::Ok);
         let class = |stage| if stage == Stage::Active { "stage bar-driving" } else { "stage" };
-        self.level(self.words.stage.to_owned(), Of::Stage, held, |stage| (class(stage), None, word(stage)))
+        self.level(self.words.stage.to_owned(), StripKind::Stage, held, |stage| {
+            (class(stage), None, word(stage))
+        })
     }
 
     fn signal(&self, name: &str, held: &[Period<Option<bool>>]) -> Strip {
-        self.level(clean(name, 2 * NAME), Of::Signal, held, |value| match value {
+        self.level(clean(name, 2 * NAME), StripKind::Signal, held, |value| match value {
             Some(true) => ("true", None, "true"),
             Some(false) => ("false", None, "false"),
             None => ("unknown", Some("p-unknown"), self.lang.state(State::Unknown)),
         })
     }
 
-    /// A strip of what has no cause: `look` says its class, its pattern and its word.
+    /// A strip of values without a cause: `look` gives class, pattern and word of a value.
     fn level<T: Copy>(
         &self,
         name: String,
-        of: Of,
+        kind: StripKind,
         held: &[Period<T>],
         look: impl Fn(T) -> (&'static str, Option<&'static str>, &'static str),
     ) -> Strip {
@@ -117,7 +119,7 @@ impl Painter<'_> {
         };
         Strip {
             name,
-            of,
+            kind,
             bars: held.iter().map(bar).collect(),
             state: if there.is_some() { "level" } else { "none" },
             word: there.map_or(self.words.no_record, |it| look(it.value).2),
@@ -125,7 +127,7 @@ impl Painter<'_> {
         }
     }
 
-    /// What held at the moment that is asked for: of two that meet there, the later.
+    /// What held at the selected moment: of two that meet there, the later.
     fn at_moment<'s, T>(&self, all: &'s [T], span: impl Fn(&T) -> (Timestamp, Timestamp)) -> Option<&'s T> {
         let moment = stamp(self.window.moment_ms());
         all.iter().rev().find(|it| {
@@ -139,17 +141,17 @@ impl Painter<'_> {
         let own = segment.own_fault();
         let mut title = format!("{word}, {} \u{2013} {}", clock(segment.from), clock(segment.to));
         if segment.look == Look::Attributed {
-            title += &format!(", {}", self.words.owed);
+            title += &format!(", {}", self.words.attributed);
         }
         if let Some(cause) = &segment.cause {
             title += &format!(", {}: {}", self.words.cause, clean(cause, 2 * NAME));
         }
         if let Some(own) = own {
-            title += &format!(", {}: {}", self.words.says, self.lang.state(own));
+            title += &format!(", {}: {}", self.words.own_report, self.lang.state(own));
         }
-        let said = self.said(segment);
-        if !said.is_empty() {
-            title += &format!(", \u{201c}{said}\u{201d}");
+        let message = self.message(segment);
+        if !message.is_empty() {
+            title += &format!(", \u{201c}{message}\u{201d}");
         }
         let pattern = match segment.look {
             Look::Warning => Some("p-warning"),
@@ -162,8 +164,8 @@ impl Painter<'_> {
         self.bar((segment.from, segment.to), word, bar)
     }
 
-    /// What the module said when the segment began.
-    fn said(&self, segment: &Segment) -> String {
+    /// The module's message when the segment began.
+    fn message(&self, segment: &Segment) -> String {
         let Some(said) = &segment.said else { return String::new() };
         self.lang.with_silence(clean(&said.message, MESSAGE), said.silent)
     }

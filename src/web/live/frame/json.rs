@@ -157,8 +157,8 @@ impl Serialize for Wire<'_> {
         wire.serialize_field("roots", &List(|| snapshot.roots.iter().map(|root| Root(context, root))))?;
         let alarms = || snapshot.alarms.iter().map(|alarm| AlarmEntry(context, alarm));
         wire.serialize_field("alarms", &List(alarms))?;
-        let measures = || snapshot.countermeasures.iter().map(|measure| Measure(context, measure));
-        wire.serialize_field("countermeasures", &List(measures))?;
+        let countermeasures = || snapshot.countermeasures.iter().map(|it| CountermeasureWire(context, it));
+        wire.serialize_field("countermeasures", &List(countermeasures))?;
         wire.serialize_field("counters", &Counts(context))?;
         if context.lacks(LeftOut::Values) {
             wire.serialize_field("left_out", context.left_out.as_str())?;
@@ -167,28 +167,27 @@ impl Serialize for Wire<'_> {
     }
 }
 
-struct Measure<'a>(&'a Context<'a>, &'a Countermeasure);
+struct CountermeasureWire<'a>(&'a Context<'a>, &'a Countermeasure);
 
-impl Serialize for Measure<'_> {
+impl Serialize for CountermeasureWire<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let Measure(context, it) = *self;
+        let CountermeasureWire(context, it) = *self;
         let mps2 = match it.request {
             Request::Decelerate { mps2 } => Some(mps2),
             Request::Notify | Request::ManeuverStop => None,
         };
         // The first cause is the one that the page names; a stop may be the operator's alone.
         let cause = it.causes.first().map_or("operator", |cause| context.name(cause.node));
-        let mut measure = serializer.serialize_struct("countermeasure", 8)?;
-        measure.serialize_field("request", it.request.as_str())?;
-        measure.serialize_field("mps2", &mps2)?;
-        measure.serialize_field("cause", cause)?;
-        measure.serialize_field("state", it.state.as_str())?;
-        measure.serialize_field("by_operator", &it.by_operator)?;
-        measure.serialize_field("since", &context.wall(it.since))?;
-        measure
-            .serialize_field("causes", &List(|| it.causes.iter().map(|cause| context.name(cause.node))))?;
-        measure.serialize_field("held", &it.latched)?;
-        measure.end()
+        let mut wire = serializer.serialize_struct("countermeasure", 8)?;
+        wire.serialize_field("request", it.request.as_str())?;
+        wire.serialize_field("mps2", &mps2)?;
+        wire.serialize_field("cause", cause)?;
+        wire.serialize_field("state", it.state.as_str())?;
+        wire.serialize_field("by_operator", &it.by_operator)?;
+        wire.serialize_field("since", &context.wall(it.since))?;
+        wire.serialize_field("causes", &List(|| it.causes.iter().map(|cause| context.name(cause.node))))?;
+        wire.serialize_field("held", &it.latched)?;
+        wire.end()
     }
 }
 

@@ -34,22 +34,22 @@ struct StepHtml {
     swap: bool,
     version: u64,
     clearance_version: u64,
-    step: Step,
+    step: NextStep,
     /// Logging out works in every stage but one.
     logout: bool,
 }
 
-/// What the bar offers.
-enum Step {
-    /// To say where the vehicle stands.
+/// The step that the bar offers.
+enum NextStep {
+    /// Choose the stop at which the vehicle stands.
     Localize { stops: Vec<StopHtml>, more: bool },
     /// The pose is given; the vehicle checks it.
     Locating { title: String, text: String },
-    /// To clear the vehicle, if nothing stands in the way.
+    /// Give clearance; `ready` if no check fails.
     Clear { ready: bool, checks: Vec<Check>, more: usize },
-    /// The vehicle may start, or drives: to ask for a stop.
+    /// Request a stop, or take it back.
     Stop { requested: bool, icon: &'static str, title: &'static str, text: String },
-    /// Nothing to do but to look.
+    /// No step: the condition of the vehicle.
     Watch { icon: &'static str, title: &'static str, text: String },
 }
 
@@ -67,51 +67,51 @@ pub fn step(view: &View<'_>) -> Fragment {
     Fragment { id: "step".to_owned(), html }
 }
 
-fn of_stage(view: &View<'_>) -> Step {
+fn of_stage(view: &View<'_>) -> NextStep {
     let snapshot = view.snapshot;
     let steps = view.lang.steps();
     match snapshot.stage {
-        Stage::Locked => Step::Watch { icon: "lock", title: view.words.next_locked, text: String::new() },
+        Stage::Locked => NextStep::Watch { icon: "lock", title: view.words.next_locked, text: String::new() },
         Stage::Localizing if snapshot.localization.given.is_some() => locating(view),
         Stage::Localizing => {
             let all = stops(view);
             let more = all.len() > STOPS_IN_BAR;
             let shown = if more { STOPS_IN_BAR - 1 } else { STOPS_IN_BAR };
-            Step::Localize { stops: all.into_iter().take(shown).collect(), more }
+            NextStep::Localize { stops: all.into_iter().take(shown).collect(), more }
         }
         Stage::Standby => clear(view),
-        Stage::Cleared => Step::Watch { icon: "ready", title: steps.may_start, text: condition(view) },
+        Stage::Cleared => NextStep::Watch { icon: "ready", title: steps.may_start, text: condition(view) },
         // A machine without stages is not driven, and has no mission that could be asked to stop.
         Stage::Active if !view.has_stages() && !snapshot.stop_requested() => {
-            Step::Watch { icon: "ready", title: steps.runs, text: condition(view) }
+            NextStep::Watch { icon: "ready", title: steps.runs, text: condition(view) }
         }
         Stage::Active if snapshot.operator.is_none() => {
-            Step::Watch { icon: "drive", title: steps.drives, text: condition(view) }
+            NextStep::Watch { icon: "drive", title: steps.drives, text: condition(view) }
         }
         Stage::Active => stop(view),
     }
 }
 
-/// A button that cannot work is not offered. What was asked for already can be taken back.
-fn stop(view: &View<'_>) -> Step {
+/// A stop that the vehicle cannot receive is not offered. A requested stop can always be taken back.
+fn stop(view: &View<'_>) -> NextStep {
     let steps = view.lang.steps();
     let requested = view.snapshot.stop_requested();
-    let deaf = view.snapshot.unreached(Output::ManeuverStop).map(|why| match why {
+    let unreached = view.snapshot.unreached(Output::ManeuverStop).map(|why| match why {
         Unreached::Unheard => steps.no_listener.to_owned(),
         Unreached::Unpublished => steps.not_stoppable.to_owned(),
     });
-    match deaf {
-        Some(text) if !requested => Step::Watch { icon: "drive", title: steps.drives, text },
-        deaf => Step::Stop {
+    match unreached {
+        Some(text) if !requested => NextStep::Watch { icon: "drive", title: steps.drives, text },
+        unreached => NextStep::Stop {
             requested,
             icon: "drive",
             title: if requested { steps.stop_requested } else { steps.drives },
-            text: deaf.unwrap_or_else(|| condition(view)),
+            text: unreached.unwrap_or_else(|| condition(view)),
         },
     }
 }
 
-fn locating(view: &View<'_>) -> Step {
+fn locating(view: &View<'_>) -> NextStep {
     let snapshot = view.snapshot;
     let steps = view.lang.steps();
     let at = snapshot.localization.pose.and_then(|pose| {
@@ -132,10 +132,10 @@ fn locating(view: &View<'_>) -> Step {
         _ => String::new(),
     };
     let hint = if snapshot.localization.ok_since.is_some() { "" } else { steps.locating_long };
-    Step::Locating { title, text: format!("{group}{hint}") }
+    NextStep::Locating { title, text: format!("{group}{hint}") }
 }
 
-fn clear(view: &View<'_>) -> Step {
+fn clear(view: &View<'_>) -> NextStep {
     let mut checks = view.checks();
     let ready = view.snapshot.clearance_refusals.is_empty();
     let fitting = |em: f64| {
@@ -155,14 +155,14 @@ fn clear(view: &View<'_>) -> Step {
     }
     let more = failing.saturating_sub(shown);
     checks.truncate(shown);
-    Step::Clear { ready, checks, more }
+    NextStep::Clear { ready, checks, more }
 }
 
-/// Facts alone: what to do about them is said once, beside the causes.
+/// The condition of the vehicle. What to do about it stands beside the causes.
 fn condition(view: &View<'_>) -> String {
     let steps = view.lang.steps();
     match view.snapshot.overall {
-        State::Ok | State::Ignore | State::Warning if countermeasure::waits_for_note(view) => {
+        State::Ok | State::Ignore | State::Warning if countermeasure::waits_for_acknowledgement(view) => {
             steps.held_acknowledge.to_owned()
         }
         State::Ok | State::Ignore if countermeasure::has_banner(view) => steps.held_stop.to_owned(),

@@ -1,4 +1,4 @@
-//! The reasons against a clearance or an action, with the names that people know.
+//! The checks before a clearance, and the reasons of a refusal, with the names that the page shows.
 
 use std::collections::HashSet;
 
@@ -22,7 +22,7 @@ impl View<'_> {
     /// All checks that fail, each kind on one line with every name, then those that hold.
     pub(super) fn checks(&self) -> Vec<Check> {
         let mut checks = Vec::new();
-        let refusals = self.without_twins(&self.snapshot.clearance_refusals);
+        let refusals = self.without_repeated_statuses(&self.snapshot.clearance_refusals);
         for state in [State::Error, State::Unknown, State::Ignore, State::Warning] {
             let of_state = refusals.iter().filter_map(|refusal| match *refusal {
                 Refusal::Group { group, state: of } if *of == state => Some(&**group),
@@ -32,11 +32,11 @@ impl View<'_> {
             if state == State::Ignore {
                 let waiting = self.by_cause(&ids);
                 checks.extend(waiting.into_iter().map(|(cause, ids)| {
-                    let names: Vec<String> = ids.iter().map(|id| self.called(id)).collect();
+                    let names: Vec<String> = ids.iter().map(|id| self.name_of(id)).collect();
                     self.fails(self.lang.wait_for(&names, cause.as_deref()), &ids)
                 }));
             } else if !ids.is_empty() {
-                let names: Vec<String> = ids.iter().map(|id| self.called(id)).collect();
+                let names: Vec<String> = ids.iter().map(|id| self.name_of(id)).collect();
                 checks.push(self.fails(self.lang.not_fit(&names.join(", "), state), &ids));
             }
         }
@@ -45,19 +45,21 @@ impl View<'_> {
             match refusal {
                 Refusal::Group { .. } => {}
                 Refusal::Warning { module } => {
-                    checks.push(self.fails(self.lang.not_accepted(&self.called(module)), &[module]));
+                    checks.push(self.fails(self.lang.not_accepted(&self.name_of(module)), &[module]));
                 }
                 Refusal::NoGoal => checks.push(self.fails(steps.no_goal.to_owned(), &[])),
                 Refusal::NotLocalized => checks.push(self.fails(steps.not_localized.to_owned(), &[])),
-                Refusal::Countermeasure(_) => checks.push(self.fails(steps.measure_holds.to_owned(), &[])),
+                Refusal::Countermeasure(_) => {
+                    checks.push(self.fails(steps.countermeasure_holds.to_owned(), &[]))
+                }
                 other => checks.push(self.fails(self.sentence(other), &[])),
             }
         }
-        checks.extend(self.what_holds());
+        checks.extend(self.passed_checks());
         checks
     }
 
-    /// Groups that are put aside, by the component whose fault does it.
+    /// Masked groups by the component of their root cause.
     fn by_cause<'n>(&self, ids: &[&'n str]) -> Vec<(Option<String>, Vec<&'n str>)> {
         let mut found: Vec<(Option<String>, Vec<&str>)> = Vec::new();
         for id in ids {
@@ -77,7 +79,7 @@ impl View<'_> {
         found
     }
 
-    /// Why something was refused, a sentence a reason; what waits for one cause is one of them.
+    /// The reasons of a refusal, one sentence each. Groups that wait for one cause share a sentence.
     pub fn sentences(&self, refusals: &[Refusal]) -> Vec<String> {
         let waits = |it: &&Refusal| matches!(it, Refusal::Group { state: State::Ignore, .. });
         let ids = refusals.iter().filter(waits).filter_map(|refusal| match refusal {
@@ -85,17 +87,17 @@ impl View<'_> {
             _ => None,
         });
         let ids: Vec<&str> = ids.collect();
-        let refusals = self.without_twins(refusals);
+        let refusals = self.without_repeated_statuses(refusals);
         let said = refusals.iter().filter(|it| !waits(it)).map(|it| self.sentence(it));
         let waiting = self.by_cause(&ids).into_iter().map(|(cause, ids)| {
-            let names: Vec<String> = ids.iter().map(|id| self.called(id)).collect();
+            let names: Vec<String> = ids.iter().map(|id| self.name_of(id)).collect();
             self.lang.wait_for(&names, cause.as_deref())
         });
         said.chain(waiting).collect()
     }
 
-    /// A WARNING that one status gives in several components is to be accepted once.
-    fn without_twins<'r>(&self, refusals: &'r [Refusal]) -> Vec<&'r Refusal> {
+    /// One status in several components is one WARNING, which is accepted once.
+    fn without_repeated_statuses<'r>(&self, refusals: &'r [Refusal]) -> Vec<&'r Refusal> {
         let mut seen: HashSet<&str> = HashSet::new();
         let is_first = |refusal: &&Refusal| {
             let Refusal::Warning { module } = refusal else { return true };
@@ -113,7 +115,7 @@ impl View<'_> {
         }
     }
 
-    fn what_holds(&self) -> Vec<Check> {
+    fn passed_checks(&self) -> Vec<Check> {
         let steps = self.lang.steps();
         let refusals = &self.snapshot.clearance_refusals;
         let holds = |fails: fn(&Refusal) -> bool| !refusals.iter().any(fails);
@@ -121,28 +123,28 @@ impl View<'_> {
         let all = [
             (holds(unfit), steps.all_fit),
             (holds(|it| matches!(it, Refusal::NoGoal)), steps.goal_set),
-            (holds(|it| matches!(it, Refusal::Countermeasure(_))), steps.no_measure),
+            (holds(|it| matches!(it, Refusal::Countermeasure(_))), steps.no_countermeasure),
         ];
         let check =
             |(_, text): (bool, &str)| Check { holds: true, text: text.to_owned(), nodes: String::new() };
         all.into_iter().filter(|(holds, _)| *holds).map(check).collect()
     }
 
-    /// Why something was refused, with what to do.
+    /// One reason of a refusal, with what to do.
     fn sentence(&self, refusal: &Refusal) -> String {
         match refusal {
             Refusal::Group { group, state } => {
-                self.lang.refusal(&Refusal::Group { group: self.called(group).into(), state: *state })
+                self.lang.refusal(&Refusal::Group { group: self.name_of(group).into(), state: *state })
             }
             Refusal::Warning { module } => {
-                self.lang.refusal(&Refusal::Warning { module: self.called(module).into() })
+                self.lang.refusal(&Refusal::Warning { module: self.name_of(module).into() })
             }
             other => self.lang.refusal(other),
         }
     }
 
     /// A node by the name that the operator knows; a module by what its fault is called.
-    fn called(&self, name: &str) -> String {
+    fn name_of(&self, name: &str) -> String {
         match self.snapshot.node(name) {
             Some(NodeId::Group(id)) => self.group_name(id),
             Some(NodeId::Module(id)) => self.module_name(id),

@@ -12,13 +12,13 @@ use crate::engine::snapshot::{Countermeasure, CountermeasureState};
 use crate::web::view::{Fragment, View, html};
 
 #[derive(Template)]
-#[template(path = "partials/measure.html")]
-struct MeasureHtml {
+#[template(path = "partials/countermeasure.html")]
+struct CountermeasureHtml {
     swap: bool,
-    measure: Option<Measure>,
+    banner: Option<Banner>,
 }
 
-struct Measure {
+struct Banner {
     request: &'static str,
     state: &'static str,
     icon: &'static str,
@@ -27,26 +27,26 @@ struct Measure {
     confirmed: &'static str,
 }
 
-pub fn measure(view: &View<'_>) -> Fragment {
-    let measure = view.snapshot.countermeasure().map(|it| of(view, it));
-    let html = html(&MeasureHtml { swap: view.swap, measure });
+pub fn countermeasure(view: &View<'_>) -> Fragment {
+    let banner = view.snapshot.countermeasure().map(|it| of(view, it));
+    let html = html(&CountermeasureHtml { swap: view.swap, banner });
     Fragment { id: "countermeasure".to_owned(), html }
 }
 
-/// Whether the vehicle is asked to move differently: a banner says so over everything.
+/// Whether the banner is shown: the vehicle is asked to slow down or to stop.
 pub fn has_banner(view: &View<'_>) -> bool {
     view.snapshot.countermeasure().is_some_and(|it| it.request.kind().moves())
 }
 
-/// Whether what is asked of the vehicle stays only because nobody has taken note of its cause.
-pub fn waits_for_note(view: &View<'_>) -> bool {
+/// Whether a countermeasure holds only because nobody has acknowledged its cause.
+pub fn waits_for_acknowledgement(view: &View<'_>) -> bool {
     view.snapshot.countermeasure().is_some_and(|it| it.latched && it.request.kind().moves())
 }
 
-fn of(view: &View<'_>, it: &Countermeasure) -> Measure {
+fn of(view: &View<'_>, it: &Countermeasure) -> Banner {
     let steps = view.lang.steps();
     let mut statuses: HashSet<&str> = HashSet::new();
-    // What one status says in several components is one cause.
+    // One status in several components is one cause.
     let mut is_first =
         |node: NodeId| view.snapshot.status_of(node).is_none_or(|status| statuses.insert(status));
     let nodes: Vec<NodeId> =
@@ -65,7 +65,7 @@ fn of(view: &View<'_>, it: &Countermeasure) -> Measure {
     };
     let unheard = it.request.kind().output().is_some_and(|output| view.snapshot.unreached(output).is_some());
     let is_received = it.request.kind().output().is_none_or(|output| view.snapshot.is_listened_to(output));
-    Measure {
+    Banner {
         request: it.request.as_str(),
         state: it.state.as_str(),
         icon: match (it.state, it.request.kind()) {
@@ -75,7 +75,7 @@ fn of(view: &View<'_>, it: &Countermeasure) -> Measure {
         },
         title: match unheard {
             true => view.lang.unheard(it.request).to_owned(),
-            false => view.lang.measure(it.request, it.state),
+            false => view.lang.countermeasure(it.request, it.state),
         },
         because,
         confirmed: match it.state {

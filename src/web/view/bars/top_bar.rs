@@ -27,7 +27,7 @@ struct TopHtml {
     now: &'static str,
     operator: Option<String>,
     steps: &'static StepWords,
-    /// The work can be ended wherever the vehicle does not drive.
+    /// The button that ends the work, in every stage but driving.
     shutdown: bool,
 }
 
@@ -68,7 +68,7 @@ fn now(view: &View<'_>) -> &'static str {
     }
 }
 
-/// Changes when the tiles do, or the program: a page made before then loads itself anew.
+/// Changes with the tiles and with the program: a page with another value reloads itself.
 pub fn layout_mark(view: &View<'_>) -> String {
     let mut hasher = DefaultHasher::new();
     (env!("CARGO_PKG_VERSION"), assets::url(""), &*view.snapshot.layout.vehicle_id).hash(&mut hasher);

@@ -29,15 +29,15 @@ pub struct Arrow {
 /// The size of the drawing and its arrows, in the order of `edges`.
 pub fn draw(board: &Board, edges: &[(Tile, Tile)]) -> ((f64, f64), Vec<Arrow>) {
     let plan = Plan::new(board);
-    let mut routes: Vec<Route> = edges.iter().map(|&edge| plan.route(board, edge)).collect();
-    plan.spread_ports(&mut routes);
-    plan.spread_lanes(&mut routes);
+    let mut routes: Vec<ArrowRoute> = edges.iter().map(|&edge| plan.route(board, edge)).collect();
+    plan.spread_ends(&mut routes);
+    plan.spread_parallel_lines(&mut routes);
     let arrows = routes.iter().map(|route| plan.arrow(route)).collect();
     ((plan.width, plan.height), arrows)
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Side {
+enum TileSide {
     Left,
     Right,
     Top,
@@ -46,18 +46,18 @@ enum Side {
 
 /// An end of an arrow: a point on the side of a tile.
 #[derive(Debug, Clone, Copy)]
-struct Port {
+struct ArrowEnd {
     tile: Tile,
     place: (usize, usize),
-    side: Side,
+    side: TileSide,
     /// Where on the side, from 0 to 1.
     at: f64,
 }
 
 #[derive(Debug, Clone)]
-struct Route {
-    start: Port,
-    end: Port,
+struct ArrowRoute {
+    start: ArrowEnd,
+    end: ArrowEnd,
     /// The gap below this row in which the line runs sideways, with its height there; the first
     /// belongs to the start, the last to the end.
     rows: Vec<(usize, f64)>,
@@ -85,26 +85,29 @@ impl Plan {
         Plan { width, height, columns: board.columns, rows: board.rows, tile, gap }
     }
 
-    fn route(&self, board: &Board, (from, to): (Tile, Tile)) -> Route {
+    fn route(&self, board: &Board, (from, to): (Tile, Tile)) -> ArrowRoute {
         let (a, b) = (board.places[from], board.places[to]);
-        let port = |tile, place, side| Port { tile, place, side, at: 0.5 };
-        let route = |out: Side, into: Side, rows: Vec<usize>, column: Option<usize>| Route {
-            start: port(from, a, out),
-            end: port(to, b, into),
+        let end = |tile, place, side| ArrowEnd { tile, place, side, at: 0.5 };
+        let route = |out: TileSide, into: TileSide, rows: Vec<usize>, column: Option<usize>| ArrowRoute {
+            start: end(from, a, out),
+            end: end(to, b, into),
             rows: rows.into_iter().map(|row| (row, 0.5)).collect(),
             column: column.map(|column| (column, 0.5)),
         };
         if a.1 == b.1 {
             return match b.0.wrapping_sub(a.0) {
-                1 => route(Side::Right, Side::Left, vec![], None),
-                usize::MAX => route(Side::Left, Side::Right, vec![], None),
+                1 => route(TileSide::Right, TileSide::Left, vec![], None),
+                usize::MAX => route(TileSide::Left, TileSide::Right, vec![], None),
                 // Past the tiles between: below them, or above in the last row of several.
-                _ if a.1 + 1 == self.rows && a.1 > 0 => route(Side::Top, Side::Top, vec![a.1 - 1], None),
-                _ => route(Side::Bottom, Side::Bottom, vec![a.1], None),
+                _ if a.1 + 1 == self.rows && a.1 > 0 => {
+                    route(TileSide::Top, TileSide::Top, vec![a.1 - 1], None)
+                }
+                _ => route(TileSide::Bottom, TileSide::Bottom, vec![a.1], None),
             };
         }
         let down = a.1 < b.1;
-        let (out, into) = if down { (Side::Bottom, Side::Top) } else { (Side::Top, Side::Bottom) };
+        let (out, into) =
+            if down { (TileSide::Bottom, TileSide::Top) } else { (TileSide::Top, TileSide::Bottom) };
         let (first, last) = if down { (a.1, b.1 - 1) } else { (a.1 - 1, b.1) };
         if first == last {
             return route(out, into, vec![first], None);
@@ -114,33 +117,33 @@ impl Plan {
     }
 
     /// Where several lines meet one side of a tile they stand apart, in the order of where they go.
-    fn spread_ports(&self, routes: &mut [Route]) {
-        let mut ends: Vec<(Tile, Side, usize, usize, usize)> = Vec::new();
+    fn spread_ends(&self, routes: &mut [ArrowRoute]) {
+        let mut ends: Vec<(Tile, TileSide, usize, usize, usize)> = Vec::new();
         for (index, route) in routes.iter().enumerate() {
-            let far = |port: &Port| port.place.0 * 16 + port.place.1;
+            let far = |end: &ArrowEnd| end.place.0 * 16 + end.place.1;
             ends.push((route.start.tile, route.start.side, far(&route.end), index, 0));
             ends.push((route.end.tile, route.end.side, far(&route.start), index, 1));
         }
         ends.sort_unstable();
         for group in ends.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
             for (position, &(_, side, _, index, end)) in group.iter().enumerate() {
-                // Neighbours in one row are joined by a straight line in the middle, come what may.
-                if matches!(side, Side::Left | Side::Right) {
+                // Neighbours in one row are always joined by a straight line in the middle.
+                if matches!(side, TileSide::Left | TileSide::Right) {
                     continue;
                 }
                 let at = (position + 1) as f64 / (group.len() + 1) as f64;
-                let port = if end == 0 { &mut routes[index].start } else { &mut routes[index].end };
-                port.at = at;
+                let end = if end == 0 { &mut routes[index].start } else { &mut routes[index].end };
+                end.at = at;
             }
         }
     }
 
-    /// Lines that would lie on one another in a gap get lanes of their own.
-    fn spread_lanes(&self, routes: &mut [Route]) {
+    /// Lines that would lie on one another in a gap get tracks of their own.
+    fn spread_parallel_lines(&self, routes: &mut [ArrowRoute]) {
         for row in 0..self.rows {
             let mut spans: Vec<(f64, f64, usize, usize)> = Vec::new();
             for (index, route) in routes.iter().enumerate() {
-                for (part, _) in route.rows.iter().enumerate().filter(|(_, lane)| lane.0 == row) {
+                for (part, _) in route.rows.iter().enumerate().filter(|(_, track)| track.0 == row) {
                     let (x1, x2) = self.span(route, part);
                     if (x1 - x2).abs() > 1.0 {
                         spans.push((x1.min(x2), x1.max(x2), index, part));
@@ -148,9 +151,9 @@ impl Plan {
                 }
             }
             spans.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-            let (lanes, count) = lanes(&spans);
-            for (&(.., index, part), lane) in spans.iter().zip(lanes) {
-                routes[index].rows[part].1 = (lane + 1) as f64 / (count + 1) as f64;
+            let (tracks, count) = tracks(&spans);
+            for (&(.., index, part), track) in spans.iter().zip(tracks) {
+                routes[index].rows[part].1 = (track + 1) as f64 / (count + 1) as f64;
             }
         }
         for column in 0..self.columns {
@@ -164,7 +167,7 @@ impl Plan {
     }
 
     /// From where to where the line runs sideways in its first or last gap between rows.
-    fn span(&self, route: &Route, part: usize) -> (f64, f64) {
+    fn span(&self, route: &ArrowRoute, part: usize) -> (f64, f64) {
         let (start, end) = (self.point(&route.start).0, self.point(&route.end).0);
         match route.column {
             None => (start, end),
@@ -186,20 +189,20 @@ impl Plan {
         (row + 1) as f64 * self.tile.1 + row as f64 * self.gap.1 + at * gap
     }
 
-    fn point(&self, port: &Port) -> (f64, f64) {
+    fn point(&self, end: &ArrowEnd) -> (f64, f64) {
         let (x, y) = (
-            port.place.0 as f64 * (self.tile.0 + self.gap.0),
-            port.place.1 as f64 * (self.tile.1 + self.gap.1),
+            end.place.0 as f64 * (self.tile.0 + self.gap.0),
+            end.place.1 as f64 * (self.tile.1 + self.gap.1),
         );
-        match port.side {
-            Side::Left => (x, y + self.tile.1 * port.at),
-            Side::Right => (x + self.tile.0, y + self.tile.1 * port.at),
-            Side::Top => (x + self.tile.0 * port.at, y),
-            Side::Bottom => (x + self.tile.0 * port.at, y + self.tile.1),
+        match end.side {
+            TileSide::Left => (x, y + self.tile.1 * end.at),
+            TileSide::Right => (x + self.tile.0, y + self.tile.1 * end.at),
+            TileSide::Top => (x + self.tile.0 * end.at, y),
+            TileSide::Bottom => (x + self.tile.0 * end.at, y + self.tile.1),
         }
     }
 
-    fn arrow(&self, route: &Route) -> Arrow {
+    fn arrow(&self, route: &ArrowRoute) -> Arrow {
         let (start, tip) = (self.point(&route.start), self.point(&route.end));
         let mut points = vec![start];
         if let Some(&first) = route.rows.first() {
@@ -214,10 +217,10 @@ impl Plan {
             }
         }
         let (dx, dy) = match route.end.side {
-            Side::Left => (1.0, 0.0),
-            Side::Right => (-1.0, 0.0),
-            Side::Top => (0.0, 1.0),
-            Side::Bottom => (0.0, -1.0),
+            TileSide::Left => (1.0, 0.0),
+            TileSide::Right => (-1.0, 0.0),
+            TileSide::Top => (0.0, 1.0),
+            TileSide::Bottom => (0.0, -1.0),
         };
         let tip = (tip.0 - dx * AIR, tip.1 - dy * AIR);
         points.push((tip.0 - dx * 8.0, tip.1 - dy * 8.0));
@@ -225,20 +228,20 @@ impl Plan {
     }
 }
 
-/// First fit: the lane of each span, sorted by its begin, and how many there are.
-fn lanes(spans: &[(f64, f64, usize, usize)]) -> (Vec<usize>, usize) {
+/// First fit: the track of each span, sorted by its begin, and how many there are.
+fn tracks(spans: &[(f64, f64, usize, usize)]) -> (Vec<usize>, usize) {
     let mut ends: Vec<f64> = Vec::new();
-    let lanes = spans.iter().map(|&(begin, end, ..)| {
-        let lane = ends.iter().position(|&taken| taken + 8.0 < begin).unwrap_or(ends.len());
-        if lane == ends.len() {
+    let tracks = spans.iter().map(|&(begin, end, ..)| {
+        let track = ends.iter().position(|&taken| taken + 8.0 < begin).unwrap_or(ends.len());
+        if track == ends.len() {
             ends.push(end);
         } else {
-            ends[lane] = end;
+            ends[track] = end;
         }
-        lane
+        track
     });
-    let lanes = lanes.collect();
-    (lanes, ends.len())
+    let tracks = tracks.collect();
+    (tracks, ends.len())
 }
 
 fn head((x, y): (f64, f64), dx: f64, dy: f64) -> String {

@@ -125,8 +125,8 @@ impl Default for Board {
     }
 }
 
-/// For what nothing claims, which no configuration gives a place: the first that is free among the
-/// others, from below, or else one below them or beside them.
+/// A place for the tile of undeclared statuses, which the configuration does not place: the first free one
+/// among the others, from below, or else one below or beside them.
 fn free_place(taken: &BTreeSet<(usize, usize)>) -> Option<(usize, usize)> {
     let columns = taken.iter().map(|place| place.0 + 1).max()?;
     let rows = taken.iter().map(|place| place.1 + 1).max()?;

@@ -7,7 +7,7 @@ use crate::engine::snapshot::{ModuleView, Reason};
 use crate::engine::state::State;
 
 use super::Tile;
-use crate::web::view::node_names::{Spoken, icon, own_matters, reason_word};
+use crate::web::view::node_names::{ModuleMessage, icon, own_matters, reason_word};
 use crate::web::view::text::{ID, VALUE, address, clean};
 use crate::web::view::trends::{POINTS_SMALL, Trend};
 use crate::web::view::versions::Aspect;
@@ -19,8 +19,7 @@ use crate::web::view::{DETAIL, Fragment, View, html};
 const ROWS: usize = 40;
 /// Values of one module that are shown.
 const VALUES: usize = 8;
-/// What stands behind all tiles together takes no more on the wire: a message to a page is never more than
-/// 1 MiB.
+/// All panels together take no more on the wire, because a message to a page is never more than 1 MiB.
 const BYTES: usize = 512 << 10;
 /// Modules of one component whose values are drawn, and values of one of them that are.
 const ROWS_DRAWN: usize = 12;
@@ -29,7 +28,7 @@ const VALUES_DRAWN: usize = 3;
 /// Values of a monitor that never change.
 const LIMITS: &[&str] = &["warning_below", "error_below", "warning_above", "error_above"];
 
-struct Row {
+struct ModuleRow {
     id: String,
     title: String,
     label: String,
@@ -39,17 +38,17 @@ struct Row {
     word: &'static str,
     because: String,
     own: Option<&'static str>,
-    /// Why it is not what it reports itself.
+    /// Why its state is not the reported one.
     decided: String,
     since: String,
-    spoken: Spoken,
-    values: Vec<Value>,
+    message: ModuleMessage,
+    values: Vec<MeasuredValue>,
     /// Its ERROR stays until somebody resets it.
     held: bool,
     reset: Option<ResetHtml>,
 }
 
-struct Value {
+struct MeasuredValue {
     key: String,
     value: String,
     past: Option<Trend>,
@@ -82,7 +81,7 @@ struct DetailHtml<'a> {
     /// Names of the components from the root cause to this one.
     chain: Vec<String>,
     root: String,
-    rows: Vec<Row>,
+    rows: Vec<ModuleRow>,
     more: Option<String>,
 }
 
@@ -124,7 +123,7 @@ pub fn detail(view: &View<'_>, tile: Tile) -> Fragment {
     Fragment { id: format!("{DETAIL}{}", info.path), html }
 }
 
-/// The text of it in at most so many bytes: where words are long, values are left out, then the last rows.
+/// The panel in at most so many bytes: long ones lose their values, then their last rows.
 fn fitting(detail: &mut DetailHtml<'_>, bytes: usize, more: impl Fn(usize) -> Option<String>) -> String {
     loop {
         detail.more = more(detail.rows.len());
@@ -154,7 +153,7 @@ fn why(view: &View<'_>, tile: Tile) -> (Vec<String>, String) {
     (chain, root)
 }
 
-/// What needs eyes stands first; the order of the configuration stays otherwise.
+/// Faults stand first; otherwise the order of the configuration stays.
 fn weight(module: &ModuleView) -> u8 {
     match module.state {
         State::Error => 5,
@@ -165,13 +164,13 @@ fn weight(module: &ModuleView) -> u8 {
     }
 }
 
-fn row(view: &View<'_>, tile: Tile, id: ModuleId, index: usize) -> Row {
+fn row(view: &View<'_>, tile: Tile, id: ModuleId, index: usize) -> ModuleRow {
     let (info, module) = view.snapshot.module(id);
     let own = own_matters(module);
     let failing = if own { module.own } else { module.state };
     let label = view.label(info);
     let named = !matches!(failing, State::Ok | State::Ignore) && view.name_of_fault(info, failing).is_some();
-    Row {
+    ModuleRow {
         id: clean(&info.id, ID),
         title: if named { view.fault(id, failing) } else { label.clone() },
         label: if named { label } else { String::new() },
@@ -183,14 +182,14 @@ fn row(view: &View<'_>, tile: Tile, id: ModuleId, index: usize) -> Row {
         own: own.then(|| view.lang.state(module.own)),
         decided: decided(view, module),
         since: view.wall(module.since),
-        spoken: view.words_of(module),
+        message: view.message_of(module),
         values: values(view, id, index < ROWS_DRAWN),
         held: module.steps.latched,
         reset: reset(view, tile, id),
     }
 }
 
-/// What made another state of what a module reported, where that is not its silence.
+/// Why a module's state differs from its report, if that is not its silence.
 fn decided(view: &View<'_>, module: &ModuleView) -> String {
     let steps = module.steps;
     let Some(reported) = steps.reported.filter(|&reported| reported != module.own) else {
@@ -204,24 +203,24 @@ fn decided(view: &View<'_>, module: &ModuleView) -> String {
 }
 
 /// What a module measures; a number of the last minutes is a line too.
-fn values(view: &View<'_>, id: ModuleId, drawn: bool) -> Vec<Value> {
+fn values(view: &View<'_>, id: ModuleId, drawn: bool) -> Vec<MeasuredValue> {
     let (info, module) = view.snapshot.module(id);
     let past = view.trends.filter(|_| drawn && !module.report.values.is_empty());
     let mut past = past.map(|trends| trends.of(id.0 as usize, &info.id, POINTS_SMALL)).unwrap_or_default();
-    // Limits stand among the values too: what never moved needs no line.
+    // Limits are values too: a value that never changed needs no line.
     past.retain(|trend| trend.least < trend.most);
     past.truncate(VALUES_DRAWN);
     let measured = module.report.german.is_some();
-    // What a monitor says names its limits already.
+    // A monitor's message names its limits already.
     let values = module.report.values.iter().filter(|(key, _)| !measured || !LIMITS.contains(&&**key));
     let value = values.take(VALUES).map(|(key, value)| {
         let index = past.iter().position(|trend| *trend.key == **key);
         let past = index.map(|index| past.swap_remove(index));
         let (key, value) = (clean(key, VALUE), clean(value, VALUE));
         if measured {
-            Value { value: view.lang.numeral(value), key: view.lang.measured(&key).to_owned(), past }
+            MeasuredValue { value: view.lang.numeral(value), key: view.lang.measured(&key).to_owned(), past }
         } else {
-            Value { key, value, past }
+            MeasuredValue { key, value, past }
         }
     });
     value.collect()

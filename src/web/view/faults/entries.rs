@@ -8,7 +8,7 @@ use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 
 use crate::web::view::View;
-use crate::web::view::node_names::Spoken;
+use crate::web::view::node_names::ModuleMessage;
 use crate::web::view::versions::Aspect;
 
 /// WARNINGs of one component that are entries of their own; more of them are one.
@@ -16,49 +16,49 @@ const WARNINGS_NAMED: usize = 3;
 
 /// One entry of the list.
 #[derive(Debug, Clone)]
-pub struct Entry {
+pub struct FaultEntry {
     pub node: NodeId,
     pub state: State,
     pub title: String,
-    pub spoken: Spoken,
+    pub message: ModuleMessage,
     pub place: String,
-    /// The components in which it shows.
+    /// The components that show it.
     pub places: Vec<String>,
     pub since: Timestamp,
     pub waits: String,
-    /// How many errors hide behind it, as words that go on after `waits`.
+    /// How many masked modules report an ERROR, as words that go on after `waits`.
     pub behind: String,
     pub masks: u32,
     pub help: String,
-    /// It is an alarm that nobody has taken note of.
-    pub calls: bool,
-    /// It was wrong, and nobody has taken note of it.
+    /// It is an alarm that nobody has acknowledged.
+    pub unacknowledged: bool,
+    /// The fault is over, and nobody has acknowledged it.
     pub over: bool,
-    /// What the operator has to take note of.
-    pub acknowledge: Option<Target>,
+    /// What an acknowledgement of this entry is for.
+    pub acknowledge: Option<AcknowledgeTarget>,
 }
 
-/// What an acknowledgement is for, as its route names it.
+/// An alarm or a node, as the route of the acknowledgement names it.
 #[derive(Debug, Clone)]
-pub struct Target {
+pub struct AcknowledgeTarget {
     pub id: String,
     pub aspect: Aspect,
 }
 
-pub fn entries(view: &View<'_>) -> Vec<Entry> {
-    let behind = behind(view);
+pub fn entries(view: &View<'_>) -> Vec<FaultEntry> {
+    let behind = masked_errors(view);
     let roots = view.snapshot.roots.iter();
-    let mut entries: Vec<Entry> = roots.map(|root| of_root(view, root, &behind)).collect();
-    lesser(view, &mut entries);
-    past(view, &mut entries);
-    held(view, &mut entries);
-    of_one_status(view, entries)
+    let mut entries: Vec<FaultEntry> = roots.map(|root| of_root(view, root, &behind)).collect();
+    add_unexplained(view, &mut entries);
+    add_past_alarms(view, &mut entries);
+    add_causes_of_countermeasures(view, &mut entries);
+    join_by_status(view, entries)
 }
 
-/// What one status says in several components is one entry, which names them all.
-fn of_one_status(view: &View<'_>, entries: Vec<Entry>) -> Vec<Entry> {
+/// Entries of one status in several components become one, which names the components.
+fn join_by_status(view: &View<'_>, entries: Vec<FaultEntry>) -> Vec<FaultEntry> {
     let mut first: HashMap<&str, usize> = HashMap::new();
-    let mut found: Vec<Entry> = Vec::with_capacity(entries.len());
+    let mut found: Vec<FaultEntry> = Vec::with_capacity(entries.len());
     for entry in entries {
         let status = view.snapshot.status_of(entry.node);
         match status.and_then(|status| first.insert(status, found.len())) {
@@ -73,8 +73,8 @@ fn of_one_status(view: &View<'_>, entries: Vec<Entry>) -> Vec<Entry> {
     found
 }
 
-/// The worse one, at all places, with what there is to acknowledge at any of them.
-fn joined(view: &View<'_>, a: Entry, b: Entry) -> Entry {
+/// The worse of two entries, with the components of both and the acknowledgement of either.
+fn joined(view: &View<'_>, a: FaultEntry, b: FaultEntry) -> FaultEntry {
     let (entry, other) = if (b.over, a.state) < (a.over, b.state) { (b, a) } else { (a, b) };
     let mut places = entry.places;
     places.extend(other.places.into_iter().filter(|place| !places.contains(place)).collect::<Vec<_>>());
@@ -88,7 +88,7 @@ fn joined(view: &View<'_>, a: Entry, b: Entry) -> Entry {
     };
     let masks_more = other.masks > entry.masks;
     let (waits, behind) = if masks_more { (other.waits, other.behind) } else { (entry.waits, entry.behind) };
-    Entry {
+    FaultEntry {
         title,
         place,
         places,
@@ -96,13 +96,13 @@ fn joined(view: &View<'_>, a: Entry, b: Entry) -> Entry {
         waits,
         behind,
         masks: entry.masks.max(other.masks),
-        calls: entry.calls || other.calls,
+        unacknowledged: entry.unacknowledged || other.unacknowledged,
         acknowledge,
         ..entry
     }
 }
 
-fn of_root(view: &View<'_>, root: &RootCause, behind: &HashMap<NodeId, usize>) -> Entry {
+fn of_root(view: &View<'_>, root: &RootCause, behind: &HashMap<NodeId, usize>) -> FaultEntry {
     let state = view.snapshot.shown(root.node).0;
     let entry = match root.node {
         NodeId::Module(id) => of_module(view, id, state),
@@ -110,18 +110,18 @@ fn of_root(view: &View<'_>, root: &RootCause, behind: &HashMap<NodeId, usize>) -
     };
     let alarm = view.snapshot.alarms.iter().find(|alarm| alarm.active && alarm.node == root.node);
     let target = alarm.filter(|alarm| !alarm.acknowledged);
-    Entry {
+    FaultEntry {
         since: root.since,
         masks: root.masks,
         waits: waits(view, root),
         behind: behind.get(&root.node).map(|&count| view.lang.with_errors(count)).unwrap_or_default(),
-        calls: target.is_some(),
+        unacknowledged: target.is_some(),
         acknowledge: target.map(|alarm| by_number(alarm.id)),
         ..entry
     }
 }
 
-/// What a root cause puts aside: `Four others wait`.
+/// What a root cause masks: `Four others wait`.
 fn waits(view: &View<'_>, root: &RootCause) -> String {
     let own = view.board.tile_of(root.node);
     let masked =
@@ -137,7 +137,7 @@ fn waits(view: &View<'_>, root: &RootCause) -> String {
 }
 
 /// How many masked modules report an ERROR themselves, by the root cause that hides them.
-fn behind(view: &View<'_>) -> HashMap<NodeId, usize> {
+fn masked_errors(view: &View<'_>) -> HashMap<NodeId, usize> {
     let mut behind = HashMap::new();
     if view.snapshot.roots.iter().all(|root| root.masks == 0) {
         return behind;
@@ -152,20 +152,20 @@ fn behind(view: &View<'_>) -> HashMap<NodeId, usize> {
     behind
 }
 
-fn of_module(view: &View<'_>, id: ModuleId, state: State) -> Entry {
+fn of_module(view: &View<'_>, id: ModuleId, state: State) -> FaultEntry {
     let (_, module) = view.snapshot.module(id);
     let component = view.tile_name(NodeId::Module(id));
     let (title, place) = titled(view, id, state, &component);
-    let mut spoken = view.words_of(module);
-    // A judgement without a silence says nothing beside UNKNOWN; nothing is said twice.
-    if spoken.message == title || (state == State::Unknown && spoken.silent.is_none()) {
-        spoken.message.clear();
+    let mut message = view.message_of(module);
+    // Beside UNKNOWN only a silence tells something new. A message that is the title already is left out.
+    if message.text == title || (state == State::Unknown && message.silent.is_none()) {
+        message.text.clear();
     }
     let node = NodeId::Module(id);
-    Entry {
+    FaultEntry {
         node,
         state,
-        spoken,
+        message,
         title,
         place,
         places: vec![component],
@@ -174,14 +174,14 @@ fn of_module(view: &View<'_>, id: ModuleId, state: State) -> Entry {
         behind: String::new(),
         masks: 0,
         help: help(view, node, state),
-        calls: false,
+        unacknowledged: false,
         over: false,
         acknowledge: None,
     }
 }
 
-/// What a fault is called, and where it is. Without a name of its own it is called by its component,
-/// and then its place is its label.
+/// The title of a fault, and its place. Without a configured name the title names the component, and the
+/// place is the module.
 fn titled(view: &View<'_>, id: ModuleId, state: State, components: &str) -> (String, String) {
     let (info, _) = view.snapshot.module(id);
     let named = view.name_of_fault(info, state).is_some();
@@ -189,7 +189,7 @@ fn titled(view: &View<'_>, id: ModuleId, state: State, components: &str) -> (Str
     (view.fault_at(id, state, components), place)
 }
 
-/// What to do: as the configuration says, or else what is right at this level in this stage.
+/// What to do: the configuration's `help`, or else the page's advice for this state and stage.
 fn help(view: &View<'_>, node: NodeId, state: State) -> String {
     if is_held(view, node) {
         return view.lang.steps().reset_here.to_owned();
@@ -197,7 +197,7 @@ fn help(view: &View<'_>, node: NodeId, state: State) -> String {
     view.help(node, state).unwrap_or_else(|| advice(view, node, state).to_owned())
 }
 
-/// Nobody is told to take over at a stop, nor on a machine that is no shuttle.
+/// The page's own advice. To take over is advised only while the vehicle drives.
 fn advice(view: &View<'_>, node: NodeId, state: State) -> &'static str {
     let steps = view.lang.steps();
     let (drives, fails) = match (view.snapshot.stage, state) {
@@ -224,13 +224,13 @@ fn is_held(view: &View<'_>, node: NodeId) -> bool {
     steps.latched && !steps.in_error && view.board.tile_of(node).is_some()
 }
 
-fn of_group(view: &View<'_>, id: GroupId, state: State, place: String) -> Entry {
+fn of_group(view: &View<'_>, id: GroupId, state: State, place: String) -> FaultEntry {
     let node = NodeId::Group(id);
-    Entry {
+    FaultEntry {
         node,
         state,
         title: view.group_name(id),
-        spoken: Spoken::default(),
+        message: ModuleMessage::default(),
         place,
         places: Vec::new(),
         since: view.snapshot.group(id).1.since,
@@ -238,15 +238,15 @@ fn of_group(view: &View<'_>, id: GroupId, state: State, place: String) -> Entry 
         behind: String::new(),
         masks: 0,
         help: help(view, node, state),
-        calls: false,
+        unacknowledged: false,
         over: false,
         acknowledge: None,
     }
 }
 
-/// Adds what is visible and not okay without being a root: several of one kind in one component
-/// are one entry. A component that shows a fault which nothing inside it explains is one itself.
-fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
+/// Adds faults that are no root causes. Several of one state in one component are one entry. A component
+/// whose fault no entry explains is an entry itself.
+fn add_unexplained(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
     let roots: Vec<NodeId> = view.snapshot.roots.iter().map(|root| root.node).collect();
     let mut found = Vec::new();
     for id in view.watched() {
@@ -258,9 +258,9 @@ fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
                 .copied()
                 .filter(|module| visible(module) && !roots.contains(&NodeId::Module(*module)))
                 .collect();
-            // Somebody who accepts a WARNING reads which one.
+            // An operator who accepts a WARNING must read which one.
             if state == State::Warning && of_state.len() <= WARNINGS_NAMED {
-                found.extend(of_state.iter().map(|&one| Entry {
+                found.extend(of_state.iter().map(|&one| FaultEntry {
                     acknowledge: of_warnings(view, id, &[one]),
                     ..of_module(view, one, state)
                 }));
@@ -272,11 +272,11 @@ fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
                 _ => {
                     let since = of_state.iter().map(|&module| view.snapshot.module(module).1.since);
                     let since = since.min().unwrap_or(view.snapshot.now);
-                    Entry { since, ..of_group(view, id, state, view.lang.times(of_state.len(), state)) }
+                    FaultEntry { since, ..of_group(view, id, state, view.lang.times(of_state.len(), state)) }
                 }
             };
             let acknowledge = (state == State::Warning).then(|| of_warnings(view, id, &of_state)).flatten();
-            found.push(Entry { acknowledge, ..entry });
+            found.push(FaultEntry { acknowledge, ..entry });
         }
         let (_, group) = view.snapshot.group(id);
         let faulty = !matches!(group.state, State::Ok | State::Ignore);
@@ -291,23 +291,23 @@ fn lesser(view: &View<'_>, entries: &mut Vec<Entry>) {
 }
 
 /// The first WARNING of a component that nobody has accepted.
-fn of_warnings(view: &View<'_>, group: GroupId, modules: &[ModuleId]) -> Option<Target> {
+fn of_warnings(view: &View<'_>, group: GroupId, modules: &[ModuleId]) -> Option<AcknowledgeTarget> {
     let is_component = view.board.tiles.contains(&group);
     let open = modules.iter().find(|&&module| !view.snapshot.accepted.contains(&NodeId::Module(module)))?;
     let aspect = if is_component { Aspect::Component(group) } else { Aspect::Stage };
-    Some(Target { id: view.snapshot.node_name(NodeId::Module(*open)).to_string(), aspect })
+    Some(AcknowledgeTarget { id: view.snapshot.node_name(NodeId::Module(*open)).to_string(), aspect })
 }
 
-/// Adds the alarms that are over: those of one node are one entry, and where its fault is back
-/// they are a part of that one.
-fn past(view: &View<'_>, entries: &mut Vec<Entry>) {
+/// Adds alarms that are over and not acknowledged: one entry for each node. If the fault of the node is
+/// back, its entry acknowledges them too.
+fn add_past_alarms(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
     let mut of_node: BTreeMap<NodeId, (usize, u64, Timestamp)> = BTreeMap::new();
     for alarm in view.snapshot.alarms.iter().filter(|alarm| !alarm.active && !alarm.acknowledged) {
         let (count, id, raised) = of_node.entry(alarm.node).or_insert((0, alarm.id, alarm.raised));
         *count += 1 + alarm.repeats as usize;
         (*id, *raised) = (alarm.id, alarm.raised);
     }
-    let mut found: Vec<(u64, Entry)> = Vec::new();
+    let mut found: Vec<(u64, FaultEntry)> = Vec::new();
     for (node, (count, id, raised)) in of_node {
         if let Some(back) = entries.iter_mut().find(|entry| entry.node == node) {
             let of_both = back.acknowledge.is_some();
@@ -319,17 +319,17 @@ fn past(view: &View<'_>, entries: &mut Vec<Entry>) {
             NodeId::Group(group) => of_group(view, group, State::Error, String::new()),
         };
         let acknowledge = Some(if count > 1 { by_name(view, node) } else { by_number(id) });
-        let spoken = Spoken { message: view.lang.so_often(count), silent: None };
+        let message = ModuleMessage { text: view.lang.so_often(count), silent: None };
         let help = String::new();
-        found.push((id, Entry { since: raised, spoken, help, over: true, acknowledge, ..entry }));
+        found.push((id, FaultEntry { since: raised, message, help, over: true, acknowledge, ..entry }));
     }
     found.sort_by_key(|(id, _)| *id);
     entries.extend(found.into_iter().map(|(_, entry)| entry));
 }
 
-/// Adds what a countermeasure waits for where nothing else lets the operator take note of it, such as
-/// a cause that was acknowledged before, was a WARNING, or left its place to its group.
-fn held(view: &View<'_>, entries: &mut Vec<Entry>) {
+/// Adds the acknowledgements for which a countermeasure waits, where no entry offers them: for a cause
+/// whose alarm was acknowledged before, for a WARNING, for a node whose group became the cause.
+fn add_causes_of_countermeasures(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
     let moving = view.snapshot.countermeasures.iter().filter(|it| it.request.kind().moves());
     for cause in moving.flat_map(|it| it.causes.iter()).filter(|cause| !cause.acknowledged) {
         let target = Some(by_name(view, cause.node));
@@ -341,19 +341,19 @@ fn held(view: &View<'_>, entries: &mut Vec<Entry>) {
             NodeId::Module(module) => of_module(view, module, State::Error),
             NodeId::Group(group) => of_group(view, group, State::Error, String::new()),
         };
-        let (spoken, help) = (Spoken::default(), String::new());
-        entries.push(Entry { spoken, help, over: !cause.present, acknowledge: target, ..entry });
+        let (message, help) = (ModuleMessage::default(), String::new());
+        entries.push(FaultEntry { message, help, over: !cause.present, acknowledge: target, ..entry });
     }
 }
 
-fn by_number(id: u64) -> Target {
-    Target { id: id.to_string(), aspect: Aspect::Alarm(id) }
+fn by_number(id: u64) -> AcknowledgeTarget {
+    AcknowledgeTarget { id: id.to_string(), aspect: Aspect::Alarm(id) }
 }
 
-/// All alarms of a node: they are decided by what its component shows.
-fn by_name(view: &View<'_>, node: NodeId) -> Target {
+/// All alarms of a node. The version is that of the component around it.
+fn by_name(view: &View<'_>, node: NodeId) -> AcknowledgeTarget {
     let tile = view.board.tile_of(node).map(|tile| view.board.tiles[tile]);
-    Target {
+    AcknowledgeTarget {
         id: view.snapshot.node_name(node).to_string(),
         aspect: tile.map_or(Aspect::Stage, Aspect::Component),
     }

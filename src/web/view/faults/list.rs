@@ -6,10 +6,10 @@ use askama::Template;
 
 use crate::engine::state::State;
 
-use super::entries::Entry;
+use super::entries::FaultEntry;
 use super::undeclared_statuses;
 use crate::web::view::bars::countermeasure;
-use crate::web::view::node_names::{Spoken, icon};
+use crate::web::view::node_names::{ModuleMessage, icon};
 use crate::web::view::text::width::{LARGE, LARGE_EM, SMALL, SMALL_EM, lines};
 use crate::web::view::text::{ID, address, clean};
 use crate::web::view::words::Words;
@@ -18,11 +18,11 @@ use crate::web::view::{Fragment, View, html};
 
 /// Height of the list on the reference display in pixels. The heading gives way to entries.
 const ROOM: usize = 512;
-/// What the buttons below the list, and a countermeasure's banner, take of it.
+/// What the buttons below the list and the banner of a countermeasure take of it.
 const BUTTONS: usize = 88 + GAP;
 const BANNER: usize = 92;
 const GAP: usize = 12;
-/// A line of what stands below it, and how many letters' heights it is wide.
+/// The height of a line below the list, and its width in letter heights.
 const ASIDE: usize = 30;
 const ASIDE_EM: f64 = 10.5;
 /// Entries on the sheet; more are counted.
@@ -34,26 +34,26 @@ struct CausesHtml {
     words: &'static Words,
     steps: &'static StepWords,
     swap: bool,
-    /// Numbers of the alarms that call: the page sounds once for each that is new.
+    /// Numbers of the alarms that nobody has acknowledged. The page sounds once for each new one.
     alarms: String,
     last_alarm: u64,
     entries: Vec<EntryHtml>,
     more: Option<usize>,
-    /// What to say where the list is empty, and whether that is good news.
+    /// The text of an empty list, and whether it says that all is okay.
     calm: Option<(bool, String)>,
-    /// What is not OK outside of the configuration.
+    /// Undeclared statuses that are not OK.
     aside: Option<String>,
     acknowledge: Option<AcknowledgeHtml>,
 }
 
-/// The one button: it acknowledges what stands first of all that is not.
+/// The button below the list: it acknowledges the first entry that is not acknowledged.
 struct AcknowledgeHtml {
     /// As a part of an address.
     address: String,
     id: String,
     version: u64,
     title: String,
-    /// Which one is meant is said where several wait.
+    /// Whether the button says which entry it acknowledges, because several wait.
     named: bool,
 }
 
@@ -67,27 +67,27 @@ struct EntryHtml {
     over: bool,
     masks: u32,
     title: String,
-    spoken: Spoken,
+    message: ModuleMessage,
     place: String,
     since: String,
     waits: String,
     help: String,
 }
 
-pub fn causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
+pub fn causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
     let acknowledge = acknowledge(view, entries);
     let all_over = entries.iter().all(|entry| entry.over);
-    // What holds the vehicle back is said by the banner: it takes no room from what is over.
-    let held = !entries.is_empty() && countermeasure::waits_for_note(view);
+    // The banner says that the vehicle is held back, so no text here takes room from alarms that are over.
+    let held = !entries.is_empty() && countermeasure::waits_for_acknowledgement(view);
     let calm = (all_over && !held).then(|| calm(view));
     let banner = if countermeasure::has_banner(view) { BANNER } else { 0 };
-    let said = calm.as_ref().map_or(0, |(_, text)| GAP + (LARGE + 1) * lines(text, LARGE_EM, 4));
+    let calm_height = calm.as_ref().map_or(0, |(_, text)| GAP + (LARGE + 1) * lines(text, LARGE_EM, 4));
     let aside = undeclared_statuses::line(view);
-    let beside = aside.as_ref().map_or(0, |text| GAP + ASIDE * lines(text, ASIDE_EM, 3));
-    let room = ROOM - banner - said - beside;
+    let aside_height = aside.as_ref().map_or(0, |text| GAP + ASIDE * lines(text, ASIDE_EM, 3));
+    let room = ROOM - banner - calm_height - aside_height;
     let mut entries = entries.to_vec();
     let mut fits = fitting(&entries, room, acknowledge.is_some());
-    // What the button acts on is in sight.
+    // The entry that the button acknowledges is always shown.
     let meant = entries.iter().position(|entry| entry.acknowledge.is_some());
     if let Some(meant) = meant.filter(|&meant| acknowledge.is_some() && meant >= fits.shown.max(2)) {
         entries[1..=meant].rotate_right(1);
@@ -98,9 +98,9 @@ pub fn causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
         let html = of_entry(view, entry);
         let behind = if index < fits.behinds { &*entry.behind } else { "" };
         let waits = html.waits + behind;
-        let spoken = if index < fits.messages { html.spoken } else { Spoken::default() };
+        let message = if index < fits.messages { html.message } else { ModuleMessage::default() };
         let help = if index < fits.helps { html.help } else { String::new() };
-        EntryHtml { waits, spoken, help, ..html }
+        EntryHtml { waits, message, help, ..html }
     };
     let html = html(&CausesHtml {
         words: view.words,
@@ -127,9 +127,9 @@ struct AllCausesHtml {
 }
 
 /// The whole list, for the sheet.
-pub fn all_causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
+pub fn all_causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
     let more = entries.len().saturating_sub(SHEET_MAX);
-    let whole = |entry: &Entry| {
+    let whole = |entry: &FaultEntry| {
         let html = of_entry(view, entry);
         EntryHtml { waits: html.waits + &entry.behind, ..html }
     };
@@ -142,7 +142,7 @@ pub fn all_causes(view: &View<'_>, entries: &[Entry]) -> Fragment {
     Fragment { id: "all-causes".to_owned(), html }
 }
 
-fn acknowledge(view: &View<'_>, entries: &[Entry]) -> Option<AcknowledgeHtml> {
+fn acknowledge(view: &View<'_>, entries: &[FaultEntry]) -> Option<AcknowledgeHtml> {
     view.snapshot.operator.as_ref()?;
     let mut waiting = entries.iter().filter_map(|entry| Some((entry, entry.acknowledge.as_ref()?)));
     let (entry, target) = waiting.next()?;
@@ -155,8 +155,8 @@ fn acknowledge(view: &View<'_>, entries: &[Entry]) -> Option<AcknowledgeHtml> {
     })
 }
 
-/// How many entries are shown, and how many of them with what to do, with what hides behind them,
-/// and with their message.
+/// How many entries are shown, and how many of these with their help, their masked errors, and their
+/// message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Fitting {
     shown: usize,
@@ -165,10 +165,9 @@ struct Fitting {
     messages: usize,
 }
 
-/// What has room, by an estimate of its lines. The first entry always has, with what to do about
-/// it; where others would be hidden for that alone they are shown without. Then what hides behind
-/// it counts for more than the message.
-fn fitting(entries: &[Entry], room: usize, button: bool) -> Fitting {
+/// Estimates by lines what has room. The first entry is always shown with its help. Other entries lose
+/// their help before one of them is hidden. In the remaining room, masked errors go before messages.
+fn fitting(entries: &[FaultEntry], room: usize, button: bool) -> Fitting {
     let (whole, rest) = if button {
         (room.saturating_sub(BUTTONS), room.saturating_sub(BUTTONS))
     } else {
@@ -186,8 +185,8 @@ fn fitting(entries: &[Entry], room: usize, button: bool) -> Fitting {
     let helps = all.clone().find(|&count| height(count, count) <= room(count)).unwrap_or(least);
     let shown = all.clone().find(|&count| height(count, helps.min(count)) <= room(count)).unwrap_or(least);
     let mut free = room(shown).saturating_sub(height(shown, helps));
-    let mut grown = |more: fn(&Entry) -> usize| {
-        let grows = |entry: &&Entry| {
+    let mut grown = |more: fn(&FaultEntry) -> usize| {
+        let grows = |entry: &&FaultEntry| {
             let more = SMALL * more(entry);
             let fits = more <= free;
             free = free.saturating_sub(more);
@@ -199,26 +198,26 @@ fn fitting(entries: &[Entry], room: usize, button: bool) -> Fitting {
         let both = format!("{}{}", entry.waits, entry.behind);
         lines(&both, SMALL_EM, 3) - lines(&entry.waits, SMALL_EM, 2)
     });
-    Fitting { shown, helps, behinds, messages: grown(|entry| lines(&entry.spoken.estimate(), SMALL_EM, 2)) }
+    Fitting { shown, helps, behinds, messages: grown(|entry| lines(&entry.message.estimate(), SMALL_EM, 2)) }
 }
 
-fn height_brief(entry: &Entry) -> usize {
+fn height_brief(entry: &FaultEntry) -> usize {
     let help = lines(&entry.help, LARGE_EM, 8);
     (height_of_words(entry) + if help > 0 { 8 + LARGE * help } else { 0 }).max(88)
 }
 
-fn height_bare(entry: &Entry) -> usize {
+fn height_bare(entry: &FaultEntry) -> usize {
     height_of_words(entry).max(88)
 }
 
-fn height_of_words(entry: &Entry) -> usize {
+fn height_of_words(entry: &FaultEntry) -> usize {
     // An icon and how long it lasts share the line.
     let place = lines(&format!("iiii {}, seit 00 i", entry.place), SMALL_EM, 3);
     let waits = lines(&entry.waits, SMALL_EM, 2);
     14 + LARGE * lines(&entry.title, LARGE_EM, 2) + SMALL * (place + waits)
 }
 
-fn of_entry(view: &View<'_>, entry: &Entry) -> EntryHtml {
+fn of_entry(view: &View<'_>, entry: &FaultEntry) -> EntryHtml {
     let tile = view.board.tile_of(entry.node).map(|tile| view.board.tiles[tile]);
     EntryHtml {
         node: clean(view.snapshot.node_name(entry.node), ID),
@@ -226,11 +225,11 @@ fn of_entry(view: &View<'_>, entry: &Entry) -> EntryHtml {
         state: entry.state.as_str(),
         icon: if entry.over { "ok" } else { icon(entry.state, None) },
         word: if entry.over { view.lang.steps().over } else { view.lang.state(entry.state) },
-        waiting: entry.calls || entry.over,
+        waiting: entry.unacknowledged || entry.over,
         over: entry.over,
         masks: entry.masks,
         title: entry.title.clone(),
-        spoken: entry.spoken.clone(),
+        message: entry.message.clone(),
         place: entry.place.clone(),
         since: view.wall(entry.since),
         waits: entry.waits.clone(),
@@ -240,11 +239,11 @@ fn of_entry(view: &View<'_>, entry: &Entry) -> EntryHtml {
 
 /// "All okay" is said only where every component that matters shows OK.
 fn calm(view: &View<'_>) -> (bool, String) {
-    if countermeasure::waits_for_note(view) {
+    if countermeasure::waits_for_acknowledgement(view) {
         return (false, view.lang.steps().held_calm.to_owned());
     }
     let states = view.board.tiles.iter().map(|&id| view.snapshot.group(id).1.state);
-    // A component that is ignored was put aside by the stage: with a mask there would be a root cause.
+    // An ignored component is not relevant in this stage: with a mask there would be a root cause.
     let active = states.filter(|&state| state == State::Ok).count();
     match active {
         0 => (false, view.words.nothing_diagnosed.to_owned()),
@@ -258,12 +257,12 @@ mod tests {
     use crate::engine::model::{GroupId, NodeId};
     use crate::engine::time::Timestamp;
 
-    fn entry(title: &str, help: &str) -> Entry {
-        Entry {
+    fn entry(title: &str, help: &str) -> FaultEntry {
+        FaultEntry {
             node: NodeId::Group(GroupId(0)),
             state: State::Error,
             title: title.to_owned(),
-            spoken: Spoken { message: "m".repeat(200), silent: None },
+            message: ModuleMessage { text: "m".repeat(200), silent: None },
             place: "Localization".to_owned(),
             places: Vec::new(),
             since: Timestamp::ZERO,
@@ -271,7 +270,7 @@ mod tests {
             behind: String::new(),
             masks: 4,
             help: help.to_owned(),
-            calls: false,
+            unacknowledged: false,
             over: false,
             acknowledge: None,
         }
@@ -280,12 +279,12 @@ mod tests {
     #[test]
     fn the_first_entry_always_has_room_and_the_list_a_bound() {
         let long = "w".repeat(120);
-        let shown = |entries: &[Entry], room, button| fitting(entries, room, button).shown;
+        let shown = |entries: &[FaultEntry], room, button| fitting(entries, room, button).shown;
         assert_eq!(shown(&[], ROOM, false), 0);
         assert_eq!(shown(&[entry(&long, &long)], ROOM, true), 1);
         let two = fitting(&[entry("short", "do"), entry("short", "do")], ROOM, false);
         assert_eq!(two, Fitting { shown: 2, helps: 2, behinds: 2, messages: 2 });
-        let many: Vec<Entry> = (0..50).map(|_| entry("short", "")).collect();
+        let many: Vec<FaultEntry> = (0..50).map(|_| entry("short", "")).collect();
         for (room, button) in [(ROOM, false), (ROOM, true), (ROOM - BANNER, true)] {
             assert!((2..=4).contains(&shown(&many, room, button)), "{:?}", fitting(&many, room, button));
         }

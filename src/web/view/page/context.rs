@@ -25,36 +25,36 @@ impl Palette {
     }
 }
 
-/// What of a developer's page is made: a script that has the rest asks for no more.
+/// The part of a developer page that is rendered: the page's script asks for no more than it needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Part {
+pub enum PagePart {
     #[default]
     Whole,
-    /// All but the frame that every page has: `<main>`.
+    /// `<main>`, without the frame of the page.
     Main,
-    /// What changes while the page stands: `#dev`.
+    /// `#dev`, the content that changes while the page is open.
     Content,
 }
 
-impl Part {
-    pub fn from_word(word: &str) -> Option<Part> {
+impl PagePart {
+    pub fn from_word(word: &str) -> Option<PagePart> {
         match word {
-            "main" => Some(Part::Main),
-            "content" => Some(Part::Content),
+            "main" => Some(PagePart::Main),
+            "content" => Some(PagePart::Content),
             _ => None,
         }
     }
 
     pub fn is_whole(self) -> bool {
-        self == Part::Whole
+        self == PagePart::Whole
     }
 
     pub fn is_content(self) -> bool {
-        self == Part::Content
+        self == PagePart::Content
     }
 }
 
-/// For whom a page is made.
+/// The reader of a page, and what the page may link to.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PageContext {
     pub lang: Lang,
@@ -65,6 +65,6 @@ pub struct PageContext {
     pub demo: bool,
     /// The configuration comes from a file: pages may link to its page.
     pub configuration: bool,
-    /// What is made of it.
-    pub part: Part,
+    /// The part that is rendered.
+    pub part: PagePart,
 }

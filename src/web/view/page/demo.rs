@@ -3,7 +3,7 @@
 use askama::Template;
 
 use super::PageContext;
-use super::frame::Frame;
+use super::frame::PageFrame;
 use crate::web::view::html;
 use crate::web::view::text::{NAME, clean};
 
@@ -25,7 +25,7 @@ struct FaultHtml {
 #[derive(Template)]
 #[template(path = "demo.html")]
 struct DemoHtml {
-    frame: Frame,
+    frame: PageFrame,
     faults: Vec<FaultHtml>,
 }
 
@@ -47,5 +47,5 @@ pub fn demo_page(faults: &[DemoFault], context: &PageContext) -> String {
         FaultHtml { name: clean(&fault.name, NAME), title, text, active: fault.active }
     });
     let faults = faults.collect();
-    html(&DemoHtml { frame: Frame::new(context.lang, context.palette), faults })
+    html(&DemoHtml { frame: PageFrame::new(context.lang, context.palette), faults })
 }

@@ -1,28 +1,28 @@
 //! The frame of every page.
 
-use super::{Palette, Part};
+use super::{PagePart, Palette};
 use crate::web::assets;
 use crate::web::view::Lang;
 use crate::web::view::words::Words;
 
-/// What every page is framed by.
-pub struct Frame {
+/// The frame that every page has.
+pub struct PageFrame {
     pub lang: &'static str,
     pub palette: &'static str,
-    pub part: Part,
+    pub part: PagePart,
     pub words: &'static Words,
     /// Both languages, for words that change their language, or must show, without a server.
     pub both: [(&'static str, &'static Words); 2],
 }
 
-impl Frame {
-    pub fn new(lang: Lang, palette: Palette) -> Frame {
+impl PageFrame {
+    pub fn new(lang: Lang, palette: Palette) -> PageFrame {
         let both = Lang::ALL.map(|lang| (lang.as_str(), lang.words()));
         let (lang, words) = (lang.as_str(), lang.words());
-        Frame { lang, palette: palette.as_str(), part: Part::Whole, words, both }
+        PageFrame { lang, palette: palette.as_str(), part: PagePart::Whole, words, both }
     }
 
-    /// The keys of the pad for a PIN, but the last row, and for a name.
+    /// The keys of the login's pad: for a PIN, without the last row, and for a name.
     pub fn digits(&self) -> std::str::Chars<'static> {
         "123456789".chars()
     }
@@ -31,7 +31,7 @@ impl Frame {
         "abcdefghijklmnopqrstuvwxyz0123456789.-_".chars()
     }
 
-    /// Where a file of `static/` is found.
+    /// The address of a file below `static/`.
     pub fn asset(&self, name: &str) -> String {
         assets::url(name)
     }

@@ -3,7 +3,7 @@
 use askama::Template;
 
 use super::Palette;
-use super::frame::Frame;
+use super::frame::PageFrame;
 use crate::web::view::text::{NAME, clean};
 use crate::web::view::words::session_end::SessionEnd;
 use crate::web::view::{Lang, html};
@@ -26,20 +26,19 @@ pub struct LoginContext {
 pub enum LoginFailure {
     /// The name or the secret is wrong.
     Wrong,
-    /// It is a PIN, and this is no display at which one will do.
+    /// It is a PIN, and this is not one of the vehicle's own displays.
     PinElsewhere,
-    /// Too many failures: this many seconds until the next try is looked at.
+    /// Too many failures: the next try counts after this many seconds.
     Wait { seconds: u64 },
-    /// Another operator has the vehicle; who just proved to be one may take it over.
+    /// Another operator is logged in; the secret was right, so this one may take over.
     OtherOperator { by: String },
-    /// The vehicle drives; it is taken over at one of its own displays alone.
+    /// The vehicle drives: it can be taken over at its own displays only.
     Drives,
-    /// It cannot be written down: the disk is full, or the database broken.
+    /// The login cannot be recorded: the disk is full, or the database is broken.
     Storage,
-    /// The server can not check logins now.
+    /// Logins cannot be checked now.
     Unavailable,
-    /// No user exists yet; `telltale user add` makes one.
-    /// `data` is the folder that `telltale user` has to be given.
+    /// No user exists yet. `data` is the folder for `telltale user add --data`.
     NoUsers { data: Option<String> },
 }
 
@@ -65,7 +64,7 @@ impl LoginFailure {
 #[derive(Template)]
 #[template(path = "login.html")]
 struct LoginHtml {
-    frame: Frame,
+    frame: PageFrame,
     name: String,
     failure: Option<String>,
     session_end: Option<&'static str>,
@@ -91,7 +90,7 @@ pub fn login_page(context: &LoginContext) -> String {
         }
     });
     html(&LoginHtml {
-        frame: Frame::new(context.lang, context.palette),
+        frame: PageFrame::new(context.lang, context.palette),
         name: clean(&context.name, NAME),
         failure,
         session_end: context.session_end.map(|why| context.lang.session_end(why)),

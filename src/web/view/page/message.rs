@@ -3,14 +3,14 @@
 use askama::Template;
 
 use super::Palette;
-use super::frame::Frame;
+use super::frame::PageFrame;
 use crate::web::view::text::{MESSAGE, clean};
 use crate::web::view::{Lang, html};
 
 #[derive(Template)]
 #[template(path = "message.html")]
 struct MessageHtml {
-    frame: Frame,
+    frame: PageFrame,
     status: u16,
     title: String,
     text: String,
@@ -19,7 +19,7 @@ struct MessageHtml {
 /// A page that says one thing; `title` and `text` are in the reader's language and not yet escaped.
 pub fn message_page(status: u16, title: &str, text: &str, lang: Lang, palette: Palette) -> String {
     html(&MessageHtml {
-        frame: Frame::new(lang, palette),
+        frame: PageFrame::new(lang, palette),
         status,
         title: clean(title, MESSAGE),
         text: clean(text, 2 * MESSAGE),

@@ -3,7 +3,7 @@
 use askama::Template;
 
 use super::PageContext;
-use super::frame::Frame;
+use super::frame::PageFrame;
 use super::login::{LoginContext, login_page};
 use crate::engine::model::Stage;
 use crate::runtime::Published;
@@ -20,7 +20,7 @@ type InBoth = [(&'static str, &'static str); 2];
 #[derive(Template)]
 #[template(path = "operator.html")]
 struct OperatorHtml {
-    frame: Frame,
+    frame: PageFrame,
     stage: &'static str,
     layout: String,
     columns: usize,
@@ -30,7 +30,7 @@ struct OperatorHtml {
     top: String,
     arrows: String,
     tiles: Vec<String>,
-    measure: String,
+    countermeasure: String,
     causes: String,
     step: String,
     /// Name, title in both languages, and content of what a button opens over the board.
@@ -54,7 +54,7 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
     let paths = view.board.tiles.iter().map(|&id| view.snapshot.group(id).0.path.to_string());
     let text = |fragment: Fragment| fragment.html;
     html(&OperatorHtml {
-        frame: Frame::new(context.lang, context.palette),
+        frame: PageFrame::new(context.lang, context.palette),
         stage: published.snapshot.stage.as_str(),
         layout: top_bar::layout_mark(&view),
         columns: view.board.columns,
@@ -64,7 +64,7 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
         top: parts.top.html,
         arrows: parts.arrows.html,
         tiles: parts.tiles.into_iter().map(text).collect(),
-        measure: parts.measure.html,
+        countermeasure: parts.countermeasure.html,
         causes: parts.causes.html,
         step: parts.step.html,
         sheets: [

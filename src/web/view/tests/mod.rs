@@ -26,7 +26,7 @@ pub fn context(lang: Lang, palette: Palette) -> PageContext {
         role: Role::Operator,
         demo: false,
         configuration: false,
-        part: Part::Whole,
+        part: PagePart::Whole,
     }
 }
 

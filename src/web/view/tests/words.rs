@@ -42,9 +42,9 @@ fn a_silent_module_says_so_before_its_last_words() {
     };
     let view = View::new(&silent, Lang::En, false);
     let (_, module) = silent.snapshot.module(id);
-    assert_eq!(view.says(module), "silent for 4 s; last: Images arrive");
+    assert_eq!(view.message_text(module), "silent for 4 s; last: Images arrive");
     assert_eq!(module.says(silent.snapshot.now), "silent for 4 s; last: Images arrive");
-    let german = View::new(&silent, Lang::De, false).says(module);
+    let german = View::new(&silent, Lang::De, false).message_text(module);
     assert_eq!(german, "seit 4 s still; zuletzt: Images arrive");
 }
 
@@ -52,7 +52,7 @@ fn a_silent_module_says_so_before_its_last_words() {
 fn the_developers_filter_finds_the_words_that_are_shown() {
     let silent = silent_camera();
     let found = |lang, text: &str| {
-        let asked = crate::web::developer::tests::asked(&[("q", text)]);
+        let asked = crate::web::developer::tests::query(&[("q", text)]);
         let page = crate::web::developer::statuses::page(
             &silent,
             &context(lang, Palette::Day),

@@ -58,10 +58,10 @@ words! {
     no_pose: "no position yet", "noch keine Position";
     no_goal: "No goal is set", "Kein Ziel gesetzt";
     not_localized: "The position is not confirmed", "Position nicht bestätigt";
-    measure_holds: "A countermeasure is not released", "Gegenmaßnahme nicht aufgehoben";
+    countermeasure_holds: "A countermeasure is not released", "Gegenmaßnahme nicht aufgehoben";
     goal_set: "Goal set", "Ziel gesetzt";
     all_fit: "All components fit to drive", "Alle Komponenten fahrbereit";
-    no_measure: "No countermeasure", "Keine Gegenmaßnahme";
+    no_countermeasure: "No countermeasure", "Keine Gegenmaßnahme";
 
     drives: "The vehicle drives by itself", "Das Fahrzeug fährt selbst";
     runs: "In operation", "In Betrieb";
@@ -100,8 +100,8 @@ impl Lang {
         }
     }
 
-    /// What the vehicle does because of a countermeasure, no more than is known: `Slowing down, 1 m/s²`.
-    pub fn measure(self, request: Request, state: CountermeasureState) -> String {
+    /// What the vehicle is asked for by a countermeasure, or what it has confirmed to do: `Slowing down, 1 m/s²`.
+    pub fn countermeasure(self, request: Request, state: CountermeasureState) -> String {
         let done = state == CountermeasureState::Engaged;
         match (self, request) {
             (Lang::En, Request::Decelerate { mps2 }) if done => format!("Slowing down, {mps2} m/s²"),
@@ -123,7 +123,7 @@ impl Lang {
         }
     }
 
-    /// What stands around for how long a module has been silent: `silent for 3 s`.
+    /// The texts around the duration of a silence: `silent for 3 s`.
     pub fn silent_around(self) -> (&'static str, &'static str) {
         match self {
             Lang::En => ("silent for ", ""),
@@ -131,7 +131,7 @@ impl Lang {
         }
     }
 
-    /// What was said last, after for how long nothing has come since, if nothing has.
+    /// The last message, behind the duration of the silence if there is one.
     pub fn with_silence(self, last: String, silent: Option<Span>) -> String {
         let Some(long) = silent.map(how_long) else { return last };
         let (before, after) = self.silent_around();
@@ -141,7 +141,7 @@ impl Lang {
         }
     }
 
-    /// A request that reaches nobody is not said to be made.
+    /// The title of a request that nobody receives.
     pub fn unheard(self, request: Request) -> &'static str {
         match (self, request.kind()) {
             (Lang::En, RequestKind::Decelerate) => "Request to slow down not received",
@@ -166,7 +166,7 @@ impl Lang {
         format!("{names}: {what}")
     }
 
-    /// `Planning, Control: wait for Localization`: components that another one's fault puts aside.
+    /// `Planning, Control: wait for Localization`: components that another one's fault masks.
     pub fn wait_for(self, names: &[String], cause: Option<&str>) -> String {
         let what = match (self, cause, names.len()) {
             (_, None, _) => return self.not_fit(&names.join(", "), State::Ignore),
@@ -194,7 +194,7 @@ impl Lang {
         }
     }
 
-    /// `, 3 report errors themselves`: what hides behind a root cause.
+    /// `, 3 errors behind it`: masked modules that report an ERROR.
     pub fn with_errors(self, count: usize) -> String {
         match (self, count) {
             (Lang::En, 1) => ", 1\u{a0}error behind it".to_owned(),
@@ -212,7 +212,7 @@ impl Lang {
         }
     }
 
-    /// Why a confirmation of a clearance opens nothing.
+    /// Why a confirmation of a clearance is refused.
     pub fn not_pending(self, too_late: bool) -> String {
         let words = match (self, too_late) {
             (Lang::En, true) => "The confirmation came later than 10 s. Give clearance again.",
@@ -241,14 +241,14 @@ mod tests {
     fn what_is_asked_is_not_said_to_be_done() {
         for lang in Lang::ALL {
             for request in [Request::Decelerate { mps2: 1.5 }, Request::ManeuverStop] {
-                let done = lang.measure(request, CountermeasureState::Engaged);
+                let done = lang.countermeasure(request, CountermeasureState::Engaged);
                 for state in [CountermeasureState::Requested, CountermeasureState::Unconfirmed] {
-                    assert_ne!(lang.measure(request, state), done);
+                    assert_ne!(lang.countermeasure(request, state), done);
                 }
             }
         }
         assert_eq!(
-            Lang::De.measure(Request::Decelerate { mps2: 1.5 }, CountermeasureState::Engaged),
+            Lang::De.countermeasure(Request::Decelerate { mps2: 1.5 }, CountermeasureState::Engaged),
             "Bremst ab, 1,5 m/s²"
         );
     }

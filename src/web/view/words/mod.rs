@@ -208,7 +208,7 @@ impl Lang {
         }
     }
 
-    /// Why the vehicle's state puts a node aside: `not driving`.
+    /// Why a node is not relevant: `not driving`.
     pub fn not_relevant(self, because: &NotRelevant) -> String {
         let words = self.words();
         let fixed = match because {
@@ -233,7 +233,7 @@ impl Lang {
         fixed.to_owned()
     }
 
-    /// `Four others wait`: components that a root cause puts aside.
+    /// `Four others wait`: components that a root cause masks.
     pub fn others_wait(self, count: usize) -> String {
         match (self, count) {
             (Lang::En, 1) => "One other waits".to_owned(),
@@ -243,7 +243,7 @@ impl Lang {
         }
     }
 
-    /// `Four modules wait`: where no whole component is put aside.
+    /// `Four modules wait`: where no whole component is masked.
     pub fn modules_wait(self, count: usize) -> String {
         match (self, count) {
             (Lang::En, 1) => "One module waits".to_owned(),
@@ -312,7 +312,7 @@ impl Lang {
         }
     }
 
-    /// What every page says while a change of the operator is due.
+    /// The notice on every page while a hand-over is due.
     pub fn hand_over(self, to: &str) -> String {
         let to = clean(to, NAME);
         match self {

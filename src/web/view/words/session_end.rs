@@ -2,7 +2,7 @@
 
 use super::Lang;
 
-/// Why somebody has to log in again.
+/// Why a session ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SessionEnd {
     /// Its time was over.
@@ -13,11 +13,11 @@ pub enum SessionEnd {
     TakenOver,
     /// The same operator logged out at another display.
     LoggedOut,
-    /// Its holder logged out with it, and knows.
+    /// Its holder logged out at this display.
     LoggedOutHere,
     /// The user was removed.
     Removed,
-    /// Another role, another secret, too many logins, or nobody knows any more.
+    /// Another role or secret, too many sessions, or a session that the store does not know.
     Ended,
 }
 

@@ -1,5 +1,5 @@
-// The developer's pages: the fields of the timeline, the size of the graph, and the keys.
-// All of it listens at the document, because pages come and go.
+// Controls of the developer pages: the fields of the timeline, the size of the graph, and keys. All
+// listeners are on the document, because pages are replaced.
 (() => {
   "use strict";
 
@@ -10,7 +10,7 @@
     return new Date(ms - at.getTimezoneOffset() * 60000).toISOString().slice(0, 19);
   };
 
-  // A moment and an end stand still: the present does not.
+  // With a moment or an end, the page stays at its span; otherwise it follows the present.
   const fix = (changes) => {
     const asked = new URLSearchParams(location.search);
     if (!asked.get("until")) asked.set("until", document.getElementById("timeline").dataset.to);

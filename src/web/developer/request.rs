@@ -15,27 +15,27 @@ use crate::web::view::permitted;
 
 use super::PageQuery;
 
-/// What every page of the developer's is made from.
-pub struct Visit {
+/// What every developer page needs.
+pub struct PageRequest {
     pub published: Published,
     pub context: PageContext,
-    pub asked: PageQuery,
+    pub query: PageQuery,
     pub reader: Reader,
     pub session: Session,
 }
 
-impl FromRequestParts<AppState> for Visit {
+impl FromRequestParts<AppState> for PageRequest {
     type Rejection = Response;
 
-    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Visit, Response> {
+    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<PageRequest, Response> {
         let SignedIn(session) = SignedIn::from_request_parts(parts, app).await?;
         let reader = Reader::of(&parts.uri, &parts.headers);
-        // An address that cannot be read asks for nothing.
-        let asked = Query::<Vec<(String, String)>>::try_from_uri(&parts.uri);
-        Ok(Visit {
+        // A malformed query counts as an empty one.
+        let query = Query::<Vec<(String, String)>>::try_from_uri(&parts.uri);
+        Ok(PageRequest {
             published: permitted(&app.published()),
             context: page_context(app, &session, &reader),
-            asked: PageQuery::of(asked.map(|Query(pairs)| pairs).unwrap_or_default()),
+            query: PageQuery::of(query.map(|Query(pairs)| pairs).unwrap_or_default()),
             reader,
             session,
         })

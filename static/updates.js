@@ -1,18 +1,18 @@
-// The operator's page while it is connected: takes in what the server sends, answers when it is on the
-// screen, and lets times count on. `live.js` says whether the display is live.
+// Updates the operator's page: takes in what the server sends, confirms what is on the screen, and counts
+// times on. `live.js` decides whether the display is live.
 (() => {
   "use strict";
   // An alarm calls once in this time.
   const CALL_MS = 1000;
 
   const body = document.body;
-  const behind = new Behind();
+  const hidden = new HiddenPanels();
   // The server's wall clock at the last heartbeat.
   let serverAt = NaN;
   // The first message that came and is not on the screen yet.
   let unshownSince = null;
   let received = -1;
-  // The server is of another version than this page.
+  // The server has another version than this page.
   let outdated = false;
 
   // --- times that count on by themselves
@@ -25,7 +25,7 @@
     return `${Math.floor(s / 86400)} d`;
   };
 
-  // Where there are times to be seen: in the list of what is wrong, and in what is open.
+  // Where times are visible: in the list of faults and in open panels.
   const open = new Set([document.querySelector("aside")]);
 
   const tickTimes = () => {
@@ -44,7 +44,7 @@
     if (is === "dead") dispatchEvent(new Event("telltale:dead"));
     if (is === "live") tickTimes();
     body.toggleAttribute("data-ebb", now % CALL_MS >= CALL_MS / 2);
-    behind.follow();
+    hidden.updateNext();
     renew();
   };
 
@@ -97,7 +97,7 @@
   document.addEventListener("htmx:ws:before:connection", () => live.trying());
 
   document.addEventListener("htmx:ws:after:connection", (event) => {
-    behind.begin();
+    hidden.reset();
     unshownSince = null;
     live.opened(event.detail.connection.socket);
   });
@@ -112,7 +112,7 @@
     if (typeof message.data !== "string") return;
     const read = Live.read(message.data);
     message.json = async () => read;
-    behind.hear(read);
+    hidden.receive(read);
   });
 
   document.addEventListener("htmx:ws:after:message:incoming", async (event) => {
@@ -127,7 +127,7 @@
     });
   });
 
-  // --- what the swapped elements say about the page around them
+  // --- attributes of swapped elements that concern the whole page
 
   document.addEventListener("htmx:after:swap", () => {
     const { stage, layout } = document.getElementById("top").dataset;
@@ -142,7 +142,7 @@
     "beforetoggle",
     ({ target, newState }) => {
       if (newState !== "open") return open.delete(target);
-      behind.open(target);
+      hidden.open(target);
       open.add(target);
       return tickTimes();
     },
