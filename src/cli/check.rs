@@ -103,7 +103,8 @@ fn json(ok: bool, problems: Option<&Problems>, assumed: &[String]) -> String {
     format!("{}\n", serde_json::json!({ "ok": ok, "problems": list, "more": more, "assumed": assumed }))
 }
 
-/// A fault of the engine's own rules is an error; everything else a vehicle can run with.
+/// The exit code. Only a fault of the engine's own rules is an error; a vehicle runs with all other
+/// findings.
 fn judged(args: &Args, found: &Soundness) -> u8 {
     let fault = found.findings.iter().any(|finding| finding.what == What::Unexplained);
     match (fault, args.strict && !found.findings.is_empty()) {
@@ -137,12 +138,12 @@ pub(super) fn report(problems: &Problems) {
     eprint!("{}", problems.render(colour));
 }
 
-/// Prints words of a file: nothing in them acts on the terminal.
+/// Prints text of a file without control characters, which would act on the terminal.
 pub(super) fn print_words(text: &str) {
     print(&escaped(text));
 }
 
-/// Prints to standard output. A reader that went away (`| head`) is no error of ours.
+/// Prints to standard output. A closed pipe (`| head`) is no error.
 pub(super) fn print(text: &str) {
     let _ = std::io::stdout().write_all(text.as_bytes());
 }
@@ -175,7 +176,7 @@ fn text(loaded: &Loaded, found: &Soundness) -> String {
     out
 }
 
-/// What leads from stage to stage.
+/// The table of transitions between stages.
 fn stages_text() -> String {
     let mut out = "\nstages\n".to_owned();
     for Transition { from, event, guard, to } in TRANSITIONS {

@@ -90,11 +90,11 @@ mod tests {
     use std::sync::atomic::{AtomicBool, Ordering};
 
     use super::*;
+    use crate::store::TestFolder;
 
     #[test]
     fn a_server_starts_while_others_look_whether_one_runs() {
-        let folder = std::env::temp_dir().join(format!("telltale-lock-{}", std::process::id()));
-        make_folder(&folder).unwrap();
+        let folder = TestFolder::new("lock");
         let is_over = AtomicBool::new(false);
         std::thread::scope(|scope| {
             scope.spawn(|| {
@@ -110,7 +110,6 @@ mod tests {
         assert!(is_locked(&folder).unwrap());
         drop(lock);
         assert!(!is_locked(&folder).unwrap());
-        std::fs::remove_dir_all(&folder).unwrap();
-        assert!(is_locked(&folder).is_err());
+        assert!(is_locked(&folder.join("none")).is_err());
     }
 }

@@ -21,7 +21,7 @@ use crate::yaml::Problems;
 
 const CONFIG: &str = include_str!("../../config/shuttle.yaml");
 
-/// Domains to choose from: hardly anybody's, and all their ports lie below those that Linux gives out.
+/// Domains that hardly anybody uses. All their ports lie below those that Linux assigns by itself.
 const DOMAINS: std::ops::RangeInclusive<u16> = 60..=99;
 
 /// See it work: a simulated shuttle over real DDS on the loopback interface, and the display.
@@ -94,8 +94,7 @@ async fn demo(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Hands the page's switches to the shuttle. When the server is gone, so is its end of the channel,
-/// and the shuttle ends too.
+/// Hands the page's switches to the shuttle, which ends with the server's end of the channel.
 async fn forward(mut switches: mpsc::Receiver<FaultSwitch>, faults: mpsc::Sender<(Fault, bool)>) {
     while let Some(switch) = switches.recv().await {
         if let Some(fault) = Fault::from_word(switch.name)
@@ -110,7 +109,7 @@ fn load_config() -> Result<Loaded, Problems> {
     config::parse("config/shuttle.yaml", CONFIG)
 }
 
-/// The domain that was asked for, or one in which nobody on this machine is.
+/// The given domain, or one that no participant on this machine uses.
 fn domain(asked: Option<u16>) -> anyhow::Result<u16> {
     match asked {
         Some(domain) if domain <= DOMAIN_MAX => Ok(domain),
@@ -122,12 +121,12 @@ fn domain(asked: Option<u16>) -> anyhow::Result<u16> {
     }
 }
 
-/// Whether the port of a domain's first participant can be had (RTPS 2.5, 9.6.2.3).
+/// Whether the port of a domain's first participant is free (RTPS 2.5, 9.6.2.3).
 fn is_free(domain: u16) -> bool {
     UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 7400 + 250 * domain + 10)).is_ok()
 }
 
-/// One screen: where to look, how to log in, what can be tried.
+/// Prints the address, the users and what can be tried, on one screen.
 fn introduction(address: SocketAddr, domain: u16, alone: bool) -> String {
     let url = server::url(address, false);
     let mut text = format!(

@@ -29,8 +29,7 @@ impl DefinitionFlags {
     }
 }
 
-/// What was read, if nothing is wrong with it in view of the definitions either. All that is wrong is said
-/// at once, so that nobody mends a file error by error.
+/// The configuration, if the fields that it names exist. All errors are reported at once.
 ///
 /// # Errors
 /// Everything that is wrong.
@@ -49,8 +48,8 @@ pub fn whole(
     }
 }
 
-/// Everything that the signals and monitors of a configuration want of topics and cannot have, each
-/// with its place.
+/// Every field that the signals and monitors of a configuration name and that does not exist, each with its
+/// place.
 pub fn check(loaded: &Loaded, definitions: &Definitions) -> Option<Problems> {
     let about = |topic: &str, error: FieldError| (format!("topic {topic}: {}", error.text), error.help);
     let levels = loaded.model.signals.iter().enumerate().filter(|(_, signal)| signal.present_for.is_none());
@@ -82,7 +81,7 @@ pub fn check(loaded: &Loaded, definitions: &Definitions) -> Option<Problems> {
     loaded.problems(signals.chain(monitors).chain(Kinds { model: &loaded.model, kinds, ranges }.misfits()))
 }
 
-/// What is assumed of topics whose type the configuration leaves out, one sentence each.
+/// The assumptions on topics whose type the configuration leaves out, one sentence each.
 pub fn assumed(model: &Model) -> Vec<String> {
     let of_signals = model.signals.iter().filter_map(|signal| signal.source.field());
     let of_signals = of_signals.map(|source| (&*source.topic, &*source.type_name, vec![&*source.field]));
@@ -108,12 +107,12 @@ pub fn assumed(model: &Model) -> Vec<String> {
 /// The least and the greatest number.
 type Range = (f64, f64);
 
-/// What the fields of a model are.
+/// The types of the fields of a model.
 struct Kinds<'m> {
     model: &'m Model,
     /// By topic, then by field; none of a topic that cannot be read.
     kinds: Vec<Option<Vec<Option<ScalarKind>>>>,
-    /// The same: between which numbers each can be, where its type says.
+    /// The least and greatest value of each field, if its type has them.
     ranges: Vec<Option<Vec<Option<Range>>>>,
 }
 
@@ -158,7 +157,7 @@ impl Kinds<'_> {
         found
     }
 
-    /// What is wrong with conditions that have no answer for any value of their inputs.
+    /// Errors of conditions that have no answer for any value of their inputs.
     fn unanswered(&self, monitor: &MonitorSpec) -> Vec<(String, String)> {
         let MonitorSpec::Expression { inputs, warning, error, .. } = monitor else { return Vec::new() };
         let inputs: Vec<_> = inputs.iter().map(|(name, source)| (&**name, self.kind(source))).collect();
@@ -224,7 +223,7 @@ fn name(kind: ScalarKind) -> &'static str {
     }
 }
 
-/// How a value of this kind is compared.
+/// The rule that suits a field of this type.
 fn unless(kind: ScalarKind) -> &'static str {
     match kind {
         ScalarKind::Number => "limits, or `error_unless: 3`",

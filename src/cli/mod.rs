@@ -89,7 +89,7 @@ pub fn main() -> ExitCode {
     })
 }
 
-/// Says how the file is named where one stands without its flag.
+/// Adds a hint to the error for a file that is given without its flag.
 fn with_hint(mut error: clap::Error, command: Option<&str>) -> clap::Error {
     use clap::error::{ContextKind, ContextValue, ErrorKind};
     let argument = match error.get(ContextKind::InvalidArg) {

@@ -27,7 +27,7 @@ pub async fn start(
     outputs::start(options.clone(), topics, snapshots, inputs, bridge.graph(), clock).await
 }
 
-/// The topics of a configuration, as the room that publishes knows them.
+/// The topics of a configuration, as the types of `ros`.
 pub fn topics(publishing: &Publishing) -> Vec<OutputTopic> {
     let topic = |publication| {
         let (topic, period) = publishing.topic(publication)?;
@@ -37,7 +37,7 @@ pub fn topics(publishing: &Publishing) -> Vec<OutputTopic> {
     Publication::ALL.into_iter().filter_map(topic).collect()
 }
 
-/// The snapshots alone, each in the moment it is there.
+/// Forwards the snapshots alone, each at once.
 fn latest(mut published: watch::Receiver<Published>) -> watch::Receiver<Arc<Snapshot>> {
     let (sender, receiver) = watch::channel(published.borrow_and_update().snapshot.clone());
     tokio::spawn(async move {

@@ -107,7 +107,7 @@ fn sources(model: &Model) -> (Vec<&FieldSource>, &Watched) {
     (model.signals.iter().filter_map(|signal| signal.source.field()).collect(), &model.watched)
 }
 
-/// What the rest of the program holds of the task that [`start`] starts.
+/// The channels to the task that [`start`] starts.
 #[derive(Debug, Clone)]
 pub struct Reloads {
     /// For the developer's page.
@@ -141,7 +141,7 @@ fn texts(loaded: &Loaded) -> Arc<[ConfigurationText]> {
     loaded.sources().texts().map(text).collect()
 }
 
-/// What can happen with one configuration, said as soon as a thread of its own has found it.
+/// The situations that should not occur with a configuration, found by a thread of its own.
 struct Judging {
     of: Loaded,
     said: Arc<OnceLock<Option<String>>>,
@@ -172,7 +172,7 @@ struct Task {
     running: Arc<[ConfigurationText]>,
     /// What was read and not taken: exactly that is taken if a request names its digest.
     shown: Option<Outcome>,
-    /// One at a time: what is asked for meanwhile is asked for again.
+    /// One at a time: the page asks again for another configuration.
     judging: Option<Judging>,
 }
 
@@ -260,7 +260,7 @@ impl Task {
         }
     }
 
-    /// What can happen with a configuration, if that is known by now; else it is being found out.
+    /// The situations that should not occur with a configuration; `None` while they are being found.
     fn judge(&mut self, loaded: &Loaded) -> Option<Option<String>> {
         if let Some(judging) = &self.judging {
             if judging.is_of(loaded) {
@@ -303,7 +303,7 @@ fn bullets(differences: &[Difference]) -> String {
     differences.iter().map(|difference| format!("\n  {difference}")).collect()
 }
 
-/// What was read, and against what: the differences change with what runs.
+/// A digest of the files and of the differences, which change with the running configuration.
 fn digest(outcome: &Outcome) -> String {
     let mut hash = Sha256::new();
     for text in outcome.loaded.sources().texts().flat_map(|(name, text)| [name, text]) {

@@ -110,7 +110,7 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Reads the certificate and its key, and holds them against the names by which browsers come.
+/// Reads the certificate and its key, and compares them with the names by which browsers reach the server.
 fn tls(args: &Args) -> anyhow::Result<Option<Tls>> {
     let (Some(certificate), Some(key)) = (&args.tls_cert, &args.tls_key) else { return Ok(None) };
     let tls = Tls::load(certificate, key)?;
@@ -122,7 +122,7 @@ fn tls(args: &Args) -> anyhow::Result<Option<Tls>> {
     Ok(Some(tls))
 }
 
-/// DDS Security is not spoken (`docs/security.md`): nobody should have to find that out.
+/// Logs that DDS is not authenticated (`docs/security.md`): nobody should have to find that out.
 fn say_whom_dds_believes(options: &BridgeOptions) {
     tracing::info!(
         "DDS is not authenticated: every program that can send to domain {} can publish diagnostics and signals under any \
@@ -131,7 +131,7 @@ fn say_whom_dds_believes(options: &BridgeOptions) {
     );
 }
 
-/// Behind a proxy on this machine every browser comes from the loopback interface, and so looks like
+/// Warns about a proxy on this machine: every browser then comes from the loopback interface and looks like
 /// the display in the vehicle.
 fn warn_of_proxy(args: &Args) {
     let enrolled = Enrolled::new(args.displays.clone());

@@ -14,11 +14,11 @@ use crate::web::{Tls, Validity};
 
 const LOOK_EVERY: Duration = Duration::from_secs(5);
 
-/// A clock that was put right may be a little behind what was written before.
+/// A corrected clock may be behind earlier records by this much.
 const BEHIND: Duration = Duration::from_secs(24 * 3600);
 
-/// Says what is wrong whenever that changes, in the log and to the engine, and takes a certificate that was
-/// renewed. It has to be for these hosts. Never ends.
+/// Reports faults of the clock and the certificate to the log and the engine whenever they change, and takes
+/// a renewed certificate for these hosts. Never ends.
 pub async fn watch(
     tls: Option<Tls>,
     hosts: Vec<String>,
@@ -124,6 +124,7 @@ fn clock_behind(wall: impl Display, floor: impl Display) -> Text {
 mod tests {
     use super::*;
     use crate::clock::earliest;
+    use crate::store::TestFolder;
 
     #[test]
     fn a_clock_is_wrong_if_it_is_more_than_a_day_behind_what_was_written() {
@@ -142,8 +143,7 @@ mod tests {
 
     #[test]
     fn a_certificate_is_told_of_thirty_days_before_its_end_and_after_it() {
-        let folder = std::env::temp_dir().join(format!("telltale-time-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
+        let folder = TestFolder::new("time");
         let [path, key] = ["cert.pem", "key.pem"].map(|name| folder.join(name));
         let (begins, ends) = (rcgen::date_time_ymd(2026, 1, 1), rcgen::date_time_ymd(2026, 7, 1));
         let mut params = rcgen::CertificateParams::new(vec!["display".to_owned()]).unwrap();
@@ -169,7 +169,6 @@ mod tests {
         // By a clock that is wrong nothing can be said of it.
         let found = faults(Some(&tls), ends, begins - day);
         assert!(found.clock.is_some() && found.certificate.is_none());
-        std::fs::remove_dir_all(&folder).unwrap();
     }
 
     #[tokio::test(start_paused = true)]

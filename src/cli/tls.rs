@@ -18,7 +18,7 @@ const CERTIFICATE: &str = "tls-cert.pem";
 /// The key that is made in the data folder.
 pub const KEY: &str = "tls-key.pem";
 
-/// Browsers take no certificate of a server that is valid for longer than 825 days.
+/// Browsers reject server certificates that are valid for longer than 825 days.
 const VALID: Duration = Duration::from_secs(820 * 24 * 3600);
 /// Browsers' clocks may be a little behind.
 const VALID_BEFORE: Duration = Duration::from_secs(24 * 3600);
@@ -72,7 +72,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The names that were given, and those by which this machine is reached anyway.
+/// The given names, and the names and addresses of this machine.
 fn all_names(given: &[String]) -> Vec<String> {
     let mut names = given.to_vec();
     names.push("localhost".to_owned());
@@ -108,7 +108,7 @@ fn self_signed(names: &[String]) -> anyhow::Result<(String, String)> {
     Ok((certificate.pem(), key.serialize_pem()))
 }
 
-/// Nobody else may read it, whatever the umask and whatever was there before.
+/// Writes a file that only its owner may read, whatever the umask and an earlier file.
 fn write_private(path: &Path, text: &str) -> anyhow::Result<()> {
     let context = || format!("{} cannot be written", path.display());
     let new = path.with_extension("pem.new");

@@ -15,9 +15,9 @@ use super::data_folder::{self, DataFolder};
 use crate::clock::Clock;
 use crate::store::{DemoSecrets, Role, Store, TOKEN_LIFE_DAYS, User};
 
-/// So long the disk has to answer.
+/// The time for the disk to answer.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(10);
-/// So long a server that runs has to take in a change.
+/// The time for a running server to take in a change.
 const TAKEN_IN_WITHIN: Duration = Duration::from_secs(5);
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
@@ -105,7 +105,7 @@ enum RoleWord {
     Authority,
 }
 
-/// What became of a change.
+/// The result of a change.
 #[derive(Debug)]
 enum Seen {
     TakenIn,
@@ -152,7 +152,7 @@ async fn manage(command: &Command, folder: &Path) -> anyhow::Result<ExitCode> {
     obeyed.map(|()| code)
 }
 
-/// Says on the terminal whether the server that runs on this folder has taken in what was changed last.
+/// Prints whether the server on this folder has taken in the last change.
 async fn tell_whether_seen(store: &Store, folder: &Path) -> anyhow::Result<ExitCode> {
     let Ok(change) = timeout(ANSWERS_WITHIN, store.last_user_change()).await else {
         return Ok(no_answer(folder, "whether a server has taken the change in is not known"));
@@ -188,8 +188,7 @@ async fn tell_whether_seen(store: &Store, folder: &Path) -> anyhow::Result<ExitC
     Ok(ExitCode::from(EXIT_NO))
 }
 
-/// Waits until a server has taken the change in, or none runs. What kept it from looking lies in
-/// `trouble`.
+/// Waits until a server has taken the change in, or no server runs. `trouble` gets the last error.
 async fn look_for(store: &Store, folder: &Path, change: i64, trouble: &mut Option<io::Error>) -> Seen {
     loop {
         let place = folder.to_owned();

@@ -17,7 +17,7 @@ use crate::sim::shuttle::{Departure, Fault, STEP, Sent, Shuttle};
 use orders::Orders;
 use wire::Wire;
 
-/// Any will do; the same one makes each demo tell the same story.
+/// The seed of the simulation: with the same one, each demo runs alike.
 const SEED: u64 = 1;
 
 /// Switches that may wait for the shuttle: far more than it has faults.
@@ -26,8 +26,8 @@ pub const SWITCHES: usize = 64;
 /// How often the publisher is asked whether it still works.
 const LOOK: Duration = Duration::from_millis(500);
 
-/// Who is there already has told by then how long a gid is. If nobody has, it is as long as in the
-/// distributions of today.
+/// The wait for participants that announce how long a gid is. Without any, gids are as long as in today's
+/// distributions.
 const ASKING: Span = Span::from_secs(3);
 
 /// The shuttle with DDS participants of its own: one to publish, one to listen.
@@ -85,7 +85,7 @@ impl Vehicle {
         self.orders.shutdown().await;
     }
 
-    /// What a reader does not take in time is lost to it, as on a vehicle.
+    /// Publishes the messages. A reader loses what it does not take in time, as on a vehicle.
     async fn publish(&self, sent: &Sent) {
         let stamp = clock::wall_at(self.clock.wall(), self.clock.now(), sent.at);
         let (topic, body) = self.wire.encode(&sent.message, stamp);
@@ -94,7 +94,7 @@ impl Vehicle {
         }
     }
 
-    /// Says which nodes there are, if that is news.
+    /// Announces the nodes, if they have changed.
     async fn announce(&mut self) {
         let nodes = self.shuttle.nodes();
         if nodes == self.announced {
@@ -109,7 +109,7 @@ impl Vehicle {
         self.announced = nodes;
     }
 
-    /// A demo that was put to sleep with Ctrl-Z goes on whole.
+    /// Opens the publisher again after a stop with Ctrl-Z.
     async fn reopen_if_stopped(&mut self) {
         if !self.publisher.has_stopped() {
             return;

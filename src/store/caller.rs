@@ -1,6 +1,6 @@
-//! Where a caller is. All bounds that tell near callers from far ones ask this.
+//! Where a caller is: at the vehicle or elsewhere. All bounds that differ between the two use this.
 
-/// Callers at the vehicle wait for nobody elsewhere, and take no share of theirs.
+/// Where a caller is. Callers at the vehicle never wait for callers elsewhere, and have shares of their own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Caller {
     /// At one of the vehicle's own displays.

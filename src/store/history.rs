@@ -32,7 +32,7 @@ pub const HISTORY_FILE: &str = "history.db";
 pub const ROWS_MAX: usize = 1_000_000;
 /// Batches that wait for the disk. A full queue refuses the next one: see `runtime`.
 const QUEUE: usize = 64;
-/// How often the file is told that the program still runs, at least.
+/// The file notes at least this often that the program runs.
 const ALIVE_EVERY: Duration = Duration::from_secs(5);
 
 const SCHEMA: &str = "

@@ -33,6 +33,8 @@ pub use disk::exposed::{Exposed, exposed};
 pub use disk::health::Fault;
 pub use disk::repair::{BackupState, DataState, Repaired, check_data, repair, restore};
 pub use history::{HISTORY_FILE, History, HistoryQuery, NodePast, Past, PastEvent, Period, Stretch, past_in};
+#[cfg(test)]
+pub use private_file::TestFolder;
 pub use private_file::make_folder;
 pub use sessions::operator_change::{Entering, Written};
 pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};

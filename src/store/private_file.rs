@@ -29,3 +29,35 @@ pub(super) fn make_private_file(path: &Path) -> std::io::Result<()> {
         _ => Ok(()),
     }
 }
+
+/// An empty folder for a test, which is removed with the test.
+#[cfg(test)]
+#[derive(Debug)]
+pub struct TestFolder(std::path::PathBuf);
+
+#[cfg(test)]
+impl TestFolder {
+    pub fn new(name: &str) -> TestFolder {
+        let folder = std::env::temp_dir().join(format!("telltale-{name}-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&folder);
+        make_folder(&folder).unwrap();
+        TestFolder(folder)
+    }
+}
+
+#[cfg(test)]
+impl std::ops::Deref for TestFolder {
+    type Target = Path;
+
+    fn deref(&self) -> &Path {
+        &self.0
+    }
+}
+
+#[cfg(test)]
+impl Drop for TestFolder {
+    fn drop(&mut self) {
+        // If this fails, the folder stays among the temporary files.
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}

@@ -1,6 +1,5 @@
-//! The queue of jobs for the database, with a share for strangers. Their jobs have few places, in which
-//! they wait for one another, so that nobody who works with the vehicle finds the store busy because of
-//! them.
+//! The queue of jobs for the database. Jobs from elsewhere have few places and wait for one another, so that
+//! strangers never make the store busy for the vehicle's own displays.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -67,7 +66,7 @@ impl Store {
         self.run_job(place, job).await
     }
 
-    /// Runs a job that must be written because of an earlier one: it waits for a place.
+    /// Runs a job that follows from an earlier one: it waits for a place instead of being refused.
     pub(super) async fn call_surely<T: Send + 'static>(
         &self,
         job: impl FnOnce(&mut Database) -> Result<T, StoreError> + Send + 'static,

@@ -14,7 +14,7 @@ use crate::engine::restart::resume::{Restored, RestoredAlarm, RestoredCountermea
 use crate::engine::snapshot::MapPose;
 use crate::engine::time::Span;
 
-/// More than an engine keeps of anything; the rest of a longer list is not stored.
+/// The length of stored lists. An engine keeps less; the rest of a longer list is not stored.
 const ROWS_MAX: usize = 8192;
 
 /// The vehicle's state to be stored. The operator is stored with the sessions.
@@ -135,7 +135,7 @@ impl Database {
         Ok(())
     }
 
-    /// This state of the vehicle was written.
+    /// Notes that this state of the vehicle was written.
     pub(super) fn is_stored(&mut self, memory: VehicleMemory) {
         let seq = self.stored_vehicle.as_ref().map_or(memory.seq, |stored| stored.seq.max(memory.seq));
         self.stored_vehicle = Some(VehicleMemory { seq, ..memory });

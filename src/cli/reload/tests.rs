@@ -5,6 +5,7 @@ use crate::engine::snapshot::Snapshot;
 use crate::engine::state::State;
 use crate::runtime::Stamped;
 use crate::runtime::{self, Link};
+use crate::store::TestFolder;
 
 const OLD: &str = "vehicle: { stages: none }
 groups:
@@ -19,7 +20,7 @@ groups:
 
 /// A configuration file that is removed with the test, and an engine that runs by it.
 struct Bench {
-    folder: PathBuf,
+    _folder: TestFolder,
     path: PathBuf,
     loaded: Loaded,
     link: Link,
@@ -28,14 +29,13 @@ struct Bench {
 
 impl Bench {
     fn new(name: &str) -> Bench {
-        let folder = std::env::temp_dir().join(format!("telltale-reload-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
+        let folder = TestFolder::new(&format!("reload-{name}"));
         let path = folder.join("vehicle.yaml");
         std::fs::write(&path, OLD).unwrap();
         let loaded = config::load(&path).unwrap();
         let clock = Clock::start();
         let link = runtime::start(loaded.model.clone(), clock);
-        Bench { folder, path, loaded, link, clock }
+        Bench { _folder: folder, path, loaded, link, clock }
     }
 
     fn write(&self, text: &str) {
@@ -54,12 +54,6 @@ impl Bench {
 
     fn shown(&self, name: &str) -> Option<State> {
         shown(&self.link.snapshots.borrow().snapshot, name)
-    }
-}
-
-impl Drop for Bench {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.folder);
     }
 }
 

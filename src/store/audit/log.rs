@@ -12,7 +12,7 @@ use super::{Action, Entry, Record, TELLTALE, append, hash_of};
 use crate::store::database::files::HEAD_FILE_NAME;
 use crate::store::{Head, StoreError};
 
-/// The program's log gets the head after this many records that do not matter by themselves.
+/// The program's log gets the head after this many records, even if none of them is important.
 const LOG_HEAD_EVERY: u64 = 100;
 /// The file gets the head after this many records, even if more wait to be written.
 const HEAD_LAG_MAX: u64 = 64;

@@ -41,7 +41,7 @@ const FIELD_CHARS_MAX: usize = 300;
 /// The length of the reason for acknowledging a breach; the record needs room for the breach as well.
 const WHY_CHARS_MAX: usize = 200;
 
-/// Records that are read at once while the chain is verified: other jobs get their turn in between.
+/// The number of records that are verified at once. Other jobs get their turn in between.
 const VERIFY_AT_ONCE: u32 = 1000;
 
 /// The source of actions on the command line.
@@ -130,7 +130,7 @@ impl Entry {
         [&self.who, &self.role, &self.source, &self.action, &self.target, &self.outcome]
     }
 
-    /// The hash that the record must have after a record with that hash.
+    /// The hash that the record must have if the record before it has the hash `previous`.
     pub(super) fn sealed(&self, key: Option<&Key>, previous: Hash) -> Hash {
         chain::hash(key, previous, self.number, self.at_ms, self.fields())
     }

@@ -1,18 +1,14 @@
-use std::path::PathBuf;
-
 use super::*;
 use crate::clock::Clock;
 use crate::engine::time::Span;
-use crate::store::{Breach, DemoSecrets, FILE_NAME, Head};
+use crate::store::{Breach, DemoSecrets, FILE_NAME, Head, TestFolder};
 
 /// A data folder with some records; the store that wrote them is closed.
-struct Folder(PathBuf);
+struct Folder(TestFolder);
 
 impl Folder {
     async fn with_records(name: &str, count: u64) -> Folder {
-        let folder =
-            Folder(std::env::temp_dir().join(format!("telltale-audit-{name}-{}", std::process::id())));
-        let _ = std::fs::remove_dir_all(&folder.0);
+        let folder = Folder(TestFolder::new(&format!("audit-{name}")));
         let store = folder.store();
         for number in 1..=count {
             let record = Record::of(Action::Login, "127.0.0.1").by("anna", Role::Operator);
@@ -65,13 +61,6 @@ impl Folder {
 
     fn breach(&self) -> Option<Breach> {
         self.verdict().breach
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        // If this fails, the folder stays among the temporary files.
-        let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
@@ -387,7 +376,7 @@ async fn what_a_process_left_behind_that_was_killed_is_removed() {
 
 #[test]
 fn what_is_not_there_is_not_made() {
-    let folder = std::env::temp_dir().join(format!("telltale-audit-none-{}", std::process::id()));
+    let folder = TestFolder::new("audit-none").join("none");
     let error = verify_audit_in(&folder, &[], None).unwrap_err().to_string();
     assert!(error.contains("there is no database") && error.contains("--data"), "{error}");
     assert!(!folder.exists());

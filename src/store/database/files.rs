@@ -163,14 +163,14 @@ fn size(path: &Path) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::TestFolder;
 
-    struct Files(PathBuf);
+    /// A data folder with the files of a database.
+    struct Files(TestFolder);
 
     impl Files {
         fn new(name: &str) -> Files {
-            let folder = std::env::temp_dir().join(format!("telltale-place-{name}-{}", std::process::id()));
-            std::fs::create_dir_all(&folder).unwrap();
-            let files = Files(folder);
+            let files = Files(TestFolder::new(&format!("files-{name}")));
             files.write("", &[DATABASE_STARTS_WITH.as_slice(), &[0; 100]].concat());
             files.write("-wal", &[&[0x37, 0x7f, 0x06, 0x83], [0; 100].as_slice()].concat());
             files.write("-shm", &[0; 100]);
@@ -183,12 +183,6 @@ mod tests {
 
         fn write(&self, suffix: &str, bytes: &[u8]) {
             std::fs::write(self.path(suffix), bytes).unwrap();
-        }
-    }
-
-    impl Drop for Files {
-        fn drop(&mut self) {
-            let _ = std::fs::remove_dir_all(&self.0);
         }
     }
 

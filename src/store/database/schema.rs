@@ -301,42 +301,26 @@ fn migrate(connection: &mut Connection, path: &Path, trace: Option<&str>) -> Res
 mod tests {
     use super::*;
     use crate::clock::Clock;
-    use crate::store::{DemoSecrets, Role, Store};
-
-    /// A folder that is removed with the test.
-    struct Folder(std::path::PathBuf);
-
-    impl Folder {
-        fn new(name: &str) -> Folder {
-            Folder(std::env::temp_dir().join(format!("telltale-{name}-{}", std::process::id())))
-        }
-    }
-
-    impl Drop for Folder {
-        fn drop(&mut self) {
-            // If this fails, the folder stays among the temporary files.
-            let _ = std::fs::remove_dir_all(&self.0);
-        }
-    }
+    use crate::store::{DemoSecrets, Role, Store, TestFolder};
 
     #[tokio::test]
     async fn users_sessions_and_the_operator_in_charge_outlive_a_restart() {
-        let folder = Folder::new("restart");
-        let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+        let folder = TestFolder::new("schema-restart");
+        let store = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
         store.add_user("anna", Role::Operator, "135791").await.unwrap();
         let user = store.authenticate("anna", "135791").await.unwrap().unwrap();
         let (token, before) = store.open_session(&user).await.unwrap();
         store.put_in_charge("anna").await.unwrap();
         drop(store);
 
-        let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+        let store = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
         let session = store.session(&token).unwrap();
         assert_eq!((&*session.user, session.role), ("anna", Role::Operator));
         assert!(session.expires <= before.expires, "a restart makes no session longer");
         assert_eq!(store.operator_in_charge().await.unwrap().as_deref(), Some("anna"));
         store.close().await;
-        let file = std::fs::read(folder.0.join(FILE_NAME)).unwrap();
-        let wal = std::fs::read(folder.0.join(format!("{FILE_NAME}-wal"))).unwrap_or_default();
+        let file = std::fs::read(folder.join(FILE_NAME)).unwrap();
+        let wal = std::fs::read(folder.join(format!("{FILE_NAME}-wal"))).unwrap_or_default();
         for secret in [b"135791".as_slice(), token.as_str().as_bytes()] {
             let holds = |bytes: &[u8]| bytes.windows(secret.len()).any(|window| window == secret);
             assert!(!holds(&file) && !holds(&wal), "a secret lies on the disk");
@@ -345,13 +329,13 @@ mod tests {
 
     #[tokio::test]
     async fn a_database_that_cannot_be_written_is_read_until_it_can() {
-        let folder = Folder::new("reading # 100%");
-        let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+        let folder = TestFolder::new("schema-reading # 100%");
+        let store = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
         store.add_user("anna", Role::Operator, "135791").await.unwrap();
         let user = store.authenticate("anna", "135791").await.unwrap().unwrap();
         let (token, _) = store.open_session(&user).await.unwrap();
         store.put_in_charge("anna").await.unwrap();
-        let reading = Store::read(&folder.0, "no room", Clock::start(), DemoSecrets::Refused).unwrap();
+        let reading = Store::read(&folder, "no room", Clock::start(), DemoSecrets::Refused).unwrap();
         assert_eq!(reading.fault().borrow().as_deref(), Some("no room"));
         assert!(reading.session(&token).is_some());
         assert_eq!(reading.operator_in_charge().await.unwrap().as_deref(), Some("anna"));
@@ -363,10 +347,10 @@ mod tests {
 
     #[test]
     fn a_folder_or_file_that_cannot_be_used_says_which_and_what_to_do() {
-        let folder = Folder::new("wrong");
-        let open = || Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap_err().to_string();
-        drop(super::open(&folder.0).unwrap());
-        let path = folder.0.join(FILE_NAME);
+        let folder = TestFolder::new("schema-wrong");
+        let open = || Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap_err().to_string();
+        drop(super::open(&folder).unwrap());
+        let path = folder.join(FILE_NAME);
         let newer = Connection::open(&path).unwrap();
         newer.pragma_update(None, "user_version", MIGRATIONS.len() as u32 + 1).unwrap();
         drop(newer);

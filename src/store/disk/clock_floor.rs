@@ -49,7 +49,8 @@ mod tests {
 
     use super::*;
     use crate::clock::Clock;
-    use crate::store::{DemoSecrets, Role};
+    use crate::store::audit::{Action, Record, TELLTALE};
+    use crate::store::{DemoSecrets, Role, TestFolder};
 
     const DAY: Duration = Duration::from_secs(24 * 3600);
 
@@ -59,8 +60,7 @@ mod tests {
 
     #[tokio::test]
     async fn what_has_expired_stays_so_when_the_clock_starts_too_early_and_people_log_in() {
-        let folder = std::env::temp_dir().join(format!("telltale-floor-{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&folder);
+        let folder = TestFolder::new("floor");
         let today = earliest() + 200 * DAY;
         let store = open(&folder, today);
         store.add_user("dora", Role::Developer, "correct horse battery").await.unwrap();
@@ -70,11 +70,7 @@ mod tests {
         store.close().await;
         let store = open(&folder, today + 40 * DAY);
         assert!(store.session(&token).is_none(), "its 30 days are over");
-        assert!(
-            store
-                .record(crate::store::audit::Record::of(crate::store::audit::Action::Start, "telltale"), None)
-                .await
-        );
+        assert!(store.record(Record::of(Action::Start, TELLTALE), None).await);
         store.close().await;
 
         for wrong in [UNIX_EPOCH, earliest() - DAY, today, today + 20 * DAY] {
@@ -96,11 +92,7 @@ mod tests {
 
         // A start fifty years ahead keeps nobody out once the clock is right again.
         let store = open(&folder, today + 50 * 365 * DAY);
-        assert!(
-            store
-                .record(crate::store::audit::Record::of(crate::store::audit::Action::Start, "telltale"), None)
-                .await
-        );
+        assert!(store.record(Record::of(Action::Start, TELLTALE), None).await);
         store.close().await;
         let store = open(&folder, today + 41 * DAY);
         assert!(store.floor() < today + 50 * DAY, "{:?}", store.floor());
@@ -108,6 +100,5 @@ mod tests {
         let (fresh, _) = store.open_session(&user).await.unwrap();
         store.close().await;
         assert!(open(&folder, today + 41 * DAY).session(&fresh).is_some());
-        let _ = std::fs::remove_dir_all(&folder);
     }
 }

@@ -62,10 +62,11 @@ mod tests {
     use std::os::unix::fs::symlink;
 
     use super::*;
+    use crate::store::TestFolder;
 
     #[test]
     fn what_everybody_can_read_or_change_is_named_with_its_remedy() {
-        let root = std::env::temp_dir().join(format!("telltale-exposed-{}", std::process::id()));
+        let root = TestFolder::new("exposed");
         let (folder, elsewhere) = (root.join("data"), root.join("key.pem"));
         fs::create_dir_all(folder.join("backups")).unwrap();
         let set =
@@ -108,6 +109,5 @@ mod tests {
         let mut all = said();
         all.sort();
         assert_eq!(all, expected);
-        fs::remove_dir_all(&root).unwrap();
     }
 }

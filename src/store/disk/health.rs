@@ -262,27 +262,9 @@ impl Database {
 
 #[cfg(test)]
 mod tests {
-    use std::path::PathBuf;
-
     use super::*;
     use crate::clock::Clock;
-    use crate::store::{DemoSecrets, FILE_NAME, Role};
-
-    struct Folder(PathBuf);
-
-    impl Folder {
-        fn new(name: &str) -> Folder {
-            let folder = std::env::temp_dir().join(format!("telltale-health-{name}-{}", std::process::id()));
-            let _ = std::fs::remove_dir_all(&folder);
-            Folder(folder)
-        }
-    }
-
-    impl Drop for Folder {
-        fn drop(&mut self) {
-            let _ = std::fs::remove_dir_all(&self.0);
-        }
-    }
+    use crate::store::{DemoSecrets, FILE_NAME, Role, TestFolder};
 
     async fn probe(store: &Store) -> Option<String> {
         let probe = |database: &mut Database| {
@@ -305,42 +287,41 @@ mod tests {
 
     #[tokio::test]
     async fn no_probe_and_no_second_start_gives_up_the_lock_of_the_database() {
-        let folder = Folder::new("lock");
-        let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
-        let path = folder.0.join(FILE_NAME);
+        let folder = TestFolder::new("health-lock");
+        let store = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
+        let path = folder.join(FILE_NAME);
         for _ in 0..3 {
             assert_eq!(probe(&store).await, None);
             assert!(locks(&path) > 0, "another program may delete the log now");
         }
         crate::store::private_file::make_private_file(&path).unwrap();
-        let other = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+        let other = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
         assert_eq!(probe(&other).await, None);
         other.close().await;
         assert!(locks(&path) > 0, "the first is still open");
         store.close().await;
         assert_eq!(locks(&path), 0);
-        assert!(!folder.0.join(format!("{FILE_NAME}-wal")).exists(), "closed, it is one file");
+        assert!(!folder.join(format!("{FILE_NAME}-wal")).exists(), "closed, it is one file");
     }
 
     #[tokio::test]
     async fn what_is_written_into_files_without_a_name_is_not_acknowledged() {
         for suffix in ["-wal", "-shm"] {
-            let folder = Folder::new(&format!("nameless{suffix}"));
-            let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+            let folder = TestFolder::new(&format!("health-nameless{suffix}"));
+            let store = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
             store.add_user("anna", Role::Operator, "135791").await.unwrap();
-            std::fs::remove_file(folder.0.join(format!("{FILE_NAME}{suffix}"))).unwrap();
+            std::fs::remove_file(folder.join(format!("{FILE_NAME}{suffix}"))).unwrap();
             let refused = store.add_user("bert", Role::Operator, "135791").await;
             assert!(matches!(refused, Err(StoreError::Files(_))), "{refused:?}");
             let said = store.fault.borrow().clone().expect("at once, not at the next probe");
             assert!(said.contains("removed or replaced") && said.contains("restart"), "{said}");
             // Opens the database file without its log, as a restart after a loss of power does.
-            let copy = Folder::new(&format!("copy{suffix}"));
-            crate::store::private_file::make_folder(&copy.0).unwrap();
+            let copy = TestFolder::new(&format!("health-copy{suffix}"));
             let taken = std::process::Command::new("cp")
-                .args([folder.0.join(FILE_NAME), copy.0.join(FILE_NAME)])
+                .args([folder.join(FILE_NAME), copy.join(FILE_NAME)])
                 .status();
             assert!(taken.unwrap().success());
-            let copied = Store::open(&copy.0, Clock::start(), DemoSecrets::Refused).unwrap();
+            let copied = Store::open(&copy, Clock::start(), DemoSecrets::Refused).unwrap();
             let names: Vec<_> = copied.users().await.unwrap().into_iter().map(|user| user.name).collect();
             assert_eq!(names, ["anna"], "what was acknowledged is in the database itself, before it is said");
             assert_eq!(probe(&store).await.as_deref(), Some(&*said));
@@ -349,8 +330,8 @@ mod tests {
 
     #[tokio::test]
     async fn a_damaged_database_is_a_fault_until_it_is_whole() {
-        let folder = Folder::new("damaged");
-        let store = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap();
+        let folder = TestFolder::new("health-damaged");
+        let store = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
         let damage = || {
             let code = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_CORRUPT);
             Err::<(), _>(StoreError::Database(rusqlite::Error::SqliteFailure(code, None)))

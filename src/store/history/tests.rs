@@ -7,6 +7,7 @@ use crate::engine::model::Stage;
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 use crate::engine::view::record::Recorded;
+use crate::store::TestFolder;
 
 /// The wall clock at the start of the tests' time.
 const START_MS: i64 = 1_000_000;
@@ -175,11 +176,9 @@ async fn a_database_that_fails_is_survived_and_what_was_lost_is_told() {
     assert_eq!(disk.past(&[], 0, 20).events, [(START_MS + 10, PastEvent::Lost(1))]);
     assert_eq!(disk.stretches("a", 0, 20), [(10, 20, State::Error)]);
 
-    let folder = std::env::temp_dir().join(format!("telltale-history-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
+    let folder = TestFolder::new("history");
     std::fs::write(folder.join(HISTORY_FILE), [b'x'; 4096]).unwrap();
     let error = History::open(&folder, Clock::start()).unwrap_err().to_string();
-    std::fs::remove_dir_all(&folder).unwrap();
     assert!(error.contains(HISTORY_FILE), "{error}");
 }
 
@@ -247,8 +246,7 @@ fn a_long_message_is_cut_between_letters() {
 
 #[test]
 fn a_file_of_an_earlier_version_is_read_as_it_is_and_goes_on_with_words() {
-    let folder = std::env::temp_dir().join(format!("telltale-history-before-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
+    let folder = TestFolder::new("history-before");
     let path = folder.join(HISTORY_FILE);
     Connection::open(&path).unwrap().execute_batch(WITHOUT_WORDS).unwrap();
     let nodes = vec!["a".to_owned()];
@@ -272,13 +270,11 @@ fn a_file_of_an_earlier_version_is_read_as_it_is_and_goes_on_with_words() {
     writer.write(&mut connection, &batch, (wall, at)).unwrap();
     let past = past_in(&folder, &query).unwrap();
     assert_eq!(words(&past), [None, Some("no picture".to_owned())]);
-    std::fs::remove_dir_all(&folder).unwrap();
 }
 
 #[tokio::test]
 async fn a_long_look_into_the_past_keeps_nothing_from_being_recorded() {
-    let folder = std::env::temp_dir().join(format!("telltale-history-beside-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
+    let folder = TestFolder::new("history-beside");
     let clock = Clock::start();
     let (history, queue) = History::open(&folder, clock).unwrap();
     let (began, begins) = std::sync::mpsc::channel();
@@ -308,5 +304,4 @@ async fn a_long_look_into_the_past_keeps_nothing_from_being_recorded() {
     }
     end.send(()).unwrap();
     assert_eq!(long.await.unwrap().unwrap(), 0);
-    std::fs::remove_dir_all(&folder).unwrap();
 }

@@ -116,8 +116,9 @@ impl Store {
         key.and_then(|key| self.sessions.find(&key)).ok_or(StoreError::SessionEnded)
     }
 
-    /// Writes that an operator who is logged in replaces the operator in charge, who leaves all displays. When this returns, it is on the disk; then [`Store::left`] makes it happen, or
-    /// [`Store::take_back`] undoes it. If the disk gets to it after `until`, nothing is written.
+    /// Writes that an operator who is logged in replaces the operator in charge, who leaves all displays.
+    /// When this returns, it is on the disk; then [`Store::left`] makes it happen, or [`Store::take_back`]
+    /// undoes it. If the disk gets to it after `until`, nothing is written.
     ///
     /// # Errors
     /// [`StoreError::TooLate`]; [`StoreError::SessionEnded`] if the user was removed; otherwise an error of
@@ -262,7 +263,7 @@ impl Before {
 }
 
 impl Stored {
-    /// Unless its user was removed or got another secret meanwhile.
+    /// Restores the session, unless its user was removed or got another secret meanwhile.
     fn restore(self, transaction: &Transaction<'_>) -> Result<(), StoreError> {
         transaction.execute(
             "INSERT OR IGNORE INTO sessions (token_hash, user, created_ms, expires_ms, used_ms)
@@ -279,7 +280,7 @@ fn end_all(connection: &Connection, user: &str) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// A user that was removed does not come in charge.
+/// Puts a user in charge, unless the user was removed.
 fn put_in_charge(connection: &Connection, user: i64) -> Result<(), StoreError> {
     connection.execute(
         "INSERT INTO seat (one, user) SELECT 1, id FROM users WHERE id = ?1

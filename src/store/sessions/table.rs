@@ -17,9 +17,9 @@ pub(in crate::store) struct Sessions(RwLock<Table>);
 #[derive(Debug, Default)]
 struct Table {
     open: HashMap<Key, Open>,
-    /// Sessions that ended here and are still in the database, as far as it was read.
+    /// Sessions that ended here. An update from the database does not open them again.
     ended: HashSet<Key>,
-    /// Those that the database does not know to have ended.
+    /// Sessions that ended here and are not yet removed from the database.
     unwritten: Vec<Key>,
     /// How often the table was updated from the database.
     alignment: u64,
@@ -74,7 +74,7 @@ impl Sessions {
         was_open
     }
 
-    /// Sessions that ended here, of which the database does not know.
+    /// Sessions that ended here and are to be removed from the database.
     pub(in crate::store) fn unwritten(&self) -> Vec<Key> {
         self.read().unwritten.clone()
     }

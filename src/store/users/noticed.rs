@@ -63,12 +63,11 @@ impl Database {
 mod tests {
     use super::*;
     use crate::clock::Clock;
-    use crate::store::{DemoSecrets, Role};
+    use crate::store::{DemoSecrets, Role, TestFolder};
 
     #[tokio::test]
     async fn the_server_alone_notes_what_it_has_taken_in() {
-        let folder = std::env::temp_dir().join(format!("telltale-seen-{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&folder);
+        let folder = TestFolder::new("noticed");
         let command = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
         command.add_user("dora", Role::Developer, "a long password").await.unwrap();
         let first = command.last_user_change().await.unwrap();
@@ -92,6 +91,5 @@ mod tests {
             assert!(command.is_taken_in(number).await.unwrap());
         }
         assert!(server.session(&token).is_none());
-        let _ = std::fs::remove_dir_all(&folder);
     }
 }

@@ -42,7 +42,7 @@ const fn bounds(caller: Caller) -> &'static Bounds {
 const OPERATORS_MAX: usize = 64;
 const OTHERS_MAX: usize = 96;
 const PER_USER_MAX: usize = 48;
-/// So many networks are remembered from which somebody with a session came last.
+/// The number of remembered networks from which requests with a session came.
 const KNOWN_MAX: usize = 64;
 
 /// All open connections.
@@ -54,7 +54,7 @@ struct Table {
     /// Numbers connections, and orders what happens to them.
     next: u64,
     open: HashMap<u64, Open>,
-    /// From where requests with a session came, the latest first.
+    /// Networks from which requests with a session came, the latest first.
     known: VecDeque<IpAddr>,
 }
 
@@ -63,11 +63,11 @@ struct Open {
     /// `None` for a proxy.
     network: Option<IpAddr>,
     caller: Caller,
-    /// Who holds the place; `None` for an anonymous one.
+    /// The user who holds the place; `None` for an anonymous connection.
     holder: Option<Holder>,
     /// When it was opened or its last answer was made, in order; `None` while it is answered.
     silent_since: Option<u64>,
-    /// Its end tells the connection that it has to go.
+    /// The connection closes when this is dropped.
     _stay: oneshot::Sender<()>,
 }
 
@@ -79,7 +79,7 @@ struct Holder {
 
 /// The place of one connection; it is free again when this is dropped.
 #[derive(Debug)]
-pub struct Place {
+pub struct ConnectionPlace {
     connections: Connections,
     number: u64,
 }
@@ -96,18 +96,22 @@ pub struct ConnectionHandle {
 }
 
 impl Connections {
-    /// A place for one more connection, and what ends when it has to give it to another. `None` if
-    /// all places are of connections that are being answered.
-    pub fn enter(&self, source: IpAddr, caller: Caller) -> Option<(Place, oneshot::Receiver<()>)> {
+    /// A place for one more connection, and a receiver that ends when the connection has to close for
+    /// another. `None` if all connections are being answered.
+    pub fn enter(&self, source: IpAddr, caller: Caller) -> Option<(ConnectionPlace, oneshot::Receiver<()>)> {
         self.enter_as(Some(network(source.to_canonical())), caller)
     }
 
     /// The same for a connection from a proxy, which brings many browsers.
-    pub fn enter_proxied(&self) -> Option<(Place, oneshot::Receiver<()>)> {
+    pub fn enter_proxied(&self) -> Option<(ConnectionPlace, oneshot::Receiver<()>)> {
         self.enter_as(None, Caller::Elsewhere)
     }
 
-    fn enter_as(&self, network: Option<IpAddr>, caller: Caller) -> Option<(Place, oneshot::Receiver<()>)> {
+    fn enter_as(
+        &self,
+        network: Option<IpAddr>,
+        caller: Caller,
+    ) -> Option<(ConnectionPlace, oneshot::Receiver<()>)> {
         let mut table = self.table();
         if !table.make_room(network, caller) {
             return None;
@@ -116,7 +120,7 @@ impl Connections {
         let (stay, gone) = oneshot::channel();
         let open = Open { network, caller, holder: None, silent_since: Some(number), _stay: stay };
         table.open.insert(number, open);
-        Some((Place { connections: self.clone(), number }, gone))
+        Some((ConnectionPlace { connections: self.clone(), number }, gone))
     }
 
     fn table(&self) -> MutexGuard<'_, Table> {
@@ -144,8 +148,8 @@ impl Table {
         self.open.values().filter(|open| of(open)).count()
     }
 
-    /// Ends the one of these that has been silent longest, if any is. Before its head is read the
-    /// operator's tap is as anonymous as a stranger's, so those from where nobody had a session go first.
+    /// Closes the one of these that has been silent longest. Before its head is read, an operator's tap is
+    /// as anonymous as a stranger's request, so connections from networks without a recent session go first.
     fn send_away(&mut self, of: impl Fn(&Open) -> bool) -> bool {
         let silent = self.open.iter().filter(|(_, open)| of(open));
         let is_known = |open: &Open| open.network.is_some_and(|it| self.known.contains(&it));
@@ -179,7 +183,7 @@ impl Table {
         has_room
     }
 
-    /// Whether one more anonymous request from there may be answered.
+    /// Whether one more anonymous request of this connection's network may be answered.
     fn may_answer(&self, number: u64) -> bool {
         let Some(asked) = self.open.get(&number) else { return false };
         let alike =
@@ -191,7 +195,7 @@ impl Table {
     }
 }
 
-impl Place {
+impl ConnectionPlace {
     /// A request came. `None` if the connection gave its place away a moment before.
     pub fn work(&self) -> Option<Work> {
         let is_open = self.connections.table().open.contains_key(&self.number);
@@ -253,7 +257,7 @@ impl Drop for Work {
     }
 }
 
-impl Drop for Place {
+impl Drop for ConnectionPlace {
     fn drop(&mut self) {
         self.connections.table().open.remove(&self.number);
     }
@@ -265,7 +269,7 @@ mod tests {
     use crate::clock::Clock;
     use crate::store::{DemoSecrets, Store};
 
-    type Line = (Place, oneshot::Receiver<()>);
+    type Line = (ConnectionPlace, oneshot::Receiver<()>);
 
     fn ip(text: &str) -> IpAddr {
         text.parse().unwrap()

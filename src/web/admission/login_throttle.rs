@@ -54,8 +54,8 @@ pub struct Source {
 }
 
 impl Throttle {
-    /// Asks whether a login may be tried now, and counts it as failed until
-    /// [`Throttle::succeeded`] says else: logins that are tried at once count too.
+    /// Whether a login may be tried now. It counts as failed until [`Throttle::succeeded`], so that logins
+    /// that are tried at the same time count too.
     ///
     /// # Errors
     /// How long to wait. A refused try makes the wait no longer.

@@ -2,16 +2,16 @@
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 
-/// The other end of a connection; behind a trusted proxy, of that which came to the proxy.
+/// The address of the other end of a connection; behind a trusted proxy, that of the proxy's client.
 #[derive(Debug, Clone, Copy)]
 pub struct Peer(pub SocketAddr);
 
-/// The address of the other end; a router without a socket is asked from this machine.
+/// The address of the other end. A request without a connection, as in tests, comes from this machine.
 pub fn source_of(peer: Option<Peer>) -> IpAddr {
     peer.map_or(IpAddr::V4(Ipv4Addr::LOCALHOST), |Peer(peer)| peer.ip().to_canonical())
 }
 
-/// Where an address counts: a host with one IPv6 address has 2^64 of them.
+/// The network of an address: a host with one IPv6 address has 2^64 of them.
 pub fn network(ip: IpAddr) -> IpAddr {
     match ip {
         IpAddr::V4(_) => ip,

@@ -15,7 +15,7 @@ pub struct Network {
     bits: u32,
 }
 
-/// A word that names no network.
+/// The text is not a network.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0:?} is no network: give an address such as 127.0.0.1, or a network such as 10.0.0.0/24")]
 pub struct NoNetwork(String);
@@ -59,8 +59,8 @@ impl Proxies {
         self.0.iter().any(|network| network.has(ip))
     }
 
-    /// The source of a request that arrived from `peer`: the last address that is no trusted proxy.
-    /// What stands before that, or cannot be read, anybody can have written.
+    /// The source of a request that arrived from `peer`: the last address that is no trusted proxy. Anybody
+    /// can have written the addresses before that one, and those that cannot be read.
     pub fn source(&self, peer: IpAddr, headers: &HeaderMap) -> IpAddr {
         let lines = headers.get_all(FORWARDED).iter().rev();
         let hops = lines.flat_map(|line| line.to_str().unwrap_or("?").rsplit(','));

@@ -10,7 +10,7 @@ use super::proxies::Proxies;
 use crate::store::Caller;
 use crate::web::AppState;
 
-/// One entry of the list, as the command line takes it.
+/// One value of the flag `--display`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Display {
     /// Browsers on this machine.
@@ -20,7 +20,7 @@ pub enum Display {
     None,
 }
 
-/// A word that names no display.
+/// The text is not a display.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0:?} is no display: give an address such as 10.0.0.7, or `loopback`, or `none`")]
 pub struct NoDisplay(String);
@@ -68,13 +68,13 @@ impl Enrolled {
         self.proxies.source(peer, headers)
     }
 
-    /// Whether a connection from there is one of many browsers'.
+    /// Whether connections from this address are a trusted proxy's.
     pub fn is_proxy(&self, peer: IpAddr) -> bool {
         self.proxies.has(peer)
     }
 
-    /// Where a caller with this address is. Where other displays are named this machine is none:
-    /// a proxy may run on it, and all who come through that look alike.
+    /// Where a caller with this address is. If other displays are named, this machine is not one: a proxy
+    /// may run on it, and all its clients look alike.
     pub fn caller(&self, source: IpAddr) -> Caller {
         let source = source.to_canonical();
         let is_display = self.displays.iter().any(|display| match display {

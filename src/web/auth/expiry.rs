@@ -15,14 +15,14 @@ use crate::web::view::words::session_end::SessionEnd;
 
 const CHECK_EVERY: Duration = Duration::from_millis(500);
 
-/// How much older than it was a developer's last action may look after a restart.
+/// The stored time of a developer's last action lags by at most this.
 const NOTE_USE_EVERY: Duration = Duration::from_secs(60);
 
-/// A developer who does nothing for this long has gone away from an open page. An operator's work
-/// is to watch, so the display in the vehicle never ends for that.
+/// A developer's session ends after this long without an action. An operator's work is to watch, so an
+/// operator's session never ends for that.
 pub const DEVELOPER_IDLE_MAX: Span = Span::from_secs(15 * 60);
 
-/// Whether a session is over because its holder does nothing.
+/// Whether a session is over because its holder was idle for too long.
 pub fn has_idled_out(session: &Session, now: Timestamp) -> bool {
     idles_out(session) && session.idle(now) >= DEVELOPER_IDLE_MAX
 }
@@ -42,7 +42,7 @@ impl AppState {
         self.store.session(token).filter(|session| !self.has_expired(session))
     }
 
-    /// Whether a session is over. The operator of a vehicle that drives keeps it.
+    /// Whether a session has expired. While the vehicle drives, its operator's session does not.
     pub fn has_expired(&self, session: &Session) -> bool {
         if has_idled_out(session, self.clock.now()) {
             return true;
@@ -52,14 +52,13 @@ impl AppState {
         session.expires <= self.clock.now() && !drives
     }
 
-    /// Why a session that is over by itself is.
+    /// Why a session that has expired did so.
     pub fn overdue(&self, session: &Session) -> SessionEnd {
         if has_idled_out(session, self.clock.now()) { SessionEnd::Idle } else { SessionEnd::Expired }
     }
 }
 
-/// Runs for as long as the server does. What is over ends whatever the disk does, so nothing of that
-/// waits for what is written.
+/// Runs as long as the server. Sessions end in memory first, so none of this waits for the disk.
 pub async fn watch(app: AppState) {
     tokio::join!(end_overdue(&app), lock_empty(&app), note_use(&app));
 }
@@ -95,8 +94,8 @@ async fn lock_empty(app: &AppState) {
     }
 }
 
-/// Locks a vehicle whose operator has no session any more. An engine that does not answer, or refuses,
-/// is asked again at the next check.
+/// Locks a vehicle whose operator has no session any more. If the engine does not answer or refuses, the
+/// next check tries again.
 async fn lock_if_empty(app: &AppState) {
     let _change = app.operator_change.lock().await;
     let snapshot = app.published().snapshot;

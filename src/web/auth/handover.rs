@@ -1,5 +1,5 @@
-//! An operator takes charge of a vehicle that drives: from one of its own displays alone, and every
-//! page says so five seconds before. Until then a STOP of both counts.
+//! Hands a driving vehicle over to another operator, who is at one of the vehicle's own displays. Every page
+//! announces it for five seconds. Until then a STOP of both operators counts.
 
 use std::net::IpAddr;
 use std::sync::Arc;
@@ -15,16 +15,16 @@ use crate::store::audit::{Action, Record};
 use crate::web::AppState;
 use crate::web::view::words::session_end::SessionEnd;
 
-/// So long before it happens it is announced.
+/// The time from the announcement to the hand-over.
 const ANNOUNCED_BEFORE: Span = Span::from_secs(5);
-/// It waits no longer than this for others and for the disk once it is due.
+/// Once it is due, a hand-over waits no longer than this for others and for the disk.
 const DONE_WITHIN: Span = Span::from_secs(4);
 const CHECK_EVERY: Duration = Duration::from_millis(100);
 
 /// A change of the operator that is announced and has not happened yet.
 #[derive(Debug, Clone)]
 pub struct HandOver {
-    /// Of the operator who takes over.
+    /// The session of the operator who takes over.
     session: Session,
     source: IpAddr,
     from: Arc<str>,
@@ -32,7 +32,7 @@ pub struct HandOver {
 }
 
 impl HandOver {
-    /// Who takes over.
+    /// The operator who takes over.
     pub fn to(&self) -> &str {
         &self.session.user
     }
@@ -42,7 +42,7 @@ impl HandOver {
 #[derive(Debug)]
 pub struct HandOvers(watch::Sender<Option<HandOver>>);
 
-/// Takes back what was announced, when this is dropped.
+/// Withdraws the announcement when it is dropped.
 #[derive(Debug)]
 struct Announced(AppState);
 
@@ -53,7 +53,7 @@ impl Default for HandOvers {
 }
 
 impl HandOvers {
-    /// What is announced, now and from now on.
+    /// The announced hand-over, now and whenever it changes.
     pub fn subscribe(&self) -> watch::Receiver<Option<HandOver>> {
         self.0.subscribe()
     }
@@ -97,7 +97,7 @@ impl HandOver {
         Record::of_session(&self.session, Action::HandOver, self.source).on(format!("from {}", self.from))
     }
 
-    /// Takes charge, judged anew: written first, and not done if that takes too long.
+    /// Puts the operator in charge: judged again, written, then done; not done if the disk takes too long.
     async fn take(&self, app: &AppState) -> Result<(), String> {
         let late = || "it waited too long for others".to_owned();
         let until = self.due + DONE_WITHIN;

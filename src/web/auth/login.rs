@@ -32,13 +32,13 @@ use crate::web::view;
 use crate::web::view::words::session_end::SessionEnd;
 use crate::web::view::{LoginContext, LoginFailure};
 
-/// The server judges when a session is over, and the driver keeps it: a browser must not forget it
-/// before.
+/// The cookie outlives the session: the server judges when a session ends, and that of an operator who
+/// drives lasts longer.
 const COOKIE_LIFE: Duration = SESSION_LIFE.saturating_mul(2);
 
 /// A browser is known for as long as it is used in a year.
 const DEVICE_LIFE: Duration = Duration::from_secs(365 * 24 * 3600);
-/// For the disk to take it in.
+/// The time for the disk to take the cookie of a known browser.
 const DEVICE_WITHIN: Duration = Duration::from_secs(1);
 
 #[derive(Deserialize)]
@@ -65,7 +65,7 @@ pub async fn page(State(app): State<AppState>, headers: HeaderMap, reader: Reade
     login_page(&app, &reader, StatusCode::OK, "", nobody, session_end)
 }
 
-/// A folder with a blank in its name is quoted, as a shell has to be told it.
+/// The hint for a vehicle without users. The name of the folder is quoted for a shell.
 fn no_users(app: &AppState) -> LoginFailure {
     let data = app.store.folder().map(|folder| folder.display().to_string());
     let is_plain = |it: char| it.is_alphanumeric() || "/._-+:@%,".contains(it);
@@ -149,8 +149,8 @@ pub async fn shutdown(
     leave(app, peer, session, &reader, OperatorAction::Shutdown).await
 }
 
-/// What is recorded of a name with which a login failed. What is no user's may be a secret that was typed
-/// into the wrong field: of that only repeats can be told, until the next restart.
+/// The name of a failed login for the audit log. A name of no user may be a secret that was typed into the
+/// wrong field: it is recorded as a number, which is the same for the same text until a restart.
 async fn recorded_name(app: &AppState, name: &str) -> String {
     match app.store.knows_user(name).await {
         Ok(true) => name.to_owned(),
@@ -196,8 +196,8 @@ async fn known_device(app: &AppState, headers: &HeaderMap, source: IpAddr, name:
     is_known.then_some(token)
 }
 
-/// Gives the browser of a login a cookie by which it is known from now on. The login does not depend on
-/// it: a disk that takes its time gives none.
+/// Gives the browser a cookie by which it is known from now on. With a slow disk the login works without
+/// one.
 async fn make_known(app: &AppState, user: &Verified, answer: &mut Response) {
     if let Ok(Ok(token)) = timeout(DEVICE_WITHIN, app.store.know_device(user)).await {
         let name = device_cookie_name(app.settings.secure);
@@ -311,7 +311,7 @@ fn login_page(
     (status, Html(view::login_page(&context))).into_response()
 }
 
-/// A typed name that is longer is none, and is not shown whole.
+/// A longer name is not a user's; it is shown cut.
 const NAME_SHOWN_CHARS_MAX: usize = 64;
 
 fn whole_seconds(span: Span) -> u64 {

@@ -15,7 +15,7 @@ use crate::web::http::respond::cookie;
 /// Sessions that are remembered; the oldest is forgotten for a new one.
 const SESSIONS_MAX: usize = 256;
 
-/// Sessions that browsers were seen with, oldest first.
+/// Sessions of browsers, the oldest first.
 #[derive(Debug, Default)]
 pub struct SessionEnds(Mutex<VecDeque<KnownSession>>);
 
@@ -48,13 +48,13 @@ impl SessionEnds {
         self.note(|it| *it.user == *user, Some(why));
     }
 
-    /// Notes that a user logs out at one display, and with that at all.
+    /// Notes that a user logs out at this display, which ends all sessions of the user.
     pub fn log_out(&self, session: &Session) {
         self.end_all_of(&session.user, SessionEnd::LoggedOut);
         self.end(session, SessionEnd::LoggedOutHere);
     }
 
-    /// The sessions of a user go on after all.
+    /// Notes that the sessions of a user do not end after all.
     pub fn stay(&self, user: &str) {
         self.note(|it| *it.user == *user, None);
     }
@@ -72,7 +72,7 @@ impl SessionEnds {
     }
 }
 
-/// Why the session with which a browser comes is over. `None` where it has none, or an open one.
+/// Why the session of this browser ended. `None` if the browser has none, or an open one.
 pub async fn of(app: &AppState, headers: &HeaderMap) -> Option<SessionEnd> {
     let token = cookie(headers, cookie_name(app.settings.secure)).and_then(Token::parse)?;
     let Some((session, why)) = app.session_ends.of(&token) else {

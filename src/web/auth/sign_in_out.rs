@@ -1,5 +1,5 @@
-//! Logins and logouts: sessions, and with them the operator in charge. Each is judged, written
-//! and then done, and waits no longer than a tap does.
+//! Logins and logouts, which also change the operator in charge. Each is judged, written and then done, and
+//! waits no longer than a tap.
 
 use std::net::IpAddr;
 
@@ -20,14 +20,14 @@ use crate::web::view::words::session_end::SessionEnd;
 /// Why no session was opened or closed.
 #[derive(Debug)]
 pub enum NotOpened {
-    /// This operator is in charge.
+    /// Another operator, with this name, is in charge.
     OtherOperator(String),
-    /// The vehicle drives, and they come from elsewhere.
+    /// The vehicle drives, and the caller is not at one of its displays.
     Drives,
     Refused(Vec<Refusal>),
     /// It cannot be written down.
     Storage,
-    /// Too many wait already, or for too long.
+    /// Too many others wait, or it waited too long for them.
     Busy,
     Unavailable,
 }
@@ -53,8 +53,8 @@ impl From<NoAnswer> for NotOpened {
 pub const DONE_WITHIN: Span = Span::from_secs(4);
 const LATE: &str = "the disk did not answer in time";
 
-/// Opens a session. It runs to its end even where the browser has gone, and what nobody listens to is undone: a
-/// browser that was told nothing holds no session.
+/// Opens a session. It runs to its end even if the browser has gone; then the session is ended again,
+/// because that browser does not know of it.
 ///
 /// # Errors
 /// Why there is none.
@@ -72,11 +72,11 @@ pub async fn log_in(app: &AppState, attempt: LoginAttempt) -> Result<(Token, Ses
     answer.await.unwrap_or(Err(NotOpened::Unavailable))
 }
 
-/// Ends a session. It runs to its end even where the browser has gone: a browser that goes on to another page drops
-/// its request, and half a logout would leave a session open behind a locked vehicle.
+/// Ends a session. It runs to its end even if the browser has gone: a browser that opens another page drops
+/// its request, and half a logout would leave a session open with a locked vehicle.
 ///
 /// # Errors
-/// Why it goes on.
+/// Why the session goes on.
 pub async fn leave(
     app: &AppState,
     session: &Session,
@@ -87,20 +87,20 @@ pub async fn leave(
     tokio::spawn(closing).await.unwrap_or(Err(NotOpened::Unavailable))
 }
 
-/// Somebody who proved to be a user and asks for a session.
+/// A user who proved the secret and asks for a session.
 pub struct LoginAttempt {
     pub user: Verified,
     pub source: IpAddr,
-    /// From the operator in charge.
+    /// The user confirmed to take over from the operator in charge.
     pub takes_over: bool,
-    /// The session that the browser had: nobody may go on with it.
+    /// The session that the browser had before, which ends.
     pub before: Option<Session>,
-    /// After this it is not done any more.
+    /// After this the login is not done.
     pub until: Timestamp,
 }
 
 impl LoginAttempt {
-    /// Opens a session; an operator takes charge, and the vehicle is unlocked by that.
+    /// Opens a session. An operator takes charge, which unlocks the vehicle.
     async fn open(
         self,
         app: &AppState,
@@ -164,7 +164,8 @@ impl LoginAttempt {
         Ok((token, session))
     }
 
-    /// Too many sessions of one user end the oldest, but none of the driver's with an open page.
+    /// The change to write. If a user has too many sessions, the oldest ends, except those of the operator
+    /// in charge with an open page.
     fn entering<'a>(
         &'a self,
         app: &AppState,
@@ -177,8 +178,8 @@ impl LoginAttempt {
         Entering { user: &self.user, before: self.before.as_ref(), vehicle, from, stay }
     }
 
-    /// Whether the session of a driving vehicle's operator would end. It does for the operator, and
-    /// for the operator who takes over: for others this is a logout.
+    /// Whether this login is refused as a logout of a driving vehicle's operator would be: another role logs
+    /// in in the operator's browser.
     fn is_refused_logout(&self, app: &AppState) -> Option<Refusal> {
         let snapshot = app.published().snapshot;
         let leaves = self.before.as_ref().is_some_and(|before| is_in_charge(before, &snapshot));
@@ -186,14 +187,15 @@ impl LoginAttempt {
         is_refused.then_some(Refusal::LogoutWhileActive)
     }
 
-    /// That the session ends which the browser had.
+    /// The record of the end of the browser's earlier session.
     fn ends(&self) -> impl Iterator<Item = Record> {
         let record = |before| Record::of_session(before, Action::SessionEnded, self.source);
         let target = format!("login of {}", self.user.name());
         self.before.as_ref().map(record).map(|record| record.on(target)).into_iter()
     }
 
-    /// Written first: while nothing can be written, the driver keeps the vehicle.
+    /// Puts an operator in charge. It is written first: while nothing can be written, the operator in charge
+    /// stays.
     async fn take_charge(
         &self,
         app: &AppState,
@@ -233,7 +235,7 @@ impl LoginAttempt {
         Err(not_opened)
     }
 
-    /// Writes down who comes in, until then or not at all: what the disk takes later is undone there.
+    /// Writes a login in time or not at all: a login that the disk takes later is undone.
     async fn write(
         &self,
         app: &AppState,
@@ -312,15 +314,15 @@ async fn close(
 }
 
 impl AppState {
-    /// The right to change the operator in charge, as soon as what the disk took too late is undone.
+    /// Locks the operator in charge for a change, once a change that the disk took too late is undone.
     pub(in crate::web) async fn lock_operator(&self) -> tokio::sync::MutexGuard<'_, ()> {
         let change = self.operator_change.lock().await;
         drop(self.undoing.lock().await);
         change
     }
 
-    /// Takes back a change of the operator that was not written in time, if it is written later: it was not done.
-    /// The caller holds `operator_change`; until it is undone nobody else changes what it is taken back to.
+    /// Undoes a change of the operator that is written too late: it was not done. The caller holds
+    /// `operator_change`; until the change is undone, nobody else changes the operator.
     pub(in crate::web) fn undo_late(
         &self,
         writing: impl Future<Output = Result<Written, StoreError>> + Send + 'static,

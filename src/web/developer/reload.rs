@@ -19,15 +19,15 @@ use crate::web::http::respond::{Speaks, json_answer, refusal};
 use super::configuration::{self, reread};
 use super::request::PageRequest;
 
-/// What the page with the button showed.
+/// The digest of the difference that the page showed.
 #[derive(Debug, Deserialize)]
 pub struct ReloadForm {
     shown: Option<String>,
 }
 
-/// `POST /developer/configuration/reload`: the file is taken whole, or not at all. A page says by
-/// `shown` what it showed, and nothing else is taken; a program may leave that out and takes what
-/// there is.
+/// `POST /developer/configuration/reload`: the file is taken whole, or not at all. A page names in `shown`
+/// the digest of what it showed, and nothing else is taken. A program may leave it out and takes the file as
+/// it is.
 pub async fn post(
     State(app): State<AppState>,
     peer: Option<Extension<Peer>>,
@@ -73,7 +73,7 @@ pub async fn post(
     }
 }
 
-/// What a file is, against what runs and what was shown.
+/// The file compared with the running configuration and with what was shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Found {
     Wrong,
@@ -108,7 +108,7 @@ impl Found {
     }
 }
 
-/// For a disk that is to take the record of a reload.
+/// The time for the disk to take the record of a reload.
 const RECORD_WITHIN: Span = Span::from_secs(4);
 
 /// Has the file taken, if it is what was shown. The request is on the disk before that, so an error means

@@ -22,11 +22,11 @@ pub enum HttpError {
     TooMany,
     LongHeader,
     TooManySockets,
-    /// It cannot be written down.
+    /// The action cannot be written.
     Storage,
-    /// A stop was requested, and that cannot be written down.
+    /// A stop was requested and is not recorded yet.
     StopNotKept,
-    /// A stop was requested, and nobody hears it.
+    /// A stop was requested, and no node of the vehicle hears it.
     StopNotHeard,
     /// Too many wait already.
     Busy,

@@ -30,17 +30,17 @@ use crate::web::view::Lang;
 /// Who may use a route.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Access {
-    /// Everybody: nothing behind it tells of the vehicle.
+    /// Everybody: the route reveals nothing about the vehicle.
     Open,
-    /// A file below `/static/`: without a session only what the login page needs.
+    /// A file below `/static/`: without a session only the files of the login page.
     Asset,
     /// Everybody who is logged in.
     Session,
-    /// Those who are logged in with one of these roles.
+    /// Users who are logged in with one of these roles.
     Roles(&'static [Role]),
 }
 
-/// Who may use what, by path as routed and by method.
+/// The access of each route, by its path and method.
 pub type AccessTable = HashMap<(&'static str, Method), Access>;
 
 /// The cookie of a session. Under TLS its prefix makes browsers refuse it from anywhere else.
@@ -48,7 +48,7 @@ pub const fn cookie_name(secure: bool) -> &'static str {
     if secure { "__Host-telltale" } else { "telltale" }
 }
 
-/// For the body of a request without a session.
+/// The time for the body of a request without a session.
 const ANONYMOUS_BODY_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// The cookie of a browser from which somebody logged in before.
@@ -56,7 +56,7 @@ pub const fn device_cookie_name(secure: bool) -> &'static str {
     if secure { "__Host-telltale-device" } else { "telltale-device" }
 }
 
-/// A page that renews itself says so: nobody did anything.
+/// The header of a request that a page makes by itself: it is no activity of the user.
 const RENEWAL: &str = "telltale-renewal";
 
 /// The session with which a request came. The guard has checked it.
@@ -72,7 +72,7 @@ impl<S: Sync> FromRequestParts<S> for SignedIn {
     }
 }
 
-/// The middleware around all routes and around what is none.
+/// The middleware around all routes and unknown paths.
 pub async fn guard(
     State((app, table)): State<(AppState, Arc<AccessTable>)>,
     mut request: Request,
@@ -128,8 +128,8 @@ pub async fn guard(
     next.run(request).await
 }
 
-/// The request as it is answered. Without a session it has to be here whole first, soon, and a place
-/// among the few of its kind: a request that is begun and not ended makes nobody wait.
+/// Admits a request. Without a session its body must arrive in time, and a place for anonymous requests must
+/// be free: an unfinished request makes nobody wait.
 async fn admitted(request: Request, session: Option<&Session>) -> Result<Request, HttpError> {
     let handle = request.extensions().get::<ConnectionHandle>().cloned();
     if handle.as_ref().is_some_and(|handle| handle.hold(session)) {
@@ -174,7 +174,7 @@ struct Requester {
     session: Option<Session>,
     /// The token came in a header that no browser sends by itself.
     is_bearer: bool,
-    /// It came in that header and is none.
+    /// It came in that header and is not valid.
     is_false: bool,
 }
 
@@ -195,8 +195,8 @@ pub fn bearer(headers: &HeaderMap) -> Option<&str> {
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim_start())
 }
 
-/// The session of the cookie, if there is one. Of several cookies one may be of an open session: a
-/// second such session was put there by somebody else, and then nobody knows whose request it is.
+/// The session of the cookie. If several cookies belong to open sessions, one was put there by somebody
+/// else, so none counts.
 pub fn cookie_session(app: &AppState, headers: &HeaderMap) -> Option<Session> {
     let tokens = cookies(headers, cookie_name(app.settings.secure)).filter_map(Token::parse);
     let mut sessions = tokens.filter_map(|token| app.session(&token));

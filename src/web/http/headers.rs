@@ -13,7 +13,7 @@ use axum::response::Response;
 const POLICY: &str = "default-src 'self'; script-src 'self'; style-src 'self'; connect-src 'self'; \
     img-src 'self'; object-src 'none'; base-uri 'none'; frame-ancestors 'none'; form-action 'self'";
 
-/// What no page here uses, and no page that somebody smuggles in shall.
+/// Features that no page here uses, and no injected page shall use.
 const PERMISSIONS: &str = "accelerometer=(), camera=(), display-capture=(), geolocation=(), gyroscope=(), \
     hid=(), magnetometer=(), microphone=(), midi=(), payment=(), serial=(), usb=()";
 
@@ -26,13 +26,13 @@ const ALWAYS: [(HeaderName, &str); 6] = [
     (HeaderName::from_static("permissions-policy"), PERMISSIONS),
 ];
 
-/// Of what does not say how long it may be kept. Files under an address with their version alone do.
+/// Caching, unless the answer says otherwise. Only files under an address with their version do.
 const UNLESS_SAID: (HeaderName, &str) = (CACHE_CONTROL, "no-store");
 
-/// A browser that came over TLS once comes over nothing else for a year.
+/// Browsers that came over TLS use nothing else for a year.
 const OVER_TLS: (HeaderName, &str) = (STRICT_TRANSPORT_SECURITY, "max-age=31536000");
 
-/// What every answer has, over TLS or without it.
+/// The headers of every answer.
 fn all(secure: bool) -> impl Iterator<Item = (HeaderName, &'static str)> {
     ALWAYS.into_iter().chain(secure.then_some(OVER_TLS))
 }
@@ -48,7 +48,7 @@ pub async fn secure(State(secure): State<bool>, request: Request, next: Next) ->
     answer
 }
 
-/// The same for an answer that no router made, from its bytes: the headers follow its first line.
+/// Adds the headers to an answer that no router made: they follow its first line.
 pub fn with_headers(answer: &[u8], secure: bool) -> Vec<u8> {
     let end = answer.windows(2).position(|pair| pair == b"\r\n");
     let (line, rest) = answer.split_at(end.map_or(0, |end| end + 2));

@@ -10,7 +10,7 @@ pub struct Origins {
     hosts: Vec<String>,
 }
 
-/// A text that is no origin.
+/// The text is not an origin.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0:?} is no origin; write it as browsers do: https://shuttle-1.example or http://10.0.0.5:8080")]
 pub struct NoOrigin(pub String);

@@ -1,4 +1,4 @@
-//! Gives refusals of the HTTP libraries, which are plain text, this server's words and form.
+//! Replaces the plain-text refusals of the HTTP libraries by this server's texts and format.
 
 use axum::extract::Request;
 use axum::http::StatusCode;
@@ -9,7 +9,7 @@ use axum::response::Response;
 use super::errors::HttpError;
 use super::respond::{Reader, refusal};
 
-/// Lets every answer pass that is a page or JSON.
+/// Replaces refusals in plain text. Pages and JSON pass.
 pub async fn in_words(request: Request, next: Next) -> Response {
     let reader = Reader::of(request.uri(), request.headers());
     let plain = next.run(request).await;

@@ -15,7 +15,7 @@ use crate::engine::input::Refusal;
 use crate::web::view;
 use crate::web::view::{Lang, PagePart, Palette};
 
-/// What a client reads.
+/// The format that a client reads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Speaks {
     /// A browser.
@@ -24,7 +24,7 @@ pub enum Speaks {
     Json,
 }
 
-/// How an answer has to look.
+/// The format and language of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Reader {
     pub speaks: Speaks,
@@ -33,7 +33,7 @@ pub struct Reader {
     pub part: PagePart,
 }
 
-/// By which a page's script says what it takes of an answer.
+/// The header by which a page's script names the part of the answer that it needs.
 const PART: &str = "telltale-part";
 
 impl Reader {
@@ -78,7 +78,7 @@ pub fn cookies<'a>(headers: &'a HeaderMap, name: &str) -> impl Iterator<Item = &
     pairs.filter(move |(found, _)| *found == name).map(|(_, value)| value)
 }
 
-/// The first language of `Accept-Language` that there is. Browsers list the best one first.
+/// The first known language of `Accept-Language`. Browsers list the preferred one first.
 fn preferred(headers: &HeaderMap) -> Option<Lang> {
     let tags = header(headers, ACCEPT_LANGUAGE.as_str())?.split(',');
     tags.filter_map(|tag| tag.trim().get(..2)).find_map(|tag| Lang::from_word(&tag.to_ascii_lowercase()))
@@ -97,7 +97,7 @@ pub fn refusal(reader: &Reader, trouble: HttpError) -> Response {
     }
 }
 
-/// Says which field of a form is not as it should be.
+/// Names the field of a form that cannot be read.
 pub fn bad_form(reader: &Reader, rejection: &FormRejection) -> Response {
     let text = rejection.body_text();
     let why = text.split_once("form body: ").map_or("", |(_, why)| why);
@@ -106,7 +106,7 @@ pub fn bad_form(reader: &Reader, rejection: &FormRejection) -> Response {
     bad_field(reader, field)
 }
 
-/// The same where the form can be read and says something else than it should.
+/// Names the fields of a form that was read and has a wrong value.
 pub fn bad_field(reader: &Reader, field: &str) -> Response {
     let is_name = |c: char| c.is_ascii_alphanumeric() || "_, ".contains(c);
     let (title, general) = HttpError::BadForm.say(reader.lang);
@@ -125,7 +125,7 @@ pub fn bad_field(reader: &Reader, field: &str) -> Response {
     }
 }
 
-/// Longer names of fields are nobody's.
+/// Longer names of fields are not repeated in an answer.
 const FIELD_MAX: usize = 40;
 
 /// Says what the engine did not grant: 409 with a page, or `{"refused": [...]}`.

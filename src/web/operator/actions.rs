@@ -165,7 +165,7 @@ pub async fn acknowledge(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Res
     done(tap, validity, OperatorAction::Acknowledge { alarm }, record).await
 }
 
-/// What is acknowledged, for the log: all places at which one status shows.
+/// The acknowledged alarm for the log, with all nodes that its status feeds.
 fn with_places(snapshot: &Snapshot, alarm: &AlarmRef, id: &str) -> String {
     let node = match alarm {
         AlarmRef::Number(number) => snapshot.alarms.iter().find(|it| it.id == *number).map(|it| it.node),
@@ -222,13 +222,14 @@ fn answer(tap: &Tap, done: Result<(), NotDone>, granted: &Value) -> Response {
     }
 }
 
-/// Ids hold slashes, so a route of such an id takes all that follows and its last word is read here.
+/// The id in a path. Ids have slashes, so the route takes the rest of the path, and its last word is removed
+/// here.
 fn inner<'a>(path: &'a PathOf, word: &str) -> Option<&'a str> {
     let Ok(Path(path)) = path else { return None };
     path.strip_suffix(word).filter(|id| !id.is_empty())
 }
 
-/// What a node stands for: its component. What is in none is judged with the stage alone.
+/// The part of the state to which a node belongs: its component, or the stage if it is in no component.
 fn of_node(snapshot: &Snapshot, name: &str) -> Aspect {
     let mut group = match snapshot.node(name) {
         Some(NodeId::Group(id)) => id,

@@ -60,9 +60,9 @@ pub struct Validity {
     pub version: u64,
     /// After this it is late.
     pub until: Timestamp,
-    /// Of a second step: after this the first one counts no more.
+    /// For a second step: after this the first one does not count any more.
     pub confirmed_until: Timestamp,
-    /// It is a stop, which counts from the next operator too.
+    /// It is a stop, which also counts from the operator who takes over next.
     pub is_stop: bool,
 }
 
@@ -86,15 +86,15 @@ impl Tap {
         Tap { app: app.clone(), session: session.clone(), source, reader, arrived: app.clock.now() }
     }
 
-    /// A tap that waited on its way was made while the display could still say that it is live, and
-    /// arrives when it could not.
+    /// The conditions under which this tap counts. A tap that was delayed on its way was made while the
+    /// display was live, and arrives when it may not be.
     pub fn validity(&self, shown: &Versioned, aspect: Aspect) -> Validity {
         let age = shown.beat.as_deref().map_or(Span::ZERO, |beat| self.age(beat));
         let until = self.arrived + (TAP_LATE_MAX - age);
         Validity { aspect, version: shown.version, until, confirmed_until: until, is_stop: false }
     }
 
-    /// How old a heartbeat was when the tap arrived. What cannot be read is as old as can be.
+    /// The age of a heartbeat when the tap arrived. One that cannot be read is as old as possible.
     fn age(&self, beat: &str) -> Span {
         let Ok(beat) = humantime::parse_rfc3339(beat) else { return TAP_LATE_MAX };
         let clock = &self.app.clock;
@@ -124,7 +124,8 @@ impl Tap {
         if holds { Ok(()) } else { Err(InvalidTap::Stale) }
     }
 
-    /// What the engine cannot know: whether the operator sees what is, and whether it can be written down.
+    /// The conditions that the engine cannot know: whether the operator's display is live, and whether the
+    /// storage works.
     pub fn conditions(&self) -> (bool, bool) {
         let display_live = self.app.displays.is_live_for(&self.session, self.app.clock.now());
         (display_live, self.app.is_storage_ok())

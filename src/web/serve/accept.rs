@@ -1,4 +1,4 @@
-//! The listener: accepts connections, within bounds, until the server is to end.
+//! The listener: accepts connections, within bounds, until the server ends.
 
 use std::io;
 use std::net::SocketAddr;
@@ -22,7 +22,7 @@ use tower::ServiceExt as _;
 
 use super::parse_error::WithHeaders;
 use super::tls::Tls;
-use crate::web::admission::connections::{Connections, Place};
+use crate::web::admission::connections::{ConnectionPlace, Connections};
 use crate::web::admission::peer::Peer;
 use crate::web::auth::expiry;
 use crate::web::live::byte_budget::{Meter, Metered};
@@ -31,19 +31,19 @@ use crate::web::router::router;
 use crate::web::vehicle_memory::VehicleMemoryTask;
 use crate::web::{AppState, turned};
 
-/// For the head of a request, and for a connection that asks nothing.
+/// The time for the head of a request, and for a connection without a request.
 const HEADER_TIMEOUT: Duration = Duration::from_secs(10);
-/// What the kernel may hold of an answer that nobody reads; it doubles the figure that it is given.
+/// The kernel's buffer for answers that a client does not read. The kernel doubles this number.
 const SEND_BUFFER_BYTES: usize = 256 * 1024;
-/// And of what somebody sends faster than it is read. A request has 16 KiB.
+/// The kernel's buffer for received bytes that are not read yet. A request has at most 16 KiB.
 const RECEIVE_BUFFER_BYTES: usize = 32 * 1024;
-/// Requests that run when the server ends may take this long.
+/// The time for running requests when the server ends.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(3);
-/// Without free file descriptors accepting fails until some are free.
+/// The wait after a failed `accept`, for example without free file descriptors.
 const ACCEPT_RETRY: Duration = Duration::from_millis(100);
 
-/// Serves until `shutdown` ends, then closes sockets with the code for a restart, lets requests that
-/// run come to their end, and keeps what the vehicle came to last.
+/// Serves until `shutdown` ends. Then it closes sockets with the code for a restart, waits for running
+/// requests, and stores the last state of the vehicle.
 ///
 /// # Errors
 /// If the listener has no address.
@@ -117,7 +117,7 @@ struct Connection {
     router: Router,
     secure: bool,
     closing: watch::Receiver<bool>,
-    place: Place,
+    place: ConnectionPlace,
 }
 
 impl Connection {

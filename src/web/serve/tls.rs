@@ -15,7 +15,7 @@ use webpki::{EndEntityCert, KeyUsage};
 
 use crate::clock::earliest;
 
-/// So long before its end a certificate is to be renewed.
+/// A certificate is due for renewal this long before its end.
 pub const RENEW_BEFORE: Duration = Duration::from_secs(30 * 24 * 3600);
 
 /// What the listener needs to speak TLS, 1.2 or newer. Clones are the same.
@@ -26,7 +26,7 @@ struct Files {
     certificate: PathBuf,
     key: PathBuf,
     current: RwLock<Arc<Pair>>,
-    /// The files as they were when they were read last, whatever came of it.
+    /// The files as they were read last, valid or not.
     read: Mutex<[Stamp; 2]>,
 }
 
@@ -36,14 +36,15 @@ struct Pair {
     chain: Vec<CertificateDer<'static>>,
 }
 
-/// By what a change of a file shows: its inode, its size, and when it was written; `None` if it is not there.
+/// The marks by which a change of a file is noticed: its inode, size and time of writing; `None` without a
+/// file.
 type Stamp = Option<(u64, u64, i64, i64)>;
 
 /// Whether browsers take a certificate at some time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Validity {
     Good,
-    /// It ends within [`RENEW_BEFORE`], then.
+    /// It ends then, within [`RENEW_BEFORE`].
     EndsSoon(SystemTime),
     Ended(SystemTime),
     /// It begins then.
@@ -71,7 +72,7 @@ impl Tls {
     /// Reads a chain of certificates, the server's first, and its key, both PEM.
     ///
     /// # Errors
-    /// What is wrong with them. That their time is over is none: see [`Tls::validity`].
+    /// What is wrong with them. An expired certificate is no error: see [`Tls::validity`].
     pub fn load(certificate: &Path, key: &Path) -> Result<Tls, TlsError> {
         let read = Mutex::new([stamp(certificate), stamp(key)]);
         let current = RwLock::new(Arc::new(Pair::load(certificate, key)?));
@@ -79,11 +80,11 @@ impl Tls {
         Ok(Tls(Arc::new(Files { certificate, key, current, read })))
     }
 
-    /// Takes another certificate with its key, if the files have changed, for connections that come. Tells
-    /// whether it has. It has to be for these hosts.
+    /// Takes a renewed certificate and its key for new connections, if the files have changed. It has to be
+    /// for these hosts. Returns whether it was taken.
     ///
     /// # Errors
-    /// What is wrong with the new one: the old one stays. It is said once for each change.
+    /// What is wrong with the new one, once for each change: the old one stays.
     pub fn reload(&self, hosts: &[String]) -> Result<bool, TlsError> {
         let Files { certificate, key, current, read } = &*self.0;
         let now = [stamp(certificate), stamp(key)];
@@ -204,7 +205,7 @@ fn check(chain: &[CertificateDer<'_>], path: &Path) -> Result<(), TlsError> {
     }
 }
 
-/// Who signed it is for browsers to judge: an issuer that this machine does not know is no fault.
+/// An unknown issuer is no fault: browsers judge that.
 fn verify(chain: &[CertificateDer<'_>], at: SystemTime) -> Result<(), webpki::Error> {
     let Some((first, rest)) = chain.split_first() else { return Ok(()) };
     let parsed = EndEntityCert::try_from(first)?;

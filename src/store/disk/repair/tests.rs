@@ -4,19 +4,17 @@ use std::time::UNIX_EPOCH;
 use super::*;
 use crate::engine::restart::resume::Restored;
 use crate::engine::time::Timestamp;
-use crate::store::{Database, Entering, Role, VehicleMemory};
+use crate::store::{Database, Entering, Role, TestFolder, VehicleMemory};
 
 const USERS: u64 = 300;
 const LATE: Timestamp = Timestamp::from_millis(u32::MAX as u64);
 
 /// A data folder with users, a vehicle and some pages of audit log; no process has it open.
-struct Folder(PathBuf);
+struct Folder(TestFolder);
 
 impl Folder {
     async fn new(name: &str) -> Folder {
-        let folder =
-            Folder(std::env::temp_dir().join(format!("telltale-mend-{name}-{}", std::process::id())));
-        let _ = fs::remove_dir_all(&folder.0);
+        let folder = Folder(TestFolder::new(&format!("repair-{name}")));
         let store = folder.open();
         store.add_user("anna", Role::Operator, "135791").await.unwrap();
         let memory = VehicleMemory { seq: 1, at: UNIX_EPOCH, vehicle: Restored::default() };
@@ -58,12 +56,6 @@ impl Folder {
 
     fn pages(&self) -> u64 {
         fs::metadata(self.file("")).unwrap().len() / 4096
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
     }
 }
 
@@ -205,9 +197,9 @@ fn a_repair_saves_what_can_be_read_and_takes_the_rest_from_the_backup() {
         if check_data(&folder.0).unwrap().damage.is_none() {
             continue;
         }
-        let mended = repair(&folder.0, Clock::start()).unwrap();
-        assert_eq!(mended.users, USERS, "page {page}: {mended:?}");
-        assert!(mended.kept.join(FILE_NAME).exists());
+        let repaired = repair(&folder.0, Clock::start()).unwrap();
+        assert_eq!(repaired.users, USERS, "page {page}: {repaired:?}");
+        assert!(repaired.kept.join(FILE_NAME).exists());
         assert_eq!(check_data(&folder.0).unwrap().damage, None, "page {page}");
         let store = folder.serve();
         assert_eq!(*store.fault().borrow(), None, "page {page}");
@@ -217,7 +209,7 @@ fn a_repair_saves_what_can_be_read_and_takes_the_rest_from_the_backup() {
         assert!(runtime.block_on(can_log_in(&store)), "page {page}");
         runtime.block_on(store.close());
         let _ = fs::remove_file(folder.0.join("audit.head"));
-        fs::remove_dir_all(&mended.kept).unwrap();
+        fs::remove_dir_all(&repaired.kept).unwrap();
     }
 }
 
@@ -233,8 +225,8 @@ fn a_backup_is_whole_private_and_no_session_comes_back_with_it() {
     runtime.block_on(store.remove_user("user7")).unwrap();
     runtime.block_on(store.close());
 
-    let (taken, mended) = restore(&folder.0, None, Clock::start()).unwrap();
-    assert_eq!((&taken, mended.users), (&file, USERS));
+    let (taken, repaired) = restore(&folder.0, None, Clock::start()).unwrap();
+    assert_eq!((&taken, repaired.users), (&file, USERS));
     let store = folder.serve();
     assert!(store.sessions().is_empty());
     assert_eq!(runtime.block_on(store.operator_in_charge()).unwrap(), None);
