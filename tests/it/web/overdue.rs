@@ -132,12 +132,11 @@ async fn what_is_over_ends_while_the_disk_takes_nothing_and_is_written_when_it_d
         }
     };
     timeout(Duration::from_secs(5), written).await.expect("the ends are written");
-    // The disk refused them first, so each begins with its time.
-    let target =
-        |it: &Entry| it.target.strip_prefix("at 20")?.split_once(": ").map(|(_, target)| target.to_owned());
+    // What the disk refused begins with its time.
+    let target = |it: &Entry| it.target.rsplit("Z: ").next().unwrap_or_default().to_owned();
     let of = |action: &'static str| {
         let of_it = records.iter().filter(move |it| it.action == action);
-        of_it.map(move |it| (&*it.who, target(it).expect("it has its time")))
+        of_it.map(move |it| (&*it.who, target(it)))
     };
     let mut ended: Vec<_> = of("session ended").collect();
     ended.sort_unstable();
