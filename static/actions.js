@@ -37,7 +37,7 @@
     quietTimer = setTimeout(() => delete bar.dataset.quiet, quietUntil - performance.now());
   };
 
-  // --- what was not done, and why
+  // --- why a tap was not done
 
   const hideNotice = () => {
     notice.hidden = true;
@@ -64,7 +64,7 @@
     const box = button.getBoundingClientRect();
     return x >= box.left && x <= box.right && y >= box.top && y <= box.bottom;
   };
-  const sayMissed = (area, buttons, why) => {
+  const showMissed = (area, buttons, why) => {
     area.addEventListener("click", (event) => {
       if (!("quiet" in area.dataset) || event.target.closest("button, .confirm")) return;
       if ([...area.querySelectorAll(buttons)].some((button) => isOver(button, event))) show(why(), "");
@@ -82,7 +82,7 @@
 
   // --- the second step of a clearance
 
-  let askedWith = null;
+  let confirmedVersion = null;
   let until = 0;
   let countdown = 0;
 
@@ -102,7 +102,7 @@
   };
 
   const askForConfirmation = ({ token, expires_s }, asked) => {
-    askedWith = asked;
+    confirmedVersion = asked;
     until = performance.now() + expires_s * 1000;
     confirmation.elements.token.value = token;
     confirmation.hidden = false;
@@ -114,18 +114,18 @@
 
   // --- sending
 
-  // Who waits for an answer on the socket that brings the heartbeats, by the name of the tap.
-  const asked = new Map();
+  // Taps that wait for an answer over the socket, by their names.
+  const pendingTaps = new Map();
 
   // Without it nothing is sent, and the page covers itself.
   const { live } = globalThis.telltale ?? {};
   live?.listen(({ hand_over: words, tap, status, said }) => {
-    if (words !== undefined) sayHandOver(words);
-    else if (tap !== undefined) asked.get(tap)?.({ status, said });
+    if (words !== undefined) showHandOver(words);
+    else if (tap !== undefined) pendingTaps.get(tap)?.({ status, said });
   });
 
   // Another operator takes over a driving vehicle.
-  const sayHandOver = (words) => {
+  const showHandOver = (words) => {
     if (words) show("handover", "hand-over", [words]);
     else if (noticeOf === "hand-over") hideNotice();
   };
@@ -135,8 +135,8 @@
       const { socket } = live;
       if (socket?.readyState !== WebSocket.OPEN) return reject(new Error("no socket is open"));
       const tap = fields.get("tap");
-      const forget = (settle, value) => asked.delete(tap) && settle(value);
-      asked.set(tap, (answer) => forget(resolve, answer));
+      const forget = (settle, value) => pendingTaps.delete(tap) && settle(value);
+      pendingTaps.set(tap, (answer) => forget(resolve, answer));
       setTimeout(forget, ANSWER_MS, reject, new Error("no answer in time"));
       const version = Number(fields.get("version"));
       return socket.send(JSON.stringify({ stop: { version, beat: fields.get("beat"), tap } }));
@@ -244,8 +244,8 @@
   };
 
   // The effect of the first of two taps may be visible before it is answered.
-  sayMissed(bar, "#step button", () => (sent.size > 0 ? "second" : quietWhy));
-  sayMissed(list, "form button", () => "changed");
+  showMissed(bar, "#step button", () => (sent.size > 0 ? "second" : quietWhy));
+  showMissed(list, "form button", () => "changed");
 
   document.addEventListener("htmx:after:swap", () => {
     const now = offered();
@@ -257,7 +257,7 @@
     // The reasons against it are gone.
     if (!bar.querySelector(".step .checks li:not(.holds)")) delete bar.dataset.refused;
     // The server would refuse it: it was offered for another state.
-    if (!confirmation.hidden && version() !== askedWith) closeConfirmation();
+    if (!confirmation.hidden && version() !== confirmedVersion) closeConfirmation();
   });
 
   addEventListener("telltale:dead", closeConfirmation);

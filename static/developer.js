@@ -21,7 +21,7 @@
   const locked = body.dataset.stage === "locked";
   let behindSince = null;
   let renewedAt = performance.now();
-  let asking = null;
+  let pending = null;
 
   const { setText } = Live;
 
@@ -45,15 +45,15 @@
   const known = new Set([WHY, ...[...document.querySelectorAll("nav a")].map((link) => link.pathname)]);
   // The answer to a form stands under the address of its page, so a reload sends nothing twice.
   if (!known.has(location.pathname)) history.replaceState(null, "", main().dataset.page);
-  let standing = pageOf(location);
+  let shownPage = pageOf(location);
   const { frame } = main().dataset;
 
   // One request at a time; a newer one aborts the older one, which then has no answer. With a header,
   // requests that no person made keep no session alive.
   const ask = async (address, part, byItself) => {
-    asking?.abort();
+    pending?.abort();
     const abort = new AbortController();
-    asking = abort;
+    pending = abort;
     const limit = setTimeout(() => abort.abort(), ANSWER_MS);
     const headers = { "Telltale-Part": part, ...(byItself && Live.RENEWAL) };
     try {
@@ -61,7 +61,7 @@
       if (answer.redirected) return void location.assign(answer.url);
       if (!answer.ok) throw new Error(`status ${answer.status}`);
       const text = await answer.text();
-      if (asking !== abort) return undefined;
+      if (pending !== abort) return undefined;
       const template = document.createElement("template");
       template.innerHTML = text;
       const element = template.content.querySelector(part === "main" ? "main" : "#dev");
@@ -72,12 +72,12 @@
       localTimes(element);
       return element;
     } catch (error) {
-      if (asking !== abort) return undefined;
+      if (pending !== abort) return undefined;
       throw error;
     } finally {
       clearTimeout(limit);
-      if (asking === abort) {
-        asking = null;
+      if (pending === abort) {
+        pending = null;
         renewedAt = performance.now();
       }
     }
@@ -90,16 +90,16 @@
   };
 
   // Replaces this page by another one, as if it had been loaded.
-  const stand = (fresh, url) => {
+  const showPage = (fresh, url) => {
     main().replaceWith(fresh);
-    standing = pageOf(url);
+    shownPage = pageOf(url);
     const title = fresh.querySelector("h2");
     document.title = `${title.textContent} - Telltale`;
     for (const link of document.querySelectorAll("nav a")) {
       if (link.pathname === fresh.dataset.page) link.setAttribute("aria-current", "page");
       else link.removeAttribute("aria-current");
     }
-    dressForms();
+    prepareForms();
     dispatchEvent(new Event("telltale:page"));
     shown();
     // A screen reader hears the name of the page and goes on from its beginning.
@@ -112,11 +112,11 @@
 
   const renew = async (byItself) => {
     // If the next request came before the answer, the page and its address differ.
-    const isOther = pageOf(location) !== standing;
+    const isOther = pageOf(location) !== shownPage;
     try {
       const fresh = await ask(location.href, isOther ? "main" : "content", byItself);
       if (!fresh) return;
-      if (isOther) return stand(fresh, location);
+      if (isOther) return showPage(fresh, location);
       Idiomorph.morph(content(), fresh, { callbacks: { beforeAttributeUpdated } });
       shown();
     } catch {
@@ -128,7 +128,7 @@
   const renewIfDue = () => {
     const every = Number(content().dataset.renew);
     const wait = performance.now() - renewedAt;
-    if (asking || wait < RENEW_MIN_MS || document.hidden || !live.everBeat) return;
+    if (pending || wait < RENEW_MIN_MS || document.hidden || !live.everBeat) return;
     if (content().dataset.static !== undefined) return;
     const news = Number(content().dataset.revision) < newest;
     if (news || (every > 0 && wait >= every)) renew(true);
@@ -185,22 +185,22 @@
       return location.assign(url);
     }
     if (!fresh) return undefined;
-    keepPlace();
+    saveScroll();
     if (url.href === location.href) history.replaceState(null, "", url);
     else history.pushState(null, "", url);
-    stand(fresh, url);
+    showPage(fresh, url);
     scrollTo(0, 0);
     return undefined;
   };
 
-  // Where each entry of the history was left.
-  const keepPlace = () => history.replaceState({ y: scrollY }, "");
-  const takePlace = () => scrollTo(0, history.state?.y ?? 0);
+  // The scroll position of each entry of the history.
+  const saveScroll = () => history.replaceState({ y: scrollY }, "");
+  const restoreScroll = () => scrollTo(0, history.state?.y ?? 0);
   let scrolled = 0;
   history.scrollRestoration = "manual";
   addEventListener("scroll", () => {
     clearTimeout(scrolled);
-    scrolled = setTimeout(keepPlace, SCROLLED_MS);
+    scrolled = setTimeout(saveScroll, SCROLLED_MS);
   }, { passive: true });
 
   // The form keeps what links have changed: pins, the order.
@@ -216,7 +216,7 @@
     }
   };
 
-  const fill = () => {
+  const fillForms = () => {
     const asked = new URLSearchParams(location.search);
     for (const form of document.querySelectorAll("form[data-soft]")) {
       for (const element of form.elements) {
@@ -251,19 +251,19 @@
   }
   addEventListener("popstate", async () => {
     clearTimeout(scrolled);
-    if (pageOf(location) === standing) fill();
+    if (pageOf(location) === shownPage) fillForms();
     await renew();
-    takePlace();
+    restoreScroll();
   });
 
-  const dressForms = () => {
+  const prepareForms = () => {
     for (const form of document.querySelectorAll("form[data-soft]")) form.dataset.scripted = "";
     keepForm();
   };
 
   globalThis.telltale = { go };
   localTimes(document);
-  dressForms();
-  addEventListener("DOMContentLoaded", takePlace);
+  prepareForms();
+  addEventListener("DOMContentLoaded", restoreScroll);
   live.connect();
 })();

@@ -86,7 +86,7 @@ pub fn draw(panels: &[Panel]) -> String {
         let column = index % columns;
         let x = MARGIN + (panel_width + PANEL_GAP) * column as f64;
         let letter = (panels.len() > 1).then(|| char::from(b'a' + (index % 26) as u8));
-        Drawing { out: &mut out, panel, x, y }.draw(letter);
+        PanelPainter { out: &mut out, panel, x, y }.draw(letter);
         if column + 1 == columns || index + 1 == panels.len() {
             y += row_height(rows[index / columns]);
         }
@@ -112,14 +112,14 @@ fn height(panel: &Panel) -> f64 {
     TITLE_HEIGHT + STRIP_STEP * panel.strips.len() as f64 + AXIS_HEIGHT
 }
 
-struct Drawing<'a> {
+struct PanelPainter<'a> {
     out: &'a mut String,
     panel: &'a Panel,
     x: f64,
     y: f64,
 }
 
-impl Drawing<'_> {
+impl PanelPainter<'_> {
     fn draw(&mut self, letter: Option<char>) {
         let letter = letter.map_or(String::new(), |letter| format!("({letter}) "));
         let title = escaped(&format!("{letter}{}", self.panel.title));

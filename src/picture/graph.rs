@@ -119,7 +119,7 @@ pub fn draw(style: &Style, boxes: &[GroupBox], arrows: &[Arrow]) -> Drawing {
     let layers = Layers::of(&heights, &ways, style.box_gap, style.arrow_height);
     let by_id: HashMap<GroupId, &GroupBox> = boxes.iter().map(|top| (top.id, top)).collect();
     let mut painter =
-        Painter { style, boxes: String::new(), rows: String::new(), anchors: HashMap::default() };
+        GraphPainter { style, boxes: String::new(), rows: String::new(), anchors: HashMap::default() };
     for (column, items) in layers.columns.iter().enumerate() {
         for (item, top) in items {
             if let Item::Box(id) = item {
@@ -173,14 +173,14 @@ struct Anchor {
     y: f64,
 }
 
-struct Painter<'s> {
+struct GraphPainter<'s> {
     style: &'s Style,
     boxes: String,
     rows: String,
     anchors: HashMap<NodeId, Anchor>,
 }
 
-impl Painter<'_> {
+impl GraphPainter<'_> {
     fn group(&mut self, group: &GroupBox, x: f64, y: f64, width: f64, depth: usize) {
         let style = self.style;
         let (height, shown_depth) = (style.height(group), depth.min(DEPTH_MAX));

@@ -159,7 +159,7 @@ pub fn class(look: Look) -> &'static str {
         Look::Ok => "ok",
         Look::Warning => "warning",
         Look::Error => "error",
-        Look::Attributed => "owed",
+        Look::Attributed => "attributed",
         Look::Masked => "masked",
         Look::NotRelevant => "not-relevant",
         Look::Unknown => "unknown",

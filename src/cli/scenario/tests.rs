@@ -279,7 +279,7 @@ fn described(panel: &Panel) -> Vec<String> {
 }
 
 #[test]
-fn a_figure_shows_symptoms_as_owed_and_what_lies_behind_an_ignore() {
+fn a_figure_shows_attributed_symptoms_and_what_lies_behind_an_ignore() {
     let text = "name: a <b> & \"c\"
 config:
   vehicle: { stages: none }
@@ -315,7 +315,7 @@ steps:
     assert_eq!(panel.moved.iter().map(|it| (it.symptom, it.cause)).collect::<Vec<_>>(), [(2, 0)]);
     let drawn = figure::draw(&[panel.clone(), panel]);
     assert!(drawn.contains("(b) a &lt;b&gt; &amp; &quot;c&quot;"), "{drawn}");
-    for class in ["ok", "warning", "error", "owed", "masked", "not-relevant", "unknown", "false"] {
+    for class in ["ok", "warning", "error", "attributed", "masked", "not-relevant", "unknown", "false"] {
         assert!(drawn.contains(&format!("class=\"bar bar-{class}\"")), "{class}");
     }
 }

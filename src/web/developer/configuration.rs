@@ -30,7 +30,7 @@ const LETTERS: usize = 400;
 /// The page asks again until the file is judged.
 const RENEW_MS: u32 = 1000;
 
-struct Line {
+struct NumberedLine {
     number: usize,
     text: String,
 }
@@ -62,7 +62,7 @@ struct ConfigurationHtml {
     kept: Vec<(&'static str, String)>,
     files: Vec<FileLink>,
     pager: Pager,
-    lines: Vec<Line>,
+    lines: Vec<NumberedLine>,
 }
 
 /// `GET /developer/configuration?q=TEXT&file=NUMBER&page=N`
@@ -119,7 +119,7 @@ pub fn page(
 }
 
 /// The lines that the filter leaves, with their numbers in the file.
-fn lines(file: Option<&ConfigurationText>, query: &PageQuery) -> (Pager, Vec<Line>) {
+fn lines(file: Option<&ConfigurationText>, query: &PageQuery) -> (Pager, Vec<NumberedLine>) {
     let filter = query.get("q").to_lowercase();
     let all = file.map_or("", |file| &*file.text).lines().enumerate();
     let wanted = |text: &str| filter.is_empty() || text.to_lowercase().contains(&filter);
@@ -127,7 +127,7 @@ fn lines(file: Option<&ConfigurationText>, query: &PageQuery) -> (Pager, Vec<Lin
     let (pager, shown) = Pager::of(query, "matching", "page", found.len(), LINES);
     let line = |&(index, text): &(usize, &str)| {
         let kept: String = text.chars().take(LETTERS).collect();
-        Line { number: index + 1, text: clean_lines(&kept) }
+        NumberedLine { number: index + 1, text: clean_lines(&kept) }
     };
     (pager, found[shown].iter().map(line).collect())
 }

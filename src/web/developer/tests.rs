@@ -366,7 +366,7 @@ fn the_timeline_draws_what_was_recorded_and_says_what_was_not() {
     holds(
         &page,
         &[
-            "bar-owed",
+            "bar-attributed",
             "x=\"0.00%\" y=\"1.0\" width=\"20.00%\"",
             "url(#p-masked)",
             "From history",

@@ -27,7 +27,7 @@ use crate::web::view::{PageContext, View, html};
 use super::page_query::is_clean;
 use super::words::DevWords;
 use super::{DevFrame, Page, PageQuery};
-use strips::{Painter, Strip, StripKind};
+use strips::{StripHtml, StripKind, TimelineStrips};
 
 /// Strips of nodes on one page, and below them of signals.
 const STRIPS: usize = 60;
@@ -83,7 +83,7 @@ struct TimelineHtml {
     earlier: String,
     later: Option<String>,
     present: String,
-    strips: Vec<Strip>,
+    strips: Vec<StripHtml>,
     ticks: Vec<Tick>,
     events: Vec<Event>,
     trouble: Option<&'static str>,
@@ -169,7 +169,7 @@ pub fn page(
     dev.fixed = !window.live;
     let half = window.span_s as i64 * 500;
     let shift = |to: i64| query.with("until", &to.to_string());
-    let painter = Painter { lang: context.lang, words, window, query };
+    let timeline = TimelineStrips { lang: context.lang, words, window, query };
     let trouble = match past {
         None => Some(words.no_history),
         Some(past) if past.cut => Some(words.cut),
@@ -190,7 +190,7 @@ pub fn page(
         earlier: shift((to_ms - half).max(0)),
         later: (!window.live).then(|| shift(to_ms + half)),
         present: query.without(&["until", "at"]),
-        strips: past.map(|past| painter.strips(past)).unwrap_or_default(),
+        strips: past.map(|past| timeline.strips(past)).unwrap_or_default(),
         ticks: ticks(window),
         events: past.map(|past| events(view, words, past)).unwrap_or_default(),
         trouble,

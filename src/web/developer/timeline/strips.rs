@@ -21,7 +21,7 @@ const WIDTH_MIN: f64 = 0.15;
 const BAR_Y: f64 = 1.0;
 const WORD_Y: f64 = 16.0;
 
-pub struct Strip {
+pub struct StripHtml {
     pub name: String,
     pub kind: StripKind,
     /// SVG, as wide as the page has room for.
@@ -44,23 +44,23 @@ pub enum StripKind {
 }
 
 /// What the strips of a page need.
-pub struct Painter<'a> {
+pub struct TimelineStrips<'a> {
     pub lang: Lang,
     pub words: &'static DevWords,
     pub window: &'a Window,
     pub query: &'a PageQuery,
 }
 
-impl Painter<'_> {
+impl TimelineStrips<'_> {
     /// The stage above the nodes, the signals below them.
-    pub fn strips(&self, past: &Past) -> Vec<Strip> {
+    pub fn strips(&self, past: &Past) -> Vec<StripHtml> {
         let stage = (!past.stage.is_empty()).then(|| self.stage(&past.stage));
         let nodes = past.nodes.iter().map(|node| self.node(node));
         let signals = past.signals.iter().map(|(name, held)| self.signal(name, held));
         stage.into_iter().chain(nodes).chain(signals).collect()
     }
 
-    fn node(&self, past: &NodePast) -> Strip {
+    fn node(&self, past: &NodePast) -> StripHtml {
         let segments = recorded(&past.stretches);
         let (state, word, because) = match self.at_moment(&segments, |it| (it.from, it.to)) {
             Some(segment) => {
@@ -76,7 +76,7 @@ impl Painter<'_> {
         let others = self.window.query.nodes.iter().filter(|name| **name != past.name);
         let other_fields = ["span", "until", "at"].into_iter().map(|name| (name, self.query.get(name)));
         let remove = address(other_fields.chain(others.map(|name| ("node", &**name))));
-        Strip {
+        StripHtml {
             name: clean(&past.name, 2 * NAME),
             kind: StripKind::Node { why: why_address(&past.name), remove },
             bars: segments.iter().map(|segment| self.segment(segment)).collect(),
@@ -86,7 +86,7 @@ impl Painter<'_> {
         }
     }
 
-    fn stage(&self, held: &[Period<Stage>]) -> Strip {
+    fn stage(&self, held: &[Period<Stage>]) -> StripHtml {
         let word = |stage| self.lang.stage(stage, State::Ok);
         let class = |stage| if stage == Stage::Active { "stage bar-driving" } else { "stage" };
         self.level(self.words.stage.to_owned(), StripKind::Stage, held, |stage| {
@@ -94,7 +94,7 @@ impl Painter<'_> {
         })
     }
 
-    fn signal(&self, name: &str, held: &[Period<Option<bool>>]) -> Strip {
+    fn signal(&self, name: &str, held: &[Period<Option<bool>>]) -> StripHtml {
         self.level(clean(name, 2 * NAME), StripKind::Signal, held, |value| match value {
             Some(true) => ("true", None, "true"),
             Some(false) => ("false", None, "false"),
@@ -109,7 +109,7 @@ impl Painter<'_> {
         kind: StripKind,
         held: &[Period<T>],
         look: impl Fn(T) -> (&'static str, Option<&'static str>, &'static str),
-    ) -> Strip {
+    ) -> StripHtml {
         let there = self.at_moment(held, |it| (stamp(it.from_ms), stamp(it.to_ms)));
         let bar = |it: &Period<T>| {
             let (class, pattern, word) = look(it.value);
@@ -117,7 +117,7 @@ impl Painter<'_> {
             let title = format!("{word}, {} \u{2013} {}", clock(from), clock(to));
             self.bar((from, to), word, Bar { class, pattern, title: &title, ..EMPTY })
         };
-        Strip {
+        StripHtml {
             name,
             kind,
             bars: held.iter().map(bar).collect(),

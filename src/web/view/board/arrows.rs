@@ -19,7 +19,7 @@ const AIR: f64 = 3.0;
 
 /// One arrow as SVG path data.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Arrow {
+pub struct TileArrow {
     pub from: Tile,
     pub to: Tile,
     pub line: String,
@@ -27,7 +27,7 @@ pub struct Arrow {
 }
 
 /// The size of the drawing and its arrows, in the order of `edges`.
-pub fn draw(board: &Board, edges: &[(Tile, Tile)]) -> ((f64, f64), Vec<Arrow>) {
+pub fn draw(board: &Board, edges: &[(Tile, Tile)]) -> ((f64, f64), Vec<TileArrow>) {
     let plan = Plan::new(board);
     let mut routes: Vec<ArrowRoute> = edges.iter().map(|&edge| plan.route(board, edge)).collect();
     plan.spread_ends(&mut routes);
@@ -202,7 +202,7 @@ impl Plan {
         }
     }
 
-    fn arrow(&self, route: &ArrowRoute) -> Arrow {
+    fn arrow(&self, route: &ArrowRoute) -> TileArrow {
         let (start, tip) = (self.point(&route.start), self.point(&route.end));
         let mut points = vec![start];
         if let Some(&first) = route.rows.first() {
@@ -224,7 +224,12 @@ impl Plan {
         };
         let tip = (tip.0 - dx * AIR, tip.1 - dy * AIR);
         points.push((tip.0 - dx * 8.0, tip.1 - dy * 8.0));
-        Arrow { from: route.start.tile, to: route.end.tile, line: rounded(&points), head: head(tip, dx, dy) }
+        TileArrow {
+            from: route.start.tile,
+            to: route.end.tile,
+            line: rounded(&points),
+            head: head(tip, dx, dy),
+        }
     }
 }
 
@@ -334,7 +339,7 @@ mod tests {
     #[test]
     fn lines_in_one_gap_keep_apart() {
         let (_, arrows) = draw(&grid(4, 2), &[(0, 6), (1, 7)]);
-        let level = |arrow: &Arrow| points(&arrow.line)[2].1;
+        let level = |arrow: &TileArrow| points(&arrow.line)[2].1;
         assert!((level(&arrows[0]) - level(&arrows[1])).abs() > 8.0);
     }
 
