@@ -5,8 +5,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crate::engine::time::{Span, Timestamp};
 
-/// The first of May 2026, before which this version was not there. A constant, so that two builds of the
-/// same source are the same.
+/// The first of May 2026; this version is newer. A constant, so that two builds of the same source are equal.
 const EARLIEST_UNIX_S: u64 = 1_777_593_600;
 
 /// A wall clock that shows less than this is wrong.
@@ -14,20 +13,20 @@ pub fn earliest() -> SystemTime {
     UNIX_EPOCH + Duration::from_secs(EARLIEST_UNIX_S)
 }
 
-/// The monotonic clock of receipt, counted from the start of the process, with the wall clock
-/// beside it for what people read. Copies agree.
+/// The monotonic clock of receipt, counted from the start of the process, and the wall clock for times that
+/// people read. Copies agree.
 #[derive(Debug, Clone, Copy)]
 pub struct Clock {
     start: Instant,
-    /// How far it was set ahead, in nanoseconds; a clock of a test alone has this.
+    /// The offset by which it was set ahead, in nanoseconds; only a test's clock has one.
     ahead: Option<&'static AtomicU64>,
-    /// It moves by that alone.
+    /// It moves only when it is set ahead.
     stands: bool,
-    /// What the wall clock showed at the start, if it is not that of the system.
+    /// The wall time at the start, if it is not that of the system.
     wall: Option<SystemTime>,
 }
 
-/// Sets a clock ahead, so that a test need not wait for what takes long.
+/// Sets a clock ahead, so that a test need not wait.
 #[derive(Debug, Clone, Copy)]
 pub struct ClockHand(&'static AtomicU64);
 
@@ -43,13 +42,13 @@ impl Clock {
         Clock { start: Instant::now(), ahead: None, stands: false, wall: None }
     }
 
-    /// A clock that can be set ahead. Its hand lives as long as the process: it is for tests.
+    /// A clock that can be set ahead, for tests. Its offset lives as long as the process.
     pub fn with_hand() -> (Clock, ClockHand) {
         let ahead: &'static AtomicU64 = Box::leak(Box::default());
         (Clock { ahead: Some(ahead), ..Clock::start() }, ClockHand(ahead))
     }
 
-    /// A clock that stands still unless it is set ahead.
+    /// A clock that moves only when it is set ahead.
     pub fn standing() -> (Clock, ClockHand) {
         let (clock, hand) = Clock::with_hand();
         (Clock { stands: true, ..clock }, hand)
@@ -60,20 +59,20 @@ impl Clock {
         Clock { wall: Some(wall), ..Clock::start() }
     }
 
-    /// Monotonic: never stepped, never back.
+    /// Monotonic: it is never stepped and never runs backwards.
     pub fn now(&self) -> Timestamp {
         let elapsed = if self.stands { Duration::ZERO } else { self.start.elapsed() };
         let elapsed = u64::try_from(elapsed.as_nanos()).unwrap_or(u64::MAX);
         Timestamp::from_nanos(elapsed.saturating_add(self.ahead()))
     }
 
-    /// What the wall clock says now. It may be stepped at any time: for display only.
+    /// The present wall time. It may be stepped at any time: for display only.
     #[expect(clippy::disallowed_methods, reason = "the one clock of the process")]
     pub fn wall(&self) -> SystemTime {
         self.wall.map_or_else(SystemTime::now, |wall| wall + Duration::from_nanos(self.now().as_nanos()))
     }
 
-    /// The monotonic instant as tokio's timers take it.
+    /// The monotonic instant as a tokio instant.
     pub fn instant(&self, at: Timestamp) -> Instant {
         self.start + Duration::from_nanos(at.as_nanos().saturating_sub(self.ahead()))
     }
@@ -88,7 +87,7 @@ impl Clock {
     }
 }
 
-/// What the wall clock showed at `then`, as it reads now: a stepped clock shifts past and present alike.
+/// The wall time at `then`, seen from now: a step of the clock shifts past and present alike.
 pub fn wall_at(wall_now: SystemTime, now: Timestamp, then: Timestamp) -> SystemTime {
     let ago: Span = now.since(then);
     wall_now.checked_sub(Duration::from_nanos(ago.as_nanos())).unwrap_or(SystemTime::UNIX_EPOCH)

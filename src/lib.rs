@@ -1,7 +1,7 @@
 //! Telltale: the operator HMI of an autonomous shuttle bus.
 
 #![forbid(unsafe_code)]
-// What cannot fail says why it cannot, with `expect`.
+// `expect` states why a call cannot fail.
 #![cfg_attr(not(test), deny(clippy::unwrap_used))]
 
 pub mod cli;

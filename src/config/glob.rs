@@ -1,6 +1,6 @@
-//! Detects patterns of file names, as shells know them, in places for a name or a regular expression.
+//! Detects shell patterns of file names in places for a name or a regular expression.
 
-/// Whether it has a `*` or a set of letters. `[0]`, `[C]`, `[left]` and `well?` are parts of real names.
+/// Whether it has a `*` or a set of letters. `[0]`, `[C]`, `[left]` and `well?` occur in real names.
 pub(super) fn is_glob(text: &str) -> bool {
     text.contains('*') || sets(text).next().is_some()
 }
@@ -15,7 +15,7 @@ fn sets(text: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-/// The regular expression that means the same.
+/// The equivalent regular expression.
 pub(super) fn as_regex(glob: &str) -> String {
     let mut sets = sets(glob).peekable();
     let mut regex = String::new();
@@ -40,7 +40,7 @@ pub(super) fn as_regex(glob: &str) -> String {
     regex
 }
 
-/// Filters that take what such a pattern would.
+/// Filters that match the same names as such a pattern.
 pub(super) fn instead(glob: &str) -> String {
     let parts = glob.split(['*', '?', '[', ']']);
     let longest = parts.map(str::trim).max_by_key(|part| part.len()).unwrap_or_default();

@@ -1,5 +1,5 @@
-//! The configuration: from YAML files to a [`Model`] that cannot be wrong. Every problem is found
-//! in one pass and says file, line and what to do.
+//! The configuration: from YAML files to a [`Model`] that cannot be wrong. Every problem is found in one pass,
+//! with file, line and a help.
 
 pub mod describe;
 pub mod expression;
@@ -23,7 +23,7 @@ use crate::engine::model::Model;
 use crate::yaml::{FromNode, Log, Node, Problem, Problems, Schema, Sources, Span, Spanned, tree};
 use describe::places::Places;
 
-/// More files than this are not included.
+/// The largest number of included files.
 const FILES_MAX: usize = 64;
 
 /// The JSON Schema of a configuration, for editors.
@@ -36,7 +36,7 @@ pub fn schema() -> String {
 pub struct Loaded {
     pub model: Arc<Model>,
     pub publishing: Publishing,
-    /// Where definitions of messages are looked for, beside those that are built in.
+    /// Folders with definitions of messages, beside the built-in ones.
     pub message_folders: Vec<PathBuf>,
     places: Arc<Places>,
 }
@@ -47,7 +47,7 @@ impl Loaded {
         &self.places.sources
     }
 
-    /// What can happen with this configuration and should not: see [`soundness`].
+    /// Situations that this configuration permits and should not: see [`soundness`].
     pub fn soundness(&self) -> (Soundness, Option<Problems>) {
         let found = soundness::look(&self.model);
         let problems: Vec<Problem> = found
@@ -59,8 +59,8 @@ impl Loaded {
         (found, problems)
     }
 
-    /// What is wrong in view of the definitions of messages: each with its place, a sentence without
-    /// a full stop, and what to do.
+    /// Problems that the definitions of messages show: each with its place, a sentence without a full stop, and
+    /// a help.
     pub fn problems(&self, found: impl IntoIterator<Item = (Place, String, String)>) -> Option<Problems> {
         let problem = |(place, text, help): (Place, String, String)| {
             let problem = self.places.span(place).map(|span| Problem::at(span, text.as_str()));
@@ -72,10 +72,10 @@ impl Loaded {
     }
 }
 
-/// A configuration as far as it can be read, for a caller that reports everything wrong with it at once.
+/// A configuration as far as it can be read, for a caller that reports all problems at once.
 #[derive(Debug)]
 pub struct Examined {
-    /// Where there are problems, no vehicle runs by it.
+    /// No vehicle may run with it if there are problems.
     pub loaded: Option<Loaded>,
     pub problems: Option<Problems>,
 }
@@ -98,12 +98,13 @@ impl Examined {
 /// Reads a configuration and the files that it includes.
 ///
 /// # Errors
-/// Everything that is wrong with it.
+///
+/// All problems.
 pub fn load(path: &Path) -> Result<Loaded, Problems> {
     examine(path).whole()
 }
 
-/// The same, with what can be read of a wrong one.
+/// The same, with the readable part of a wrong configuration.
 pub fn examine(path: &Path) -> Examined {
     let mut sources = Sources::default();
     match sources.read(path) {
@@ -112,7 +113,7 @@ pub fn examine(path: &Path) -> Examined {
     }
 }
 
-/// The same of what a reader has; files that it includes are relative to the working directory.
+/// The same for the text of a reader; included files are relative to the working directory.
 pub fn examine_from(name: &str, reader: impl Read) -> Examined {
     let mut sources = Sources::default();
     match sources.read_from(name, reader) {
@@ -121,20 +122,22 @@ pub fn examine_from(name: &str, reader: impl Read) -> Examined {
     }
 }
 
-/// Reads a configuration from a text that is called `name` in messages.
+/// Reads a configuration from a text; messages call it `name`.
 ///
 /// # Errors
-/// Everything that is wrong with it.
+///
+/// All problems.
 pub fn parse(name: &str, text: &str) -> Result<Loaded, Problems> {
     let mut sources = Sources::default();
     let file = sources.add(name, text);
     of_source(sources, file).whole()
 }
 
-/// Reads a configuration that stands inside of another file.
+/// Reads a configuration that is part of another file.
 ///
 /// # Errors
-/// Everything that is wrong with it.
+///
+/// All problems.
 pub fn of_node(sources: Sources, node: &Node) -> Result<Loaded, Problems> {
     finish(sources, Log::default(), Some(node)).whole()
 }
@@ -181,7 +184,7 @@ fn message_folders(file: &file::File, sources: &Sources, log: &mut Log) -> Vec<P
     folders
 }
 
-/// Adds what the included files say to the lists of the main one, in the order of inclusion.
+/// Adds the lists of the included files to those of the main file, in the order of inclusion.
 fn include(main: &mut file::File, number: u16, sources: &mut Sources, log: &mut Log) {
     let mut seen: HashSet<PathBuf> = HashSet::new();
     seen.extend(Path::new(sources.name(number)).canonicalize());
@@ -208,7 +211,7 @@ fn include(main: &mut file::File, number: u16, sources: &mut Sources, log: &mut 
     }
 }
 
-/// Reversed, so that the first is taken from the end first.
+/// In reverse order, because the last one is taken first.
 fn includes(file: &file::File, number: u16) -> Vec<(Spanned<String>, u16)> {
     file.include.iter().rev().map(|path| (path.clone(), number)).collect()
 }

@@ -1,9 +1,9 @@
-//! Telltale's publications: their topics and rates (`DESIGN.md` 7).
+//! Telltale's publications: their topics and rates.
 
 use crate::engine::model::output::{Output, Publication};
 use crate::engine::time;
 
-/// Everything that is published. `None`: it is switched off.
+/// All publications. `None`: the configuration switches it off.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Publishing {
     pub diagnostics_agg: Option<Periodic>,
@@ -11,17 +11,17 @@ pub struct Publishing {
     pub initialpose: Option<Box<str>>,
     pub stage: Option<Box<str>>,
     pub clearance: Option<Box<str>>,
-    /// While one is engaged.
+    /// Sent while a deceleration is in force.
     pub deceleration_request: Option<Periodic>,
     pub maneuver_stop_request: Option<Box<str>>,
 }
 
-/// A topic that is published again and again.
+/// A topic that is published periodically.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Periodic {
     pub topic: Box<str>,
     pub period: time::Span,
-    /// Also where another program publishes the same.
+    /// Whether it is published beside another publisher of the same.
     pub beside_others: bool,
 }
 
@@ -44,7 +44,7 @@ impl Default for Publishing {
 }
 
 impl Publishing {
-    /// Requests that the vehicle can never be told.
+    /// Requests that the vehicle can never receive.
     pub fn switched_off(&self) -> Vec<Output> {
         let requests = [
             (Output::Deceleration, self.deceleration_request.is_none()),
@@ -53,8 +53,7 @@ impl Publishing {
         requests.into_iter().filter(|(_, off)| *off).map(|(output, _)| output).collect()
     }
 
-    /// Whether it is published also where another program publishes the same. What is for the vehicle
-    /// always is.
+    /// Whether it is published beside another publisher of the same. Outputs to the vehicle always are.
     pub fn beside_others(&self, publication: Publication) -> bool {
         let periodic = match publication {
             Publication::DiagnosticsAgg => &self.diagnostics_agg,
@@ -64,7 +63,7 @@ impl Publishing {
         periodic.as_ref().is_some_and(|it| it.beside_others)
     }
 
-    /// The topic and its period, where there is one. `None`: it is switched off.
+    /// The topic, and its period if it is periodic. `None`: the configuration switches it off.
     pub fn topic(&self, publication: Publication) -> Option<(&str, Option<time::Span>)> {
         fn periodic(it: &Option<Periodic>) -> Option<(&str, Option<time::Span>)> {
             it.as_ref().map(|it| (&*it.topic, Some(it.period)))

@@ -1,5 +1,5 @@
-//! XCDR1, the encoding of messages on the wire: a reader that never panics and never allocates a merely
-//! claimed length, and a writer that pads as foreign readers need it.
+//! XCDR1, the encoding of messages on the wire: a reader that never panics and never allocates by an unchecked
+//! length, and a writer with the padding that other vendors' readers need.
 
 use std::fmt;
 

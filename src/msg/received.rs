@@ -18,7 +18,7 @@ pub struct Message {
     pub writer: Guid,
     /// The sequence number that the writer gave it.
     pub sequence: i64,
-    /// When it was published, by the publisher's wall clock, if it says.
+    /// The time of publication by the publisher's wall clock, if the message has it.
     pub source: Option<SystemTime>,
     /// When it was received, by this machine's wall clock.
     pub received: SystemTime,

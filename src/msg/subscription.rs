@@ -72,27 +72,27 @@ struct Signal {
 #[derive(Debug, Clone)]
 enum Meaning {
     Level(BooleanReader),
-    /// Each message that follows its type means true. If the type is unknown, each message does.
+    /// Each message that follows its type means true; if the type is unknown, each message does.
     Event(Option<EventReader>),
 }
 
-/// What monitors watch.
+/// The fields that monitors watch.
 #[derive(Debug, Clone)]
 struct Watch {
     spec: Arc<TopicSpec>,
     reader: Reader,
 }
 
-/// When a message was published, as far as that matters.
+/// The time of publication, relative to our reader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum When {
     Now,
-    /// After our reader was made, and before we knew its publisher: it is taken, but neither counted nor
-    /// timed.
+    /// After our reader was made, and before we knew its publisher: its value is used, but it is neither
+    /// counted nor timed.
     Late,
     /// Before our start, by a publisher that keeps it for late readers.
     Kept,
-    /// Before our start, for others: it shows that somebody publishes, and nothing current.
+    /// Before our start, by another publisher: it shows that there is a publisher, and nothing current.
     Past,
 }
 
@@ -206,9 +206,9 @@ fn meaning(
 }
 
 impl Subscription {
-    /// Whether the last message from before our start counts. The level of a signal and a watched value
-    /// count; an event does not, nor does a message that is only counted. Where the age of messages is
-    /// watched, an old one would be judged as late.
+    /// Whether the last message from before our start counts. The level of a signal and a watched value count;
+    /// an event and a message that is only counted do not. If the age of messages is watched, an old one would
+    /// be judged as late.
     pub fn wants_last_value(&self) -> bool {
         self.signals.iter().any(|signal| matches!(signal.meaning, Meaning::Level(_)))
             || self.watch.as_ref().is_some_and(Watch::wants_last_value)
@@ -298,7 +298,7 @@ impl Watch {
         }
     }
 
-    /// Only that a message came.
+    /// The sample of a message that only shows that it came.
     fn past(&self, received_wall_ns: i64) -> Sample {
         let values = vec![FieldValue::Absent; self.spec.fields.len()].into();
         Sample { source: self.spec.clone(), stamp_ns: None, received_wall_ns, late: true, values }

@@ -27,7 +27,7 @@ pub(super) struct Raw {
 }
 
 impl Raw {
-    /// Something in it can fail, or it is there to be drawn.
+    /// Whether the file expects something or draws something.
     pub fn serves(&self) -> bool {
         let judged = self.steps.iter().any(|step| step.refused.is_some());
         judged || !self.expect.is_empty() || self.figure.is_some()

@@ -1,4 +1,4 @@
-//! From the tree to types. Problems are logged and reading goes on.
+//! Converts the tree into types. Problems are logged and decoding continues.
 
 use super::problem::Problem;
 use super::schema;
@@ -258,7 +258,7 @@ pub fn suggest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
         if name.len() > 3 && candidate.starts_with(&name) {
             return 1;
         }
-        // Often the last part of a path is written alone, or with a wrong way to it.
+        // Users often write only the last part of a path, or a wrong path to it.
         let by_end = match name.contains('/') {
             false => strsim::damerau_levenshtein(&name, last(&candidate)),
             true if last(&name) == last(&candidate) => 1,

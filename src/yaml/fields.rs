@@ -76,7 +76,7 @@ impl<'n, 'l> Fields<'n, 'l> {
         read(node, self.log)
     }
 
-    /// One of a few given words. `what` they are is for messages.
+    /// One of a few given words; `what` names them in messages.
     pub fn choice<T: Copy>(&mut self, key: KeyDoc, what: &str, choices: &[(&str, T)]) -> Option<T> {
         let form = |_: &mut Schema| schema::words(choices.iter().map(|(word, _)| *word));
         self.optional_by(key, form, |node, log| word(node, log, what, choices))
@@ -113,12 +113,12 @@ impl<'n, 'l> Fields<'n, 'l> {
         self.span
     }
 
-    /// Whether the code asked for this key.
+    /// Whether the decoder asked for this key.
     pub fn knows(&self, key: &str) -> bool {
         self.asked.contains(&key)
     }
 
-    /// Logs every key that the code did not ask for.
+    /// Logs every key that the decoder did not ask for.
     pub fn finish(self) {
         for (key, _) in self.entries.iter().filter(|(key, _)| !self.asked.contains(&key.text.as_str())) {
             let problem = Problem::at(key.span, format!("unknown key `{}` in {}", key.text, self.map.title));

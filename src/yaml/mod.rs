@@ -1,7 +1,7 @@
-//! YAML as a tree in which every value knows its place, and problems that point there.
+//! YAML as a tree in which every value has its place, and problems that point to places.
 //!
-//! A file is read in one pass that collects every problem, so nobody has to fix a file error by error.
-//! serde stops at the first error, so the tree is made from the parser's events.
+//! A file is read in one pass that collects every problem, so nobody has to fix a file error by error. serde
+//! stops at the first error, so the tree is built from the parser's events.
 
 pub mod decode;
 mod fields;

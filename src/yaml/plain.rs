@@ -1,5 +1,5 @@
-//! Makes text of a file safe for a terminal: characters that would move the cursor, colour the rest or turn
-//! the reading direction are shown by their number.
+//! Makes text of a file safe for a terminal: characters that move the cursor, change colours or turn the
+//! reading direction are replaced by their number.
 
 use std::borrow::Cow;
 

@@ -1,5 +1,5 @@
-//! The JSON Schema of a file, made by the decoders themselves. Each decoder runs once on an empty map; with
-//! every key that it asks for it gives the key's meaning, and the key's type gives how it is written.
+//! The JSON Schema of a file, made by the decoders themselves. Each decoder runs once on an empty map: every
+//! key that it asks for comes with its meaning, and the type of the value gives its form.
 
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use serde_json::Value;
@@ -64,7 +64,7 @@ impl KeyDoc {
         KeyDoc { about, ..self }
     }
 
-    /// How the value is written, where its type in Rust says too little.
+    /// The form of the value, if its Rust type is not enough.
     pub const fn form(self, form: fn(&mut Schema) -> Members) -> KeyDoc {
         KeyDoc { form: Some(form), ..self }
     }
@@ -141,7 +141,7 @@ impl Schema {
         reference(name)
     }
 
-    /// Runs the decoder of a map on an empty map and refers to the definition that it leaves.
+    /// Runs the decoder of a map on an empty map, and refers to the resulting definition.
     pub fn decoder<T>(&mut self, read: impl FnOnce(&Node, &mut Log) -> Option<T>) -> Members {
         let node = Node { span: Span { file: 0, start: 0, end: 0 }, kind: Kind::Mapping(Vec::new()) };
         let outer = self.opened.take();

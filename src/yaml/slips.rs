@@ -1,6 +1,6 @@
-//! Finds common mistakes for which YAML itself has only a general error.
+//! Finds common mistakes for which the YAML parser has only a general error.
 
-/// A value with a `: ` inside, as nearly every name of a ROS status has one.
+/// A value that contains `: `, as nearly every name of a ROS status does.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Unquoted<'t> {
     /// Byte of the value.
@@ -11,8 +11,8 @@ pub(super) struct Unquoted<'t> {
     pub nested: bool,
 }
 
-/// The lines in which a parser that stopped at `at` may have failed, each with its first byte: it often
-/// notices a line later.
+/// The lines in which a parser that stopped at `at` may have failed, each with its first byte; it often stops a
+/// line later.
 fn near(text: &str, at: usize) -> impl Iterator<Item = (usize, &str)> {
     let at = text.floor_char_boundary(at.min(text.len()));
     let line = text[..at].matches('\n').count();
@@ -36,7 +36,7 @@ pub(super) fn unquoted(text: &str, at: usize) -> Option<Unquoted<'_>> {
     near(text, at).take(2).find_map(|(start, line)| {
         let line = line.split(" #").next().unwrap_or(line);
         let is_deeper = is_deeper(text, start);
-        // Lists and maps are no part of such a value; each part between their brackets may be one.
+        // Lists and maps are not part of such a value; each part between their brackets may be one.
         let mut from = 0;
         line.split(['{', '}', ',', '[', ']']).find_map(|part| {
             let begin = start + from;
@@ -60,7 +60,7 @@ fn is_word(text: &str) -> bool {
     !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
 }
 
-/// Whether the line after the one that begins at `start` is indented further than its key.
+/// Whether the line after the one that begins at `start` is indented deeper than its key.
 fn is_deeper(text: &str, start: usize) -> bool {
     let column = |line: &str| line.len() - line.trim_start_matches([' ', '-']).len();
     let mut lines = text[start..].lines().filter(|line| !line.trim().is_empty());

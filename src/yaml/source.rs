@@ -1,4 +1,4 @@
-//! The texts that were read, and places in them.
+//! The texts of files, and places in them.
 
 use std::fs::File;
 use std::io::{ErrorKind, Read};
@@ -7,7 +7,7 @@ use std::path::Path;
 use super::plain;
 use super::problem::Problem;
 
-/// No configuration or scenario is larger.
+/// The largest configuration or scenario.
 const FILE_BYTES_MAX: u64 = 64 << 20;
 
 /// A range of bytes in one of the [`Sources`].
@@ -102,7 +102,7 @@ impl Sources {
         self.0.iter().map(|source| (&*source.name, &*source.text))
     }
 
-    /// Whether every file still holds what was read of it.
+    /// Whether every file is unchanged since it was read.
     pub fn are_unchanged(&self) -> bool {
         self.0.iter().all(|source| {
             let mut again = Sources::default();

@@ -1,4 +1,4 @@
-//! Describes the differences of a new configuration, before it is taken.
+//! Describes the differences between the present and a new configuration.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -15,13 +15,13 @@ use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::time::Span;
 
-/// One thing that is different. Prints as a sentence without a full stop.
+/// One difference. Prints as a sentence without a full stop.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Difference {
     pub change: Change,
     /// With its kind: ``module `a/m` ``.
     pub subject: String,
-    /// What is different, from what to what; empty where all of it came or went.
+    /// The old and the new value; empty if the subject itself was added or removed.
     pub detail: String,
 }
 
@@ -43,9 +43,8 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Everything that is different: the vehicle, then signals, stops, groups, modules and
-/// countermeasures, what went before what came, in the order of the files. Empty if and only if both
-/// mean the same.
+/// All differences: the vehicle, then signals, stops, groups, modules and countermeasures, removed ones before
+/// added ones, in the order of the files. Empty if and only if both configurations mean the same.
 pub fn difference(old: &Loaded, new: &Loaded) -> Vec<Difference> {
     let mut found = Vec::new();
     vehicle(old, new, &mut found);
@@ -64,7 +63,7 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
         StageModel::None => "none",
     };
     let facts = |loaded: &Loaded| {
-        // Named one by one, so that none can be forgotten here.
+        // The fields are named one by one, so that a new field cannot be forgotten here.
         let Parts {
             vehicle_id,
             vehicle_name,
@@ -75,7 +74,7 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
             signals: _,
             groups: _,
             modules: _,
-            // Follows from the modules.
+            // This follows from the modules.
             watched: _,
             driving,
         } = &**loaded.model;
@@ -174,7 +173,7 @@ fn modules(old: &Model, new: &Model, found: &mut Vec<Difference>) {
     compare("module", (old, &old.modules), (new, &new.modules), key, facts, found);
 }
 
-/// They have no names: a rule that says anything else is another rule.
+/// Rules have no names: a changed rule is a removed and an added one.
 fn countermeasures(old: &Model, new: &Model, found: &mut Vec<Difference>) {
     let words = |model: &Model| -> Vec<String> {
         model.driving.countermeasures.iter().map(|rule| words::countermeasure(model, rule)).collect()
@@ -203,7 +202,7 @@ fn countermeasures(old: &Model, new: &Model, found: &mut Vec<Difference>) {
 
 type Facts = Vec<(&'static str, String)>;
 
-/// Two lists whose items have names, and what their facts are.
+/// Compares two lists whose items have names.
 fn compare<M, T>(
     kind: &str,
     (old_model, old): (&M, &[T]),
@@ -230,7 +229,7 @@ fn compare<M, T>(
             }
         }
     }
-    // Tiles, ranks of equal causes and numbers follow the order of the file.
+    // The order of tiles, equal causes and numbers follows the order of the file.
     let kept_before = old.iter().map(key).filter(|name| after.contains_key(name));
     let kept_after = new.iter().map(key).filter(|name| before.contains_key(name));
     if !kept_before.eq(kept_after) {
@@ -253,7 +252,7 @@ fn text(text: &Text) -> String {
     if text.en == text.de { format!("\"{}\"", text.en) } else { format!("\"{}\" / \"{}\"", text.en, text.de) }
 }
 
-/// As one text where one was written.
+/// The wording as one text, if the file has one text.
 fn wording(wording: Option<&Wording>, of_text: fn(Text) -> Wording) -> String {
     let Some(wording) = wording else { return "none".into() };
     let texts = |words: &ByStage| match words {

@@ -1,4 +1,5 @@
-//! A configuration in words: its parts, what differs from another one, and where each node is written.
+//! A configuration as text: its parts, its differences from another one, and the place of each node in the
+//! file.
 
 pub(super) mod difference;
 pub(super) mod places;

@@ -4,12 +4,12 @@ use crate::engine::model::monitors::TopicId;
 use crate::engine::model::{ModuleId, NodeId};
 use crate::yaml::{Sources, Span};
 
-/// Something of the configuration that can only be judged with the definitions of messages.
+/// A part of the configuration that can only be checked with the definitions of messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
     /// The type of a watched topic.
     Type(TopicId),
-    /// The type of a watched topic whose header stamp is wanted.
+    /// The type of a watched topic, for its header stamp.
     Stamp(TopicId),
     /// A field of a watched topic, by its position.
     Field(TopicId, u32),
@@ -17,7 +17,7 @@ pub enum Place {
     SignalType(usize),
     /// The field of a signal.
     SignalField(usize),
-    /// The id of a module, for what is wrong with its monitor.
+    /// The id of a module, for an error in its monitor.
     Module(ModuleId),
 }
 
@@ -27,13 +27,13 @@ pub(in crate::config) struct Places {
     /// By the ids of the model.
     pub groups: Vec<NodePlace>,
     pub modules: Vec<NodePlace>,
-    /// By the ids of what is watched.
+    /// By the ids of watched topics.
     pub topics: Vec<TopicPlace>,
     /// By position: the type, and the field or else the type.
     pub signals: Vec<(Span, Span)>,
     /// The nodes of each countermeasure.
     pub rules: Vec<Vec<Span>>,
-    /// Where requests to stop are switched off.
+    /// The place where requests to stop are switched off.
     pub stop_off: Option<Span>,
 }
 
@@ -41,7 +41,7 @@ pub(in crate::config) struct Places {
 pub(in crate::config) struct TopicPlace {
     pub name: Span,
     pub type_name: Span,
-    /// Where the stamp of its messages is first wanted.
+    /// The first place that needs the stamp of its messages.
     pub stamp: Option<Span>,
     pub fields: Vec<Span>,
 }

@@ -37,7 +37,7 @@ pub fn signal(model: &Model, signal: &SignalSpec) -> String {
     text
 }
 
-/// As it is, or as discovery will say it.
+/// The type, or a note that the publisher announces it.
 fn type_name(known: &str) -> &str {
     if known.is_empty() { "(type as published)" } else { known }
 }
@@ -54,7 +54,7 @@ pub fn policy(policy: &Policy) -> String {
     std::iter::once(silence).chain(forgotten).chain(policy_when_heard(policy)).collect::<Vec<_>>().join(", ")
 }
 
-/// The same of what cannot fall silent.
+/// The same for a module that cannot fall silent.
 pub fn policy_when_heard(policy: &Policy) -> impl Iterator<Item = String> {
     let after = |what: &str, after: Span| (!after.is_zero()).then(|| format!("{what} after {}", span(after)));
     let publisher = (policy.no_publisher == State::Error).then(|| "error without a publisher".to_owned());
@@ -106,8 +106,7 @@ pub fn when(model: &Model, when: &When) -> String {
     stages.into_iter().chain(signals).chain(posed).collect::<Vec<_>>().join(" and ")
 }
 
-/// `the namespace '/sensors'`
-/// What becomes of statuses that nothing claims.
+/// The treatment of unclaimed statuses.
 pub fn other(other: Other) -> &'static str {
     match other {
         Other::Hidden => "shown to developers alone",
@@ -128,7 +127,7 @@ fn filter(filter: &Filter) -> String {
         Filter::Namespace(prefix) => format!("the namespace '{prefix}'"),
         Filter::Contains(part) => format!("'{part}' in the name"),
         Filter::Regex(regex) => {
-            // The engine keeps the expression anchored; people wrote it without.
+            // The engine's expression has anchors; the file has none.
             let pattern = regex.as_str().strip_prefix(r"\A(?:").and_then(|rest| rest.strip_suffix(r")\z"));
             format!("a name that matches '{}'", pattern.unwrap_or(regex.as_str()))
         }
@@ -147,7 +146,7 @@ pub fn span(span: Span) -> String {
     humantime::format_duration(Duration::from_nanos(span.as_nanos())).to_string()
 }
 
-/// Where components report.
+/// The topics on which components report.
 pub fn diagnostics(topics: &[DiagnosticsTopic]) -> String {
     let one = |DiagnosticsTopic { topic, prefix }: &DiagnosticsTopic| match &**prefix {
         "" => topic.to_string(),

@@ -7,7 +7,7 @@ use crate::engine::model::monitors::ScalarKind;
 use crate::yaml::decode::did_you_mean;
 use crate::yaml::{Log, Problem, Span, Spanned, suggest};
 
-/// What a condition may use.
+/// The operators and functions that a condition may use.
 const OPERATORS: [&str; 16] = [
     operators::CONDITIONAL,
     operators::LOGICAL_AND,
@@ -42,7 +42,7 @@ const FUNCTIONS: [&str; 14] = [
     "math.least",
     "math.isNaN",
 ];
-/// What a part of a condition is, where that can be told before there are values.
+/// The type of a part of a condition, if it is known without values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     Truth,
@@ -60,7 +60,7 @@ impl Kind {
         }
     }
 
-    /// `None`: no input is one.
+    /// `None`: no input has this type.
     pub(super) fn scalar(self) -> Option<ScalarKind> {
         match self {
             Kind::Number => Some(ScalarKind::Number),
@@ -83,9 +83,9 @@ impl Kind {
 pub(super) struct Check<'a> {
     text: &'a Spanned<String>,
     names: &'a [&'a str],
-    /// What each input is, where that is known.
+    /// The known type of each input.
     known: &'a [Option<Kind>],
-    /// What each input is taken for, by what it is compared with or given to.
+    /// The type that the condition assumes for each input, from its use.
     pub(super) taken: Vec<Option<Kind>>,
     info: &'a SourceInfo,
     log: &'a mut Log,
@@ -103,7 +103,7 @@ impl<'a> Check<'a> {
         Check { text, names, known, taken: vec![None; names.len()], info, log, good: true }
     }
 
-    /// Looks at the whole, and makes doubles of all numbers.
+    /// Checks the whole condition, and turns all numbers into doubles.
     pub(super) fn condition(&mut self, whole: &mut IdedExpr) {
         let kind = self.walk(whole);
         self.take(whole, Kind::Truth);
@@ -112,7 +112,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// A part is taken for something. That tells what it is, if it is an input.
+    /// A part is used as this type. If it is an input, that is its assumed type.
     fn take(&mut self, part: &IdedExpr, kind: Kind) {
         let Expr::Ident(name) = &part.expr else { return };
         let Some(input) = self.names.iter().position(|known| *known == name) else { return };
@@ -235,7 +235,7 @@ impl<'a> Check<'a> {
             Some(IdedExpr { expr: Expr::Ident(space), .. }) if !self.names.contains(&&**space) => {
                 format!("{space}.{}", call.func_name)
             }
-            // So the parser calls them once it has looked at what they are given.
+            // The parser gives them this name after it has checked their arguments.
             _ => match &*call.func_name {
                 "math.@max" => "math.greatest".into(),
                 "math.@min" => "math.least".into(),
@@ -253,7 +253,7 @@ impl<'a> Check<'a> {
     }
 }
 
-/// What a literal is, once its numbers are doubles.
+/// The type of a literal, once its numbers are doubles.
 fn literal_kind(part: &IdedExpr) -> Option<Kind> {
     match &part.expr {
         Expr::Literal(LiteralValue::Boolean(_)) => Some(Kind::Truth),
@@ -263,8 +263,8 @@ fn literal_kind(part: &IdedExpr) -> Option<Kind> {
     }
 }
 
-/// Makes `math.abs(a - b) <= 0` of `a == b`, and `> 0` of `!=`: what is no number, as 0 / 0, then has no
-/// answer, where it would be unlike everything.
+/// Turns `a == b` into `math.abs(a - b) <= 0`, and `!=` into `> 0`: NaN, as from 0 / 0, then has no answer,
+/// instead of being different from everything.
 fn compare_by_difference(call: &mut CallExpr) {
     let part = |id, expr| IdedExpr { id, expr };
     let of = |target: Option<IdedExpr>, name: &str, args| {
@@ -280,11 +280,11 @@ fn compare_by_difference(call: &mut CallExpr) {
     call.args = vec![distance, zero];
 }
 
-/// What each part of a call must be, and what comes of it.
+/// The types of a call's parts, and of its result.
 fn signature(name: &str, parts: &[Option<Kind>]) -> (Vec<Option<Kind>>, Option<Kind>) {
     use operators as op;
     let all = |kind: Kind| vec![Some(kind); parts.len()];
-    // What one part is, the others are too.
+    // If one part has a known type, the others have the same.
     let known = parts.iter().find_map(|kind| *kind);
     let alike = || vec![known; parts.len()];
     match name {
@@ -305,13 +305,13 @@ fn signature(name: &str, parts: &[Option<Kind>]) -> (Vec<Option<Kind>>, Option<K
     }
 }
 
-/// Byte of a line and a column, counted from 1 and 0 or 1 as the parser likes.
+/// The byte of a line and a column; the parser counts them from 1 and from 0 or 1.
 pub(super) fn offset(text: &str, line: isize, column: isize) -> usize {
     let before: usize = text.split_inclusive('\n').take((line - 1).max(0) as usize).map(str::len).sum();
     (before + (column - 1).max(0) as usize).min(text.len())
 }
 
-/// A part of a text in the file. Where quotes or escapes shift it, the whole text.
+/// A part of a text in the file; the whole text if quotes or escapes shift it.
 pub(super) fn point(span: Span, text: &str, at: usize, length: usize) -> Span {
     let written = (span.end - span.start) as usize;
     let quote = match written.checked_sub(text.len()) {

@@ -2,13 +2,13 @@
 
 use cel::common::ast::{CallExpr, Expr, IdedExpr, LiteralValue, operators};
 
-/// A part of a condition that is true or false for itself.
+/// A part of a condition with a truth value of its own.
 #[derive(Debug, Clone)]
 pub(super) struct Comparison {
     pub id: u64,
-    /// What is compared, in one way of writing: an input, or anything that is computed of inputs.
+    /// The compared operand in a normal form: an input, or a computation with inputs.
     pub of: String,
-    /// It is an input, and nothing is computed of it.
+    /// Whether it is an input without any computation.
     pub is_input: bool,
     pub sign: &'static str,
     pub with: With,
@@ -18,13 +18,13 @@ pub(super) struct Comparison {
 pub(super) enum With {
     Number(f64),
     Text(String),
-    /// It is a truth value: `==` is the part alone, `!=` its opposite.
+    /// For a truth value: `==` is the part itself, `!=` its negation.
     True,
-    /// Another part, in one way of writing.
+    /// Another part, in a normal form.
     Part(String),
 }
 
-/// The parts that one operator joins, each as a comparison.
+/// The operands of one operator, each as a comparison.
 pub(super) fn joined(part: &IdedExpr, operator: &str, found: &mut Vec<Comparison>) {
     match &part.expr {
         Expr::Call(call) if call.func_name == operator => {
@@ -60,7 +60,7 @@ fn comparison(part: &IdedExpr) -> Comparison {
     let (of, sign, with) = match (literal_a, literal_b) {
         (None, Some(with)) => (a, sign, with),
         (Some(with), None) => (b, mirrored(sign), with),
-        // Of two parts that which comes first in the alphabet, so that `b < a` is `a > b`.
+        // The alphabetically first operand comes first, so that `b < a` becomes `a > b`.
         _ if written(b) < written(a) => (b, mirrored(sign), With::Part(written(a))),
         _ => (a, sign, With::Part(written(b))),
     };
@@ -92,12 +92,12 @@ impl Comparison {
         Comparison { sign, ..self.clone() }
     }
 
-    /// Whether it is written the same.
+    /// Whether both have the same normal form.
     pub fn is(&self, other: &Comparison) -> bool {
         self.of == other.of && self.sign == other.sign && self.with == other.with
     }
 
-    /// Whether nothing meets both.
+    /// Whether no value satisfies both.
     pub fn excludes(&self, other: &Comparison) -> bool {
         if self.of != other.of {
             return false;
@@ -105,7 +105,8 @@ impl Comparison {
         let (a, b) = (self.sign, other.sign);
         match (&self.with, &other.with) {
             (With::Number(at), With::Number(other)) => {
-                // Where either could begin or end, and between: one of these meets both, if anything does.
+                // The boundaries of both, and values between them: if any value satisfies both, one of these
+                // does.
                 let (low, high) = (at.min(*other), at.max(*other));
                 let tried = [f64::NEG_INFINITY, low, f64::midpoint(low, high), high, f64::INFINITY];
                 !tried.iter().any(|&value| meets(value, a, *at) && meets(value, b, *other))
@@ -183,7 +184,7 @@ fn literal(part: &IdedExpr) -> Option<With> {
     }
 }
 
-/// Every number is a double here, also one without a point.
+/// Every number is a double here, even one without a point.
 fn number(literal: &LiteralValue) -> Option<f64> {
     match literal {
         LiteralValue::Double(value) => Some(*value.inner()),
@@ -193,7 +194,7 @@ fn number(literal: &LiteralValue) -> Option<f64> {
     }
 }
 
-/// A part in one way of writing, whatever spaces and brackets it has in the file.
+/// The normal form of a part, without the spaces and brackets of the file.
 fn written(part: &IdedExpr) -> String {
     let inner = |part: &IdedExpr| match &part.expr {
         Expr::Call(call) if is_operator(call) => format!("({})", written(part)),

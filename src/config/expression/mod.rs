@@ -1,8 +1,8 @@
 //! Conditions of `expression` monitors: CEL over single values, checked when the file is read.
 //!
-//! Every number is a double, also one that is written without a point, so `x > 3` and `x * 2` work as
-//! expected. CEL's lists, maps and times are refused: an input is a number, a truth value or a text, and
-//! the cost of a condition is bounded by the length of its text.
+//! Every number is a double, even one without a point, so `x > 3` and `x * 2` work as expected. CEL's lists,
+//! maps and times are refused: an input is a number, a truth value or a text, and the length of a condition's
+//! text bounds its cost.
 
 mod check;
 mod compare;
@@ -24,18 +24,18 @@ use compare::With;
 
 pub(super) const TEXT_BYTES_MAX: usize = 1000;
 
-/// Words of the language that cannot name an input.
+/// Reserved words of CEL, which cannot name an input.
 const RESERVED: [&str; 6] = ["true", "false", "null", "in", "math", "double"];
 
 /// The standard library without its macros.
 static ENVIRONMENT: LazyLock<Arc<Env>> = LazyLock::new(|| {
     let mut env = Env::default().with_optional_support(false).with_stdlib();
-    // It fails only where a name is taken, and this one is not.
+    // It fails only if the name is taken, and this one is not.
     let _ = env.add_extension(extensions::math);
     Arc::new(env)
 });
 
-/// Whether conditions can name an input so.
+/// Checks that a condition can use this name of an input.
 pub(super) fn check_name(name: &Spanned<String>, log: &mut Log) {
     let word = name.value.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
         && !name.value.starts_with(|c: char| c.is_ascii_digit());
@@ -92,7 +92,7 @@ pub(super) fn condition(text: &Spanned<String>, names: &[&str], log: &mut Log) -
     })
 }
 
-/// What is wrong where two conditions take an input for different things.
+/// The error if two conditions assume different types for an input.
 pub(super) fn conflict(names: &[&str], a: &Condition, b: &Condition) -> Option<String> {
     let mut taken = (0..names.len()).filter_map(|input| Some((input, a.takes(input)?, b.takes(input)?)));
     let (input, a, b) = taken.find(|(_, a, b)| a != b)?;
@@ -101,7 +101,8 @@ pub(super) fn conflict(names: &[&str], a: &Condition, b: &Condition) -> Option<S
 }
 
 /// # Errors
-/// An input is not what the condition takes it for: nothing that is compared with it is equal to it.
+///
+/// An input does not have the type that the condition assumes: no comparison with it can be true.
 fn fit(names: &[String], taken: &[Option<Kind>], values: &[FieldValue]) -> Result<(), Box<str>> {
     let is = |value: &FieldValue| match value {
         FieldValue::Number(_) => Some(Kind::Number),
@@ -121,8 +122,8 @@ fn fit(names: &[String], taken: &[Option<Kind>], values: &[FieldValue]) -> Resul
     Ok(())
 }
 
-/// Why a condition that was read can have no answer for inputs of these kinds, and what to do; an
-/// input of no known kind can be anything.
+/// The reason why a condition can have no answer for inputs of these types, and a help; an input without a
+/// known type can have any.
 pub fn misfit(condition: &Condition, inputs: &[(&str, Option<ScalarKind>)]) -> Option<(String, String)> {
     let program = ENVIRONMENT.compile(&condition.text).ok()?;
     let text = Spanned { value: condition.text.to_string(), span: Span { file: 0, start: 0, end: 0 } };
@@ -138,13 +139,13 @@ pub fn misfit(condition: &Condition, inputs: &[(&str, Option<ScalarKind>)]) -> O
     })
 }
 
-/// Why no values of these kinds have an answer, if so.
+/// The reason why no values of these types have an answer, if there is one.
 fn unanswered(condition: &Condition, kinds: &[ScalarKind]) -> Option<Box<str>> {
     let probe = |round: usize| -> Vec<FieldValue> {
         let value = |(position, kind): (usize, &ScalarKind)| match kind {
             ScalarKind::Number => FieldValue::Number([1.0, 0.0, -1.0, 1e6][(round + position) % 4]),
             ScalarKind::Bool => FieldValue::Bool((round >> (position % 2)).is_multiple_of(2)),
-            // One that `double` takes, too.
+            // A value that `double` accepts, too.
             ScalarKind::Text => FieldValue::Text(["1", "", "a", "2.5"][(round + position) % 4].into()),
         };
         kinds.iter().enumerate().map(value).collect()
@@ -156,13 +157,13 @@ fn unanswered(condition: &Condition, kinds: &[ScalarKind]) -> Option<Box<str>> {
     why
 }
 
-/// Whether a WARNING never comes, because the ERROR holds wherever it does.
+/// Whether a WARNING never appears, because the ERROR holds whenever the WARNING does.
 pub(super) fn is_covered(warning: &Condition, error: &Condition) -> bool {
     let parts = [warning, error].map(|condition| ENVIRONMENT.compile(&condition.text).ok());
     matches!(parts, [Some(warning), Some(error)] if ranges::covers(error.expression(), warning.expression()))
 }
 
-/// An input beside a number: `percentage < 20`.
+/// An input compared with a number: `percentage < 20`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Limit {
     pub input: String,
@@ -170,7 +171,7 @@ pub struct Limit {
     pub number: f64,
 }
 
-/// Every comparison of an input with a number in a condition.
+/// Every comparison of an input with a number.
 pub fn limits(condition: &Condition) -> Vec<Limit> {
     let mut found = Vec::new();
     if let Ok(program) = ENVIRONMENT.compile(&condition.text) {
@@ -183,7 +184,7 @@ pub fn limits(condition: &Condition) -> Vec<Limit> {
     found.into_iter().filter_map(limit).collect()
 }
 
-/// The inputs that a condition names.
+/// The inputs of a condition.
 pub(super) fn named(condition: &Condition) -> Vec<String> {
     let mut names = Vec::new();
     if let Ok(program) = ENVIRONMENT.compile(&condition.text) {
@@ -204,7 +205,7 @@ fn collect(part: &IdedExpr, names: &mut Vec<String>) {
     }
 }
 
-/// An `and`, `or` or `not` outside of quotes, and where it stands.
+/// An `and`, `or` or `not` outside of quotes, and its place.
 fn word_of_another_language(text: &str) -> Option<(usize, &'static str)> {
     let mut quote = None;
     let mut words = text.char_indices().filter(move |&(_, letter)| {
@@ -227,7 +228,7 @@ fn word_of_another_language(text: &str) -> Option<(usize, &'static str)> {
     })
 }
 
-/// The parser's words without the list of all that could have stood there.
+/// The parser's message without the list of expected tokens.
 fn syntax(message: &str) -> String {
     let message = message.trim_start_matches("Syntax error: ");
     let short = message.split(" expecting ").next().unwrap_or(message);

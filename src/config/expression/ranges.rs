@@ -8,13 +8,13 @@ use cel::common::ast::{Expr, IdedExpr, operators};
 
 use super::compare::{Comparison, joined};
 
-/// What is wrong, and the part that it is wrong in.
+/// A contradiction, and the part of the condition that contains it.
 pub(super) struct Contradiction {
     pub id: u64,
     pub text: String,
 }
 
-/// The first in a condition.
+/// The first contradiction in a condition.
 pub(super) fn contradiction(part: &IdedExpr) -> Option<Contradiction> {
     let Expr::Call(call) = &part.expr else { return None };
     let is_and = match &*call.func_name {
@@ -26,7 +26,7 @@ pub(super) fn contradiction(part: &IdedExpr) -> Option<Contradiction> {
         let mut comparisons = Vec::new();
         joined(part, &call.func_name, &mut comparisons);
         for (index, second) in comparisons.iter().enumerate() {
-            // Nothing meets both; or nothing fails both, as an `||` needs to fail.
+            // No value satisfies both operands of `&&`; or no value fails both operands of `||`.
             let excluded = |first: &&Comparison| match is_and {
                 true => first.excludes(second),
                 false => first.negated().excludes(&second.negated()),
@@ -48,7 +48,7 @@ pub(super) fn contradiction(part: &IdedExpr) -> Option<Contradiction> {
     call.target.as_deref().into_iter().chain(&call.args).find_map(contradiction)
 }
 
-/// Whether the second holds wherever the first does, as far as that can be told from their parts.
+/// Whether the second holds whenever the first does, as far as their parts show.
 pub(super) fn covers(error: &IdedExpr, warning: &IdedExpr) -> bool {
     let (warning, error) = (alternatives(warning), alternatives(error));
     let implies = |all: &[Comparison], wanted: &Comparison| {
@@ -57,7 +57,7 @@ pub(super) fn covers(error: &IdedExpr, warning: &IdedExpr) -> bool {
     warning.iter().all(|known| error.iter().any(|wanted| wanted.iter().all(|it| implies(known, it))))
 }
 
-/// What `||` joins on the outside, each as what `&&` joins in it.
+/// The operands of the outer `||`, each as the operands of its `&&`.
 fn alternatives(part: &IdedExpr) -> Vec<Vec<Comparison>> {
     match &part.expr {
         Expr::Call(call) if call.func_name == operators::LOGICAL_OR => {

@@ -8,7 +8,7 @@ use crate::engine::model::monitors::{AgreementRule, Bands, FieldKind};
 use crate::engine::time;
 use crate::yaml::{Fields, KeyDoc, Log, MapDoc, Node, Problem, Span, key, map};
 
-/// The limits as they are written, whatever the sources are.
+/// The written limits, before the kind of the sources is known.
 struct Limits {
     numbers: Bands,
     has_numbers: bool,
@@ -16,7 +16,7 @@ struct Limits {
     rotation_deg: Option<Bands>,
     count: Option<Bands>,
     nearest: Option<Bands>,
-    /// Where the first limit of a pose stands, readable or not, and that of a list.
+    /// The place of the first limit of a pose, valid or not, and of a list.
     of_pose: Option<Span>,
     of_list: Option<Span>,
 }
@@ -95,7 +95,7 @@ impl Limits {
         }
     }
 
-    /// Each kind of source has its own limits, and needs one.
+    /// Each kind of source has its own limits, and needs at least one.
     fn check(&self, kind: FieldKind, node: &Node, log: &mut Log) {
         let own = match kind {
             FieldKind::Scalar => self.has_numbers,

@@ -17,9 +17,9 @@ pub(in crate::config) enum Unit {
     Number,
     /// A number that is never below 0: a ratio, a distance.
     Size,
-    /// The same, with or without the unit `Hz`.
+    /// The same, optionally with the unit `Hz`.
     Hertz,
-    /// A duration, or one with a minus.
+    /// A duration, which may be negative.
     Duration,
     /// An angle between two rotations: from 0 to 180.
     Degrees,
@@ -62,7 +62,7 @@ impl Unit {
         }
     }
 
-    /// The least and the most that can be measured.
+    /// The smallest and the largest possible measurement.
     fn range(self) -> (f64, f64) {
         match self {
             Unit::Number | Unit::Duration => (f64::NEG_INFINITY, f64::INFINITY),
@@ -84,7 +84,7 @@ fn seconds(text: &str) -> Option<f64> {
     units::parse(size).map(|span| sign * span.as_nanos() as f64 / 1e9)
 }
 
-/// Reads the four keys. The log says what cannot be; no limit at all can.
+/// Reads the four keys, which may all be missing. Impossible limits are logged.
 pub(in crate::config) fn bands(fields: &mut Fields, unit: Unit) -> Bands {
     of_keys(fields, unit, KEYS.map(|name| Some(key(name))))
 }
@@ -138,7 +138,7 @@ fn check_order(lower: Option<Spanned<f64>>, upper: Option<Spanned<f64>>, text: &
     }
 }
 
-/// Reads the four keys; one of them has to be there.
+/// Reads the four keys; at least one has to be there.
 pub(in crate::config) fn some_bands(fields: &mut Fields, unit: Unit) -> Bands {
     fields.rule(|| needs_any(&KEYS.each_ref().map(std::slice::from_ref)));
     let found = bands(fields, unit);
@@ -154,7 +154,7 @@ pub(in crate::config) fn without_a_limit(span: Span, more: &str, log: &mut Log) 
     log.push(problem.help(format!("add at least one of {}{more}", KEYS.join(", "))));
 }
 
-/// Whether any key of the four is there, readable or not.
+/// Whether any of the four keys is there, valid or not.
 pub(in crate::config) fn any(fields: &Fields) -> bool {
     KEYS.iter().any(|key| fields.key_span(key).is_some())
 }

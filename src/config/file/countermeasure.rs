@@ -11,7 +11,7 @@ use crate::yaml::decode::{All, scalar, word};
 use crate::yaml::schema::{default, most, needs_one, not_empty, words};
 use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned, key, map};
 
-/// The strongest that passengers who stand can be asked to bear.
+/// The strongest deceleration for standing passengers.
 const MPS2_MAX: f64 = 3.0;
 const MPS2: f64 = 1.0;
 const WITHIN: time::Span = time::Span::from_secs(1);

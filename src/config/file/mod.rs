@@ -1,5 +1,5 @@
-//! The file as it is written: every key of a configuration, with its place. Nothing here is checked against
-//! anything else; `resolve` does that. The JSON Schema is made of what stands beside each key.
+//! The file as it is written: every key of a configuration, with its place and its documentation for the JSON
+//! Schema. Nothing here is checked against anything else; `resolve` does that.
 
 pub(super) mod agreement;
 pub(super) mod bands;
@@ -47,17 +47,17 @@ pub(super) struct File {
     pub localized_after: Option<time::Span>,
     pub other: Option<Other>,
     pub groups: Vec<Group>,
-    /// The key `groups`, where there is one.
+    /// The place of the key `groups`.
     pub groups_span: Option<Span>,
     pub countermeasures: Vec<RawRule>,
     pub publish: Option<RawPublishing>,
-    /// Where components report; nothing: `/diagnostics`.
+    /// The topics on which components report; without it, `/diagnostics`.
     pub diagnostics: Option<RawDiagnostics>,
-    /// By which clock stamps are.
+    /// The clock of the stamps in messages.
     pub clock: Option<StampClock>,
     /// Folders with definitions of messages, each relative to the file that names it.
     pub message_folders: Vec<Spanned<String>>,
-    /// Keys that only the file which is named first may have, with their places.
+    /// Keys that only the main file may have, with their places.
     pub main_only: Vec<(&'static str, Span)>,
 }
 
@@ -196,7 +196,7 @@ pub(super) struct Limits {
     pub source_bytes: Option<Spanned<u64>>,
 }
 
-/// What each limit may be.
+/// The permitted range of each limit.
 pub(super) const DISCOVERED_MODULES: RangeInclusive<u64> = 0..=1_000_000;
 pub(super) const VALUES_PER_STATUS: RangeInclusive<u64> = 0..=65_536;
 pub(super) const STRING_BYTES: RangeInclusive<u64> = 16..=1 << 20;
@@ -253,7 +253,7 @@ impl FromNode for Text {
             fields.log.push(problem.help("write the text alone, or `{ en: ..., de: ... }`"));
         }
         fields.finish();
-        // One language is read by everybody.
+        // A text in one language serves both.
         let (en, de) = (en.as_ref().or(de.as_ref())?.as_str(), de.as_ref().or(en.as_ref())?.as_str());
         Some(Text { en: en.into(), de: de.into() })
     }

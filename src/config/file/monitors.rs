@@ -44,7 +44,7 @@ const AGE: time::Span = time::Span::from_secs(1);
 
 #[derive(Debug)]
 pub(in crate::config) enum Monitor {
-    /// Without a status it is the module that names it.
+    /// Without a status, the module has it.
     SelfState {
         status: Option<Spanned<String>>,
     },
@@ -289,7 +289,7 @@ fn expression(node: &Node, log: &mut Log) -> Option<Monitor> {
     }
     fields.finish();
     let inputs = inputs?.0.into_iter();
-    // What looks at one value sets nothing against anything.
+    // With a single input nothing is compared, so the diagnosis is isolated.
     let location = if inputs.len() == 1 { "isolated" } else { "contextual" };
     let named =
         inputs.map(|(key, ScalarSource(source))| (Spanned { value: key.text, span: key.span }, source));
@@ -328,7 +328,7 @@ fn window(fields: &mut Fields) -> time::Span {
 
 pub(in crate::config) const MAX_AGE: KeyDoc = key("max_age").about("A value that is older is not used.");
 
-/// How old a value may be, or how far apart two values may be.
+/// The largest age of a value, or the largest time between two values.
 pub(in crate::config) fn age(fields: &mut Fields, key: KeyDoc) -> time::Span {
     let doc = key.rules(|| vec![default_span(AGE)]);
     span(fields, doc, time::Span::from_nanos(1), AGE_MAX).unwrap_or(AGE)

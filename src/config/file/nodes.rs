@@ -94,12 +94,12 @@ pub(in crate::config) struct Filter {
     pub span: Span,
     pub kind: FilterKind,
     pub text: Spanned<String>,
-    /// Of the modules that it makes.
+    /// The policy of the modules that it makes.
     pub policy: Policy,
     pub writers: Option<Writers>,
 }
 
-/// The nodes that may say a status.
+/// The nodes whose reports of a status count.
 pub(in crate::config) type Writers = Spanned<All<Spanned<String>>>;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -153,7 +153,7 @@ impl FromNode for Filter {
     }
 }
 
-/// A filter that there is not, and how the same is written: people bring their words from elsewhere.
+/// The help for an unknown filter: users bring names from other tools.
 fn unknown(fields: &Fields, filter: &Node) -> Option<Problem> {
     let Kind::Mapping(entries) = &filter.kind else { return None };
     let (key, node) = entries.iter().find(|(key, _)| !fields.knows(&key.text))?;
@@ -343,7 +343,7 @@ impl FromNode for Module {
     }
 }
 
-/// A monitor of a status may leave its name to the module; no other kind goes with a `status`.
+/// A monitor of a status may take it from the module; no other kind of monitor is possible beside a `status`.
 fn status_of_monitor(
     module: &mut Module,
     status: Option<Spanned<String>>,

@@ -7,18 +7,18 @@ use crate::engine::time;
 use crate::yaml::schema::default;
 use crate::yaml::{Fields, Spanned, key};
 
-/// How reports become states, where it differs from what holds around it.
+/// The written parts of a policy; the rest comes from the defaults.
 #[derive(Debug, Default, Clone, Copy)]
 pub(in crate::config) struct Policy {
     pub timeout: Option<Spanned<time::Span>>,
     pub stale: Option<State>,
     pub raise_after: Option<time::Span>,
     pub clear_after: Option<time::Span>,
-    /// While nobody publishes what the module watches.
+    /// The state without a publisher of a watched topic.
     pub no_publisher: Option<State>,
-    /// Only a module's own: what latches must be named.
+    /// Only of a declared module.
     pub latch: Option<time::Span>,
-    /// Of a module, of a filter, and by default of what filters and strays make.
+    /// Of a module, of a filter, and, in the defaults, of all discovered modules.
     pub forget_after: Option<Spanned<time::Span>>,
 }
 
@@ -58,7 +58,7 @@ impl Policy {
         Policy { timeout: fields.optional(timeout), stale, ..Policy::default() }
     }
 
-    /// Of the modules that a filter makes.
+    /// The policy of the modules that a filter makes.
     pub fn of_filter(fields: &mut Fields) -> Policy {
         Policy { forget_after: fields.optional(FORGET_AFTER), ..Policy::of_silence(fields) }
     }

@@ -1,4 +1,4 @@
-//! What is published, as it is written: what differs from the default.
+//! Published topics as they are written: only the differences from the default.
 
 use super::bands::hertz;
 use super::forms;
@@ -6,12 +6,12 @@ use super::forms::TOPIC;
 use crate::yaml::decode::scalar;
 use crate::yaml::{Fields, FromNode, KeyDoc, Log, Members, Node, Problem, Schema, Span, Spanned, key, map};
 
-/// How often a topic may be published.
+/// The permitted rates of a topic.
 const RATE_HZ: std::ops::RangeInclusive<f64> = 0.1..=100.0;
 
 const RATE: KeyDoc = key("rate").about("How often, from 0.1 Hz to 100 Hz.");
 
-/// As it is written: what differs from the default.
+/// The differences from the default.
 #[derive(Debug)]
 pub(in crate::config) struct RawPublishing {
     pub span: Span,
@@ -47,13 +47,13 @@ impl FromNode for RawPublishing {
 }
 
 impl RawPublishing {
-    /// Where requests to stop are switched off.
+    /// The place where requests to stop are switched off.
     pub fn stop_off(&self) -> Option<Span> {
         off(&self.maneuver_stop_request)
     }
 }
 
-/// `false`, or what is different.
+/// `false`, or the differences from the default.
 #[derive(Debug)]
 pub(in crate::config) enum Switch<T> {
     Off(Span),
@@ -103,7 +103,7 @@ impl FromNode for RawPeriodic {
     }
 }
 
-/// As above, and whether it is published beside others.
+/// The same, and whether it is published beside other publishers.
 #[derive(Debug)]
 pub(in crate::config) struct RawAggregated {
     pub periodic: RawPeriodic,

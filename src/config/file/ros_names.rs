@@ -1,11 +1,11 @@
-//! Checks names as ROS 2 writes them: topics, message types and paths of fields.
+//! Checks names in the form of ROS 2: topics, message types and paths of fields.
 
 use crate::yaml::{Log, Problem, Spanned};
 
 /// A longer path names no field of a message.
 pub(super) const PATH_BYTES_MAX: usize = 512;
 
-/// A name with its namespace, as ROS writes it: `/mission/active`.
+/// A full name with its namespace: `/mission/active`.
 pub fn is_full_name(name: &str) -> bool {
     let word = |part: &str| {
         !part.is_empty()
@@ -39,7 +39,7 @@ pub fn check_type(name: &Spanned<String>, log: &mut Log) {
     }));
 }
 
-/// Whether it can be the path of a field at all: `poses[0].position.x`, `transforms[child_frame_id=base].transform`.
+/// Checks the form of a field's path: `poses[0].position.x`, `transforms[child_frame_id=base].transform`.
 pub fn check_path(path: &Spanned<String>, log: &mut Log) {
     if path.value.len() > PATH_BYTES_MAX || path.value.contains("[]") || !is_path(&path.value) {
         let problem = Problem::at(path.span, format!("`{}` is no path of a field", path.value));
@@ -49,7 +49,7 @@ pub fn check_path(path: &Spanned<String>, log: &mut Log) {
     }
 }
 
-/// The same for a list, where `[]` stands once for each element.
+/// The same for a list, in which `[]` may stand once for each element.
 pub fn check_list(path: &Spanned<String>, log: &mut Log) {
     if path.value.len() > PATH_BYTES_MAX || path.value.matches("[]").count() > 1 || !is_path(&path.value) {
         let problem = Problem::at(path.span, format!("`{}` is no path of a list", path.value));
@@ -59,7 +59,7 @@ pub fn check_list(path: &Spanned<String>, log: &mut Log) {
     }
 }
 
-/// Splits at the dots outside of brackets and looks at each part.
+/// Splits at the dots outside of brackets and checks each part.
 fn is_path(path: &str) -> bool {
     let mut rest = path;
     loop {

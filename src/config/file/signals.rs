@@ -96,7 +96,7 @@ fn one_value(fields: &mut Fields, when: Option<Spanned<String>>, place: Span) ->
     Some(SignalFrom::Condition { inputs: vec![(name, source)], when: when? })
 }
 
-/// Of a message with one field it need not be named.
+/// The field of a message with a single field need not be named.
 fn only_field(topic: Topic, log: &mut Log) -> Option<Source> {
     if let Some(Spanned { value: type_name, span }) = &topic.type_name
         && !type_name.starts_with("std_msgs/")

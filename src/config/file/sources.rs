@@ -16,12 +16,12 @@ pub(in crate::config) const PREFIX_BYTES_MAX: usize = 128;
 #[derive(Debug)]
 pub(in crate::config) struct Topic {
     pub name: Spanned<String>,
-    /// Without it, another place of the file says it, or the topic's publisher.
+    /// Without it, the type is named elsewhere in the file, or the publisher announces it.
     pub type_name: Option<Spanned<String>>,
 }
 
 impl Topic {
-    /// Where its type stands, or else its name.
+    /// The place of its type, or else of its name.
     pub fn place(&self) -> Span {
         self.type_name.as_ref().map_or(self.name.span, |type_name| type_name.span)
     }

@@ -4,7 +4,7 @@ use crate::engine::time::Span;
 use crate::yaml::decode::{scalar, scaled};
 use crate::yaml::{FromNode, Log, Members, Node, Problem, Schema};
 
-/// Longer first where one ends with the other.
+/// A unit that ends with another one comes before it.
 const UNITS: [(&str, u64); 7] = [
     ("ns", 1),
     ("us", 1_000),

@@ -63,7 +63,7 @@ pub(in crate::config) fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor>
     Some(Monitor::Watchdog { target: target?, every, misses, bands })
 }
 
-/// Limits on the time until an answer.
+/// Limits of the response time.
 fn limits(fields: &mut Fields, target: Option<&ProbeTarget>, every: time::Span) -> Bands {
     let bands =
         bands::durations_above(fields, "With `icmp` and `tcp`: how long an answer may take, below `every`.");

@@ -7,7 +7,7 @@ use crate::engine::text::Text;
 use crate::yaml::schema::one_of;
 use crate::yaml::{Fields, FromNode, Kind, Log, Members, Node, Problem, Schema, map};
 
-/// What the text alone stands for depends on the key.
+/// The meaning of a single text depends on the key.
 #[derive(Debug)]
 pub(in crate::config) enum RawWording {
     Text(Text),

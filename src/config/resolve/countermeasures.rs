@@ -1,4 +1,4 @@
-//! From countermeasures as they are written to rules that name the nodes they watch.
+//! Converts the written countermeasures into rules of the model.
 
 use std::collections::HashMap;
 
@@ -11,7 +11,7 @@ use crate::engine::state::State;
 use crate::yaml::decode::did_you_mean;
 use crate::yaml::{Log, Problem, Span, suggest};
 
-/// The rules that can be said to the engine; the log says what is wrong with the others.
+/// The valid rules; the log has the problems of the others.
 pub(in crate::config) fn rules(
     raw: &[RawRule],
     names: &Names,
@@ -34,7 +34,7 @@ pub(in crate::config) fn rules(
     rules
 }
 
-/// Whether both ask to decelerate, perhaps with other figures, when the same happens.
+/// Whether both are the same kind of request in the same case, perhaps with other figures.
 fn is_same(a: &Rule, b: &Rule) -> bool {
     [a, b].iter().all(|rule| rule.request.kind() == RequestKind::Decelerate)
         && a.state == b.state
@@ -42,7 +42,7 @@ fn is_same(a: &Rule, b: &Rule) -> bool {
         && a.stages.iter().any(|stage| b.stages.contains(stage))
 }
 
-/// Where each node of each rule is written; in the order of [`rules`] where nothing is wrong.
+/// The places of each rule's nodes; in the order of [`rules`] if all are valid.
 pub(in crate::config) fn spans(raw: &[RawRule]) -> Vec<Vec<Span>> {
     let spans = |when: &RawWhen| when.groups.iter().chain(&when.modules).map(|name| name.span).collect();
     raw.iter().filter_map(|raw| raw.when.as_ref()).map(spans).collect()

@@ -15,7 +15,7 @@ use crate::engine::model::filter::Filter;
 use crate::engine::model::{Match, Policy};
 use crate::yaml::{Log, Problem, Span};
 
-/// Larger automata are not looked at.
+/// Larger automata are not examined.
 const AUTOMATON_BYTES_MAX: usize = 1 << 20;
 
 pub(in crate::config) fn filters(
@@ -78,7 +78,7 @@ fn regex(filter: &file::Filter, log: &mut Log) -> Option<Filter> {
             let (what, at) = syntax(&error);
             let problem =
                 Problem::at(point(span, pattern, at), format!("this is no regular expression: {what}"));
-            // A `?` that repeats nothing is none of an expression.
+            // A `?` that repeats nothing does not belong to a regular expression.
             let is_glob = pattern.contains(['*', '?']) && is_glob(&pattern.replace('?', ""));
             log.push(problem.help(match is_glob {
                 true => format!("it looks like a pattern of file names: write {}", glob::instead(pattern)),
@@ -108,12 +108,12 @@ fn regex(filter: &file::Filter, log: &mut Log) -> Option<Filter> {
     }
 }
 
-/// Whether nothing in it belongs to regular expressions alone.
+/// Whether it contains nothing that only regular expressions have.
 fn is_glob(pattern: &str) -> bool {
     !pattern.contains(['.', '+', '?', '(', ')', '[', ']', '{', '}', '|', '\\', '^', '$'])
 }
 
-/// The character of a `*` behind a letter, and that letter, in what looks like a pattern of file names.
+/// The letter before a `*`, and the index of the `*`, in a text that looks like a shell pattern.
 fn repeated(pattern: &str) -> Option<(usize, char)> {
     let letters: Vec<char> = pattern.chars().collect();
     let star = letters.iter().position(|&letter| letter == '*').filter(|_| is_glob(pattern))?;
@@ -121,7 +121,7 @@ fn repeated(pattern: &str) -> Option<(usize, char)> {
     (letter.is_alphanumeric() || letter == '/').then_some((star, letter))
 }
 
-/// What is wrong and at which character, counted from 0.
+/// The error, and the index of its character.
 fn syntax(error: &regex_syntax::Error) -> (String, usize) {
     match error {
         regex_syntax::Error::Parse(error) => (error.kind().to_string(), error.span().start.column - 1),
@@ -130,7 +130,7 @@ fn syntax(error: &regex_syntax::Error) -> (String, usize) {
     }
 }
 
-/// The character of an expression in the file. Where quotes or escapes shift it, the whole expression.
+/// The place of a character of an expression; the whole expression if quotes or escapes shift it.
 fn point(span: Span, pattern: &str, at: usize) -> Span {
     let written = (span.end - span.start) as usize;
     let quote = match written.checked_sub(pattern.len()) {
@@ -144,13 +144,13 @@ fn point(span: Span, pattern: &str, at: usize) -> Span {
     Span { start, end: start + length, ..span }
 }
 
-/// An expression without a shortest match has none; nor has one whose automaton never accepts.
+/// An expression without a shortest match never matches, nor does one whose automaton never accepts.
 fn never_matches(hir: &Hir, pattern: &str) -> bool {
     hir.properties().minimum_len().is_none() || accepts_nothing(pattern) == Some(true)
 }
 
-/// Walks every state of the automaton. `None` if it is too large, or cannot be made because of a
-/// word border that depends on more than one byte.
+/// Walks every state of the automaton. `None` if it is too large, or cannot be built because of a word border
+/// that depends on more than one byte.
 fn accepts_nothing(pattern: &str) -> Option<bool> {
     let config = dense::Config::new()
         .dfa_size_limit(Some(AUTOMATON_BYTES_MAX))
@@ -170,7 +170,7 @@ fn accepts_nothing(pattern: &str) -> Option<bool> {
     Some(true)
 }
 
-/// Whether the first takes all that the second takes, as far as that can be told from their texts.
+/// Whether the first matches every name that the second matches, as far as their texts show.
 fn covers(first: &Filter, second: &Filter) -> bool {
     match (first, second) {
         (Filter::Regex(a), Filter::Regex(b)) => a.as_str() == b.as_str(),

@@ -31,7 +31,7 @@ use names::{Names, check_id};
 use relations::Signals;
 use topics::Topics;
 
-/// What a file says, if it can be said to the engine; the log says what is wrong.
+/// The model of a file, if it is valid enough for one; the log has the problems.
 pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mut Log) -> Option<Loaded> {
     let vehicle = file.vehicle.as_ref();
     let id = vehicle.and_then(|vehicle| vehicle.id.as_ref());
@@ -39,7 +39,7 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     let name = vehicle.and_then(|vehicle| vehicle.name.clone()).unwrap_or_else(|| Text::plain(&id));
     let defaults = file.defaults.as_ref().map(|defaults| defaults.0).unwrap_or_default();
     let discovered = policy(&defaults, &Policy::default(), log);
-    // That the silence of what is declared is no fault any more, its own line has to say.
+    // Declared modules are expected: only their own `forget_after` ends their silence.
     let declared = Policy { forget_after: None, ..discovered.clone() };
 
     let mut topics = Topics::new(file.diagnostics.as_ref(), file.clock.unwrap_or_default(), log);
@@ -140,7 +140,7 @@ pub(super) fn policy(raw: &file::Policy, around: &Policy, log: &mut Log) -> Poli
     }
 }
 
-/// Whole names of nodes.
+/// Full names of nodes.
 pub(super) fn writers(raw: Option<&file::Writers>, log: &mut Log) -> Option<NodeNames> {
     let file::Writers { value: All(written), span } = raw?;
     if written.is_empty() {
@@ -271,7 +271,7 @@ fn modules(
         let writers = writers(raw.writers.as_ref(), log);
         let when = raw.when.as_ref().and_then(|when| relations::when(when, signals, log));
         let depends_on = relations::depends_on(names, NodeId::Module(id), &raw.depends_on, log);
-        // Without a monitor the model is not used; the module keeps its place so that cycles are found.
+        // Without a monitor the model is discarded; the module keeps its index so that cycles are found.
         let monitor = raw.monitor.as_ref().and_then(|monitor| monitors::resolve(monitor, topics, log));
         let by_the_clock = monitor.as_ref().is_some_and(MonitorSpec::by_the_clock);
         if let Some(forget_after) = raw.policy.forget_after.filter(|_| by_the_clock) {

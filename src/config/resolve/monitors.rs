@@ -6,7 +6,7 @@ use crate::config::file::monitors::{Expression, Monitor, Source};
 use crate::engine::model::monitors::{MonitorSpec, ValueSource, WatchdogSpec};
 use crate::yaml::{Log, Problem, Span};
 
-/// What a monitor says to the engine; `None` where the log says why not.
+/// The monitor of the model; `None` if the log has the reason.
 pub(in crate::config) fn resolve(
     monitor: &Monitor,
     topics: &mut Topics,

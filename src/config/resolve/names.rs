@@ -9,7 +9,7 @@ use crate::config::file::monitors::Monitor;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::yaml::{Log, Problem, Span, Spanned, suggest};
 
-/// Groups that the engine makes by itself.
+/// The built-in groups of the engine.
 const RESERVED: [&str; 2] = ["other", "telltale"];
 
 /// All nodes in the engine's order: groups before the groups inside of them.
@@ -17,7 +17,7 @@ pub(in crate::config) struct Names<'r> {
     groups: Vec<GroupName<'r>>,
     modules: Vec<ModuleName<'r>>,
     by_path: HashMap<Arc<str>, NodeId>,
-    /// A node has no usable name, so that a name which is not found may be meant for it.
+    /// Some node has no valid name, so an unknown name may be meant for it.
     incomplete: bool,
 }
 
@@ -84,7 +84,7 @@ impl<'r> Names<'r> {
         }
     }
 
-    /// A node without a usable id gets a path that no name can match, and the log says why.
+    /// A node without a valid id gets a path that no name can match; the log has the reason.
     fn path(
         &mut self,
         id: Option<&Spanned<String>>,
@@ -134,7 +134,7 @@ impl<'r> Names<'r> {
         }
     }
 
-    /// Where the id of a node stands.
+    /// The place of a node's id.
     pub fn span(&self, node: NodeId) -> Span {
         let (id, span) = match node {
             NodeId::Group(id) => {
@@ -149,7 +149,7 @@ impl<'r> Names<'r> {
         id.as_ref().map_or(span, |id| id.span)
     }
 
-    /// The group right around a node.
+    /// The group that contains a node.
     pub fn parent(&self, node: NodeId) -> Option<GroupId> {
         match node {
             NodeId::Group(id) => self.groups[id.0 as usize].parent,
@@ -157,7 +157,7 @@ impl<'r> Names<'r> {
         }
     }
 
-    /// What a node itself depends on, as written.
+    /// The written dependencies of a node.
     pub fn dependencies(&self, node: NodeId) -> &'r [file::Dependency] {
         match node {
             NodeId::Group(id) => &self.groups[id.0 as usize].raw.depends_on,
@@ -165,7 +165,7 @@ impl<'r> Names<'r> {
         }
     }
 
-    /// The node of this name; the log says what was probably meant if there is none.
+    /// The node with this name; if there is none, the log has a suggestion.
     pub fn find(&self, name: &Spanned<String>, log: &mut Log) -> Option<NodeId> {
         let found = self.by_path.get(name.value.as_str()).copied();
         if found.is_none() && !self.incomplete {
@@ -180,7 +180,7 @@ impl<'r> Names<'r> {
         found
     }
 
-    /// The declared module that takes a status of this name.
+    /// The declared module with this status.
     pub fn claimed_by(&self, status: &str) -> Option<&ModuleName<'r>> {
         self.modules.iter().find(|module| module.status().is_some_and(|own| own.value == status))
     }
@@ -195,7 +195,7 @@ impl ModuleName<'_> {
     }
 }
 
-/// Ids make paths, HTML ids and topic names: few characters are safe in all of them.
+/// Ids become paths, HTML ids and topic names: few characters are safe in all of them.
 pub(in crate::config) fn check_id(id: &Spanned<String>, what: &str, log: &mut Log) -> bool {
     let good = id.value.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"_.-".contains(&byte));
     if !good {
@@ -205,7 +205,7 @@ pub(in crate::config) fn check_id(id: &Spanned<String>, what: &str, log: &mut Lo
     good
 }
 
-/// Two modules of one group that take the same status would say the same thing twice.
+/// Two modules of one group with the same status would always show the same.
 pub(in crate::config) fn check_statuses(names: &Names, log: &mut Log) {
     let mut seen: HashMap<(GroupId, &str), Span> = HashMap::new();
     for (_, module) in names.modules() {

@@ -1,4 +1,4 @@
-//! From what is published as it is written to topics, none of them read or published twice.
+//! Converts the written publications into topics, none of which is read or published twice.
 
 use super::topics::Topics;
 use crate::config::file::publishing::{
@@ -12,8 +12,8 @@ use crate::engine::model::output::{Output, Publication};
 use crate::engine::time;
 use crate::yaml::{Log, Problem, Span, Spanned};
 
-/// What is published. What a vehicle cannot do without must not be switched off, and what is
-/// published here must not be what is read.
+/// The publications. Outputs that the vehicle needs must not be switched off, and no published topic may be one
+/// that is read.
 pub(in crate::config) fn publishing(
     raw: Option<&RawPublishing>,
     stages: StageModel,
@@ -107,7 +107,7 @@ fn topic(raw: Option<&Spanned<String>>, log: &mut Log) -> Option<Box<str>> {
     Some(raw.value.as_str().into())
 }
 
-/// Where the topic is written, or else all of it.
+/// The place of the topic, or else of all publications.
 fn place(raw: Option<&RawPublishing>, publication: Publication) -> Option<Span> {
     fn once(raw: &Option<Switch<RawOnce>>) -> Option<Span> {
         let Some(Switch::On(raw)) = raw else { return None };
@@ -134,7 +134,7 @@ fn place(raw: Option<&RawPublishing>, publication: Publication) -> Option<Span> 
     Some(topic.unwrap_or(raw.span))
 }
 
-/// No two publish one topic, and none publishes what is read.
+/// Checks that no topic is published twice, or published and read.
 fn check_loops(publishing: &Publishing, raw: Option<&RawPublishing>, topics: &Topics, log: &mut Log) {
     let mut taken: Vec<(&str, &str)> = Vec::new();
     for publication in Publication::ALL {

@@ -8,7 +8,7 @@ use crate::engine::model::order::{Cycle, CycleEdge, CycleStep};
 use crate::engine::model::{Dependency, DependsOn, NodeId, POSED_SIGNAL, When};
 use crate::yaml::{Log, Problem, Span, Spanned, suggest};
 
-/// Positions of the signals by name.
+/// Indices of the signals by name.
 pub(in crate::config) type Signals<'a> = HashMap<&'a str, usize>;
 
 pub(in crate::config) fn when(raw: &file::When, signals: &Signals, log: &mut Log) -> Option<When> {
@@ -67,7 +67,7 @@ fn any_of(
     Some(DependsOn::AnyOf(found))
 }
 
-/// The node of a dependency, unless the node that has it lies inside of it or around it.
+/// The node of a dependency, unless its holder is inside of it or contains it.
 fn find(
     names: &Names,
     node: NodeId,
@@ -98,7 +98,7 @@ fn find(
     None
 }
 
-/// A cycle as a problem: the whole way in words, and the line of each step.
+/// A cycle as a problem: the whole cycle in words, and the line of each step.
 pub(in crate::config) fn describe_cycle(names: &Names, cycle: &Cycle) -> Problem {
     let steps = &cycle.0;
     let nodes = || steps.iter().map(|step| step.node);
@@ -113,7 +113,7 @@ pub(in crate::config) fn describe_cycle(names: &Names, cycle: &Cycle) -> Problem
     problem.help("remove one of these dependencies, or let it name a single module instead of a group")
 }
 
-/// Where it is written that a node of a cycle rests on the next.
+/// The place where a node of a cycle depends on the next.
 fn place(names: &Names, step: &CycleStep, next: NodeId) -> (Span, String) {
     let target = names.path_of(next);
     let CycleEdge::Depends { holder, .. } = step.by else {

@@ -16,7 +16,7 @@ use crate::engine::time;
 use crate::yaml::tree::Key;
 use crate::yaml::{Log, Problem, Span, Spanned};
 
-/// Signals, and for each the places of its type and its field, or of its condition.
+/// The signals, and for each the places of its type and its field, or of its condition.
 pub(in crate::config) fn signals(
     written: &[(Key, Signal)],
     topics: &mut Topics,
@@ -44,7 +44,7 @@ pub(in crate::config) fn signals(
             }
             Some(SignalFrom::Condition { inputs, when }) => condition(inputs, when, topics, log),
         };
-        // Without a source the model is not used; the signal keeps its name, which others ask for.
+        // Without a source the model is discarded; the signal keeps its name, which other keys refer to.
         let (source, place) = found.unwrap_or_else(|| {
             let nothing = FieldSource { topic: "".into(), type_name: "".into(), field: "".into() };
             (SignalSource::Field(nothing), (key.span, key.span))
@@ -75,10 +75,10 @@ fn field_source(
             &field.value
         }
         None if type_name.is_some_and(|it| it.value.starts_with("std_msgs/")) => "data",
-        // Only that the message came matters then.
+        // Then only the arrival of a message counts.
         None if is_event => "",
         None => {
-            // Of a type that is not known it is what it is in std_msgs.
+            // An unknown type is assumed to be one of std_msgs.
             let Some(Spanned { value, span }) = type_name else { return Some(of_any_type(topic)) };
             let problem = Problem::at(*span, format!("which field of a {value}?"));
             log.push(problem.help("add `field: PATH`, or `present_for: 1h` if only its arrival matters"));
@@ -101,7 +101,7 @@ fn of_any_type(topic: &Spanned<String>) -> (SignalSource, (Span, Span)) {
     (SignalSource::Field(source), (topic.span, topic.span))
 }
 
-/// Gives signals the types that other places of the file say of their topics.
+/// Completes the types of signals from other places of the file that name the same topic.
 pub(in crate::config) fn complete(signals: &mut [SignalSpec], topics: &Topics) {
     for signal in signals {
         if let SignalSource::Field(source) = &mut signal.source
@@ -129,7 +129,7 @@ fn condition(
         .collect();
     let spec = MonitorSpec::Expression {
         inputs,
-        // The signal's own timeout judges how old they may be.
+        // The signal's own timeout bounds their age.
         max_age: time::Span::from_nanos(u64::MAX),
         warning: None,
         error: Some(condition?),

@@ -13,16 +13,16 @@ use crate::engine::model::monitors::{
 };
 use crate::yaml::{Log, Problem, Span, Spanned};
 
-/// What is read without being named.
+/// The topic of diagnostics without a configuration.
 const DIAGNOSTICS: &str = "/diagnostics";
 const DIAGNOSTIC_ARRAY: &str = "diagnostic_msgs/msg/DiagnosticArray";
-/// Where the time of a simulation is published.
+/// The topic of the time of a simulation.
 const CLOCK: (&str, &str) = ("/clock", "rosgraph_msgs/msg/Clock");
 
-/// All topics of a configuration, collected while what reads them is resolved.
+/// All topics of a configuration, collected while signals and monitors are resolved.
 #[derive(Default)]
 pub(in crate::config) struct Topics {
-    /// The type of each topic, empty while nobody says it, and where its name and its type are first said.
+    /// The type of each topic, empty while it is unknown, and the first places of its name and its type.
     types: HashMap<String, (String, Option<(Span, Span)>)>,
     watched: Vec<TopicSpec>,
     places: Vec<TopicPlace>,
@@ -34,7 +34,7 @@ pub(in crate::config) struct Topics {
 }
 
 impl Topics {
-    /// Begins with the topics on which components report, and that of the clock.
+    /// Starts with the topics of diagnostics and of the clock.
     pub fn new(diagnostics: Option<&RawDiagnostics>, stamps: StampClock, log: &mut Log) -> Topics {
         let mut topics = Topics { stamps, ..Topics::default() };
         if stamps == StampClock::Ros {
@@ -71,8 +71,7 @@ impl Topics {
         topics
     }
 
-    /// Checks the name and the type of a topic that something reads, and that everything else which
-    /// reads it says the same type.
+    /// Checks the name and the type of a read topic, and that no other place names another type.
     pub fn read(&mut self, name: &Spanned<String>, type_name: Option<&Spanned<String>>, log: &mut Log) {
         check_topic(name, log);
         let Some(type_name) = type_name else {
@@ -102,22 +101,22 @@ impl Topics {
         }
     }
 
-    /// Whether something reads this topic.
+    /// Whether this topic is read.
     pub fn reads(&self, name: &str) -> bool {
         self.types.contains_key(name)
     }
 
-    /// What is said of its type anywhere.
+    /// The type of a topic, from any place of the file.
     pub fn type_of(&self, name: &str) -> &str {
         self.types.get(name).map_or("", |(type_name, _)| type_name)
     }
 
-    /// Where this topic is first named.
+    /// The first place of this topic's name.
     pub fn place(&self, name: &str) -> Option<Span> {
         self.types.get(name).and_then(|(_, first)| first.map(|(name, _)| name))
     }
 
-    /// The place of a topic that a monitor watches.
+    /// The index of a topic that a monitor watches.
     pub fn watch(&mut self, topic: &Topic, stamp: bool, log: &mut Log) -> TopicId {
         self.read(&topic.name, topic.type_name.as_ref(), log);
         let index = *self.by_name.entry(topic.name.value.clone()).or_insert_with(|| {
@@ -138,7 +137,7 @@ impl Topics {
         TopicId(index as u32)
     }
 
-    /// A topic that a monitor watches, and the position of the field in it.
+    /// A topic that a monitor watches, and the index of the field in it.
     pub fn field(
         &mut self,
         topic: &Topic,

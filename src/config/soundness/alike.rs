@@ -1,5 +1,5 @@
-//! Finds nodes with equal names: siblings in the tree for ROS 2, where programs know a node by its name,
-//! and tiles with the name of a group that Telltale makes by itself.
+//! Finds nodes with equal names: siblings in the tree for ROS 2, whose tools identify a node by its name, and
+//! tiles with the name of a built-in group.
 
 use std::collections::HashMap;
 
@@ -11,7 +11,7 @@ use crate::engine::view::ros_names::part;
 pub(super) fn look(model: &Model) -> Vec<Finding> {
     let mut first: HashMap<(Option<GroupId>, String), NodeId> = HashMap::new();
     let mut found = Vec::new();
-    // As in the tree, groups stand before modules.
+    // As in the tree, groups come before modules.
     let groups = (0..).map(GroupId).zip(&model.groups);
     let groups = groups.map(|(id, group)| (NodeId::Group(id), group.parent, part(&group.name.en)));
     let modules = (0..).map(ModuleId).zip(&model.modules).map(|(id, module)| {
@@ -30,7 +30,7 @@ pub(super) fn look(model: &Model) -> Vec<Finding> {
     found
 }
 
-/// Tiles that bear the name of a built-in group, in any language, or its id.
+/// Tiles with the name of a built-in group, in any language, or with its id.
 fn as_built_in(model: &Model) -> impl Iterator<Item = Finding> {
     let tiles = (0..).map(GroupId).zip(&model.groups).filter(|(_, group)| group.parent.is_none());
     tiles.filter_map(|(id, group)| {

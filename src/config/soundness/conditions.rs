@@ -17,7 +17,7 @@ pub(super) fn look(model: &Model) -> Vec<Finding> {
         let mut used = Vec::new();
         for condition in [error, warning].into_iter().flatten() {
             let named = expression::named(condition);
-            // One without an answer is refused before.
+            // A condition without an answer is refused earlier.
             if named.is_empty()
                 && let Ok(holds) = condition.holds(&[])
             {

@@ -4,13 +4,13 @@ use super::situation::Situation;
 use crate::engine::model::{ModuleId, NodeId};
 use crate::engine::state::State;
 
-/// What was looked at, and what came of it.
+/// The extent and the result of the examination.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Soundness {
     pub situations: usize,
-    /// Combinations of a situation and failing modules that were judged.
+    /// The number of judged combinations of a situation and failing modules.
     pub pictures: usize,
-    /// Nothing was left out: what is not among the findings is not there.
+    /// Nothing was left out: there are no further findings.
     pub complete: bool,
     /// By kind, then in the order of the configuration.
     pub findings: Vec<Finding>,
@@ -18,25 +18,25 @@ pub struct Soundness {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding {
-    /// Whose condition, dependency or state it is.
+    /// The node of the condition, dependency or state.
     pub node: NodeId,
     pub what: What,
-    /// Where it happens; none where it is about every situation.
+    /// An example; none if it concerns every situation.
     pub example: Option<Example>,
 }
 
-/// A situation with failing modules in which it can be seen.
+/// A situation with failing modules that shows it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Example {
     pub situation: Situation,
     pub failing: Vec<ModuleId>,
-    /// What they report; all others are OK.
+    /// The state of these modules; all others are OK.
     pub state: State,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub enum What {
-    /// The node is masked and nothing that fails in sight is behind it: a fault of this program.
+    /// The node is masked without a visible cause: a fault of this program.
     Unexplained,
     /// Entry `dependency` can mask `masked` while no tile gets worse.
     HiddenCause { dependency: usize, masked: NodeId },
@@ -44,40 +44,38 @@ pub enum What {
     AlwaysMasked { dependency: usize },
     /// Entry `dependency` can never block.
     DeadDependency { dependency: usize, why: Dead },
-    /// The condition never holds while its signals are known.
+    /// The condition never holds, as long as its signals are known.
     NeverHolds,
-    /// The condition changes nothing: what is around it says as much.
+    /// The condition has no effect: the enclosing groups' conditions imply it.
     AlwaysHolds,
     /// The group can never show OK.
     NeverOk { why: Dead },
     /// Countermeasure `rule` watches the node in stages in which it is never relevant.
     DeadRule { rule: usize },
-    /// In the tree for ROS 2 the node would be called as `first`, which stands beside it.
+    /// In the tree for ROS 2 the node would have the same name as its sibling `first`.
     SameName { first: NodeId, name: String },
-    /// The tile is called as the group of this id, which Telltale makes by itself.
+    /// The tile has the name of the built-in group with this id.
     BuiltInName { built_in: &'static str, name: String },
-    /// The vehicle drives and no request to stop is published; it is about no node in particular.
+    /// The vehicle drives and no request to stop is published; it concerns no single node.
     NoStop,
-    /// No condition of the module's expression looks at this input.
+    /// No condition of the module's expression uses this input.
     UnusedInput { input: Box<str> },
-    /// A limit on a value that goes from 0 to 1 is written in percent: of the node, or of the signal of
-    /// this position.
+    /// A limit in percent on a value from 0 to 1: of the node, or of the signal of this index.
     PercentLimit { signal: Option<usize>, field: Box<str>, limit: f64 },
-    /// A name of a status, or a filter that is no `regex`, is a pattern of file names; what to write
-    /// instead in a filter.
+    /// The name of a status, or a filter without `regex`, is a shell pattern; with the equivalent filter.
     Glob { signal: Option<usize>, text: Box<str>, regex: Option<String> },
-    /// The class of the module is none that the classification has.
+    /// The class of the module is not in the classification.
     NoColumn { flow: bool },
-    /// The condition looks at no input: it is always so.
+    /// The condition uses no input: its result is constant.
     Constant { text: Box<str>, holds: bool },
 }
 
-/// Why nothing comes of a group or of what a dependency names.
+/// The reason why a group or a dependency has no effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Dead {
     NoMembers(NodeId),
-    /// It is never relevant when it would matter.
+    /// It is never relevant in the cases that count.
     NotRelevant(NodeId),
-    /// It, or a member that counts, waits for what never can be OK.
+    /// It, or a member that counts, waits for a node that can never be OK.
     Waits(NodeId),
 }

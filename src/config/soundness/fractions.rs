@@ -1,4 +1,4 @@
-//! Finds limits in percent on a fraction: such a value never comes near 20.
+//! Finds limits in percent on a fraction: such a value never reaches 20.
 
 use super::{Finding, What};
 use crate::config::expression;
@@ -6,7 +6,7 @@ use crate::engine::model::monitors::{AgreementRule, Bands, ValueRule, ValueSourc
 use crate::engine::model::sample::FieldValue;
 use crate::engine::model::{GroupId, Model, ModuleId, MonitorSpec, NodeId};
 
-/// Fields that go from 0 to 1 by the comments of their definitions.
+/// Fields from 0 to 1, by the comments of their definitions.
 const FRACTIONS: [(&str, &str); 7] = [
     ("sensor_msgs/msg/BatteryState", "percentage"),
     ("sensor_msgs/msg/JoyFeedback", "intensity"),
@@ -31,7 +31,7 @@ pub(super) fn look(model: &Model) -> Vec<Finding> {
     modules.chain(signals).collect()
 }
 
-/// The first limit of a monitor that is beyond what its field can be, and that field.
+/// The first limit of a monitor beyond the range of its field, and that field.
 fn percent(model: &Model, monitor: &MonitorSpec) -> Option<(Box<str>, f64)> {
     let first = |sources: &[&ValueSource], limits: &[f64]| {
         let field = sources.iter().find_map(|source| fraction(model, source))?;

@@ -1,5 +1,5 @@
-//! Finds patterns of file names in places for a name: in the status of a module or a signal, and in a
-//! filter without `regex`, every character stands for itself.
+//! Finds shell patterns in places for a name: in the status of a module or a signal, and in a filter without
+//! `regex`, every character stands for itself.
 
 use super::{Finding, What};
 use crate::config::glob::{as_regex, is_glob};
@@ -40,7 +40,7 @@ pub(super) fn look(model: &Model) -> Vec<Finding> {
     found
 }
 
-/// The names of the statuses that a monitor waits for.
+/// The names of the statuses that a monitor reads.
 fn statuses(monitor: &MonitorSpec) -> Vec<&str> {
     let sources: Vec<&ValueSource> = match monitor {
         MonitorSpec::Value { source, .. } => vec![source],

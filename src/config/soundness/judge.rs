@@ -1,5 +1,5 @@
-//! What every node shows in a situation if its modules report this or that: the rules of masking that the
-//! engine goes by, on a still picture, without time. The tests compare it with the engine.
+//! The state of every node in a situation with given reports: the rules of masking at one instant, without
+//! time. Tests compare it with the engine.
 
 use super::situation::Situation;
 use crate::engine::mask::rules;
@@ -8,33 +8,33 @@ use crate::engine::model::order::Visit;
 use crate::engine::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId, When};
 use crate::engine::state::{State, Tally};
 
-/// The model with what is asked of it often.
+/// The model, with prepared answers to frequent questions.
 #[derive(Debug)]
 pub struct Judge<'m> {
     pub model: &'m Model,
     visits: Vec<Visit>,
-    /// Takes the worst member of redundant groups too: then nothing can fail more than with every
-    /// module in ERROR. As it is, a member without members may keep a redundant group from ERROR
-    /// until something masks it.
+    /// Folds redundant groups by their worst member too: then nothing can fail more than with every module in
+    /// ERROR. In the real fold, a member without members may keep a redundant group from ERROR until something
+    /// masks it.
     pub pessimistic: bool,
-    /// By group: its groups, then its modules.
+    /// The members of each group: its groups, then its modules.
     pub members: Vec<Vec<NodeId>>,
 }
 
-/// What becomes of one node.
+/// The result for one node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Facts {
     pub relevant: bool,
     pub blocked: bool,
     pub own: State,
     pub shown: State,
-    /// A module, or a group without members, that fails in sight is behind the block.
+    /// A visible failing module, or a visible group without members, causes the blockage.
     pub block_explained: bool,
-    /// The same for its failing.
+    /// The same for its failure.
     pub failure_explained: bool,
 }
 
-/// What becomes of all of them.
+/// The results for all nodes.
 #[derive(Debug)]
 pub struct Picture {
     groups: Vec<Facts>,
@@ -99,7 +99,7 @@ impl<'m> Judge<'m> {
         }
     }
 
-    /// The groups around a node, from the inside out.
+    /// The enclosing groups of a node, from the inside out.
     pub fn around(&self, node: NodeId) -> impl Iterator<Item = GroupId> {
         std::iter::successors(self.parent(node), |&group| self.parent(NodeId::Group(group)))
     }
@@ -125,13 +125,13 @@ impl<'m> Judge<'m> {
         }
     }
 
-    /// Whether statuses may make members of the group at run time.
+    /// Whether statuses may create modules in the group at run time.
     pub fn discovers(&self, id: GroupId) -> bool {
         !self.model.groups[id.0 as usize].filters.is_empty() && self.model.limits.discovered_modules > 0
     }
 
-    /// Judges everything. `discovered` is what a module reports that a filter could make, one in each
-    /// group that has filters.
+    /// Judges all nodes. `discovered` is the report of a module that a filter could make, one in each group
+    /// with filters.
     pub fn picture(
         &self,
         situation: &Situation,
@@ -192,7 +192,7 @@ impl<'m> Judge<'m> {
             shown.add(member.shown);
             own.add(member.standing().own_share());
         }
-        // What is made at run time has no condition, and what has none is not relevant while locked.
+        // A discovered module has no condition; without a condition a node is not relevant while locked.
         if let Some(state) = discovered.filter(|_| facts.relevant && situation.meets(None)) {
             own.add(state);
             shown.add(rules::shown(facts.relevant, facts.blocked, state));

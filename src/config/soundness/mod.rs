@@ -1,10 +1,10 @@
 //! Finds situations that should not occur with a configuration, each with a counterexample.
 //!
 //! It examines every situation that the conditions can distinguish: with all modules OK, with all in ERROR,
-//! with each in ERROR alone, and with the fewest failures that make each dependency block, as ERROR and,
-//! where that masks, as UNKNOWN. By `ENGINE.md` 4 to 6 no node can be masked without a visible cause; this
-//! verifies it for the given model. The other findings are conditions, dependencies and groups that cannot
-//! have their intended effect.
+//! with each in ERROR alone, and with the fewest failures that make each dependency block, as ERROR and, where
+//! that masks, as UNKNOWN. By the rules of masking no node can be masked without a visible cause; this verifies
+//! it for the given model. The other findings are conditions, dependencies and groups that cannot have their
+//! intended effect.
 
 mod alike;
 mod conditions;
@@ -27,16 +27,16 @@ use crate::engine::state::State;
 pub use finding::{Dead, Example, Finding, Soundness, What};
 pub(super) use words::problem;
 
-/// More situations than this are not looked at; a vehicle has a handful of signals that matter.
+/// More situations than this are not examined; conditions use a handful of signals.
 const SITUATIONS_MAX: usize = 4096;
 /// Facts of nodes that are kept at once, over all situations: about 200 MB.
 const FACTS_MAX: usize = 10_000_000;
-/// Ways to make one dependency block that are tried.
+/// The number of examined ways to make one dependency block.
 const CUTS_MAX: usize = 256;
-/// Judgements of one node, in all: a few seconds. What is past it is not tried, and said.
+/// Judgements of one node, in total: a few seconds. The result tells whether this was enough.
 const WORK_MAX: usize = 100_000_000;
 
-/// Looks at everything that a model can do.
+/// Examines a model.
 pub fn look(model: &Model) -> Soundness {
     let judge = Judge::new(model);
     let mut look =
@@ -56,7 +56,7 @@ pub fn look(model: &Model) -> Soundness {
         look.findings.push(Finding { node, what: What::NoStop, example: None });
     }
     let Look { pictures, complete, mut findings, .. } = look;
-    // What is wrong for one reason is said once.
+    // Findings with the same reason are reported once.
     findings.dedup();
     Soundness { situations: situations.len(), pictures, complete, findings }
 }
@@ -81,7 +81,7 @@ impl Look<'_> {
         all.or_else(known).or_else(unknown).unwrap_or_default()
     }
 
-    /// With these modules in this state and all others OK.
+    /// The picture with these modules in this state and all others OK.
     fn failing(&mut self, situation: &Situation, failing: &[ModuleId], state: State) -> Picture {
         self.pictures += 1;
         let report = |id| if failing.contains(&id) { state } else { State::Ok };
@@ -97,7 +97,7 @@ impl Look<'_> {
         Some(Example { situation: situation.clone(), failing: failing.to_vec(), state })
     }
 
-    /// I1: whatever is masked has a cause in sight.
+    /// Every masked node has a visible cause.
     fn explanations(&mut self, situations: &[Situation]) {
         let modules = self.judge.model.modules.len();
         let nodes = self.judge.nodes().count();
@@ -133,7 +133,7 @@ impl Look<'_> {
         }
     }
 
-    /// A cause inside of a redundant group: it is named wherever causes are, but its tile is well.
+    /// A cause inside a redundant group: it is named as a cause, but its tile is not affected.
     fn hidden_causes(&mut self, situations: &[Situation]) {
         for holder in self.judge.nodes().collect::<Vec<_>>() {
             for (index, dependency) in self.judge.depends_on(holder).iter().enumerate() {
@@ -176,7 +176,7 @@ impl Look<'_> {
         })
     }
 
-    /// A tile that shows UNKNOWN or ERROR only since something fails.
+    /// Whether a tile shows UNKNOWN or ERROR only after the failure.
     fn tile_gets_worse(&self, before: &Picture, after: &Picture) -> bool {
         let bad = |picture: &Picture, id| picture.of(NodeId::Group(id)).shown >= State::Unknown;
         let tiles = (0..).map(GroupId).zip(&self.judge.model.groups);
@@ -184,14 +184,14 @@ impl Look<'_> {
         tiles.any(|(id, _)| bad(after, id) && !bad(before, id))
     }
 
-    /// Each smallest set of relevant modules that makes a node fail.
+    /// Each smallest set of relevant modules whose failure makes a node fail.
     fn cuts(&mut self, relevant: &Picture, node: NodeId) -> Vec<Vec<ModuleId>> {
         if !relevant.of(node).relevant {
             return Vec::new();
         }
         let id = match node {
             NodeId::Module(id) => return vec![vec![id]],
-            // Without members it is UNKNOWN, and nothing need fail for that.
+            // Without members it is UNKNOWN, without any failure.
             NodeId::Group(id) if self.is_empty(id) => return vec![Vec::new()],
             NodeId::Group(id) => id,
         };
@@ -208,7 +208,7 @@ impl Look<'_> {
         self.bounded(cuts)
     }
 
-    /// Each smallest set that makes all of these nodes fail.
+    /// Each smallest set whose failure makes all of these nodes fail.
     fn all_of(&mut self, relevant: &Picture, nodes: &[NodeId]) -> Vec<Vec<ModuleId>> {
         let mut sets: Vec<Vec<ModuleId>> = vec![Vec::new()];
         for &node in nodes {
@@ -232,7 +232,7 @@ impl Look<'_> {
         sets
     }
 
-    /// What dependencies and groups can do at best and at worst.
+    /// The best and the worst possible effect of dependencies and groups.
     fn possibilities(&mut self, situations: &[Situation]) {
         let pictures: Vec<(Picture, Picture)> = situations
             .iter()
@@ -249,7 +249,7 @@ impl Look<'_> {
                 self.dependency(situations, &pictures, holder, (index, dependency));
             }
         }
-        // Only what was looked at whole can be said of every situation.
+        // Statements about every situation require a complete examination.
         if self.complete {
             for id in (0..self.judge.model.groups.len() as u32).map(GroupId) {
                 self.never_ok(situations, &pictures, id);
@@ -287,12 +287,12 @@ impl Look<'_> {
         }
     }
 
-    /// A target that fails by itself, not because of what is behind it.
+    /// The target of a dependency that fails by itself, not because of a cause behind it.
     fn at_fault(&self, picture: &Picture, dependency: &Dependency) -> bool {
         dependency.targets().iter().any(|&target| !picture.of(target).blocked)
     }
 
-    /// Whether something depends on the node or on what is inside of it.
+    /// Whether any dependency names the node or a node inside it.
     fn is_needed(&self, node: NodeId) -> bool {
         let inside = |target: NodeId| {
             target == node || self.judge.around(target).any(|group| NodeId::Group(group) == node)
@@ -324,7 +324,7 @@ impl Look<'_> {
         self.judge.members[id.0 as usize].is_empty() && !self.judge.discovers(id)
     }
 
-    /// A group that is relevant sometimes and OK never, if no member of it says the same.
+    /// A group that is sometimes relevant and never OK, if none of its members has the same finding.
     fn never_ok(&mut self, situations: &[Situation], pictures: &[(Picture, Picture)], id: GroupId) {
         let node = NodeId::Group(id);
         let never = |node: NodeId| {
@@ -350,7 +350,7 @@ impl Look<'_> {
         self.findings.push(Finding { node, what: What::NeverOk { why }, example });
     }
 
-    /// Conditions against what is around them, each with the signals of its own surroundings.
+    /// Conditions against those of the enclosing groups, each with the signals of its own surroundings.
     fn conditions(&mut self) {
         let mut never: BTreeSet<GroupId> = BTreeSet::new();
         for node in self.judge.nodes().collect::<Vec<_>>() {
@@ -381,7 +381,7 @@ impl Look<'_> {
         }
     }
 
-    /// Countermeasures that wait for nodes which never count in their stages.
+    /// Countermeasures for nodes that are never relevant in their stages.
     fn rules(&mut self) {
         let model = self.judge.model;
         for (index, rule) in model.driving.countermeasures.iter().enumerate() {

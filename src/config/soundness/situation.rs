@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use crate::engine::mask::rules;
 use crate::engine::model::{ACTIVE_SIGNAL, Model, POSED_SIGNAL, Stage, StageModel, When};
 
-/// A stage, and what conditions see of each of the model's signals; `None` is unknown.
+/// A stage, and the value of each of the model's signals for conditions; `None` is unknown.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Situation {
     pub stage: Stage,
@@ -20,7 +20,7 @@ impl Situation {
         rules::unmet(when, self.stage, self.posed, |index| self.signals[index]).is_none()
     }
 
-    /// For people: `stage standby, doors true, active unknown`.
+    /// As text: `stage standby, doors true, active unknown`.
     pub fn describe(&self, model: &Model) -> String {
         let mut text = format!("stage {}", self.stage.as_str());
         if self.stage == Stage::Localizing && whens(model).any(|when| when.posed.is_some()) {
@@ -34,7 +34,7 @@ impl Situation {
     }
 }
 
-/// The signals that the model's conditions name.
+/// The signals in the model's conditions.
 pub fn named_in(model: &Model) -> BTreeSet<usize> {
     named(whens(model))
 }
@@ -44,12 +44,12 @@ fn whens(model: &Model) -> impl Iterator<Item = &When> {
     groups.chain(model.modules.iter().filter_map(|module| module.when.as_ref()))
 }
 
-/// The signals that these conditions name.
+/// The signals in these conditions.
 pub fn named<'a>(whens: impl IntoIterator<Item = &'a When>) -> BTreeSet<usize> {
     whens.into_iter().flat_map(|when| when.signals.iter().map(|(index, _)| *index)).collect()
 }
 
-/// All situations in which the named signals take every value that they can; `None` if there are more than `most`.
+/// All combinations of the possible values of these signals; `None` if there are more than `most`.
 pub fn all(model: &Model, named: &BTreeSet<usize>, unknown_too: bool, most: usize) -> Option<Vec<Situation>> {
     let stages: &[Stage] = match model.stages {
         StageModel::Shuttle => &Stage::ALL,
@@ -80,7 +80,7 @@ pub fn all(model: &Model, named: &BTreeSet<usize>, unknown_too: bool, most: usiz
     Some(situations)
 }
 
-/// Only while the vehicle is being localized the pose may be there or not.
+/// Only while localizing can the pose be given or not.
 fn with_posed(stage: Stage, asked: bool) -> impl Iterator<Item = (Stage, bool)> {
     let values: &[bool] = match stage {
         Stage::Locked => &[false],
@@ -91,7 +91,7 @@ fn with_posed(stage: Stage, asked: bool) -> impl Iterator<Item = (Stage, bool)> 
     values.iter().map(move |&posed| (stage, posed))
 }
 
-/// What conditions can see of a signal in a stage.
+/// The possible values of a signal for conditions in a stage.
 fn values(model: &Model, index: usize, stage: Stage, unknown_too: bool) -> Vec<Option<bool>> {
     let spec = &model.signals[index];
     let makes_the_stage = &*spec.name == ACTIVE_SIGNAL && model.stages == StageModel::Shuttle;
@@ -100,8 +100,8 @@ fn values(model: &Model, index: usize, stage: Stage, unknown_too: bool) -> Vec<O
         (true, _) => vec![Some(false)],
         (false, _) => vec![Some(false), Some(true)],
     };
-    // Before its first sample it is unknown, and after its timeout; but what never came did not make
-    // the vehicle active, and an event that did not come is known to be absent.
+    // Before its first sample and after its timeout a signal is unknown; but an unknown signal cannot have made
+    // the vehicle active, and an event without a message counts as false.
     let can_be_unknown = spec.present_for.is_none()
         && (spec.timeout.is_some() || !(makes_the_stage && stage == Stage::Active));
     if unknown_too && can_be_unknown {

@@ -5,7 +5,7 @@ use crate::config::describe::places::Places;
 use crate::engine::model::{Model, NodeId};
 use crate::yaml::{Problem, Span};
 
-/// A finding in words, where it is written.
+/// A finding as a problem, with its place.
 pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
     let node = finding.node;
     let place = places.of(node);
@@ -154,7 +154,7 @@ fn dead(model: &Model, why: Dead) -> String {
     }
 }
 
-/// Whose limit or name it is.
+/// The owner of the limit or the name.
 fn owner(model: &Model, node: NodeId, signal: Option<usize>) -> String {
     match signal.and_then(|index| model.signals.get(index)) {
         Some(signal) => format!("signal `{}`", signal.name),

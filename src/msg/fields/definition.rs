@@ -1,4 +1,4 @@
-//! The text of a message definition, `Name.msg`, as ROS 2 writes it.
+//! Parses a message definition, `Name.msg`, of ROS 2.
 
 /// The type of a member that is not a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,11 +73,12 @@ pub struct Member {
 /// Members of one message; no message has more.
 const MEMBERS_MAX: usize = 1000;
 
-/// The members of a message of this package, in order. Constants and default values are skipped, because
-/// they are not on the wire.
+/// The members of a message of this package, in order. Constants and default values are skipped, because they
+/// are not on the wire.
 ///
 /// # Errors
-/// The first line that does not belong into a definition.
+///
+/// The first line that is not part of a definition.
 pub fn parse(package: &str, text: &str) -> Result<Vec<Member>, String> {
     let mut members: Vec<Member> = Vec::new();
     for (number, line) in text.lines().enumerate() {

@@ -46,7 +46,7 @@ pub struct Library<'a> {
     open: Vec<Box<str>>,
 }
 
-/// Why a type cannot be used, and what to do about it.
+/// The reason why a type cannot be used, and a help.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TypeError {
     pub text: String,

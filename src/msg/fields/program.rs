@@ -1,4 +1,4 @@
-//! Compiled paths: what to skip in a message, and what to read then.
+//! Compiled paths: the parts of a message to skip, and the value to read.
 
 mod range;
 
@@ -13,7 +13,7 @@ use crate::engine::model::monitors::{FieldKind, ScalarKind};
 use crate::engine::model::sample::{FieldValue, Pose};
 use crate::msg::cdr::{Fault, Reader};
 
-/// Nobody compares a longer string with a value.
+/// Longer texts are not read: a longer text is never compared with a value.
 const TEXT_BYTES_MAX: usize = 4096;
 
 #[derive(Debug, Clone)]
@@ -62,7 +62,7 @@ pub enum Miss {
     Fault(Fault),
     /// The wanted element is missing: this message is about others.
     Absent,
-    /// The field is there, and its value cannot be used.
+    /// The field exists, but its value cannot be used.
     Refused(String),
 }
 

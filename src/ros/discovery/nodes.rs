@@ -34,7 +34,7 @@ pub struct Nodes {
     announced: BTreeMap<Guid, Announcement>,
     /// The writers that exist now. A writer that comes back may not announce again.
     present: BTreeSet<Guid>,
-    /// Full names of the services that somebody serves.
+    /// Full names of the services that a node serves.
     services: BTreeSet<Box<str>>,
 }
 
@@ -98,7 +98,7 @@ impl Nodes {
         self.missing(now, || format!("no node {whole} is announced"))
     }
 
-    /// Whether somebody serves a service, by its name with namespace, `/ns/name`.
+    /// Whether a node serves a service, by its name with namespace, `/ns/name`.
     pub fn ask_service(&self, name: &str, now: Timestamp) -> ProbeOutcome {
         let whole = format!("/{}", name.trim_start_matches('/'));
         if self.services.contains(&*whole) {
@@ -118,8 +118,8 @@ impl Nodes {
     }
 }
 
-/// The services that somebody serves, from the topics of the readers and writers that discovery knows. A
-/// client has reader and writer the other way round, and one of both alone answers nobody.
+/// The services that a node serves, from the topics of the readers and writers that discovery knows. A client
+/// has reader and writer the other way round, and one of both alone serves nothing.
 pub fn services<'a>(
     readers: impl Iterator<Item = (&'a str, Guid)>,
     writers: impl Iterator<Item = (&'a str, Guid)>,

@@ -27,8 +27,8 @@ const RESOLVING: Duration = Duration::from_millis(500);
 /// The lease of the announcement, as the library sets it. The library renews it more often.
 const LEASE_S: u32 = 60;
 const VENDOR: [u8; 2] = [0x01, 0x12];
-/// Announcer and detector of participants, publications, subscriptions and topics, and the messages that
-/// say that a participant lives (RTPS 2.5, 9.3.2.12), as the library has them.
+/// Announcer and detector of participants, publications, subscriptions and topics, and the messages that assert
+/// a participant's liveliness (RTPS 2.5, 9.3.2.12), as the library has them.
 const BUILTIN_ENDPOINTS: u32 = 0b1111_0011_1111;
 
 /// Announces until it is dropped.

@@ -112,7 +112,7 @@ async fn listen(
     }
 }
 
-/// The writers of announcements that discovery knows, and the services that somebody serves.
+/// The writers of announcements that discovery knows, and the services that a node serves.
 fn seen(seen: &Seen) -> (BTreeSet<Guid>, BTreeSet<Box<str>>) {
     let announcing = seen.writers_of(TOPIC).map(|writer| writer.guid).collect();
     let readers = seen.readers().map(|reader| (&*reader.topic, reader.guid));

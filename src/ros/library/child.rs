@@ -1,8 +1,8 @@
 //! The DDS process: the only place that touches the DDS library. It executes orders, and passes received
 //! samples and discovered endpoints up as bytes.
 //!
-//! A packet from the network can make the library take all memory or hang. So it runs in a process of its
-//! own, and `watch` looks at it from outside.
+//! A packet from the network can make the library take all memory or hang. So it runs in a process of its own,
+//! and `watch` checks it from outside.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::future::poll_fn;

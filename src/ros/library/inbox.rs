@@ -59,7 +59,7 @@ pub struct Shared {
     ended: watch::Sender<Option<Ended>>,
     /// The process is gone.
     over: watch::Sender<bool>,
-    /// How often the process said that it lives, and the newest of these beats that it heard itself.
+    /// The number of the process's beats, and the newest beat that it heard itself.
     pub beats: AtomicU64,
     pub heard: AtomicU64,
 }

@@ -1,9 +1,9 @@
 //! The DDS library, in a process of its own: one for each participant.
 //!
 //! One forged packet can make the library take all memory or hang for ever. So it runs in a child process of
-//! the same program (`child`), which has a limit on its memory, is looked at from outside (`watch`) and is
-//! ended when it is ill; a new participant then takes its place, as after any other fault of one. Samples and
-//! what is discovered come over a socket (`wire`) and are decoded here, by the same code as ever.
+//! the same program (`child`) with a memory limit. `watch` checks it from outside and ends it when it is ill;
+//! then a new participant replaces it. Samples and discovered endpoints come over a socket (`wire`) and are
+//! decoded in the main process.
 
 mod canary;
 mod child;
@@ -40,7 +40,7 @@ use inbox::Shared;
 pub use qos::Quality;
 use qos::Via;
 
-/// How often the DDS process says that it lives.
+/// The interval of the DDS process's beats.
 const BEAT: Duration = Duration::from_millis(250);
 /// Bytes of samples of one reader that are under way or wait to be taken here. The library keeps the rest,
 /// and drops the oldest if that is too much.

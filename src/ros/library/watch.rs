@@ -1,5 +1,5 @@
-//! Watches a DDS process from outside: whether it says that it lives, hears itself through the network, and
-//! keeps to its memory limit. An ill process is ended.
+//! Watches a DDS process from outside: whether it sends beats, hears itself through the network, and keeps to
+//! its memory limit. An ill process is ended.
 
 use std::io;
 use std::os::fd::OwnedFd;

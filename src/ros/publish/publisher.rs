@@ -181,7 +181,7 @@ impl Publisher {
         seen.readers_of(&topic).any(|reader| reader.type_name == type_name && reader.takes(quality))
     }
 
-    /// Whether the participant is unusable: its process was ill or has died. A new publisher is due then.
+    /// Whether the participant is unusable: its process was ill or has died. Then a new publisher is due.
     pub fn has_stopped(&self) -> bool {
         self.participant.has_ended()
     }

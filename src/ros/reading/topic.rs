@@ -274,7 +274,7 @@ impl Topic {
         if inputs.is_empty() {
             inputs.push(Input::Tick);
         }
-        // The first of them answers for what the message takes.
+        // The first of them accounts for the size of the message.
         let mut body_bytes = bytes;
         for mut input in inputs {
             if let (StampClock::Ros, Input::Sample(sample)) = (self.subscription.stamps, &mut input) {

@@ -133,7 +133,7 @@ fn literal(value: &FieldValue) -> String {
         FieldValue::Number(number) => number.to_string(),
         FieldValue::Bool(value) => value.to_string(),
         FieldValue::Text(text) => format!("'{text}'"),
-        // No configuration can say these.
+        // No configuration can contain these.
         FieldValue::Pose(_) | FieldValue::Positions(_) | FieldValue::Absent | FieldValue::Unreadable(_) => {
             String::new()
         }

@@ -1,4 +1,4 @@
-//! Whether anybody listens to the requests to the vehicle: the matching readers that discovery knows.
+//! Whether the requests to the vehicle have matching readers, from discovery.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

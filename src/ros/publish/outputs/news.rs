@@ -1,4 +1,4 @@
-//! Tells the engine what could not be sent to the vehicle, and when it can be sent again.
+//! Reports to the engine which outputs could not be sent to the vehicle, and when they can be sent again.
 
 use super::{Ground, OutputTopic};
 use crate::engine::input::{Input, OutputNews};
@@ -6,7 +6,7 @@ use crate::engine::model::output::{Output, Publication};
 use crate::msg::received::Stamped;
 use crate::ros::PublishError;
 
-/// Whether the engine was told. A full queue must not keep the vehicle waiting.
+/// Whether the engine received it. A full queue must not delay the vehicle.
 pub fn tell(ground: &Ground, output: Output, topic: &str, error: Option<PublishError>) -> bool {
     if let Some(error) = &error {
         tracing::error!("{error}");
