@@ -12,7 +12,7 @@ use crate::clock::Clock;
 use crate::engine::Engine;
 use crate::engine::input::{Input, OperatorAction, Refusal, Response};
 use crate::engine::model::{Model, Stage};
-use crate::engine::restart::foresee::Foreseen;
+use crate::engine::restart::preview::Preview;
 use crate::engine::restart::resume::Restored;
 use crate::engine::snapshot::{Countermeasure, Snapshot};
 use crate::engine::time::{Span, Timestamp};
@@ -62,7 +62,7 @@ pub struct Command {
 #[derive(Debug)]
 pub struct Rehearsal {
     pub action: OperatorAction,
-    pub reply: oneshot::Sender<Result<Foreseen, Vec<Refusal>>>,
+    pub reply: oneshot::Sender<Result<Preview, Vec<Refusal>>>,
 }
 
 /// Another configuration for the engine, to be taken whole. What was wrong with it was said before.
@@ -153,7 +153,7 @@ fn run(mut engine: Engine, clock: Clock, records: Option<SyncSender<Vec<Record>>
     let (publish, snapshots) = watch::channel(first);
     let turns = broadcast::Sender::new(TURN_QUEUE);
     let mut turn = Loop {
-        led: engine.led(),
+        requests: engine.requests(),
         turns: turns.clone(),
         published_seq: engine.seq(),
         published_revision: engine.revision(),
@@ -182,7 +182,7 @@ struct Loop {
     clock: Clock,
     publish: watch::Sender<Published>,
     turns: broadcast::Sender<Published>,
-    led: (Stage, Arc<[Countermeasure]>),
+    requests: (Stage, Arc<[Countermeasure]>),
     published_seq: u64,
     published_revision: u64,
     published_at: Timestamp,
@@ -205,7 +205,7 @@ impl Loop {
                 rehearsal = rehearsals.recv() => match rehearsal {
                     Some(Rehearsal { action, reply }) => {
                         // Who asked may have gone; nothing has happened.
-                        let _ = reply.send(self.engine.foresee(&action, self.clock.now()));
+                        let _ = reply.send(self.engine.preview(&action, self.clock.now()));
                     }
                     None => return,
                 },
@@ -262,11 +262,11 @@ impl Loop {
     }
 
     fn tell_turn(&mut self) {
-        let led = self.engine.led();
-        if led.0 == self.led.0 && Arc::ptr_eq(&led.1, &self.led.1) {
+        let requests = self.engine.requests();
+        if requests.0 == self.requests.0 && Arc::ptr_eq(&requests.1, &self.requests.1) {
             return;
         }
-        self.led = led;
+        self.requests = requests;
         // Nobody may listen, as in a test.
         let _ = self.turns.send(Published { snapshot: self.engine.snapshot(), at: self.clock.wall() });
     }

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 use super::{EXIT_NO, EXIT_USAGE, fields, graph};
 use crate::config::describe::words;
-use crate::config::soundness::{Soundness, What};
+use crate::config::soundness::{FindingKind, Soundness};
 use crate::config::{self, Loaded};
 use crate::engine::model::{Combine, Dependency, GroupId, Model, NodeId, Stage, StageModel, When};
 use crate::engine::stage::machine::{Guard, TRANSITIONS, Transition};
@@ -106,7 +106,7 @@ fn json(ok: bool, problems: Option<&Problems>, assumed: &[String]) -> String {
 /// The exit code. Only a fault of the engine's own rules is an error; a vehicle runs with all other
 /// findings.
 fn judged(args: &Args, found: &Soundness) -> u8 {
-    let fault = found.findings.iter().any(|finding| finding.what == What::Unexplained);
+    let fault = found.findings.iter().any(|finding| finding.what == FindingKind::Unexplained);
     match (fault, args.strict && !found.findings.is_empty()) {
         (true, _) => EXIT_USAGE,
         (false, true) => EXIT_NO,
@@ -120,7 +120,7 @@ fn soundness_text(found: &Soundness) -> String {
         count => format!("{count} states of the modules"),
     };
     let looked = format!("{} with {pictures}", words::counted(found.situations, "situation"));
-    let claim = match found.findings.iter().any(|finding| finding.what == What::Unexplained) {
+    let claim = match found.findings.iter().any(|finding| finding.what == FindingKind::Unexplained) {
         true => "a node can be masked without a cause in sight",
         false => "whatever is masked has a cause in sight",
     };

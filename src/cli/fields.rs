@@ -5,7 +5,7 @@ mod beyond;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-use crate::config::{Examined, Loaded, Place, expression};
+use crate::config::{Examined, Loaded, ModelPlace, expression};
 use crate::engine::model::monitors::{
     AgreementRule, Condition, MonitorSpec, ScalarKind, TopicId, ValueRule, ValueSource,
 };
@@ -58,7 +58,7 @@ pub fn check(loaded: &Loaded, definitions: &Definitions) -> Option<Problems> {
         let error = definitions.boolean(&source.type_name, &source.field).err()?;
         let field = error.path.is_some();
         let (text, help) = about(&source.topic, error);
-        Some((if field { Place::SignalField(index) } else { Place::SignalType(index) }, text, help))
+        Some((if field { ModelPlace::SignalField(index) } else { ModelPlace::SignalType(index) }, text, help))
     });
     let topics = &loaded.model.watched.topics;
     // Where the type is left out, nothing is known before somebody publishes.
@@ -75,7 +75,7 @@ pub fn check(loaded: &Loaded, definitions: &Definitions) -> Option<Problems> {
         errors.into_iter().map(move |error| {
             let field = spec.fields.iter().position(|field| Some(&field.path) == error.path.as_ref());
             let (text, help) = about(&spec.topic, error);
-            (field.map_or(Place::Type(id), |field| Place::Field(id, field as u32)), text, help)
+            (field.map_or(ModelPlace::Type(id), |field| ModelPlace::Field(id, field as u32)), text, help)
         })
     });
     loaded.problems(signals.chain(monitors).chain(Kinds { model: &loaded.model, kinds, ranges }.misfits()))
@@ -118,7 +118,7 @@ struct Kinds<'m> {
 
 impl Kinds<'_> {
     /// Monitors whose rule can never judge what their fields are.
-    fn misfits(&self) -> Vec<(Place, String, String)> {
+    fn misfits(&self) -> Vec<(ModelPlace, String, String)> {
         let mut found = Vec::new();
         for (id, module) in (0..).map(ModuleId).zip(&self.model.modules) {
             let mut problems = match &module.monitor {
@@ -144,14 +144,15 @@ impl Kinds<'_> {
             found.extend(
                 problems
                     .into_iter()
-                    .map(|(text, help)| (Place::Module(id), format!("module `{name}`: {text}"), help)),
+                    .map(|(text, help)| (ModelPlace::Module(id), format!("module `{name}`: {text}"), help)),
             );
         }
         for (index, signal) in self.model.signals.iter().enumerate() {
             let Some(condition) = signal.source.condition() else { continue };
             let problems = self.unanswered(condition).into_iter().chain(self.beyond(condition));
-            let named =
-                |(text, help)| (Place::SignalField(index), format!("signal `{}`: {text}", signal.name), help);
+            let named = |(text, help)| {
+                (ModelPlace::SignalField(index), format!("signal `{}`: {text}", signal.name), help)
+            };
             found.extend(problems.map(named));
         }
         found

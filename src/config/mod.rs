@@ -10,7 +10,7 @@ mod resolve;
 pub mod soundness;
 
 pub use describe::difference::{Change, Difference, difference};
-pub use describe::places::Place;
+pub use describe::places::ModelPlace;
 
 use std::collections::HashSet;
 use std::io::Read;
@@ -61,8 +61,11 @@ impl Loaded {
 
     /// Problems that the definitions of messages show: each with its place, a sentence without a full stop, and
     /// a help.
-    pub fn problems(&self, found: impl IntoIterator<Item = (Place, String, String)>) -> Option<Problems> {
-        let problem = |(place, text, help): (Place, String, String)| {
+    pub fn problems(
+        &self,
+        found: impl IntoIterator<Item = (ModelPlace, String, String)>,
+    ) -> Option<Problems> {
+        let problem = |(place, text, help): (ModelPlace, String, String)| {
             let problem = self.places.span(place).map(|span| Problem::at(span, text.as_str()));
             let whole = || Problem { file: None, ..Problem::of_file("the configuration", &text, "") };
             problem.unwrap_or_else(whole).help(help)

@@ -15,11 +15,11 @@ const EVENTS_MAX: usize = 65_536;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Event {
     pub at: Timestamp,
-    pub what: What,
+    pub what: EventKind,
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub enum What {
+pub enum EventKind {
     /// A node's shown state, its own state behind that, or the `cause` that masks it has changed.
     Shown {
         node: NodeId,
@@ -77,7 +77,7 @@ impl Events {
         self.list.get_or_insert_default();
     }
 
-    pub(super) fn push(&mut self, at: Timestamp, what: What) {
+    pub(super) fn push(&mut self, at: Timestamp, what: EventKind) {
         let Some(list) = &mut self.list else { return };
         if list.len() >= EVENTS_MAX {
             let half = list.len() / 2;
@@ -90,12 +90,15 @@ impl Events {
     /// The nodes of the waiting events.
     pub(super) fn nodes(&self) -> impl Iterator<Item = NodeId> {
         let of = |event: &Event| match event.what {
-            What::Shown { node, cause, .. } => [Some(node), cause],
-            What::AlarmMoved { symptom, cause, .. } => [Some(symptom), Some(cause)],
-            What::AlarmRaised { node, .. }
-            | What::AlarmAcknowledged { node, .. }
-            | What::AlarmCleared { node, .. } => [Some(node), None],
-            What::Stage { .. } | What::Signal { .. } | What::Left { .. } | What::Reloaded => [None, None],
+            EventKind::Shown { node, cause, .. } => [Some(node), cause],
+            EventKind::AlarmMoved { symptom, cause, .. } => [Some(symptom), Some(cause)],
+            EventKind::AlarmRaised { node, .. }
+            | EventKind::AlarmAcknowledged { node, .. }
+            | EventKind::AlarmCleared { node, .. } => [Some(node), None],
+            EventKind::Stage { .. }
+            | EventKind::Signal { .. }
+            | EventKind::Left { .. }
+            | EventKind::Reloaded => [None, None],
         };
         self.list.iter().flatten().flat_map(of).flatten()
     }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 pub use super::action::{AlarmRef, OperatorAction, Place, Refusal, Response};
 pub use super::discovery::{NodeOf, WriterId, WriterList};
-use super::model::sample::{Probe, Sample, TopicNews};
+use super::model::sample::{Probe, PublisherReport, Sample};
 use super::state::State;
 use super::text::Text;
 
@@ -23,16 +23,16 @@ pub enum Input {
     /// A message of a topic that a monitor watches.
     Sample(Sample),
     /// The publishers of a topic that a monitor watches; sent at the start and at each change.
-    Topic(TopicNews),
+    Topic(PublisherReport),
     /// The result of a watchdog's probe.
     Probe(Probe),
     /// A fault of the reception itself.
     Reception(ReceptionTrouble),
     /// Whether an output to the vehicle could be sent; sent at each change.
-    Output(OutputNews),
+    Output(OutputReport),
     /// Whether an output to the vehicle has a reader; sent at each change. Until the first one, a reader is
     /// assumed.
-    Listened(ListenNews),
+    Listened(ListenerReport),
     /// Whether another program publishes the same aggregated diagnosis; sent at each change.
     Aggregator {
         /// The topic and the other program; `None`: there is none.
@@ -93,7 +93,7 @@ pub enum TroubleKind {
 
 /// Whether an output to the vehicle could be sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct OutputNews {
+pub struct OutputReport {
     pub output: Output,
     /// The ROS name: `/telltale/clearance`.
     pub topic: Box<str>,
@@ -103,7 +103,7 @@ pub struct OutputNews {
 
 /// Whether an output to the vehicle has a reader.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ListenNews {
+pub struct ListenerReport {
     pub output: Output,
     /// The ROS name: `/telltale/maneuver_stop_request`.
     pub topic: Box<str>,

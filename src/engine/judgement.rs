@@ -4,8 +4,8 @@ use super::Engine;
 use super::input::StatusArray;
 use super::mask::net::Net;
 use super::model::ModuleId;
-use super::model::sample::{Probe, Sample, TopicNews};
-use super::monitor::feeds::{Purpose, Told};
+use super::model::sample::{Probe, PublisherReport, Sample};
+use super::monitor::feeds::{Judgement, Purpose};
 use super::state::State;
 use super::time::Timestamp;
 use super::timers::TimerKey;
@@ -14,7 +14,7 @@ use super::timers::TimerKey;
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Received<'a> {
     Sample(&'a Sample),
-    Topic(&'a TopicNews),
+    Topic(&'a PublisherReport),
     Probe(&'a Probe),
 }
 
@@ -68,7 +68,7 @@ impl Engine {
             return false;
         }
         let by_the_clock = self.watching.by_the_clock(index);
-        let Told { state, changed, words, aged, due } =
+        let Judgement { state, changed, words, aged, due } =
             self.watching.judge(index, self.net.policy(id), self.now);
         if let Some(due) = due {
             self.timers.arm(TimerKey::Monitor(index), due);

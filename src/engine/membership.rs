@@ -4,12 +4,12 @@
 //! So the list is never longer than the largest number of simultaneous modules and of those that alarms and
 //! countermeasures name.
 
-use super::module::names::Place;
+use super::module::names::NewModule;
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::Arc;
 
 use super::Engine;
-use super::event::What;
+use super::event::EventKind;
 use super::mask::net::Net;
 use super::mask::node::{GroupNode, ModuleKind, ModuleNode, UNSEEN, new_node};
 use super::model::{Dependency, GroupId, ModuleId, NodeId, Policy};
@@ -50,7 +50,7 @@ impl Engine {
             let module = self
                 .overflow
                 .module(group)
-                .unwrap_or_else(|| self.make(&Place::of(group), ModuleKind::Overflow, overflow::MODULE));
+                .unwrap_or_else(|| self.make(&NewModule::of(group), ModuleKind::Overflow, overflow::MODULE));
             let message =
                 self.overflow.count(group, module, self.model.limits.discovered_modules, claim.too_long);
             self.net.report(module, State::Warning, self.now);
@@ -65,13 +65,13 @@ impl Engine {
             self.names.set_lacking(route, !claim.dropped_by.is_empty() || !left_out.is_empty());
         }
         if known.is_none() && route.is_some() {
-            let unclaimed = claim.places == [Place::of(self.net.other_group())];
+            let unclaimed = claim.places == [NewModule::of(self.net.other_group())];
             self.compare_new_name(name, unclaimed);
         }
         route
     }
 
-    pub(super) fn make(&mut self, place: &Place, kind: ModuleKind, name: &str) -> ModuleId {
+    pub(super) fn make(&mut self, place: &NewModule, kind: ModuleKind, name: &str) -> ModuleId {
         let status = (kind == ModuleKind::Discovered).then(|| Arc::from(name));
         let name = self.views.free_name(place.group, name);
         let slot = self.departed.named.remove(&name).or_else(|| self.free_slot());
@@ -117,7 +117,7 @@ impl Engine {
             let name = self.views.leave(id);
             self.names.forget(id);
             self.warnings.forget(id);
-            self.events.push(self.now, What::Left { node: name.clone() });
+            self.events.push(self.now, EventKind::Left { node: name.clone() });
             self.departed.named.insert(name, id);
         }
         for id in std::mem::take(&mut self.net.forgotten) {
@@ -144,7 +144,7 @@ impl Engine {
             return;
         }
         // References to it are restored later: until then no index is free.
-        let id = self.net.discover(&Place::of(group), ModuleKind::Discovered, None, self.now);
+        let id = self.net.discover(&NewModule::of(group), ModuleKind::Discovered, None, self.now);
         self.views.discover(id, group, (name.clone(), 0), (None, None), self.now);
         self.net.remove(id);
         self.net.left.retain(|&left| left != id);
@@ -210,12 +210,12 @@ impl Net {
     /// own, so it stands just before its group in the order.
     pub(super) fn discover(
         &mut self,
-        place: &Place,
+        place: &NewModule,
         kind: ModuleKind,
         slot: Option<ModuleId>,
         now: Timestamp,
     ) -> ModuleId {
-        let &Place { group, filter } = place;
+        let &NewModule { group, filter } = place;
         self.arrivals += 1;
         let made = (kind == ModuleKind::Discovered).then_some(now);
         let module = ModuleNode {

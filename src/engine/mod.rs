@@ -42,14 +42,14 @@ use module::contradictions::Disputes;
 use module::names::Names;
 use module::overflow::Overflow;
 use module::system::{ReceptionCheck, SystemCheck};
-use module::writers::Voice;
+use module::writers::WriterReport;
 use monitor::feeds::Watching;
 use react::alarms::Alarms;
 use react::held::Countermeasures;
 use react::warnings::Warnings;
 use signals::Signals;
 use snapshot::{Counters, Snapshot};
-use stage::advance::{Told, localization_group};
+use stage::advance::{VehicleFaults, localization_group};
 use stage::machine::Vehicle;
 use state::State;
 use text::Text;
@@ -73,11 +73,11 @@ pub struct Engine {
     alarms: Alarms,
     warnings: Warnings,
     countermeasures: Countermeasures,
-    told: Told,
+    vehicle_faults: VehicleFaults,
     /// After a start, the time until which no component has to report whether the vehicle drives.
     active_by: Timestamp,
     /// Something changed that the stage or a request may depend on.
-    led: bool,
+    vehicle_changed: bool,
     timers: Timers,
     overflow: Overflow,
     departed: Departed,
@@ -128,9 +128,9 @@ impl Engine {
             alarms: Alarms::default(),
             warnings: Warnings::default(),
             countermeasures: Countermeasures::new(&model),
-            told: Told::default(),
+            vehicle_faults: VehicleFaults::default(),
             active_by: now,
-            led: true,
+            vehicle_changed: true,
             timers: Timers::default(),
             overflow: Overflow::default(),
             departed: Departed::default(),
@@ -245,7 +245,7 @@ impl Engine {
             TimerKey::Disputes => self.judge_disputes(),
             // `settle` evaluates them.
             TimerKey::Localization | TimerKey::Countermeasures | TimerKey::Active | TimerKey::Searched => {
-                self.led = true;
+                self.vehicle_changed = true;
             }
             TimerKey::Monitor(index) => {
                 self.judge_monitor(index, false);
@@ -283,7 +283,7 @@ impl Engine {
         for index in touched.drain(..) {
             let route = &self.names.routes[index as usize];
             let status = array.get(route.position as usize);
-            let voice = Voice { writer: array.writer(), state: status.state(), at: self.now };
+            let voice = WriterReport { writer: array.writer(), state: status.state(), at: self.now };
             if self.restricts(index) || !self.names.routes[index as usize].voices.hear_alone(voice) {
                 self.take_disputed(index, status, voice, number);
                 continue;
@@ -334,7 +334,7 @@ impl Engine {
     fn settle(&mut self) {
         self.say_cut();
         self.follow_changes();
-        while self.turn_monitors() || self.lead() {
+        while self.turn_monitors() || self.follow_vehicle() {
             self.follow_changes();
         }
         if let Some(breach) = self.breach() {
@@ -344,7 +344,7 @@ impl Engine {
         if self.hear_awaited() {
             self.follow_alarms();
         }
-        self.show_lead();
+        self.show_vehicle();
         self.views.settle(&self.vehicle, &self.net);
     }
 
@@ -364,7 +364,7 @@ impl Engine {
         for change in &changes {
             self.causes.note(&self.net, change);
             self.countermeasures.note(change);
-            self.led |= self.warnings.note(&self.net, change);
+            self.vehicle_changed |= self.warnings.note(&self.net, change);
             self.views.follow(&self.net, change, self.now);
             if let NodeId::Module(id) = change.node {
                 self.watching.note_relevance(id, change.after.relevant);

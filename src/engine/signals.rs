@@ -3,7 +3,7 @@
 pub(super) mod driving_word;
 
 use super::Engine;
-use super::event::What;
+use super::event::EventKind;
 use super::model::{ACTIVE_SIGNAL, SignalSpec, Stage, StageModel};
 use super::time::Timestamp;
 use super::timers::TimerKey;
@@ -19,19 +19,19 @@ pub(super) struct Signals {
     /// The signal that the stages follow, if there is one.
     active: Option<usize>,
     specs: Vec<SignalSpec>,
-    values: Vec<Value>,
+    values: Vec<PresentSignal>,
 }
 
 /// The last value of a signal, and its time.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Heard {
+pub(super) struct SignalSample {
     pub(super) is: bool,
     /// For a condition over several inputs, the time of the oldest.
     pub(super) at: Timestamp,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
-struct Value {
+struct PresentSignal {
     last: Option<(bool, Timestamp)>,
     /// The value that conditions see now.
     seen: Option<bool>,
@@ -39,7 +39,7 @@ struct Value {
 
 impl Signals {
     pub(super) fn new(specs: &[SignalSpec]) -> Signals {
-        let value = |spec: &SignalSpec| Value {
+        let value = |spec: &SignalSpec| PresentSignal {
             last: None,
             // An event that has not come counts as false.
             seen: spec.present_for.map(|_| false),
@@ -80,7 +80,7 @@ impl Signals {
 
     /// Sets the value that conditions see until the next sample, however long that takes.
     pub(super) fn assume(&mut self, index: usize, value: bool) {
-        self.values[index] = Value { last: None, seen: Some(value) };
+        self.values[index] = PresentSignal { last: None, seen: Some(value) };
     }
 
     /// Uses an event up: it counts as not received. Returns whether the value for conditions changed.
@@ -94,14 +94,14 @@ impl Signals {
 
     /// Takes a sample of the signal that the vehicle drives; samples may contradict each other. `expected`: the
     /// vehicle was cleared. Returns whether the value for conditions changed.
-    pub(super) fn take_active(&mut self, value: Heard, expected: bool, now: Timestamp) -> bool {
+    pub(super) fn take_active(&mut self, value: SignalSample, expected: bool, now: Timestamp) -> bool {
         let Some(index) = self.active else { return false };
         self.drive.take(value.is, self.value(index) == Some(true), expected, now);
         self.take(index, value, now)
     }
 
     /// Takes a sample. Returns whether the value for conditions changed.
-    pub(super) fn take(&mut self, index: usize, value: Heard, now: Timestamp) -> bool {
+    pub(super) fn take(&mut self, index: usize, value: SignalSample, now: Timestamp) -> bool {
         self.values[index].last = Some((value.is, value.at));
         self.refresh(index, now)
     }
@@ -141,13 +141,13 @@ impl Engine {
             self.counters.unknown_signals += 1;
             return;
         };
-        self.take_heard(index, Heard { is: value, at: self.now });
+        self.take_heard(index, SignalSample { is: value, at: self.now });
     }
 
     /// Evaluates the condition of a signal after an input. Returns whether anything follows from it.
     pub(super) fn judge_condition(&mut self, watch: u32, index: usize) -> bool {
         let timeout = self.model.signals[index].timeout;
-        let is_known = |heard: &Heard| timeout.is_none_or(|timeout| self.now < heard.at + timeout);
+        let is_known = |heard: &SignalSample| timeout.is_none_or(|timeout| self.now < heard.at + timeout);
         let Some(holds) = self.watching.condition(watch, self.now).filter(is_known) else {
             let changed = self.signals.lose(index);
             self.signal_changed(index, changed);
@@ -156,10 +156,10 @@ impl Engine {
         // An event happens with its message, whatever the age of the other inputs.
         let is_event = self.model.signals[index].present_for.is_some();
         let at = if is_event { self.now } else { holds.at };
-        self.take_heard(index, Heard { at, ..holds }) || Some(index) == self.active_signal
+        self.take_heard(index, SignalSample { at, ..holds }) || Some(index) == self.active_signal
     }
 
-    fn take_heard(&mut self, index: usize, heard: Heard) -> bool {
+    fn take_heard(&mut self, index: usize, heard: SignalSample) -> bool {
         let changed = match self.vehicle.model {
             StageModel::Shuttle if Some(index) == self.active_signal => {
                 let cleared = self.vehicle.stage == Stage::Cleared;
@@ -175,16 +175,16 @@ impl Engine {
         if let Some(due) = self.signals.due(index, self.now) {
             self.timers.arm(TimerKey::Signal(index as u32), due);
         }
-        self.led |= Some(index) == self.active_signal;
+        self.vehicle_changed |= Some(index) == self.active_signal;
         if !changed {
             return;
         }
         let value = self.signals.value(index);
-        self.events.push(self.now, What::Signal { index, value });
+        self.events.push(self.now, EventKind::Signal { index, value });
         if Some(index) == self.active_signal {
             self.take_active(value);
         }
-        self.led = true;
+        self.vehicle_changed = true;
         self.net.mark_conditions(self.vehicle.stage);
         self.views.set_signals(&self.signals);
     }

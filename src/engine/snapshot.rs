@@ -373,13 +373,13 @@ pub struct Localization {
     /// It was OK for long enough.
     pub done: bool,
     /// The vehicle drove before it was localized: without a localization there is no clearance.
-    pub owed: bool,
+    pub skipped: bool,
 }
 
 impl Localization {
     /// The operator has to localize, or the pose is not confirmed yet: there is no clearance.
     pub fn is_open(&self) -> bool {
-        (self.given.is_some() || self.owed) && !self.done
+        (self.given.is_some() || self.skipped) && !self.done
     }
 }
 

@@ -5,7 +5,7 @@ mod untyped;
 use std::sync::Arc;
 
 use super::cdr::Endian;
-use super::fields::{BooleanReader, Definitions, EventReader, FieldError, FieldsError, Miss, Reader};
+use super::fields::{BooleanReader, Definitions, EventReader, FieldError, FieldsError, NoValue, Reader};
 use super::messages::{self, DIAGNOSTIC_ARRAY};
 use super::ros_clock;
 use super::sample_bytes::Guid;
@@ -56,7 +56,7 @@ pub struct Subscription {
     /// The clock of its stamps.
     pub stamps: StampClock,
     signals: Vec<Signal>,
-    watch: Option<Watch>,
+    watch: Option<WatchedFields>,
     /// The wanted fields, if the type must be learned; nothing is read until then.
     untyped: Option<Arc<Untyped>>,
     limits: Limits,
@@ -78,14 +78,14 @@ enum Meaning {
 
 /// The fields that monitors watch.
 #[derive(Debug, Clone)]
-struct Watch {
+struct WatchedFields {
     spec: Arc<TopicSpec>,
     reader: Reader,
 }
 
 /// The time of publication, relative to our reader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum When {
+pub enum PublicationTime {
     Now,
     /// After our reader was made, and before we knew its publisher: its value is used, but it is neither
     /// counted nor timed.
@@ -103,7 +103,7 @@ pub struct Received<'a> {
     pub writer: Guid,
     /// By this machine's wall clock, since 1970.
     pub wall_ns: i64,
-    pub when: When,
+    pub when: PublicationTime,
 }
 
 impl Plan {
@@ -137,7 +137,7 @@ impl Plan {
             let reader = definitions
                 .check(spec)
                 .map_err(|why| SubscriptionError::Fields { topic: spec.topic.clone(), why })?;
-            subscription.watch = Some(Watch { spec: spec.clone(), reader });
+            subscription.watch = Some(WatchedFields { spec: spec.clone(), reader });
         }
         all.extend(untyped::subscriptions(model, definitions));
         let subscriptions =
@@ -211,7 +211,7 @@ impl Subscription {
     /// be judged as late.
     pub fn wants_last_value(&self) -> bool {
         self.signals.iter().any(|signal| matches!(signal.meaning, Meaning::Level(_)))
-            || self.watch.as_ref().is_some_and(Watch::wants_last_value)
+            || self.watch.as_ref().is_some_and(WatchedFields::wants_last_value)
     }
 
     /// The fields that monitors watch of this topic.
@@ -221,21 +221,21 @@ impl Subscription {
     }
 
     /// The inputs that a message of this topic means, and its faults.
-    pub fn decode(&self, received: Received<'_>) -> (Vec<Input>, Option<Miss>) {
+    pub fn decode(&self, received: Received<'_>) -> (Vec<Input>, Option<NoValue>) {
         let mut inputs = Vec::with_capacity(1);
-        if received.when == When::Past {
+        if received.when == PublicationTime::Past {
             inputs.extend(self.watch.as_ref().map(|watch| Input::Sample(watch.past(received.wall_ns))));
             return (inputs, None);
         }
-        let mut wrong = received.body.as_ref().err().cloned().map(Miss::Fault);
+        let mut wrong = received.body.as_ref().err().cloned().map(NoValue::Fault);
         let readable = received.body.as_ref().ok().map(|(body, endian)| (&**body, *endian));
         if let Some((body, endian)) = readable {
-            let history = received.when == When::Kept;
+            let history = received.when == PublicationTime::Kept;
             self.decode_readable((body, endian, received.writer), history, &mut inputs, &mut wrong);
         }
         if let Some(watch) = &self.watch {
             let sample = match received.when {
-                When::Kept if !watch.wants_last_value() => watch.past(received.wall_ns),
+                PublicationTime::Kept if !watch.wants_last_value() => watch.past(received.wall_ns),
                 _ => watch.sample(received, &mut wrong),
             };
             inputs.push(Input::Sample(sample));
@@ -248,7 +248,7 @@ impl Subscription {
         (body, endian, writer): (&[u8], Endian, Guid),
         history: bool,
         inputs: &mut Vec<Input>,
-        wrong: &mut Option<Miss>,
+        wrong: &mut Option<NoValue>,
     ) {
         if let Some(prefix) = self.diagnostics.as_ref().filter(|_| !history) {
             let (array, fault) = messages::diagnostic_array(body, endian, &self.limits);
@@ -258,7 +258,7 @@ impl Subscription {
             if !array.is_empty() || fault.is_none() {
                 inputs.push(Input::Diagnostics(array.said_by(WriterId(writer))));
             }
-            *wrong = fault.map(Miss::Fault);
+            *wrong = fault.map(NoValue::Fault);
         }
         for signal in &self.signals {
             let value = match &signal.meaning {
@@ -269,31 +269,31 @@ impl Subscription {
             };
             match value {
                 Ok(value) => inputs.push(Input::Signal { name: signal.name.clone(), value }),
-                Err(Miss::Absent) => {}
+                Err(NoValue::Absent) => {}
                 Err(why) => *wrong = Some(why),
             }
         }
     }
 }
 
-impl Watch {
+impl WatchedFields {
     fn wants_last_value(&self) -> bool {
         !self.spec.fields.is_empty() && !self.spec.stamp
     }
 
-    fn sample(&self, received: Received<'_>, wrong: &mut Option<Miss>) -> Sample {
+    fn sample(&self, received: Received<'_>, wrong: &mut Option<NoValue>) -> Sample {
         let reading = match received.body {
             Ok((body, endian)) => self.reader.read(body, *endian),
             Err(fault) => self.reader.unreadable(fault),
         };
         if let Some(fault) = reading.fault {
-            *wrong = Some(Miss::Fault(fault));
+            *wrong = Some(NoValue::Fault(fault));
         }
         Sample {
             source: self.spec.clone(),
             stamp_ns: reading.stamp_ns,
             received_wall_ns: received.wall_ns,
-            late: received.when != When::Now,
+            late: received.when != PublicationTime::Now,
             values: reading.values,
         }
     }

@@ -37,12 +37,12 @@ use crate::msg::messages::GidSize;
 use crate::msg::received::Stamped;
 use crate::msg::ros_clock::RosClock;
 use crate::msg::subscription::Plan;
-use discovery::graph::{Siblings, Tallies};
+use discovery::graph::{MessageCounts, OwnParticipants};
 use futures_util::FutureExt as _;
 use library::Participant;
 use outbox::{End, stopped};
-use probe::Kennel;
-use session::{Ground, Legacy};
+use probe::ProbeContext;
+use session::{BridgeContext, Carryover};
 
 /// For the log's filter: the library writes a line for each forged packet, so anybody could fill the disk
 /// with them. The bridge logs the important errors itself.
@@ -70,7 +70,7 @@ pub struct Graph {
     pub gid_size: watch::Receiver<Option<GidSize>>,
     pub discovery: watch::Receiver<Arc<Discovery>>,
     /// Our other participants, whose endpoints are our own.
-    siblings: Siblings,
+    siblings: OwnParticipants,
 }
 
 /// A running bridge. It ends when it is dropped; [`Bridge::shutdown`] also waits for that.
@@ -82,7 +82,7 @@ pub struct Bridge {
     plan: watch::Sender<Arc<Plan>>,
     definitions: Definitions,
     gid_size: watch::Receiver<Option<GidSize>>,
-    siblings: Siblings,
+    siblings: OwnParticipants,
     task: JoinHandle<()>,
 }
 
@@ -108,10 +108,11 @@ pub async fn start(
     let definitions = options.definitions.clone();
     let (nodes, known_nodes) = watch::channel(Nodes::default());
     let (seen, discovery) = watch::channel(Arc::default());
-    let kennel = Kennel { inputs: inputs.clone(), nodes: known_nodes, discovery: discovery.clone(), clock };
+    let kennel =
+        ProbeContext { inputs: inputs.clone(), nodes: known_nodes, discovery: discovery.clone(), clock };
     let (learn, gid_size) = watch::channel(options.gid_size);
-    let siblings = Siblings::default();
-    let ground = Ground {
+    let siblings = OwnParticipants::default();
+    let ground = BridgeContext {
         options,
         plan: planned,
         inputs,
@@ -120,7 +121,7 @@ pub async fn start(
         clock,
         stop: stopping,
         discovery: Arc::new(seen),
-        tallies: Tallies::default(),
+        tallies: MessageCounts::default(),
         siblings: siblings.clone(),
         ros_clock: RosClock::default(),
         rebuild: rebuilding,
@@ -183,8 +184,8 @@ impl Bridge {
     }
 }
 
-async fn run(mut participant: Participant, ground: Ground) {
-    let mut legacy = Legacy::default();
+async fn run(mut participant: Participant, ground: BridgeContext) {
+    let mut legacy = Carryover::default();
     let mut down = false;
     loop {
         let started = ground.clock.now();
@@ -231,7 +232,7 @@ async fn settled(participant: &Participant) {
 }
 
 /// Reports whether the vehicle can be heard. Returns whether the report was received.
-async fn tell_of_dds(ground: &Ground, fault: Option<&str>) -> bool {
+async fn tell_of_dds(ground: &BridgeContext, fault: Option<&str>) -> bool {
     let input = Input::Dds { fault: fault.map(Box::from) };
     let said = ground.inputs.send(Stamped::new(input, ground.clock.now()));
     let mut stop = ground.stop.clone();
@@ -242,7 +243,7 @@ async fn tell_of_dds(ground: &Ground, fault: Option<&str>) -> bool {
 }
 
 /// Tries again after `pause` until there is a participant, or the bridge is to end.
-async fn reopen(ground: &Ground, mut pause: Duration, down: &mut bool) -> Option<Participant> {
+async fn reopen(ground: &BridgeContext, mut pause: Duration, down: &mut bool) -> Option<Participant> {
     let mut stop = ground.stop.clone();
     let mut told = false;
     loop {

@@ -8,7 +8,7 @@ use tokio::sync::{mpsc, watch};
 use tokio::task::{JoinError, JoinSet};
 
 use super::discovery::graph;
-use super::discovery::graph::{Siblings, Tallies};
+use super::discovery::graph::{MessageCounts, OwnParticipants};
 use super::discovery::nodes::Nodes;
 use super::discovery::peers;
 use super::discovery::presence;
@@ -20,7 +20,7 @@ use super::options::interfaces::AddressWatch;
 use super::outbox::{End, stopped};
 use super::reading::clock_step::StepWatch;
 use super::reading::learning::Learning;
-use super::reading::topic::{Memory, Orders, Surroundings, Topic};
+use super::reading::topic::{Memory, Orders, Topic, TopicContext};
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
 use crate::msg::messages;
@@ -33,7 +33,7 @@ use crate::msg::subscription::{Plan, Subscription};
 const LOOK: Duration = Duration::from_millis(250);
 
 /// State that lives as long as the bridge.
-pub struct Ground {
+pub struct BridgeContext {
     pub options: BridgeOptions,
     /// Changes at every new configuration.
     pub plan: watch::Receiver<Arc<Plan>>,
@@ -46,8 +46,8 @@ pub struct Ground {
     pub stop: watch::Receiver<bool>,
     /// The graph from discovery, and the number of received messages.
     pub discovery: Arc<watch::Sender<Arc<Discovery>>>,
-    pub tallies: Tallies,
-    pub siblings: Siblings,
+    pub tallies: MessageCounts,
+    pub siblings: OwnParticipants,
     pub ros_clock: RosClock,
     /// Changes when somebody asks for a new participant.
     pub rebuild: watch::Receiver<u64>,
@@ -58,16 +58,16 @@ type Key = (String, String);
 
 /// State that a participant leaves to the next one.
 #[derive(Default)]
-pub struct Legacy {
+pub struct Carryover {
     memories: BTreeMap<Key, Memory>,
 }
 
 /// Reads until the end. When it returns, the readers and everything else that holds the participant are
 /// gone.
-pub async fn run(participant: &Participant, ground: &Ground, legacy: &mut Legacy) -> End {
+pub async fn run(participant: &Participant, ground: &BridgeContext, legacy: &mut Carryover) -> End {
     let _announcer = peers::announce(participant, &ground.options);
     let (stop, stopping) = watch::channel(false);
-    let around = Surroundings {
+    let around = TopicContext {
         participant: participant.clone(),
         inputs: ground.inputs.clone(),
         clock: ground.clock,
@@ -85,7 +85,7 @@ pub async fn run(participant: &Participant, ground: &Ground, legacy: &mut Legacy
     let mut topics = Topics::start(around, &first, legacy);
     let presence = tokio::spawn(presence::run(
         participant.clone(),
-        presence::Surroundings {
+        presence::PresenceContext {
             nodes: ground.nodes.clone(),
             gid_size: ground.gid_size.clone(),
             clock: ground.clock,
@@ -124,7 +124,7 @@ struct Topics {
     running: BTreeMap<Key, Running>,
     /// Topics whose type is not known yet.
     learning: Learning,
-    around: Surroundings,
+    around: TopicContext,
 }
 
 struct Running {
@@ -133,7 +133,7 @@ struct Running {
 }
 
 impl Topics {
-    fn start(around: Surroundings, plan: &Plan, legacy: &mut Legacy) -> Topics {
+    fn start(around: TopicContext, plan: &Plan, legacy: &mut Carryover) -> Topics {
         let learning = Learning::new(around.inputs.clone(), around.clock);
         let mut topics = Topics { tasks: JoinSet::new(), running: BTreeMap::new(), learning, around };
         for subscription in &topics.typed(plan) {
@@ -159,13 +159,13 @@ impl Topics {
     }
 
     /// Reads the topics whose type a publisher has announced now.
-    fn learn(&mut self, legacy: &mut Legacy) {
+    fn learn(&mut self, legacy: &mut Carryover) {
         for subscription in &self.learning.look(&self.around.participant) {
             self.add(subscription, legacy);
         }
     }
 
-    fn add(&mut self, subscription: &Arc<Subscription>, legacy: &mut Legacy) {
+    fn add(&mut self, subscription: &Arc<Subscription>, legacy: &mut Carryover) {
         let key = key(subscription);
         let memory = legacy.memories.remove(&key).unwrap_or_else(Memory::new);
         let topic = Topic::new(subscription.clone(), self.around.clone(), memory);
@@ -182,7 +182,7 @@ impl Topics {
     ///
     /// # Errors
     /// That needs a new participant.
-    async fn follow(&mut self, plan: &Plan, legacy: &mut Legacy) -> Result<(), End> {
+    async fn follow(&mut self, plan: &Plan, legacy: &mut Carryover) -> Result<(), End> {
         let subscriptions = self.typed(plan);
         let wanted: BTreeSet<Key> = subscriptions.iter().map(|subscription| key(subscription)).collect();
         let gone = self.running.keys().filter(|key| !wanted.contains(*key)).cloned().collect::<Vec<_>>();
@@ -219,10 +219,10 @@ impl Topics {
 
 async fn watch_over(
     participant: &Participant,
-    ground: &Ground,
+    ground: &BridgeContext,
     mut plan: watch::Receiver<Arc<Plan>>,
     topics: &mut Topics,
-    legacy: &mut Legacy,
+    legacy: &mut Carryover,
 ) -> End {
     let mut news = participant.news();
     let clock = ground.clock;
@@ -270,7 +270,7 @@ fn lost(ended: Ended) -> End {
 }
 
 /// Keeps the memory of an ended topic. A task that panicked, in the library, leaves none.
-fn keep(legacy: &mut Legacy, ended: Result<(Key, Memory, End), JoinError>) -> End {
+fn keep(legacy: &mut Carryover, ended: Result<(Key, Memory, End), JoinError>) -> End {
     match ended {
         Ok((key, memory, end)) => {
             legacy.memories.insert(key, memory);

@@ -1,6 +1,6 @@
 //! Compares what a scenario expects with what the engine shows.
 
-use super::scenario::{What, seconds, why_of, why_word};
+use super::scenario::{Expected, seconds, why_of, why_word};
 use crate::engine::model::NodeId;
 use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::snapshot::{NotRelevant, Reason, Snapshot};
@@ -9,18 +9,18 @@ use crate::engine::state::State;
 /// Subject, expected, got, why.
 pub(super) type Difference = (String, String, String, Option<String>);
 
-pub(super) fn compare(snapshot: &Snapshot, alarms: u64, what: &What) -> Result<(), Difference> {
+pub(super) fn compare(snapshot: &Snapshot, alarms: u64, what: &Expected) -> Result<(), Difference> {
     let plain = |subject: &str, expected: String, got: String| equal(subject.into(), expected, got, || None);
     match what {
-        What::Stage(stage) => plain("the stage", stage.as_str().into(), snapshot.stage.as_str().into()),
-        What::Overall(state) => plain("the vehicle", state.to_string(), snapshot.overall.to_string()),
-        What::Alarms(count) => plain("the number of alarms", count.to_string(), alarms.to_string()),
-        What::Countermeasure(kind) => {
+        Expected::Stage(stage) => plain("the stage", stage.as_str().into(), snapshot.stage.as_str().into()),
+        Expected::Overall(state) => plain("the vehicle", state.to_string(), snapshot.overall.to_string()),
+        Expected::Alarms(count) => plain("the number of alarms", count.to_string(), alarms.to_string()),
+        Expected::Countermeasure(kind) => {
             let word = |kind: Option<RequestKind>| kind.map_or("none", RequestKind::as_str).to_owned();
             let got = snapshot.countermeasure().map(|it| it.request.kind());
             plain("the countermeasure", word(*kind), word(got))
         }
-        What::ActiveAlarms(wanted) => {
+        Expected::ActiveAlarms(wanted) => {
             let active = snapshot.alarms.iter().filter(|alarm| alarm.active);
             let got: Vec<String> =
                 active.map(|alarm| format!("{} at {}", alarm.id, snapshot.node_name(alarm.node))).collect();
@@ -28,20 +28,24 @@ pub(super) fn compare(snapshot: &Snapshot, alarms: u64, what: &What) -> Result<(
                 wanted.iter().map(|(number, node)| format!("{number} at {node}")).collect();
             plain("the active alarms", list(&wanted), list(&got))
         }
-        What::Ranking(names) => {
+        Expected::Ranking(names) => {
             let got: Vec<&str> = snapshot.roots.iter().map(|root| &**snapshot.node_name(root.node)).collect();
             plain("the ranking of root causes", list(names), list(&got))
         }
-        What::Shown(name, state) => {
+        Expected::Shown(name, state) => {
             of_node(snapshot, "", name, state.to_string(), |node| snapshot.shown(node).0.to_string())
         }
-        What::Own(name, state) => of_node(snapshot, "the own state of ", name, state.to_string(), |node| {
-            snapshot.own(node).to_string()
-        }),
-        What::Why(name, why) => of_node(snapshot, "the reason of ", name, why_word(*why).into(), |node| {
-            why_word(why_of(snapshot.shown(node).1)).into()
-        }),
-        What::Counts(name, ok, counted) => {
+        Expected::Own(name, state) => {
+            of_node(snapshot, "the own state of ", name, state.to_string(), |node| {
+                snapshot.own(node).to_string()
+            })
+        }
+        Expected::Why(name, why) => {
+            of_node(snapshot, "the reason of ", name, why_word(*why).into(), |node| {
+                why_word(why_of(snapshot.shown(node).1)).into()
+            })
+        }
+        Expected::Counts(name, ok, counted) => {
             of_node(snapshot, "the count of ", name, format!("{ok}/{counted}"), |node| match node {
                 NodeId::Group(id) => {
                     let view = snapshot.group(id).1;
@@ -50,7 +54,7 @@ pub(super) fn compare(snapshot: &Snapshot, alarms: u64, what: &What) -> Result<(
                 NodeId::Module(_) => "a module, which counts nothing".into(),
             })
         }
-        What::Roots(name, names) => {
+        Expected::Roots(name, names) => {
             let sorted = |mut names: Vec<&str>| {
                 names.sort_unstable();
                 list(&names)

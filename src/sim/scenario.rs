@@ -72,12 +72,12 @@ pub struct Repeat {
 pub struct Expectation {
     pub span: yaml::Span,
     pub at: Timestamp,
-    pub what: What,
+    pub what: Expected,
 }
 
 /// Nodes by their names on the wire; they may be discovered only while the scenario runs.
 #[derive(Debug, Clone, PartialEq)]
-pub enum What {
+pub enum Expected {
     Stage(Stage),
     Overall(State),
     Shown(String, State),
@@ -86,7 +86,7 @@ pub enum What {
     Roots(String, Vec<String>),
     /// All root causes, worst first.
     Ranking(Vec<String>),
-    Why(String, Why),
+    Why(String, IgnoreReason),
     /// Members that show OK, of the counted members.
     Counts(String, u32, u32),
     /// Alarms raised since the start; an alarm that moved to its cause counts once.
@@ -99,7 +99,7 @@ pub enum What {
 
 /// Why a node shows IGNORE, if it does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Why {
+pub enum IgnoreReason {
     None,
     Masked,
     NotRelevant,
@@ -124,7 +124,7 @@ pub struct Transition {
     pub at: Timestamp,
     pub node: Arc<str>,
     pub state: State,
-    pub why: Why,
+    pub why: IgnoreReason,
     /// The state that it would show if nothing were masked.
     pub own: State,
     /// Its causes if it is masked, by rank.
@@ -141,7 +141,7 @@ pub struct SignalChange {
 
 /// An alarm of a symptom that moved to its cause.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Moved {
+pub struct AlarmMove {
     pub at: Timestamp,
     pub symptom: Arc<str>,
     pub cause: Arc<str>,
@@ -154,7 +154,7 @@ pub struct Outcome {
     /// In order of time; the first changes are the initial states.
     pub transitions: Vec<Transition>,
     pub signals: Vec<SignalChange>,
-    pub moved: Vec<Moved>,
+    pub moved: Vec<AlarmMove>,
     /// The number of alarms that were raised, and of sounds on a display.
     pub alarms: u64,
     pub sounds: usize,
@@ -207,12 +207,12 @@ pub fn without_dependencies(model: &Model) -> Model {
         .expect("groups that only contain each other have no cycle: parents stand before children")
 }
 
-type Shown = (State, Why, State);
+type ShownNode = (State, IgnoreReason, State);
 
 struct Run {
     engine: Engine,
     /// The last state of each node: groups, then modules.
-    shown: Vec<(NodeId, Shown)>,
+    shown: Vec<(NodeId, ShownNode)>,
     seq: Option<u64>,
     clock_offset_ns: i64,
     outcome: Outcome,
@@ -285,7 +285,7 @@ impl Run {
         let numbers = snapshot.alarms.iter().map(|alarm| alarm.id);
         self.outcome.sounds += snapshot.audible().iter().filter(|&&id| id > self.outcome.alarms).count();
         self.outcome.alarms = numbers.fold(self.outcome.alarms, u64::max);
-        let before: HashMap<NodeId, Shown> = self.shown.drain(..).collect();
+        let before: HashMap<NodeId, ShownNode> = self.shown.drain(..).collect();
         for node in nodes(&snapshot) {
             let (state, reason) = snapshot.shown(node);
             let shown = (state, why_of(reason), snapshot.own(node));
@@ -297,13 +297,13 @@ impl Run {
         for event in self.engine.take_events() {
             let at = event.at;
             match event.what {
-                event::What::Signal { index, value } => {
+                event::EventKind::Signal { index, value } => {
                     let name = snapshot.signals[index].0.clone();
                     self.outcome.signals.push(SignalChange { at, name, value });
                 }
-                event::What::AlarmMoved { symptom, cause, .. } => {
+                event::EventKind::AlarmMoved { symptom, cause, .. } => {
                     let name = |node| snapshot.node_name(node).clone();
-                    self.outcome.moved.push(Moved { at, symptom: name(symptom), cause: name(cause) });
+                    self.outcome.moved.push(AlarmMove { at, symptom: name(symptom), cause: name(cause) });
                 }
                 _ => {}
             }
@@ -336,19 +336,19 @@ fn nodes(snapshot: &Snapshot) -> impl Iterator<Item = NodeId> {
     groups.chain(snapshot.module_ids().map(NodeId::Module))
 }
 
-pub(super) fn why_of(reason: Option<&Reason>) -> Why {
+pub(super) fn why_of(reason: Option<&Reason>) -> IgnoreReason {
     match reason {
-        None => Why::None,
-        Some(Reason::Masked { .. }) => Why::Masked,
-        Some(Reason::NotRelevant(_)) => Why::NotRelevant,
+        None => IgnoreReason::None,
+        Some(Reason::Masked { .. }) => IgnoreReason::Masked,
+        Some(Reason::NotRelevant(_)) => IgnoreReason::NotRelevant,
     }
 }
 
-pub fn why_word(why: Why) -> &'static str {
+pub fn why_word(why: IgnoreReason) -> &'static str {
     match why {
-        Why::None => "none",
-        Why::Masked => "masked",
-        Why::NotRelevant => "not_relevant",
+        IgnoreReason::None => "none",
+        IgnoreReason::Masked => "masked",
+        IgnoreReason::NotRelevant => "not_relevant",
     }
 }
 

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::scenario::{Expectation, Figure, Repeat, Scenario, Step, What};
+use super::scenario::{Expectation, Expected, Figure, Repeat, Scenario, Step};
 use super::scenario_raw::{Action, Raw, RawExpect, RawFigure, RawStatus, RawStep};
 use super::scenario_sample;
 use crate::engine::input::{AlarmRef, Input, NodeOf, OperatorAction, StatusArray, WriterId, WriterList};
@@ -233,18 +233,24 @@ impl Bind<'_> {
         let Some(at) = raw.at else { return };
         for (span, what) in &raw.what {
             match what {
-                What::Shown(name, _) | What::Own(name, _) | What::Why(name, _) | What::Counts(name, ..) => {
+                Expected::Shown(name, _)
+                | Expected::Own(name, _)
+                | Expected::Why(name, _)
+                | Expected::Counts(name, ..) => {
                     self.check_node(name, *span, log);
                 }
-                What::Roots(name, names) => {
+                Expected::Roots(name, names) => {
                     self.check_node(name, *span, log);
                     names.iter().for_each(|name| self.check_node(name, *span, log));
                 }
-                What::Ranking(names) => names.iter().for_each(|name| self.check_node(name, *span, log)),
-                What::ActiveAlarms(alarms) => {
+                Expected::Ranking(names) => names.iter().for_each(|name| self.check_node(name, *span, log)),
+                Expected::ActiveAlarms(alarms) => {
                     alarms.iter().for_each(|(_, name)| self.check_node(name, *span, log));
                 }
-                What::Stage(_) | What::Overall(_) | What::Alarms(_) | What::Countermeasure(_) => {}
+                Expected::Stage(_)
+                | Expected::Overall(_)
+                | Expected::Alarms(_)
+                | Expected::Countermeasure(_) => {}
             }
             expectations.push(Expectation { span: *span, at, what: what.clone() });
         }
@@ -264,7 +270,7 @@ impl Bind<'_> {
         let mut nodes: Vec<String> = raw.nodes.iter().flatten().map(|name| name.value.clone()).collect();
         if raw.nodes.is_none() {
             for expectation in expectations {
-                if let What::Shown(name, _) | What::Own(name, _) = &expectation.what
+                if let Expected::Shown(name, _) | Expected::Own(name, _) = &expectation.what
                     && !nodes.contains(name)
                 {
                     nodes.push(name.clone());

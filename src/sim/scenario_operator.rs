@@ -29,9 +29,11 @@ pub(super) fn operator(node: &Node, log: &mut Log) -> Option<OperatorAction> {
     }
     found.extend(fields.optional("login").map(|name: String| OperatorAction::Login { name: name.into() }));
     found.extend(fields.optional("reset").map(|name: String| OperatorAction::Reset { module: name.into() }));
-    found.extend(fields.optional("localize").map(|Where(place)| OperatorAction::Localize { place }));
+    found.extend(fields.optional("localize").map(|LocalizeTarget(place)| OperatorAction::Localize { place }));
     found.extend(fields.optional("clearance").map(|Clearance(action)| action));
-    found.extend(fields.optional("acknowledge").map(|Alarm(alarm)| OperatorAction::Acknowledge { alarm }));
+    found.extend(
+        fields.optional("acknowledge").map(|AcknowledgeTarget(alarm)| OperatorAction::Acknowledge { alarm }),
+    );
     if !matches!(&node.kind, Kind::Mapping(entries) if entries.len() == 1) {
         let problem = Problem::at(node.span, "a step has one action of the operator");
         fields.log.push(problem.help("for example `operator: { login: operator }`"));
@@ -41,17 +43,17 @@ pub(super) fn operator(node: &Node, log: &mut Log) -> Option<OperatorAction> {
 }
 
 /// A stop, or `{ x: 1, y: 2, yaw_deg: 90 }`.
-struct Where(Place);
+struct LocalizeTarget(Place);
 
-impl FromNode for Where {
+impl FromNode for LocalizeTarget {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         if let Some(stop) = scalar(node) {
-            return Some(Where(Place::Stop(stop.into())));
+            return Some(LocalizeTarget(Place::Stop(stop.into())));
         }
         let mut fields = Fields::of(node, "a pose", log)?;
         let (x, y, yaw) = (fields.required("x"), fields.required("y"), fields.required("yaw_deg"));
         fields.finish();
-        Some(Where(Place::Pose { x_m: x?, y_m: y?, yaw_deg: yaw? }))
+        Some(LocalizeTarget(Place::Pose { x_m: x?, y_m: y?, yaw_deg: yaw? }))
     }
 }
 
@@ -81,12 +83,12 @@ impl FromNode for Clearance {
 }
 
 /// A number, a node, or the stop that the operator asked for.
-struct Alarm(AlarmRef);
+struct AcknowledgeTarget(AlarmRef);
 
-impl FromNode for Alarm {
+impl FromNode for AcknowledgeTarget {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let text = String::from_node(node, log)?;
-        Some(Alarm(match text.parse() {
+        Some(AcknowledgeTarget(match text.parse() {
             Ok(number) => AlarmRef::Number(number),
             Err(_) if text == OPERATOR_STOP => AlarmRef::OperatorStop,
             Err(_) => AlarmRef::Node(text.into()),

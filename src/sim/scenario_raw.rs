@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use super::scenario::{What, Why, why_word};
+use super::scenario::{Expected, IgnoreReason, why_word};
 use super::scenario_operator::operator;
 use super::scenario_sample::{RawListeners, RawProbe, RawPublishers, RawSample, Stamp};
 use crate::engine::input::OperatorAction;
@@ -290,7 +290,7 @@ fn level(node: &Node, log: &mut Log) -> Option<u8> {
 #[derive(Debug)]
 pub(super) struct RawExpect {
     pub at: Option<Timestamp>,
-    pub what: Vec<(Span, What)>,
+    pub what: Vec<(Span, Expected)>,
 }
 
 impl FromNode for RawExpect {
@@ -299,32 +299,32 @@ impl FromNode for RawExpect {
         let at = fields.required("at").map(|Seconds(at)| at);
         let mut what = Vec::new();
         if let Some(node) = fields.node("stage") {
-            what.extend(stage_word(node, fields.log).map(|stage| (node.span, What::Stage(stage))));
+            what.extend(stage_word(node, fields.log).map(|stage| (node.span, Expected::Stage(stage))));
         }
-        if let Some(overall) = fields.optional::<Spanned<Shown>>("overall") {
-            what.push((overall.span, What::Overall(overall.value.0)));
+        if let Some(overall) = fields.optional::<Spanned<StateWord>>("overall") {
+            what.push((overall.span, Expected::Overall(overall.value.0)));
         }
         for key in ["groups", "modules"] {
-            let states = each::<Shown>(&mut fields, key);
-            what.extend(states.map(|(span, name, Shown(state))| (span, What::Shown(name, state))));
+            let states = each::<StateWord>(&mut fields, key);
+            what.extend(states.map(|(span, name, StateWord(state))| (span, Expected::Shown(name, state))));
         }
-        let own = each::<Shown>(&mut fields, "own");
-        what.extend(own.map(|(span, name, Shown(state))| (span, What::Own(name, state))));
+        let own = each::<StateWord>(&mut fields, "own");
+        what.extend(own.map(|(span, name, StateWord(state))| (span, Expected::Own(name, state))));
         let roots = each::<Vec<String>>(&mut fields, "roots");
-        what.extend(roots.map(|(span, name, roots)| (span, What::Roots(name, roots))));
-        let reasons = each::<Why>(&mut fields, "reasons");
-        what.extend(reasons.map(|(span, name, why)| (span, What::Why(name, why))));
+        what.extend(roots.map(|(span, name, roots)| (span, Expected::Roots(name, roots))));
+        let reasons = each::<IgnoreReason>(&mut fields, "reasons");
+        what.extend(reasons.map(|(span, name, why)| (span, Expected::Why(name, why))));
         let counts = each::<Counts>(&mut fields, "counts");
-        what.extend(counts.map(|(span, name, Counts(ok, of))| (span, What::Counts(name, ok, of))));
+        what.extend(counts.map(|(span, name, Counts(ok, of))| (span, Expected::Counts(name, ok, of))));
         if let Some(ranking) = fields.optional::<Spanned<Vec<String>>>("ranking") {
-            what.push((ranking.span, What::Ranking(ranking.value)));
+            what.push((ranking.span, Expected::Ranking(ranking.value)));
         }
         if let Some(alarms) = fields.optional::<Spanned<u64>>("alarms") {
-            what.push((alarms.span, What::Alarms(alarms.value)));
+            what.push((alarms.span, Expected::Alarms(alarms.value)));
         }
         if let Some(alarms) = fields.optional::<Spanned<Entries<String>>>("active_alarms") {
             let named = alarms.value.0.into_iter().map(|(number, node)| (number.text, node));
-            what.push((alarms.span, What::ActiveAlarms(named.collect())));
+            what.push((alarms.span, Expected::ActiveAlarms(named.collect())));
         }
         if let Some(node) = fields.node("countermeasure") {
             let words = [("none", None), ("notify", Some(RequestKind::Notify))];
@@ -332,7 +332,7 @@ impl FromNode for RawExpect {
                 [RequestKind::ManeuverStop, RequestKind::Decelerate].map(|it| (it.as_str(), Some(it))),
             );
             let kind = word(node, fields.log, "countermeasure", &words.collect::<Vec<_>>());
-            what.extend(kind.map(|kind| (node.span, What::Countermeasure(kind))));
+            what.extend(kind.map(|kind| (node.span, Expected::Countermeasure(kind))));
         }
         if matches!(&node.kind, Kind::Mapping(entries) if entries.len() < 2) {
             let problem = Problem::at(fields.span(), "this expects nothing");
@@ -352,17 +352,18 @@ fn each<T: FromNode>(
     entries.0.into_iter().map(|(key, value)| (key.span, key.text, value))
 }
 
-struct Shown(State);
+struct StateWord(State);
 
-impl FromNode for Shown {
+impl FromNode for StateWord {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        word(node, log, "state", &State::ALL.map(|state| (state.as_str(), state))).map(Shown)
+        word(node, log, "state", &State::ALL.map(|state| (state.as_str(), state))).map(StateWord)
     }
 }
 
-impl FromNode for Why {
+impl FromNode for IgnoreReason {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        let words = [Why::None, Why::Masked, Why::NotRelevant].map(|why| (why_word(why), why));
+        let words = [IgnoreReason::None, IgnoreReason::Masked, IgnoreReason::NotRelevant]
+            .map(|why| (why_word(why), why));
         word(node, log, "reason", &words)
     }
 }

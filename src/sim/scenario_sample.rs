@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use crate::engine::input::{Input, ListenNews};
+use crate::engine::input::{Input, ListenerReport};
 use crate::engine::model::Model;
 use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::model::monitors::{FieldKind, ProbeTarget, TopicSpec};
 use crate::engine::model::output::Output;
 use crate::engine::model::sample::{
-    FieldValue, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, Sample, TopicNews,
+    FieldValue, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
 };
 use crate::engine::time;
 use crate::yaml::decode::{Entries, did_you_mean, word};
@@ -280,7 +280,7 @@ fn are_read(source: &TopicSpec) -> String {
 pub(super) fn publishers(raw: &RawPublishers, model: &Model, log: &mut Log) -> Option<Input> {
     let source = topic(&raw.topic, model, log)?.clone();
     let other_type = raw.other_type.as_deref().map(Into::into);
-    Some(Input::Topic(TopicNews { source, publishers: raw.count, other_type }))
+    Some(Input::Topic(PublisherReport { source, publishers: raw.count, other_type }))
 }
 
 /// One for each watchdog with this target.
@@ -323,5 +323,5 @@ pub(super) fn listeners(raw: &RawListeners, model: &Model, log: &mut Log) -> Opt
         Output::ManeuverStop => "/telltale/maneuver_stop_request",
         _ => "/telltale/deceleration_request",
     };
-    Some(Input::Listened(ListenNews { output, topic: topic.into(), heard: raw.count > 0 }))
+    Some(Input::Listened(ListenerReport { output, topic: topic.into(), heard: raw.count > 0 }))
 }

@@ -20,7 +20,7 @@ use crate::engine::model::sample::Pose;
 use crate::engine::time::{Span, Timestamp};
 pub use drive::Departure;
 use drive::Drive;
-use route::{Place, Route};
+use route::{Pose2d, Route};
 use statuses::Node;
 use topics::Topics;
 use world::World;
@@ -217,7 +217,7 @@ impl Shuttle {
         match order {
             Order::Localize(pose) => {
                 let now_ms = self.world.now_ms();
-                self.world.localizer.hint(Place::of_pose(&pose), now_ms);
+                self.world.localizer.hint(Pose2d::of_pose(&pose), now_ms);
             }
             Order::Clear(cleared) => self.world.drive.clear(cleared),
             Order::Decelerate(mps2) => self.world.drive.obedience.decelerate(mps2),

@@ -1,6 +1,6 @@
 //! The course of a run as strips of segments, for a figure.
 
-use super::scenario::{Figure, Outcome, SignalChange, Transition, Why};
+use super::scenario::{Figure, IgnoreReason, Outcome, SignalChange, Transition};
 use crate::engine::state::State;
 use crate::picture::figure::{MovedAlarm, Panel};
 use crate::picture::strips::{Segment, Strip, attribute, look, merged};
@@ -31,7 +31,7 @@ fn node_strip(name: &str, figure: &Figure, outcome: &Outcome) -> Strip {
         segments.push(Segment {
             from: change.at,
             to: next.map_or(figure.to, |next| next.at),
-            look: look(change.state, change.why == Why::Masked),
+            look: look(change.state, change.why == IgnoreReason::Masked),
             own: (change.state == State::Ignore).then_some(change.own),
             cause: change.causes.first().cloned(),
             said: None,

@@ -7,7 +7,7 @@ use tokio::time::timeout;
 
 use super::AppState;
 use crate::engine::input::{OperatorAction, Refusal, Response};
-use crate::engine::restart::foresee::Foreseen;
+use crate::engine::restart::preview::Preview;
 use crate::engine::time::Span;
 use crate::runtime::{self, Command, Published, Rehearsal};
 
@@ -39,7 +39,7 @@ impl AppState {
     ///
     /// # Errors
     /// If the engine does not answer.
-    pub async fn rehearse(&self, action: OperatorAction) -> Result<Result<Foreseen, Vec<Refusal>>, NoAnswer> {
+    pub async fn rehearse(&self, action: OperatorAction) -> Result<Result<Preview, Vec<Refusal>>, NoAnswer> {
         let (reply, answer) = oneshot::channel();
         let exchange = async {
             self.link.rehearsals.send(Rehearsal { action, reply }).await.map_err(|_| NoAnswer)?;

@@ -11,7 +11,7 @@ use tokio::time::{sleep, timeout};
 
 use super::AppState;
 use crate::engine::model::Stage;
-use crate::engine::restart::foresee::Foreseen;
+use crate::engine::restart::preview::Preview;
 use crate::runtime::Published;
 use crate::store::VehicleMemory;
 use crate::store::audit::{Action, Record, TELLTALE};
@@ -58,8 +58,8 @@ impl AppState {
     }
 
     /// The vehicle's state after an action, to be stored.
-    pub fn remembering(&self, foreseen: Foreseen) -> VehicleMemory {
-        VehicleMemory { seq: foreseen.seq, at: self.clock.wall(), vehicle: foreseen.vehicle }
+    pub fn remembering(&self, preview: Preview) -> VehicleMemory {
+        VehicleMemory { seq: preview.seq, at: self.clock.wall(), vehicle: preview.vehicle }
     }
 
     /// Whether what is granted can be written down.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use telltale::config;
 use telltale::engine::Engine;
-use telltale::engine::event::What;
+use telltale::engine::event::EventKind;
 use telltale::engine::input::{AlarmRef, Input, OperatorAction, StatusArray};
 use telltale::engine::model::{Model, NodeId};
 use telltale::engine::snapshot::Snapshot;
@@ -71,7 +71,7 @@ fn a_silent_module_leaves_with_a_record_and_its_name_may_come_again() {
     assert_eq!(names(&after), ["sensors//fixed/x"]);
     assert_eq!(after.node("sensors//sensors/trailer"), None);
     let events = engine.take_events();
-    assert!(events.iter().any(|it| matches!(it.what, What::AlarmCleared { id: 1, .. })));
+    assert!(events.iter().any(|it| matches!(it.what, EventKind::AlarmCleared { id: 1, .. })));
     let records: Vec<Recorded> =
         events.into_iter().filter_map(|event| Record::of(event, &after)).map(|it| it.what).collect();
     let left = Recorded::Left { node: "sensors//sensors/trailer".into() };

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use telltale::config;
 use telltale::engine::Engine;
-use telltale::engine::input::{AlarmRef, Input, OperatorAction, OutputNews, Place, Response, StatusArray};
+use telltale::engine::input::{AlarmRef, Input, OperatorAction, OutputReport, Place, Response, StatusArray};
 use telltale::engine::model::output::Output;
 use telltale::engine::model::{Model, Stage};
 use telltale::engine::snapshot::{Alarm, CountermeasureState, Snapshot};
@@ -67,7 +67,7 @@ impl Vehicle {
     }
 
     fn send(&mut self, output: Output, error: Option<&str>) {
-        let news = OutputNews { output, topic: "/t".into(), error: error.map(Box::from) };
+        let news = OutputReport { output, topic: "/t".into(), error: error.map(Box::from) };
         self.input(&Input::Output(news));
     }
 

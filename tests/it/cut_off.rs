@@ -8,7 +8,7 @@ use telltale::engine::Engine;
 use telltale::engine::input::{Input, StatusArray};
 use telltale::engine::model::Model;
 use telltale::engine::model::monitors::ProbeTarget;
-use telltale::engine::model::sample::{FieldValue, Probe, ProbeOutcome, Sample, TopicNews};
+use telltale::engine::model::sample::{FieldValue, Probe, ProbeOutcome, PublisherReport, Sample};
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State::{self, Error, Ok, Unknown, Warning};
 use telltale::engine::time::{Span, Timestamp};
@@ -45,7 +45,7 @@ impl Vehicle {
         let mut vehicle = Vehicle { engine, model, now: Timestamp::ZERO };
         for topic in ["/scan", "/dead"] {
             let source = vehicle.topic(topic);
-            vehicle.take(&Input::Topic(TopicNews { source, publishers: 1, other_type: None }));
+            vehicle.take(&Input::Topic(PublisherReport { source, publishers: 1, other_type: None }));
         }
         vehicle.report();
         vehicle.run(3000);

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use telltale::clock::Clock;
 use telltale::config;
 use telltale::engine::Engine;
-use telltale::engine::input::{Input, ListenNews, OperatorAction, Place, StatusArray};
+use telltale::engine::input::{Input, ListenerReport, OperatorAction, Place, StatusArray};
 use telltale::engine::model::Stage;
 use telltale::engine::model::output::Output;
 use telltale::engine::model::sample::Pose;
@@ -90,7 +90,7 @@ async fn told(inputs: &mut mpsc::Receiver<Stamped>, of: Output) -> bool {
     let next = async {
         loop {
             match inputs.recv().await.expect("the outputs run").input {
-                Input::Listened(ListenNews { output, heard, .. }) if output == of => return heard,
+                Input::Listened(ListenerReport { output, heard, .. }) if output == of => return heard,
                 _ => {}
             }
         }

@@ -9,7 +9,7 @@ use telltale::engine::input::{Input, TroubleKind};
 use telltale::engine::model::monitors::{
     FieldKind, FieldSpec, ProbeTarget, TopicSpec, WatchdogSpec, Watched,
 };
-use telltale::engine::model::sample::{FieldValue, Pose, ProbeOutcome, Sample, TopicNews};
+use telltale::engine::model::sample::{FieldValue, Pose, ProbeOutcome, PublisherReport, Sample};
 use telltale::engine::model::{Driving, Limits, Model, Parts, Policy, StageModel};
 use telltale::engine::text::Text;
 use telltale::engine::time::Span;
@@ -96,7 +96,7 @@ impl Watching {
         .await
     }
 
-    async fn news(&mut self, topic: &str, publishers: u32) -> TopicNews {
+    async fn news(&mut self, topic: &str, publishers: u32) -> PublisherReport {
         self.until(&format!("{publishers} publishers of {topic}"), |input| match input {
             Input::Topic(news) if *news.source.topic == *topic && news.publishers == publishers => {
                 Some(news.clone())

@@ -2,7 +2,7 @@
 
 use telltale::config;
 use telltale::engine::Engine;
-use telltale::engine::event::What;
+use telltale::engine::event::EventKind;
 use telltale::engine::input::{Input, StatusArray};
 use telltale::engine::model::NodeId;
 use telltale::engine::state::State;
@@ -110,7 +110,7 @@ fn an_input_that_is_too_old_is_said_once() {
         let (silent, events) = says(Input::Tick, 3000);
         assert_eq!(silent, "silent for 3 s");
         let said = events.iter().find_map(|event| match &event.what {
-            What::Shown { to: State::Error, said: Some(said), .. } => Some(said.words().into_owned()),
+            EventKind::Shown { to: State::Error, said: Some(said), .. } => Some(said.words().into_owned()),
             _ => None,
         });
         assert_eq!(said.as_deref(), Some("silent for 3 s"), "{events:?}");

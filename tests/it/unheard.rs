@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use telltale::config::{self, Loaded};
 use telltale::engine::Engine;
-use telltale::engine::input::{Input, ListenNews, OperatorAction, Refusal, Response, StatusArray};
+use telltale::engine::input::{Input, ListenerReport, OperatorAction, Refusal, Response, StatusArray};
 use telltale::engine::model::Stage;
 use telltale::engine::model::countermeasure::RequestKind;
 use telltale::engine::model::output::Output;
@@ -54,7 +54,7 @@ impl Vehicle {
     }
 
     fn listeners(&mut self, heard: bool) -> Arc<Snapshot> {
-        let news = ListenNews { output: Output::ManeuverStop, topic: TOPIC.into(), heard };
+        let news = ListenerReport { output: Output::ManeuverStop, topic: TOPIC.into(), heard };
         self.input(&Input::Listened(news));
         self.engine.snapshot()
     }

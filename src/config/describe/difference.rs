@@ -200,7 +200,7 @@ fn countermeasures(old: &Model, new: &Model, found: &mut Vec<Difference>) {
     }
 }
 
-type Facts = Vec<(&'static str, String)>;
+type DescribedParts = Vec<(&'static str, String)>;
 
 /// Compares two lists whose items have names.
 fn compare<M, T>(
@@ -208,7 +208,7 @@ fn compare<M, T>(
     (old_model, old): (&M, &[T]),
     (new_model, new): (&M, &[T]),
     key: fn(&T) -> &str,
-    facts: impl Fn(&M, &T) -> Facts,
+    facts: impl Fn(&M, &T) -> DescribedParts,
     found: &mut Vec<Difference>,
 ) {
     let before: HashMap<&str, &T> = old.iter().map(|item| (key(item), item)).collect();
@@ -238,7 +238,7 @@ fn compare<M, T>(
     }
 }
 
-fn changed(subject: &str, was: Facts, is: Facts, found: &mut Vec<Difference>) {
+fn changed(subject: &str, was: DescribedParts, is: DescribedParts, found: &mut Vec<Difference>) {
     let different = was.into_iter().zip(is).filter(|(was, is)| was != is);
     let details: Vec<String> =
         different.map(|((what, was), (_, is))| format!("{what} from {was} to {is}")).collect();

@@ -6,7 +6,7 @@ use crate::yaml::{Sources, Span};
 
 /// A part of the configuration that can only be checked with the definitions of messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
+pub enum ModelPlace {
     /// The type of a watched topic.
     Type(TopicId),
     /// The type of a watched topic, for its header stamp.
@@ -55,15 +55,15 @@ pub(in crate::config) struct NodePlace {
 }
 
 impl Places {
-    pub fn span(&self, place: Place) -> Option<Span> {
+    pub fn span(&self, place: ModelPlace) -> Option<Span> {
         let topic = |id: TopicId| self.topics.get(id.0 as usize);
         match place {
-            Place::Type(id) => topic(id).map(|topic| topic.type_name),
-            Place::Stamp(id) => topic(id).map(|topic| topic.stamp.unwrap_or(topic.name)),
-            Place::Field(id, field) => topic(id)?.fields.get(field as usize).copied(),
-            Place::SignalType(index) => self.signals.get(index).map(|(type_name, _)| *type_name),
-            Place::SignalField(index) => self.signals.get(index).map(|(_, field)| *field),
-            Place::Module(id) => self.modules.get(id.0 as usize).map(|module| module.id),
+            ModelPlace::Type(id) => topic(id).map(|topic| topic.type_name),
+            ModelPlace::Stamp(id) => topic(id).map(|topic| topic.stamp.unwrap_or(topic.name)),
+            ModelPlace::Field(id, field) => topic(id)?.fields.get(field as usize).copied(),
+            ModelPlace::SignalType(index) => self.signals.get(index).map(|(type_name, _)| *type_name),
+            ModelPlace::SignalField(index) => self.signals.get(index).map(|(_, field)| *field),
+            ModelPlace::Module(id) => self.modules.get(id.0 as usize).map(|module| module.id),
         }
     }
 

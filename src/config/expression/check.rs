@@ -44,38 +44,38 @@ const FUNCTIONS: [&str; 14] = [
 ];
 /// The type of a part of a condition, if it is known without values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum PartType {
     Truth,
     Number,
     Text,
     List,
 }
 
-impl Kind {
-    pub(super) fn of(kind: ScalarKind) -> Kind {
+impl PartType {
+    pub(super) fn of(kind: ScalarKind) -> PartType {
         match kind {
-            ScalarKind::Number => Kind::Number,
-            ScalarKind::Bool => Kind::Truth,
-            ScalarKind::Text => Kind::Text,
+            ScalarKind::Number => PartType::Number,
+            ScalarKind::Bool => PartType::Truth,
+            ScalarKind::Text => PartType::Text,
         }
     }
 
     /// `None`: no input has this type.
     pub(super) fn scalar(self) -> Option<ScalarKind> {
         match self {
-            Kind::Number => Some(ScalarKind::Number),
-            Kind::Truth => Some(ScalarKind::Bool),
-            Kind::Text => Some(ScalarKind::Text),
-            Kind::List => None,
+            PartType::Number => Some(ScalarKind::Number),
+            PartType::Truth => Some(ScalarKind::Bool),
+            PartType::Text => Some(ScalarKind::Text),
+            PartType::List => None,
         }
     }
 
     pub(super) fn as_str(self) -> &'static str {
         match self {
-            Kind::Truth => "a truth value",
-            Kind::Number => "a number",
-            Kind::Text => "a text",
-            Kind::List => "a list",
+            PartType::Truth => "a truth value",
+            PartType::Number => "a number",
+            PartType::Text => "a text",
+            PartType::List => "a list",
         }
     }
 }
@@ -84,9 +84,9 @@ pub(super) struct Check<'a> {
     text: &'a Spanned<String>,
     names: &'a [&'a str],
     /// The known type of each input.
-    known: &'a [Option<Kind>],
+    known: &'a [Option<PartType>],
     /// The type that the condition assumes for each input, from its use.
-    pub(super) taken: Vec<Option<Kind>>,
+    pub(super) taken: Vec<Option<PartType>>,
     info: &'a SourceInfo,
     log: &'a mut Log,
     pub(super) good: bool,
@@ -96,7 +96,7 @@ impl<'a> Check<'a> {
     pub(super) fn new(
         text: &'a Spanned<String>,
         names: &'a [&'a str],
-        known: &'a [Option<Kind>],
+        known: &'a [Option<PartType>],
         info: &'a SourceInfo,
         log: &'a mut Log,
     ) -> Check<'a> {
@@ -106,14 +106,14 @@ impl<'a> Check<'a> {
     /// Checks the whole condition, and turns all numbers into doubles.
     pub(super) fn condition(&mut self, whole: &mut IdedExpr) {
         let kind = self.walk(whole);
-        self.take(whole, Kind::Truth);
-        if self.good && !matches!(kind, None | Some(Kind::Truth)) {
+        self.take(whole, PartType::Truth);
+        if self.good && !matches!(kind, None | Some(PartType::Truth)) {
             self.problem(whole.id, "a condition must be true or false", "compare it: `... > 0`");
         }
     }
 
     /// A part is used as this type. If it is an input, that is its assumed type.
-    fn take(&mut self, part: &IdedExpr, kind: Kind) {
+    fn take(&mut self, part: &IdedExpr, kind: PartType) {
         let Expr::Ident(name) = &part.expr else { return };
         let Some(input) = self.names.iter().position(|known| *known == name) else { return };
         match self.taken[input].replace(kind) {
@@ -129,7 +129,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    fn walk(&mut self, part: &mut IdedExpr) -> Option<Kind> {
+    fn walk(&mut self, part: &mut IdedExpr) -> Option<PartType> {
         let id = part.id;
         match &mut part.expr {
             Expr::Literal(literal) => self.literal(id, literal),
@@ -142,7 +142,7 @@ impl<'a> Check<'a> {
                 list.elements.iter_mut().for_each(|element| {
                     self.walk(element);
                 });
-                Some(Kind::List)
+                Some(PartType::List)
             }
             Expr::Select(_) => {
                 self.problem(id, "an input has no members", "name the field in the input's `field`");
@@ -155,11 +155,11 @@ impl<'a> Check<'a> {
         }
     }
 
-    fn literal(&mut self, id: u64, literal: &mut LiteralValue) -> Option<Kind> {
+    fn literal(&mut self, id: u64, literal: &mut LiteralValue) -> Option<PartType> {
         let number = match literal {
-            LiteralValue::Boolean(_) => return Some(Kind::Truth),
-            LiteralValue::String(_) => return Some(Kind::Text),
-            LiteralValue::Double(_) => return Some(Kind::Number),
+            LiteralValue::Boolean(_) => return Some(PartType::Truth),
+            LiteralValue::String(_) => return Some(PartType::Text),
+            LiteralValue::Double(_) => return Some(PartType::Number),
             LiteralValue::Int(value) => *value.inner() as f64,
             LiteralValue::UInt(value) => *value.inner() as f64,
             LiteralValue::Null | LiteralValue::Bytes(_) => {
@@ -168,10 +168,10 @@ impl<'a> Check<'a> {
             }
         };
         *literal = LiteralValue::Double(CelDouble::from(number));
-        Some(Kind::Number)
+        Some(PartType::Number)
     }
 
-    fn input(&mut self, id: u64, name: &str) -> Option<Kind> {
+    fn input(&mut self, id: u64, name: &str) -> Option<PartType> {
         if let Some(index) = self.names.iter().position(|known| *known == name) {
             return self.known[index];
         }
@@ -188,7 +188,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    fn call(&mut self, id: u64, call: &mut CallExpr) -> Option<Kind> {
+    fn call(&mut self, id: u64, call: &mut CallExpr) -> Option<PartType> {
         let name = self.called(call);
         if !OPERATORS.contains(&&*name) && !FUNCTIONS.contains(&&*name) {
             let help = match &*name {
@@ -204,7 +204,7 @@ impl<'a> Check<'a> {
         }
         let target = call.target.as_deref_mut().filter(|_| !name.starts_with("math."));
         let mut parts: Vec<&mut IdedExpr> = target.into_iter().chain(&mut call.args).collect();
-        let kinds: Vec<Option<Kind>> = parts.iter_mut().map(|part| self.walk(part)).collect();
+        let kinds: Vec<Option<PartType>> = parts.iter_mut().map(|part| self.walk(part)).collect();
         let (taken, given) = signature(&name, &kinds);
         for ((part, kind), taken) in parts.iter().zip(&kinds).zip(taken) {
             match (taken, kind) {
@@ -221,7 +221,7 @@ impl<'a> Check<'a> {
         {
             self.take(part, kind);
         }
-        let numbers = kinds.contains(&Some(Kind::Number));
+        let numbers = kinds.contains(&Some(PartType::Number));
         let computed = parts.iter().any(|part| matches!(part.expr, Expr::Call(_)));
         if numbers && computed && matches!(&*name, operators::EQUALS | operators::NOT_EQUALS) {
             compare_by_difference(call);
@@ -254,11 +254,11 @@ impl<'a> Check<'a> {
 }
 
 /// The type of a literal, once its numbers are doubles.
-fn literal_kind(part: &IdedExpr) -> Option<Kind> {
+fn literal_kind(part: &IdedExpr) -> Option<PartType> {
     match &part.expr {
-        Expr::Literal(LiteralValue::Boolean(_)) => Some(Kind::Truth),
-        Expr::Literal(LiteralValue::String(_)) => Some(Kind::Text),
-        Expr::Literal(LiteralValue::Double(_)) => Some(Kind::Number),
+        Expr::Literal(LiteralValue::Boolean(_)) => Some(PartType::Truth),
+        Expr::Literal(LiteralValue::String(_)) => Some(PartType::Text),
+        Expr::Literal(LiteralValue::Double(_)) => Some(PartType::Number),
         _ => None,
     }
 }
@@ -281,27 +281,27 @@ fn compare_by_difference(call: &mut CallExpr) {
 }
 
 /// The types of a call's parts, and of its result.
-fn signature(name: &str, parts: &[Option<Kind>]) -> (Vec<Option<Kind>>, Option<Kind>) {
+fn signature(name: &str, parts: &[Option<PartType>]) -> (Vec<Option<PartType>>, Option<PartType>) {
     use operators as op;
-    let all = |kind: Kind| vec![Some(kind); parts.len()];
+    let all = |kind: PartType| vec![Some(kind); parts.len()];
     // If one part has a known type, the others have the same.
     let known = parts.iter().find_map(|kind| *kind);
     let alike = || vec![known; parts.len()];
     match name {
-        op::LOGICAL_AND | op::LOGICAL_OR | op::LOGICAL_NOT => (all(Kind::Truth), Some(Kind::Truth)),
+        op::LOGICAL_AND | op::LOGICAL_OR | op::LOGICAL_NOT => (all(PartType::Truth), Some(PartType::Truth)),
         op::EQUALS | op::NOT_EQUALS | op::GREATER | op::GREATER_EQUALS | op::LESS | op::LESS_EQUALS => {
-            (alike(), Some(Kind::Truth))
+            (alike(), Some(PartType::Truth))
         }
-        op::IN => (vec![None, Some(Kind::List)], Some(Kind::Truth)),
+        op::IN => (vec![None, Some(PartType::List)], Some(PartType::Truth)),
         op::CONDITIONAL => {
             let of = parts.iter().skip(1).find_map(|kind| *kind);
-            (vec![Some(Kind::Truth), of, of], of)
+            (vec![Some(PartType::Truth), of, of], of)
         }
         op::ADD => (alike(), known),
-        "contains" | "startsWith" | "endsWith" => (all(Kind::Text), Some(Kind::Truth)),
-        "math.isNaN" => (all(Kind::Number), Some(Kind::Truth)),
-        "double" | "math.greatest" | "math.least" => (Vec::new(), Some(Kind::Number)),
-        _ => (all(Kind::Number), Some(Kind::Number)),
+        "contains" | "startsWith" | "endsWith" => (all(PartType::Text), Some(PartType::Truth)),
+        "math.isNaN" => (all(PartType::Number), Some(PartType::Truth)),
+        "double" | "math.greatest" | "math.least" => (Vec::new(), Some(PartType::Number)),
+        _ => (all(PartType::Number), Some(PartType::Number)),
     }
 }
 

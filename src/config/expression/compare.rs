@@ -11,11 +11,11 @@ pub(super) struct Comparison {
     /// Whether it is an input without any computation.
     pub is_input: bool,
     pub sign: &'static str,
-    pub with: With,
+    pub with: ComparedWith,
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum With {
+pub(super) enum ComparedWith {
     Number(f64),
     Text(String),
     /// For a truth value: `==` is the part itself, `!=` its negation.
@@ -49,7 +49,7 @@ fn comparison(part: &IdedExpr) -> Comparison {
         of: written(part),
         is_input: matches!(part.expr, Expr::Ident(_)),
         sign: "==",
-        with: With::True,
+        with: ComparedWith::True,
     };
     let Expr::Call(call) = &part.expr else { return whole() };
     if let (operators::LOGICAL_NOT, [inner]) = (&*call.func_name, &call.args[..]) {
@@ -61,8 +61,8 @@ fn comparison(part: &IdedExpr) -> Comparison {
         (None, Some(with)) => (a, sign, with),
         (Some(with), None) => (b, mirrored(sign), with),
         // The alphabetically first operand comes first, so that `b < a` becomes `a > b`.
-        _ if written(b) < written(a) => (b, mirrored(sign), With::Part(written(a))),
-        _ => (a, sign, With::Part(written(b))),
+        _ if written(b) < written(a) => (b, mirrored(sign), ComparedWith::Part(written(a))),
+        _ => (a, sign, ComparedWith::Part(written(b))),
     };
     let is_input = matches!(of.expr, Expr::Ident(_));
     Comparison { id: a.id, of: written(of), is_input, sign, with }.plain(of)
@@ -72,8 +72,8 @@ impl Comparison {
     /// `t == true` is `t`, `t != true` and `t == false` are `!t`.
     fn plain(self, of: &IdedExpr) -> Comparison {
         let is_true = match &self.with {
-            With::Part(part) if part == "true" => true,
-            With::Part(part) if part == "false" => false,
+            ComparedWith::Part(part) if part == "true" => true,
+            ComparedWith::Part(part) if part == "false" => false,
             _ => return self,
         };
         let inner = comparison(of);
@@ -104,21 +104,21 @@ impl Comparison {
         }
         let (a, b) = (self.sign, other.sign);
         match (&self.with, &other.with) {
-            (With::Number(at), With::Number(other)) => {
+            (ComparedWith::Number(at), ComparedWith::Number(other)) => {
                 // The boundaries of both, and values between them: if any value satisfies both, one of these
                 // does.
                 let (low, high) = (at.min(*other), at.max(*other));
                 let tried = [f64::NEG_INFINITY, low, f64::midpoint(low, high), high, f64::INFINITY];
                 !tried.iter().any(|&value| meets(value, a, *at) && meets(value, b, *other))
             }
-            (With::Text(one), With::Text(other)) => match (a, b) {
+            (ComparedWith::Text(one), ComparedWith::Text(other)) => match (a, b) {
                 ("==", "==") => one != other,
                 ("==", "!=") | ("!=", "==") => one == other,
                 _ => false,
             },
-            (With::True, With::True) => a != b,
+            (ComparedWith::True, ComparedWith::True) => a != b,
             // One is less than, equal to or greater than the other.
-            (With::Part(one), With::Part(other)) if one == other => {
+            (ComparedWith::Part(one), ComparedWith::Part(other)) if one == other => {
                 ![-1.0, 0.0, 1.0].iter().any(|&value| meets(value, a, 0.0) && meets(value, b, 0.0))
             }
             _ => false,
@@ -128,12 +128,12 @@ impl Comparison {
     pub fn words(&self) -> String {
         let (of, sign) = (&self.of, self.sign);
         match &self.with {
-            With::Number(value) => format!("{of} {sign} {value}"),
-            With::Text(text) => format!("{of} {sign} '{text}'"),
-            With::Part(part) => format!("{of} {sign} {part}"),
-            With::True if sign == "==" => of.clone(),
-            With::True if !of.contains(' ') => format!("!{of}"),
-            With::True => format!("!({of})"),
+            ComparedWith::Number(value) => format!("{of} {sign} {value}"),
+            ComparedWith::Text(text) => format!("{of} {sign} '{text}'"),
+            ComparedWith::Part(part) => format!("{of} {sign} {part}"),
+            ComparedWith::True if sign == "==" => of.clone(),
+            ComparedWith::True if !of.contains(' ') => format!("!{of}"),
+            ComparedWith::True => format!("!({of})"),
         }
     }
 }
@@ -171,13 +171,13 @@ pub(super) fn meets(value: f64, sign: &str, limit: f64) -> bool {
     }
 }
 
-fn literal(part: &IdedExpr) -> Option<With> {
+fn literal(part: &IdedExpr) -> Option<ComparedWith> {
     match &part.expr {
-        Expr::Literal(LiteralValue::String(text)) => Some(With::Text(text.inner().to_owned())),
-        Expr::Literal(LiteralValue::Boolean(_)) => Some(With::Part(written(part))),
-        Expr::Literal(literal) => number(literal).map(With::Number),
+        Expr::Literal(LiteralValue::String(text)) => Some(ComparedWith::Text(text.inner().to_owned())),
+        Expr::Literal(LiteralValue::Boolean(_)) => Some(ComparedWith::Part(written(part))),
+        Expr::Literal(literal) => number(literal).map(ComparedWith::Number),
         Expr::Call(call) if call.func_name == operators::NEGATE => match literal(call.args.first()?)? {
-            With::Number(value) => Some(With::Number(-value)),
+            ComparedWith::Number(value) => Some(ComparedWith::Number(-value)),
             _ => None,
         },
         _ => None,

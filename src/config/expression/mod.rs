@@ -19,8 +19,8 @@ use cel::{Context, Env, Value, extensions};
 use crate::engine::model::monitors::{Condition, ScalarKind};
 use crate::engine::model::sample::FieldValue;
 use crate::yaml::{Log, Problem, Span, Spanned};
-use check::{Check, Kind, offset, point};
-use compare::With;
+use check::{Check, PartType, offset, point};
+use compare::ComparedWith;
 
 pub(super) const TEXT_BYTES_MAX: usize = 1000;
 
@@ -81,7 +81,7 @@ pub(super) fn condition(text: &Spanned<String>, names: &[&str], log: &mut Log) -
         check.problem(wrong.id, &wrong.text, "correct one of the two, or remove it");
     }
     let Check { taken, good, .. } = check;
-    let taking: Vec<Option<ScalarKind>> = taken.iter().map(|kind| kind.and_then(Kind::scalar)).collect();
+    let taking: Vec<Option<ScalarKind>> = taken.iter().map(|kind| kind.and_then(PartType::scalar)).collect();
     let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
     good.then(|| {
         let holds = move |values: &[FieldValue]| {
@@ -96,18 +96,18 @@ pub(super) fn condition(text: &Spanned<String>, names: &[&str], log: &mut Log) -
 pub(super) fn conflict(names: &[&str], a: &Condition, b: &Condition) -> Option<String> {
     let mut taken = (0..names.len()).filter_map(|input| Some((input, a.takes(input)?, b.takes(input)?)));
     let (input, a, b) = taken.find(|(_, a, b)| a != b)?;
-    let (a, b) = (Kind::of(a).as_str(), Kind::of(b).as_str());
+    let (a, b) = (PartType::of(a).as_str(), PartType::of(b).as_str());
     Some(format!("`{}` is taken for {a} in `warning` and for {b} in `error`", names[input]))
 }
 
 /// # Errors
 ///
 /// An input does not have the type that the condition assumes: no comparison with it can be true.
-fn fit(names: &[String], taken: &[Option<Kind>], values: &[FieldValue]) -> Result<(), Box<str>> {
+fn fit(names: &[String], taken: &[Option<PartType>], values: &[FieldValue]) -> Result<(), Box<str>> {
     let is = |value: &FieldValue| match value {
-        FieldValue::Number(_) => Some(Kind::Number),
-        FieldValue::Bool(_) => Some(Kind::Truth),
-        FieldValue::Text(_) => Some(Kind::Text),
+        FieldValue::Number(_) => Some(PartType::Number),
+        FieldValue::Bool(_) => Some(PartType::Truth),
+        FieldValue::Text(_) => Some(PartType::Text),
         FieldValue::Pose(_) | FieldValue::Positions(_) | FieldValue::Absent | FieldValue::Unreadable(_) => {
             None
         }
@@ -128,7 +128,7 @@ pub fn misfit(condition: &Condition, inputs: &[(&str, Option<ScalarKind>)]) -> O
     let program = ENVIRONMENT.compile(&condition.text).ok()?;
     let text = Spanned { value: condition.text.to_string(), span: Span { file: 0, start: 0, end: 0 } };
     let names: Vec<&str> = inputs.iter().map(|(name, _)| *name).collect();
-    let known: Vec<Option<Kind>> = inputs.iter().map(|(_, kind)| kind.map(Kind::of)).collect();
+    let known: Vec<Option<PartType>> = inputs.iter().map(|(_, kind)| kind.map(PartType::of)).collect();
     let mut log = Log::default();
     let info = program.source_info();
     Check::new(&text, &names, &known, info, &mut log).condition(&mut program.expression().clone());
@@ -178,7 +178,7 @@ pub fn limits(condition: &Condition) -> Vec<Limit> {
         compare::all(program.expression(), &mut found);
     }
     let limit = |it: compare::Comparison| match it.with {
-        With::Number(number) if it.is_input => Some(Limit { input: it.of, sign: it.sign, number }),
+        ComparedWith::Number(number) if it.is_input => Some(Limit { input: it.of, sign: it.sign, number }),
         _ => None,
     };
     found.into_iter().filter_map(limit).collect()

@@ -9,7 +9,7 @@ use crate::engine::time;
 use crate::yaml::{Fields, KeyDoc, Log, MapDoc, Node, Problem, Span, key, map};
 
 /// The written limits, before the kind of the sources is known.
-struct Limits {
+struct AgreementLimits {
     numbers: Bands,
     has_numbers: bool,
     translation: Option<Bands>,
@@ -33,7 +33,7 @@ pub(in crate::config) fn agreement(node: &Node, log: &mut Log) -> Option<Monitor
     let b = fields.required("b").map(|AnySource(source)| source);
     let max_age = age(&mut fields, MAX_AGE);
     let motion_over = span(&mut fields, MOTION_OVER, time::Span::from_nanos(1), WINDOW_MAX);
-    let limits = Limits::of(&mut fields);
+    let limits = AgreementLimits::of(&mut fields);
     let motion = fields.key_span("motion_over");
     let kinds = a.as_ref().zip(b.as_ref()).map(|(a, b): (&Source, &Source)| (a.kind(), b.kind()));
     if let (Some((FieldKind::Positions, FieldKind::Positions)), Some(motion)) = (kinds, motion) {
@@ -60,8 +60,8 @@ fn unlike(node: &Node, a: FieldKind, b: FieldKind, log: &mut Log) {
     log.push(problem);
 }
 
-impl Limits {
-    fn of(fields: &mut Fields) -> Limits {
+impl AgreementLimits {
+    fn of(fields: &mut Fields) -> AgreementLimits {
         let numbers = bands(fields, Unit::Size);
         let mut part = |name, doc: MapDoc, unit| {
             let read = |node: &Node, log: &mut Log| bands::map(node, doc, unit, log);
@@ -70,7 +70,7 @@ impl Limits {
         let nearest = map("nearest", "the limits of a distance").about(
             "In metres on the ground: of any position in one list to the nearest in the other, the largest of both lists.",
         );
-        Limits {
+        AgreementLimits {
             numbers,
             translation: part(
                 "translation",

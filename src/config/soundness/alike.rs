@@ -3,7 +3,7 @@
 
 use std::collections::HashMap;
 
-use super::{Finding, What};
+use super::{Finding, FindingKind};
 use crate::engine::model::{GroupId, Model, ModuleId, NodeId};
 use crate::engine::module::system::BUILT_IN_GROUPS;
 use crate::engine::view::ros_names::part;
@@ -21,7 +21,7 @@ pub(super) fn look(model: &Model) -> Vec<Finding> {
     });
     for (node, around, name) in groups.chain(modules) {
         if let Some(&first) = first.get(&(around, name.clone())) {
-            found.push(Finding { node, what: What::SameName { first, name }, example: None });
+            found.push(Finding { node, what: FindingKind::SameName { first, name }, example: None });
         } else {
             first.insert((around, name), node);
         }
@@ -40,6 +40,10 @@ fn as_built_in(model: &Model) -> impl Iterator<Item = Finding> {
             Some((built_in, names.iter().find(same)?.clone()))
         });
         let (built_in, name) = found?;
-        Some(Finding { node: NodeId::Group(id), what: What::BuiltInName { built_in, name }, example: None })
+        Some(Finding {
+            node: NodeId::Group(id),
+            what: FindingKind::BuiltInName { built_in, name },
+            example: None,
+        })
     })
 }

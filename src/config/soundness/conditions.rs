@@ -1,6 +1,6 @@
 //! Finds conditions of `expression` monitors that ignore the module's inputs, and invalid classes.
 
-use super::{Finding, What};
+use super::{Finding, FindingKind};
 use crate::config::expression;
 use crate::engine::model::{Model, ModuleId, MonitorSpec, NodeId};
 
@@ -11,7 +11,7 @@ pub(super) fn look(model: &Model) -> Vec<Finding> {
         let mut find = |what| found.push(Finding { node, what, example: None });
         let class = module.monitor.class();
         if class.column().is_none() {
-            find(What::NoColumn { flow: class.flow.is_some() });
+            find(FindingKind::NoColumn { flow: class.flow.is_some() });
         }
         let MonitorSpec::Expression { inputs, warning, error, .. } = &module.monitor else { continue };
         let mut used = Vec::new();
@@ -21,13 +21,13 @@ pub(super) fn look(model: &Model) -> Vec<Finding> {
             if named.is_empty()
                 && let Ok(holds) = condition.holds(&[])
             {
-                find(What::Constant { text: (&*condition.text).into(), holds });
+                find(FindingKind::Constant { text: (&*condition.text).into(), holds });
             }
             used.extend(named);
         }
         let unused =
             inputs.iter().map(|(name, _)| name).filter(|name| !used.iter().any(|it| **it == ***name));
-        unused.for_each(|name| find(What::UnusedInput { input: (&**name).into() }));
+        unused.for_each(|name| find(FindingKind::UnusedInput { input: (&**name).into() }));
     }
     found
 }

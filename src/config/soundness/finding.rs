@@ -20,7 +20,7 @@ pub struct Soundness {
 pub struct Finding {
     /// The node of the condition, dependency or state.
     pub node: NodeId,
-    pub what: What,
+    pub what: FindingKind,
     /// An example; none if it concerns every situation.
     pub example: Option<Example>,
 }
@@ -35,7 +35,7 @@ pub struct Example {
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub enum What {
+pub enum FindingKind {
     /// The node is masked without a visible cause: a fault of this program.
     Unexplained,
     /// Entry `dependency` can mask `masked` while no tile gets worse.
@@ -43,13 +43,13 @@ pub enum What {
     /// Entry `dependency` blocks with every module OK: `on` has no members and is UNKNOWN.
     AlwaysMasked { dependency: usize },
     /// Entry `dependency` can never block.
-    DeadDependency { dependency: usize, why: Dead },
+    DeadDependency { dependency: usize, why: NoEffect },
     /// The condition never holds, as long as its signals are known.
     NeverHolds,
     /// The condition has no effect: the enclosing groups' conditions imply it.
     AlwaysHolds,
     /// The group can never show OK.
-    NeverOk { why: Dead },
+    NeverOk { why: NoEffect },
     /// Countermeasure `rule` watches the node in stages in which it is never relevant.
     DeadRule { rule: usize },
     /// In the tree for ROS 2 the node would have the same name as its sibling `first`.
@@ -72,7 +72,7 @@ pub enum What {
 
 /// The reason why a group or a dependency has no effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Dead {
+pub enum NoEffect {
     NoMembers(NodeId),
     /// It is never relevant in the cases that count.
     NotRelevant(NodeId),

@@ -1,6 +1,6 @@
 //! Finds limits in percent on a fraction: such a value never reaches 20.
 
-use super::{Finding, What};
+use super::{Finding, FindingKind};
 use crate::config::expression;
 use crate::engine::model::monitors::{AgreementRule, Bands, ValueRule, ValueSource};
 use crate::engine::model::sample::FieldValue;
@@ -20,12 +20,12 @@ const FRACTIONS: [(&str, &str); 7] = [
 pub(super) fn look(model: &Model) -> Vec<Finding> {
     let modules = model.modules.iter().zip((0..).map(ModuleId)).filter_map(|(module, id)| {
         let (field, limit) = percent(model, &module.monitor)?;
-        let what = What::PercentLimit { signal: None, field, limit };
+        let what = FindingKind::PercentLimit { signal: None, field, limit };
         Some(Finding { node: NodeId::Module(id), what, example: None })
     });
     let signals = model.signals.iter().enumerate().filter_map(|(index, signal)| {
         let (field, limit) = percent(model, signal.source.condition()?)?;
-        let what = What::PercentLimit { signal: Some(index), field, limit };
+        let what = FindingKind::PercentLimit { signal: Some(index), field, limit };
         Some(Finding { node: NodeId::Group(GroupId(0)), what, example: None })
     });
     modules.chain(signals).collect()

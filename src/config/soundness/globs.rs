@@ -1,7 +1,7 @@
 //! Finds shell patterns in places for a name: in the status of a module or a signal, and in a filter without
 //! `regex`, every character stands for itself.
 
-use super::{Finding, What};
+use super::{Finding, FindingKind};
 use crate::config::glob::{as_regex, is_glob};
 use crate::engine::model::filter::Filter;
 use crate::engine::model::monitors::{AgreementRule, ValueSource};
@@ -10,7 +10,7 @@ use crate::engine::model::{GroupId, Model, ModuleId, MonitorSpec, NodeId};
 pub(super) fn look(model: &Model) -> Vec<Finding> {
     let mut found = Vec::new();
     let mut find = |node, signal, text: &str, regex: Option<String>| {
-        let what = What::Glob { signal, text: text.into(), regex };
+        let what = FindingKind::Glob { signal, text: text.into(), regex };
         found.push(Finding { node, what, example: None });
     };
     for (group, id) in model.groups.iter().zip((0..).map(GroupId)) {

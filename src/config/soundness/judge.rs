@@ -23,7 +23,7 @@ pub struct Judge<'m> {
 
 /// The result for one node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Facts {
+pub struct JudgedNode {
     pub relevant: bool,
     pub blocked: bool,
     pub own: State,
@@ -37,11 +37,11 @@ pub struct Facts {
 /// The results for all nodes.
 #[derive(Debug)]
 pub struct Picture {
-    groups: Vec<Facts>,
-    modules: Vec<Facts>,
+    groups: Vec<JudgedNode>,
+    modules: Vec<JudgedNode>,
 }
 
-const UNSEEN: Facts = Facts {
+const UNSEEN: JudgedNode = JudgedNode {
     relevant: false,
     blocked: false,
     own: State::Ignore,
@@ -50,7 +50,7 @@ const UNSEEN: Facts = Facts {
     failure_explained: false,
 };
 
-impl Facts {
+impl JudgedNode {
     pub fn masked(&self) -> bool {
         self.relevant && self.blocked
     }
@@ -65,7 +65,7 @@ impl Picture {
         dependency.blocks(|node| self.of(node).standing())
     }
 
-    pub fn of(&self, node: NodeId) -> &Facts {
+    pub fn of(&self, node: NodeId) -> &JudgedNode {
         match node {
             NodeId::Group(id) => &self.groups[id.0 as usize],
             NodeId::Module(id) => &self.modules[id.0 as usize],
@@ -150,7 +150,7 @@ impl<'m> Judge<'m> {
                     let own = reports(id);
                     let shown = rules::shown(entered.relevant, entered.blocked, own);
                     let failure_explained = shown > State::Warning || entered.block_explained;
-                    picture.modules[id.0 as usize] = Facts { own, shown, failure_explained, ..entered };
+                    picture.modules[id.0 as usize] = JudgedNode { own, shown, failure_explained, ..entered };
                 }
                 Visit::Leave(id) => {
                     picture.groups[id.0 as usize] = self.left(&picture, situation, id, discovered);
@@ -160,7 +160,7 @@ impl<'m> Judge<'m> {
         picture
     }
 
-    fn entered(&self, picture: &Picture, situation: &Situation, node: NodeId) -> Facts {
+    fn entered(&self, picture: &Picture, situation: &Situation, node: NodeId) -> JudgedNode {
         let around = self.parent(node).map(|group| *picture.of(NodeId::Group(group)));
         let relevant = around.is_none_or(|group| group.relevant) && situation.meets(self.when(node));
         let mut blocked = around.is_some_and(|group| group.blocked);
@@ -172,7 +172,7 @@ impl<'m> Judge<'m> {
                 if facts.blocked { facts.block_explained } else { facts.failure_explained }
             });
         }
-        Facts { relevant, blocked, block_explained, ..UNSEEN }
+        JudgedNode { relevant, blocked, block_explained, ..UNSEEN }
     }
 
     fn left(
@@ -181,7 +181,7 @@ impl<'m> Judge<'m> {
         situation: &Situation,
         id: GroupId,
         discovered: Option<State>,
-    ) -> Facts {
+    ) -> JudgedNode {
         let facts = *picture.of(NodeId::Group(id));
         let discovered = discovered.filter(|_| self.discovers(id));
         let members = &self.members[id.0 as usize];
@@ -205,7 +205,7 @@ impl<'m> Judge<'m> {
         let folded = rules::fold(combine, &shown, alone);
         let own = rules::fold(combine, &own, alone);
         let shown = rules::shown(facts.relevant, facts.blocked, folded);
-        let group = Facts { shown, own, ..facts };
+        let group = JudgedNode { shown, own, ..facts };
         let to_blame = |&member: &NodeId| {
             let member = picture.of(member);
             member.standing().is_responsible_for(group.standing()) && member.failure_explained
@@ -214,6 +214,6 @@ impl<'m> Judge<'m> {
             || nobody
             || discovered.is_some_and(|state| state >= group.standing().worst())
             || members.iter().any(to_blame);
-        Facts { failure_explained, ..group }
+        JudgedNode { failure_explained, ..group }
     }
 }

@@ -24,7 +24,7 @@ use crate::engine::model::output::Output;
 use crate::engine::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId, StageModel};
 use crate::engine::state::State;
 
-pub use finding::{Dead, Example, Finding, Soundness, What};
+pub use finding::{Example, Finding, FindingKind, NoEffect, Soundness};
 pub(super) use words::problem;
 
 /// More situations than this are not examined; conditions use a handful of signals.
@@ -53,7 +53,7 @@ pub fn look(model: &Model) -> Soundness {
     look.findings.extend(alike::look(model));
     if model.stages == StageModel::Shuttle && model.driving.unpublished.contains(&Output::ManeuverStop) {
         let node = NodeId::Group(GroupId(0));
-        look.findings.push(Finding { node, what: What::NoStop, example: None });
+        look.findings.push(Finding { node, what: FindingKind::NoStop, example: None });
     }
     let Look { pictures, complete, mut findings, .. } = look;
     // Findings with the same reason are reported once.
@@ -129,7 +129,7 @@ impl Look<'_> {
         });
         if let Some(node) = hidden {
             let example = Look::example(situation, failing, state);
-            self.findings.push(Finding { node, what: What::Unexplained, example });
+            self.findings.push(Finding { node, what: FindingKind::Unexplained, example });
         }
     }
 
@@ -144,7 +144,7 @@ impl Look<'_> {
                 }
                 let found = situations.iter().find_map(|situation| self.hidden(situation, dependency));
                 if let Some((masked, example)) = found {
-                    let what = What::HiddenCause { dependency: index, masked };
+                    let what = FindingKind::HiddenCause { dependency: index, masked };
                     self.findings.push(Finding { node: holder, what, example });
                 }
             }
@@ -271,7 +271,7 @@ impl Look<'_> {
             let example = Look::example(situation, &[], State::Ok);
             self.findings.push(Finding {
                 node: holder,
-                what: What::AlwaysMasked { dependency: index },
+                what: FindingKind::AlwaysMasked { dependency: index },
                 example,
             });
             return;
@@ -282,7 +282,7 @@ impl Look<'_> {
         let ever_blocks = pictures.iter().any(|(_, worst)| matters(worst) && worst.is_blocked_by(dependency));
         if self.complete && ever_matters && !ever_blocks {
             let why = self.why_dead(pictures, dependency, matters);
-            let what = What::DeadDependency { dependency: index, why };
+            let what = FindingKind::DeadDependency { dependency: index, why };
             self.findings.push(Finding { node: holder, what, example: None });
         }
     }
@@ -308,15 +308,15 @@ impl Look<'_> {
         pictures: &[(Picture, Picture)],
         dependency: &Dependency,
         matters: impl Fn(&Picture) -> bool,
-    ) -> Dead {
+    ) -> NoEffect {
         let ever_relevant =
             |node: NodeId| pictures.iter().any(|(_, worst)| matters(worst) && worst.of(node).relevant);
         let named = dependency.targets();
         let idle = named.iter().copied().find(|&target| !ever_relevant(target));
         let node = idle.or(named.first().copied()).unwrap_or(NodeId::Group(GroupId(0)));
         match node {
-            NodeId::Group(id) if idle.is_none() && self.is_empty(id) => Dead::NoMembers(node),
-            _ => Dead::NotRelevant(node),
+            NodeId::Group(id) if idle.is_none() && self.is_empty(id) => NoEffect::NoMembers(node),
+            _ => NoEffect::NotRelevant(node),
         }
     }
 
@@ -342,12 +342,12 @@ impl Look<'_> {
         }
         let relevant = |&&member: &&NodeId| pictures.iter().any(|(best, _)| best.of(member).relevant);
         let why = match members.iter().find(relevant) {
-            _ if self.is_empty(id) => Dead::NoMembers(node),
-            Some(&member) => Dead::Waits(member),
-            None => Dead::NotRelevant(node),
+            _ if self.is_empty(id) => NoEffect::NoMembers(node),
+            Some(&member) => NoEffect::Waits(member),
+            None => NoEffect::NotRelevant(node),
         };
         let example = Look::example(situation, &[], State::Ok);
-        self.findings.push(Finding { node, what: What::NeverOk { why }, example });
+        self.findings.push(Finding { node, what: FindingKind::NeverOk { why }, example });
     }
 
     /// Conditions against those of the enclosing groups, each with the signals of its own surroundings.
@@ -371,12 +371,12 @@ impl Look<'_> {
                 |it: &&Situation| around.iter().all(|&group| it.meets(self.judge.when(NodeId::Group(group))));
             let open: Vec<&Situation> = known.iter().filter(open).collect();
             if open.iter().all(|it| !it.meets(Some(when))) {
-                self.findings.push(Finding { node, what: What::NeverHolds, example: None });
+                self.findings.push(Finding { node, what: FindingKind::NeverHolds, example: None });
                 if let NodeId::Group(id) = node {
                     never.insert(id);
                 }
             } else if open.iter().all(|it| it.meets(Some(when)) == it.meets(None)) {
-                self.findings.push(Finding { node, what: What::AlwaysHolds, example: None });
+                self.findings.push(Finding { node, what: FindingKind::AlwaysHolds, example: None });
             }
         }
     }
@@ -397,7 +397,11 @@ impl Look<'_> {
                     rule.stages.contains(&it.stage) && whens.iter().all(|&when| it.meets(when))
                 };
                 if !all.iter().any(counts) {
-                    self.findings.push(Finding { node, what: What::DeadRule { rule: index }, example: None });
+                    self.findings.push(Finding {
+                        node,
+                        what: FindingKind::DeadRule { rule: index },
+                        example: None,
+                    });
                 }
             }
         }

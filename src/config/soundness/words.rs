@@ -1,6 +1,6 @@
 //! Turns findings into problems with their places.
 
-use super::{Dead, Example, Finding, What};
+use super::{Example, Finding, FindingKind, NoEffect};
 use crate::config::describe::places::Places;
 use crate::engine::model::{Model, NodeId};
 use crate::yaml::{Problem, Span};
@@ -13,37 +13,37 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
     let dependency = |index: usize| place.depends_on.get(index).copied().unwrap_or(place.id);
     let example = finding.example.as_ref().map_or(String::new(), |example| self::example(model, example));
     let (span, message, help): (Span, String, &str) = match &finding.what {
-        What::Unexplained => (
+        FindingKind::Unexplained => (
             place.id,
             format!("`{name}` can be masked without a cause in sight{example}"),
             "this is a fault of telltale: please report it with the configuration",
         ),
-        What::HiddenCause { dependency: index, masked } => (
+        FindingKind::HiddenCause { dependency: index, masked } => (
             dependency(*index),
             format!("`{}` can be masked while no tile gets worse{example}", self::name(model, *masked)),
             "the cause is named in the list of causes only: depend on the redundant group as a whole, or let the group combine the worst",
         ),
-        What::AlwaysMasked { dependency: index } => (
+        FindingKind::AlwaysMasked { dependency: index } => (
             dependency(*index),
             format!("this masks `{name}` even while every module is OK{example}"),
             "give the group that it names members, or let only `error` mask",
         ),
-        What::DeadDependency { dependency: index, why } => (
+        FindingKind::DeadDependency { dependency: index, why } => (
             dependency(*index),
             format!("this dependency of `{name}` can never mask: {}", dead(model, *why)),
             "remove it",
         ),
-        What::NeverHolds => (
+        FindingKind::NeverHolds => (
             place.when.unwrap_or(place.id),
             format!("`{name}` is never relevant while its signals are known"),
             "its own condition and those of the groups around it exclude each other: widen one of them",
         ),
-        What::AlwaysHolds => (
+        FindingKind::AlwaysHolds => (
             place.when.unwrap_or(place.id),
             format!("this condition of `{name}` changes nothing"),
             "it holds whenever the groups around it are relevant: remove it",
         ),
-        What::DeadRule { rule } => {
+        FindingKind::DeadRule { rule } => {
             let watched = model.driving.countermeasures.get(*rule).map_or(&[][..], |rule| &rule.nodes);
             let position = watched.iter().position(|&watched| watched == node);
             let spans = places.rules.get(*rule).zip(position);
@@ -53,7 +53,7 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
                 "remove it there, or name the stages in which it counts",
             )
         }
-        What::SameName { first, name: part } => (
+        FindingKind::SameName { first, name: part } => (
             place.id,
             format!(
                 "`{name}` and `{}` are both called \"{part}\" on /diagnostics_agg",
@@ -61,30 +61,30 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
             ),
             "give one of them another name: the second is called after the first there, with a number",
         ),
-        What::BuiltInName { built_in, name: called } => (
+        FindingKind::BuiltInName { built_in, name: called } => (
             place.id,
             format!(
                 "`{name}` is called \"{called}\", as the group `{built_in}` that Telltale makes by itself"
             ),
             "give it another name: on the page nobody can tell the two apart, and on /diagnostics_agg the path that programs know the built-in group by may be taken",
         ),
-        What::NoStop => (
+        FindingKind::NoStop => (
             places.stop_off.unwrap_or(place.id),
             "the vehicle drives, and no request to stop is published: the operator's page offers no stop"
                 .into(),
             "remove the line, or make sure that it can be stopped in another way",
         ),
-        What::UnusedInput { input } => (
+        FindingKind::UnusedInput { input } => (
             place.id,
             format!("no condition of `{name}` looks at its input `{input}`"),
             "use it in `error` or `warning`, or remove it",
         ),
-        What::PercentLimit { signal, field, limit } => (
+        FindingKind::PercentLimit { signal, field, limit } => (
             signal.and_then(|index| places.signals.get(index)).map_or(place.id, |(_, condition)| *condition),
             format!("{} has a limit of {limit}, and `{field}` goes from 0 to 1", owner(model, node, *signal)),
             "write the limit as a fraction: 20 % is `0.2`; a driver that publishes percent is not as its type says",
         ),
-        What::Glob { signal, text, regex } => {
+        FindingKind::Glob { signal, text, regex } => {
             let span = signal.and_then(|index| places.signals.get(index));
             let message = format!(
                 "`{text}` of {} looks like a pattern of file names, and every character stands for itself",
@@ -97,17 +97,17 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
             let problem = Problem::at(span.map_or(place.id, |(_, condition)| *condition), message);
             return problem.help(help).as_warning();
         }
-        What::NoColumn { flow: true } => (
+        FindingKind::NoColumn { flow: true } => (
             place.id,
             format!("`{name}` is isolated and has a flow: the classification has no such column"),
             "what looks at one part alone has no flow: remove `flow`, or write `location: contextual`",
         ),
-        What::NoColumn { flow: false } => (
+        FindingKind::NoColumn { flow: false } => (
             place.id,
             format!("`{name}` sets contents against each other and does not say how they flow"),
             "give its `class` a `flow`: `sequential` from an earlier stage to a later one, `parallel` for independent sources; or write `location: isolated`",
         ),
-        What::Constant { text, holds } => {
+        FindingKind::Constant { text, holds } => {
             let always = if *holds { "always" } else { "never" };
             let help = "compare an input: `... > 0`";
             (
@@ -116,19 +116,19 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
                 help,
             )
         }
-        What::NeverOk { why } => {
+        FindingKind::NeverOk { why } => {
             let help = match why {
-                Dead::NoMembers(_) => "give it `modules`, `match` or `groups`, or remove it",
+                NoEffect::NoMembers(_) => "give it `modules`, `match` or `groups`, or remove it",
                 _ => "let its members be relevant when it is",
             };
             (place.id, format!("`{name}` can never show OK: {}{example}", dead(model, *why)), help)
         }
     };
     let mut problem = Problem::at(span, message).help(help);
-    if let What::SameName { first, .. } = finding.what {
+    if let FindingKind::SameName { first, .. } = finding.what {
         problem = problem.also(places.of(first).id, "the other one");
     }
-    if finding.what == What::Unexplained { problem } else { problem.as_warning() }
+    if finding.what == FindingKind::Unexplained { problem } else { problem.as_warning() }
 }
 
 fn example(model: &Model, example: &Example) -> String {
@@ -143,14 +143,14 @@ fn example(model: &Model, example: &Example) -> String {
     format!(" (in {}{with})", example.situation.describe(model))
 }
 
-fn dead(model: &Model, why: Dead) -> String {
+fn dead(model: &Model, why: NoEffect) -> String {
     match why {
-        Dead::NoMembers(node) => format!("`{}` has no members", name(model, node)),
-        Dead::NotRelevant(node) => match node {
+        NoEffect::NoMembers(node) => format!("`{}` has no members", name(model, node)),
+        NoEffect::NotRelevant(node) => match node {
             NodeId::Group(_) => format!("`{}`, or what is in it, is never relevant then", name(model, node)),
             NodeId::Module(_) => format!("`{}` is never relevant then", name(model, node)),
         },
-        Dead::Waits(node) => format!("`{}` waits for what is never OK", name(model, node)),
+        NoEffect::Waits(node) => format!("`{}` waits for what is never OK", name(model, node)),
     }
 }
 

@@ -131,11 +131,11 @@ fn the_places_of_types_and_fields_are_kept() {
     let loaded = parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
     let topic = crate::engine::model::monitors::TopicId(0);
     let places = [
-        Place::Type(topic),
-        Place::Field(topic, 0),
-        Place::Stamp(topic),
-        Place::SignalType(0),
-        Place::SignalField(0),
+        ModelPlace::Type(topic),
+        ModelPlace::Field(topic, 0),
+        ModelPlace::Stamp(topic),
+        ModelPlace::SignalType(0),
+        ModelPlace::SignalField(0),
     ];
     let problems = loaded.problems(places.map(|place| (place, format!("{place:?}"), "correct it".into())));
     assert_eq!(

@@ -9,7 +9,7 @@ use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
 use super::net::{Change, Net};
-use super::node::Facts;
+use super::node::NodeFacts;
 use super::paths::Ways;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::{Path, RootCause};
@@ -32,13 +32,13 @@ pub(in crate::engine) enum Vertex {
     Hidden(GroupId),
 }
 
-/// Positions in [`Found::roots`], ascending.
+/// Positions in [`SearchResult::roots`], ascending.
 type RootSet = Arc<[u32]>;
 
 #[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct Causes {
     region: BTreeSet<(u32, Vertex)>,
-    since: HashMap<NodeId, Timestamp, Mixing>,
+    since: HashMap<NodeId, Timestamp, IdHash>,
     dirty: bool,
     /// Groups with paths in the snapshot.
     explained: BTreeSet<GroupId>,
@@ -46,11 +46,11 @@ pub(in crate::engine) struct Causes {
 
 /// Hashes ids that the engine itself assigns, so no attacker can choose them: one multiplication for each word.
 #[derive(Debug, Default, Clone, Copy)]
-pub(in crate::engine) struct Mixer(u64);
+pub(in crate::engine) struct IdHasher(u64);
 
-pub(in crate::engine) type Mixing = BuildHasherDefault<Mixer>;
+pub(in crate::engine) type IdHash = BuildHasherDefault<IdHasher>;
 
-impl Hasher for Mixer {
+impl Hasher for IdHasher {
     fn finish(&self) -> u64 {
         // A table takes the low bits as the place and the high bits to distinguish entries.
         self.0 ^ (self.0 >> 32)
@@ -86,9 +86,9 @@ pub(in crate::engine) struct Explained {
     pub(in crate::engine) paths: Vec<(GroupId, Arc<[Path]>)>,
 }
 
-pub(in crate::engine) struct Found {
+pub(in crate::engine) struct SearchResult {
     pub(in crate::engine) order: Vec<Vertex>,
-    pub(in crate::engine) position: HashMap<Vertex, usize, Mixing>,
+    pub(in crate::engine) position: HashMap<Vertex, usize, IdHash>,
     sets: Vec<RootSet>,
     roots: Vec<NodeId>,
     /// The position of each root.
@@ -172,7 +172,7 @@ impl Causes {
         Some(Explained { masked: found.masked(net, &rank), paths, roots: roots.iter().map(cause).collect() })
     }
 
-    fn paths(&mut self, net: &Net, found: &Found, rank: &[u32]) -> Vec<(GroupId, Arc<[Path]>)> {
+    fn paths(&mut self, net: &Net, found: &SearchResult, rank: &[u32]) -> Vec<(GroupId, Arc<[Path]>)> {
         let mut shown: Vec<(GroupId, u32)> = Vec::new();
         // By rank, so that each group's paths are in that order.
         let mut wanted: BTreeMap<u32, (u32, Vec<usize>)> = BTreeMap::new();
@@ -205,7 +205,7 @@ impl Causes {
 }
 
 /// The facts of a node that root causes depend on.
-fn matters(facts: &Facts, threshold: State) -> (bool, bool, bool, bool, Option<State>, Option<State>) {
+fn matters(facts: &NodeFacts, threshold: State) -> (bool, bool, bool, bool, Option<State>, Option<State>) {
     let above = |state: State| Some(state).filter(|&state| facts.relevant && state >= threshold);
     (
         facts.relevant && facts.worst() >= threshold,
@@ -244,10 +244,10 @@ fn ranked(set: &[u32], rank: &[u32]) -> Vec<u32> {
 }
 
 /// Walks through the region in the order of the graph: every target of a vertex comes before it.
-fn search(net: &Net, region: &BTreeSet<(u32, Vertex)>) -> Found {
-    let mut found = Found {
+fn search(net: &Net, region: &BTreeSet<(u32, Vertex)>) -> SearchResult {
+    let mut found = SearchResult {
         order: Vec::with_capacity(region.len()),
-        position: HashMap::with_capacity_and_hasher(region.len(), Mixing::default()),
+        position: HashMap::with_capacity_and_hasher(region.len(), IdHash::default()),
         sets: Vec::with_capacity(region.len()),
         roots: Vec::new(),
         ends: Vec::new(),
@@ -334,7 +334,7 @@ fn blocked_hops(net: &Net, node: NodeId, hop: &mut impl FnMut(Vertex)) {
     }
 }
 
-impl Found {
+impl SearchResult {
     fn set(&self, vertex: Vertex) -> Option<&RootSet> {
         self.position.get(&vertex).map(|&position| &self.sets[position])
     }

@@ -7,13 +7,13 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::Arc;
 
-use super::node::{Facts, GroupNode, ModuleKind, ModuleNode, Node, Policies};
+use super::node::{GroupNode, ModuleKind, ModuleNode, Node, NodeFacts, Policies};
 use super::relevance::unmet;
 use super::rules;
 use crate::engine::model::{
     Combine, Dependency, GroupId, Match, Model, ModuleId, NodeId, Other, Policy, Stage, When,
 };
-use crate::engine::module::names::Place;
+use crate::engine::module::names::NewModule;
 use crate::engine::module::system;
 use crate::engine::module::system::SystemCheck;
 use crate::engine::signals::Signals;
@@ -25,8 +25,8 @@ use crate::engine::time::Timestamp;
 #[derive(Debug, Clone, Copy)]
 pub(in crate::engine) struct Change {
     pub(in crate::engine) node: NodeId,
-    pub(in crate::engine) before: Facts,
-    pub(in crate::engine) after: Facts,
+    pub(in crate::engine) before: NodeFacts,
+    pub(in crate::engine) after: NodeFacts,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -99,7 +99,7 @@ impl Net {
             net.add_module(module.group, &module.depends_on, rank);
         }
         for _ in SystemCheck::ALL {
-            net.discover(&Place::of(net.system_group()), ModuleKind::BuiltIn, None, Timestamp::ZERO);
+            net.discover(&NewModule::of(net.system_group()), ModuleKind::BuiltIn, None, Timestamp::ZERO);
         }
         net.link();
         net
@@ -309,8 +309,10 @@ impl Net {
             && module.node.not_relevant.is_some()
             && module.node.not_relevant != not_relevant;
         module.node.not_relevant = not_relevant;
-        let before =
-            std::mem::replace(&mut module.node.facts, Facts { relevant, blocked, masked, shown, own, grace });
+        let before = std::mem::replace(
+            &mut module.node.facts,
+            NodeFacts { relevant, blocked, masked, shown, own, grace },
+        );
         if heard && module.own.received().is_none() {
             self.forgotten.push(id);
         }
@@ -342,7 +344,7 @@ impl Net {
         let masked = shown == State::Ignore && facts.relevant && (facts.blocked || !group.masked.is_empty());
         let own = floor(rules::fold(combine, &group.own, alone));
         let grace = grace_until.is_some();
-        group.node.facts = Facts { masked, shown, own, grace, ..facts };
+        group.node.facts = NodeFacts { masked, shown, own, grace, ..facts };
         let before = std::mem::replace(&mut group.told, group.node.facts);
         self.tell(NodeId::Group(id), before);
     }
@@ -357,7 +359,7 @@ impl Net {
     }
 
     /// Passes the change of a node on to its group and its dependents.
-    pub(in crate::engine) fn tell(&mut self, id: NodeId, before: Facts) {
+    pub(in crate::engine) fn tell(&mut self, id: NodeId, before: NodeFacts) {
         let after = self.node(id).facts;
         self.changes.push(Change { node: id, before, after });
         if before == after {
@@ -379,7 +381,7 @@ impl Net {
         }
     }
 
-    fn tell_group(&mut self, parent: GroupId, id: NodeId, before: Facts, after: Facts) {
+    fn tell_group(&mut self, parent: GroupId, id: NodeId, before: NodeFacts, after: NodeFacts) {
         let threshold = self.threshold;
         let group = &mut self.groups[parent.0 as usize];
         if matches!(id, NodeId::Module(id) if group.overflow == Some(id)) {
@@ -406,7 +408,7 @@ impl Net {
         self.mark_leave(parent);
     }
 
-    fn tell_dependent(&mut self, dependent: NodeId, need: u32, before: &Facts, after: &Facts) {
+    fn tell_dependent(&mut self, dependent: NodeId, need: u32, before: &NodeFacts, after: &NodeFacts) {
         let node = self.node_mut(dependent);
         let need = &mut node.needs[need as usize];
         let (was, is) = (need.blocked_by(before), need.blocked_by(after));

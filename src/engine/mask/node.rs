@@ -13,7 +13,7 @@ use crate::engine::time::Timestamp;
 
 /// The facts of a node that other nodes use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::engine) struct Facts {
+pub(in crate::engine) struct NodeFacts {
     pub(in crate::engine) relevant: bool,
     pub(in crate::engine) blocked: bool,
     /// Shows IGNORE because a dependency fails.
@@ -24,7 +24,7 @@ pub(in crate::engine) struct Facts {
     pub(in crate::engine) grace: bool,
 }
 
-impl Facts {
+impl NodeFacts {
     /// The facts that the rules of masking use.
     pub(in crate::engine) fn standing(&self) -> Standing {
         Standing { relevant: self.relevant, blocked: self.blocked, shown: self.shown, own: self.own }
@@ -59,7 +59,7 @@ impl Need {
     }
 
     /// Whether a member with these facts blocks the dependency.
-    pub(in crate::engine) fn blocked_by(&self, facts: &Facts) -> bool {
+    pub(in crate::engine) fn blocked_by(&self, facts: &NodeFacts) -> bool {
         facts.standing().blocks(self.any_of, self.masks_unknown)
     }
 }
@@ -74,7 +74,7 @@ pub(in crate::engine) struct Node {
     /// The number of its dependencies that block.
     pub(in crate::engine) blocking: u32,
     pub(in crate::engine) not_relevant: Option<NotRelevant>,
-    pub(in crate::engine) facts: Facts,
+    pub(in crate::engine) facts: NodeFacts,
     pub(in crate::engine) dirty: bool,
 }
 
@@ -82,7 +82,7 @@ pub(in crate::engine) struct Node {
 pub(in crate::engine) struct GroupNode {
     pub(in crate::engine) node: Node,
     /// The facts that its parent and dependents know; they are updated when the node is left.
-    pub(in crate::engine) told: Facts,
+    pub(in crate::engine) told: NodeFacts,
     pub(in crate::engine) members: Vec<NodeId>,
     pub(in crate::engine) shown: Tally,
     pub(in crate::engine) own: Tally,
@@ -126,7 +126,7 @@ pub(in crate::engine) struct ModuleNode {
     pub(in crate::engine) made_by: Option<u32>,
 }
 
-pub(in crate::engine) const UNSEEN: Facts = Facts {
+pub(in crate::engine) const UNSEEN: NodeFacts = NodeFacts {
     relevant: false,
     blocked: false,
     masked: false,

@@ -1,6 +1,6 @@
 //! The shortest ways upstream from groups to the root causes that explain them.
 
-use super::causes::{Found, Vertex, end, for_each_hop};
+use super::causes::{SearchResult, Vertex, end, for_each_hop};
 use super::net::Net;
 use crate::engine::model::NodeId;
 use crate::engine::snapshot::Path;
@@ -8,7 +8,7 @@ use crate::engine::snapshot::Path;
 /// The reversed hops of one search, with room for one walk at a time. A walk starts at a root cause and visits
 /// only the nodes that lead to it, so thousands of other roots cost nothing.
 pub(in crate::engine) struct Ways<'a> {
-    found: &'a Found,
+    found: &'a SearchResult,
     /// By position: the vertices that hop there, and the index of each hop.
     back: Vec<Vec<(u32, u32)>>,
     /// By position: the step of the latest walk that passed.
@@ -27,7 +27,7 @@ struct Step {
 }
 
 impl<'a> Ways<'a> {
-    pub(in crate::engine) fn new(net: &Net, found: &'a Found) -> Ways<'a> {
+    pub(in crate::engine) fn new(net: &Net, found: &'a SearchResult) -> Ways<'a> {
         let mut back = vec![Vec::new(); found.order.len()];
         for (position, &vertex) in (0..).zip(&found.order) {
             // A path ends here.

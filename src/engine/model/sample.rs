@@ -83,7 +83,7 @@ impl Positions {
 
 /// The publishers of a watched topic, from discovery.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct TopicNews {
+pub struct PublisherReport {
     pub source: Arc<TopicSpec>,
     /// Publishers of the configured type.
     pub publishers: u32,

@@ -19,22 +19,22 @@ pub(in crate::engine) struct Budget {
     source_limit: u64,
     total: u64,
     /// By [`ModuleId`].
-    held: Vec<Held>,
+    held: Vec<StoredReport>,
     /// Writers with kept reports: never more than modules.
-    sources: HashMap<WriterId, Source>,
+    sources: HashMap<WriterId, StoredByWriter>,
     /// The number of modules with cut reports.
     cut: usize,
 }
 
 #[derive(Debug, Default, Clone, Copy)]
-struct Held {
+struct StoredReport {
     bytes: u32,
     is_cut: bool,
     source: WriterId,
 }
 
 #[derive(Debug, Clone, Default)]
-struct Source {
+struct StoredByWriter {
     total: u64,
     /// Modules by the number of binary digits of their size: the last is the longest, up to a factor of two.
     by_size: BTreeSet<(u8, Reverse<ModuleId>)>,
@@ -54,10 +54,10 @@ impl Budget {
     pub(in crate::engine) fn store(&mut self, id: ModuleId, source: WriterId, bytes: usize, is_cut: bool) {
         let index = id.0 as usize;
         if self.held.len() <= index {
-            self.held.resize(index + 1, Held::default());
+            self.held.resize(index + 1, StoredReport::default());
         }
         let bytes = u32::try_from(bytes).unwrap_or(u32::MAX);
-        let before = std::mem::replace(&mut self.held[index], Held { bytes, is_cut, source });
+        let before = std::mem::replace(&mut self.held[index], StoredReport { bytes, is_cut, source });
         self.cut = self.cut + usize::from(is_cut) - usize::from(before.is_cut);
         self.total = self.total + u64::from(bytes) - u64::from(before.bytes);
         let moved = before.source != source || key(id, before.bytes) != key(id, bytes);

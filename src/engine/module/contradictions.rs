@@ -29,9 +29,9 @@ pub(in crate::engine) enum Dispute {
     /// Two writers report different states, for longer than a moment.
     Contradiction { worse: (Arc<str>, State), better: (Arc<str>, State) },
     /// A writer that the configuration does not admit; its report does not count. The last one is named.
-    Stranger { who: Arc<str>, count: u64 },
+    NotAdmitted { who: Arc<str>, count: u64 },
     /// More writers than are kept apart.
-    Crowd,
+    TooManyWriters,
 }
 
 #[derive(Debug, Clone)]
@@ -59,8 +59,8 @@ impl Dispute {
     fn kind(&self) -> u8 {
         match self {
             Dispute::Contradiction { .. } => 0,
-            Dispute::Stranger { .. } => 1,
-            Dispute::Crowd => 2,
+            Dispute::NotAdmitted { .. } => 1,
+            Dispute::TooManyWriters => 2,
         }
     }
 
@@ -75,14 +75,14 @@ impl Dispute {
                 b = &*better.0,
                 better = word(better.1)
             ),
-            Dispute::Stranger { who, count } => say!(
+            Dispute::NotAdmitted { who, count } => say!(
                 "{name}: {who} may not say it; statuses not counted: {count}",
                 "{name}: {who} darf das nicht melden; nicht gezählte Meldungen: {count}",
                 name = name,
                 who = &**who,
                 count = count.to_string()
             ),
-            Dispute::Crowd => say!(
+            Dispute::TooManyWriters => say!(
                 "{name}: more writers than can be told apart; the worst count",
                 "{name}: mehr Sender, als sich unterscheiden lassen; die schlechtesten zählen",
                 name = name
@@ -112,7 +112,7 @@ impl Disputes {
                 let known = known.get_mut();
                 known.last = now;
                 match (&mut known.dispute, dispute) {
-                    (Dispute::Stranger { who, count }, Dispute::Stranger { who: latest, .. }) => {
+                    (Dispute::NotAdmitted { who, count }, Dispute::NotAdmitted { who: latest, .. }) => {
                         *who = latest;
                         *count += 1;
                         self.changed = true;

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::writers::Voices;
+use super::writers::WriterReports;
 use crate::engine::model::{GroupId, Model, ModuleId};
 
 /// A known status name.
@@ -24,7 +24,7 @@ pub(in crate::engine) struct Route {
     /// The route of the name that followed this one in an array, or [`NOBODY`]: it most likely does again.
     next: u32,
     /// The writers of the name with their last reports.
-    pub(in crate::engine) voices: Voices,
+    pub(in crate::engine) voices: WriterReports,
     /// The array whose report of the name does not count, because another writer reports a worse state or the
     /// writer is not admitted.
     pub(in crate::engine) overruled: u64,
@@ -44,7 +44,7 @@ impl Route {
             position: 0,
             lacking: false,
             next: NOBODY,
-            voices: Voices::default(),
+            voices: WriterReports::default(),
             overruled: 0,
         }
     }
@@ -86,7 +86,7 @@ pub(in crate::engine) struct Names {
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(in crate::engine) struct Claim {
     /// It feeds a new module in each of these groups.
-    pub(in crate::engine) places: Vec<Place>,
+    pub(in crate::engine) places: Vec<NewModule>,
     /// These groups claim it, but the limit is reached.
     pub(in crate::engine) dropped_by: Vec<GroupId>,
     /// The limit is that of the names' bytes.
@@ -151,14 +151,14 @@ impl Names {
     }
 
     /// The groups that claim a name, whether there is room or not.
-    pub(in crate::engine) fn wanted(model: &Model, name: &str, other: GroupId) -> Vec<Place> {
+    pub(in crate::engine) fn wanted(model: &Model, name: &str, other: GroupId) -> Vec<NewModule> {
         let matching = model.groups.iter().zip(0..).filter_map(|(group, index)| {
             let filter = group.filters.iter().position(|entry| entry.filter.matches(name))?;
-            Some(Place { group: GroupId(index), filter: Some(filter as u32) })
+            Some(NewModule { group: GroupId(index), filter: Some(filter as u32) })
         });
-        let mut places: Vec<Place> = matching.collect();
+        let mut places: Vec<NewModule> = matching.collect();
         if places.is_empty() {
-            places.push(Place::of(other));
+            places.push(NewModule::of(other));
         }
         places
     }
@@ -261,13 +261,13 @@ impl Names {
 
 /// A group in which a module is discovered, and the index of the claiming entry in the group's `match` list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::engine) struct Place {
+pub(in crate::engine) struct NewModule {
     pub(in crate::engine) group: GroupId,
     pub(in crate::engine) filter: Option<u32>,
 }
 
-impl Place {
-    pub(in crate::engine) fn of(group: GroupId) -> Place {
-        Place { group, filter: None }
+impl NewModule {
+    pub(in crate::engine) fn of(group: GroupId) -> NewModule {
+        NewModule { group, filter: None }
     }
 }

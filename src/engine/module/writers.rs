@@ -38,7 +38,7 @@ impl Policy {
 
 /// The last report of one writer about a name.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::engine) struct Voice {
+pub(in crate::engine) struct WriterReport {
     pub(in crate::engine) writer: WriterId,
     pub(in crate::engine) state: State,
     pub(in crate::engine) at: Timestamp,
@@ -46,14 +46,14 @@ pub(in crate::engine) struct Voice {
 
 /// The reports of one name by writer. Nearly always there is one writer.
 #[derive(Debug, Clone, Default)]
-pub(in crate::engine) struct Voices {
-    one: Option<Voice>,
+pub(in crate::engine) struct WriterReports {
+    one: Option<WriterReport>,
     several: Option<Box<Several>>,
 }
 
 #[derive(Debug, Clone)]
 pub(in crate::engine) struct Several {
-    voices: Vec<Voice>,
+    voices: Vec<WriterReport>,
     /// The writer whose texts are shown.
     shown: WriterId,
     /// Since when they differ, apart from moments.
@@ -62,10 +62,10 @@ pub(in crate::engine) struct Several {
     differed: Timestamp,
 }
 
-impl Voices {
-    /// Takes a report of the only writer. Returns false if the name has other writers: then [`Voices::hear`]
+impl WriterReports {
+    /// Takes a report of the only writer. Returns false if the name has other writers: then [`WriterReports::hear`]
     /// decides.
-    pub(in crate::engine) fn hear_alone(&mut self, voice: Voice) -> bool {
+    pub(in crate::engine) fn hear_alone(&mut self, voice: WriterReport) -> bool {
         let alone = self.several.is_none() && self.one.is_none_or(|one| one.writer == voice.writer);
         if alone {
             self.one = Some(voice);
@@ -75,7 +75,12 @@ impl Voices {
 
     /// Takes a report of one of several writers. Writers that left or were silent for `timeout` no longer
     /// count. Returns the remaining other writers, and whether there are more than are kept.
-    fn hear(&mut self, voice: Voice, timeout: Span, list: &WriterList) -> (Option<&mut Several>, bool) {
+    fn hear(
+        &mut self,
+        voice: WriterReport,
+        timeout: Span,
+        list: &WriterList,
+    ) -> (Option<&mut Several>, bool) {
         let mut several = self.several.take().unwrap_or_else(|| {
             let first = self.one.unwrap_or(voice);
             Box::new(Several {
@@ -109,7 +114,7 @@ const DIFFER_MIN: Span = Span::from_secs(2);
 impl Several {
     /// The writers that contradict each other now, the worse first. Both must have reported since they differ:
     /// a restarted writer contradicts nobody.
-    fn dispute(&mut self, now: Timestamp) -> Option<(Voice, Voice)> {
+    fn dispute(&mut self, now: Timestamp) -> Option<(WriterReport, WriterReport)> {
         let worst = self.voices.iter().map(|it| it.state).max()?;
         if self.voices.iter().all(|it| it.state == worst) {
             if now.since(self.differed) >= DIFFER_MIN {
@@ -129,7 +134,7 @@ impl Several {
 }
 
 /// Whether discovery lost the writer after its last report.
-fn has_left(list: &WriterList, voice: &Voice) -> bool {
+fn has_left(list: &WriterList, voice: &WriterReport) -> bool {
     list.complete && voice.at < list.as_of && !list.writers.contains_key(&voice.writer)
 }
 
@@ -144,7 +149,7 @@ impl Engine {
         &mut self,
         route: u32,
         status: Status<'_>,
-        voice: Voice,
+        voice: WriterReport,
         array: u64,
     ) {
         let (now, list) = (self.now, &self.writers);
@@ -176,10 +181,10 @@ impl Engine {
             self.note_stranger(route, voice.writer);
         }
         if crowded {
-            self.note_dispute(route, Dispute::Crowd);
+            self.note_dispute(route, Dispute::TooManyWriters);
         }
         if let Some((worse, better)) = dispute {
-            let one = |voice: Voice| (self.writers.label(voice.writer), voice.state);
+            let one = |voice: WriterReport| (self.writers.label(voice.writer), voice.state);
             self.note_dispute(route, Dispute::Contradiction { worse: one(worse), better: one(better) });
         }
         for (position, admission) in admissions.into_iter().enumerate() {
@@ -197,10 +202,10 @@ impl Engine {
 
     /// Reports the worst of the reports that count to a module. Returns whether that is the report of the
     /// present writer.
-    fn report_worst(&mut self, route: u32, id: ModuleId, voice: Voice, status: Status<'_>) -> bool {
+    fn report_worst(&mut self, route: u32, id: ModuleId, voice: WriterReport, status: Status<'_>) -> bool {
         let (list, policy) = (&self.writers, self.net.policy(id));
         let names = &mut self.names.routes[route as usize];
-        let counts = |it: &&Voice| {
+        let counts = |it: &&WriterReport| {
             it.at + policy.timeout > voice.at
                 && policy.admits(list.node(it.writer), it.state) == Admission::Counts
         };
@@ -231,7 +236,7 @@ impl Engine {
 
     fn note_stranger(&mut self, route: u32, writer: WriterId) {
         let label = self.writers.label(writer);
-        self.note_dispute(route, Dispute::Stranger { who: label, count: 1 });
+        self.note_dispute(route, Dispute::NotAdmitted { who: label, count: 1 });
     }
 }
 

@@ -1,6 +1,6 @@
 //! Two independent sources of one value, of one pose, or of one list of positions.
 
-use super::inputs::{Doubt, Inputs};
+use super::inputs::{Inputs, UnusableInput};
 use super::motion::{History, Motion, TooShort};
 use super::nearest::apart_m;
 use super::sequence::slack;
@@ -47,8 +47,8 @@ struct Lists {
     is_cut: bool,
 }
 
-enum Why {
-    Doubt(Doubt),
+enum NotComparable {
+    Input(UnusableInput),
     TooShort(usize, TooShort),
 }
 
@@ -85,7 +85,7 @@ impl Agreement {
                 translation.judge(metres).max(rotation_deg.judge(degrees))
             }
             Ok(Difference::Lists { lists, count, nearest }) => lists.judge(count, nearest),
-            Err(Why::Doubt(_) | Why::TooShort(..)) => State::Unknown,
+            Err(NotComparable::Input(_) | NotComparable::TooShort(..)) => State::Unknown,
         })
     }
 
@@ -94,7 +94,8 @@ impl Agreement {
     }
 
     pub(super) fn is_aged(&self, now: Timestamp) -> bool {
-        self.inputs.any() && matches!(self.difference(now), Err(Why::Doubt(doubt)) if doubt.is_age())
+        self.inputs.any()
+            && matches!(self.difference(now), Err(NotComparable::Input(unusable)) if unusable.is_age())
     }
 
     pub(super) fn words(&self, now: Timestamp) -> Words {
@@ -117,8 +118,8 @@ impl Agreement {
                 self.say_pose(metres, degrees, translation, rotation_deg)
             }
             Ok(Difference::Lists { lists, count, nearest }) => lists.words(count, nearest),
-            Err(Why::Doubt(doubt)) => Words::plain(self.inputs.say(doubt)),
-            Err(Why::TooShort(slot, why)) => {
+            Err(NotComparable::Input(unusable)) => Words::plain(self.inputs.say(unusable)),
+            Err(NotComparable::TooShort(slot, why)) => {
                 let over = self.motion.as_ref().map_or("".into(), |(over, _)| span(*over));
                 let label = self.inputs.label(slot);
                 Words::plain(match why {
@@ -161,16 +162,16 @@ impl Agreement {
         Words { message, values: vec![("translation_m", number(metres)), ("rotation_deg", number(degrees))] }
     }
 
-    fn difference(&self, now: Timestamp) -> Result<Difference<'_>, Why> {
+    fn difference(&self, now: Timestamp) -> Result<Difference<'_>, NotComparable> {
         match &self.rule {
             AgreementRule::Number(bands) => {
-                let a = self.inputs.number(0, now).map_err(Why::Doubt)?;
-                let b = self.inputs.number(1, now).map_err(Why::Doubt)?;
+                let a = self.inputs.number(0, now).map_err(NotComparable::Input)?;
+                let b = self.inputs.number(1, now).map_err(NotComparable::Input)?;
                 Ok(Difference::Number((a - b).abs(), slack(a, b), bands))
             }
             AgreementRule::Positions { count, nearest } => {
-                let a = self.inputs.positions(0, now).map_err(Why::Doubt)?;
-                let b = self.inputs.positions(1, now).map_err(Why::Doubt)?;
+                let a = self.inputs.positions(0, now).map_err(NotComparable::Input)?;
+                let b = self.inputs.positions(1, now).map_err(NotComparable::Input)?;
                 let (counts, is_cut) = ([a.count, b.count], a.is_cut() || b.is_cut());
                 let lists = Lists { counts, apart_m: self.apart_m, is_cut };
                 Ok(Difference::Lists { lists, count, nearest })
@@ -183,15 +184,15 @@ impl Agreement {
     }
 
     /// The distance between two poses, or two motions: in metres and degrees.
-    fn moved(&self, now: Timestamp) -> Result<(f64, f64), Why> {
-        let a = self.inputs.pose(0, now).map_err(Why::Doubt)?;
-        let b = self.inputs.pose(1, now).map_err(Why::Doubt)?;
+    fn moved(&self, now: Timestamp) -> Result<(f64, f64), NotComparable> {
+        let a = self.inputs.pose(0, now).map_err(NotComparable::Input)?;
+        let b = self.inputs.pose(1, now).map_err(NotComparable::Input)?;
         let (a, b) = match &self.motion {
             None => (Motion::to(&a), Motion::to(&b)),
             Some((over, histories)) => {
                 let motion = |slot: usize| {
                     let motion = histories[slot].motion(*over, self.max_age);
-                    motion.map_err(|why| Why::TooShort(slot, why))
+                    motion.map_err(|why| NotComparable::TooShort(slot, why))
                 };
                 (motion(0)?, motion(1)?)
             }

@@ -1,6 +1,6 @@
 //! Conditions over the latest fields of several topics.
 
-use super::inputs::{Doubt, Inputs};
+use super::inputs::{Inputs, UnusableInput};
 use super::words::{Words, cut, number, numeral};
 use crate::engine::model::monitors::{Condition, ScalarKind};
 use crate::engine::model::sample::FieldValue;
@@ -59,7 +59,7 @@ impl Expression {
         if !self.inputs.any() {
             return None;
         }
-        if self.doubt(now).is_some() {
+        if self.unusable(now).is_some() {
             return Some(State::Unknown);
         }
         if self.answer.is_none() {
@@ -76,15 +76,15 @@ impl Expression {
     }
 
     pub(super) fn is_aged(&self, now: Timestamp) -> bool {
-        self.inputs.any() && self.doubt(now).is_some_and(Doubt::is_age)
+        self.inputs.any() && self.unusable(now).is_some_and(UnusableInput::is_age)
     }
 
     pub(super) fn words(&self, now: Timestamp) -> Words {
         if !self.inputs.any() {
             return Words::default();
         }
-        if let Some(doubt) = self.doubt(now) {
-            return Words::plain(self.inputs.say(doubt));
+        if let Some(unusable) = self.unusable(now) {
+            return Words::plain(self.inputs.say(unusable));
         }
         let values = (0..self.inputs.len()).filter_map(|slot| {
             let text = match self.inputs.last(slot)? {
@@ -124,7 +124,7 @@ impl Expression {
         Words::plain(message)
     }
 
-    fn doubt(&self, now: Timestamp) -> Option<Doubt> {
+    fn unusable(&self, now: Timestamp) -> Option<UnusableInput> {
         (0..self.inputs.len()).find_map(|slot| self.inputs.value(slot, now).err())
     }
 

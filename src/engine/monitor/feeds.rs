@@ -1,19 +1,19 @@
 //! Passes messages, probe results and KeyValues to the monitors that watch them.
 
-mod blind;
 mod keys;
+mod topic_fault;
 
 use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::{Feed, Monitor, Taken, WORDS_EVERY, Words, feeds};
 use crate::engine::model::monitors::{MonitorSpec, TopicId, TopicSpec, ValueSource, WatchdogSpec};
-use crate::engine::model::sample::{FieldValue, Probe, Sample, TopicNews};
+use crate::engine::model::sample::{FieldValue, Probe, PublisherReport, Sample};
 use crate::engine::model::{Model, ModuleId, Policy};
-use crate::engine::signals::Heard;
+use crate::engine::signals::SignalSample;
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
-use blind::Judged;
+use topic_fault::Judged;
 
 /// All monitors and their inputs.
 #[derive(Debug, Clone, Default)]
@@ -22,11 +22,11 @@ pub(in crate::engine) struct Watching {
     /// By [`ModuleId`], for declared modules.
     of_module: Vec<Option<u32>>,
     /// By [`TopicId`].
-    topics: Vec<Topic>,
+    topics: Vec<WatchedTopic>,
     topic_names: HashMap<Box<str>, u32>,
     /// Each probe with its monitors.
     probes: Vec<(Arc<WatchdogSpec>, Vec<u32>)>,
-    statuses: HashMap<Arc<str>, Keyed>,
+    statuses: HashMap<Arc<str>, WatchedStatus>,
     /// Names of the present array, kept to save allocations.
     touched: Vec<Arc<str>>,
     /// Monitors to judge, kept to save allocations.
@@ -65,12 +65,12 @@ pub(in crate::engine) struct Watch {
 }
 
 #[derive(Debug, Clone)]
-struct Topic {
+struct WatchedTopic {
     spec: Arc<TopicSpec>,
     /// In the order of the monitors, then of their slots.
-    readers: Vec<Reader>,
+    readers: Vec<FieldWatcher>,
     /// The publishers, from discovery; without them nothing is concluded.
-    news: Option<News>,
+    news: Option<Publishers>,
     /// A message came, so the topic has a publisher whatever discovery reports.
     heard: bool,
     /// Its publishers left, and no message came since.
@@ -80,13 +80,13 @@ struct Topic {
 }
 
 #[derive(Debug, Clone)]
-struct News {
+struct Publishers {
     publishers: u32,
     other_type: Option<Box<str>>,
 }
 
 #[derive(Debug, Clone)]
-struct Reader {
+struct FieldWatcher {
     watch: u32,
     slot: u32,
     /// `None`: the message itself.
@@ -95,14 +95,14 @@ struct Reader {
 
 /// A status with watched KeyValues.
 #[derive(Debug, Clone, Default)]
-struct Keyed {
-    keys: Vec<KeyReader>,
+struct WatchedStatus {
+    keys: Vec<KeyWatcher>,
     /// The position of the worst status of this name in the present array.
     position: Option<usize>,
 }
 
 #[derive(Debug, Clone)]
-struct KeyReader {
+struct KeyWatcher {
     watch: u32,
     slot: u32,
     key: Arc<str>,
@@ -112,7 +112,7 @@ struct KeyReader {
 
 /// The result of judging a monitor.
 #[derive(Debug)]
-pub(in crate::engine) struct Told {
+pub(in crate::engine) struct Judgement {
     pub(in crate::engine) state: Option<State>,
     /// Whether the state changed.
     pub(in crate::engine) changed: bool,
@@ -147,7 +147,7 @@ impl Watch {
 
 impl Watching {
     pub(in crate::engine) fn new(model: &Model) -> Watching {
-        let topic = |spec: &Arc<TopicSpec>| Topic {
+        let topic = |spec: &Arc<TopicSpec>| WatchedTopic {
             spec: spec.clone(),
             readers: Vec::new(),
             news: None,
@@ -189,11 +189,17 @@ impl Watching {
                 Feed::Values(ValueSource::Key { status, key, unit }) => {
                     let keyed = self.statuses.entry(status.clone()).or_default();
                     let as_text = monitor.wants_words(slot as usize);
-                    keyed.keys.push(KeyReader { watch, slot, key: key.clone(), unit: unit.clone(), as_text });
+                    keyed.keys.push(KeyWatcher {
+                        watch,
+                        slot,
+                        key: key.clone(),
+                        unit: unit.clone(),
+                        as_text,
+                    });
                     continue;
                 }
             };
-            self.topics[topic.0 as usize].readers.push(Reader { watch, slot, field });
+            self.topics[topic.0 as usize].readers.push(FieldWatcher { watch, slot, field });
             topics.push(topic);
         }
         let mut from_dds = true;
@@ -264,14 +270,14 @@ impl Watching {
     /// Takes a report of discovery; `None` if it is about a topic of another configuration.
     pub(in crate::engine) fn take_news(
         &mut self,
-        news: &TopicNews,
+        news: &PublisherReport,
         now: Timestamp,
         judge: &mut Vec<u32>,
     ) -> Option<()> {
         let id = self.topic(&news.source)?;
         let topic = &mut self.topics[id.0 as usize];
         topic.left |= news.publishers == 0;
-        topic.news = Some(News { publishers: news.publishers, other_type: news.other_type.clone() });
+        topic.news = Some(Publishers { publishers: news.publishers, other_type: news.other_type.clone() });
         judge.extend(topic.readers.iter().map(|reader| reader.watch));
         judge.dedup();
         for reader in &topic.readers {
@@ -330,8 +336,8 @@ impl Watching {
     }
 
     /// Judges a monitor at `now`. Its message is written when the state changes, otherwise rarely.
-    pub(in crate::engine) fn judge(&mut self, index: u32, policy: &Policy, now: Timestamp) -> Told {
-        let Judged { judged, blind, state } = self.look(index, policy, now);
+    pub(in crate::engine) fn judge(&mut self, index: u32, policy: &Policy, now: Timestamp) -> Judgement {
+        let Judged { judged, topic_fault, state } = self.look(index, policy, now);
         let watch = &mut self.watches[index as usize];
         let changed = std::mem::replace(&mut watch.said, state) != state;
         let words_due = watch.worded.filter(|_| watch.pending).map(|worded| worded + WORDS_EVERY);
@@ -352,25 +358,25 @@ impl Watching {
                 words
             } else {
                 let beside = watch.by_the_clock || judged.is_some() && judged == state;
-                self.say(blind, beside, words)
+                self.say(topic_fault, beside, words)
             }
         });
         let words_due = watch.worded.filter(|_| watch.pending).map(|worded| worded + WORDS_EVERY);
         let due = [words_due, watch.due].into_iter().flatten().filter(|&due| due > now).min();
-        let aged = blind.is_none() && watch.monitor.is_aged(now);
-        Told { state, changed, words, aged, due }
+        let aged = topic_fault.is_none() && watch.monitor.is_aged(now);
+        Judgement { state, changed, words, aged, due }
     }
 
     /// Whether the condition of a signal holds, and the time of its oldest input; `None` while an input is
     /// unknown.
-    pub(in crate::engine) fn condition(&mut self, index: u32, now: Timestamp) -> Option<Heard> {
+    pub(in crate::engine) fn condition(&mut self, index: u32, now: Timestamp) -> Option<SignalSample> {
         let Monitor::Expression(expression) = &mut self.watches[index as usize].monitor else { return None };
         let is = match expression.judge(now)? {
             State::Error => true,
             State::Ok => false,
             State::Unknown | State::Warning | State::Ignore => return None,
         };
-        Some(Heard { is, at: expression.oldest()? })
+        Some(SignalSample { is, at: expression.oldest()? })
     }
 
     /// Continues the inputs of a condition with the same meaning from before a reload.

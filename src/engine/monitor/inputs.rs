@@ -24,26 +24,26 @@ pub(super) struct Inputs {
 
 /// The reason why there is no answer, and the input that causes it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Doubt {
+pub(super) struct UnusableInput {
     slot: usize,
-    what: What,
+    fault: InputFault,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum What {
+enum InputFault {
     Missing,
     Old,
     Unreadable,
     NotANumber,
     Infinite,
-    WrongKind { wanted: Kind, is: Kind },
+    WrongKind { wanted: ValueKind, is: ValueKind },
     NoRotation,
 }
 
-impl Doubt {
+impl UnusableInput {
     /// Whether the only reason is the age of the input.
     pub(super) fn is_age(self) -> bool {
-        self.what == What::Old
+        self.fault == InputFault::Old
     }
 }
 
@@ -108,39 +108,39 @@ impl Inputs {
     }
 
     /// A usable value: present, recent enough, readable, and finite if it is a number.
-    pub(super) fn value(&self, slot: usize, now: Timestamp) -> Result<&FieldValue, Doubt> {
-        let doubt = |what| Err(Doubt { slot, what });
-        let Some((received, value)) = &self.latest[slot] else { return doubt(What::Missing) };
+    pub(super) fn value(&self, slot: usize, now: Timestamp) -> Result<&FieldValue, UnusableInput> {
+        let unusable = |fault| Err(UnusableInput { slot, fault });
+        let Some((received, value)) = &self.latest[slot] else { return unusable(InputFault::Missing) };
         if self.max_age.is_some_and(|max_age| now.since(*received) > max_age) {
-            return doubt(What::Old);
+            return unusable(InputFault::Old);
         }
         match value {
-            FieldValue::Absent | FieldValue::Unreadable(_) => doubt(What::Unreadable),
-            FieldValue::Number(number) if number.is_nan() => doubt(What::NotANumber),
-            FieldValue::Number(number) if number.is_infinite() => doubt(What::Infinite),
+            FieldValue::Absent | FieldValue::Unreadable(_) => unusable(InputFault::Unreadable),
+            FieldValue::Number(number) if number.is_nan() => unusable(InputFault::NotANumber),
+            FieldValue::Number(number) if number.is_infinite() => unusable(InputFault::Infinite),
             FieldValue::Pose(pose) => match fault(pose) {
-                Some(what) => doubt(what),
+                Some(fault) => unusable(fault),
                 None => Ok(value),
             },
             FieldValue::Positions(positions) => match astray(positions) {
-                Some(what) => doubt(what),
+                Some(fault) => unusable(fault),
                 None => Ok(value),
             },
             value => Ok(value),
         }
     }
 
-    pub(super) fn number(&self, slot: usize, now: Timestamp) -> Result<f64, Doubt> {
+    pub(super) fn number(&self, slot: usize, now: Timestamp) -> Result<f64, UnusableInput> {
         match self.value(slot, now)? {
             FieldValue::Number(number) => Ok(*number),
-            other => Err(wrong_kind(slot, Kind::Number, other)),
+            other => Err(wrong_kind(slot, ValueKind::Number, other)),
         }
     }
 
-    pub(super) fn pose(&self, slot: usize, now: Timestamp) -> Result<Pose, Doubt> {
+    pub(super) fn pose(&self, slot: usize, now: Timestamp) -> Result<Pose, UnusableInput> {
         match self.value(slot, now)? {
             FieldValue::Pose(pose) => Ok(*pose),
-            other => Err(wrong_kind(slot, Kind::Pose, other)),
+            other => Err(wrong_kind(slot, ValueKind::Pose, other)),
         }
     }
 
@@ -156,10 +156,10 @@ impl Inputs {
         }
     }
 
-    pub(super) fn positions(&self, slot: usize, now: Timestamp) -> Result<&Positions, Doubt> {
+    pub(super) fn positions(&self, slot: usize, now: Timestamp) -> Result<&Positions, UnusableInput> {
         match self.value(slot, now)? {
             FieldValue::Positions(positions) => Ok(positions),
-            other => Err(wrong_kind(slot, Kind::Positions, other)),
+            other => Err(wrong_kind(slot, ValueKind::Positions, other)),
         }
     }
 
@@ -170,11 +170,11 @@ impl Inputs {
         self.latest.iter().flatten().map(old).filter(|&at| at > now).min()
     }
 
-    pub(super) fn say(&self, doubt: Doubt) -> Text {
-        let label = self.label(doubt.slot);
-        match doubt.what {
-            What::Missing => nothing_yet(label),
-            What::Old => {
+    pub(super) fn say(&self, unusable: UnusableInput) -> Text {
+        let label = self.label(unusable.slot);
+        match unusable.fault {
+            InputFault::Missing => nothing_yet(label),
+            InputFault::Old => {
                 let max_age = self.max_age.map_or("".into(), span);
                 say!(
                     "{label} is older than {max_age}",
@@ -183,7 +183,7 @@ impl Inputs {
                     max_age = max_age
                 )
             }
-            What::Unreadable => match &self.latest[doubt.slot] {
+            InputFault::Unreadable => match &self.latest[unusable.slot] {
                 Some((_, FieldValue::Unreadable(why))) if **why == *NO_SUCH_KEY => say!(
                     "{label} cannot be read: the status has no such key",
                     "{label} nicht lesbar: der Status hat diesen Schlüssel nicht",
@@ -197,25 +197,29 @@ impl Inputs {
                 ),
                 _ => say!("{label} cannot be read", "{label} nicht lesbar", label = label),
             },
-            What::NotANumber => say!("{label} is not a number", "{label} ist keine Zahl", label = label),
-            What::Infinite => say!("{label} is infinite", "{label} ist unendlich", label = label),
+            InputFault::NotANumber => {
+                say!("{label} is not a number", "{label} ist keine Zahl", label = label)
+            }
+            InputFault::Infinite => say!("{label} is infinite", "{label} ist unendlich", label = label),
             // The text itself is the explanation: a unit, a word.
-            What::WrongKind { wanted: Kind::Number, is: Kind::Words } if self.text(doubt.slot).is_some() => {
+            InputFault::WrongKind { wanted: ValueKind::Number, is: ValueKind::Words }
+                if self.text(unusable.slot).is_some() =>
+            {
                 say!(
                     "{label} is \"{text}\", text where a number is wanted",
                     "{label} ist \"{text}\", Text, wo eine Zahl erwartet wird",
                     label = label,
-                    text = self.text(doubt.slot).unwrap_or_default()
+                    text = self.text(unusable.slot).unwrap_or_default()
                 )
             }
-            What::WrongKind { wanted, is } => say!(
+            InputFault::WrongKind { wanted, is } => say!(
                 "{label} is {is} where {wanted} is wanted",
                 "{label} ist {is}, erwartet {wanted}",
                 label = label,
                 is = is.say(),
                 wanted = wanted.say()
             ),
-            What::NoRotation => say!(
+            InputFault::NoRotation => say!(
                 "{label} has a rotation of length zero",
                 "{label} hat eine Drehung der Länge null",
                 label = label
@@ -230,7 +234,7 @@ pub(super) fn nothing_yet(label: Text) -> Text {
 
 /// The kind of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum ValueKind {
     Number,
     Pose,
     Positions,
@@ -238,44 +242,44 @@ enum Kind {
     Words,
 }
 
-impl Kind {
+impl ValueKind {
     fn say(self) -> Text {
         match self {
-            Kind::Number => say!("a number", "eine Zahl"),
-            Kind::Pose => say!("a pose", "eine Pose"),
-            Kind::Positions => say!("a list", "eine Liste"),
-            Kind::Bool => say!("a boolean", "ein Wahrheitswert"),
-            Kind::Words => say!("text", "Text"),
+            ValueKind::Number => say!("a number", "eine Zahl"),
+            ValueKind::Pose => say!("a pose", "eine Pose"),
+            ValueKind::Positions => say!("a list", "eine Liste"),
+            ValueKind::Bool => say!("a boolean", "ein Wahrheitswert"),
+            ValueKind::Words => say!("text", "Text"),
         }
     }
 }
 
-fn wrong_kind(slot: usize, wanted: Kind, value: &FieldValue) -> Doubt {
+fn wrong_kind(slot: usize, wanted: ValueKind, value: &FieldValue) -> UnusableInput {
     let is = match value {
-        FieldValue::Number(_) => Kind::Number,
-        FieldValue::Pose(_) => Kind::Pose,
-        FieldValue::Positions(_) => Kind::Positions,
-        FieldValue::Bool(_) => Kind::Bool,
-        FieldValue::Text(_) | FieldValue::Absent | FieldValue::Unreadable(_) => Kind::Words,
+        FieldValue::Number(_) => ValueKind::Number,
+        FieldValue::Pose(_) => ValueKind::Pose,
+        FieldValue::Positions(_) => ValueKind::Positions,
+        FieldValue::Bool(_) => ValueKind::Bool,
+        FieldValue::Text(_) | FieldValue::Absent | FieldValue::Unreadable(_) => ValueKind::Words,
     };
-    Doubt { slot, what: What::WrongKind { wanted, is } }
+    UnusableInput { slot, fault: InputFault::WrongKind { wanted, is } }
 }
 
-fn astray(positions: &Positions) -> Option<What> {
+fn astray(positions: &Positions) -> Option<InputFault> {
     let mut parts = positions.taken.iter().flat_map(|position| [position.x_m, position.y_m]);
     let worst = parts.find(|part| !part.is_finite())?;
-    Some(if worst.is_nan() { What::NotANumber } else { What::Infinite })
+    Some(if worst.is_nan() { InputFault::NotANumber } else { InputFault::Infinite })
 }
 
-fn fault(pose: &Pose) -> Option<What> {
+fn fault(pose: &Pose) -> Option<InputFault> {
     let parts = [pose.x_m, pose.y_m, pose.z_m, pose.qx, pose.qy, pose.qz, pose.qw];
     let length = pose.qx * pose.qx + pose.qy * pose.qy + pose.qz * pose.qz + pose.qw * pose.qw;
     if parts.iter().any(|part| part.is_nan()) {
-        Some(What::NotANumber)
+        Some(InputFault::NotANumber)
     } else if parts.iter().any(|part| part.is_infinite()) || length.is_infinite() {
-        Some(What::Infinite)
+        Some(InputFault::Infinite)
     } else if length < 1e-12 {
-        Some(What::NoRotation)
+        Some(InputFault::NoRotation)
     } else {
         None
     }

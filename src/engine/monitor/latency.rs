@@ -17,7 +17,7 @@ const OTHER_CLOCK: Span = Span::from_secs(3600);
 
 /// The reason why a stamp is useless.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Doubt {
+enum StampFault {
     Absent,
     /// There is no time on `/clock` to compare it with.
     NoClock,
@@ -31,7 +31,7 @@ pub(in crate::engine) struct Latency {
     window: Window,
     bands: Bands,
     /// The last message with a useless stamp: while it is in the window, the window is not judged as OK.
-    doubt: Option<(Timestamp, Doubt)>,
+    doubt: Option<(Timestamp, StampFault)>,
     /// Kept while the window is empty: then the module's timeout decides.
     last: Option<State>,
 }
@@ -91,41 +91,41 @@ impl Latency {
 }
 
 /// Seconds from stamp to receipt. A stamp slightly ahead of this machine's clock counts as now.
-fn age(sample: &Sample) -> Result<f64, Doubt> {
-    let stamp = sample.stamp_ns.ok_or(Doubt::Absent)?;
+fn age(sample: &Sample) -> Result<f64, StampFault> {
+    let stamp = sample.stamp_ns.ok_or(StampFault::Absent)?;
     if stamp == 0 {
-        return Err(Doubt::Zero);
+        return Err(StampFault::Zero);
     }
     if sample.received_wall_ns == Sample::NO_CLOCK {
-        return Err(Doubt::NoClock);
+        return Err(StampFault::NoClock);
     }
     let age = i128::from(sample.received_wall_ns) - i128::from(stamp);
     let away = Span::from_nanos(u64::try_from(age.unsigned_abs()).unwrap_or(u64::MAX));
     if away > OTHER_CLOCK {
-        return Err(Doubt::OtherClock(away));
+        return Err(StampFault::OtherClock(away));
     }
     if age < 0 && away > FUTURE_MAX {
-        return Err(Doubt::Future(away));
+        return Err(StampFault::Future(away));
     }
     Ok(age.max(0) as f64 / 1e9)
 }
 
-impl Doubt {
+impl StampFault {
     fn say(self) -> Text {
         match self {
-            Doubt::Absent => {
+            StampFault::Absent => {
                 say!("the message has no readable stamp", "Nachricht ohne lesbaren Zeitstempel")
             }
-            Doubt::NoClock => {
+            StampFault::NoClock => {
                 say!("nothing was heard of /clock yet", "von /clock kam noch nichts")
             }
-            Doubt::Zero => say!("the stamp was not set", "Zeitstempel nicht gesetzt"),
-            Doubt::Future(by) => say!(
+            StampFault::Zero => say!("the stamp was not set", "Zeitstempel nicht gesetzt"),
+            StampFault::Future(by) => say!(
                 "the stamp lies {by} in the future: set the clocks",
                 "Zeitstempel liegt {by} in der Zukunft: Uhren stellen",
                 by = span(by)
             ),
-            Doubt::OtherClock(by) => say!(
+            StampFault::OtherClock(by) => say!(
                 "the stamp is from another clock, {by} away",
                 "Zeitstempel von anderer Uhr, {by} entfernt",
                 by = span(by)

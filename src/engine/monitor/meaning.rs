@@ -10,7 +10,7 @@ const fn class(location: &'static str, information: &'static str, flow: Option<&
 }
 
 /// A topic without its index: its name, its type, and the field that is read.
-type Source<'a> = (&'a str, &'a str, Option<&'a FieldSpec>);
+type TopicMeaning<'a> = (&'a str, &'a str, Option<&'a FieldSpec>);
 
 impl MonitorSpec {
     /// Its kind, as in the configuration.
@@ -70,7 +70,10 @@ impl MonitorSpec {
     }
 
     /// The monitor without indices, and the topics behind the indices.
-    fn meaning<'a>(&self, watched: &'a Watched) -> (MonitorSpec, Vec<Source<'a>>, Option<&'a WatchdogSpec>) {
+    fn meaning<'a>(
+        &self,
+        watched: &'a Watched,
+    ) -> (MonitorSpec, Vec<TopicMeaning<'a>>, Option<&'a WatchdogSpec>) {
         let mut bare = self.clone();
         let mut sources = Vec::new();
         let mut name_topic = |topic: &mut TopicId| {

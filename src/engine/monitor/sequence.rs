@@ -1,6 +1,6 @@
 //! A value at a later stage of processing against the same value at an earlier stage.
 
-use super::inputs::{Doubt, Inputs, nothing_yet};
+use super::inputs::{Inputs, UnusableInput, nothing_yet};
 use super::words::{Words, number, span};
 use crate::engine::model::monitors::Bands;
 use crate::engine::model::sample::FieldValue;
@@ -20,8 +20,8 @@ pub(in crate::engine) struct Sequence {
 
 #[derive(Debug, Clone, Copy)]
 struct Pair {
-    earlier: Result<f64, Doubt>,
-    later: Result<f64, Doubt>,
+    earlier: Result<f64, UnusableInput>,
+    later: Result<f64, UnusableInput>,
     gap: Span,
 }
 
@@ -69,15 +69,16 @@ impl Sequence {
         }
     }
 
-    fn difference(&self) -> Result<(f64, State), Why> {
-        let Some(pair) = self.pair else { return Err(Why::Missing(Sequence::LATER)) };
+    fn difference(&self) -> Result<(f64, State), NotComparable> {
+        let Some(pair) = self.pair else { return Err(NotComparable::Missing(Sequence::LATER)) };
         let ahead = self.inputs.received(Sequence::EARLIER).zip(self.inputs.received(Sequence::LATER));
         if ahead.is_some_and(|(earlier, later)| earlier.since(later) > self.max_gap) {
-            return Err(Why::Gap(Sequence::LATER));
+            return Err(NotComparable::Gap(Sequence::LATER));
         }
-        let (earlier, later) = (pair.earlier.map_err(Why::Doubt)?, pair.later.map_err(Why::Doubt)?);
+        let (earlier, later) =
+            (pair.earlier.map_err(NotComparable::Input)?, pair.later.map_err(NotComparable::Input)?);
         if pair.gap > self.max_gap {
-            return Err(Why::Gap(Sequence::EARLIER));
+            return Err(NotComparable::Gap(Sequence::EARLIER));
         }
         let difference = later - earlier;
         Ok((difference, self.bands.judge_within(difference, slack(earlier, later))))
@@ -89,19 +90,19 @@ pub(super) fn slack(a: f64, b: f64) -> f64 {
     2.0 * f64::EPSILON * a.abs().max(b.abs())
 }
 
-enum Why {
-    Doubt(Doubt),
+enum NotComparable {
+    Input(UnusableInput),
     Missing(usize),
     /// This input is too far behind the other.
     Gap(usize),
 }
 
-impl Why {
+impl NotComparable {
     fn say(self, inputs: &Inputs, max_gap: Span) -> Text {
         match self {
-            Why::Doubt(doubt) => inputs.say(doubt),
-            Why::Missing(slot) => nothing_yet(inputs.label(slot)),
-            Why::Gap(slot) => say!(
+            NotComparable::Input(unusable) => inputs.say(unusable),
+            NotComparable::Missing(slot) => nothing_yet(inputs.label(slot)),
+            NotComparable::Gap(slot) => say!(
                 "{label} is more than {time} behind the other",
                 "{label} kommt mehr als {time} nach dem anderen",
                 label = inputs.label(slot),

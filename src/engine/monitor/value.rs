@@ -1,6 +1,6 @@
 //! One field of a topic, or one KeyValue of a status.
 
-use super::inputs::{Doubt, Inputs};
+use super::inputs::{Inputs, UnusableInput};
 use super::words::{Words, number, numeral, quoted};
 use crate::engine::model::monitors::ValueRule;
 use crate::engine::model::sample::FieldValue;
@@ -34,10 +34,10 @@ impl Value {
         if !self.inputs.any() {
             return Words::default();
         }
-        self.measured(now).unwrap_or_else(|doubt| Words::plain(self.inputs.say(doubt)))
+        self.measured(now).unwrap_or_else(|unusable| Words::plain(self.inputs.say(unusable)))
     }
 
-    fn measured(&self, now: Timestamp) -> Result<Words, Doubt> {
+    fn measured(&self, now: Timestamp) -> Result<Words, UnusableInput> {
         Ok(match &self.rule {
             ValueRule::Bands(bands) => {
                 let value = self.inputs.number(0, now)?;
@@ -60,7 +60,7 @@ impl Value {
         })
     }
 
-    fn look(&self, now: Timestamp) -> Result<(&FieldValue, State), Doubt> {
+    fn look(&self, now: Timestamp) -> Result<(&FieldValue, State), UnusableInput> {
         let value = self.inputs.value(0, now)?;
         let state = match &self.rule {
             ValueRule::Bands(bands) => bands.judge(self.inputs.number(0, now)?),

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::collections::hash_map::{Entry, HashMap};
 
 use crate::engine::Engine;
-use crate::engine::event::{Events, What};
+use crate::engine::event::{EventKind, Events};
 use crate::engine::model::NodeId;
 use crate::engine::snapshot::Alarm;
 use crate::engine::time::Timestamp;
@@ -90,7 +90,7 @@ impl Alarms {
         for alarm in self.list.iter_mut().filter(|alarm| which(alarm)) {
             found = true;
             if !std::mem::replace(&mut alarm.acknowledged, true) {
-                events.push(now, What::AlarmAcknowledged { id: alarm.id, node: alarm.node });
+                events.push(now, EventKind::AlarmAcknowledged { id: alarm.id, node: alarm.node });
             }
         }
         self.list.retain(|alarm| alarm.active || !alarm.acknowledged);
@@ -137,13 +137,14 @@ impl Alarms {
             active.remove(&alarm.node);
             match heir {
                 Some(&node) => {
-                    events.push(now, What::AlarmMoved { id: alarm.id, symptom: alarm.node, cause: node });
+                    events
+                        .push(now, EventKind::AlarmMoved { id: alarm.id, symptom: alarm.node, cause: node });
                     alarm.node = node;
                     alarm.acknowledged = false;
                     active.insert(node, index);
                 }
                 None => {
-                    events.push(now, What::AlarmCleared { id: alarm.id, node: alarm.node });
+                    events.push(now, EventKind::AlarmCleared { id: alarm.id, node: alarm.node });
                     alarm.active = false;
                     alarm.ended = Some(now);
                     alarm.acknowledged |= explained;
@@ -154,7 +155,7 @@ impl Alarms {
             if let Entry::Vacant(slot) = active.entry(node) {
                 changed = true;
                 self.last_id += 1;
-                events.push(now, What::AlarmRaised { id: self.last_id, node });
+                events.push(now, EventKind::AlarmRaised { id: self.last_id, node });
                 slot.insert(self.list.len());
                 self.list.push(Alarm {
                     id: self.last_id,
@@ -184,7 +185,7 @@ impl Alarms {
         for alarm in self.list.iter_mut().filter(|it| it.raised == now && it.active && !it.acknowledged) {
             if known.iter().any(|&node| same(node, alarm.node)) {
                 alarm.acknowledged = true;
-                events.push(now, What::AlarmAcknowledged { id: alarm.id, node: alarm.node });
+                events.push(now, EventKind::AlarmAcknowledged { id: alarm.id, node: alarm.node });
             }
         }
     }

@@ -1,6 +1,6 @@
 //! The vehicle's confirmation of a request. Every rule has its own confirmation, and none replaces another.
 
-use super::held::{By, Countermeasures, Held};
+use super::held::{Countermeasures, HeldRequest, RequestOrigin};
 use crate::engine::mask::net::Net;
 use crate::engine::model::Model;
 use crate::engine::model::countermeasure::{Confirmation, ConfirmedBy, Request, RequestKind};
@@ -14,7 +14,7 @@ use crate::engine::time::Timestamp;
 
 /// A request of one kind, while it is in force.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::engine) struct Asked {
+pub(in crate::engine) struct ActiveRequest {
     pub(in crate::engine) request: Request,
     pub(in crate::engine) since: Timestamp,
     /// The time since which the vehicle could have confirmed it and has not.
@@ -24,7 +24,7 @@ pub(in crate::engine) struct Asked {
 
 /// The last value of one confirmation.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::engine) struct Heard {
+pub(in crate::engine) struct ConfirmationHeard {
     /// The index of its rule.
     rule: usize,
     is: bool,
@@ -33,9 +33,9 @@ pub(in crate::engine) struct Heard {
     late: bool,
 }
 
-impl Heard {
+impl ConfirmationHeard {
     /// The same confirmation under another configuration, if that confirms in the same way.
-    fn kept(&self, before: &Model, model: &Model) -> Option<Heard> {
+    fn kept(&self, before: &Model, model: &Model) -> Option<ConfirmationHeard> {
         let means = |model: &Model, index: usize| {
             let rule = model.driving.countermeasures.get(index)?;
             let by = match &rule.confirmation.as_ref()?.by {
@@ -48,14 +48,14 @@ impl Heard {
         let same = |index: &usize| means(model, *index).as_ref() == Some(&meant);
         let rule =
             Some(self.rule).filter(same).or_else(|| (0..model.driving.countermeasures.len()).find(same))?;
-        Some(Heard { rule, ..*self })
+        Some(ConfirmationHeard { rule, ..*self })
     }
 }
 
 impl Countermeasures {
     /// Whether the vehicle still has time to confirm a request.
     pub(in crate::engine) fn waits(&self, model: &Model) -> bool {
-        let waits = |asked: &Asked| {
+        let waits = |asked: &ActiveRequest| {
             asked.state == CountermeasureState::Requested
                 && !self.confirmations(model, asked.request.kind()).is_empty()
         };
@@ -85,7 +85,7 @@ impl Countermeasures {
             };
             let before = self.asked[slot].filter(|asked| asked.request == request);
             let since = self.asked[slot].map_or(now, |asked| asked.since);
-            let mut asked = before.unwrap_or(Asked {
+            let mut asked = before.unwrap_or(ActiveRequest {
                 request,
                 since,
                 unconfirmed_since: now,
@@ -121,9 +121,9 @@ impl Countermeasures {
         next
     }
 
-    fn hear(&mut self, rule: usize, is: bool, now: Timestamp) -> &mut Heard {
+    fn hear(&mut self, rule: usize, is: bool, now: Timestamp) -> &mut ConfirmationHeard {
         let position = self.heard.iter().position(|heard| heard.rule == rule).unwrap_or_else(|| {
-            self.heard.push(Heard { rule, is: false, lost: None, late: false });
+            self.heard.push(ConfirmationHeard { rule, is: false, lost: None, late: false });
             self.heard.len() - 1
         });
         let heard = &mut self.heard[position];
@@ -160,18 +160,18 @@ impl Countermeasures {
             Some(known) => known.1 = known.1.min(since),
             None => found.push((index, since)),
         };
-        let of_kind = |held: &&Held| held.request.kind() == kind;
+        let of_kind = |held: &&HeldRequest| held.request.kind() == kind;
         for held in self.held.iter().filter(of_kind) {
             let asks_the_same = |&index: &usize| rules[index].request == held.request;
             match held.by {
-                By::Rule(index, _) => {
+                RequestOrigin::Rule(index, _) => {
                     Some(index).filter(confirmed).into_iter().for_each(|it| add(it, held.since))
                 }
-                By::Past => {
+                RequestOrigin::Past => {
                     let alike = (0..rules.len()).filter(asks_the_same);
                     alike.filter(confirmed).for_each(|index| add(index, held.since));
                 }
-                By::Operator => {}
+                RequestOrigin::Operator => {}
             }
         }
         if found.is_empty() {
@@ -184,7 +184,7 @@ impl Countermeasures {
     /// The fault of the present requests.
     pub(in crate::engine) fn trouble(&self, model: &Model) -> Option<Text> {
         // A request without a reader is an ERROR of its own.
-        let unconfirmed = |asked: &&Asked| {
+        let unconfirmed = |asked: &&ActiveRequest| {
             asked.state == CountermeasureState::Unconfirmed
                 && self.unreached(model, asked.request.kind()).is_none()
         };

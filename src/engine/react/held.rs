@@ -6,10 +6,10 @@
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::Arc;
 
-use super::confirmation::{Asked, Heard};
-use crate::engine::input::OutputNews;
+use super::confirmation::{ActiveRequest, ConfirmationHeard};
+use crate::engine::input::OutputReport;
 use crate::engine::mask::net::{Change, Net};
-use crate::engine::mask::node::Facts;
+use crate::engine::mask::node::NodeFacts;
 use crate::engine::mask::responsible::CAUSES_MAX;
 use crate::engine::model::countermeasure::{Request, RequestKind, Rule};
 use crate::engine::model::output::Output;
@@ -20,18 +20,18 @@ use crate::engine::time::Timestamp;
 
 /// One reason for a request.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::engine) struct Held {
+pub(in crate::engine) struct HeldRequest {
     pub(in crate::engine) request: Request,
-    pub(in crate::engine) by: By,
+    pub(in crate::engine) by: RequestOrigin,
     pub(in crate::engine) since: Timestamp,
     pub(in crate::engine) present: bool,
     /// Never empty, except for the operator's stop: a request without a named cause could not be released by
     /// anybody.
-    pub(in crate::engine) causes: Vec<Cause>,
+    pub(in crate::engine) causes: Vec<RequestCause>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::engine) enum By {
+pub(in crate::engine) enum RequestOrigin {
     /// A rule of the model, by its index, and the node that triggered it.
     Rule(usize, NodeId),
     /// From before a restart or another configuration: only its causes are known.
@@ -40,7 +40,7 @@ pub(in crate::engine) enum By {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::engine) struct Cause {
+pub(in crate::engine) struct RequestCause {
     pub(in crate::engine) node: NodeId,
     pub(in crate::engine) acknowledged: bool,
     pub(in crate::engine) present: bool,
@@ -48,13 +48,13 @@ pub(in crate::engine) struct Cause {
 
 /// A node that the operator acknowledges.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::engine) struct Known<'a> {
+pub(in crate::engine) struct Acknowledged<'a> {
     pub(in crate::engine) node: NodeId,
     /// Only by this alarm, the latest of the node.
     pub(in crate::engine) alarm: Option<&'a Alarm>,
 }
 
-impl Held {
+impl HeldRequest {
     fn is_over(&self) -> bool {
         let is_known = || !self.causes.is_empty() && self.causes.iter().all(|it| it.acknowledged);
         !self.present && (self.request.kind() == RequestKind::Notify || is_known())
@@ -89,10 +89,10 @@ impl Held {
             let facts = &net.node(node).facts;
             !facts.masked && fails(facts, State::Warning)
         };
-        let now = |node| Cause { node, acknowledged: known(node), present: true };
+        let now = |node| RequestCause { node, acknowledged: known(node), present: true };
         self.causes = named(about).into_iter().map(now).collect();
         let mut past: Vec<NodeId> = Vec::new();
-        for &Cause { node, present, acknowledged } in &before {
+        for &RequestCause { node, present, acknowledged } in &before {
             match (acknowledged, net.node(node).facts.masked && present) {
                 (false, true) => past.extend(named(node).into_iter().filter(|&node| !known(node))),
                 (false, false) => past.push(node),
@@ -108,11 +108,11 @@ impl Held {
             past.insert(0, about);
         }
         for node in past {
-            self.add(Cause { node, acknowledged: known(node), present: is_there(node) });
+            self.add(RequestCause { node, acknowledged: known(node), present: is_there(node) });
         }
     }
 
-    fn add(&mut self, cause: Cause) {
+    fn add(&mut self, cause: RequestCause) {
         match self.causes.iter_mut().find(|known| known.node == cause.node) {
             Some(known) => {
                 known.acknowledged &= cause.acknowledged;
@@ -131,17 +131,17 @@ impl Held {
         let rest = self.causes.split_off(CAUSES_MAX - 1);
         let acknowledged = rest.iter().all(|cause| cause.acknowledged);
         let present = rest.iter().any(|cause| cause.present);
-        self.add(Cause { node: others, acknowledged, present });
+        self.add(RequestCause { node: others, acknowledged, present });
     }
 
     fn is_about(&self, node: NodeId) -> bool {
-        matches!(self.by, By::Rule(_, it) if it == node)
+        matches!(self.by, RequestOrigin::Rule(_, it) if it == node)
     }
 
     /// Notes an acknowledgement. By the name of the node that triggered it, all causes are acknowledged; by an
     /// alarm, only the cause of that alarm, if the alarm was active while this was held.
-    fn acknowledge(&mut self, known: Known<'_>) {
-        let Known { node, alarm } = known;
+    fn acknowledge(&mut self, known: Acknowledged<'_>) {
+        let Acknowledged { node, alarm } = known;
         let about = alarm.is_none() && self.is_about(node);
         let counts = alarm.is_none_or(|it| it.active || it.ended.is_some_and(|ended| ended >= self.since));
         for cause in self.causes.iter_mut().filter(|cause| about || (counts && cause.node == node)) {
@@ -159,15 +159,15 @@ pub(in crate::engine) struct Countermeasures {
     rules: HashMap<NodeId, Vec<usize>>,
     /// Nodes with rules that changed.
     dirty: BTreeSet<NodeId>,
-    pub(in crate::engine) held: Vec<Held>,
+    pub(in crate::engine) held: Vec<HeldRequest>,
     /// The end of the drive is certain at this time, unless the vehicle drives again earlier: until then
     /// nothing is released.
     pub(in crate::engine) arrives: Option<Timestamp>,
-    pub(in crate::engine) asked: [Option<Asked>; 3],
+    pub(in crate::engine) asked: [Option<ActiveRequest>; 3],
     /// The last value of each expected confirmation.
-    pub(in crate::engine) heard: Vec<Heard>,
+    pub(in crate::engine) heard: Vec<ConfirmationHeard>,
     /// Outputs that cannot be sent, with the topic and the reason.
-    pub(in crate::engine) unsent: HashMap<Output, OutputNews>,
+    pub(in crate::engine) unsent: HashMap<Output, OutputReport>,
     /// Topics without a reader.
     pub(in crate::engine) unheard: HashMap<Output, Box<str>>,
     /// Outputs with a reader.
@@ -218,17 +218,17 @@ impl Countermeasures {
             for &index in &self.rules[&node] {
                 let rule = &model.driving.countermeasures[index];
                 let fails = fails(&net.node(node).facts, rule.state);
-                let by = By::Rule(index, node);
+                let by = RequestOrigin::Rule(index, node);
                 let known = self.held.iter().any(|held| held.by == by);
                 if fails && !known && rule.stages.contains(&stage) {
                     let (request, causes) = (rule.request, Vec::new());
-                    self.held.push(Held { request, by, since: now, present: true, causes });
+                    self.held.push(HeldRequest { request, by, since: now, present: true, causes });
                 }
             }
         }
         for held in &mut self.held {
             match held.by {
-                By::Rule(index, node) => {
+                RequestOrigin::Rule(index, node) => {
                     let facts = &net.node(node).facts;
                     let state = model.driving.countermeasures[index].state;
                     if fails(facts, state) {
@@ -242,8 +242,8 @@ impl Countermeasures {
                         held.present |= is_unclear;
                     }
                 }
-                By::Past => held.look_at_causes(net, State::Warning, None),
-                By::Operator => {}
+                RequestOrigin::Past => held.look_at_causes(net, State::Warning, None),
+                RequestOrigin::Operator => {}
             }
         }
         self.let_go();
@@ -264,32 +264,38 @@ impl Countermeasures {
     pub(in crate::engine) fn request_stop(&mut self, now: Timestamp) {
         if !self.is_requested() {
             let (request, causes) = (Request::ManeuverStop, Vec::new());
-            self.held.push(Held { request, by: By::Operator, since: now, present: true, causes });
+            self.held.push(HeldRequest {
+                request,
+                by: RequestOrigin::Operator,
+                since: now,
+                present: true,
+                causes,
+            });
         }
     }
 
     pub(in crate::engine) fn is_requested(&self) -> bool {
-        self.held.iter().any(|held| held.by == By::Operator)
+        self.held.iter().any(|held| held.by == RequestOrigin::Operator)
     }
 
     pub(in crate::engine) fn release_stop(&mut self) {
-        self.held.retain(|held| held.by != By::Operator);
+        self.held.retain(|held| held.by != RequestOrigin::Operator);
     }
 
     /// Whether a node causes a held request that the operator can acknowledge.
     pub(in crate::engine) fn is_held_for(&self, node: NodeId) -> bool {
         let has_part =
-            |held: &Held| held.causes.iter().any(|cause| held.is_about(node) || cause.node == node);
+            |held: &HeldRequest| held.causes.iter().any(|cause| held.is_about(node) || cause.node == node);
         self.held.iter().any(has_part)
     }
 
     /// Notes that the operator acknowledges a node.
-    pub(in crate::engine) fn acknowledge(&mut self, known: Known<'_>) {
+    pub(in crate::engine) fn acknowledge(&mut self, known: Acknowledged<'_>) {
         self.held.iter_mut().for_each(|held| held.acknowledge(known));
         self.let_go();
     }
 
-    pub(in crate::engine) fn take_news(&mut self, news: &OutputNews) {
+    pub(in crate::engine) fn take_news(&mut self, news: &OutputReport) {
         match news.error {
             Some(_) => self.unsent.insert(news.output, news.clone()),
             None => self.unsent.remove(&news.output),
@@ -297,8 +303,8 @@ impl Countermeasures {
     }
 
     /// Outputs that cannot be sent, in order.
-    pub(in crate::engine) fn unsent(&self) -> Vec<&OutputNews> {
-        let mut all: Vec<&OutputNews> = self.unsent.values().collect();
+    pub(in crate::engine) fn unsent(&self) -> Vec<&OutputReport> {
+        let mut all: Vec<&OutputReport> = self.unsent.values().collect();
         all.sort_by_key(|news| news.output);
         all
     }
@@ -315,40 +321,46 @@ impl Countermeasures {
 
     /// The countermeasures for the snapshot: strongest first.
     pub(in crate::engine) fn list(&self, others: NodeId) -> Arc<[Countermeasure]> {
-        let measure = |asked: &Asked| {
-            let of_kind = || self.held.iter().filter(|held| held.request.kind() == asked.request.kind());
-            let since = asked.since;
-            let mut all =
-                Held { request: asked.request, by: By::Past, since, present: false, causes: Vec::new() };
-            of_kind().flat_map(|held| &held.causes).for_each(|cause| all.add(*cause));
-            all.cut(others);
-            let cause = |&Cause { node, acknowledged, present }: &Cause| CountermeasureCause {
-                node,
-                acknowledged,
-                present,
+        let measure =
+            |asked: &ActiveRequest| {
+                let of_kind = || self.held.iter().filter(|held| held.request.kind() == asked.request.kind());
+                let since = asked.since;
+                let mut all = HeldRequest {
+                    request: asked.request,
+                    by: RequestOrigin::Past,
+                    since,
+                    present: false,
+                    causes: Vec::new(),
+                };
+                of_kind().flat_map(|held| &held.causes).for_each(|cause| all.add(*cause));
+                all.cut(others);
+                let cause = |&RequestCause { node, acknowledged, present }: &RequestCause| {
+                    CountermeasureCause { node, acknowledged, present }
+                };
+                Countermeasure {
+                    request: asked.request,
+                    by_operator: of_kind().any(|held| held.by == RequestOrigin::Operator),
+                    causes: all.causes.iter().map(cause).collect(),
+                    since,
+                    state: asked.state,
+                    latched: of_kind().all(|held| !held.present),
+                }
             };
-            Countermeasure {
-                request: asked.request,
-                by_operator: of_kind().any(|held| held.by == By::Operator),
-                causes: all.causes.iter().map(cause).collect(),
-                since,
-                state: asked.state,
-                latched: of_kind().all(|held| !held.present),
-            }
-        };
         self.asked.iter().rev().flatten().map(measure).collect()
     }
 
-    pub(in crate::engine) fn held(&self) -> &[Held] {
+    pub(in crate::engine) fn held(&self) -> &[HeldRequest] {
         &self.held
     }
 
     /// Takes over a request from before a restart or a reload.
-    pub(in crate::engine) fn hold(&mut self, held: Held, others: NodeId) {
+    pub(in crate::engine) fn hold(&mut self, held: HeldRequest, others: NodeId) {
         if held.is_over() && self.arrives.is_none() {
             return;
         }
-        let same = |it: &&mut Held| it.by == held.by && (held.by != By::Past || it.request == held.request);
+        let same = |it: &&mut HeldRequest| {
+            it.by == held.by && (held.by != RequestOrigin::Past || it.request == held.request)
+        };
         match self.held.iter_mut().find(same) {
             Some(known) => {
                 held.causes.iter().for_each(|cause| known.add(*cause));
@@ -360,17 +372,22 @@ impl Countermeasures {
     }
 
     /// The rule with the same request for a node as a rule of another configuration.
-    pub(in crate::engine) fn rule(&self, model: &Model, node: NodeId, before: &Rule) -> Option<By> {
+    pub(in crate::engine) fn rule(
+        &self,
+        model: &Model,
+        node: NodeId,
+        before: &Rule,
+    ) -> Option<RequestOrigin> {
         let rules = &model.driving.countermeasures;
         let asks =
             |&&index: &&usize| rules[index].request == before.request && rules[index].state == before.state;
         let alike = || self.rules.get(&node).into_iter().flatten().filter(asks);
         let index = alike().find(|&&index| rules[index].stages == before.stages).or_else(|| alike().next());
-        index.map(|&index| By::Rule(index, node))
+        index.map(|&index| RequestOrigin::Rule(index, node))
     }
 }
 
-pub(in crate::engine) fn fails(facts: &Facts, state: State) -> bool {
+pub(in crate::engine) fn fails(facts: &NodeFacts, state: State) -> bool {
     facts.relevant && facts.worst() >= state
 }
 

@@ -3,7 +3,7 @@
 
 use super::held::Countermeasures;
 use crate::engine::Engine;
-use crate::engine::input::ListenNews;
+use crate::engine::input::ListenerReport;
 use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::model::output::Output;
 use crate::engine::model::{Model, StageModel};
@@ -15,7 +15,7 @@ use crate::engine::text::say;
 const REQUESTS: [RequestKind; 2] = [RequestKind::ManeuverStop, RequestKind::Decelerate];
 
 impl Countermeasures {
-    pub(in crate::engine) fn take_listeners(&mut self, news: &ListenNews) {
+    pub(in crate::engine) fn take_listeners(&mut self, news: &ListenerReport) {
         match news.heard {
             true => self.listened.insert(news.output),
             false => self.listened.remove(&news.output),
@@ -50,9 +50,9 @@ impl Countermeasures {
 }
 
 impl Engine {
-    pub(in crate::engine) fn take_listeners(&mut self, news: &ListenNews) {
+    pub(in crate::engine) fn take_listeners(&mut self, news: &ListenerReport) {
         self.countermeasures.take_listeners(news);
-        self.led = true;
+        self.vehicle_changed = true;
     }
 
     /// The outputs without a receiver, for the snapshot.

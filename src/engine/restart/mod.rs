@@ -1,6 +1,6 @@
 //! Restart and reload.
 
-pub mod foresee;
 pub(super) mod missing_nodes;
+pub mod preview;
 pub(super) mod reload;
 pub mod resume;

@@ -5,13 +5,13 @@ use std::sync::Arc;
 
 use crate::engine::Engine;
 use crate::engine::discovery::DISCOVERY;
-use crate::engine::event::What;
+use crate::engine::event::EventKind;
 use crate::engine::mask::node::ModuleKind;
 use crate::engine::model::{GroupId, Model, ModuleId, NodeId};
 use crate::engine::module::names::Names;
-use crate::engine::module::names::Place;
+use crate::engine::module::names::NewModule;
 use crate::engine::module::overflow;
-use crate::engine::react::held::{By, Cause, Held};
+use crate::engine::react::held::{HeldRequest, RequestCause, RequestOrigin};
 use crate::engine::snapshot::Reason;
 use crate::engine::stage::machine::Event;
 use crate::engine::time::Timestamp;
@@ -33,7 +33,7 @@ impl Engine {
         next.take_display(self.display_late.take());
         next.take_upkeep(std::mem::take(&mut self.upkeep));
         let dds_fault = self.dds_fault.take();
-        next.told = std::mem::take(&mut self.told);
+        next.vehicle_faults = std::mem::take(&mut self.vehicle_faults);
         next.said_cut = self.said_cut;
         next.active_by = self.active_by;
         next.timers.arm(TimerKey::Active, next.active_by);
@@ -52,12 +52,12 @@ impl Engine {
             next.timers.arm(TimerKey::Reception, due);
         }
         next.take_history(self);
-        next.take_lead(self);
+        next.take_vehicle(self);
         next.settle();
         next.views.set_alarms(next.alarms.list());
         next.views.keep_since(&self.views);
         next.views.continue_from(&self.views);
-        next.events.push(next.now, What::Reloaded);
+        next.events.push(next.now, EventKind::Reloaded);
         *self = next;
     }
 
@@ -130,7 +130,7 @@ impl Engine {
         refused.sort_unstable_by_key(|(_, module, _)| old.net.modules[module.0 as usize].arrival);
         for (group, _, count) in refused {
             let Some(group) = self.same_group(old, group) else { continue };
-            let module = self.make(&Place::of(group), ModuleKind::Overflow, overflow::MODULE);
+            let module = self.make(&NewModule::of(group), ModuleKind::Overflow, overflow::MODULE);
             self.overflow.keep(group, module, count);
         }
     }
@@ -179,31 +179,31 @@ impl Engine {
         self.countermeasures.keep(&old.countermeasures, &old.model, &self.model);
         for held in old.countermeasures.held() {
             let by = match held.by {
-                By::Rule(index, node) => {
+                RequestOrigin::Rule(index, node) => {
                     let rule = &old.model.driving.countermeasures[index];
                     renamed(node)
                         .and_then(|it| self.countermeasures.rule(&self.model, it, rule))
-                        .unwrap_or(By::Past)
+                        .unwrap_or(RequestOrigin::Past)
                 }
                 by => by,
             };
-            let watched = if let By::Rule(_, node) = by { Some(node) } else { None };
-            let still = |it: &&Cause| renamed(it.node).is_some() || it.present || !it.acknowledged;
+            let watched = if let RequestOrigin::Rule(_, node) = by { Some(node) } else { None };
+            let still = |it: &&RequestCause| renamed(it.node).is_some() || it.present || !it.acknowledged;
             // An acknowledgement of a cause that is gone does not cover its substitute.
-            let cause = |it: &Cause| match renamed(it.node) {
-                Some(node) => Cause { node, ..*it },
+            let cause = |it: &RequestCause| match renamed(it.node) {
+                Some(node) => RequestCause { node, ..*it },
                 None => {
                     let node = self.stand_in(old.views.name(it.node), watched);
-                    Cause { node, acknowledged: false, present: it.present }
+                    RequestCause { node, acknowledged: false, present: it.present }
                 }
             };
             let causes = held.causes.iter().filter(still).map(cause).collect();
-            self.countermeasures.hold(Held { by, causes, ..held.clone() }, self.net.nobody());
+            self.countermeasures.hold(HeldRequest { by, causes, ..held.clone() }, self.net.nobody());
         }
     }
 
     /// A clearance is for the vehicle as it was judged: another configuration withdraws it.
-    fn take_lead(&mut self, old: &Engine) {
+    fn take_vehicle(&mut self, old: &Engine) {
         let active = self.active_signal.map(|index| self.signals.value(index));
         self.vehicle.reload(self.model.stages, active);
         if self.model != old.model {
@@ -211,7 +211,7 @@ impl Engine {
         }
         if self.vehicle.stage != old.vehicle.stage {
             let (from, to) = (old.vehicle.stage, self.vehicle.stage);
-            self.events.push(self.now, What::Stage { from, to });
+            self.events.push(self.now, EventKind::Stage { from, to });
         }
         self.stage_changed();
     }

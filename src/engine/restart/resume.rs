@@ -9,7 +9,7 @@ use crate::engine::mask::node::ModuleKind;
 use crate::engine::model::countermeasure::Request;
 use crate::engine::model::{Model, NodeId, Stage, StageModel};
 use crate::engine::module::system::SystemCheck;
-use crate::engine::react::held::{By, Cause, Held};
+use crate::engine::react::held::{HeldRequest, RequestCause, RequestOrigin};
 use crate::engine::snapshot::{Alarm, Localization, MapPose, Snapshot};
 use crate::engine::stage::machine::Event;
 use crate::engine::time::{Span, Timestamp};
@@ -144,12 +144,12 @@ impl Engine {
         }
         let (net, now) = (&self.net, self.now);
         let active = net.system_module(SystemCheck::Active);
-        let told =
+        let is_active_known =
             now >= self.active_by || self.active_signal.is_some_and(|it| self.signals.value(it).is_some());
         let searched = self.watching.searching_until.is_none_or(|until| now >= until);
         let confirmed = searched && !self.countermeasures.waits(&self.model);
         self.alarms.hear(|node| match node {
-            NodeId::Module(id) if id == active => told,
+            NodeId::Module(id) if id == active => is_active_known,
             NodeId::Module(id) => match net.modules[id.0 as usize].kind {
                 ModuleKind::BuiltIn => confirmed,
                 // A module that left will report nothing more.
@@ -177,8 +177,9 @@ impl Engine {
         }
         let (number, pose) = restored.pose.map_or((0, None), |(number, pose)| (number, Some(pose)));
         let given = restored.posed.then_some(self.now).filter(|_| self.vehicle.stage == Stage::Localizing);
-        let owed = self.vehicle.stage == Stage::Active && !restored.posed;
-        self.vehicle.localization = Localization { number, pose, given, ok_since: None, done: false, owed };
+        let skipped = self.vehicle.stage == Stage::Active && !restored.posed;
+        self.vehicle.localization =
+            Localization { number, pose, given, ok_since: None, done: false, skipped };
         let nodes = self.find_again(restored);
         let find = |name: &str| nodes.get(name).copied();
         for name in &restored.accepted {
@@ -199,18 +200,20 @@ impl Engine {
             }
             // A cause that no longer exists can never be found to be over: it must be acknowledged again.
             let cause = |(name, acknowledged): &(Box<str>, bool)| match find(name) {
-                Some(node) => Cause { node, acknowledged: *acknowledged, present: true },
-                None => Cause { node: self.stand_in(name, None), acknowledged: false, present: true },
+                Some(node) => RequestCause { node, acknowledged: *acknowledged, present: true },
+                None => RequestCause { node: self.stand_in(name, None), acknowledged: false, present: true },
             };
             let (request, since) = (measure.request, self.now);
-            let mut causes: Vec<Cause> = measure.causes.iter().map(cause).collect();
+            let mut causes: Vec<RequestCause> = measure.causes.iter().map(cause).collect();
             let others = self.net.nobody();
             if causes.is_empty() && !measure.by_operator {
-                causes.push(Cause { node: others, acknowledged: false, present: true });
+                causes.push(RequestCause { node: others, acknowledged: false, present: true });
             }
             if !causes.is_empty() {
-                self.countermeasures
-                    .hold(Held { request, by: By::Past, since, present: true, causes }, others);
+                self.countermeasures.hold(
+                    HeldRequest { request, by: RequestOrigin::Past, since, present: true, causes },
+                    others,
+                );
             }
         }
         self.stage_changed();

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use super::machine::Event;
 use crate::engine::Engine;
-use crate::engine::event::What;
-use crate::engine::input::{OutputNews, Refusal};
+use crate::engine::event::EventKind;
+use crate::engine::input::{OutputReport, Refusal};
 use crate::engine::model::output::Output;
 use crate::engine::model::{GroupId, LOCALIZATION_GROUP, Model, NodeId, Stage, StageModel};
 use crate::engine::module::system::SystemCheck;
@@ -18,7 +18,7 @@ use crate::engine::timers::TimerKey;
 
 /// The last reports of Telltale's own modules about the vehicle.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(in crate::engine) struct Told {
+pub(in crate::engine) struct VehicleFaults {
     /// `None` while a component reports whether the vehicle drives, or need not.
     active_unknown: Option<State>,
     contradicts_itself: bool,
@@ -29,7 +29,7 @@ pub(in crate::engine) struct Told {
 
 /// The part of the snapshot about stages, requests and outputs.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(in crate::engine) struct Led {
+pub(in crate::engine) struct VehicleView {
     pub(in crate::engine) last_alarm: u64,
     pub(in crate::engine) accepted: Arc<[NodeId]>,
     pub(in crate::engine) countermeasures: Arc<[Countermeasure]>,
@@ -48,7 +48,7 @@ impl Engine {
             return false;
         }
         let to = self.vehicle.stage;
-        self.events.push(self.now, What::Stage { from, to });
+        self.events.push(self.now, EventKind::Stage { from, to });
         if from == Stage::Active {
             self.arrived();
         }
@@ -58,7 +58,7 @@ impl Engine {
 
     /// Marks everything that depends on the stage.
     pub(in crate::engine) fn stage_changed(&mut self) {
-        self.led = true;
+        self.vehicle_changed = true;
         self.countermeasures.mark_all();
         self.signals.posed = self.vehicle.posed();
         self.net.mark_conditions(self.vehicle.stage);
@@ -66,7 +66,7 @@ impl Engine {
 
     /// The operator gave a pose.
     pub(in crate::engine) fn set_posed(&mut self) {
-        self.led = true;
+        self.vehicle_changed = true;
         self.signals.posed = self.vehicle.posed();
         self.net.mark_conditions(self.vehicle.stage);
     }
@@ -76,7 +76,7 @@ impl Engine {
         self.countermeasures.arrive(self.now + ARRIVAL);
         let Some(goal) = self.goal_signal else { return };
         if self.signals.forget(goal) {
-            self.events.push(self.now, What::Signal { index: goal, value: self.signals.value(goal) });
+            self.events.push(self.now, EventKind::Signal { index: goal, value: self.signals.value(goal) });
             self.views.set_signals(&self.signals);
         }
     }
@@ -88,21 +88,21 @@ impl Engine {
             Some(false) => self.step(Event::ActiveFalse),
             None => false,
         };
-        self.led = true;
+        self.vehicle_changed = true;
     }
 
     /// Takes whether an output could be sent.
-    pub(in crate::engine) fn take_output(&mut self, news: &OutputNews) {
+    pub(in crate::engine) fn take_output(&mut self, news: &OutputReport) {
         self.countermeasures.take_news(news);
-        self.led = true;
+        self.vehicle_changed = true;
     }
 
     /// Advances localization, countermeasures and stage to the present states. Returns whether that changes
     /// states in turn.
-    pub(in crate::engine) fn lead(&mut self) -> bool {
+    pub(in crate::engine) fn follow_vehicle(&mut self) -> bool {
         self.follow_localization();
         if !self.countermeasures.is_idle() {
-            self.led = true;
+            self.vehicle_changed = true;
             self.follow_measures();
         }
         if self.vehicle.stage == Stage::Cleared {
@@ -112,7 +112,7 @@ impl Engine {
                 self.step(Event::Countermeasure);
             }
         }
-        if self.led {
+        if self.vehicle_changed {
             let (net, names, signals) = (&self.net, &self.names, &self.signals);
             if let Some(due) = self.countermeasures.confirm(&self.model, net, names, signals, self.now) {
                 self.timers.arm(TimerKey::Countermeasures, due);
@@ -133,7 +133,7 @@ impl Engine {
             }
             Some(_) => None,
         };
-        self.led |= since != ok_since;
+        self.vehicle_changed |= since != ok_since;
         self.vehicle.localization.ok_since = since;
         let Some(due) = since.map(|since| since + self.model.driving.localized_after) else { return };
         if due > self.now {
@@ -141,8 +141,8 @@ impl Engine {
             return;
         }
         self.vehicle.localization.done = true;
-        self.vehicle.localization.owed = false;
-        self.led = true;
+        self.vehicle.localization.skipped = false;
+        self.vehicle_changed = true;
         self.step(Event::Localized);
     }
 
@@ -150,7 +150,7 @@ impl Engine {
     fn report_on_vehicle(&mut self) {
         let shuttle = self.vehicle.model == StageModel::Shuttle;
         let known = self.active_signal.and_then(|index| self.signals.value(index));
-        let told = Told {
+        let vehicle_faults = VehicleFaults {
             active_unknown: (shuttle && self.vehicle.stage == Stage::Active && known.is_none())
                 .then_some(if self.now < self.active_by { State::Unknown } else { State::Error }),
             contradicts_itself: self.signals.drive.is_doubted(self.now),
@@ -158,11 +158,11 @@ impl Engine {
             outputs: unsent(&self.countermeasures.unsent()).map(Text::from),
             unheard: self.unheard(),
         };
-        if told == self.told {
+        if vehicle_faults == self.vehicle_faults {
             return;
         }
-        let (state, words) = match told.active_unknown {
-            _ if told.contradicts_itself => (
+        let (state, words) = match vehicle_faults.active_unknown {
+            _ if vehicle_faults.contradicts_itself => (
                 State::Error,
                 say!(
                     "says in turn that the vehicle drives and that it does not",
@@ -178,22 +178,23 @@ impl Engine {
         self.report_on_self(SystemCheck::Active, state, words);
         let worse = |words: &Option<Text>, state| if words.is_some() { state } else { State::Ok };
         let words = |words: &Option<Text>| words.clone().unwrap_or_default();
-        let measures = (worse(&told.countermeasures, State::Error), words(&told.countermeasures));
+        let measures =
+            (worse(&vehicle_faults.countermeasures, State::Error), words(&vehicle_faults.countermeasures));
         self.report_on_self(SystemCheck::Countermeasure, measures.0, measures.1);
-        let outputs = match &told.unheard {
+        let outputs = match &vehicle_faults.unheard {
             Some(unheard) => (State::Error, unheard.clone()),
-            None => (worse(&told.outputs, State::Warning), words(&told.outputs)),
+            None => (worse(&vehicle_faults.outputs, State::Warning), words(&vehicle_faults.outputs)),
         };
         self.report_on_self(SystemCheck::Outputs, outputs.0, outputs.1);
-        self.told = told;
+        self.vehicle_faults = vehicle_faults;
     }
 
     /// Updates the part of the snapshot about stages and requests, if it may have changed.
-    pub(in crate::engine) fn show_lead(&mut self) {
-        if !std::mem::take(&mut self.led) && !self.views.is_changed() {
+    pub(in crate::engine) fn show_vehicle(&mut self) {
+        if !std::mem::take(&mut self.vehicle_changed) && !self.views.is_changed() {
             return;
         }
-        self.views.set_led(Led {
+        self.views.set_vehicle(VehicleView {
             last_alarm: self.alarms.last_id(),
             accepted: self.warnings.accepted().map(NodeId::Module).collect(),
             countermeasures: self.countermeasures.list(self.net.nobody()),
@@ -206,7 +207,7 @@ impl Engine {
     }
 }
 
-fn unsent(all: &[&OutputNews]) -> Option<String> {
+fn unsent(all: &[&OutputReport]) -> Option<String> {
     let about = |output| match output {
         Output::Stage => "the stage",
         Output::Clearance => "the clearance",
@@ -214,7 +215,7 @@ fn unsent(all: &[&OutputNews]) -> Option<String> {
         Output::Deceleration => "decelerations",
         Output::ManeuverStop => "stops",
     };
-    let words = |news: &&OutputNews| {
+    let words = |news: &&OutputReport| {
         let error = news.error.as_deref().unwrap_or_default();
         format!("{} cannot be sent on {}: {error}", about(news.output), news.topic)
     };

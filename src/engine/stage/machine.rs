@@ -130,11 +130,16 @@ impl Vehicle {
         let taken = rows.find(|row| row.event == event && row.from.contains(&self.stage) && holds(row.guard));
         let Some(row) = taken else { return false };
         if row.to == Active {
-            self.localization.owed |= matches!(self.stage, Locked | Localizing) && !self.localization.done;
+            self.localization.skipped |= matches!(self.stage, Locked | Localizing) && !self.localization.done;
         }
         if matches!(row.to, Locked | Localizing) {
-            self.localization =
-                Localization { given: None, ok_since: None, done: false, owed: false, ..self.localization };
+            self.localization = Localization {
+                given: None,
+                ok_since: None,
+                done: false,
+                skipped: false,
+                ..self.localization
+            };
         }
         self.stage = row.to;
         true

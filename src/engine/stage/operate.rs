@@ -5,11 +5,11 @@ use std::sync::Arc;
 use super::machine::Event;
 use crate::engine::Engine;
 use crate::engine::input::{AlarmRef, OperatorAction, Place, Refusal, Response};
-use crate::engine::mask::node::Facts;
+use crate::engine::mask::node::NodeFacts;
 use crate::engine::mask::responsible;
 use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::model::{GroupId, ModuleId, NodeId, Stage, StageModel};
-use crate::engine::react::held::Known;
+use crate::engine::react::held::Acknowledged;
 use crate::engine::snapshot::{MapPose, Unreached};
 use crate::engine::state::State;
 
@@ -23,7 +23,7 @@ impl Engine {
     pub(in crate::engine) fn operate(&mut self, action: &OperatorAction) -> Response {
         match self.try_to(action) {
             Ok(()) => {
-                self.led = true;
+                self.vehicle_changed = true;
                 Response::Done
             }
             Err(reasons) => Response::Refused(reasons),
@@ -189,7 +189,7 @@ impl Engine {
                     let latest = self.alarms.latest(number);
                     self.alarms.acknowledge(|alarm| alarm.id == number, self.now, &mut self.events);
                     if let Some(alarm) = &latest {
-                        self.countermeasures.acknowledge(Known { node, alarm: Some(alarm) });
+                        self.countermeasures.acknowledge(Acknowledged { node, alarm: Some(alarm) });
                     }
                 }
             }
@@ -197,7 +197,7 @@ impl Engine {
                 let Some(node) = self.node_named(name) else { return };
                 for node in self.places_of(node) {
                     self.alarms.acknowledge(|alarm| alarm.node == node, self.now, &mut self.events);
-                    self.countermeasures.acknowledge(Known { node, alarm: None });
+                    self.countermeasures.acknowledge(Acknowledged { node, alarm: None });
                     for id in self.warned_in(node) {
                         self.warnings.accept(id);
                     }
@@ -279,7 +279,7 @@ impl Engine {
         }
         let counted = self.net.groups.iter().zip(0..).filter(|(group, _)| !group.aside);
         for (group, index) in counted.filter(|(group, _)| group.node.parent.is_none()) {
-            let Facts { relevant, masked, shown, .. } = group.node.facts;
+            let NodeFacts { relevant, masked, shown, .. } = group.node.facts;
             if relevant && (masked || shown >= State::Unknown) {
                 let name = self.views.name(NodeId::Group(GroupId(index)));
                 reasons.push(Refusal::Group { group: name.into(), state: shown });

@@ -6,7 +6,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use super::views::Views;
-use crate::engine::event::{Event, What};
+use crate::engine::event::{Event, EventKind};
 use crate::engine::mask::net::Change;
 use crate::engine::model::{GroupId, NodeId, Stage};
 use crate::engine::snapshot::{Reason, Snapshot};
@@ -85,7 +85,7 @@ impl Views {
         &self,
         masked: &[(NodeId, Arc<[NodeId]>)],
         changes: &[Change],
-    ) -> Vec<BlamedAnew> {
+    ) -> Vec<ChangedCause> {
         let changed: HashSet<NodeId> = changes.iter().map(|change| change.node).collect();
         let anew = |(node, by): &(NodeId, Arc<[NodeId]>)| {
             let known = match self.reason(*node) {
@@ -97,7 +97,7 @@ impl Views {
                 NodeId::Module(id) => self.modules.get(id.0 as usize)?.own,
             };
             let cause = by.first().copied();
-            (known != by.first()).then_some(BlamedAnew { node: *node, own, cause })
+            (known != by.first()).then_some(ChangedCause { node: *node, own, cause })
         };
         masked.iter().filter_map(anew).collect()
     }
@@ -109,22 +109,22 @@ impl Record {
         let name = |node: NodeId| snapshot.node_name(node).clone();
         let Event { at, what } = event;
         let what = match what {
-            What::Shown { node, to, own, cause, said, .. } => {
+            EventKind::Shown { node, to, own, cause, said, .. } => {
                 Recorded::Shown { node: name(node), state: to, own, cause: cause.map(name), said }
             }
-            What::Stage { to, .. } => Recorded::Stage(to),
-            What::Signal { index, value } => {
+            EventKind::Stage { to, .. } => Recorded::Stage(to),
+            EventKind::Signal { index, value } => {
                 Recorded::Signal { name: snapshot.signals.get(index)?.0.clone(), value }
             }
-            What::AlarmRaised { id, node } => Recorded::AlarmRaised { id, node: name(node) },
-            What::AlarmMoved { id, symptom, cause } => {
+            EventKind::AlarmRaised { id, node } => Recorded::AlarmRaised { id, node: name(node) },
+            EventKind::AlarmMoved { id, symptom, cause } => {
                 Recorded::AlarmMoved { id, symptom: name(symptom), cause: name(cause) }
             }
-            What::AlarmAcknowledged { id, node } => Recorded::AlarmAcknowledged { id, node: name(node) },
-            What::AlarmCleared { id, node } => Recorded::AlarmCleared { id, node: name(node) },
-            What::Left { node } => Recorded::Left { node },
+            EventKind::AlarmAcknowledged { id, node } => Recorded::AlarmAcknowledged { id, node: name(node) },
+            EventKind::AlarmCleared { id, node } => Recorded::AlarmCleared { id, node: name(node) },
+            EventKind::Left { node } => Recorded::Left { node },
             // `Record::present` writes it.
-            What::Reloaded => return None,
+            EventKind::Reloaded => return None,
         };
         Some(Record { at, what })
     }
@@ -159,21 +159,21 @@ impl Record {
 
 impl Engine {
     /// Records changed nodes, and masked ones with another cause. Called only if events are kept.
-    pub(in crate::engine) fn keep_changes(&mut self, changes: &[Change], blamed: Vec<BlamedAnew>) {
+    pub(in crate::engine) fn keep_changes(&mut self, changes: &[Change], blamed: Vec<ChangedCause>) {
         for Change { node, before, after } in changes {
             if (before.shown, before.own, before.masked) != (after.shown, after.own, after.masked) {
                 let cause = self.views.masked_by(*node).first().copied();
                 self.keep_shown(*node, (before.shown, after.shown), after.own, cause);
             }
         }
-        for BlamedAnew { node, own, cause } in blamed {
+        for ChangedCause { node, own, cause } in blamed {
             self.keep_shown(node, (State::Ignore, State::Ignore), own, cause);
         }
     }
 
     fn keep_shown(&mut self, node: NodeId, (from, to): (State, State), own: State, cause: Option<NodeId>) {
         let said = self.said(node);
-        self.events.push(self.now, What::Shown { node, from, to, own, cause, said });
+        self.events.push(self.now, EventKind::Shown { node, from, to, own, cause, said });
     }
 
     /// The present message of a module. Its view may not have the latest time of receipt yet.
@@ -187,7 +187,7 @@ impl Engine {
 }
 
 /// A masked node with another cause than before.
-pub(in crate::engine) struct BlamedAnew {
+pub(in crate::engine) struct ChangedCause {
     pub(in crate::engine) node: NodeId,
     pub(in crate::engine) own: State,
     pub(in crate::engine) cause: Option<NodeId>,

@@ -19,7 +19,7 @@ use crate::engine::signals::Signals;
 use crate::engine::snapshot::{
     Alarm, Counters, GroupView, Layout, ModuleView, Reason, Reception, Report, RootCause, Snapshot,
 };
-use crate::engine::stage::advance::Led;
+use crate::engine::stage::advance::VehicleView;
 use crate::engine::stage::machine::Vehicle;
 use crate::engine::state::State;
 use crate::engine::text::Text;
@@ -39,7 +39,7 @@ pub(in crate::engine) struct Views {
     pub(in crate::engine) modules: PersistentVec<ModuleView>,
     roots: Arc<[RootCause]>,
     alarms: Arc<[Alarm]>,
-    led: Led,
+    vehicle: VehicleView,
     signals: Arc<[(Box<str>, Option<bool>)]>,
     pub(in crate::engine) reception: Arc<[Reception]>,
     overall: State,
@@ -73,7 +73,7 @@ impl Views {
             modules: PersistentVec::default(),
             roots: Arc::from([]),
             alarms: Arc::from([]),
-            led: Led::default(),
+            vehicle: VehicleView::default(),
             signals: Arc::from([]),
             reception: Arc::from([]),
             overall: State::Unknown,
@@ -113,14 +113,14 @@ impl Views {
             modules: self.modules.clone(),
             roots: self.roots.clone(),
             alarms: self.alarms.clone(),
-            last_alarm: self.led.last_alarm,
-            accepted: self.led.accepted.clone(),
-            countermeasures: self.led.countermeasures.clone(),
-            localization: self.led.localization,
-            clearance: self.led.clearance,
-            clearance_refusals: self.led.clearance_refusals.clone(),
-            unreached: self.led.unreached.clone(),
-            listened: self.led.listened.clone(),
+            last_alarm: self.vehicle.last_alarm,
+            accepted: self.vehicle.accepted.clone(),
+            countermeasures: self.vehicle.countermeasures.clone(),
+            localization: self.vehicle.localization,
+            clearance: self.vehicle.clearance,
+            clearance_refusals: self.vehicle.clearance_refusals.clone(),
+            unreached: self.vehicle.unreached.clone(),
+            listened: self.vehicle.listened.clone(),
             signals: self.signals.clone(),
             reception: self.reception.clone(),
             counters,
@@ -338,13 +338,13 @@ impl Views {
         self.seq_changed = true;
     }
 
-    pub(in crate::engine) fn led(&self) -> &Led {
-        &self.led
+    pub(in crate::engine) fn vehicle(&self) -> &VehicleView {
+        &self.vehicle
     }
 
-    pub(in crate::engine) fn set_led(&mut self, led: Led) {
-        if self.led != led {
-            self.led = led;
+    pub(in crate::engine) fn set_vehicle(&mut self, vehicle: VehicleView) {
+        if self.vehicle != vehicle {
+            self.vehicle = vehicle;
             self.seq_changed = true;
         }
     }

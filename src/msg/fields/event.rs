@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use super::definition::Primitive;
-use super::program::{Miss, number};
-use super::shape::{Kind, Message, Shape};
+use super::program::{NoValue, number};
+use super::shape::{Message, Shape, ShapeKind};
 use crate::msg::cdr::{Endian, Reader};
 
 /// How far the length of a rotation's quaternion may be from 1: publishers round.
@@ -24,18 +24,18 @@ impl EventReader {
     ///
     /// # Errors
     /// The reason why the message does not count.
-    pub fn check(&self, body: &[u8], endian: Endian) -> Result<(), Miss> {
+    pub fn check(&self, body: &[u8], endian: Endian) -> Result<(), NoValue> {
         judge(&self.0, &mut Reader::new(body, endian), "")
     }
 }
 
-fn judge(shape: &Shape, reader: &mut Reader<'_>, name: &str) -> Result<(), Miss> {
+fn judge(shape: &Shape, reader: &mut Reader<'_>, name: &str) -> Result<(), NoValue> {
     match &shape.kind {
-        Kind::Message(message) if is_geometry(message) => judge_numbers(message, reader, name),
-        Kind::Message(message) if !message.members.is_empty() => {
+        ShapeKind::Message(message) if is_geometry(message) => judge_numbers(message, reader, name),
+        ShapeKind::Message(message) if !message.members.is_empty() => {
             message.members.iter().try_for_each(|(name, shape)| judge(shape, reader, name))
         }
-        Kind::Array(array) if matches!(array.element.kind, Kind::Message(_)) => {
+        ShapeKind::Array(array) if matches!(array.element.kind, ShapeKind::Message(_)) => {
             let count = array.count(reader)?;
             (0..count).try_for_each(|_| judge(&array.element, reader, name))
         }
@@ -45,26 +45,27 @@ fn judge(shape: &Shape, reader: &mut Reader<'_>, name: &str) -> Result<(), Miss>
 
 /// A `geometry_msgs` type of floats only.
 fn is_geometry(message: &Message) -> bool {
-    let is_float = |shape: &Shape| matches!(shape.kind, Kind::Primitive(Primitive::F32 | Primitive::F64));
+    let is_float =
+        |shape: &Shape| matches!(shape.kind, ShapeKind::Primitive(Primitive::F32 | Primitive::F64));
     message.type_name.starts_with("geometry_msgs/")
         && !message.members.is_empty()
         && message.members.iter().all(|(_, shape)| is_float(shape))
 }
 
-fn judge_numbers(message: &Message, reader: &mut Reader<'_>, name: &str) -> Result<(), Miss> {
+fn judge_numbers(message: &Message, reader: &mut Reader<'_>, name: &str) -> Result<(), NoValue> {
     let mut length = 0.0_f64;
     for (member, shape) in &message.members {
-        let Kind::Primitive(primitive) = shape.kind else { continue };
+        let ShapeKind::Primitive(primitive) = shape.kind else { continue };
         let value = number(primitive, reader)?;
         if !value.is_finite() {
-            return Err(Miss::Refused(format!("refused: {name}.{member} is {value}")));
+            return Err(NoValue::Refused(format!("refused: {name}.{member} is {value}")));
         }
         length = length.hypot(value);
     }
     if &*message.type_name == "geometry_msgs/msg/Quaternion" && (length - 1.0).abs() > UNIT_WITHIN {
         let why =
             format!("refused: {name} is no rotation, its quaternion has the length {length:.3} and not 1");
-        return Err(Miss::Refused(why));
+        return Err(NoValue::Refused(why));
     }
     Ok(())
 }

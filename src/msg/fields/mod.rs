@@ -25,9 +25,9 @@ use crate::engine::model::sample::FieldValue;
 pub use event::EventReader;
 use library::Library;
 use path::Step;
-pub use program::Miss;
+pub use program::NoValue;
 use program::Program;
-use shape::{Kind, Shape};
+use shape::{Shape, ShapeKind};
 
 /// The definitions of messages: first those in folders, then the built-in packages.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -149,15 +149,17 @@ const PATHS: &str = "write the names of fields with dots between them: twist.twi
 /// The stamp of the header, if that is the first member; or a Time called `stamp`; or, if a message begins
 /// with an array, the stamp of its first element, as in a TFMessage.
 fn stamp_of(shape: &Arc<Shape>) -> Option<Program> {
-    let Kind::Message(message) = &shape.kind else { return None };
+    let ShapeKind::Message(message) = &shape.kind else { return None };
     let (first, first_shape) = message.members.first()?;
     let member = |name: &str| Step::Member(name.into());
     let mut ways = vec![vec![member("stamp")]];
     match &first_shape.kind {
-        Kind::Message(header) if *header.type_name == *"std_msgs/msg/Header" => {
+        ShapeKind::Message(header) if *header.type_name == *"std_msgs/msg/Header" => {
             ways.insert(0, vec![member(first), member("stamp")]);
         }
-        Kind::Array(_) => ways.push(vec![member(first), Step::Index(0), member("header"), member("stamp")]),
+        ShapeKind::Array(_) => {
+            ways.push(vec![member(first), Step::Index(0), member("header"), member("stamp")])
+        }
         _ => {}
     }
     let mut programs = ways.iter().filter_map(|steps| Program::compile(shape, steps, FieldKind::Scalar).ok());
@@ -206,9 +208,9 @@ impl Reader {
             };
             match program.read(reader.clone()) {
                 Ok(value) => value,
-                Err(Miss::Absent) => FieldValue::Absent,
-                Err(Miss::Refused(why)) => FieldValue::Unreadable(why.into()),
-                Err(Miss::Fault(wrong)) => {
+                Err(NoValue::Absent) => FieldValue::Absent,
+                Err(NoValue::Refused(why)) => FieldValue::Unreadable(why.into()),
+                Err(NoValue::Fault(wrong)) => {
                     let why = wrong.to_string().into();
                     fault = Some(wrong);
                     FieldValue::Unreadable(why)
@@ -251,10 +253,10 @@ pub struct BooleanReader(Program);
 impl BooleanReader {
     /// # Errors
     /// Why this message has none.
-    pub fn read(&self, body: &[u8], endian: Endian) -> Result<bool, Miss> {
+    pub fn read(&self, body: &[u8], endian: Endian) -> Result<bool, NoValue> {
         match self.0.read(cdr::Reader::new(body, endian))? {
             FieldValue::Bool(value) => Ok(value),
-            other => Err(Miss::Refused(format!("{other:?} is no boolean"))),
+            other => Err(NoValue::Refused(format!("{other:?} is no boolean"))),
         }
     }
 }

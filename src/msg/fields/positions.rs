@@ -2,8 +2,8 @@
 
 use super::definition::Primitive;
 use super::path::Step;
-use super::program::{Compiler, Miss, Move, PathError, Program};
-use super::shape::{Array, Kind, Shape};
+use super::program::{Compiler, Move, NoValue, PathError, Program};
+use super::shape::{Array, Shape, ShapeKind};
 use crate::engine::model::sample::Positions as Found;
 use crate::engine::model::sample::{FieldValue, POSITIONS_MAX, Position};
 use crate::msg::cdr::Reader;
@@ -59,7 +59,7 @@ impl Positions {
 
     /// # Errors
     /// The body ends too early, or an element has no position.
-    pub(super) fn read(&self, reader: &mut Reader<'_>) -> Result<Found, Miss> {
+    pub(super) fn read(&self, reader: &mut Reader<'_>) -> Result<Found, NoValue> {
         let count = self.array.count(reader)?;
         let mut taken = Vec::with_capacity((count as usize).min(POSITIONS_MAX));
         for index in 0..count.min(POSITIONS_MAX as u32) {
@@ -73,27 +73,27 @@ impl Positions {
     }
 }
 
-fn number(program: &Program, reader: &Reader<'_>, index: u32) -> Result<f64, Miss> {
+fn number(program: &Program, reader: &Reader<'_>, index: u32) -> Result<f64, NoValue> {
     match program.read(reader.clone()) {
         Ok(FieldValue::Number(number)) => Ok(number),
         // An element without a position must not be skipped.
-        Ok(_) | Err(Miss::Absent) => Err(Miss::Refused(format!("element {index} has no position"))),
+        Ok(_) | Err(NoValue::Absent) => Err(NoValue::Refused(format!("element {index} has no position"))),
         Err(miss) => Err(miss),
     }
 }
 
 fn is_position(shape: &Shape) -> bool {
-    let Kind::Message(message) = &shape.kind else { return false };
+    let ShapeKind::Message(message) = &shape.kind else { return false };
     let number = |name: &str| {
         let shape =
             message.members.iter().find(|(member, _)| **member == *name).map(|(_, shape)| &shape.kind);
-        matches!(shape, Some(Kind::Primitive(primitive)) if *primitive != Primitive::Bool)
+        matches!(shape, Some(ShapeKind::Primitive(primitive)) if *primitive != Primitive::Bool)
     };
     number("x") && number("y")
 }
 
 fn holder(shape: &Shape) -> Option<&'static str> {
-    let Kind::Message(message) = &shape.kind else { return None };
+    let ShapeKind::Message(message) = &shape.kind else { return None };
     let has = |name: &&str| message.members.iter().any(|(member, _)| **member == **name);
     HOLDERS.into_iter().find(has)
 }

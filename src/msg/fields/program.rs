@@ -8,7 +8,7 @@ use std::sync::Arc;
 use super::definition::Primitive;
 use super::path::Step;
 use super::positions::Positions;
-use super::shape::{Array, Kind, Message, Shape};
+use super::shape::{Array, Message, Shape, ShapeKind};
 use crate::engine::model::monitors::{FieldKind, ScalarKind};
 use crate::engine::model::sample::{FieldValue, Pose};
 use crate::msg::cdr::{Fault, Reader};
@@ -57,7 +57,7 @@ pub(super) enum Wanted {
 
 /// Why a message has no value for a field.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Miss {
+pub enum NoValue {
     /// The message does not follow its type.
     Fault(Fault),
     /// The wanted element is missing: this message is about others.
@@ -66,19 +66,19 @@ pub enum Miss {
     Refused(String),
 }
 
-impl fmt::Display for Miss {
+impl fmt::Display for NoValue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Miss::Fault(fault) => fault.fmt(f),
-            Miss::Absent => f.write_str("no element is the one that is asked for"),
-            Miss::Refused(why) => f.write_str(why),
+            NoValue::Fault(fault) => fault.fmt(f),
+            NoValue::Absent => f.write_str("no element is the one that is asked for"),
+            NoValue::Refused(why) => f.write_str(why),
         }
     }
 }
 
-impl From<Fault> for Miss {
-    fn from(fault: Fault) -> Miss {
-        Miss::Fault(fault)
+impl From<Fault> for NoValue {
+    fn from(fault: Fault) -> NoValue {
+        NoValue::Fault(fault)
     }
 }
 
@@ -100,7 +100,7 @@ impl Program {
         }
         for (index, step) in steps.iter().enumerate() {
             let is_last = index + 1 == steps.len();
-            if let (Step::Member(name), true, Kind::Array(array)) = (step, is_last, &compiler.here.kind)
+            if let (Step::Member(name), true, ShapeKind::Array(array)) = (step, is_last, &compiler.here.kind)
                 && **name == *"length"
                 && kind == FieldKind::Scalar
             {
@@ -132,7 +132,7 @@ impl Program {
 
     /// # Errors
     /// Why there is no value.
-    pub fn read(&self, mut reader: Reader<'_>) -> Result<FieldValue, Miss> {
+    pub fn read(&self, mut reader: Reader<'_>) -> Result<FieldValue, NoValue> {
         let reader = &mut reader;
         self.go(reader)?;
         Ok(match &self.leaf {
@@ -157,14 +157,16 @@ impl Program {
     }
 
     /// Moves to the position of the value.
-    fn go(&self, reader: &mut Reader<'_>) -> Result<(), Miss> {
+    fn go(&self, reader: &mut Reader<'_>) -> Result<(), NoValue> {
         for step in &self.moves {
             match step {
                 Move::Skip(shape) => shape.skip(reader)?,
                 Move::Index { array, index } => {
                     let count = array.count(reader)?;
                     if *index >= count {
-                        return Err(Miss::Refused(format!("there is no element {index}: there are {count}")));
+                        return Err(NoValue::Refused(format!(
+                            "there is no element {index}: there are {count}"
+                        )));
                     }
                     array.skip(*index, reader)?;
                 }
@@ -174,7 +176,7 @@ impl Program {
         Ok(())
     }
 
-    fn matches(&self, mut reader: Reader<'_>, wanted: &Wanted) -> Result<bool, Miss> {
+    fn matches(&self, mut reader: Reader<'_>, wanted: &Wanted) -> Result<bool, NoValue> {
         self.go(&mut reader)?;
         Ok(match (&self.leaf, wanted) {
             (Leaf::Text, Wanted::Text(wanted)) => reader.string()? == wanted.as_bytes(),
@@ -187,7 +189,7 @@ impl Program {
     }
 }
 
-fn find(array: &Array, key: &Program, wanted: &Wanted, reader: &mut Reader<'_>) -> Result<(), Miss> {
+fn find(array: &Array, key: &Program, wanted: &Wanted, reader: &mut Reader<'_>) -> Result<(), NoValue> {
     let count = array.count(reader)?;
     for _ in 0..count {
         if key.matches(reader.clone(), wanted)? {
@@ -195,7 +197,7 @@ fn find(array: &Array, key: &Program, wanted: &Wanted, reader: &mut Reader<'_>) 
         }
         array.skip(1, reader)?;
     }
-    Err(Miss::Absent)
+    Err(NoValue::Absent)
 }
 
 /// # Errors
@@ -217,13 +219,13 @@ pub(super) fn number(primitive: Primitive, reader: &mut Reader<'_>) -> Result<f6
     })
 }
 
-fn text<'a>(reader: &mut Reader<'a>) -> Result<&'a str, Miss> {
+fn text<'a>(reader: &mut Reader<'a>) -> Result<&'a str, NoValue> {
     let bytes = reader.string()?;
     if bytes.len() > TEXT_BYTES_MAX {
         let text = format!("a string of {} bytes; at most {TEXT_BYTES_MAX} are taken", bytes.len());
-        return Err(Miss::Refused(text));
+        return Err(NoValue::Refused(text));
     }
-    std::str::from_utf8(bytes).map_err(|_| Miss::Refused("a string that is no UTF-8".to_owned()))
+    std::str::from_utf8(bytes).map_err(|_| NoValue::Refused("a string that is no UTF-8".to_owned()))
 }
 
 fn time(reader: &mut Reader<'_>) -> Result<(i32, u32), Fault> {
@@ -284,11 +286,11 @@ impl Compiler {
 
     pub(super) fn member(&mut self, name: &str) -> Result<(), PathError> {
         let here = self.here.clone();
-        let Kind::Message(message) = &here.kind else {
+        let ShapeKind::Message(message) = &here.kind else {
             return Err(PathError {
                 text: format!("there is no `{name}` in {}", here.name()),
                 help: match here.kind {
-                    Kind::Array(_) => "name an element before: `[0]`; or ask for `length`".to_owned(),
+                    ShapeKind::Array(_) => "name an element before: `[0]`; or ask for `length`".to_owned(),
                     _ => format!("leave out `.{name}`"),
                 },
             });
@@ -308,8 +310,8 @@ impl Compiler {
 
     fn array(&self, what: &str) -> Result<Array, PathError> {
         match &self.here.kind {
-            Kind::Array(array) if array.element.wide => Err(wide("the array")),
-            Kind::Array(array) => Ok(array.clone()),
+            ShapeKind::Array(array) if array.element.wide => Err(wide("the array")),
+            ShapeKind::Array(array) => Ok(array.clone()),
             _ => Err(PathError {
                 text: format!("{} is no array, so it has no `{what}`", self.here.name()),
                 help: format!("leave out `{what}`"),
@@ -347,17 +349,17 @@ impl Compiler {
 
     pub(super) fn scalar(self) -> Result<Program, PathError> {
         let leaf = match &self.here.kind {
-            Kind::Primitive(primitive) => Leaf::Primitive(*primitive),
-            Kind::Text => Leaf::Text,
-            Kind::WideText => return Err(wide("it")),
-            Kind::Message(message) if is_time(message) => Leaf::Time,
-            Kind::Message(message) => {
+            ShapeKind::Primitive(primitive) => Leaf::Primitive(*primitive),
+            ShapeKind::Text => Leaf::Text,
+            ShapeKind::WideText => return Err(wide("it")),
+            ShapeKind::Message(message) if is_time(message) => Leaf::Time,
+            ShapeKind::Message(message) => {
                 return Err(PathError {
                     text: format!("{} is no single value", message.type_name),
                     help: format!("go on to one of its fields: {}", names(message)),
                 });
             }
-            Kind::Array(_) => {
+            ShapeKind::Array(_) => {
                 return Err(PathError {
                     text: "an array is no single value".to_owned(),
                     help: "name an element, `[0]`, or ask for `.length`".to_owned(),
@@ -372,10 +374,10 @@ impl Compiler {
         loop {
             let here = self.here.clone();
             let inner = match &here.kind {
-                Kind::Message(message) if is_pose(message) => {
+                ShapeKind::Message(message) if is_pose(message) => {
                     return Ok(Program { moves: self.moves, leaf: Leaf::Pose });
                 }
-                Kind::Message(message) => ["pose", "transform"]
+                ShapeKind::Message(message) => ["pose", "transform"]
                     .into_iter()
                     .find(|name| message.members.iter().any(|(it, _)| **it == **name)),
                 _ => None,
@@ -429,7 +431,7 @@ fn is_pose(message: &Message) -> bool {
     let known = ["geometry_msgs/msg/Pose", "geometry_msgs/msg/Transform"].contains(&&*message.type_name);
     let numbers = |shape: &Shape, names: &[&str]| {
         let members: Vec<_> = names.iter().map(|name| (*name, Primitive::F64)).collect();
-        matches!(&shape.kind, Kind::Message(message) if has_members(message, &members))
+        matches!(&shape.kind, ShapeKind::Message(message) if has_members(message, &members))
     };
     match &message.members[..] {
         [(_, at), (_, turned)] => {
@@ -441,7 +443,7 @@ fn is_pose(message: &Message) -> bool {
 
 fn has_members(message: &Message, expected: &[(&str, Primitive)]) -> bool {
     let is = |(name, shape): &(Box<str>, Arc<Shape>), (wanted, primitive): &(&str, Primitive)| {
-        **name == **wanted && matches!(shape.kind, Kind::Primitive(it) if it == *primitive)
+        **name == **wanted && matches!(shape.kind, ShapeKind::Primitive(it) if it == *primitive)
     };
     message.members.len() == expected.len() && message.members.iter().zip(expected).all(|(a, b)| is(a, b))
 }

@@ -8,7 +8,7 @@ use crate::msg::cdr::{Fault, FaultKind, Reader};
 /// A part of a message.
 #[derive(Debug, Clone)]
 pub struct Shape {
-    pub kind: Kind,
+    pub kind: ShapeKind,
     /// Set if no part of it has a length of its own.
     plain: Option<Strides>,
     /// Its smallest size, without padding; never 0.
@@ -18,7 +18,7 @@ pub struct Shape {
 }
 
 #[derive(Debug, Clone)]
-pub enum Kind {
+pub enum ShapeKind {
     Primitive(Primitive),
     Text,
     WideText,
@@ -48,11 +48,11 @@ impl Shape {
         let bytes = u64::from(primitive.bytes());
         let stride = |offset: u64| offset.next_multiple_of(bytes) + bytes - offset;
         let plain = std::array::from_fn(|offset| stride(offset as u64));
-        Shape { kind: Kind::Primitive(primitive), plain: Some(plain), bytes_min: bytes, wide: false }
+        Shape { kind: ShapeKind::Primitive(primitive), plain: Some(plain), bytes_min: bytes, wide: false }
     }
 
     pub fn text(wide: bool) -> Shape {
-        let kind = if wide { Kind::WideText } else { Kind::Text };
+        let kind = if wide { ShapeKind::WideText } else { ShapeKind::Text };
         Shape { kind, plain: None, bytes_min: 4, wide }
     }
 
@@ -60,7 +60,7 @@ impl Shape {
     pub fn message(message: Message) -> Shape {
         let members = || message.members.iter().map(|(_, shape)| shape);
         if members().next().is_none() {
-            return Shape { kind: Kind::Message(message), ..Shape::primitive(Primitive::U8) };
+            return Shape { kind: ShapeKind::Message(message), ..Shape::primitive(Primitive::U8) };
         }
         let after = |start: u64| {
             members()
@@ -71,7 +71,7 @@ impl Shape {
         });
         let bytes_min = members().fold(0_u64, |sum, shape| sum.saturating_add(shape.bytes_min));
         let wide = members().any(|shape| shape.wide);
-        Shape { kind: Kind::Message(message), plain, bytes_min, wide }
+        Shape { kind: ShapeKind::Message(message), plain, bytes_min, wide }
     }
 
     pub fn array(element: Arc<Shape>, fixed: Option<u32>) -> Shape {
@@ -83,7 +83,7 @@ impl Shape {
             None => 4,
         };
         let wide = element.wide;
-        Shape { kind: Kind::Array(Array { element, fixed }), plain, bytes_min, wide }
+        Shape { kind: ShapeKind::Array(Array { element, fixed }), plain, bytes_min, wide }
     }
 
     /// # Errors
@@ -93,23 +93,25 @@ impl Shape {
             return reader.skip(stride(plain, reader.at() as u64));
         }
         match &self.kind {
-            Kind::Message(message) => message.members.iter().try_for_each(|(_, shape)| shape.skip(reader)),
-            Kind::Array(array) => {
+            ShapeKind::Message(message) => {
+                message.members.iter().try_for_each(|(_, shape)| shape.skip(reader))
+            }
+            ShapeKind::Array(array) => {
                 let count = array.count(reader)?;
                 array.skip(count, reader)
             }
-            Kind::Primitive(_) | Kind::Text | Kind::WideText => reader.string().map(drop),
+            ShapeKind::Primitive(_) | ShapeKind::Text | ShapeKind::WideText => reader.string().map(drop),
         }
     }
 
     /// Its name in a message for people.
     pub fn name(&self) -> String {
         match &self.kind {
-            Kind::Primitive(Primitive::Bool) => "a boolean".to_owned(),
-            Kind::Primitive(_) => "a number".to_owned(),
-            Kind::Text | Kind::WideText => "a string".to_owned(),
-            Kind::Message(message) => message.type_name.to_string(),
-            Kind::Array(_) => "an array".to_owned(),
+            ShapeKind::Primitive(Primitive::Bool) => "a boolean".to_owned(),
+            ShapeKind::Primitive(_) => "a number".to_owned(),
+            ShapeKind::Text | ShapeKind::WideText => "a string".to_owned(),
+            ShapeKind::Message(message) => message.type_name.to_string(),
+            ShapeKind::Array(_) => "an array".to_owned(),
         }
     }
 }

@@ -70,7 +70,7 @@ fn messages_become_inputs() {
     let signal = |name: &str, value| Input::Signal { name: name.into(), value };
     let decode = |index: usize, body: &[u8]| {
         let body = Ok((body.to_vec().into(), Endian::Little));
-        all[index].decode(Received { body: &body, writer: [0; 16], wall_ns: 0, when: When::Now })
+        all[index].decode(Received { body: &body, writer: [0; 16], wall_ns: 0, when: PublicationTime::Now })
     };
     assert_eq!(decode(1, &[1, 0, 0, 0]), (vec![signal("active", true), signal("moving", true)], None));
     assert_eq!(decode(1, &[0]), (vec![signal("active", false), signal("moving", false)], None));
@@ -130,22 +130,26 @@ fn a_signal_and_monitors_share_one_topic() {
         Input::Sample(Sample { source, stamp_ns, received_wall_ns: 7, late, values: [value].into() })
     };
     let of_now = |late| sample(Some(0), late, FieldValue::Number(3.0));
-    assert_eq!(decode(When::Now), (vec![signal.clone(), of_now(false)], None));
-    assert_eq!(decode(When::Late), (vec![signal.clone(), of_now(true)], None));
+    assert_eq!(decode(PublicationTime::Now), (vec![signal.clone(), of_now(false)], None));
+    assert_eq!(decode(PublicationTime::Late), (vec![signal.clone(), of_now(true)], None));
     let past = sample(None, true, FieldValue::Absent);
-    assert_eq!(decode(When::Kept), (vec![signal, past.clone()], None), "ages are judged there");
-    assert_eq!(decode(When::Past), (vec![past], None));
+    assert_eq!(decode(PublicationTime::Kept), (vec![signal, past.clone()], None), "ages are judged there");
+    assert_eq!(decode(PublicationTime::Past), (vec![past], None));
 
     let unreadable: RawBody = Err(Fault { at: 0, what: FaultKind::Encoding([0, 7]) });
-    let (inputs, wrong) =
-        all[2].decode(Received { body: &unreadable, writer: [0; 16], wall_ns: 7, when: When::Now });
+    let (inputs, wrong) = all[2].decode(Received {
+        body: &unreadable,
+        writer: [0; 16],
+        wall_ns: 7,
+        when: PublicationTime::Now,
+    });
     let Input::Sample(sample) = &inputs[0] else { panic!("{inputs:?}") };
     assert!(matches!(&sample.values[..], [FieldValue::Unreadable(_)]) && wrong.is_some());
     let (inputs, wrong) = all[3].decode(Received {
         body: &Ok((vec![].into(), Endian::Big)),
         writer: [0; 16],
         wall_ns: 7,
-        when: When::Now,
+        when: PublicationTime::Now,
     });
     assert!(matches!(&inputs[..], [Input::Sample(sample)] if sample.values.is_empty()) && wrong.is_none());
 }

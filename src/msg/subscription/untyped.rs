@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::{FieldError, Signal, Subscription, SubscriptionError, Watch, meaning, subscribe};
+use super::{FieldError, Signal, Subscription, SubscriptionError, WatchedFields, meaning, subscribe};
 use crate::engine::model::monitors::{StampClock, TopicSpec};
 use crate::engine::model::{FieldSource, Limits, Model, SignalSpec};
 use crate::msg::fields::{Definitions, Reader};
@@ -99,7 +99,7 @@ impl Subscription {
                 }
             };
             // The engine identifies its samples by the configuration.
-            learned.watch = Some(Watch { spec: spec.clone(), reader });
+            learned.watch = Some(WatchedFields { spec: spec.clone(), reader });
         }
         match refused {
             Some(why) if learned.signals.is_empty() && learned.watch.is_none() => Err(why),
@@ -115,7 +115,7 @@ mod tests {
     use crate::engine::input::Input;
     use crate::engine::model::sample::FieldValue;
     use crate::msg::cdr::Endian;
-    use crate::msg::subscription::{Plan, Received, When};
+    use crate::msg::subscription::{Plan, PublicationTime, Received};
 
     const TEXT: &str = "
 vehicle: { stages: none }
@@ -134,7 +134,7 @@ groups: [{ id: g, modules: [{ id: rate, monitor: { frequency: { topic: /lamp, er
         assert_eq!((&*lamp.dds_type, lamp.is_untyped()), ("std_msgs::msg::dds_::Bool_", false));
         let body = Ok((vec![1].into(), Endian::Little));
         let (inputs, wrong) =
-            lamp.decode(Received { body: &body, writer: [0; 16], wall_ns: 0, when: When::Now });
+            lamp.decode(Received { body: &body, writer: [0; 16], wall_ns: 0, when: PublicationTime::Now });
         assert!(inputs.len() == 2 && wrong.is_none(), "{inputs:?} {wrong:?}");
         let number = untyped[1].learn("std_msgs/msg/Float64").unwrap().subscription;
         assert_eq!(
@@ -184,7 +184,7 @@ groups:
             body: &body,
             writer: [0; 16],
             wall_ns: 0,
-            when: When::Now,
+            when: PublicationTime::Now,
         });
         let [Input::Sample(sample)] = &inputs[..] else { panic!("{inputs:?}") };
         let typo =

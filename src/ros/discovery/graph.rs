@@ -22,9 +22,9 @@ const LOOK: Duration = Duration::from_secs(1);
 
 /// Messages received since the start, by the topic's name on the wire; only of topics that are read.
 #[derive(Debug, Clone, Default)]
-pub struct Tallies(Arc<Mutex<BTreeMap<String, u64>>>);
+pub struct MessageCounts(Arc<Mutex<BTreeMap<String, u64>>>);
 
-impl Tallies {
+impl MessageCounts {
     pub fn add(&self, dds_topic: &str, count: usize) {
         let mut tallies = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         match tallies.get_mut(dds_topic) {
@@ -41,12 +41,12 @@ impl Tallies {
 /// Our participants beside the bridge's own, in hexadecimal digits, including the last ones that ended: a
 /// killed participant said no goodbye, and discovery knows it until its lease is over.
 #[derive(Debug, Clone, Default)]
-pub struct Siblings(Arc<Mutex<VecDeque<String>>>);
+pub struct OwnParticipants(Arc<Mutex<VecDeque<String>>>);
 
 /// Many more than end within a lease.
 const SIBLINGS_MAX: usize = 256;
 
-impl Siblings {
+impl OwnParticipants {
     pub fn add(&self, participant: String) {
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         all.push_back(participant);
@@ -63,9 +63,9 @@ impl Siblings {
 /// Runs until it is stopped.
 pub async fn run(
     participant: Participant,
-    tallies: Tallies,
+    tallies: MessageCounts,
     seen: Arc<watch::Sender<Arc<Discovery>>>,
-    (nodes, siblings): (watch::Receiver<Nodes>, Siblings),
+    (nodes, siblings): (watch::Receiver<Nodes>, OwnParticipants),
     clock: Clock,
     mut stop: watch::Receiver<bool>,
 ) {
@@ -176,7 +176,7 @@ mod tests {
 
     #[test]
     fn rates_are_of_the_time_between_two_looks() {
-        let tallies = Tallies::default();
+        let tallies = MessageCounts::default();
         tallies.add("rt/diagnostics", 5);
         let before = (Timestamp::from_millis(1000), tallies.read());
         tallies.add("rt/diagnostics", 20);

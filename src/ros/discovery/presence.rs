@@ -19,7 +19,7 @@ use crate::msg::messages;
 use crate::msg::messages::{GidSize, NodeEntities, PARTICIPANT_ENTITIES_INFO};
 use crate::msg::sample_bytes::Guid;
 use crate::ros::library::qos::Via;
-use crate::ros::library::{Heard, Participant, Quality, Seen, Writer};
+use crate::ros::library::{Participant, Quality, ReaderEvent, Seen, Writer};
 use crate::ros::outbox::stopped;
 
 /// Samples of the topic that the library keeps: one for each participant, in case all announce at once.
@@ -27,7 +27,7 @@ const DEPTH: usize = 512;
 /// How often nodes are removed whose participants are gone.
 const LOOK: Duration = Duration::from_secs(1);
 
-pub struct Surroundings {
+pub struct PresenceContext {
     pub nodes: watch::Sender<Nodes>,
     /// The size of a gid, as soon as it is known.
     pub gid_size: watch::Sender<Option<GidSize>>,
@@ -37,7 +37,7 @@ pub struct Surroundings {
 }
 
 /// Announces our node and follows other nodes until it is stopped.
-pub async fn run(participant: Participant, around: Surroundings, mut stop: watch::Receiver<bool>) {
+pub async fn run(participant: Participant, around: PresenceContext, mut stop: watch::Receiver<bool>) {
     around.nodes.send_replace(Nodes::new(around.clock.now()));
     let nodes = &around.nodes;
     tokio::select! {
@@ -98,7 +98,7 @@ async fn listen(
                 nodes.send_modify(|nodes| nodes.update(&participant.guid(), guids, services));
             }
             heard = poll_fn(|context| reader.poll(context)) => {
-                let Heard::Sample(sample) = heard else { continue };
+                let ReaderEvent::Sample(sample) = heard else { continue };
                 let Ok((body, endian)) = sample.body else { continue };
                 learn.send_if_modified(|size| {
                     let known = size.is_some();

@@ -31,16 +31,16 @@ const ANNOUNCED: Span = Span::from_secs(10);
 
 /// Follows discovery from one look to the next.
 #[derive(Debug)]
-struct Speakers {
+struct StatusWriters {
     since: Timestamp,
     found: BTreeMap<Guid, Timestamp>,
     said: Option<WriterList>,
     looks: u32,
 }
 
-impl Speakers {
-    fn new(since: Timestamp) -> Speakers {
-        Speakers { since, found: BTreeMap::new(), said: None, looks: 0 }
+impl StatusWriters {
+    fn new(since: Timestamp) -> StatusWriters {
+        StatusWriters { since, found: BTreeMap::new(), said: None, looks: 0 }
     }
 
     /// Takes the present writers; returns the input for the engine.
@@ -89,7 +89,7 @@ pub async fn run(
 ) {
     let mut looks = tokio::time::interval(LOOK);
     looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-    let mut speakers = Speakers::new(clock.now());
+    let mut speakers = StatusWriters::new(clock.now());
     loop {
         tokio::select! {
             () = stopped(&mut stop) => return,
@@ -127,7 +127,7 @@ mod tests {
     #[test]
     fn a_writer_without_a_node_has_time_to_be_announced() {
         let at = Timestamp::from_millis;
-        let mut speakers = Speakers::new(at(0));
+        let mut speakers = StatusWriters::new(at(0));
         let named = BTreeMap::from([(A, "/lidar")]);
         let list = speakers.look(&[A, B].into(), &named, at(1000)).unwrap();
         assert!(!list.complete, "others may be found still");
@@ -143,7 +143,7 @@ mod tests {
 
     #[test]
     fn what_did_not_change_is_said_again_and_the_list_is_bounded() {
-        let mut speakers = Speakers::new(Timestamp::ZERO);
+        let mut speakers = StatusWriters::new(Timestamp::ZERO);
         let at = |look: u64| Timestamp::from_millis(60_000 + 1000 * look);
         let named = BTreeMap::from([(A, "/a")]);
         let said: Vec<u64> =

@@ -29,12 +29,12 @@ use tokio::task::JoinSet;
 use tokio::time::MissedTickBehavior;
 use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
 
-use super::canary::Canary;
-use super::crowd::Crowd;
+use super::busy_discovery::BusyDiscovery;
 use super::discovered;
+use super::echo_check::EchoCheck;
 use super::qos::{self, RawWriter};
 use super::raw_bytes::RawAdapter;
-use super::wire::{self, Frame, News, Order};
+use super::wire::{self, Frame, FromChild, Order};
 use super::{BEAT, RawSample, SAMPLE_BYTES, WINDOW_BYTES, WRITING_MAX};
 use crate::clock::Clock;
 use crate::engine::time::{Span, Timestamp};
@@ -117,7 +117,7 @@ async fn live(socket: UnixStream, alone: bool) -> std::io::Result<()> {
     let mut orders = FramedRead::new(reading, wire::frames());
     let mut first = next(&mut orders).await.unwrap_or_default().into_iter();
     let Some(Order::Open { domain, networks }) = first.next() else { return Ok(()) };
-    let mut out = Out { socket: writing, frame: Frame::new(), samples: Frame::new() };
+    let mut out = ToParent { socket: writing, frame: Frame::new(), samples: Frame::new() };
     let ended = match Child::open(domain, networks, &mut out).await {
         Ok(mut child) => {
             let ended = child.run(first.collect(), &mut orders, &mut out).await;
@@ -127,21 +127,21 @@ async fn live(socket: UnixStream, alone: bool) -> std::io::Result<()> {
         Err(reason) => Err(reason),
     };
     if let Err(reason) = ended {
-        out.frame.news(&News::Broken { reason: wire::cut(&reason) });
+        out.frame.news(&FromChild::Broken { reason: wire::cut(&reason) });
         let _ = out.send().await;
     }
     Ok(())
 }
 
 /// The messages to the parent. Writing waits if the parent does not read.
-struct Out {
+struct ToParent {
     socket: OwnedWriteHalf,
     frame: Frame,
     /// Samples, which follow the description of their writers.
     samples: Frame,
 }
 
-impl Out {
+impl ToParent {
     async fn send(&mut self) -> Result<(), String> {
         for frame in [&mut self.frame, &mut self.samples] {
             if !frame.is_empty() {
@@ -153,7 +153,7 @@ impl Out {
 }
 
 /// A reader, and the bytes that were passed up and not taken yet.
-struct Hearing {
+struct OpenReader {
     id: u32,
     reader: SimpleDataReader<RawBody, RawAdapter>,
     in_flight: usize,
@@ -163,11 +163,11 @@ struct Child {
     participant: DomainParticipant,
     subscriber: Subscriber,
     topics: BTreeMap<(String, String), Topic>,
-    hearings: Hearings,
+    open_readers: OpenReaders,
     writers: BTreeMap<u32, Arc<RawWriter>>,
     writing: JoinSet<(u32, Option<String>)>,
-    canary: Canary,
-    crowd: Crowd,
+    echo_check: EchoCheck,
+    busy_discovery: BusyDiscovery,
 }
 
 pub fn refused(error: impl std::fmt::Display) -> String {
@@ -175,30 +175,39 @@ pub fn refused(error: impl std::fmt::Display) -> String {
 }
 
 impl Child {
-    async fn open(domain: u16, networks: Option<Vec<Ipv4Addr>>, out: &mut Out) -> Result<Child, String> {
+    async fn open(domain: u16, networks: Option<Vec<Ipv4Addr>>, out: &mut ToParent) -> Result<Child, String> {
         let mut builder = DomainParticipantBuilder::new(domain);
         if let Some(addresses) = networks {
             builder = builder.with_only_networks(addresses);
         }
         let participant = builder.build().map_err(|error| error.to_string())?;
         let subscriber = participant.create_subscriber(&QosPolicyBuilder::new().build()).map_err(refused)?;
-        let canary = Canary::open(&participant, &subscriber)?;
+        let echo_check = EchoCheck::open(&participant, &subscriber)?;
         let (guid, id) = (participant.guid().to_bytes(), participant.participant_id());
-        out.frame.news(&News::Ready { guid, participant: id });
+        out.frame.news(&FromChild::Ready { guid, participant: id });
         out.send().await?;
         Ok(Child {
             participant,
             subscriber,
             topics: BTreeMap::new(),
-            hearings: Hearings { readers: Vec::new(), told: BTreeMap::new(), unknown: BTreeSet::new() },
+            open_readers: OpenReaders {
+                readers: Vec::new(),
+                told: BTreeMap::new(),
+                unknown: BTreeSet::new(),
+            },
             writers: BTreeMap::new(),
             writing: JoinSet::new(),
-            canary,
-            crowd: Crowd::of_this_process(),
+            echo_check,
+            busy_discovery: BusyDiscovery::of_this_process(),
         })
     }
 
-    async fn run(&mut self, first: Vec<Order>, orders: &mut Orders, out: &mut Out) -> Result<(), String> {
+    async fn run(
+        &mut self,
+        first: Vec<Order>,
+        orders: &mut Orders,
+        out: &mut ToParent,
+    ) -> Result<(), String> {
         self.obey_all(first, out)?;
         let listener = self.participant.clone();
         let listener = listener.status_listener();
@@ -217,12 +226,12 @@ impl Child {
                 Some(done) = self.writing.join_next() => {
                     let (number, error) = done.map_err(|panic| panic.to_string())?;
                     match number {
-                        0 => self.canary.writing = false,
-                        _ => out.frame.news(&News::Written { number, error }),
+                        0 => self.echo_check.writing = false,
+                        _ => out.frame.news(&FromChild::Written { number, error }),
                     }
                 }
                 Some(event) = events.next() => {
-                    self.crowd.hear(&event);
+                    self.busy_discovery.hear(&event);
                     look_at = look_at.min(looked + LOOK_MIN);
                 }
                 () = tokio::time::sleep_until(clock.instant(look_at).into()) => {
@@ -234,12 +243,12 @@ impl Child {
                     look_at = looked + LOOK_MAX;
                 }
                 // The return value says nothing: in a flood single beats are lost.
-                _ = again.tick(), if self.canary.is_late() => self.speak(),
+                _ = again.tick(), if self.echo_check.is_late() => self.speak(),
                 _ = beats.tick() => {
                     self.ask(clock.now())?;
                     self.beat(out);
                 }
-                taken = poll_fn(|context| self.hearings.poll(context, &mut out.samples)) => {
+                taken = poll_fn(|context| self.open_readers.poll(context, &mut out.samples)) => {
                     if taken? {
                         self.tell_discovered(out);
                     }
@@ -249,21 +258,21 @@ impl Child {
         }
     }
 
-    fn obey_all(&mut self, orders: Vec<Order>, out: &mut Out) -> Result<(), String> {
+    fn obey_all(&mut self, orders: Vec<Order>, out: &mut ToParent) -> Result<(), String> {
         orders.into_iter().try_for_each(|order| self.obey(order, out))
     }
 
-    fn obey(&mut self, order: Order, out: &mut Out) -> Result<(), String> {
+    fn obey(&mut self, order: Order, out: &mut ToParent) -> Result<(), String> {
         match order {
             Order::Reader { id, topic, type_name, via, depth } => {
                 let topic = self.topic(topic, type_name, depth as usize)?;
                 let reader = qos::reader(&self.subscriber, &topic, via).map_err(refused)?;
-                out.frame.news(&News::Made { id, guid: reader.guid().to_bytes() });
-                self.hearings.readers.push(Hearing { id, reader, in_flight: 0 });
+                out.frame.news(&FromChild::Made { id, guid: reader.guid().to_bytes() });
+                self.open_readers.readers.push(OpenReader { id, reader, in_flight: 0 });
             }
-            Order::EndReader { id } => self.hearings.readers.retain(|known| known.id != id),
+            Order::EndReader { id } => self.open_readers.readers.retain(|known| known.id != id),
             Order::Taken { id, bytes } => {
-                if let Some(known) = self.hearings.readers.iter_mut().find(|known| known.id == id) {
+                if let Some(known) = self.open_readers.readers.iter_mut().find(|known| known.id == id) {
                     known.in_flight = known.in_flight.saturating_sub(bytes as usize);
                 }
             }
@@ -274,7 +283,7 @@ impl Child {
                 let topic = qos::offered_topic(&self.participant, &topic, &type_name, quality);
                 let writer = topic.and_then(|topic| qos::writer(&self.participant, &topic, quality));
                 let writer = writer.map_err(refused)?;
-                out.frame.news(&News::Made { id, guid: writer.guid().to_bytes() });
+                out.frame.news(&FromChild::Made { id, guid: writer.guid().to_bytes() });
                 self.writers.insert(id, Arc::new(writer));
             }
             Order::Write { id, number, body } => {
@@ -298,18 +307,18 @@ impl Child {
     }
 
     /// Reports endpoints that are new or have changed.
-    fn tell_discovered(&mut self, out: &mut Out) {
+    fn tell_discovered(&mut self, out: &mut ToParent) {
         let now = discovered::all(&self.participant);
         for (guid, found) in &now {
-            if self.hearings.told.get(guid) != Some(found) {
-                out.frame.news(&News::Found(found.clone()));
-                self.hearings.unknown.clear();
+            if self.open_readers.told.get(guid) != Some(found) {
+                out.frame.news(&FromChild::Found(found.clone()));
+                self.open_readers.unknown.clear();
             }
         }
-        for guid in self.hearings.told.keys().filter(|guid| !now.contains_key(*guid)) {
-            out.frame.news(&News::Gone { guid: *guid });
+        for guid in self.open_readers.told.keys().filter(|guid| !now.contains_key(*guid)) {
+            out.frame.news(&FromChild::Gone { guid: *guid });
         }
-        self.hearings.told = now;
+        self.open_readers.told = now;
     }
 
     /// If the library's discovery thread has ended, it takes no orders. This order affects only writers
@@ -318,45 +327,46 @@ impl Child {
         if self.participant.assert_liveliness().is_err() {
             return Err("the threads of the DDS library have ended".to_owned());
         }
-        if self.crowd.is_too_much(now) {
+        if self.busy_discovery.is_too_much(now) {
             return Err("more participants were announced than it can look at".to_owned());
         }
         Ok(())
     }
 
-    fn beat(&mut self, out: &mut Out) {
-        self.canary.said += 1;
+    fn beat(&mut self, out: &mut ToParent) {
+        self.echo_check.said += 1;
         self.speak();
-        out.frame.news(&News::Beat { heard: self.canary.heard });
+        out.frame.news(&FromChild::Beat { heard: self.echo_check.heard });
     }
 
     fn speak(&mut self) {
-        self.canary.listen();
-        if !std::mem::replace(&mut self.canary.writing, true) {
-            let beat = Bytes::copy_from_slice(&self.canary.said.to_le_bytes());
-            self.writing.spawn(write(self.canary.writer.clone(), 0, beat));
+        self.echo_check.listen();
+        if !std::mem::replace(&mut self.echo_check.writing, true) {
+            let beat = Bytes::copy_from_slice(&self.echo_check.said.to_le_bytes());
+            self.writing.spawn(write(self.echo_check.writer.clone(), 0, beat));
         }
     }
 
     /// Readers and writers are dropped first, because they hold the participant.
     async fn close(self) {
-        let Child { participant, subscriber, topics, hearings, writers, mut writing, canary, .. } = self;
+        let Child { participant, subscriber, topics, open_readers, writers, mut writing, echo_check, .. } =
+            self;
         writing.shutdown().await;
-        drop((hearings, writers, canary, topics, subscriber));
+        drop((open_readers, writers, echo_check, topics, subscriber));
         let closed = tokio::task::spawn_blocking(move || drop(participant));
         let _ = tokio::time::timeout(ENDING, closed).await;
     }
 }
 
-/// A received sample and its writer.
-struct Hearings {
-    readers: Vec<Hearing>,
+/// All readers, and the writers that the parent knows.
+struct OpenReaders {
+    readers: Vec<OpenReader>,
     /// Endpoints that the parent knows.
     told: BTreeMap<Guid, super::Found>,
     unknown: BTreeSet<Guid>,
 }
 
-impl Hearings {
+impl OpenReaders {
     /// Ready once something was received; it is in `samples` then. True if one of its writers is not known.
     fn poll(&mut self, context: &mut Context<'_>, samples: &mut Frame) -> Poll<Result<bool, String>> {
         let mut strangers = self.take(samples)?;
@@ -390,7 +400,7 @@ impl Hearings {
                         if !self.told.contains_key(&writer) && self.unknown.len() < UNKNOWN_MAX {
                             strangers |= self.unknown.insert(writer);
                         }
-                        samples.news(&News::Sample { reader: hearing.id, sample });
+                        samples.news(&FromChild::Sample { reader: hearing.id, sample });
                     }
                     Ok(None) => nothing += 1,
                     Err(ReadError::Poisoned { reason } | ReadError::Internal { reason }) => {
@@ -398,7 +408,7 @@ impl Hearings {
                     }
                     Err(error) => {
                         hearing.in_flight += SAMPLE_BYTES;
-                        samples.news(&News::Fault { reader: hearing.id, reason: wire::cut(&error) });
+                        samples.news(&FromChild::Fault { reader: hearing.id, reason: wire::cut(&error) });
                     }
                 }
             }

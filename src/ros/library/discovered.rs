@@ -14,11 +14,11 @@ use crate::msg::sample_bytes::Guid;
 pub const PREFIX: usize = 12;
 
 /// The prefix of the topics on which participants hear themselves; no ROS topic begins so.
-const CANARY: &str = "telltale_alive/";
+const ECHO_TOPIC_PREFIX: &str = "telltale_alive/";
 
 /// The topic on which one participant hears itself.
-pub fn canary_topic(guid: &Guid) -> String {
-    format!("{CANARY}{}", participant_name(guid))
+pub fn echo_topic(guid: &Guid) -> String {
+    format!("{ECHO_TOPIC_PREFIX}{}", participant_name(guid))
 }
 
 /// All endpoints that can belong to ROS, at most as many as the parent takes.
@@ -57,7 +57,7 @@ pub fn all(participant: &DomainParticipant) -> BTreeMap<Guid, Found> {
     });
     let is_ours_to_tell = |found: &Found| {
         let fits = |name: &str| name.len() <= NAME_BYTES_MAX;
-        fits(&found.topic) && fits(&found.type_name) && !found.topic.starts_with(CANARY)
+        fits(&found.topic) && fits(&found.type_name) && !found.topic.starts_with(ECHO_TOPIC_PREFIX)
     };
     let all = writers.chain(readers).filter(is_ours_to_tell);
     all.take(ENDPOINTS_MAX).map(|found| (found.guid, found)).collect()

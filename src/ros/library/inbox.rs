@@ -14,7 +14,7 @@ use tokio_util::codec::FramedRead;
 use super::qos::Via;
 use super::raw_bytes::BODY_BYTES_MAX;
 use super::watch::Ended;
-use super::wire::{self, News, Order};
+use super::wire::{self, FromChild, Order};
 use super::{Participant, RawSample, SAMPLE_BYTES, Seen, WINDOW_BYTES};
 use crate::msg::sample_bytes::Guid;
 
@@ -22,25 +22,25 @@ use crate::msg::sample_bytes::Guid;
 const UNTAKEN_MAX: usize = WINDOW_BYTES + BODY_BYTES_MAX + 2 * SAMPLE_BYTES;
 
 /// What a reader gets.
-pub enum Heard {
+pub enum ReaderEvent {
     Sample(RawSample),
     /// A sample was not handed over.
     Fault(String),
 }
 
-impl Heard {
+impl ReaderEvent {
     fn weight(&self) -> usize {
         match self {
-            Heard::Sample(sample) => sample.weight(),
-            Heard::Fault(_) => SAMPLE_BYTES,
+            ReaderEvent::Sample(sample) => sample.weight(),
+            ReaderEvent::Fault(_) => SAMPLE_BYTES,
         }
     }
 }
 
 /// The queue for the samples of one reader, bounded by the window.
 #[derive(Debug)]
-struct Hearing {
-    samples: mpsc::UnboundedSender<Heard>,
+struct ReaderQueue {
+    samples: mpsc::UnboundedSender<ReaderEvent>,
     untaken: Arc<AtomicUsize>,
     /// It belongs to our node in the ROS 2 graph.
     of_node: bool,
@@ -50,7 +50,7 @@ struct Hearing {
 #[derive(Debug)]
 pub struct Shared {
     seen: Mutex<Seen>,
-    readers: Mutex<BTreeMap<u32, Hearing>>,
+    readers: Mutex<BTreeMap<u32, ReaderQueue>>,
     written: Mutex<BTreeMap<u32, oneshot::Sender<Option<String>>>>,
     made: Mutex<BTreeMap<u32, watch::Sender<Option<Guid>>>>,
     made_readers: Mutex<BTreeMap<u32, Guid>>,
@@ -145,10 +145,10 @@ impl Shared {
     ///
     /// # Errors
     /// A sound process never sends this message.
-    fn take(&self, news: News) -> Result<(), &'static str> {
+    fn take(&self, news: FromChild) -> Result<(), &'static str> {
         match news {
-            News::Ready { .. } => return Err("it starts twice"),
-            News::Made { id, guid } => match lock(&self.made).remove(&id) {
+            FromChild::Ready { .. } => return Err("it starts twice"),
+            FromChild::Made { id, guid } => match lock(&self.made).remove(&id) {
                 Some(made) => drop(made.send_replace(Some(guid))),
                 None if lock(&self.readers).get(&id).is_some_and(|hearing| hearing.of_node) => {
                     lock(&self.made_readers).insert(id, guid);
@@ -156,34 +156,34 @@ impl Shared {
                 }
                 None => {}
             },
-            News::Found(found) => {
+            FromChild::Found(found) => {
                 if !self.seen().add(found) {
                     return Err("it tells of more endpoints than it may");
                 }
                 self.news.send_modify(|count| *count += 1);
             }
-            News::Gone { guid } => {
+            FromChild::Gone { guid } => {
                 self.seen().remove(&guid);
                 self.news.send_modify(|count| *count += 1);
             }
-            News::Sample { reader, sample } => return self.hear(reader, Heard::Sample(sample)),
-            News::Fault { reader, reason } => return self.hear(reader, Heard::Fault(reason)),
-            News::Written { number, error } => {
+            FromChild::Sample { reader, sample } => return self.hear(reader, ReaderEvent::Sample(sample)),
+            FromChild::Fault { reader, reason } => return self.hear(reader, ReaderEvent::Fault(reason)),
+            FromChild::Written { number, error } => {
                 if let Some(waiting) = lock(&self.written).remove(&number) {
                     // Nobody waits for it any more.
                     let _ = waiting.send(error);
                 }
             }
-            News::Beat { heard } => {
+            FromChild::Beat { heard } => {
                 self.beats.fetch_add(1, Ordering::Relaxed);
                 self.heard.store(heard, Ordering::Relaxed);
             }
-            News::Broken { reason } => self.end(&reason, true),
+            FromChild::Broken { reason } => self.end(&reason, true),
         }
         Ok(())
     }
 
-    fn hear(&self, reader: u32, heard: Heard) -> Result<(), &'static str> {
+    fn hear(&self, reader: u32, heard: ReaderEvent) -> Result<(), &'static str> {
         let readers = lock(&self.readers);
         // A reader that was ended may still have received a sample.
         let Some(hearing) = readers.get(&reader) else { return Ok(()) };
@@ -222,7 +222,7 @@ pub async fn receive(socket: OwnedReadHalf, shared: Arc<Shared>, ready: oneshot:
         };
         let taken = wire::news(&frame).map_err(|_| "it says what makes no sense").and_then(|all| {
             all.into_iter().try_for_each(|news| match (news, &mut ready) {
-                (News::Ready { guid, participant }, ready @ Some(_)) => {
+                (FromChild::Ready { guid, participant }, ready @ Some(_)) => {
                     // The task that opened it may have given up.
                     let _ = ready.take().map(|ready| ready.send((guid, participant)));
                     Ok(())
@@ -244,7 +244,7 @@ pub async fn receive(socket: OwnedReadHalf, shared: Arc<Shared>, ready: oneshot:
 pub struct Reader {
     id: u32,
     via: Via,
-    samples: mpsc::UnboundedReceiver<Heard>,
+    samples: mpsc::UnboundedReceiver<ReaderEvent>,
     untaken: Arc<AtomicUsize>,
     /// Bytes that were taken and not reported to the process yet.
     taken: usize,
@@ -255,7 +255,7 @@ impl Reader {
     pub(super) fn new(id: u32, via: Via, of_node: bool, participant: Participant) -> Reader {
         let (sender, samples) = mpsc::unbounded_channel();
         let untaken = Arc::new(AtomicUsize::new(0));
-        let hearing = Hearing { samples: sender, untaken: untaken.clone(), of_node };
+        let hearing = ReaderQueue { samples: sender, untaken: untaken.clone(), of_node };
         lock(&participant.0.shared.readers).insert(id, hearing);
         Reader { id, via, samples, untaken, taken: 0, participant }
     }
@@ -265,7 +265,7 @@ impl Reader {
     }
 
     /// The next received sample. If there is none, the context is woken when one comes.
-    pub fn poll(&mut self, context: &mut Context<'_>) -> Poll<Heard> {
+    pub fn poll(&mut self, context: &mut Context<'_>) -> Poll<ReaderEvent> {
         // Its sender lives until the reader is dropped.
         let Poll::Ready(Some(heard)) = self.samples.poll_recv(context) else { return Poll::Pending };
         let weight = heard.weight();

@@ -5,10 +5,10 @@
 //! then a new participant replaces it. Samples and discovered endpoints come over a socket (`wire`) and are
 //! decoded in the main process.
 
-mod canary;
+mod busy_discovery;
 mod child;
-mod crowd;
 pub mod discovered;
+mod echo_check;
 mod inbox;
 pub mod qos;
 pub(super) mod raw_bytes;
@@ -26,7 +26,7 @@ use tokio::net::UnixStream;
 use tokio::sync::{mpsc, oneshot};
 
 pub use child::process;
-pub use inbox::{Heard, Reader};
+pub use inbox::{Reader, ReaderEvent};
 pub use seen::{Found, Seen};
 use tokio::io::AsyncWriteExt as _;
 pub use watch::Ended;

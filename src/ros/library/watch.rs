@@ -126,7 +126,7 @@ fn look_after(runner: &mut Runner, how: DdsProcess, shared: &Shared, closing: &m
         if shared.has_ended() {
             return;
         }
-        let told = Told {
+        let told = ProcessFigures {
             beats: shared.beats.load(Ordering::Relaxed),
             heard: shared.heard.load(Ordering::Relaxed),
             megabytes: runner.megabytes(),
@@ -179,7 +179,7 @@ fn describe(status: ExitStatus) -> String {
 
 /// The figures of a process at one look.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-struct Told {
+struct ProcessFigures {
     beats: u64,
     heard: u64,
     megabytes: u64,
@@ -188,12 +188,12 @@ struct Told {
 /// Judges a process by its figures, look by look.
 #[derive(Debug, Default)]
 struct Health {
-    last: Told,
+    last: ProcessFigures,
     silent: u32,
 }
 
 impl Health {
-    fn look(&mut self, told: Told, how: DdsProcess, hears_itself: bool) -> Option<String> {
+    fn look(&mut self, told: ProcessFigures, how: DdsProcess, hears_itself: bool) -> Option<String> {
         let last = std::mem::replace(&mut self.last, told);
         if let DdsProcess::Child { megabytes } = how
             && told.megabytes > u64::from(megabytes)
@@ -223,37 +223,53 @@ mod tests {
     const HOW: DdsProcess = DdsProcess::Child { megabytes: 100 };
 
     /// The look at which it is found ill, and why; `None` within 30 looks.
-    fn found_ill(hears_itself: bool, told: impl Fn(u64) -> Told) -> Option<(u64, String)> {
+    fn found_ill(hears_itself: bool, told: impl Fn(u64) -> ProcessFigures) -> Option<(u64, String)> {
         let mut health = Health::default();
         (0..30).find_map(|look| Some((look, health.look(told(look), HOW, hears_itself)?)))
     }
 
     #[test]
     fn a_process_that_is_well_is_left_alone() {
-        assert_eq!(found_ill(true, |look| Told { beats: look, heard: look, ..Told::default() }), None);
+        assert_eq!(
+            found_ill(true, |look| ProcessFigures { beats: look, heard: look, ..ProcessFigures::default() }),
+            None
+        );
         // Still making its participant.
-        assert_eq!(found_ill(true, |_| Told::default()), None);
+        assert_eq!(found_ill(true, |_| ProcessFigures::default()), None);
         // On a network that lets nobody hear itself.
-        assert_eq!(found_ill(false, |look| Told { beats: look, ..Told::default() }), None);
+        assert_eq!(
+            found_ill(false, |look| ProcessFigures { beats: look, ..ProcessFigures::default() }),
+            None
+        );
         // The newest beat that it heard is a second old now and then.
-        let slow = |look| Told { beats: look, heard: look / 5 * 5, ..Told::default() };
+        let slow = |look| ProcessFigures { beats: look, heard: look / 5 * 5, ..ProcessFigures::default() };
         assert_eq!(found_ill(true, slow), None);
     }
 
     #[test]
     fn what_is_silent_deaf_or_too_large_is_found() {
-        let silent = found_ill(true, |look| Told { beats: look.min(4), heard: look, ..Told::default() });
+        let silent = found_ill(true, |look| ProcessFigures {
+            beats: look.min(4),
+            heard: look,
+            ..ProcessFigures::default()
+        });
         assert_eq!(silent, Some((12, "it does not answer".to_owned())));
-        let deaf =
-            |heard: u64| move |look: u64| Told { beats: look, heard: look.min(heard), ..Told::default() };
+        let deaf = |heard: u64| {
+            move |look: u64| ProcessFigures {
+                beats: look,
+                heard: look.min(heard),
+                ..ProcessFigures::default()
+            }
+        };
         let found = |look, reason: &str| Some((look, reason.to_owned()));
         assert_eq!(found_ill(true, deaf(4)), found(12, "it hears nothing any more, or late"));
         let never = "it hears nothing, not even itself";
         assert_eq!(found_ill(true, deaf(0)), found(12, never), "from its beginning");
         // It still hears, but falls behind by half of the time.
-        let behind = |look| Told { beats: look, heard: look.div_ceil(2), ..Told::default() };
+        let behind =
+            |look| ProcessFigures { beats: look, heard: look.div_ceil(2), ..ProcessFigures::default() };
         assert_eq!(found_ill(true, behind), found(16, "it hears nothing any more, or late"));
-        let large = |look| Told { beats: look, heard: look, megabytes: 99 + look };
+        let large = |look| ProcessFigures { beats: look, heard: look, megabytes: 99 + look };
         assert_eq!(
             found_ill(true, large),
             Some((2, "it takes 101 MB of memory; its limit is 100".to_owned()))

@@ -16,7 +16,7 @@ use super::{Found, Quality, RawSample};
 use crate::engine::discovery::{Liveliness, LivelinessKind};
 use crate::msg::cdr::{Endian, Fault, FaultKind};
 use crate::msg::sample_bytes::Guid;
-pub use messages::{News, Order};
+pub use messages::{FromChild, Order};
 
 /// A frame is closed when it is longer than this; a single message may be longer.
 pub const FRAME_BYTES: usize = 256 << 10;
@@ -27,7 +27,7 @@ pub const NAME_BYTES_MAX: usize = 1024;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("byte {0} of a frame makes no sense")]
-pub struct Nonsense(usize);
+pub struct InvalidFrame(usize);
 
 /// Finds the frames in what comes over the socket. A longer one than may be is an error.
 pub fn frames() -> LengthDelimitedCodec {
@@ -125,20 +125,20 @@ impl Frame {
         }
     }
 
-    pub fn news(&mut self, news: &News) {
+    pub fn news(&mut self, news: &FromChild) {
         match news {
-            News::Ready { guid, participant } => drop(self.u8(0).guid(guid).u16(*participant)),
-            News::Made { id, guid } => drop(self.u8(1).u32(*id).guid(guid)),
-            News::Found(found) => self.found(found),
-            News::Gone { guid } => drop(self.u8(3).guid(guid)),
-            News::Sample { reader, sample } => self.sample(*reader, sample),
-            News::Fault { reader, reason } => drop(self.u8(5).u32(*reader).bytes(reason.as_bytes())),
-            News::Written { number, error } => {
+            FromChild::Ready { guid, participant } => drop(self.u8(0).guid(guid).u16(*participant)),
+            FromChild::Made { id, guid } => drop(self.u8(1).u32(*id).guid(guid)),
+            FromChild::Found(found) => self.found(found),
+            FromChild::Gone { guid } => drop(self.u8(3).guid(guid)),
+            FromChild::Sample { reader, sample } => self.sample(*reader, sample),
+            FromChild::Fault { reader, reason } => drop(self.u8(5).u32(*reader).bytes(reason.as_bytes())),
+            FromChild::Written { number, error } => {
                 self.u8(6).u32(*number).u8(error.is_some().into());
                 self.bytes(error.as_deref().unwrap_or_default().as_bytes());
             }
-            News::Beat { heard } => drop(self.u8(7).u64(*heard)),
-            News::Broken { reason } => drop(self.u8(8).bytes(reason.as_bytes())),
+            FromChild::Beat { heard } => drop(self.u8(7).u64(*heard)),
+            FromChild::Broken { reason } => drop(self.u8(8).bytes(reason.as_bytes())),
         }
     }
 
@@ -179,7 +179,7 @@ struct Reading<'a> {
 ///
 /// # Errors
 /// The frame does not consist of valid orders.
-pub fn orders(frame: &Bytes) -> Result<Vec<Order>, Nonsense> {
+pub fn orders(frame: &Bytes) -> Result<Vec<Order>, InvalidFrame> {
     all(frame, Reading::order)
 }
 
@@ -187,14 +187,14 @@ pub fn orders(frame: &Bytes) -> Result<Vec<Order>, Nonsense> {
 ///
 /// # Errors
 /// The frame does not consist of valid news.
-pub fn news(frame: &Bytes) -> Result<Vec<News>, Nonsense> {
+pub fn news(frame: &Bytes) -> Result<Vec<FromChild>, InvalidFrame> {
     all(frame, Reading::news)
 }
 
 fn all<'a, T>(
     frame: &'a Bytes,
-    one: impl Fn(&mut Reading<'a>) -> Result<T, Nonsense>,
-) -> Result<Vec<T>, Nonsense> {
+    one: impl Fn(&mut Reading<'a>) -> Result<T, InvalidFrame>,
+) -> Result<Vec<T>, InvalidFrame> {
     let mut reading = Reading { frame, at: 0 };
     let mut all = Vec::new();
     while reading.at < frame.len() {
@@ -204,67 +204,67 @@ fn all<'a, T>(
 }
 
 impl<'a> Reading<'a> {
-    fn slice(&mut self, length: usize) -> Result<&'a [u8], Nonsense> {
-        let nonsense = Nonsense(self.at);
+    fn slice(&mut self, length: usize) -> Result<&'a [u8], InvalidFrame> {
+        let nonsense = InvalidFrame(self.at);
         let end = self.at.checked_add(length).ok_or(nonsense)?;
         let slice = self.frame.get(self.at..end).ok_or(nonsense)?;
         self.at = end;
         Ok(slice)
     }
 
-    fn array<const N: usize>(&mut self) -> Result<[u8; N], Nonsense> {
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], InvalidFrame> {
         let mut array = [0; N];
         array.copy_from_slice(self.slice(N)?);
         Ok(array)
     }
 
-    fn u8(&mut self) -> Result<u8, Nonsense> {
+    fn u8(&mut self) -> Result<u8, InvalidFrame> {
         Ok(self.array::<1>()?[0])
     }
 
-    fn u16(&mut self) -> Result<u16, Nonsense> {
+    fn u16(&mut self) -> Result<u16, InvalidFrame> {
         self.array().map(u16::from_le_bytes)
     }
 
-    fn u32(&mut self) -> Result<u32, Nonsense> {
+    fn u32(&mut self) -> Result<u32, InvalidFrame> {
         self.array().map(u32::from_le_bytes)
     }
 
-    fn u64(&mut self) -> Result<u64, Nonsense> {
+    fn u64(&mut self) -> Result<u64, InvalidFrame> {
         self.array().map(u64::from_le_bytes)
     }
 
     /// A number below `count`.
-    fn below(&mut self, count: u8) -> Result<u8, Nonsense> {
+    fn below(&mut self, count: u8) -> Result<u8, InvalidFrame> {
         let at = self.at;
-        self.u8().and_then(|number| if number < count { Ok(number) } else { Err(Nonsense(at)) })
+        self.u8().and_then(|number| if number < count { Ok(number) } else { Err(InvalidFrame(at)) })
     }
 
-    fn flag(&mut self) -> Result<bool, Nonsense> {
+    fn flag(&mut self) -> Result<bool, InvalidFrame> {
         Ok(self.below(2)? == 1)
     }
 
-    fn option(&mut self) -> Result<Option<u64>, Nonsense> {
+    fn option(&mut self) -> Result<Option<u64>, InvalidFrame> {
         Ok(if self.flag()? { Some(self.u64()?) } else { None })
     }
 
-    fn bytes(&mut self, limit: usize) -> Result<&'a [u8], Nonsense> {
+    fn bytes(&mut self, limit: usize) -> Result<&'a [u8], InvalidFrame> {
         let at = self.at;
         let length = self.u32()? as usize;
-        if length > limit { Err(Nonsense(at)) } else { self.slice(length) }
+        if length > limit { Err(InvalidFrame(at)) } else { self.slice(length) }
     }
 
-    fn body(&mut self) -> Result<Bytes, Nonsense> {
+    fn body(&mut self) -> Result<Bytes, InvalidFrame> {
         Ok(body_of(self.frame, self.bytes(BODY_BYTES_MAX)?))
     }
 
-    fn text(&mut self) -> Result<String, Nonsense> {
+    fn text(&mut self) -> Result<String, InvalidFrame> {
         let at = self.at;
         let bytes = self.bytes(NAME_BYTES_MAX)?;
-        std::str::from_utf8(bytes).map(str::to_owned).map_err(|_| Nonsense(at))
+        std::str::from_utf8(bytes).map(str::to_owned).map_err(|_| InvalidFrame(at))
     }
 
-    fn order(&mut self) -> Result<Order, Nonsense> {
+    fn order(&mut self) -> Result<Order, InvalidFrame> {
         Ok(match self.below(8)? {
             0 => {
                 let (domain, is_some) = (self.u16()?, self.flag()?);
@@ -294,24 +294,24 @@ impl<'a> Reading<'a> {
         })
     }
 
-    fn news(&mut self) -> Result<News, Nonsense> {
+    fn news(&mut self) -> Result<FromChild, InvalidFrame> {
         Ok(match self.below(9)? {
-            0 => News::Ready { guid: self.array()?, participant: self.u16()? },
-            1 => News::Made { id: self.u32()?, guid: self.array()? },
-            2 => News::Found(self.found()?),
-            3 => News::Gone { guid: self.array()? },
-            4 => News::Sample { reader: self.u32()?, sample: self.sample()? },
-            5 => News::Fault { reader: self.u32()?, reason: self.text()? },
+            0 => FromChild::Ready { guid: self.array()?, participant: self.u16()? },
+            1 => FromChild::Made { id: self.u32()?, guid: self.array()? },
+            2 => FromChild::Found(self.found()?),
+            3 => FromChild::Gone { guid: self.array()? },
+            4 => FromChild::Sample { reader: self.u32()?, sample: self.sample()? },
+            5 => FromChild::Fault { reader: self.u32()?, reason: self.text()? },
             6 => {
                 let (number, is_some, text) = (self.u32()?, self.flag()?, self.text()?);
-                News::Written { number, error: is_some.then_some(text) }
+                FromChild::Written { number, error: is_some.then_some(text) }
             }
-            7 => News::Beat { heard: self.u64()? },
-            _ => News::Broken { reason: self.text()? },
+            7 => FromChild::Beat { heard: self.u64()? },
+            _ => FromChild::Broken { reason: self.text()? },
         })
     }
 
-    fn found(&mut self) -> Result<Found, Nonsense> {
+    fn found(&mut self) -> Result<Found, InvalidFrame> {
         Ok(Found {
             guid: self.array()?,
             writes: self.flag()?,
@@ -332,7 +332,7 @@ impl<'a> Reading<'a> {
         })
     }
 
-    fn sample(&mut self) -> Result<RawSample, Nonsense> {
+    fn sample(&mut self) -> Result<RawSample, InvalidFrame> {
         let (writer, sequence, source) = (self.array()?, self.u64()? as i64, self.option()?);
         let body = match self.below(4)? {
             0 => Ok((self.body()?, Endian::Little)),

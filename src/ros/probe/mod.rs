@@ -32,7 +32,7 @@ const EVERY_MIN: Duration = Duration::from_millis(10);
 
 /// State shared by all watchdogs.
 #[derive(Clone)]
-pub struct Kennel {
+pub struct ProbeContext {
     pub inputs: mpsc::Sender<Stamped>,
     pub nodes: watch::Receiver<Nodes>,
     pub discovery: watch::Receiver<Arc<Discovery>>,
@@ -40,7 +40,11 @@ pub struct Kennel {
 }
 
 /// Runs the watchdogs of the plan until it is stopped. A new plan restarts all of them.
-pub async fn run(kennel: Kennel, mut plan: watch::Receiver<Arc<Plan>>, mut stop: watch::Receiver<bool>) {
+pub async fn run(
+    kennel: ProbeContext,
+    mut plan: watch::Receiver<Arc<Plan>>,
+    mut stop: watch::Receiver<bool>,
+) {
     let turns = Arc::new(Semaphore::new(AT_ONCE_MAX));
     loop {
         let mut tasks = JoinSet::new();
@@ -59,7 +63,7 @@ pub async fn run(kennel: Kennel, mut plan: watch::Receiver<Arc<Plan>>, mut stop:
 }
 
 /// Probes one target, never twice at once, until nobody listens.
-async fn watch(spec: Arc<WatchdogSpec>, kennel: Kennel, turns: Arc<Semaphore>) {
+async fn watch(spec: Arc<WatchdogSpec>, kennel: ProbeContext, turns: Arc<Semaphore>) {
     let period = Duration::from_nanos(spec.every.as_nanos()).max(EVERY_MIN);
     let mut asker = Asker::new(&spec.target, &kennel);
     let mut looks = tokio::time::interval(period);
@@ -92,7 +96,7 @@ enum How {
 }
 
 impl Asker {
-    fn new(target: &ProbeTarget, kennel: &Kennel) -> Asker {
+    fn new(target: &ProbeTarget, kennel: &ProbeContext) -> Asker {
         let clock = kennel.clock;
         let how = match target {
             ProbeTarget::Icmp { host } => How::Icmp(Lookup::of_host(host, clock)),
@@ -190,11 +194,11 @@ mod tests {
     use crate::engine::discovery::{Endpoint, TopicSeen};
     use crate::engine::time::Timestamp;
 
-    fn bench() -> (Kennel, mpsc::Receiver<Stamped>, watch::Sender<Nodes>) {
+    fn bench() -> (ProbeContext, mpsc::Receiver<Stamped>, watch::Sender<Nodes>) {
         let (inputs, received) = mpsc::channel(100);
         let (told, nodes) = watch::channel(Nodes::default());
         let discovery = watch::channel(Arc::default()).1;
-        (Kennel { inputs, nodes, discovery, clock: Clock::start() }, received, told)
+        (ProbeContext { inputs, nodes, discovery, clock: Clock::start() }, received, told)
     }
 
     fn plan(targets: Vec<ProbeTarget>) -> Arc<Plan> {

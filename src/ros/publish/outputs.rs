@@ -9,7 +9,7 @@ mod announce;
 mod beside;
 mod levels;
 mod listeners;
-mod news;
+mod send_failures;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -32,8 +32,8 @@ use crate::ros::options::interfaces;
 use crate::ros::options::interfaces::AddressWatch;
 use crate::ros::outbox::stopped;
 use crate::ros::{BridgeError, BridgeOptions, Graph, PublishError, Publisher, Quality};
-use levels::{Levels, Say};
-use news::{tell, tell_all};
+use levels::{Levels, VehicleMessage};
+use send_failures::{tell, tell_all};
 
 const STATUS: &str = "diagnostic_msgs/msg/DiagnosticStatus";
 
@@ -76,7 +76,7 @@ pub struct Outputs {
 }
 
 /// State that outlives a participant.
-struct Around {
+struct LastingState {
     snapshots: watch::Receiver<Arc<Snapshot>>,
     inputs: mpsc::Sender<Stamped>,
     graph: Graph,
@@ -85,7 +85,7 @@ struct Around {
 
 /// State shared by all tasks.
 #[derive(Clone)]
-struct Ground {
+struct OutputContext {
     topics: Arc<[OutputTopic]>,
     snapshots: watch::Receiver<Arc<Snapshot>>,
     inputs: mpsc::Sender<Stamped>,
@@ -110,7 +110,7 @@ pub async fn start(
     let (topics, wanted) = watch::channel(Arc::from(topics));
     let publisher = open(&options, &topics.borrow()).await?;
     let (stop, stopping) = watch::channel(false);
-    let around = Around { snapshots, inputs, graph, clock };
+    let around = LastingState { snapshots, inputs, graph, clock };
     let task = tokio::spawn(run(options, wanted, around, stopping, publisher));
     Ok(Outputs { stop, topics, task })
 }
@@ -149,11 +149,11 @@ async fn open(options: &BridgeOptions, topics: &Arc<[OutputTopic]>) -> Result<Pu
 async fn run(
     options: BridgeOptions,
     mut wanted: watch::Receiver<Arc<[OutputTopic]>>,
-    around: Around,
+    around: LastingState,
     mut stop: watch::Receiver<bool>,
     publisher: Publisher,
 ) {
-    let Around { snapshots, inputs, graph, clock } = around;
+    let LastingState { snapshots, inputs, graph, clock } = around;
     let node = format!("{}_outputs", options.node);
     let mut levels = Levels::new(REPEAT, &snapshots.borrow());
     let mut next = Some(publisher);
@@ -166,8 +166,13 @@ async fn run(
         };
         let (ends, ending) = watch::channel(false);
         let opened_at = clock.now();
-        let ground =
-            Ground { topics, snapshots: snapshots.clone(), inputs: inputs.clone(), clock, end: ending };
+        let ground = OutputContext {
+            topics,
+            snapshots: snapshots.clone(),
+            inputs: inputs.clone(),
+            clock,
+            end: ending,
+        };
         match opened {
             Ok(publisher) => {
                 if std::mem::take(&mut refused) {
@@ -179,7 +184,8 @@ async fn run(
                 tasks.spawn(listeners::watch(publisher.clone(), ground.clone()));
                 let end = ground.end.clone();
                 tasks.spawn(announce::run(publisher.clone(), node.clone(), graph.gid_size.clone(), end));
-                let rivals = beside::Rivals::new(&publisher, &ground.topics, graph.discovery.clone());
+                let rivals =
+                    beside::OtherAggregators::new(&publisher, &ground.topics, graph.discovery.clone());
                 graph.siblings.add(publisher.participant());
                 tasks.spawn(beside::tell(rivals.clone(), ground.inputs.clone(), clock, ground.end.clone()));
                 tasks.spawn(diagnosis(publisher.clone(), rivals, ground));
@@ -249,8 +255,8 @@ async fn look_after(
 }
 
 /// Publishes the outputs for the vehicle at once.
-async fn control(publisher: Arc<Publisher>, mut ground: Ground, mut levels: Levels) -> Levels {
-    let mut speech = Speech::new(publisher, &ground);
+async fn control(publisher: Arc<Publisher>, mut ground: OutputContext, mut levels: Levels) -> Levels {
+    let mut speech = VehicleSender::new(publisher, &ground);
     if let Some(period) = speech.period {
         levels.every = period;
     }
@@ -276,13 +282,13 @@ async fn control(publisher: Arc<Publisher>, mut ground: Ground, mut levels: Leve
         }
     }
     if levels.cleared() {
-        speech.say(Say::Clearance(false), &ground).await;
+        speech.say(VehicleMessage::Clearance(false), &ground).await;
     }
     levels
 }
 
 /// Publishes a level on its topic, and reports failures to the engine.
-struct Speech {
+struct VehicleSender {
     publisher: Arc<Publisher>,
     topics: BTreeMap<Output, Box<str>>,
     /// The interval for requests to decelerate.
@@ -291,8 +297,8 @@ struct Speech {
     failed: BTreeMap<Output, bool>,
 }
 
-impl Speech {
-    fn new(publisher: Arc<Publisher>, ground: &Ground) -> Speech {
+impl VehicleSender {
+    fn new(publisher: Arc<Publisher>, ground: &OutputContext) -> VehicleSender {
         let of = |topic: &OutputTopic| match topic.publication {
             Publication::Vehicle(output) => Some((output, topic.topic.clone())),
             _ => None,
@@ -300,7 +306,7 @@ impl Speech {
         let deceleration = Publication::Vehicle(Output::Deceleration);
         let period =
             ground.topics.iter().find(|topic| topic.publication == deceleration).and_then(|it| it.period);
-        Speech {
+        VehicleSender {
             publisher,
             topics: ground.topics.iter().filter_map(of).collect(),
             period,
@@ -309,7 +315,7 @@ impl Speech {
     }
 
     /// Whether it was sent, or has no topic.
-    async fn say(&mut self, say: Say, ground: &Ground) -> bool {
+    async fn say(&mut self, say: VehicleMessage, ground: &OutputContext) -> bool {
         let Some(topic) = self.topics.get(&say.output()) else { return true };
         let stamp = ground.clock.wall();
         let sent = self.publisher.publish(topic, body(say, stamp)).await;
@@ -321,17 +327,17 @@ impl Speech {
     }
 }
 
-fn body(say: Say, stamp: std::time::SystemTime) -> Vec<u8> {
+fn body(say: VehicleMessage, stamp: std::time::SystemTime) -> Vec<u8> {
     let header = |frame_id| Header { stamp, frame_id };
     match say {
         // A deceleration is an acceleration backwards.
-        Say::Deceleration(mps2) => {
+        VehicleMessage::Deceleration(mps2) => {
             let backwards = Motion { linear: [-mps2, 0.0, 0.0], ..Motion::default() };
             encode::accel_stamped(header("base_link"), backwards)
         }
-        Say::ManeuverStop(on) | Say::Clearance(on) => encode::boolean(on),
-        Say::Stage(stage) => encode::string(stage.as_str()),
-        Say::Pose(_, pose) => {
+        VehicleMessage::ManeuverStop(on) | VehicleMessage::Clearance(on) => encode::boolean(on),
+        VehicleMessage::Stage(stage) => encode::string(stage.as_str()),
+        VehicleMessage::Pose(_, pose) => {
             encode::pose_with_covariance_stamped(header("map"), pose_of(pose), &covariance())
         }
     }
@@ -350,7 +356,7 @@ fn covariance() -> [f64; 36] {
 }
 
 /// Publishes the aggregated diagnosis at its own pace, and the overall state also when it changes.
-async fn diagnosis(publisher: Arc<Publisher>, rivals: beside::Rivals, mut ground: Ground) {
+async fn diagnosis(publisher: Arc<Publisher>, rivals: beside::OtherAggregators, mut ground: OutputContext) {
     let of = |publication| ground.topics.iter().find(|topic| topic.publication == publication).cloned();
     let (tree, top) = (of(Publication::DiagnosticsAgg), of(Publication::TopLevelState));
     let mut trees = tree.as_ref().and_then(|it| it.period).map(every);

@@ -8,7 +8,7 @@ use tokio::sync::mpsc;
 
 use crate::clock::Clock;
 use crate::engine::input::{Input, ReceptionTrouble, TroubleKind};
-use crate::engine::model::sample::TopicNews;
+use crate::engine::model::sample::PublisherReport;
 use crate::engine::time::{Span, Timestamp};
 use crate::msg::messages;
 use crate::msg::received::Stamped;
@@ -125,7 +125,7 @@ fn say(
     let names: Vec<&str> = found.iter().map(String::as_str).collect();
     let news = waiting.subscription.watched().map(|source| {
         let other_type = (!names.is_empty()).then(|| names.join(", ").into());
-        Input::Topic(TopicNews { source: source.clone(), publishers: 0, other_type })
+        Input::Topic(PublisherReport { source: source.clone(), publishers: 0, other_type })
     });
     let said: Vec<Input> = trouble.into_iter().chain(news).collect();
     let Ok(room) = inputs.try_reserve_many(said.len()) else { return false };

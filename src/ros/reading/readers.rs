@@ -9,7 +9,7 @@ use crate::msg::sample_bytes::Guid;
 use crate::msg::sample_bytes::RawBody;
 use crate::msg::subscription::Subscription;
 use crate::ros::library::qos::Via;
-use crate::ros::library::{Heard, Participant, RawSample, Reader};
+use crate::ros::library::{Participant, RawSample, Reader, ReaderEvent};
 
 /// Samples taken at once; more than the library keeps of a topic, so that no writer starves another when
 /// the queue to the engine is full.
@@ -119,12 +119,12 @@ impl Readers {
                 && let Poll::Ready(heard) = reader.poll(context)
             {
                 match heard {
-                    Heard::Sample(RawSample { writer, sequence, source, body }) => {
+                    ReaderEvent::Sample(RawSample { writer, sequence, source, body }) => {
                         bytes += body.as_ref().map_or(0, |(body, _)| body.len());
                         let source = source.map(wall_time);
                         batch.push(Sample { writer, sequence, via, source, body });
                     }
-                    Heard::Fault(reason) => faults.push(reason),
+                    ReaderEvent::Fault(reason) => faults.push(reason),
                 }
             }
         }

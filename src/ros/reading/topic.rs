@@ -13,15 +13,15 @@ use super::trouble::Troubles;
 use crate::clock::Clock;
 use crate::engine::input::{Input, TroubleKind};
 use crate::engine::model::monitors::StampClock;
-use crate::engine::model::sample::TopicNews;
+use crate::engine::model::sample::PublisherReport;
 use crate::engine::time::{Span, Timestamp};
-use crate::msg::fields::Miss;
+use crate::msg::fields::NoValue;
 use crate::msg::messages;
 use crate::msg::received::{Message, Stamped};
 use crate::msg::ros_clock::RosClock;
 use crate::msg::sample_bytes::Guid;
-use crate::msg::subscription::{Received, Subscription, When};
-use crate::ros::discovery::graph::Tallies;
+use crate::msg::subscription::{PublicationTime, Received, Subscription};
+use crate::ros::discovery::graph::MessageCounts;
 use crate::ros::library::qos::Via;
 use crate::ros::library::{Found, Participant};
 use crate::ros::outbox::{End, Outbox, stopped, waiting_bytes};
@@ -37,12 +37,12 @@ const KEPT_BYTES_MAX: usize = 64 << 10;
 
 /// State shared by all topics of a participant.
 #[derive(Clone)]
-pub struct Surroundings {
+pub struct TopicContext {
     pub participant: Participant,
     pub inputs: mpsc::Sender<Stamped>,
     pub clock: Clock,
     /// Counts received messages.
-    pub tallies: Tallies,
+    pub tallies: MessageCounts,
     pub ros_clock: RosClock,
     pub stop: watch::Receiver<bool>,
 }
@@ -86,7 +86,7 @@ pub struct Topic {
     said: Option<(u32, Option<Box<str>>)>,
     /// It was reported that last values are not asked for.
     told_of_mix: bool,
-    around: Surroundings,
+    around: TopicContext,
     readers: Readers,
     memory: Memory,
     outbox: Outbox,
@@ -94,7 +94,7 @@ pub struct Topic {
 }
 
 impl Topic {
-    pub fn new(subscription: Arc<Subscription>, around: Surroundings, mut memory: Memory) -> Topic {
+    pub fn new(subscription: Arc<Subscription>, around: TopicContext, mut memory: Memory) -> Topic {
         memory.writers.listen(around.clock.wall());
         let depth = memory.retention.depth();
         let readers = Readers::new(around.participant.clone(), &subscription, depth, around.clock.now());
@@ -171,7 +171,7 @@ impl Topic {
         }
         let Some(message) = self.memory.last_value.take() else { return Ok(()) };
         if self.memory.writers.keeps_last_value(&message.writer, &self.subscription.dds_type) {
-            self.hand_over(&message, When::Kept, self.around.clock.now()).await?;
+            self.hand_over(&message, PublicationTime::Kept, self.around.clock.now()).await?;
             self.memory.last_value = Some(message);
         }
         Ok(())
@@ -236,10 +236,10 @@ impl Topic {
             self.memory.last_value = small.then(|| message.clone());
         }
         let when = match published {
-            Published::Now => When::Now,
-            Published::Unfound => When::Late,
-            Published::Before if keeps => When::Kept,
-            Published::Before => When::Past,
+            Published::Now => PublicationTime::Now,
+            Published::Unfound => PublicationTime::Late,
+            Published::Before if keeps => PublicationTime::Kept,
+            Published::Before => PublicationTime::Past,
         };
         self.hand_over(&message, when, received).await
     }
@@ -248,7 +248,7 @@ impl Topic {
     async fn hand_over(
         &mut self,
         message: &Arc<Message>,
-        when: When,
+        when: PublicationTime,
         received: Timestamp,
     ) -> Result<(), End> {
         let Message { body, writer, .. } = &**message;
@@ -266,7 +266,7 @@ impl Topic {
         let bytes = message.len();
         if let Some(wrong) = wrong {
             let text = || match (&wrong, body) {
-                (Miss::Fault(fault), Ok(_)) => format!("{fault}, of {bytes} in all"),
+                (NoValue::Fault(fault), Ok(_)) => format!("{fault}, of {bytes} in all"),
                 _ => wrong.to_string(),
             };
             self.memory.troubles.add(TroubleKind::Malformed, 1, text);
@@ -327,7 +327,7 @@ impl Topic {
         if self.said.as_ref() == Some(&news) || self.said.is_none() && !found && now < self.searching_until {
             return Ok(());
         }
-        let input = TopicNews { source: source.clone(), publishers, other_type: news.1.clone() };
+        let input = PublisherReport { source: source.clone(), publishers, other_type: news.1.clone() };
         self.said = Some(news);
         self.outbox.send(Stamped::new(Input::Topic(input), now), 0).await
     }

@@ -1,7 +1,7 @@
 //! The journey of the shuttle: stand at a stop, drive to the next one, and again.
 
 use super::obedience::Obedience;
-use super::route::{Place, Route};
+use super::route::{Pose2d, Route};
 
 /// From the arrival until the mission names the next goal.
 const BOARDING_MS: u64 = 5_000;
@@ -162,19 +162,19 @@ impl Drive {
     }
 
     /// The next stop of the mission, while it waits to leave.
-    pub fn goal(&self) -> Option<Place> {
+    pub fn goal(&self) -> Option<Pose2d> {
         let waits = matches!(self.phase, Phase::Waiting | Phase::Departing { .. });
         waits.then(|| self.route.place(self.route.next(self.stop), 0.0))
     }
 
     /// The true pose of the shuttle.
-    pub fn place(&self) -> Place {
+    pub fn place(&self) -> Pose2d {
         let left_m = self.left_m().unwrap_or(f64::INFINITY);
         self.route.place(self.stop, self.route.length_m(self.stop) - left_m)
     }
 
     /// Its pose after so many more metres, at the next stop at most.
-    pub fn ahead(&self, way_m: f64) -> Place {
+    pub fn ahead(&self, way_m: f64) -> Pose2d {
         let along_m = self.left_m().map_or(0.0, |left_m| self.route.length_m(self.stop) - left_m);
         self.route.place(self.stop, along_m + way_m)
     }

@@ -1,7 +1,7 @@
 //! The localization of the shuttle: scans that are matched against the map, and wheels that count.
 
 use super::feed::Noise;
-use super::route::Place;
+use super::route::Pose2d;
 
 /// The largest error of a given position with which the scans still find the true one.
 const FINDS_WITHIN_M: f64 = 5.0;
@@ -28,11 +28,11 @@ pub(super) struct Localizer {
     /// Without wheels it publishes nothing until it has matched again with them.
     silent: bool,
     /// Its estimate of the position.
-    pub pose: Place,
+    pub pose: Pose2d,
     /// The position by the wheels, from where they began to count.
-    pub odometry: Place,
+    pub odometry: Pose2d,
     pub yaw_rate: f64,
-    truth: Place,
+    truth: Pose2d,
 }
 
 /// The state of the localization.
@@ -65,7 +65,7 @@ pub(super) enum Match {
 
 impl Localizer {
     /// `located`: it knows its position from the start.
-    pub fn new(truth: Place, located: bool) -> Localizer {
+    pub fn new(truth: Pose2d, located: bool) -> Localizer {
         Localizer {
             knows: if located { Knows::Found } else { Knows::Nothing },
             matching_since_ms: None,
@@ -73,20 +73,20 @@ impl Localizer {
             jumps_since_ms: None,
             silent: false,
             pose: truth,
-            odometry: Place::default(),
+            odometry: Pose2d::default(),
             yaw_rate: 0.0,
             truth,
         }
     }
 
     /// An operator gives the position.
-    pub fn hint(&mut self, place: Place, now_ms: u64) {
+    pub fn hint(&mut self, place: Pose2d, now_ms: u64) {
         let near = place.distance_m(self.truth) <= FINDS_WITHIN_M
             && place.turn_to(self.truth).abs() <= FINDS_WITHIN_TURN;
         self.knows = Knows::Hint { since_ms: now_ms, near };
     }
 
-    pub fn step(&mut self, now_ms: u64, truth: Place, fed: Fed, jumps: bool, noise: &mut Noise) {
+    pub fn step(&mut self, now_ms: u64, truth: Pose2d, fed: Fed, jumps: bool, noise: &mut Noise) {
         self.truth = truth;
         self.silent |= !fed.wheels;
         if !jumps {

@@ -8,17 +8,17 @@ const POINTS: usize = 512;
 
 /// Position and direction: metres, and radians counterclockwise from the x axis.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Place {
+pub struct Pose2d {
     pub x_m: f64,
     pub y_m: f64,
     pub yaw: f64,
 }
 
-impl Place {
-    pub fn of_pose(pose: &Pose) -> Place {
+impl Pose2d {
+    pub fn of_pose(pose: &Pose) -> Pose2d {
         let yaw = (2.0 * (pose.qw * pose.qz + pose.qx * pose.qy))
             .atan2(1.0 - 2.0 * (pose.qy * pose.qy + pose.qz * pose.qz));
-        Place { x_m: pose.x_m, y_m: pose.y_m, yaw }
+        Pose2d { x_m: pose.x_m, y_m: pose.y_m, yaw }
     }
 
     pub fn pose(self) -> Pose {
@@ -27,26 +27,26 @@ impl Place {
     }
 
     /// The pose so far ahead and to the left, turned by so much.
-    pub fn moved(self, ahead_m: f64, left_m: f64, turn: f64) -> Place {
+    pub fn moved(self, ahead_m: f64, left_m: f64, turn: f64) -> Pose2d {
         let (sin, cos) = self.yaw.sin_cos();
-        Place {
+        Pose2d {
             x_m: self.x_m + ahead_m * cos - left_m * sin,
             y_m: self.y_m + ahead_m * sin + left_m * cos,
             yaw: wrapped(self.yaw + turn),
         }
     }
 
-    pub fn distance_m(self, other: Place) -> f64 {
+    pub fn distance_m(self, other: Pose2d) -> f64 {
         (self.x_m - other.x_m).hypot(self.y_m - other.y_m)
     }
 
     /// The turn from this direction to that of `other`.
-    pub fn turn_to(self, other: Place) -> f64 {
+    pub fn turn_to(self, other: Pose2d) -> f64 {
         wrapped(other.yaw - self.yaw)
     }
 
-    fn between(self, other: Place, share: f64) -> Place {
-        Place {
+    fn between(self, other: Pose2d, share: f64) -> Pose2d {
+        Pose2d {
             x_m: self.x_m + (other.x_m - self.x_m) * share,
             y_m: self.y_m + (other.y_m - self.y_m) * share,
             yaw: wrapped(self.yaw + self.turn_to(other) * share),
@@ -71,15 +71,15 @@ struct Leg {
     /// The stop at its beginning.
     name: Box<str>,
     /// Each point with its distance from the start of the leg.
-    points: Vec<(f64, Place)>,
+    points: Vec<(f64, Pose2d)>,
 }
 
 impl Route {
     /// A route through these stops; fewer than two stops make no route, so then through three of its own.
     pub fn through(stops: &[Stop]) -> Route {
-        let mut stops: Vec<(Box<str>, Place)> = stops.iter().map(stop).collect();
+        let mut stops: Vec<(Box<str>, Pose2d)> = stops.iter().map(stop).collect();
         if stops.len() < 2 {
-            let place = |x_m, y_m, yaw_deg: f64| Place { x_m, y_m, yaw: yaw_deg.to_radians() };
+            let place = |x_m, y_m, yaw_deg: f64| Pose2d { x_m, y_m, yaw: yaw_deg.to_radians() };
             stops = vec![
                 ("Depot".into(), place(12.0, 3.5, 90.0)),
                 ("Main Station".into(), place(148.2, 61.0, 0.0)),
@@ -109,7 +109,7 @@ impl Route {
     }
 
     /// The pose so far after a stop, at most at the next one.
-    pub fn place(&self, stop: usize, along_m: f64) -> Place {
+    pub fn place(&self, stop: usize, along_m: f64) -> Pose2d {
         let points = &self.legs[stop].points;
         let after = points.partition_point(|(way_m, _)| *way_m <= along_m).clamp(1, POINTS);
         let ((from_m, from), (to_m, to)) = (points[after - 1], points[after]);
@@ -118,14 +118,14 @@ impl Route {
     }
 }
 
-fn stop(stop: &Stop) -> (Box<str>, Place) {
-    (stop.name.en.as_ref().into(), Place { x_m: stop.x_m, y_m: stop.y_m, yaw: stop.yaw_deg.to_radians() })
+fn stop(stop: &Stop) -> (Box<str>, Pose2d) {
+    (stop.name.en.as_ref().into(), Pose2d { x_m: stop.x_m, y_m: stop.y_m, yaw: stop.yaw_deg.to_radians() })
 }
 
 /// A cubic curve with the directions of both ends.
-fn points(from: Place, to: Place) -> Vec<(f64, Place)> {
+fn points(from: Pose2d, to: Pose2d) -> Vec<(f64, Pose2d)> {
     let pull_m = from.distance_m(to).max(1.0);
-    let tangent = |place: Place| (pull_m * place.yaw.cos(), pull_m * place.yaw.sin());
+    let tangent = |place: Pose2d| (pull_m * place.yaw.cos(), pull_m * place.yaw.sin());
     let ((from_tx, from_ty), (to_tx, to_ty)) = (tangent(from), tangent(to));
     let sum = |weights: [f64; 4], values: [f64; 4]| -> f64 {
         weights.iter().zip(values).map(|(weight, value)| weight * value).sum()
@@ -136,9 +136,9 @@ fn points(from: Place, to: Place) -> Vec<(f64, Place)> {
         let place = [2.0 * t3 - 3.0 * t2 + 1.0, t3 - 2.0 * t2 + t, -2.0 * t3 + 3.0 * t2, t3 - t2];
         let slope = [6.0 * t2 - 6.0 * t, 3.0 * t2 - 4.0 * t + 1.0, -6.0 * t2 + 6.0 * t, 3.0 * t2 - 2.0 * t];
         let yaw = sum(slope, ys).atan2(sum(slope, xs));
-        Place { x_m: sum(place, xs), y_m: sum(place, ys), yaw }
+        Pose2d { x_m: sum(place, xs), y_m: sum(place, ys), yaw }
     };
-    let mut points: Vec<(f64, Place)> = vec![(0.0, from)];
+    let mut points: Vec<(f64, Pose2d)> = vec![(0.0, from)];
     for index in 1..=POINTS {
         let (way_m, last) = points[index - 1];
         let place = at(index as f64 / POINTS as f64);
@@ -174,10 +174,10 @@ mod tests {
     #[test]
     fn a_place_is_a_pose_and_back() {
         for yaw in [-3.1, -1.0, 0.0, 0.5, 3.1] {
-            let place = Place { x_m: 3.0, y_m: -2.0, yaw };
-            assert!(Place::of_pose(&place.pose()).turn_to(place).abs() < 1e-12);
+            let place = Pose2d { x_m: 3.0, y_m: -2.0, yaw };
+            assert!(Pose2d::of_pose(&place.pose()).turn_to(place).abs() < 1e-12);
         }
-        let place = Place { yaw: std::f64::consts::FRAC_PI_2, ..Place::default() }.moved(2.0, 1.0, 3.0);
+        let place = Pose2d { yaw: std::f64::consts::FRAC_PI_2, ..Pose2d::default() }.moved(2.0, 1.0, 3.0);
         assert!((place.x_m + 1.0).abs() < 1e-12 && (place.y_m - 2.0).abs() < 1e-12);
         assert!(place.yaw < 0.0);
     }

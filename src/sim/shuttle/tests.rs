@@ -84,16 +84,16 @@ fn speed(message: &Message) -> Option<f64> {
     if let Message::WheelSpeed { mps } = message { Some(*mps) } else { None }
 }
 
-fn position(message: &Message) -> Option<Place> {
-    if let Message::Position(pose) = message { Some(Place::of_pose(pose)) } else { None }
+fn position(message: &Message) -> Option<Pose2d> {
+    if let Message::Position(pose) = message { Some(Pose2d::of_pose(pose)) } else { None }
 }
 
-fn odometry(message: &Message) -> Option<Place> {
-    if let Message::Odometry { pose, .. } = message { Some(Place::of_pose(pose)) } else { None }
+fn odometry(message: &Message) -> Option<Pose2d> {
+    if let Message::Odometry { pose, .. } = message { Some(Pose2d::of_pose(pose)) } else { None }
 }
 
-fn goal(message: &Message) -> Option<Place> {
-    if let Message::Goal(pose) = message { Some(Place::of_pose(pose)) } else { None }
+fn goal(message: &Message) -> Option<Pose2d> {
+    if let Message::Goal(pose) = message { Some(Pose2d::of_pose(pose)) } else { None }
 }
 
 fn decelerates(message: &Message) -> Option<bool> {
@@ -145,7 +145,7 @@ fn the_position_moves_as_the_wheels_say_and_both_as_the_speed_does() {
         watched.pass(5_000);
         watched
     };
-    for (pick, slack_m) in [(position as fn(&Message) -> Option<Place>, 0.1), (odometry, 0.15)] {
+    for (pick, slack_m) in [(position as fn(&Message) -> Option<Pose2d>, 0.1), (odometry, 0.15)] {
         let places = watched.all(pick);
         for pair in places.windows(13).map(|window| (window[0], window[12])) {
             let ((from_ms, from), (to_ms, to)) = pair;
@@ -168,13 +168,13 @@ fn the_whole_story_localize_wait_for_a_goal_clear_drive_arrive_and_again() {
         ["localization: scan_matching", "prediction: lane_matching", "prediction: trajectories"]
     );
 
-    let depot = Place { x_m: 12.0, y_m: 3.5, yaw: 1.57 };
-    watched.shuttle.obey(Order::Localize(Place { x_m: 20.0, ..depot }.pose()));
+    let depot = Pose2d { x_m: 12.0, y_m: 3.5, yaw: 1.57 };
+    watched.shuttle.obey(Order::Localize(Pose2d { x_m: 20.0, ..depot }.pose()));
     watched.pass(3_000);
     assert_eq!(watched.last(position), None, "8 m off is too far");
     assert!(watched.complaints().contains(&("localization: scan_matching".into(), 2)));
     let given_ms = watched.now_ms;
-    watched.shuttle.obey(Order::Localize(Place { x_m: 13.0, ..depot }.pose()));
+    watched.shuttle.obey(Order::Localize(Pose2d { x_m: 13.0, ..depot }.pose()));
     watched.pass(4_000);
     let (found_ms, found) = watched.all(position)[0];
     assert!((1_000..1_400).contains(&(found_ms - given_ms)), "{}", found_ms - given_ms);
@@ -205,7 +205,7 @@ fn the_whole_story_localize_wait_for_a_goal_clear_drive_arrive_and_again() {
 #[test]
 fn a_clearance_that_is_taken_back_before_it_leaves_is_none() {
     let mut watched = Watched::new(Departure::Cleared);
-    watched.shuttle.obey(Order::Localize(Place { x_m: 12.0, y_m: 3.5, yaw: 1.57 }.pose()));
+    watched.shuttle.obey(Order::Localize(Pose2d { x_m: 12.0, y_m: 3.5, yaw: 1.57 }.pose()));
     watched.pass(10_000);
     watched.shuttle.obey(Order::Clear(true));
     watched.pass(2_000);

@@ -108,8 +108,8 @@ impl HandOver {
             return Err("things have changed".to_owned());
         }
         let action = OperatorAction::Login { name: self.to().into() };
-        let foreseen = app.rehearse(action.clone()).await.map_err(|error| error.to_string())?;
-        let memory = app.remembering(foreseen.map_err(|reasons| format!("{reasons:?}"))?);
+        let preview = app.rehearse(action.clone()).await.map_err(|error| error.to_string())?;
+        let memory = app.remembering(preview.map_err(|reasons| format!("{reasons:?}"))?);
         let taking = app.store.take_over(&self.session, &self.from, memory, self.record(), until);
         let mut taking = Box::pin(taking);
         let Some(taken) = app.clock.by(until, &mut taking).await else {

@@ -204,8 +204,8 @@ impl LoginAttempt {
     ) -> Result<(Token, Written), NotOpened> {
         let _acting = app.clock.by(self.until, app.acting.lock()).await.ok_or(NotOpened::Busy)?;
         let action = OperatorAction::Login { name: self.user.name().into() };
-        let foreseen = match app.rehearse(action.clone()).await? {
-            Ok(foreseen) => foreseen,
+        let preview = match app.rehearse(action.clone()).await? {
+            Ok(preview) => preview,
             Err(reasons) => {
                 let record = self.record(Action::Login).refused(format!("{reasons:?}"));
                 app.store.record(record, None).await;
@@ -218,7 +218,7 @@ impl LoginAttempt {
         }
         let hand_over = other.map(|other| self.record(Action::HandOver).on(format!("from {other}")));
         let records = self.ends().chain(hand_over).chain([self.record(Action::Login)]).collect();
-        let vehicle = Some(app.remembering(foreseen));
+        let vehicle = Some(app.remembering(preview));
         let entering = self.entering(app, vehicle, other);
         let (token, written) = self.write(app, entering, records).await?;
         let (why, not_opened) = match app.command(action).await {

@@ -5,7 +5,7 @@ use super::not_done::NotDone;
 use super::tap::TappedAction;
 use crate::engine::input::{OperatorAction, Response};
 use crate::engine::model::output::Output;
-use crate::engine::restart::foresee::Foreseen;
+use crate::engine::restart::preview::Preview;
 use crate::store::VehicleMemory;
 use crate::store::audit::RECORDED_WITHIN;
 use crate::web::engine_link::NoAnswer;
@@ -52,12 +52,12 @@ async fn act_in_turn(tapped: &TappedAction) -> Result<(), NotDone> {
             HttpError::Storage
         }));
     };
-    let foreseen = match foresee(tapped).await {
-        Ok(foreseen) => foreseen,
+    let preview = match preview(tapped).await {
+        Ok(preview) => preview,
         Err(not_done) => return Err(refused(tapped, None, not_done).await),
     };
-    let seq = foreseen.seq;
-    app.store.write_ahead(&tapped.record, Some(app.remembering(foreseen)), until, place).await?;
+    let seq = preview.seq;
+    app.store.write_ahead(&tapped.record, Some(app.remembering(preview)), until, place).await?;
     let Err(not_done) = carry_out(tapped).await else { return Ok(()) };
     tracing::warn!("an action was written and is not done");
     let memory = app.memory();
@@ -90,11 +90,11 @@ async fn stop(tapped: &TappedAction) -> Result<(), NotDone> {
 }
 
 /// The vehicle's state after the action, if the engine would grant it and the tap still counts then.
-async fn foresee(tapped: &TappedAction) -> Result<Foreseen, NotDone> {
-    let foreseen = tapped.tap.app.rehearse(tapped.judged()?).await?.map_err(NotDone::Refused)?;
+async fn preview(tapped: &TappedAction) -> Result<Preview, NotDone> {
+    let preview = tapped.tap.app.rehearse(tapped.judged()?).await?.map_err(NotDone::Refused)?;
     // The engine may have taken its time.
     tapped.judged()?;
-    Ok(foreseen)
+    Ok(preview)
 }
 
 async fn carry_out(tapped: &TappedAction) -> Result<(), NotDone> {

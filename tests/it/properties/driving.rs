@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use proptest::prelude::*;
 use telltale::engine::Engine;
-use telltale::engine::event::What;
+use telltale::engine::event::EventKind;
 use telltale::engine::input::{AlarmRef, Input, OperatorAction, Place, Refusal, Response, StatusArray};
 use telltale::engine::model::countermeasure::{Request, Rule};
 use telltale::engine::model::{
@@ -40,11 +40,11 @@ proptest! {
             engine.handle(&Input::Tick, at);
             follow_table(&mut engine, None);
             let before = engine.snapshot();
-            let foreseen = foresee(&mut engine, &input, at);
+            let preview = preview(&mut engine, &input, at);
             let response = engine.handle(&input, at);
             follow_table(&mut engine, Some(&input));
             let after = engine.snapshot();
-            foreseen_rightly(foreseen, &input, &response, &after);
+            check_preview(preview, &input, &response, &after);
             if let Response::Refused(reasons) = &response {
                 prop_assert!(!reasons.is_empty());
                 prop_assert_eq!(&before, &after, "refused: {:?}", reasons);
@@ -242,7 +242,7 @@ fn strength(snapshot: &Snapshot) -> u32 {
 /// Every change of the stage is in the table, and only a clearance leads into `cleared`.
 fn follow_table(engine: &mut Engine, input: Option<&Input>) {
     for event in engine.take_events() {
-        let What::Stage { from, to } = event.what else { continue };
+        let EventKind::Stage { from, to } = event.what else { continue };
         let known = TRANSITIONS.iter().any(|row| row.from.contains(&from) && row.to == to);
         assert!(known, "no row leads from {from:?} to {to:?}");
         if to == Stage::Cleared {
@@ -252,27 +252,27 @@ fn follow_table(engine: &mut Engine, input: Option<&Input>) {
 }
 
 /// What would be remembered of an action, which nothing shows.
-fn foresee(engine: &mut Engine, input: &Input, at: Timestamp) -> Option<Result<Restored, Vec<Refusal>>> {
+fn preview(engine: &mut Engine, input: &Input, at: Timestamp) -> Option<Result<Restored, Vec<Refusal>>> {
     let Input::Operator(action) = input else { return None };
     let before = (engine.seq(), engine.revision());
-    let foreseen = engine.foresee(action, at);
+    let preview = engine.preview(action, at);
     engine.handle(&Input::Tick, at);
     assert_eq!(before, (engine.seq(), engine.revision()), "{action:?} was only to be judged");
-    Some(foreseen.map(|foreseen| foreseen.vehicle))
+    Some(preview.map(|preview| preview.vehicle))
 }
 
 /// What is written down before an action is what is there after it.
-fn foreseen_rightly(
-    foreseen: Option<Result<Restored, Vec<Refusal>>>,
+fn check_preview(
+    preview: Option<Result<Restored, Vec<Refusal>>>,
     input: &Input,
     response: &Response,
     after: &Snapshot,
 ) {
-    let (Some(foreseen), Input::Operator(action)) = (foreseen, input) else { return };
-    let mut foreseen = match (foreseen, response) {
-        (Ok(foreseen), Response::Done) => foreseen,
+    let (Some(preview), Input::Operator(action)) = (preview, input) else { return };
+    let mut preview = match (preview, response) {
+        (Ok(preview), Response::Done) => preview,
         (Err(reasons), Response::Refused(refused)) => return assert_eq!(reasons, *refused),
-        (foreseen, response) => panic!("{foreseen:?} was foreseen, and then {response:?}"),
+        (preview, response) => panic!("{preview:?} was the preview, and then {response:?}"),
     };
     let mut after = after.to_restore();
     match action {
@@ -281,20 +281,20 @@ fn foreseen_rightly(
         OperatorAction::RequestStop => return,
         // That a request is not confirmed is over with the request.
         OperatorAction::Acknowledge { .. } => {
-            for vehicle in [&mut foreseen, &mut after] {
+            for vehicle in [&mut preview, &mut after] {
                 vehicle.alarms.retain(|alarm| &*alarm.node != "telltale/countermeasure");
             }
         }
         _ => {
-            (foreseen.alarms, foreseen.last_alarm) = (after.alarms.clone(), after.last_alarm);
-            foreseen.accepted.clone_from(&after.accepted);
-            foreseen.countermeasures.clone_from(&after.countermeasures);
+            (preview.alarms, preview.last_alarm) = (after.alarms.clone(), after.last_alarm);
+            preview.accepted.clone_from(&after.accepted);
+            preview.countermeasures.clone_from(&after.countermeasures);
         }
     }
     if matches!(action, OperatorAction::Localize { .. }) && after.stage == Stage::Standby {
-        (foreseen.stage, foreseen.posed) = (after.stage, after.posed);
+        (preview.stage, preview.posed) = (after.stage, after.posed);
     }
-    assert_eq!(foreseen, after, "{action:?}");
+    assert_eq!(preview, after, "{action:?}");
 }
 
 /// Conditions that hold for every snapshot.

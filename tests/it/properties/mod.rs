@@ -19,7 +19,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::strategy::ValueTree as _;
 use telltale::engine::Engine;
-use telltale::engine::event::What;
+use telltale::engine::event::EventKind;
 use telltale::engine::input::{Input, NodeOf, StatusArray, WriterList};
 use telltale::engine::model::{Combine, GroupId, Model, ModuleId, MonitorSpec, NodeId, Other, POSED_SIGNAL};
 use telltale::engine::snapshot::{NotRelevant, Path, Reason, Snapshot};
@@ -417,7 +417,7 @@ fn the_cases_hold_what_is_rare() {
             seen[2] += usize::from(snapshot.module_ids().any(|id| left.contains(&snapshot.module(id).0.id)));
             seen[3] += usize::from(snapshot.roots.iter().any(|root| root.grace));
             left.extend(engine.take_events().into_iter().filter_map(|event| match event.what {
-                What::Left { node } => Some(node),
+                EventKind::Left { node } => Some(node),
                 _ => None,
             }));
         }

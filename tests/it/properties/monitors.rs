@@ -11,7 +11,7 @@ use telltale::engine::model::monitors::{
     ValueSource, WatchdogId, WatchdogSpec, Watched,
 };
 use telltale::engine::model::sample::{
-    FieldValue, Pose, Position, Positions, Probe, ProbeOutcome, Sample, TopicNews,
+    FieldValue, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
 };
 use telltale::engine::model::{Model, ModuleId, MonitorSpec, Parts};
 use telltale::engine::state::State;
@@ -132,7 +132,7 @@ fn bands(choices: &mut Choices<'_>, scale: f64) -> Bands {
 pub fn input(choices: &mut Choices<'_>) -> Input {
     let source = topic(choices.below(TOPICS));
     match choices.below(10) {
-        0 => Input::Topic(TopicNews {
+        0 => Input::Topic(PublisherReport {
             source,
             publishers: choices.below(2) as u32,
             other_type: choices.one_in(4).then(|| "other/msg/Type".into()),
@@ -355,7 +355,7 @@ impl History<'_> {
         later.samples(topic).filter(|(at, _)| *at + window > self.now).count()
     }
 
-    fn news(&self, topic: TopicId) -> Option<&TopicNews> {
+    fn news(&self, topic: TopicId) -> Option<&PublisherReport> {
         let spec = &self.model.watched.topics[topic.0 as usize];
         self.seen.iter().rev().find_map(|(_, input)| match input {
             Input::Topic(news) if news.source == *spec => Some(news),

@@ -7,7 +7,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use telltale::config::soundness::judge::Judge;
 use telltale::config::soundness::situation::{self, Situation};
-use telltale::config::soundness::{Finding, What, look};
+use telltale::config::soundness::{Finding, FindingKind, look};
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, OperatorAction, Place, StatusArray};
 use telltale::engine::model::{GroupId, Model, ModuleId, MonitorSpec, NodeId, Parts, Stage, StageModel};
@@ -145,7 +145,7 @@ fn claims_hold(parts: Parts) {
     let model = Arc::new(Model::new(parts.clone()).expect("no cycles"));
     let found = look(&model);
     assert!(found.complete);
-    let hidden = found.findings.iter().any(|it| matches!(it.what, What::HiddenCause { .. }));
+    let hidden = found.findings.iter().any(|it| matches!(it.what, FindingKind::HiddenCause { .. }));
     let mut ok = vec![false; model.groups.len()];
     for situation in reachable(&model) {
         for states in assignments() {
@@ -163,8 +163,8 @@ fn claims_hold(parts: Parts) {
     }
     assert!(hidden || nothing_is_hidden(&model));
     for finding in &found.findings {
-        assert!(finding.what != What::Unexplained);
-        if let (What::NeverOk { .. }, NodeId::Group(id)) = (&finding.what, finding.node) {
+        assert!(finding.what != FindingKind::Unexplained);
+        if let (FindingKind::NeverOk { .. }, NodeId::Group(id)) = (&finding.what, finding.node) {
             assert!(!ok[id.0 as usize], "{finding:?}");
         }
         replay(&model, finding);
@@ -215,14 +215,14 @@ fn replay(model: &Arc<Model>, finding: &Finding) {
     }
     let snapshot = run(model, &situation, &states);
     match finding.what {
-        What::HiddenCause { masked: node, .. } => {
+        FindingKind::HiddenCause { masked: node, .. } => {
             let before = run(model, &situation, &[State::Ok; 4]);
             let worse = snapshot
                 .tiles()
                 .any(|tile| is_bad(snapshot.group(tile).1.state) && !is_bad(before.group(tile).1.state));
             assert!(masked(&snapshot, node) && !worse, "{finding:?}");
         }
-        What::AlwaysMasked { .. } => assert!(masked(&snapshot, finding.node), "{finding:?}"),
+        FindingKind::AlwaysMasked { .. } => assert!(masked(&snapshot, finding.node), "{finding:?}"),
         _ => {}
     }
 }
@@ -249,13 +249,13 @@ fn without(parts: &Parts, model: &Arc<Model>, finding: &Finding) {
         }
     };
     match finding.what {
-        What::DeadDependency { dependency, .. } => drop(depends_on.remove(dependency)),
-        What::AlwaysHolds => *when = None,
+        FindingKind::DeadDependency { dependency, .. } => drop(depends_on.remove(dependency)),
+        FindingKind::AlwaysHolds => *when = None,
         _ => return,
     }
     let less = Arc::new(Model::new(less).expect("leaving out closes no circle"));
     for situation in reachable(model) {
-        if finding.what == What::AlwaysHolds && situation.signals.contains(&None) {
+        if finding.what == FindingKind::AlwaysHolds && situation.signals.contains(&None) {
             continue;
         }
         for states in assignments() {

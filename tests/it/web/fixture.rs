@@ -7,7 +7,7 @@ use axum::body::{Body, to_bytes};
 use axum::http::header::{ACCEPT, CONTENT_TYPE, COOKIE, HOST, LOCATION, ORIGIN, SET_COOKIE};
 use axum::http::{HeaderMap, Method, Request, StatusCode};
 use telltale::clock::{Clock, ClockHand};
-use telltale::engine::input::{Input, ListenNews, StatusArray};
+use telltale::engine::input::{Input, ListenerReport, StatusArray};
 use telltale::engine::model::filter::Filter;
 use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::output::Output;
@@ -230,7 +230,7 @@ impl Fixture {
 
     /// From now on somebody, or nobody, listens to requests to stop.
     pub async fn listeners(&self, heard: bool) {
-        let news = ListenNews { output: Output::ManeuverStop, topic: "/stop".into(), heard };
+        let news = ListenerReport { output: Output::ManeuverStop, topic: "/stop".into(), heard };
         self.input(Input::Listened(news)).await;
         self.until(|snapshot| snapshot.unreached.is_empty() == heard).await;
     }

@@ -4,7 +4,7 @@ use axum::http::StatusCode;
 use telltale::clock::ClockHand;
 use telltale::engine::input::Refusal;
 use telltale::engine::model::Stage;
-use telltale::engine::restart::foresee::Foreseen;
+use telltale::engine::restart::preview::Preview;
 use telltale::engine::state::State;
 use telltale::engine::time::Span;
 use telltale::runtime::Rehearsal;
@@ -26,13 +26,13 @@ struct Scene {
 
 /// An action that the engine has judged and not received yet.
 struct Judged {
-    reply: oneshot::Sender<Result<Foreseen, Vec<Refusal>>>,
-    foreseen: Result<Foreseen, Vec<Refusal>>,
+    reply: oneshot::Sender<Result<Preview, Vec<Refusal>>>,
+    preview: Result<Preview, Vec<Refusal>>,
 }
 
 impl Judged {
     fn go_on(self) {
-        self.reply.send(self.foreseen).unwrap();
+        self.reply.send(self.preview).unwrap();
     }
 }
 
@@ -75,9 +75,9 @@ impl Scene {
 
     async fn judged(&mut self) -> Judged {
         let Rehearsal { action, reply } = self.held.recv().await.unwrap();
-        let (ours, foreseen) = oneshot::channel();
+        let (ours, preview) = oneshot::channel();
         self.fixture.link.rehearsals.send(Rehearsal { action, reply: ours }).await.unwrap();
-        Judged { reply, foreseen: foreseen.await.unwrap() }
+        Judged { reply, preview: preview.await.unwrap() }
     }
 
     /// The first step of a clearance in front of a live display, which is live until the end.
@@ -144,7 +144,7 @@ async fn a_tap_counts_no_more_when_what_it_was_made_for_changes_while_it_waits()
         let (before, last) = (scene.standing_so(), scene.log(1).await[0].number);
         let tap = scene.tap(version, path, &fields);
         let judged = scene.judged().await;
-        assert!(judged.foreseen.is_ok(), "{case}");
+        assert!(judged.preview.is_ok(), "{case}");
         match meanwhile {
             TimePasses => scene.hand.advance(Span::from_secs(5)),
             TheDisplayGoes => drop(place),
@@ -220,7 +220,7 @@ async fn a_confirmation_that_waits_past_its_ten_seconds_clears_nothing() {
     place.confirm(version);
     let tap = scene.tap(version, "/vehicle/clearance/confirm", &token);
     let judged = scene.judged().await;
-    assert!(judged.foreseen.is_ok(), "{:?}", judged.foreseen);
+    assert!(judged.preview.is_ok(), "{:?}", judged.preview);
     scene.hand.advance(Span::from_secs(3));
     judged.go_on();
     let answer = tap.await.unwrap();

@@ -10,7 +10,7 @@ use crate::config::Loaded;
 use crate::engine::Engine;
 use crate::engine::input::{Input, OperatorAction, Place, Response};
 use crate::engine::model::monitors::{ProbeTarget, TopicSpec, WatchdogSpec};
-use crate::engine::model::sample::{Pose, Probe, Sample, TopicNews};
+use crate::engine::model::sample::{Pose, Probe, PublisherReport, Sample};
 use crate::engine::model::{Limits, Stage};
 use crate::engine::snapshot::{Reason, Snapshot};
 use crate::engine::state::State;
@@ -50,7 +50,7 @@ impl Story {
         let mut engine = Engine::new(loaded.model.clone(), Timestamp::ZERO);
         let ears = Ears::of(&loaded);
         for source in loaded.model.watched.topics.iter().cloned() {
-            let news = TopicNews { source, publishers: 1, other_type: None };
+            let news = PublisherReport { source, publishers: 1, other_type: None };
             engine.handle(&Input::Topic(news), Timestamp::ZERO);
         }
         let stops = &loaded.model.driving.stops;

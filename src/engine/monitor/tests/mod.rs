@@ -14,7 +14,7 @@ use crate::engine::model::monitors::{
     Watched,
 };
 use crate::engine::model::sample::{
-    FieldValue, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, Sample, TopicNews,
+    FieldValue, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
 };
 use crate::engine::model::{
     Combine, Driving, GroupId, GroupSpec, Limits, Model, ModuleId, ModuleSpec, Parts, Policy, StageModel,
@@ -145,7 +145,7 @@ pub(super) fn input(watched: &Watched, at_ms: u64, what: &Do) -> Input {
     };
     let news = |topic: usize, publishers, other_type: Option<&str>| {
         let source = watched.topics[topic].clone();
-        Input::Topic(TopicNews { source, publishers, other_type: other_type.map(Into::into) })
+        Input::Topic(PublisherReport { source, publishers, other_type: other_type.map(Into::into) })
     };
     match what.clone() {
         Do::Nothing => Input::Tick,

@@ -54,7 +54,7 @@ pub enum Order {
 
 /// From the DDS process to the program.
 #[derive(Debug, Clone, PartialEq)]
-pub enum News {
+pub enum FromChild {
     /// The participant is made.
     Ready {
         guid: Guid,

@@ -25,7 +25,7 @@ fn some_orders() -> Vec<Order> {
     ]
 }
 
-fn some_news() -> Vec<News> {
+fn some_news() -> Vec<FromChild> {
     let liveliness = Liveliness { kind: LivelinessKind::ManualByTopic, lease_ns: Some(5) };
     let found = Found {
         guid: [3; 16],
@@ -39,24 +39,24 @@ fn some_news() -> Vec<News> {
         takes: 5,
     };
     let fault = |what| Err(Fault { at: 0, what });
-    let sample = |body| News::Sample {
+    let sample = |body| FromChild::Sample {
         reader: 4,
         sample: RawSample { writer: [9; 16], sequence: -1, source: Some(77), body },
     };
     vec![
-        News::Ready { guid: [1; 16], participant: 3 },
-        News::Made { id: 5, guid: [2; 16] },
-        News::Found(found),
-        News::Gone { guid: [3; 16] },
+        FromChild::Ready { guid: [1; 16], participant: 3 },
+        FromChild::Made { id: 5, guid: [2; 16] },
+        FromChild::Found(found),
+        FromChild::Gone { guid: [3; 16] },
         sample(Ok((Bytes::from_static(&[1, 2, 3]), Endian::Big))),
         sample(Ok((vec![7; 500].into(), Endian::Little))),
         sample(fault(FaultKind::Encoding([0, 7]))),
         sample(fault(FaultKind::TooLarge { bytes: 1 << 30, limit: BODY_BYTES_MAX })),
-        News::Fault { reader: 4, reason: "no".to_owned() },
-        News::Written { number: 9, error: Some("late".to_owned()) },
-        News::Written { number: 10, error: None },
-        News::Beat { heard: 12 },
-        News::Broken { reason: "over".to_owned() },
+        FromChild::Fault { reader: 4, reason: "no".to_owned() },
+        FromChild::Written { number: 9, error: Some("late".to_owned()) },
+        FromChild::Written { number: 10, error: None },
+        FromChild::Beat { heard: 12 },
+        FromChild::Broken { reason: "over".to_owned() },
     ]
 }
 
@@ -84,7 +84,7 @@ fn what_is_cut_or_too_long_is_refused_and_never_taken_in_part() {
         }
     }
     let name = "x".repeat(NAME_BYTES_MAX + 1);
-    assert!(super::news(&frame(|frame| frame.news(&News::Broken { reason: name.clone() }))).is_err());
+    assert!(super::news(&frame(|frame| frame.news(&FromChild::Broken { reason: name.clone() }))).is_err());
     assert_eq!(cut(&name).len(), NAME_BYTES_MAX);
     // A body that claims to be larger than allowed.
     let mut claim =

@@ -19,22 +19,22 @@ const OUR_VENDOR: &str = "0112";
 
 /// The other publishers of our topics.
 #[derive(Clone)]
-pub struct Rivals {
+pub struct OtherAggregators {
     /// Topics and types of the aggregated diagnosis, and whether we publish beside others.
     topics: Arc<[(Box<str>, &'static str, bool)]>,
     own: String,
     discovery: watch::Receiver<Arc<Discovery>>,
 }
 
-impl Rivals {
+impl OtherAggregators {
     pub fn new(
         publisher: &Publisher,
         topics: &[OutputTopic],
         discovery: watch::Receiver<Arc<Discovery>>,
-    ) -> Rivals {
+    ) -> OtherAggregators {
         let aggregated = topics.iter().filter(|it| !matches!(it.publication, Publication::Vehicle(_)));
         let topics = aggregated.map(|it| (it.topic.clone(), offer(it.publication).0, it.beside_others));
-        Rivals { topics: topics.collect(), own: publisher.participant(), discovery }
+        OtherAggregators { topics: topics.collect(), own: publisher.participant(), discovery }
     }
 
     /// Whether nothing may be published on this topic now.
@@ -78,7 +78,7 @@ fn yields_to(own: &str, other: &Endpoint) -> bool {
 
 /// Reports each change to the log and to the engine.
 pub async fn tell(
-    mut rivals: Rivals,
+    mut rivals: OtherAggregators,
     inputs: mpsc::Sender<Stamped>,
     clock: Clock,
     mut end: watch::Receiver<bool>,

@@ -10,7 +10,7 @@ const STOP_EVERY: Span = Span::from_secs(1);
 
 /// One message for the vehicle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Say {
+pub enum VehicleMessage {
     /// In m/s².
     Deceleration(f64),
     ManeuverStop(bool),
@@ -20,14 +20,14 @@ pub enum Say {
     Pose(u64, MapPose),
 }
 
-impl Say {
+impl VehicleMessage {
     pub fn output(self) -> Output {
         match self {
-            Say::Deceleration(_) => Output::Deceleration,
-            Say::ManeuverStop(_) => Output::ManeuverStop,
-            Say::Clearance(_) => Output::Clearance,
-            Say::Stage(_) => Output::Stage,
-            Say::Pose(..) => Output::Pose,
+            VehicleMessage::Deceleration(_) => Output::Deceleration,
+            VehicleMessage::ManeuverStop(_) => Output::ManeuverStop,
+            VehicleMessage::Clearance(_) => Output::Clearance,
+            VehicleMessage::Stage(_) => Output::Stage,
+            VehicleMessage::Pose(..) => Output::Pose,
         }
     }
 }
@@ -72,38 +72,38 @@ impl Levels {
     }
 
     /// The messages that are due now, most urgent first.
-    pub fn due(&self, snapshot: &Snapshot, now: Timestamp) -> Vec<Say> {
+    pub fn due(&self, snapshot: &Snapshot, now: Timestamp) -> Vec<VehicleMessage> {
         let mut due = Vec::new();
         if let Some(mps2) = snapshot.deceleration()
             && self.deceleration.is_none_or(|(said, at)| said != mps2 || now >= at + self.every)
         {
-            due.push(Say::Deceleration(mps2));
+            due.push(VehicleMessage::Deceleration(mps2));
         }
         let maneuver_stop = snapshot.maneuver_stop();
         let stops_again = |at: Timestamp| maneuver_stop && now >= at + STOP_EVERY;
         if self.maneuver_stop.is_none_or(|(said, at)| said != maneuver_stop || stops_again(at)) {
-            due.push(Say::ManeuverStop(maneuver_stop));
+            due.push(VehicleMessage::ManeuverStop(maneuver_stop));
         }
         if self.clearance != Some(snapshot.clearance) {
-            due.push(Say::Clearance(snapshot.clearance));
+            due.push(VehicleMessage::Clearance(snapshot.clearance));
         }
         if self.stage != Some(snapshot.stage) {
-            due.push(Say::Stage(snapshot.stage));
+            due.push(VehicleMessage::Stage(snapshot.stage));
         }
         let localization = &snapshot.localization;
         if let Some(pose) = localization.pose.filter(|_| localization.number > self.pose) {
-            due.push(Say::Pose(localization.number, pose));
+            due.push(VehicleMessage::Pose(localization.number, pose));
         }
         due
     }
 
-    pub fn said(&mut self, say: Say, now: Timestamp) {
+    pub fn said(&mut self, say: VehicleMessage, now: Timestamp) {
         match say {
-            Say::Deceleration(mps2) => self.deceleration = Some((mps2, now)),
-            Say::ManeuverStop(on) => self.maneuver_stop = Some((on, now)),
-            Say::Clearance(on) => self.clearance = Some(on),
-            Say::Stage(stage) => self.stage = Some(stage),
-            Say::Pose(number, _) => self.pose = number,
+            VehicleMessage::Deceleration(mps2) => self.deceleration = Some((mps2, now)),
+            VehicleMessage::ManeuverStop(on) => self.maneuver_stop = Some((on, now)),
+            VehicleMessage::Clearance(on) => self.clearance = Some(on),
+            VehicleMessage::Stage(stage) => self.stage = Some(stage),
+            VehicleMessage::Pose(number, _) => self.pose = number,
         }
     }
 
@@ -171,7 +171,7 @@ mod tests {
     }
 
     /// Sends all that is due, and returns it.
-    fn say(levels: &mut Levels, snapshot: &Snapshot, ms: u64) -> Vec<Say> {
+    fn say(levels: &mut Levels, snapshot: &Snapshot, ms: u64) -> Vec<VehicleMessage> {
         let due = levels.due(snapshot, at(ms));
         due.iter().for_each(|&say| levels.said(say, at(ms)));
         due
@@ -180,11 +180,18 @@ mod tests {
     #[test]
     fn a_level_is_said_once_when_it_changes_and_again_to_a_new_participant() {
         let mut levels = Levels::new(Span::from_millis(50), &calm());
-        let all = [Say::ManeuverStop(false), Say::Clearance(false), Say::Stage(Stage::Locked)];
+        let all = [
+            VehicleMessage::ManeuverStop(false),
+            VehicleMessage::Clearance(false),
+            VehicleMessage::Stage(Stage::Locked),
+        ];
         assert_eq!(say(&mut levels, &calm(), 0), all);
         assert_eq!(say(&mut levels, &calm(), 10_000), []);
         let cleared = Snapshot { clearance: true, stage: Stage::Cleared, ..calm() };
-        assert_eq!(say(&mut levels, &cleared, 0), [Say::Clearance(true), Say::Stage(Stage::Cleared)]);
+        assert_eq!(
+            say(&mut levels, &cleared, 0),
+            [VehicleMessage::Clearance(true), VehicleMessage::Stage(Stage::Cleared)]
+        );
         assert!(levels.cleared());
         levels.forget();
         assert_eq!(say(&mut levels, &cleared, 0).len(), 3);
@@ -201,17 +208,20 @@ mod tests {
         let mut levels = Levels::new(Span::from_millis(50), &calm());
         say(&mut levels, &calm(), 0);
         let asked = asking(&[Request::Decelerate { mps2: 1.0 }, Request::ManeuverStop]);
-        assert_eq!(say(&mut levels, &asked, 10), [Say::Deceleration(1.0), Say::ManeuverStop(true)]);
+        assert_eq!(
+            say(&mut levels, &asked, 10),
+            [VehicleMessage::Deceleration(1.0), VehicleMessage::ManeuverStop(true)]
+        );
         assert_eq!(levels.repeat_at(&asked), Some(at(60)));
         assert_eq!(say(&mut levels, &asked, 59), []);
-        assert_eq!(say(&mut levels, &asked, 60), [Say::Deceleration(1.0)]);
+        assert_eq!(say(&mut levels, &asked, 60), [VehicleMessage::Deceleration(1.0)]);
         let stronger = asking(&[Request::Decelerate { mps2: 2.0 }, Request::ManeuverStop]);
-        assert_eq!(say(&mut levels, &stronger, 61), [Say::Deceleration(2.0)], "at once");
-        assert_eq!(say(&mut levels, &calm(), 70), [Say::ManeuverStop(false)]);
+        assert_eq!(say(&mut levels, &stronger, 61), [VehicleMessage::Deceleration(2.0)], "at once");
+        assert_eq!(say(&mut levels, &calm(), 70), [VehicleMessage::ManeuverStop(false)]);
         assert_eq!(levels.repeat_at(&calm()), None);
         assert_eq!(
             say(&mut levels, &stronger, 71).first(),
-            Some(&Say::Deceleration(2.0)),
+            Some(&VehicleMessage::Deceleration(2.0)),
             "a new one, at once"
         );
     }
@@ -221,11 +231,11 @@ mod tests {
         let mut levels = Levels::new(Span::from_millis(50), &calm());
         say(&mut levels, &calm(), 0);
         let asked = asking(&[Request::ManeuverStop]);
-        assert_eq!(say(&mut levels, &asked, 10), [Say::ManeuverStop(true)]);
+        assert_eq!(say(&mut levels, &asked, 10), [VehicleMessage::ManeuverStop(true)]);
         assert_eq!(levels.repeat_at(&asked), Some(at(1010)));
         assert_eq!(say(&mut levels, &asked, 1009), []);
-        assert_eq!(say(&mut levels, &asked, 1010), [Say::ManeuverStop(true)]);
-        assert_eq!(say(&mut levels, &calm(), 1500), [Say::ManeuverStop(false)]);
+        assert_eq!(say(&mut levels, &asked, 1010), [VehicleMessage::ManeuverStop(true)]);
+        assert_eq!(say(&mut levels, &calm(), 1500), [VehicleMessage::ManeuverStop(false)]);
         assert_eq!(levels.repeat_at(&calm()), None);
     }
 
@@ -238,9 +248,9 @@ mod tests {
             snapshot
         };
         let mut levels = Levels::new(Span::from_millis(50), &posed(3));
-        assert!(!say(&mut levels, &posed(3), 0).iter().any(|say| matches!(say, Say::Pose(..))));
-        assert!(matches!(say(&mut levels, &posed(4), 0)[..], [Say::Pose(4, _)]));
+        assert!(!say(&mut levels, &posed(3), 0).iter().any(|say| matches!(say, VehicleMessage::Pose(..))));
+        assert!(matches!(say(&mut levels, &posed(4), 0)[..], [VehicleMessage::Pose(4, _)]));
         levels.forget();
-        assert!(!say(&mut levels, &posed(4), 0).iter().any(|say| matches!(say, Say::Pose(..))));
+        assert!(!say(&mut levels, &posed(4), 0).iter().any(|say| matches!(say, VehicleMessage::Pose(..))));
     }
 }

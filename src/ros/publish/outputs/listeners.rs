@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use tokio::time::MissedTickBehavior;
 
-use super::{Ground, offer};
-use crate::engine::input::{Input, ListenNews};
+use super::{OutputContext, offer};
+use crate::engine::input::{Input, ListenerReport};
 use crate::engine::model::output::{Output, Publication};
 use crate::engine::time::{Span, Timestamp};
 use crate::msg::received::Stamped;
@@ -20,7 +20,7 @@ const LOOK: Duration = Duration::from_millis(250);
 const DISCOVERED_WITHIN: Span = Span::from_secs(3);
 
 /// Reports each change to the engine, until this participant's life is over.
-pub async fn watch(publisher: Arc<Publisher>, mut ground: Ground) {
+pub async fn watch(publisher: Arc<Publisher>, mut ground: OutputContext) {
     let requests: Vec<(Output, Box<str>)> = ground.topics.iter().filter_map(request).collect();
     let opened = ground.clock.now();
     let mut told: BTreeMap<Output, bool> = BTreeMap::new();
@@ -35,7 +35,7 @@ pub async fn watch(publisher: Arc<Publisher>, mut ground: Ground) {
             let (type_name, quality) = offer(Publication::Vehicle(*output));
             let heard = publisher.has_reader(topic, type_name, quality);
             if is_news(heard, told.get(output).copied(), opened, ground.clock.now())
-                && tell(&ground, ListenNews { output: *output, topic: topic.clone(), heard })
+                && tell(&ground, ListenerReport { output: *output, topic: topic.clone(), heard })
             {
                 told.insert(*output, heard);
             }
@@ -61,8 +61,8 @@ fn is_news(heard: bool, told: Option<bool>, opened: Timestamp, now: Timestamp) -
 }
 
 /// A full queue is tried again with the next look.
-fn tell(ground: &Ground, news: ListenNews) -> bool {
-    let ListenNews { topic, heard, .. } = &news;
+fn tell(ground: &OutputContext, news: ListenerReport) -> bool {
+    let ListenerReport { topic, heard, .. } = &news;
     match heard {
         true => tracing::info!("the vehicle listens to {topic}"),
         false => tracing::warn!("nobody listens to {topic}"),

@@ -6,7 +6,7 @@ use std::time::{Duration, SystemTime};
 
 use crate::engine::Engine;
 use crate::engine::input::{
-    Input, ListenNews, OperatorAction, Place, ReceptionTrouble, Response, StatusArray, TroubleKind,
+    Input, ListenerReport, OperatorAction, Place, ReceptionTrouble, Response, StatusArray, TroubleKind,
 };
 use crate::engine::model::filter::Filter;
 use crate::engine::model::monitors::Watched;
@@ -388,7 +388,7 @@ impl Sample {
 
     /// From now on somebody listens, or nobody, to requests of this kind.
     pub fn listeners(mut self, output: Output, heard: bool) -> Sample {
-        self.input(&Input::Listened(ListenNews { output, topic: "/stop".into(), heard }));
+        self.input(&Input::Listened(ListenerReport { output, topic: "/stop".into(), heard }));
         self
     }
 

@@ -1,6 +1,6 @@
 //! Topics without publisher or with a wrong type, and their effect on a judgement.
 
-use super::{News, TopicId, Watch, Watching};
+use super::{Publishers, TopicId, Watch, Watching};
 use crate::engine::model::Policy;
 use crate::engine::model::monitors::TopicSpec;
 use crate::engine::monitor::{Monitor, Words};
@@ -10,7 +10,7 @@ use crate::engine::time::Timestamp;
 
 /// The reason why a topic cannot be judged as usual.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Blind {
+pub(super) enum TopicFault {
     WrongType(TopicId),
     NoPublisher(TopicId),
     /// It has a publisher again, which has sent nothing yet: earlier messages are from another publisher.
@@ -20,7 +20,7 @@ pub(super) enum Blind {
 /// A judgement, and the reason why it cannot be made as usual.
 pub(super) struct Judged {
     pub(super) judged: Option<State>,
-    pub(super) blind: Option<Blind>,
+    pub(super) topic_fault: Option<TopicFault>,
     /// The state that follows.
     pub(super) state: Option<State>,
 }
@@ -29,71 +29,71 @@ impl Watching {
     /// The judgement of a monitor, reduced by faults of its topics. The worse of both counts: an ERROR does not
     /// end because its publisher is gone.
     pub(super) fn look(&mut self, index: u32, policy: &Policy, now: Timestamp) -> Judged {
-        let blind = self.blind(index);
+        let topic_fault = self.topic_fault(index);
         let watch = &mut self.watches[index as usize];
         let judged = watch.monitor.judge(now);
-        let of_blind = blind.map(|blind| match blind {
-            Blind::WrongType(_) | Blind::Speechless(_) => State::Unknown,
-            Blind::NoPublisher(_) => policy.no_publisher,
+        let of_blind = topic_fault.map(|topic_fault| match topic_fault {
+            TopicFault::WrongType(_) | TopicFault::Speechless(_) => State::Unknown,
+            TopicFault::NoPublisher(_) => policy.no_publisher,
         });
         let is_frequency = matches!(watch.monitor, Monitor::Frequency(_));
-        let state = match blind {
+        let state = match topic_fault {
             // No publisher is 0 Hz, which the bands judge; if they find that OK, the `no_publisher` state
             // counts.
-            Some(Blind::NoPublisher(_)) if is_frequency => {
+            Some(TopicFault::NoPublisher(_)) if is_frequency => {
                 judged.map(|state| if state == State::Ok { policy.no_publisher } else { state })
             }
             // Its type is to be learned from a publisher and cannot be: nothing was counted, so the rate is
             // unknown.
-            Some(Blind::WrongType(id)) if self.topics[id.0 as usize].spec.type_name.is_empty() => {
+            Some(TopicFault::WrongType(id)) if self.topics[id.0 as usize].spec.type_name.is_empty() => {
                 judged.map(|_| State::Unknown).or(of_blind.filter(|_| !watch.by_the_clock))
             }
-            Some(Blind::Speechless(_)) => judged.max(of_blind.filter(|_| judged.is_some())),
-            Some(Blind::NoPublisher(_) | Blind::WrongType(_)) | None if watch.by_the_clock => {
+            Some(TopicFault::Speechless(_)) => judged.max(of_blind.filter(|_| judged.is_some())),
+            Some(TopicFault::NoPublisher(_) | TopicFault::WrongType(_)) | None if watch.by_the_clock => {
                 judged.map(|state| state.max(of_blind.unwrap_or(State::Ok)))
             }
-            Some(Blind::NoPublisher(_) | Blind::WrongType(_)) | None => judged.max(of_blind),
+            Some(TopicFault::NoPublisher(_) | TopicFault::WrongType(_)) | None => judged.max(of_blind),
         };
-        Judged { judged, blind, state }
+        Judged { judged, topic_fault, state }
     }
 
     /// A wrong type is a better explanation than a missing publisher, and that than a silence.
-    fn blind(&self, index: u32) -> Option<Blind> {
+    fn topic_fault(&self, index: u32) -> Option<TopicFault> {
         let Watch { topics, by_the_clock, .. } = &self.watches[index as usize];
         let of = |&id: &TopicId| {
             let topic = &self.topics[id.0 as usize];
             match &topic.news {
                 // A monitor that judges by the clock does not wait for discovery: until a publisher is found
                 // there is none.
-                None => (*by_the_clock && !topic.heard).then_some(Blind::NoPublisher(id)),
-                Some(News { publishers: 0, other_type: Some(_) }) => Some(Blind::WrongType(id)),
-                Some(News { publishers: 0, .. }) => Some(Blind::NoPublisher(id)),
-                Some(_) => (topic.left && !by_the_clock).then_some(Blind::Speechless(id)),
+                None => (*by_the_clock && !topic.heard).then_some(TopicFault::NoPublisher(id)),
+                Some(Publishers { publishers: 0, other_type: Some(_) }) => Some(TopicFault::WrongType(id)),
+                Some(Publishers { publishers: 0, .. }) => Some(TopicFault::NoPublisher(id)),
+                Some(_) => (topic.left && !by_the_clock).then_some(TopicFault::Speechless(id)),
             }
         };
-        let weight = |blind: &Blind| match blind {
-            Blind::Speechless(_) => 0,
-            Blind::NoPublisher(_) => 1,
-            Blind::WrongType(_) => 2,
+        let weight = |topic_fault: &TopicFault| match topic_fault {
+            TopicFault::Speechless(_) => 0,
+            TopicFault::NoPublisher(_) => 1,
+            TopicFault::WrongType(_) => 2,
         };
         topics.iter().rev().filter_map(of).max_by_key(weight)
     }
 
     /// Combines the reason with the measured values, if those are judged beside it.
-    pub(super) fn say(&self, blind: Option<Blind>, beside: bool, words: Words) -> Words {
-        let Some(blind) = blind else { return words };
-        let message = match blind {
-            Blind::NoPublisher(id) => say!(
+    pub(super) fn say(&self, topic_fault: Option<TopicFault>, beside: bool, words: Words) -> Words {
+        let Some(topic_fault) = topic_fault else { return words };
+        let message = match topic_fault {
+            TopicFault::NoPublisher(id) => say!(
                 "nobody publishes {topic}",
                 "niemand veröffentlicht {topic}",
                 topic = &*self.topics[id.0 as usize].spec.topic
             ),
-            Blind::Speechless(id) => say!(
+            TopicFault::Speechless(id) => say!(
                 "nothing came since {topic} is published again",
                 "nichts empfangen, seit {topic} wieder veröffentlicht wird",
                 topic = &*self.topics[id.0 as usize].spec.topic
             ),
-            Blind::WrongType(id) => {
+            TopicFault::WrongType(id) => {
                 let topic = &self.topics[id.0 as usize];
                 let other = topic.news.as_ref().and_then(|news| news.other_type.as_deref()).unwrap_or("?");
                 let TopicSpec { topic, type_name, .. } = &*topic.spec;

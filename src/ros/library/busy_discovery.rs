@@ -17,27 +17,27 @@ const BUSY_MAX: u32 = 4;
 const THREAD: &str = "RustDDS discove";
 
 /// The time for which a thread ran or waited for a processor, and when that was read.
-type Awake = (Timestamp, Span);
+type CpuTime = (Timestamp, Span);
 
 #[derive(Debug, Default)]
-pub struct Crowd {
+pub struct BusyDiscovery {
     participants: u64,
     thread: Option<PathBuf>,
-    last: Option<Awake>,
+    last: Option<CpuTime>,
     busy: u32,
 }
 
-impl Crowd {
+impl BusyDiscovery {
     /// For the only participant of this process. If there are several, or the system gives no figures,
     /// nothing is found.
-    pub fn of_this_process() -> Crowd {
+    pub fn of_this_process() -> BusyDiscovery {
         let tasks = fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
         let is_discovery = |path: &PathBuf| {
             fs::read_to_string(path.join("comm")).is_ok_and(|name| name.trim_end() == THREAD)
         };
         let mut found = tasks.map(|task| task.path()).filter(is_discovery);
         let thread = found.next().filter(|_| found.next().is_none());
-        Crowd { thread, ..Crowd::default() }
+        BusyDiscovery { thread, ..BusyDiscovery::default() }
     }
 
     pub fn hear(&mut self, event: &Event) {
@@ -60,7 +60,7 @@ impl Crowd {
         self.look((now, awake))
     }
 
-    fn look(&mut self, look: Awake) -> bool {
+    fn look(&mut self, look: CpuTime) -> bool {
         let Some((then, before)) = self.last.replace(look) else { return false };
         let (passed, awake) =
             (look.0.since(then).as_nanos(), look.1.as_nanos().saturating_sub(before.as_nanos()));
@@ -84,9 +84,10 @@ mod tests {
     /// The look (of 40, four a second) at which discovery that is awake for `percent` of the time is given
     /// up.
     fn given_up(participants: u64, percent: u64) -> Option<u64> {
-        let mut crowd = Crowd { participants, ..Crowd::default() };
+        let mut busy_discovery = BusyDiscovery { participants, ..BusyDiscovery::default() };
         (0..40).find(|look| {
-            crowd.look((Timestamp::from_millis(250 * look), Span::from_nanos(2_500_000 * percent * look)))
+            busy_discovery
+                .look((Timestamp::from_millis(250 * look), Span::from_nanos(2_500_000 * percent * look)))
         })
     }
 

@@ -7,14 +7,14 @@ use super::resume::Restored;
 use crate::engine::Engine;
 use crate::engine::input::{AlarmRef, OperatorAction, Refusal};
 use crate::engine::model::{NodeId, Stage};
-use crate::engine::react::held::{Countermeasures, Known};
+use crate::engine::react::held::{Acknowledged, Countermeasures};
 use crate::engine::snapshot::{Countermeasure, Snapshot};
 use crate::engine::stage::machine::Event;
 use crate::engine::time::Timestamp;
 
 /// The result of an action that would be granted.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Foreseen {
+pub struct Preview {
     /// The `seq` of the state in which it was judged.
     pub seq: u64,
     pub vehicle: Restored,
@@ -27,7 +27,7 @@ impl Engine {
     /// # Errors
     ///
     /// Every reason for a refusal.
-    pub fn foresee(&mut self, action: &OperatorAction, now: Timestamp) -> Result<Foreseen, Vec<Refusal>> {
+    pub fn preview(&mut self, action: &OperatorAction, now: Timestamp) -> Result<Preview, Vec<Refusal>> {
         self.advance(now);
         self.check(action)?;
         let mut after = Snapshot::clone(&self.snapshot());
@@ -48,7 +48,7 @@ impl Engine {
             OperatorAction::Clear { .. } => {
                 vehicle.raise(Event::Clearance);
             }
-            OperatorAction::Acknowledge { alarm } => self.foresee_acknowledged(alarm, &mut after),
+            OperatorAction::Acknowledge { alarm } => self.preview_acknowledged(alarm, &mut after),
             // These change nothing that is stored; and a stop does not wait for the disk.
             OperatorAction::AskClearance { .. }
             | OperatorAction::Reset { .. }
@@ -56,12 +56,12 @@ impl Engine {
         }
         (after.operator, after.stage, after.localization) =
             (vehicle.operator, vehicle.stage, vehicle.localization);
-        Ok(Foreseen { seq: after.seq, vehicle: after.to_restore() })
+        Ok(Preview { seq: after.seq, vehicle: after.to_restore() })
     }
 
     /// The stage and the requests. The list is replaced whenever it changes.
-    pub fn led(&self) -> (Stage, Arc<[Countermeasure]>) {
-        (self.vehicle.stage, self.views.led().countermeasures.clone())
+    pub fn requests(&self) -> (Stage, Arc<[Countermeasure]>) {
+        (self.vehicle.stage, self.views.vehicle().countermeasures.clone())
     }
 
     /// The requests after a change of the held ones.
@@ -75,7 +75,7 @@ impl Engine {
         after
     }
 
-    fn foresee_acknowledged(&mut self, alarm: &AlarmRef, after: &mut Snapshot) {
+    fn preview_acknowledged(&mut self, alarm: &AlarmRef, after: &mut Snapshot) {
         let known: Vec<(NodeId, Option<u64>)> = match alarm {
             AlarmRef::OperatorStop => {
                 after.countermeasures = self.list_after(|held| held.release_stop());
@@ -103,8 +103,8 @@ impl Engine {
             after.countermeasures = self.list_after(|held| {
                 for (&(node, _), latest) in known.iter().zip(&latest) {
                     match latest {
-                        None => held.acknowledge(Known { node, alarm: None }),
-                        Some(Some(alarm)) => held.acknowledge(Known { node, alarm: Some(alarm) }),
+                        None => held.acknowledge(Acknowledged { node, alarm: None }),
+                        Some(Some(alarm)) => held.acknowledge(Acknowledged { node, alarm: Some(alarm) }),
                         // The node has raised another one since.
                         Some(None) => {}
                     }

@@ -15,7 +15,7 @@ use crate::msg::sample_bytes::RawBody;
 
 /// The writer and reader with which this participant hears itself, through the library's thread that sends
 /// and receives.
-pub struct Canary {
+pub struct EchoCheck {
     pub writer: Arc<RawWriter>,
     reader: SimpleDataReader<RawBody, RawAdapter>,
     pub writing: bool,
@@ -24,13 +24,13 @@ pub struct Canary {
     pub heard: u64,
 }
 
-impl Canary {
-    pub fn open(participant: &DomainParticipant, subscriber: &Subscriber) -> Result<Canary, String> {
-        let name = discovered::canary_topic(&participant.guid().to_bytes());
+impl EchoCheck {
+    pub fn open(participant: &DomainParticipant, subscriber: &Subscriber) -> Result<EchoCheck, String> {
+        let name = discovered::echo_topic(&participant.guid().to_bytes());
         let topic = qos::create_topic(participant, &name, "telltale::Alive", 1).map_err(refused)?;
         let reader = qos::reader(subscriber, &topic, Via::BestEffort).map_err(refused)?;
         let writer = qos::writer(participant, &topic, super::Quality::BestEffort).map_err(refused)?;
-        Ok(Canary { writer: Arc::new(writer), reader, writing: false, said: 0, heard: 0 })
+        Ok(EchoCheck { writer: Arc::new(writer), reader, writing: false, said: 0, heard: 0 })
     }
 
     pub fn listen(&mut self) {

@@ -1,31 +1,31 @@
 //! Reports to the engine which outputs could not be sent to the vehicle, and when they can be sent again.
 
-use super::{Ground, OutputTopic};
-use crate::engine::input::{Input, OutputNews};
+use super::{OutputContext, OutputTopic};
+use crate::engine::input::{Input, OutputReport};
 use crate::engine::model::output::{Output, Publication};
 use crate::msg::received::Stamped;
 use crate::ros::PublishError;
 
 /// Whether the engine received it. A full queue must not delay the vehicle.
-pub fn tell(ground: &Ground, output: Output, topic: &str, error: Option<PublishError>) -> bool {
+pub fn tell(ground: &OutputContext, output: Output, topic: &str, error: Option<PublishError>) -> bool {
     if let Some(error) = &error {
         tracing::error!("{error}");
     }
     let error = error.map(|error| error.to_string().into());
-    send(ground, OutputNews { output, topic: topic.into(), error })
+    send(ground, OutputReport { output, topic: topic.into(), error })
 }
 
 /// Reports that nothing at all can be sent, or that everything can be sent again: some messages are so rare
 /// that their own success would come late.
-pub fn tell_all(ground: &Ground, error: Option<&str>) {
+pub fn tell_all(ground: &OutputContext, error: Option<&str>) {
     for OutputTopic { publication, topic, .. } in ground.topics.iter() {
         if let Publication::Vehicle(output) = *publication {
-            send(ground, OutputNews { output, topic: topic.clone(), error: error.map(Box::from) });
+            send(ground, OutputReport { output, topic: topic.clone(), error: error.map(Box::from) });
         }
     }
 }
 
-fn send(ground: &Ground, news: OutputNews) -> bool {
+fn send(ground: &OutputContext, news: OutputReport) -> bool {
     let stamped = Stamped::new(Input::Output(news), ground.clock.now());
     ground.inputs.try_send(stamped).is_ok()
 }
