@@ -19,7 +19,7 @@ impl Engine {
         if self.dds_fault.is_some() {
             self.cut_off();
         } else if was_down {
-            self.listen_anew();
+            self.restart_measurements();
         }
     }
 
@@ -35,7 +35,7 @@ impl Engine {
     }
 
     /// Discards earlier measurements, except an ERROR, which ends only when a report ends it.
-    fn listen_anew(&mut self) {
+    fn restart_measurements(&mut self) {
         for index in 0..self.watching.watches.len() as u32 {
             if let Purpose::Module(id) = self.watching.watches[index as usize].purpose
                 && self.watching.hears_dds(id)
@@ -47,7 +47,7 @@ impl Engine {
     }
 
     /// Whether DDS answers this probe, so that no answer is possible now.
-    pub(super) fn asks_in_vain(&self, probe: &Probe) -> bool {
+    pub(super) fn has_no_answer(&self, probe: &Probe) -> bool {
         self.dds_fault.is_some() && probe.source.target.asks_dds()
     }
 }

@@ -22,7 +22,7 @@ impl Engine {
     /// Takes an input for monitors. Returns whether more than counters changed.
     pub(super) fn take_watched(&mut self, received: Received<'_>) -> bool {
         if let Received::Probe(probe) = received
-            && self.asks_in_vain(probe)
+            && self.has_no_answer(probe)
         {
             return false;
         }

@@ -112,7 +112,7 @@ impl Engine {
     }
 
     /// Removes modules that left, and resets those whose reports expired.
-    pub(super) fn take_leave(&mut self) {
+    pub(super) fn remove_departed(&mut self) {
         for id in std::mem::take(&mut self.net.left) {
             let name = self.views.leave(id);
             self.names.forget(id);

@@ -89,7 +89,7 @@ pub struct Engine {
     /// Some module accepts its status only from certain writers.
     restricted: bool,
     /// Whether the module `telltale/memory` reports cut texts at present.
-    said_cut: bool,
+    reports_cut: bool,
     /// The reason why the disk can store nothing.
     storage_fault: Option<Box<str>>,
     upkeep: Upkeep,
@@ -139,7 +139,7 @@ impl Engine {
             writers: WriterList::default(),
             disputes: Disputes::default(),
             restricted: model.restricts_writers(),
-            said_cut: false,
+            reports_cut: false,
             storage_fault: None,
             upkeep: Upkeep::default(),
             display_late: None,
@@ -283,14 +283,14 @@ impl Engine {
         for index in touched.drain(..) {
             let route = &self.names.routes[index as usize];
             let status = array.get(route.position as usize);
-            let voice = WriterReport { writer: array.writer(), state: status.state(), at: self.now };
-            if self.restricts(index) || !self.names.routes[index as usize].voices.hear_alone(voice) {
-                self.take_disputed(index, status, voice, number);
+            let report = WriterReport { writer: array.writer(), state: status.state(), at: self.now };
+            if self.restricts(index) || !self.names.routes[index as usize].writer_reports.take_alone(report) {
+                self.take_disputed(index, status, report, number);
                 continue;
             }
             let mut position = 0;
             while let Some(module) = self.names.routes[index as usize].module(position) {
-                self.take_status(module, status, voice.writer);
+                self.take_status(module, status, report.writer);
                 position += 1;
             }
         }
@@ -341,7 +341,7 @@ impl Engine {
             self.report_on_self(SystemCheck::Invariants, State::Error, &*breach);
             self.follow_changes();
         }
-        if self.hear_awaited() {
+        if self.release_awaited_alarms() {
             self.follow_alarms();
         }
         self.show_vehicle();
@@ -359,7 +359,7 @@ impl Engine {
                 self.timers.arm(TimerKey::Module(id.0), due);
             }
         }
-        self.take_leave();
+        self.remove_departed();
         let changes = std::mem::take(&mut self.net.changes);
         for change in &changes {
             self.causes.note(&self.net, change);
@@ -374,7 +374,7 @@ impl Engine {
         let mut blamed = Vec::new();
         let changed = explained.is_some_and(|explained| {
             if self.events.wanted() {
-                blamed = self.views.blamed_anew(&explained.masked, &changes);
+                blamed = self.views.changed_causes(&explained.masked, &changes);
             }
             self.views.set_causes(explained)
         });

@@ -334,7 +334,8 @@ impl Net {
         let alone = if is_other_tile { State::Ok } else { State::Unknown };
         let alone = group.members.is_empty().then_some(alone);
         let facts = group.node.facts;
-        // Such a group is left out of the overall state; UNKNOWN would be better than an ERROR beside it.
+        // Dropped names raise OK to WARNING, in a relevant group only: an ignored group with WARNING would be
+        // better than an ERROR beside it in a redundant group.
         let floor = |state: State| match state {
             State::Ok if group.overflow.is_some() && facts.relevant => State::Warning,
             state => state,

@@ -128,7 +128,7 @@ impl Engine {
     /// Reports whether reports are cut. No state depends on it.
     pub(in crate::engine) fn say_cut(&mut self) {
         let cut = self.views.budget.cut() > 0;
-        if std::mem::replace(&mut self.said_cut, cut) != cut {
+        if std::mem::replace(&mut self.reports_cut, cut) != cut {
             let state = if cut { State::Warning } else { State::Ok };
             let words = if cut { system::words_cut(&self.model.limits) } else { Text::default() };
             self.report_on_self(SystemCheck::Memory, state, words);

@@ -13,7 +13,7 @@ pub(super) struct OwnState {
     received: Option<Timestamp>,
     silent: bool,
     /// A monitor judges it by the clock: it needs no reports.
-    spoken_for: bool,
+    judged_by_clock: bool,
     debounce: Debounce,
     /// It still has time to report: its silence does not count yet.
     grace: bool,
@@ -36,7 +36,7 @@ impl OwnState {
             reported: None,
             received: None,
             silent: false,
-            spoken_for: false,
+            judged_by_clock: false,
             debounce: Debounce::default(),
             latched: false,
             cut_off: false,
@@ -105,8 +105,8 @@ impl OwnState {
         now: Timestamp,
     ) -> bool {
         self.advance(policy, now);
-        let same = self.reported == Some(state) && self.spoken_for == by_the_clock;
-        self.spoken_for = by_the_clock;
+        let same = self.reported == Some(state) && self.judged_by_clock == by_the_clock;
+        self.judged_by_clock = by_the_clock;
         if same {
             return false;
         }
@@ -120,7 +120,7 @@ impl OwnState {
     /// There is nothing to judge any more, as before the first report. A latched ERROR stays.
     pub(super) fn forget(&mut self, policy: &Policy, now: Timestamp) {
         (self.reported, self.received) = (None, None);
-        (self.silent, self.spoken_for, self.cut_off) = (false, false, false);
+        (self.silent, self.judged_by_clock, self.cut_off) = (false, false, false);
         self.debounce = Debounce::default();
         self.judge(policy, now);
     }
@@ -134,7 +134,7 @@ impl OwnState {
     }
 
     fn heard(&self) -> bool {
-        (self.received.is_some() || self.spoken_for) && !self.silent
+        (self.received.is_some() || self.judged_by_clock) && !self.silent
     }
 
     /// Sets whether the module is relevant, after [`OwnState::advance`] to `now`; the grace period of a silent

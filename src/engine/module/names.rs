@@ -24,7 +24,7 @@ pub(in crate::engine) struct Route {
     /// The route of the name that followed this one in an array, or [`NOBODY`]: it most likely does again.
     next: u32,
     /// The writers of the name with their last reports.
-    pub(in crate::engine) voices: WriterReports,
+    pub(in crate::engine) writer_reports: WriterReports,
     /// The array whose report of the name does not count, because another writer reports a worse state or the
     /// writer is not admitted.
     pub(in crate::engine) overruled: u64,
@@ -44,7 +44,7 @@ impl Route {
             position: 0,
             lacking: false,
             next: NOBODY,
-            voices: WriterReports::default(),
+            writer_reports: WriterReports::default(),
             overruled: 0,
         }
     }
@@ -142,10 +142,11 @@ impl Names {
     }
 
     /// Continues the writers of each name from before a reload.
-    pub(in crate::engine) fn keep_voices(&mut self, old: &Names) {
+    pub(in crate::engine) fn keep_writer_reports(&mut self, old: &Names) {
         for (name, &route) in &self.index {
             if let Some(before) = old.find(name) {
-                self.routes[route as usize].voices = old.routes[before as usize].voices.clone();
+                self.routes[route as usize].writer_reports =
+                    old.routes[before as usize].writer_reports.clone();
             }
         }
     }

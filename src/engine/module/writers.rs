@@ -13,7 +13,7 @@ use crate::engine::time::{Span, Timestamp};
 
 /// Writers of one name that are kept apart. Beyond it the worst are kept, so the state that counts is never
 /// better than a report.
-pub(in crate::engine) const VOICES_MAX: usize = 8;
+pub(in crate::engine) const WRITERS_MAX: usize = 8;
 
 /// Whether a policy admits a writer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,7 +53,7 @@ pub(in crate::engine) struct WriterReports {
 
 #[derive(Debug, Clone)]
 pub(in crate::engine) struct Several {
-    voices: Vec<WriterReport>,
+    writer_reports: Vec<WriterReport>,
     /// The writer whose texts are shown.
     shown: WriterId,
     /// Since when they differ, apart from moments.
@@ -63,48 +63,48 @@ pub(in crate::engine) struct Several {
 }
 
 impl WriterReports {
-    /// Takes a report of the only writer. Returns false if the name has other writers: then [`WriterReports::hear`]
+    /// Takes a report of the only writer. Returns false if the name has other writers: then [`WriterReports::take`]
     /// decides.
-    pub(in crate::engine) fn hear_alone(&mut self, voice: WriterReport) -> bool {
-        let alone = self.several.is_none() && self.one.is_none_or(|one| one.writer == voice.writer);
+    pub(in crate::engine) fn take_alone(&mut self, report: WriterReport) -> bool {
+        let alone = self.several.is_none() && self.one.is_none_or(|one| one.writer == report.writer);
         if alone {
-            self.one = Some(voice);
+            self.one = Some(report);
         }
         alone
     }
 
     /// Takes a report of one of several writers. Writers that left or were silent for `timeout` no longer
     /// count. Returns the remaining other writers, and whether there are more than are kept.
-    fn hear(
+    fn take(
         &mut self,
-        voice: WriterReport,
+        report: WriterReport,
         timeout: Span,
         list: &WriterList,
     ) -> (Option<&mut Several>, bool) {
         let mut several = self.several.take().unwrap_or_else(|| {
-            let first = self.one.unwrap_or(voice);
+            let first = self.one.unwrap_or(report);
             Box::new(Several {
-                voices: vec![first],
+                writer_reports: vec![first],
                 shown: first.writer,
                 differ_since: None,
-                differed: voice.at,
+                differed: report.at,
             })
         });
         several
-            .voices
-            .retain(|it| it.writer != voice.writer && it.at + timeout > voice.at && !has_left(list, it));
-        let crowded = several.voices.len() >= VOICES_MAX;
-        several.voices.push(voice);
-        if crowded {
-            let best = several.voices.iter().enumerate().min_by_key(|(_, it)| (it.state, it.at));
+            .writer_reports
+            .retain(|it| it.writer != report.writer && it.at + timeout > report.at && !has_left(list, it));
+        let too_many = several.writer_reports.len() >= WRITERS_MAX;
+        several.writer_reports.push(report);
+        if too_many {
+            let best = several.writer_reports.iter().enumerate().min_by_key(|(_, it)| (it.state, it.at));
             let best = best.map_or(0, |(index, _)| index);
-            several.voices.remove(best);
+            several.writer_reports.remove(best);
         }
-        self.one = Some(voice);
-        if several.voices.iter().any(|it| it.writer != voice.writer) {
+        self.one = Some(report);
+        if several.writer_reports.iter().any(|it| it.writer != report.writer) {
             self.several = Some(several);
         }
-        (self.several.as_deref_mut(), crowded)
+        (self.several.as_deref_mut(), too_many)
     }
 }
 
@@ -115,8 +115,8 @@ impl Several {
     /// The writers that contradict each other now, the worse first. Both must have reported since they differ:
     /// a restarted writer contradicts nobody.
     fn dispute(&mut self, now: Timestamp) -> Option<(WriterReport, WriterReport)> {
-        let worst = self.voices.iter().map(|it| it.state).max()?;
-        if self.voices.iter().all(|it| it.state == worst) {
+        let worst = self.writer_reports.iter().map(|it| it.state).max()?;
+        if self.writer_reports.iter().all(|it| it.state == worst) {
             if now.since(self.differed) >= DIFFER_MIN {
                 self.differ_since = None;
             }
@@ -127,15 +127,15 @@ impl Several {
         if now.since(since) < DIFFER_MIN {
             return None;
         }
-        let spoke = || self.voices.iter().filter(|it| it.at >= since);
+        let spoke = || self.writer_reports.iter().filter(|it| it.at >= since);
         let (best, worst) = (spoke().min_by_key(|it| it.state)?, spoke().max_by_key(|it| it.state)?);
         (best.state != worst.state).then_some((*worst, *best))
     }
 }
 
 /// Whether discovery lost the writer after its last report.
-fn has_left(list: &WriterList, voice: &WriterReport) -> bool {
-    list.complete && voice.at < list.as_of && !list.writers.contains_key(&voice.writer)
+fn has_left(list: &WriterList, report: &WriterReport) -> bool {
+    list.complete && report.at < list.as_of && !list.writers.contains_key(&report.writer)
 }
 
 impl Engine {
@@ -149,17 +149,17 @@ impl Engine {
         &mut self,
         route: u32,
         status: Status<'_>,
-        voice: WriterReport,
+        report: WriterReport,
         array: u64,
     ) {
         let (now, list) = (self.now, &self.writers);
-        let node = list.node(voice.writer);
+        let node = list.node(report.writer);
         let names = &mut self.names.routes[route as usize];
         let policies = names.modules().map(|id| self.net.policy(id));
         let longest = policies.clone().map(|policy| policy.timeout).max().unwrap_or(Span::ZERO);
         // Values are neither better nor worse: those of an unknown node wait until the node is known.
         let unknown = *node == NodeOf::Pending && policies.clone().any(|it| it.writers.is_some());
-        let admissions: Vec<Admission> = policies.map(|it| it.admits(node, voice.state)).collect();
+        let admissions: Vec<Admission> = policies.map(|it| it.admits(node, report.state)).collect();
         let refused = admissions.contains(&Admission::Refused);
         names.overruled = array;
         if !admissions.contains(&Admission::Counts) {
@@ -168,23 +168,23 @@ impl Engine {
                 self.views.set_message(id, pending_node());
             }
             if refused {
-                self.note_stranger(route, voice.writer);
+                self.note_stranger(route, report.writer);
             }
             return;
         }
-        let (several, crowded) = match names.voices.hear_alone(voice) {
+        let (several, too_many) = match names.writer_reports.take_alone(report) {
             true => (None, false),
-            false => names.voices.hear(voice, longest, list),
+            false => names.writer_reports.take(report, longest, list),
         };
         let dispute = several.and_then(|several| several.dispute(now));
         if refused {
-            self.note_stranger(route, voice.writer);
+            self.note_stranger(route, report.writer);
         }
-        if crowded {
+        if too_many {
             self.note_dispute(route, Dispute::TooManyWriters);
         }
         if let Some((worse, better)) = dispute {
-            let one = |voice: WriterReport| (self.writers.label(voice.writer), voice.state);
+            let one = |report: WriterReport| (self.writers.label(report.writer), report.state);
             self.note_dispute(route, Dispute::Contradiction { worse: one(worse), better: one(better) });
         }
         for (position, admission) in admissions.into_iter().enumerate() {
@@ -192,7 +192,7 @@ impl Engine {
                 continue;
             }
             let Some(id) = self.names.routes[route as usize].module(position) else { continue };
-            let shown = self.report_worst(route, id, voice, status);
+            let shown = self.report_worst(route, id, report, status);
             if shown && !refused && !unknown {
                 // Its KeyValues count too.
                 self.names.routes[route as usize].overruled = 0;
@@ -202,32 +202,33 @@ impl Engine {
 
     /// Reports the worst of the reports that count to a module. Returns whether that is the report of the
     /// present writer.
-    fn report_worst(&mut self, route: u32, id: ModuleId, voice: WriterReport, status: Status<'_>) -> bool {
+    fn report_worst(&mut self, route: u32, id: ModuleId, report: WriterReport, status: Status<'_>) -> bool {
         let (list, policy) = (&self.writers, self.net.policy(id));
         let names = &mut self.names.routes[route as usize];
         let counts = |it: &&WriterReport| {
-            it.at + policy.timeout > voice.at
+            it.at + policy.timeout > report.at
                 && policy.admits(list.node(it.writer), it.state) == Admission::Counts
         };
-        let others = names.voices.several.iter().flat_map(|several| &several.voices).filter(counts);
-        let others = others.filter(|it| it.writer != voice.writer);
+        let others =
+            names.writer_reports.several.iter().flat_map(|several| &several.writer_reports).filter(counts);
+        let others = others.filter(|it| it.writer != report.writer);
         let worst = others.clone().map(|it| it.state).max();
-        let state = worst.map_or(voice.state, |worst| worst.max(voice.state));
-        let speaks = state == voice.state;
+        let state = worst.map_or(report.state, |worst| worst.max(report.state));
+        let speaks = state == report.state;
         // Among equal states the same writer stays shown: alternating texts are hard to read.
-        let shown = names.voices.several.as_ref().map(|several| several.shown);
+        let shown = names.writer_reports.several.as_ref().map(|several| several.shown);
         let held = others.clone().any(|it| Some(it.writer) == shown && it.state == state);
         if speaks
             && !held
-            && let Some(several) = &mut names.voices.several
+            && let Some(several) = &mut names.writer_reports.several
         {
-            several.shown = voice.writer;
+            several.shown = report.writer;
         }
         if self.net.report(id, state, self.now) {
             self.net.mark_module(id);
         }
         if speaks && !held {
-            self.views.take_report(id, status, voice.writer, &self.model.limits);
+            self.views.take_report(id, status, report.writer, &self.model.limits);
         } else {
             self.views.note_heard(id);
         }

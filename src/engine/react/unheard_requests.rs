@@ -64,7 +64,7 @@ impl Engine {
 
     /// Possible requests without a receiver. An output that the configuration switches off does not count here;
     /// `check` warns of it.
-    pub(in crate::engine) fn deaf_to(&self) -> impl Iterator<Item = RequestKind> {
+    pub(in crate::engine) fn possible_requests_without_reader(&self) -> impl Iterator<Item = RequestKind> {
         let unheard = |kind| self.countermeasures.unreached(&self.model, kind) == Some(Unreached::Unheard);
         let by_rule =
             |kind| self.model.driving.countermeasures.iter().any(|rule| rule.request.kind() == kind);

@@ -34,7 +34,7 @@ impl Engine {
         next.take_upkeep(std::mem::take(&mut self.upkeep));
         let dds_fault = self.dds_fault.take();
         next.vehicle_faults = std::mem::take(&mut self.vehicle_faults);
-        next.said_cut = self.said_cut;
+        next.reports_cut = self.reports_cut;
         next.active_by = self.active_by;
         next.timers.arm(TimerKey::Active, next.active_by);
         next.take_signals(self);
@@ -46,7 +46,7 @@ impl Engine {
         if dds_fault.is_some() {
             next.take_dds(dds_fault);
         }
-        next.names.keep_voices(&self.names);
+        next.names.keep_writer_reports(&self.names);
         next.keep_disputes(self);
         if let Some(due) = next.reception.due() {
             next.timers.arm(TimerKey::Reception, due);
@@ -85,7 +85,7 @@ impl Engine {
             let modules: Vec<ModuleId> = modules.collect();
             let mut kinds = modules.iter().map(|id| old.net.modules[id.0 as usize].kind);
             if kinds.any(|kind| kind == ModuleKind::Discovered) && self.names.find(name).is_none() {
-                self.discover_but(name, &self.lacked_by(old, name, &modules));
+                self.discover_but(name, &self.groups_without(old, name, &modules));
             }
         }
         self.leave_out(old);
@@ -137,7 +137,7 @@ impl Engine {
 
     /// Groups that claim the name and have no module of it, because it left or there was no room: existing
     /// modules come first.
-    fn lacked_by(&self, old: &Engine, name: &str, modules: &[ModuleId]) -> Vec<GroupId> {
+    fn groups_without(&self, old: &Engine, name: &str, modules: &[ModuleId]) -> Vec<GroupId> {
         let there =
             |group| modules.iter().any(|id| old.net.modules[id.0 as usize].node.parent == Some(group));
         let wanted = Names::wanted(&old.model, name, old.net.other_group()).into_iter();
@@ -162,7 +162,7 @@ impl Engine {
                 _ => {}
             }
         }
-        self.take_leave();
+        self.remove_departed();
     }
 
     fn take_history(&mut self, old: &Engine) {

@@ -138,7 +138,7 @@ impl Engine {
 
     /// Stops waiting for alarms from before the restart whose modules have reported. Telltale's own modules
     /// depend on others: they count as known once those had their time.
-    pub(in crate::engine) fn hear_awaited(&mut self) -> bool {
+    pub(in crate::engine) fn release_awaited_alarms(&mut self) -> bool {
         if !self.alarms.awaits() {
             return false;
         }

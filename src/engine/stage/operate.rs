@@ -293,7 +293,7 @@ impl Engine {
                 .map(|id| Refusal::Warning { module: self.views.name(NodeId::Module(id)).into() }),
         );
         reasons.extend(self.countermeasures.moving().map(Refusal::Countermeasure));
-        reasons.extend(self.deaf_to().map(Refusal::NobodyListens));
+        reasons.extend(self.possible_requests_without_reader().map(Refusal::NobodyListens));
         reasons
     }
 

@@ -81,7 +81,7 @@ pub struct Stretch {
 
 impl Views {
     /// Nodes that stay masked, but by another cause than before.
-    pub(in crate::engine) fn blamed_anew(
+    pub(in crate::engine) fn changed_causes(
         &self,
         masked: &[(NodeId, Arc<[NodeId]>)],
         changes: &[Change],

@@ -14,7 +14,7 @@ pub(super) enum TopicFault {
     WrongType(TopicId),
     NoPublisher(TopicId),
     /// It has a publisher again, which has sent nothing yet: earlier messages are from another publisher.
-    Speechless(TopicId),
+    NoMessageYet(TopicId),
 }
 
 /// A judgement, and the reason why it cannot be made as usual.
@@ -26,14 +26,14 @@ pub(super) struct Judged {
 }
 
 impl Watching {
-    /// The judgement of a monitor, reduced by faults of its topics. The worse of both counts: an ERROR does not
+    /// The judgement of a monitor, combined with the faults of its topics. The worse of both counts: an ERROR does not
     /// end because its publisher is gone.
     pub(super) fn look(&mut self, index: u32, policy: &Policy, now: Timestamp) -> Judged {
         let topic_fault = self.topic_fault(index);
         let watch = &mut self.watches[index as usize];
         let judged = watch.monitor.judge(now);
-        let of_blind = topic_fault.map(|topic_fault| match topic_fault {
-            TopicFault::WrongType(_) | TopicFault::Speechless(_) => State::Unknown,
+        let of_fault = topic_fault.map(|topic_fault| match topic_fault {
+            TopicFault::WrongType(_) | TopicFault::NoMessageYet(_) => State::Unknown,
             TopicFault::NoPublisher(_) => policy.no_publisher,
         });
         let is_frequency = matches!(watch.monitor, Monitor::Frequency(_));
@@ -46,13 +46,13 @@ impl Watching {
             // Its type is to be learned from a publisher and cannot be: nothing was counted, so the rate is
             // unknown.
             Some(TopicFault::WrongType(id)) if self.topics[id.0 as usize].spec.type_name.is_empty() => {
-                judged.map(|_| State::Unknown).or(of_blind.filter(|_| !watch.by_the_clock))
+                judged.map(|_| State::Unknown).or(of_fault.filter(|_| !watch.by_the_clock))
             }
-            Some(TopicFault::Speechless(_)) => judged.max(of_blind.filter(|_| judged.is_some())),
+            Some(TopicFault::NoMessageYet(_)) => judged.max(of_fault.filter(|_| judged.is_some())),
             Some(TopicFault::NoPublisher(_) | TopicFault::WrongType(_)) | None if watch.by_the_clock => {
-                judged.map(|state| state.max(of_blind.unwrap_or(State::Ok)))
+                judged.map(|state| state.max(of_fault.unwrap_or(State::Ok)))
             }
-            Some(TopicFault::NoPublisher(_) | TopicFault::WrongType(_)) | None => judged.max(of_blind),
+            Some(TopicFault::NoPublisher(_) | TopicFault::WrongType(_)) | None => judged.max(of_fault),
         };
         Judged { judged, topic_fault, state }
     }
@@ -68,11 +68,11 @@ impl Watching {
                 None => (*by_the_clock && !topic.heard).then_some(TopicFault::NoPublisher(id)),
                 Some(Publishers { publishers: 0, other_type: Some(_) }) => Some(TopicFault::WrongType(id)),
                 Some(Publishers { publishers: 0, .. }) => Some(TopicFault::NoPublisher(id)),
-                Some(_) => (topic.left && !by_the_clock).then_some(TopicFault::Speechless(id)),
+                Some(_) => (topic.left && !by_the_clock).then_some(TopicFault::NoMessageYet(id)),
             }
         };
         let weight = |topic_fault: &TopicFault| match topic_fault {
-            TopicFault::Speechless(_) => 0,
+            TopicFault::NoMessageYet(_) => 0,
             TopicFault::NoPublisher(_) => 1,
             TopicFault::WrongType(_) => 2,
         };
@@ -88,7 +88,7 @@ impl Watching {
                 "niemand veröffentlicht {topic}",
                 topic = &*self.topics[id.0 as usize].spec.topic
             ),
-            TopicFault::Speechless(id) => say!(
+            TopicFault::NoMessageYet(id) => say!(
                 "nothing came since {topic} is published again",
                 "nichts empfangen, seit {topic} wieder veröffentlicht wird",
                 topic = &*self.topics[id.0 as usize].spec.topic

@@ -1,4 +1,4 @@
-//! The snapshot as JSON for programs (`DESIGN.md` 4), written straight from the engine's types.
+//! The snapshot as JSON for programs, written straight from the engine's types.
 
 use std::collections::HashSet;
 use std::io::{self, ErrorKind, Write};

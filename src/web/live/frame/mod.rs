@@ -53,7 +53,7 @@ impl Frames {
         self.versions.observe(&published.snapshot)
     }
 
-    /// The snapshot as JSON (`DESIGN.md` 4).
+    /// The snapshot as JSON.
     pub fn json(&self, published: &Published) -> Utf8Bytes {
         let mut latest = self.json.lock().unwrap_or_else(PoisonError::into_inner);
         match &*latest {
