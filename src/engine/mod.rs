@@ -378,7 +378,7 @@ impl Engine {
             }
             self.views.set_causes(explained)
         });
-        if changed || self.alarms.active() != self.views.calling_count() {
+        if changed || self.alarms.active() != self.views.alarm_count() {
             self.follow_alarms();
         }
         if self.events.wanted() {

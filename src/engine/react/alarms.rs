@@ -151,7 +151,7 @@ impl Alarms {
                 }
             }
         }
-        for &(node, _) in roots.iter().filter(|(_, calls)| *calls) {
+        for &(node, _) in roots.iter().filter(|(_, sounds)| *sounds) {
             if let Entry::Vacant(slot) = active.entry(node) {
                 changed = true;
                 self.last_id += 1;

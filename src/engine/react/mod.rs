@@ -1,8 +1,8 @@
 //! Reactions to a fault: alarms, warnings to accept, countermeasures and their confirmation.
 
 pub(super) mod alarms;
-pub(super) mod calls;
 pub(super) mod confirmation;
 pub(super) mod held;
+pub(super) mod sounds;
 pub(super) mod unheard_requests;
 pub(super) mod warnings;

@@ -50,7 +50,7 @@ impl Views {
     }
 
     /// The number of root causes that raise an alarm.
-    pub(in crate::engine) fn calling_count(&self) -> usize {
+    pub(in crate::engine) fn alarm_count(&self) -> usize {
         self.roots.iter().filter(|root| !root.grace).count()
     }
 

@@ -8,7 +8,7 @@ use crate::engine::snapshot::{Alarm, Snapshot};
 use crate::engine::time::{Span, Timestamp};
 
 /// Alarms of one component within this time have one sound.
-const ONE_CALL: Span = Span::from_secs(5);
+const ONE_SOUND: Span = Span::from_secs(5);
 
 impl Snapshot {
     /// The numbers of the audible alarms among the active, unacknowledged ones: the oldest of each component,
@@ -27,14 +27,14 @@ impl Snapshot {
             let others = same.into_iter().flatten().filter(|it| it.node != alarm.node && it.overlaps(alarm));
             others.map(|it| it.id).fold(alarm.id, u64::min)
         };
-        let mut called: BTreeMap<NodeId, Timestamp> = BTreeMap::new();
+        let mut sounded: BTreeMap<NodeId, Timestamp> = BTreeMap::new();
         let mut numbers: Vec<u64> = Vec::new();
         for alarm in self.alarms.iter().filter(|alarm| alarm.active && !alarm.acknowledged) {
             let component = self.component(alarm.node);
-            let is_late = called.get(&component).is_none_or(|&before| alarm.raised >= before + ONE_CALL);
+            let is_late = sounded.get(&component).is_none_or(|&before| alarm.raised >= before + ONE_SOUND);
             let number = first(alarm);
             if is_late && !numbers.contains(&number) {
-                called.insert(component, alarm.raised);
+                sounded.insert(component, alarm.raised);
                 numbers.push(number);
             }
         }
