@@ -38,14 +38,14 @@ pub use permitted::permitted;
 pub use trends::Trends;
 pub use words::Lang;
 
-/// How ids of elements begin that stand in a panel behind a tile, and on a sheet.
+/// Prefixes of the ids of elements in the panels behind tiles, and on sheets.
 pub const DETAIL: &str = "detail-";
 pub const SHEET: &str = "all-";
 
-/// One element of the operator's page that changes by itself.
+/// One element of the operator's page that changes with the vehicle.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fragment {
-    /// The `id` of the element: the same for the same part of the vehicle, always.
+    /// The `id` of the element: always the same for the same part of the vehicle.
     pub id: String,
     /// The element, ready to be swapped in by its id.
     pub html: String,

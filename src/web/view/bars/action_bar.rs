@@ -71,7 +71,9 @@ fn of_stage(view: &View<'_>) -> NextStep {
     let snapshot = view.snapshot;
     let steps = view.lang.steps();
     match snapshot.stage {
-        Stage::Locked => NextStep::Watch { icon: "lock", title: view.words.next_locked, text: String::new() },
+        Stage::Locked => {
+            NextStep::Watch { icon: "lock", title: view.words.log_in_to_start, text: String::new() }
+        }
         Stage::Localizing if snapshot.localization.given.is_some() => locating(view),
         Stage::Localizing => {
             let all = stops(view);

@@ -29,7 +29,7 @@ pub struct Board {
     pub rows: usize,
     /// From what is depended upon to what depends.
     pub edges: Vec<(Tile, Tile)>,
-    /// The tile that contains each group; none for what is no component.
+    /// The tile that contains each group, if it is in one.
     pub(super) top: Vec<Option<Tile>>,
     /// The tile that contains each module.
     pub(super) module_top: Vec<Option<Tile>>,
@@ -55,7 +55,7 @@ impl Board {
         }
     }
 
-    /// The arrows that lead from root causes to the tiles they put aside.
+    /// The arrows that lead from root causes to the tiles that they mask.
     pub fn hot_edges(&self, snapshot: &Snapshot) -> Edges {
         let mut hot = Edges::new();
         for &id in &self.tiles {
@@ -201,7 +201,7 @@ fn layered(layers: &[usize], depth: usize, height: usize, edges: &[(Tile, Tile)]
         let members: Vec<Tile> = (0..layers.len()).filter(|&tile| layers[tile] == layer).collect();
         let mut free: Vec<usize> = (0..height).collect();
         for tile in members {
-            // Beside what it rests on, so that arrows run straight.
+            // Beside what it depends on, so that arrows run straight.
             let wanted = edges.iter().filter(|edge| edge.1 == tile && layers[edge.0] < layer);
             let wanted = wanted.map(|edge| places[edge.0].1).min().unwrap_or(0);
             let best = (0..free.len()).min_by_key(|&index| free[index].abs_diff(wanted)).unwrap_or(0);

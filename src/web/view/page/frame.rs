@@ -11,7 +11,7 @@ pub struct PageFrame {
     pub palette: &'static str,
     pub part: PagePart,
     pub words: &'static Words,
-    /// Both languages, for words that change their language, or must show, without a server.
+    /// Both languages, for words that must change their language without the server.
     pub both: [(&'static str, &'static Words); 2],
 }
 

@@ -33,12 +33,12 @@ struct OperatorHtml {
     countermeasure: String,
     causes: String,
     step: String,
-    /// Name, title in both languages, and content of what a button opens over the board.
+    /// The sheets that a button opens over the board: name, title in both languages, content.
     sheets: [(&'static str, InBoth, String); 3],
     user: String,
     steps: [(&'static str, &'static StepWords); 2],
     role: &'static str,
-    /// The path of each tile with what stands behind it.
+    /// The path of each tile with the panel behind it.
     panels: Vec<(String, String)>,
 }
 
@@ -79,7 +79,7 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
     })
 }
 
-/// A word of a part that is not swapped, in both languages.
+/// A word in both languages, for parts of the page that are not swapped.
 fn titles(word: fn(&StepWords) -> &'static str) -> InBoth {
     Lang::ALL.map(|lang| (lang.as_str(), word(lang.steps())))
 }

@@ -1,4 +1,4 @@
-//! Makes text from outside fit for a page. The templates escape it; this removes what escaping leaves:
+//! Cleans text from outside for a page. The templates escape it; here goes what escaping leaves:
 //! invisible characters, reversed direction, endless combining marks, endless length.
 
 use std::fmt::Write as _;
@@ -46,7 +46,7 @@ pub fn clean(text: &str, letters: usize) -> String {
     out
 }
 
-/// `text` as it is laid out, without what cannot be seen: for messages that draw with letters.
+/// `text` with its lines and spaces, without invisible characters: for messages that draw with letters.
 pub fn clean_lines(text: &str) -> String {
     let seen = |&letter: &char| letter == '\n' || !letter.is_control() && !is_invisible(letter);
     text.chars().filter(seen).collect()

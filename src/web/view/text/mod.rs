@@ -1,4 +1,4 @@
-//! Text for the pages: from outside, made fit to be shown; and how wide it is.
+//! Texts on the pages: texts from outside are cleaned, and the width of texts is estimated.
 
 mod clean;
 pub mod width;

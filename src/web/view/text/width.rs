@@ -3,15 +3,15 @@
 /// Height of a line of large and of small type on the reference display, in pixels.
 pub const LARGE: usize = 35;
 pub const SMALL: usize = 29;
-/// How many letters' heights a line of the list of causes is wide.
+/// The width of a line in the list of causes, in letter heights.
 pub const LARGE_EM: f64 = 9.86;
 pub const SMALL_EM: f64 = 13.1;
 /// The same for the action bar's list.
 pub const SMALL_EM_BAR: f64 = 19.0;
-/// And with one more button beside it.
+/// The same with one more button beside it.
 pub const SMALL_EM_BAR_NARROW: f64 = 13.0;
 
-/// How many lines a text takes where one is `em` wide: broken at words, in the embedded font.
+/// The number of lines of a text, if a line is `em` wide and breaks at words, in the embedded font.
 pub fn lines(text: &str, em: f64, most: usize) -> usize {
     let widths = if em <= LARGE_EM { &BOLD } else { &PLAIN };
     let space = width(' ', widths);

@@ -10,7 +10,6 @@ use crate::engine::time::how_long;
 words! {
     StepWords;
     where_is_it: "Where is the vehicle?", "Wo steht das Fahrzeug?";
-    choose_stop: "Choose the stop at which it stands.", "Haltestelle wählen, an der es steht.";
     no_stops: "The configuration names no stops.", "Die Konfiguration nennt keine Haltestellen.";
     locating: "Checking the position", "Position wird geprüft";
     locating_long: "Nothing yet? Choose the stop again.", "Noch nichts? Haltestelle erneut wählen.";

@@ -44,15 +44,7 @@ words! {
     cleared: "Cleared", "Freigegeben";
     driving: "Driving", "Fährt";
 
-    next_locked: "Log in to start.", "Zum Starten anmelden.";
-    next_localizing: "Waits for the position of the vehicle.", "Wartet auf die Position des Fahrzeugs.";
-    next_ready: "Ready. Waits for the mission to start driving.", "Bereit. Wartet, bis die Mission die Fahrt beginnt.";
-    next_not_ready: "Not ready to drive. See what is wrong.", "Nicht fahrbereit. Siehe Störungen.";
-    next_silent: "Not ready to drive. Not every component reports.", "Nicht fahrbereit. Nicht alle Komponenten melden sich.";
-    next_cleared: "Cleared. The vehicle may start at any moment.", "Freigegeben. Das Fahrzeug kann jederzeit anfahren.";
-    next_driving: "Drives by itself. Watch the road.", "Fährt selbst. Straße beobachten.";
-    next_driving_unknown: "Drives by itself, state unknown. Be ready to take over.", "Fährt selbst, Zustand unbekannt. Bereit sein zu übernehmen.";
-    next_driving_error: "Drives by itself, with an error. Be ready to take over.", "Fährt selbst, mit Fehler. Bereit sein zu übernehmen.";
+    log_in_to_start: "Log in to start.", "Zum Starten anmelden.";
 
     not_locked: "locked", "gesperrt";
     not_localized: "not yet localized", "noch nicht lokalisiert";
@@ -173,22 +165,6 @@ impl Lang {
             (Stage::Standby, _) => words.ready,
             (Stage::Cleared, _) => words.cleared,
             (Stage::Active, _) => words.driving,
-        }
-    }
-
-    /// What the stage waits for, for the action bar.
-    pub fn next(self, stage: Stage, overall: State) -> &'static str {
-        let words = self.words();
-        match (stage, overall) {
-            (Stage::Locked, _) => words.next_locked,
-            (Stage::Localizing, _) => words.next_localizing,
-            (Stage::Standby, State::Error) => words.next_not_ready,
-            (Stage::Standby, State::Unknown) => words.next_silent,
-            (Stage::Standby, _) => words.next_ready,
-            (Stage::Cleared, _) => words.next_cleared,
-            (Stage::Active, State::Error) => words.next_driving_error,
-            (Stage::Active, State::Unknown) => words.next_driving_unknown,
-            (Stage::Active, _) => words.next_driving,
         }
     }
 
@@ -411,8 +387,6 @@ mod tests {
         for lang in Lang::ALL {
             for state in [State::Error, State::Unknown] {
                 assert_ne!(lang.stage(Stage::Standby, state), lang.words().ready);
-                assert_ne!(lang.next(Stage::Standby, state), lang.words().next_ready);
-                assert_ne!(lang.next(Stage::Active, state), lang.words().next_driving);
             }
         }
     }
