@@ -1,4 +1,4 @@
-//! Hands events on to a history, without ever waiting for it.
+//! Passes the engine's events to the history, without ever waiting for it. It records no messages.
 
 use std::sync::mpsc::{SyncSender, TrySendError};
 
