@@ -7,7 +7,7 @@ use telltale::engine::Engine;
 use telltale::engine::input::{Input, OperatorAction, StatusArray};
 use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::{
-    Combine, Dependency, DependsOn, Driving, GroupId, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec,
+    Combine, Dependency, DependsOn, Driving, GroupId, GroupSpec, Limits, Model, ModuleMonitor, ModuleSpec,
     NodeId, Parts, Policy, StageModel,
 };
 use telltale::engine::text::Text;
@@ -47,7 +47,7 @@ pub fn model(modules: usize) -> Arc<Model> {
             policy: Policy { timeout: Span::from_secs(3600), ..Policy::default() },
             when: None,
             depends_on: Vec::new(),
-            monitor: MonitorSpec::SelfState { status: name(index).into() },
+            monitor: ModuleMonitor::SelfState(name(index).into()),
         }
     };
     let parts = Parts {

@@ -19,7 +19,7 @@ pub fn model() -> Model {
     let topics: Vec<Arc<TopicSpec>> = (0..TOPICS).map(topic).collect();
     parts.watched = Watched { topics, ..Watched::default() };
     for (index, module) in parts.modules.iter_mut().enumerate() {
-        module.monitor = monitor(index);
+        module.monitor = monitor(index).into();
     }
     Model::new(parts).expect("monitors depend on nothing")
 }

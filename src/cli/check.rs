@@ -213,7 +213,7 @@ fn group_text(out: &mut String, model: &Model, id: GroupId, depth: usize) {
         };
         let facts = std::iter::once(monitor).chain(policy).collect::<Vec<_>>().join(", ");
         let _ = writeln!(out, "{pad}  - {}{name}: {facts}", module.id);
-        conditions(out, model, &format!("{pad}    "), &module.depends_on, module.when.as_ref());
+        conditions(out, model, &format!("{pad}    "), &module.depends_on, module.when.as_deref());
     }
     let inside = model.groups.iter().enumerate().filter(|(_, inner)| inner.parent == Some(id));
     for (index, _) in inside {

@@ -121,7 +121,8 @@ impl Kinds<'_> {
     fn misfits(&self) -> Vec<(ModelPlace, String, String)> {
         let mut found = Vec::new();
         for (id, module) in (0..).map(ModuleId).zip(&self.model.modules) {
-            let mut problems = match &module.monitor {
+            let Some(monitor) = module.monitor.other() else { continue };
+            let mut problems = match monitor {
                 MonitorSpec::Value { source, rule: ValueRule::Bands(_) } => {
                     self.no_number(source).into_iter().collect::<Vec<_>>()
                 }
@@ -136,10 +137,10 @@ impl Kinds<'_> {
                 | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(_), .. } => {
                     [a, b].into_iter().filter_map(|source| self.no_number(source)).collect()
                 }
-                monitor @ MonitorSpec::Expression { .. } => self.unanswered(monitor),
+                MonitorSpec::Expression { .. } => self.unanswered(monitor),
                 _ => Vec::new(),
             };
-            problems.extend(self.beyond(&module.monitor));
+            problems.extend(self.beyond(monitor));
             let name = &module.id;
             found.extend(
                 problems

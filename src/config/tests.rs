@@ -157,8 +157,7 @@ fn the_shuttle_is_valid() {
     assert_eq!(tiles.count(), 8);
     loaded.model.modules.iter().for_each(check_words);
     // It is the example of what can be diagnosed: every kind is in it.
-    let kinds: BTreeSet<_> =
-        loaded.model.modules.iter().map(|it| format!("{:?}", std::mem::discriminant(&it.monitor))).collect();
+    let kinds: BTreeSet<_> = loaded.model.modules.iter().map(|it| it.monitor.kind()).collect();
     assert_eq!(kinds.len(), file::monitors::KINDS.len());
 }
 

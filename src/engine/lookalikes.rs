@@ -4,7 +4,7 @@
 use super::Engine;
 use super::model::filter::Filter;
 use super::model::monitors::ValueSource;
-use super::model::{GroupId, ModuleId, MonitorSpec};
+use super::model::{GroupId, ModuleId, ModuleMonitor};
 use super::monitor::{Feed, cut, feeds};
 use super::text::Text;
 use super::text::say;
@@ -65,8 +65,8 @@ fn nothing_matches(heard: &str) -> Text {
 }
 
 /// The names of the statuses that a monitor reads.
-fn statuses(monitor: &MonitorSpec) -> impl Iterator<Item = &str> {
-    let keys = feeds(monitor).into_iter().filter_map(|feed| match feed {
+fn statuses(monitor: &ModuleMonitor) -> impl Iterator<Item = &str> {
+    let keys = monitor.other().into_iter().flat_map(feeds).filter_map(|feed| match feed {
         Feed::Values(ValueSource::Key { status, .. }) => Some(&**status),
         Feed::Values(ValueSource::Field { .. }) | Feed::Messages(_) => None,
     });

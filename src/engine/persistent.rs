@@ -75,7 +75,7 @@ impl<T: Clone> PersistentVec<T> {
 
     pub fn push(&mut self, item: T) {
         if self.len == WIDTH << self.shift {
-            let old = std::mem::replace(&mut self.root, Arc::new(Node::Branch(Vec::with_capacity(WIDTH))));
+            let old = std::mem::replace(&mut self.root, Arc::new(Node::Branch(room())));
             if let Node::Branch(children) = Arc::make_mut(&mut self.root) {
                 children.push(old);
             }
@@ -91,8 +91,9 @@ impl<T: Clone> PersistentVec<T> {
                 Node::Branch(children) => {
                     let slot = (index >> shift) & (WIDTH - 1);
                     if slot == children.len() {
-                        let empty =
-                            if shift == BITS { Node::Leaf(Vec::new()) } else { Node::Branch(Vec::new()) };
+                        // Room for all entries from the start: a list that grows leaves holes behind.
+                        let is_leaf = shift == BITS;
+                        let empty = if is_leaf { Node::Leaf(room()) } else { Node::Branch(room()) };
                         children.push(Arc::new(empty));
                     }
                     node = &mut children[slot];
@@ -101,6 +102,10 @@ impl<T: Clone> PersistentVec<T> {
             shift = shift.saturating_sub(BITS);
         }
     }
+}
+
+fn room<T>() -> Vec<T> {
+    Vec::with_capacity(WIDTH)
 }
 
 /// Shared nodes are not compared. Two vectors of equal length have nodes of equal shape.

@@ -165,7 +165,7 @@ fn modules(old: &Model, new: &Model, found: &mut Vec<Difference>) {
             ("name", wording(name.as_deref(), Wording::name)),
             ("help", wording(help.as_deref(), Wording::help)),
             ("policy", words::policy(policy)),
-            ("when", condition(model, when.as_ref())),
+            ("when", condition(model, when.as_deref())),
             ("depends_on", dependencies(model, depends_on)),
             ("monitor", words::monitor(model, monitor)),
         ]

@@ -21,7 +21,7 @@ use super::file;
 use super::file::publishing::RawPublishing;
 use crate::engine::model::wording::Wording;
 use crate::engine::model::{
-    Combine, Driving, GroupSpec, Limits, Model, ModuleSpec, MonitorSpec, NodeId, NodeNames, Parts, Policy,
+    Combine, Driving, GroupSpec, Limits, Model, ModuleMonitor, ModuleSpec, NodeId, NodeNames, Parts, Policy,
     StageModel, Stop,
 };
 use crate::engine::text::Text;
@@ -273,7 +273,7 @@ fn modules(
         let depends_on = relations::depends_on(names, NodeId::Module(id), &raw.depends_on, log);
         // Without a monitor the model is discarded; the module keeps its index so that cycles are found.
         let monitor = raw.monitor.as_ref().and_then(|monitor| monitors::resolve(monitor, topics, log));
-        let by_the_clock = monitor.as_ref().is_some_and(MonitorSpec::by_the_clock);
+        let by_the_clock = monitor.as_ref().is_some_and(ModuleMonitor::by_the_clock);
         if let Some(forget_after) = raw.policy.forget_after.filter(|_| by_the_clock) {
             let problem =
                 Problem::at(forget_after.span, "this monitor judges by the clock: it is never silent");
@@ -290,9 +290,9 @@ fn modules(
             help: raw.help.as_ref().map(|help| help.resolve(Wording::help).into()),
             group: module.group,
             policy: Policy { writers, ..policy },
-            when,
+            when: when.map(Box::new),
             depends_on,
-            monitor: monitor.unwrap_or_else(|| MonitorSpec::SelfState { status: "".into() }),
+            monitor: monitor.unwrap_or_else(|| ModuleMonitor::SelfState("".into())),
         });
     }
     names::check_statuses(names, log);

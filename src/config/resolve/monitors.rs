@@ -3,7 +3,7 @@
 use super::topics::Topics;
 use crate::config::expression;
 use crate::config::file::monitors::{Expression, Monitor, Source};
-use crate::engine::model::monitors::{MonitorSpec, ValueSource, WatchdogSpec};
+use crate::engine::model::monitors::{ModuleMonitor, MonitorSpec, ValueSource, WatchdogSpec};
 use crate::yaml::{Log, Problem, Span};
 
 /// The monitor of the model; `None` if the log has the reason.
@@ -11,10 +11,10 @@ pub(in crate::config) fn resolve(
     monitor: &Monitor,
     topics: &mut Topics,
     log: &mut Log,
-) -> Option<MonitorSpec> {
-    Some(match monitor {
+) -> Option<ModuleMonitor> {
+    let spec = match monitor {
         Monitor::SelfState { status } => {
-            MonitorSpec::SelfState { status: status.as_ref()?.value.as_str().into() }
+            return Some(ModuleMonitor::SelfState(status.as_ref()?.value.as_str().into()));
         }
         Monitor::External { status, class } => {
             MonitorSpec::External { status: status.as_ref()?.value.as_str().into(), class: *class }
@@ -52,8 +52,9 @@ pub(in crate::config) fn resolve(
             let (max_age, motion_over, rule) = (*max_age, *motion_over, rule.clone());
             MonitorSpec::Agreement { a, b, max_age, motion_over, rule }
         }
-        Monitor::Expression(expression) => return resolve_expression(expression, topics, log),
-    })
+        Monitor::Expression(expression) => resolve_expression(expression, topics, log)?,
+    };
+    Some(spec.into())
 }
 
 fn span_of(source: &Source) -> Span {

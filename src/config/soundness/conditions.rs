@@ -13,7 +13,9 @@ pub(super) fn look(model: &Model) -> Vec<Finding> {
         if class.column().is_none() {
             find(FindingKind::NoColumn { flow: class.flow.is_some() });
         }
-        let MonitorSpec::Expression { inputs, warning, error, .. } = &module.monitor else { continue };
+        let Some(MonitorSpec::Expression { inputs, warning, error, .. }) = module.monitor.other() else {
+            continue;
+        };
         let mut used = Vec::new();
         for condition in [error, warning].into_iter().flatten() {
             let named = expression::named(condition);

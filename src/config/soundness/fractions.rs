@@ -19,7 +19,7 @@ const FRACTIONS: [(&str, &str); 7] = [
 
 pub(super) fn look(model: &Model) -> Vec<Finding> {
     let modules = model.modules.iter().zip((0..).map(ModuleId)).filter_map(|(module, id)| {
-        let (field, limit) = percent(model, &module.monitor)?;
+        let (field, limit) = percent(model, module.monitor.other()?)?;
         let what = FindingKind::PercentLimit { signal: None, field, limit };
         Some(Finding { node: NodeId::Module(id), what, example: None })
     });

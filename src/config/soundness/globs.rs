@@ -5,7 +5,7 @@ use super::{Finding, FindingKind};
 use crate::config::glob::{as_regex, is_glob};
 use crate::engine::model::filter::Filter;
 use crate::engine::model::monitors::{AgreementRule, ValueSource};
-use crate::engine::model::{GroupId, Model, ModuleId, MonitorSpec, NodeId};
+use crate::engine::model::{GroupId, Model, ModuleId, ModuleMonitor, MonitorSpec, NodeId};
 
 pub(super) fn look(model: &Model) -> Vec<Finding> {
     let mut found = Vec::new();
@@ -27,7 +27,11 @@ pub(super) fn look(model: &Model) -> Vec<Finding> {
         }
     }
     for (module, id) in model.modules.iter().zip((0..).map(ModuleId)) {
-        for text in statuses(&module.monitor).into_iter().filter(|text| is_glob(text)) {
+        let texts = match &module.monitor {
+            ModuleMonitor::SelfState(status) => vec![&**status],
+            ModuleMonitor::Other(spec) => statuses(spec),
+        };
+        for text in texts.into_iter().filter(|text| is_glob(text)) {
             find(NodeId::Module(id), None, text, None);
         }
     }

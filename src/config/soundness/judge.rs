@@ -107,7 +107,7 @@ impl<'m> Judge<'m> {
     pub fn when(&self, node: NodeId) -> Option<&'m When> {
         match node {
             NodeId::Group(id) => self.model.groups[id.0 as usize].when.as_ref(),
-            NodeId::Module(id) => self.model.modules[id.0 as usize].when.as_ref(),
+            NodeId::Module(id) => self.model.modules[id.0 as usize].when.as_deref(),
         }
     }
 

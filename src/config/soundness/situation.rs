@@ -41,7 +41,7 @@ pub fn named_in(model: &Model) -> BTreeSet<usize> {
 
 fn whens(model: &Model) -> impl Iterator<Item = &When> {
     let groups = model.groups.iter().filter_map(|group| group.when.as_ref());
-    groups.chain(model.modules.iter().filter_map(|module| module.when.as_ref()))
+    groups.chain(model.modules.iter().filter_map(|module| module.when.as_deref()))
 }
 
 /// The signals in these conditions.

@@ -15,7 +15,9 @@ fn text(condition: &str) -> String {
 
 fn condition(condition: &str) -> Condition {
     let loaded = parse("c", &text(condition)).unwrap_or_else(|problems| panic!("{problems}"));
-    let MonitorSpec::Expression { error, .. } = &loaded.model.modules[0].monitor else { panic!() };
+    let Some(MonitorSpec::Expression { error, .. }) = loaded.model.modules[0].monitor.other() else {
+        panic!()
+    };
     error.clone().unwrap()
 }
 
@@ -309,7 +311,7 @@ proptest::proptest! {
         match parse("c", &text(&format!("\"{written}\""))) {
             Err(problems) => assert!(!problems.render(false).is_empty()),
             Ok(loaded) => {
-                let MonitorSpec::Expression { error, .. } = &loaded.model.modules[0].monitor else { panic!() };
+                let Some(MonitorSpec::Expression { error, .. }) = loaded.model.modules[0].monitor.other() else { panic!() };
                 let _ = error.clone().unwrap().holds(&values());
             }
         }

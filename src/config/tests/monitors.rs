@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::config::describe::words;
+use crate::engine::model::MonitorSpec;
 use crate::engine::model::monitors::{FieldKind, ProbeTarget, ValueSource};
 
 /// One monitor, whose text begins in column 3 of line 5.
@@ -110,8 +111,8 @@ fn what_is_watched_stands_in_the_model_once() {
     assert_eq!((&*t.topic, t.stamp, &*u.topic, u.stamp), ("/t", true, "/u", false));
     let paths: Vec<_> = t.fields.iter().map(|field| (&*field.path, field.kind)).collect();
     assert_eq!(paths, [("x", FieldKind::Scalar), ("y", FieldKind::Scalar)]);
-    let fields = loaded.model.modules.iter().filter_map(|module| match &module.monitor {
-        crate::engine::model::MonitorSpec::Value { source: ValueSource::Field { topic, field }, .. } => {
+    let fields = loaded.model.modules.iter().filter_map(|module| match module.monitor.other() {
+        Some(MonitorSpec::Value { source: ValueSource::Field { topic, field }, .. }) => {
             Some((topic.0, *field))
         }
         _ => None,

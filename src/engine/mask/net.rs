@@ -290,7 +290,7 @@ impl Net {
         let parent = self.modules[index].node.parent;
         let spec = self.model.modules.get(index);
         let not_relevant =
-            self.not_relevant(parent, spec.and_then(|spec| spec.when.as_ref()), stage, signals);
+            self.not_relevant(parent, spec.and_then(|spec| spec.when.as_deref()), stage, signals);
         let around_blocked = parent.is_some_and(|id| self.groups[id.0 as usize].node.facts.blocked);
         let policy = self.policy(id).clone();
         let policy = &policy;

@@ -16,8 +16,8 @@ use super::state::State;
 use super::time::Span;
 use countermeasure::Rule;
 use filter::Filter;
-pub use monitors::MonitorSpec;
 use monitors::Watched;
+pub use monitors::{ModuleMonitor, MonitorSpec};
 use order::{Cycle, Order, Visit};
 use output::Output;
 use wording::Wording;
@@ -283,9 +283,9 @@ pub struct ModuleSpec {
     pub help: Option<Arc<Wording>>,
     pub group: GroupId,
     pub policy: Policy,
-    pub when: Option<When>,
+    pub when: Option<Box<When>>,
     pub depends_on: Vec<Dependency>,
-    pub monitor: MonitorSpec,
+    pub monitor: ModuleMonitor,
 }
 
 /// Bounds on all inputs.

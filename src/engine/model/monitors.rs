@@ -167,14 +167,18 @@ pub enum AgreementRule {
     Positions { count: Bands, nearest: Bands },
 }
 
-/// The monitor of a module.
+/// What judges a module. Most modules judge themselves, so all other monitors are stored apart.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ModuleMonitor {
+    /// The level in the status of exactly this name.
+    SelfState(Arc<str>),
+    Other(Box<MonitorSpec>),
+}
+
+/// A monitor that is not the module itself.
 #[derive(Debug, Clone, PartialEq)]
 pub enum MonitorSpec {
-    /// The level in the status of exactly this name.
-    SelfState {
-        status: Arc<str>,
-    },
-    /// The same, from a domain-specific module elsewhere, which has a class of its own.
+    /// The level in the status of a domain-specific module elsewhere, which has a class of its own.
     External {
         status: Arc<str>,
         class: Class,
@@ -234,11 +238,35 @@ pub enum MonitorSpec {
     },
 }
 
-impl MonitorSpec {
+impl From<MonitorSpec> for ModuleMonitor {
+    fn from(spec: MonitorSpec) -> ModuleMonitor {
+        ModuleMonitor::Other(Box::new(spec))
+    }
+}
+
+impl ModuleMonitor {
+    /// The monitor, unless the module judges itself.
+    pub fn other(&self) -> Option<&MonitorSpec> {
+        match self {
+            ModuleMonitor::SelfState(_) => None,
+            ModuleMonitor::Other(spec) => Some(spec),
+        }
+    }
+
     /// The status whose level is the module's report. No other module declares it.
     pub fn status(&self) -> Option<&Arc<str>> {
         match self {
-            MonitorSpec::SelfState { status } | MonitorSpec::External { status, .. } => Some(status),
+            ModuleMonitor::SelfState(status) => Some(status),
+            ModuleMonitor::Other(spec) => spec.status(),
+        }
+    }
+}
+
+impl MonitorSpec {
+    /// The status whose level is the module's report.
+    pub fn status(&self) -> Option<&Arc<str>> {
+        match self {
+            MonitorSpec::External { status, .. } => Some(status),
             MonitorSpec::Frequency { .. }
             | MonitorSpec::Latency { .. }
             | MonitorSpec::Value { .. }

@@ -164,9 +164,10 @@ impl Watching {
             ..Watching::default()
         };
         for (index, module) in model.modules.iter().enumerate() {
-            if let Some(monitor) = Monitor::new(&module.monitor, &model.watched) {
+            let spec = module.monitor.other();
+            if let Some((spec, monitor)) = spec.and_then(|it| Some((it, Monitor::new(it, &model.watched)?))) {
                 watching.of_module[index] = Some(watching.watches.len() as u32);
-                watching.add(Purpose::Module(ModuleId(index as u32)), &module.monitor, monitor);
+                watching.add(Purpose::Module(ModuleId(index as u32)), spec, monitor);
             }
         }
         for (index, signal) in model.signals.iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use crate::engine::model::monitors::Class;
 use crate::engine::model::monitors::{
-    FieldSpec, MonitorSpec, TopicId, ValueSource, WatchdogId, WatchdogSpec, Watched,
+    FieldSpec, ModuleMonitor, MonitorSpec, TopicId, ValueSource, WatchdogId, WatchdogSpec, Watched,
 };
 
 const fn class(location: &'static str, information: &'static str, flow: Option<&'static str>) -> Class {
@@ -12,11 +12,45 @@ const fn class(location: &'static str, information: &'static str, flow: Option<&
 /// A topic without its index: its name, its type, and the field that is read.
 type TopicMeaning<'a> = (&'a str, &'a str, Option<&'a FieldSpec>);
 
+/// The class of a module that judges itself.
+const SELF_STATE: Class = class("isolated", "content", None);
+
+impl ModuleMonitor {
+    /// Its kind, as in the configuration.
+    pub fn kind(&self) -> &'static str {
+        self.other().map_or("self_state", MonitorSpec::kind)
+    }
+
+    /// Its class in the paper's classification.
+    pub fn class(&self) -> Class {
+        self.other().map_or(SELF_STATE, MonitorSpec::class)
+    }
+
+    /// Whether the monitor itself judges silence, so that the module's timeout has no effect.
+    pub fn by_the_clock(&self) -> bool {
+        self.other().is_some_and(MonitorSpec::by_the_clock)
+    }
+
+    /// Whether it judges the same sources in the same way, whatever their indices are.
+    pub(in crate::engine) fn means_the_same(
+        &self,
+        watched: &Watched,
+        other: &ModuleMonitor,
+        others: &Watched,
+    ) -> bool {
+        match (self, other) {
+            (ModuleMonitor::Other(spec), ModuleMonitor::Other(other)) => {
+                spec.means_the_same(watched, other, others)
+            }
+            _ => self == other,
+        }
+    }
+}
+
 impl MonitorSpec {
     /// Its kind, as in the configuration.
     pub fn kind(&self) -> &'static str {
         match self {
-            MonitorSpec::SelfState { .. } => "self_state",
             MonitorSpec::External { .. } => "external",
             MonitorSpec::Frequency { .. } => "frequency",
             MonitorSpec::Latency { .. } => "latency",
@@ -32,7 +66,7 @@ impl MonitorSpec {
     /// Its class in the paper's classification.
     pub fn class(&self) -> Class {
         match self {
-            MonitorSpec::SelfState { .. } | MonitorSpec::Value { .. } => class("isolated", "content", None),
+            MonitorSpec::Value { .. } => SELF_STATE,
             MonitorSpec::Frequency { .. } | MonitorSpec::Latency { .. } | MonitorSpec::Watchdog { .. } => {
                 class("isolated", "meta", None)
             }
@@ -49,8 +83,7 @@ impl MonitorSpec {
             MonitorSpec::Frequency { .. } | MonitorSpec::RateRatio { .. } | MonitorSpec::Watchdog { .. } => {
                 true
             }
-            MonitorSpec::SelfState { .. }
-            | MonitorSpec::External { .. }
+            MonitorSpec::External { .. }
             | MonitorSpec::Latency { .. }
             | MonitorSpec::Value { .. }
             | MonitorSpec::Sequence { .. }
@@ -83,7 +116,7 @@ impl MonitorSpec {
         let mut probe = None;
         let mut values: Vec<&mut ValueSource> = Vec::new();
         match &mut bare {
-            MonitorSpec::SelfState { .. } | MonitorSpec::External { .. } => {}
+            MonitorSpec::External { .. } => {}
             MonitorSpec::Frequency { topic, .. } | MonitorSpec::Latency { topic, .. } => name_topic(topic),
             MonitorSpec::RateRatio { input, output, .. } => {
                 name_topic(input);

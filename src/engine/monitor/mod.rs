@@ -57,9 +57,7 @@ pub(super) enum Feed<'a> {
 /// The sources of a monitor, by slot. A watchdog has none.
 pub(super) fn feeds(spec: &MonitorSpec) -> Vec<Feed<'_>> {
     match spec {
-        MonitorSpec::SelfState { .. } | MonitorSpec::External { .. } | MonitorSpec::Watchdog { .. } => {
-            Vec::new()
-        }
+        MonitorSpec::External { .. } | MonitorSpec::Watchdog { .. } => Vec::new(),
         MonitorSpec::Frequency { topic, .. } | MonitorSpec::Latency { topic, .. } => {
             vec![Feed::Messages(*topic)]
         }
@@ -95,7 +93,7 @@ impl Monitor {
     pub(super) fn new(spec: &MonitorSpec, watched: &Watched) -> Option<Monitor> {
         let one = |source, max_age| Inputs::new([("".into(), source)].into_iter(), watched, max_age);
         Some(match spec {
-            MonitorSpec::SelfState { .. } | MonitorSpec::External { .. } => return None,
+            MonitorSpec::External { .. } => return None,
             MonitorSpec::Frequency { window, bands, .. } => {
                 Monitor::Frequency(Frequency::new(*window, *bands))
             }

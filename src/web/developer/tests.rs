@@ -17,7 +17,7 @@ use crate::engine::model::monitors::{
     AgreementRule, Bands, ProbeTarget, TopicId, TopicSpec, ValueRule, ValueSource, WatchdogId, WatchdogSpec,
     Watched,
 };
-use crate::engine::model::{ModuleSpec, MonitorSpec, NodeId};
+use crate::engine::model::{ModuleMonitor, ModuleSpec, MonitorSpec, NodeId};
 use crate::engine::state::State;
 use crate::engine::time::Span;
 use crate::runtime::{ConfigurationText, Rereading};
@@ -222,7 +222,6 @@ fn techniques_are_of_components_or_of_data_streams() {
         MonitorSpec::Frequency { topic, window, bands },
         MonitorSpec::Latency { topic, window, bands },
         MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: 1, bands: Bands::default() },
-        MonitorSpec::SelfState { status: "t".into() },
         MonitorSpec::Value { source: key("k"), rule: ValueRule::Bands(bands) },
         MonitorSpec::RateRatio { input: topic, output: topic, window, bands },
         MonitorSpec::External { status: status(), class: class("contextual", "content", Some("sequential")) },
@@ -238,7 +237,8 @@ fn techniques_are_of_components_or_of_data_streams() {
     let target = ProbeTarget::Icmp { host: "lidar".into() };
     let topic =
         TopicSpec { topic: "/t".into(), type_name: "a/msg/B".into(), stamp: true, fields: Vec::new() };
-    let modules = monitors.into_iter().map(|monitor| {
+    let monitors = monitors.into_iter().map(ModuleMonitor::from);
+    let modules = monitors.chain([ModuleMonitor::SelfState("t".into())]).map(|monitor| {
         let name = monitor.kind();
         ModuleSpec { monitor, ..module("sensors", 0, name) }
     });

@@ -11,7 +11,8 @@ use telltale::engine::model::filter::Filter;
 use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::{
     Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Match, Model, ModuleId,
-    ModuleSpec, MonitorSpec, NodeId, Other, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel, When,
+    ModuleMonitor, ModuleSpec, NodeId, Other, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel,
+    When,
 };
 use telltale::engine::state::State;
 use telltale::engine::text::Text;
@@ -77,9 +78,9 @@ pub fn parts(choices: &mut Choices<'_>) -> Parts {
             help: None,
             group,
             policy: policy(choices),
-            when: when(choices),
+            when: when(choices).map(Box::new),
             depends_on: Vec::new(),
-            monitor: MonitorSpec::SelfState { status: format!("s{}", choices.below(9)).into() },
+            monitor: ModuleMonitor::SelfState(format!("s{}", choices.below(9)).into()),
         });
     }
     for _ in 0..choices.below(10) {

@@ -9,7 +9,7 @@ use telltale::engine::event::EventKind;
 use telltale::engine::input::{AlarmRef, Input, OperatorAction, Place, Refusal, Response, StatusArray};
 use telltale::engine::model::countermeasure::{Request, Rule};
 use telltale::engine::model::{
-    GroupId, Model, ModuleId, ModuleSpec, MonitorSpec, NodeId, Policy, SignalSpec, Stage, StageModel, When,
+    GroupId, Model, ModuleId, ModuleMonitor, ModuleSpec, NodeId, Policy, SignalSpec, Stage, StageModel, When,
 };
 use telltale::engine::restart::resume::Restored;
 use telltale::engine::snapshot::{Countermeasure, Snapshot};
@@ -180,7 +180,7 @@ fn simple_vehicle(choices: &mut Choices<'_>) -> Model {
         policy: Policy::default(),
         when: None,
         depends_on: Vec::new(),
-        monitor: MonitorSpec::SelfState { status: "s0".into() },
+        monitor: ModuleMonitor::SelfState("s0".into()),
     });
     let goal =
         SignalSpec { name: "goal".into(), present_for: Some(Span::from_secs(5)), ..parts.signals[0].clone() };

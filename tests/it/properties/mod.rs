@@ -21,7 +21,9 @@ use proptest::strategy::ValueTree as _;
 use telltale::engine::Engine;
 use telltale::engine::event::EventKind;
 use telltale::engine::input::{Input, NodeOf, StatusArray, WriterList};
-use telltale::engine::model::{Combine, GroupId, Model, ModuleId, MonitorSpec, NodeId, Other, POSED_SIGNAL};
+use telltale::engine::model::{
+    Combine, GroupId, Model, ModuleId, ModuleMonitor, NodeId, Other, POSED_SIGNAL,
+};
 use telltale::engine::snapshot::{NotRelevant, Path, Reason, Snapshot};
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
@@ -157,7 +159,7 @@ proptest! {
             if rank(is) < rank(was) {
                 // What the display says of itself, and what is made at run time, the tiles below hold.
                 let Some(spec) = model.modules.get(id.0 as usize) else { continue };
-                let reads_values = !matches!(spec.monitor, MonitorSpec::SelfState { .. });
+                let reads_values = !matches!(spec.monitor, ModuleMonitor::SelfState(_));
                 prop_assert!(reads_values, "{} itself went from {was} to {is}", spec.id);
                 // Values count with the ERROR that did not count with the OK, beside a WARNING of somebody else.
                 return Ok(());

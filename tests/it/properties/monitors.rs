@@ -48,7 +48,7 @@ pub fn watch(parts: &mut Parts, choices: &mut Choices<'_>) {
     };
     for module in &mut parts.modules {
         if choices.one_in(2) {
-            module.monitor = monitor(choices);
+            module.monitor = monitor(choices).into();
         }
         if choices.one_in(3) {
             module.policy.no_publisher = State::Error;
@@ -220,7 +220,7 @@ impl History<'_> {
                 |&topic: &TopicId| self.news(topic).is_none() && self.samples(topic).next().is_none();
             blind(topics).or_else(|| topics.iter().any(unheard).then_some(no_publisher)).unwrap_or(State::Ok)
         };
-        let state = match &spec.monitor {
+        let state = match spec.monitor.other()? {
             MonitorSpec::Frequency { topic, window, bands } => {
                 let blind = by_the_clock(&[*topic]);
                 let wrong_type = self.wrong_type(*topic);

@@ -63,7 +63,7 @@ impl<'a> Oracle<'a> {
     fn when(&self, node: NodeId) -> Option<&'a When> {
         match node {
             NodeId::Group(id) => self.model.groups.get(id.0 as usize)?.when.as_ref(),
-            NodeId::Module(id) => self.model.modules.get(id.0 as usize)?.when.as_ref(),
+            NodeId::Module(id) => self.model.modules.get(id.0 as usize)?.when.as_deref(),
         }
     }
 

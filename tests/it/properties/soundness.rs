@@ -10,7 +10,7 @@ use telltale::config::soundness::situation::{self, Situation};
 use telltale::config::soundness::{Finding, FindingKind, look};
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, OperatorAction, Place, StatusArray};
-use telltale::engine::model::{GroupId, Model, ModuleId, MonitorSpec, NodeId, Parts, Stage, StageModel};
+use telltale::engine::model::{GroupId, Model, ModuleId, ModuleMonitor, NodeId, Parts, Stage, StageModel};
 use telltale::engine::snapshot::{Reason, Snapshot};
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
@@ -29,7 +29,7 @@ fn config() -> ProptestConfig {
 fn parts(numbers: &[u32]) -> Parts {
     let mut parts = cases::parts(&mut Choices::new(numbers));
     for module in &mut parts.modules {
-        let MonitorSpec::SelfState { status } = &mut module.monitor else { continue };
+        let ModuleMonitor::SelfState(status) = &mut module.monitor else { continue };
         let number = status[1..].parse::<usize>().expect("named s0 to s8");
         *status = format!("s{}", number % 4).into();
     }
@@ -238,19 +238,15 @@ fn told(snapshot: &Snapshot, node: NodeId) -> (State, Vec<NodeId>) {
 /// What can never mask, and a condition that changes nothing, can be left out.
 fn without(parts: &Parts, model: &Arc<Model>, finding: &Finding) {
     let mut less = parts.clone();
-    let (depends_on, when) = match finding.node {
-        NodeId::Group(id) => {
-            let group = &mut less.groups[id.0 as usize];
-            (&mut group.depends_on, &mut group.when)
+    match (&finding.what, finding.node) {
+        (FindingKind::DeadDependency { dependency, .. }, NodeId::Group(id)) => {
+            less.groups[id.0 as usize].depends_on.remove(*dependency);
         }
-        NodeId::Module(id) => {
-            let module = &mut less.modules[id.0 as usize];
-            (&mut module.depends_on, &mut module.when)
+        (FindingKind::DeadDependency { dependency, .. }, NodeId::Module(id)) => {
+            less.modules[id.0 as usize].depends_on.remove(*dependency);
         }
-    };
-    match finding.what {
-        FindingKind::DeadDependency { dependency, .. } => drop(depends_on.remove(dependency)),
-        FindingKind::AlwaysHolds => *when = None,
+        (FindingKind::AlwaysHolds, NodeId::Group(id)) => less.groups[id.0 as usize].when = None,
+        (FindingKind::AlwaysHolds, NodeId::Module(id)) => less.modules[id.0 as usize].when = None,
         _ => return,
     }
     let less = Arc::new(Model::new(less).expect("leaving out closes no circle"));

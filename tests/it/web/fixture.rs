@@ -13,7 +13,8 @@ use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::output::Output;
 use telltale::engine::model::{
     Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Match, Model,
-    ModuleSpec, MonitorSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel, Stop, When,
+    ModuleMonitor, ModuleSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel, Stop,
+    When,
 };
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::text::Text;
@@ -396,6 +397,6 @@ fn module(id: &str, group: u32, status: &str) -> ModuleSpec {
         policy: Policy::default(),
         when: None,
         depends_on: Vec::new(),
-        monitor: MonitorSpec::SelfState { status: status.into() },
+        monitor: ModuleMonitor::SelfState(status.into()),
     }
 }

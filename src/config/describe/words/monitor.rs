@@ -8,12 +8,18 @@ use crate::engine::model::monitors::{
     AgreementRule, Bands, Condition, FieldKind, ProbeTarget, TopicId, ValueRule, ValueSource,
 };
 use crate::engine::model::sample::FieldValue;
-use crate::engine::model::{Model, MonitorSpec};
+use crate::engine::model::{Model, ModuleMonitor, MonitorSpec};
 
 /// `status 'imu: status'`, `the rate of /points (sensor_msgs/msg/PointCloud2) over 2s: error below 5 Hz`
-pub fn monitor(model: &Model, monitor: &MonitorSpec) -> String {
+pub fn monitor(model: &Model, monitor: &ModuleMonitor) -> String {
     match monitor {
-        MonitorSpec::SelfState { status } => format!("status '{status}'"),
+        ModuleMonitor::SelfState(status) => format!("status '{status}'"),
+        ModuleMonitor::Other(spec) => other(model, spec),
+    }
+}
+
+fn other(model: &Model, spec: &MonitorSpec) -> String {
+    match spec {
         MonitorSpec::External { status, class } => {
             format!("external status '{status}', {}", self::class(*class))
         }

@@ -109,7 +109,7 @@ pub(super) fn parts(modules: Vec<(MonitorSpec, Policy)>) -> Parts {
         policy,
         when: None,
         depends_on: Vec::new(),
-        monitor,
+        monitor: monitor.into(),
     };
     Parts {
         vehicle_id: "v".into(),

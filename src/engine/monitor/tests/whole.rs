@@ -4,6 +4,7 @@ use State::{Error, Ok, Unknown};
 
 use super::*;
 use crate::engine::input::OperatorAction;
+use crate::engine::model::ModuleMonitor;
 use crate::engine::model::filter::Filter;
 use crate::engine::model::monitors::ValueRule;
 use crate::engine::restart::resume::{Restored, RestoredAlarm};
@@ -116,10 +117,11 @@ fn what_is_judged_by_the_clock_starts_anew_when_it_becomes_relevant() {
 #[test]
 fn a_watched_status_feeds_its_module_and_what_claims_it_too() {
     let mut parts = parts(vec![
-        (MonitorSpec::SelfState { status: "cpu".into() }, Policy::default()),
+        (value(key("cpu", "none")), Policy::default()),
         (value(key("cpu", "t")), Policy::default()),
         (value(key("disc", "t")), Policy::default()),
     ]);
+    parts.modules[0].monitor = ModuleMonitor::SelfState("cpu".into());
     parts.groups[0].filters = vec![Filter::Namespace("disc".into()).into()];
     parts.limits.discovered_modules = 1;
     let model = model(parts);

@@ -13,8 +13,8 @@ use crate::engine::model::monitors::Watched;
 use crate::engine::model::output::Output;
 use crate::engine::model::wording::Wording;
 use crate::engine::model::{
-    Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleSpec,
-    MonitorSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, StageModel, Stop, When,
+    Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleMonitor,
+    ModuleSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, StageModel, Stop, When,
 };
 use crate::engine::snapshot::Snapshot;
 use crate::engine::text::Text;
@@ -265,7 +265,7 @@ pub fn module(group: &str, id: u32, name: &str) -> ModuleSpec {
         policy: Policy::default(),
         when: None,
         depends_on: Vec::new(),
-        monitor: MonitorSpec::SelfState { status: path.as_str().into() },
+        monitor: ModuleMonitor::SelfState(path.as_str().into()),
     }
 }
 

@@ -3,7 +3,7 @@
 use super::*;
 use crate::engine::model::output::Output;
 use crate::engine::model::wording::{ByStage, Wording};
-use crate::engine::model::{MonitorSpec, Policy, Stage};
+use crate::engine::model::{ModuleMonitor, Policy, Stage};
 use crate::engine::state::State;
 
 /// The module's silence counts as an ERROR.
@@ -166,7 +166,7 @@ fn three_places(named: bool) -> ModelParts {
     let mut parts = parts();
     for (group, id) in [("sensors", 0), ("can", 4), ("mission", 5)] {
         let mut place = module(group, id, "shared");
-        place.monitor = MonitorSpec::SelfState { status: "shared: status".into() };
+        place.monitor = ModuleMonitor::SelfState("shared: status".into());
         place.name = named.then(|| Wording::name("Power unstable".into()).into());
         parts.modules.push(place);
     }
