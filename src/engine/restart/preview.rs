@@ -34,7 +34,7 @@ impl Engine {
         let mut vehicle = self.vehicle.clone();
         match action {
             OperatorAction::Login { name } => {
-                let event = vehicle.seat(name);
+                let event = vehicle.put_in_charge(name);
                 vehicle.raise(event);
             }
             OperatorAction::Logout | OperatorAction::Shutdown => {

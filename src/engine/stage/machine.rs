@@ -146,7 +146,7 @@ impl Vehicle {
     }
 
     /// An operator logs in. Returns the event of that login.
-    pub(in crate::engine) fn seat(&mut self, name: &str) -> Event {
+    pub(in crate::engine) fn put_in_charge(&mut self, name: &str) -> Event {
         let before = self.operator.replace(Arc::from(name));
         if before.is_some_and(|before| *before != *name) { Event::HandOver } else { Event::Login }
     }

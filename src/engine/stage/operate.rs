@@ -35,7 +35,7 @@ impl Engine {
         self.check(action)?;
         match action {
             OperatorAction::Login { name } => {
-                let event = self.vehicle.seat(name);
+                let event = self.vehicle.put_in_charge(name);
                 self.step(event);
             }
             OperatorAction::Logout => self.leave(Event::Logout),

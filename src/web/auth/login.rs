@@ -274,7 +274,7 @@ fn failed(app: &AppState, reader: &Reader, name: &str, failure: LoginFailure) ->
     let wait = if let LoginFailure::Wait { seconds } = failure { Some(seconds) } else { None };
     let mut answer = match (reader.speaks, &failure) {
         (Speaks::Json, LoginFailure::OtherOperator { by }) => {
-            let refused = format!("{by} is the operator; take_over=1 takes the seat over");
+            let refused = format!("{by} is the operator; take_over=1 takes over");
             json_answer(status, &json!({ "refused": [refused], "operator": by }))
         }
         (Speaks::Json, LoginFailure::Drives) => {
