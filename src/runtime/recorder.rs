@@ -1,4 +1,4 @@
-//! Passes the engine's events to the history, without ever waiting for it. It records no messages.
+//! Sends records of events to a history, and never waits for it.
 
 use std::sync::mpsc::{SyncSender, TrySendError};
 
@@ -48,7 +48,7 @@ impl Recorder {
         }
     }
 
-    /// Records events, and hands them on in time.
+    /// Records events, and sends a batch if one is due.
     pub fn follow(&mut self, engine: &mut Engine, now: Timestamp) {
         self.take(engine);
         let is_due = self.waiting.len() >= BATCH || now.since(self.handed_on) >= EVERY;
@@ -80,24 +80,10 @@ mod tests {
 
     use super::*;
     use crate::engine::input::{Input, OperatorAction};
-    use crate::engine::model::monitors::Watched;
-    use crate::engine::model::{Driving, Limits, Model, Parts, Policy, Stage, StageModel};
-    use crate::engine::text::Text;
+    use crate::engine::model::{Model, Parts, Stage, StageModel};
 
     fn engine() -> Engine {
-        let parts = Parts {
-            vehicle_id: "v".into(),
-            vehicle_name: Text::plain("V"),
-            stages: StageModel::Shuttle,
-            signals: Vec::new(),
-            groups: Vec::new(),
-            modules: Vec::new(),
-            watched: Watched::default(),
-            driving: Driving::default(),
-            discovered: Policy::default(),
-            other: Default::default(),
-            limits: Limits::default(),
-        };
+        let parts = Parts::empty("v", StageModel::Shuttle);
         Engine::new(Arc::new(Model::new(parts).unwrap()), Timestamp::ZERO)
     }
 

@@ -9,9 +9,7 @@ use crate::config::publishing::Publishing;
 use crate::engine::input::Input;
 use crate::engine::model::monitors::{FieldKind, FieldSpec, TopicSpec, Watched};
 use crate::engine::model::sample::FieldValue;
-use crate::engine::model::{
-    Driving, FieldSource, Limits, Model, Parts, Policy, SignalSource, SignalSpec, StageModel,
-};
+use crate::engine::model::{FieldSource, Model, Parts, SignalSource, SignalSpec, StageModel};
 use crate::engine::text::Text;
 use crate::msg::messages::encode::{ACCEL_STAMPED, POSE_WITH_COVARIANCE_STAMPED};
 use crate::msg::messages::{BOOL, GidSize};
@@ -106,17 +104,10 @@ pub fn model(publishing: &Publishing) -> Model {
     ];
     let signals = [signal(CLEAR, &publishing.clearance), signal(STOP, &publishing.maneuver_stop_request)];
     let parts = Parts {
-        vehicle_id: "shuttle".into(),
         vehicle_name: Text::plain("Simulated shuttle"),
-        stages: StageModel::None,
         signals: signals.into_iter().flatten().collect(),
-        groups: Vec::new(),
-        modules: Vec::new(),
         watched: Watched { topics: topics.into_iter().flatten().collect(), ..Watched::default() },
-        driving: Driving::default(),
-        discovered: Policy::default(),
-        other: Default::default(),
-        limits: Limits::default(),
+        ..Parts::empty("shuttle", StageModel::None)
     };
     Model::new(parts).unwrap_or_else(|_| unreachable!("nothing in it depends on anything"))
 }

@@ -331,6 +331,25 @@ pub struct Parts {
     pub limits: Limits,
 }
 
+impl Parts {
+    /// A vehicle without groups and monitors, with the defaults for all else.
+    pub fn empty(vehicle_id: &str, stages: StageModel) -> Parts {
+        Parts {
+            vehicle_id: vehicle_id.into(),
+            vehicle_name: Text::plain(vehicle_id),
+            stages,
+            signals: Vec::new(),
+            groups: Vec::new(),
+            modules: Vec::new(),
+            watched: Watched::default(),
+            driving: Driving::default(),
+            discovered: Policy::default(),
+            other: Other::default(),
+            limits: Limits::default(),
+        }
+    }
+}
+
 /// The configuration of stages and countermeasures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Driving {

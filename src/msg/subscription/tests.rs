@@ -4,8 +4,7 @@ use super::*;
 use crate::engine::input::StatusArray;
 use crate::engine::model::monitors::{FieldKind, FieldSpec};
 use crate::engine::model::sample::Pose;
-use crate::engine::model::{Driving, FieldSource, Parts, Policy, SignalSource, StageModel};
-use crate::engine::text::Text;
+use crate::engine::model::{FieldSource, Parts, SignalSource, StageModel};
 use crate::engine::time::Span;
 use crate::msg::cdr::{Fault, FaultKind};
 use crate::msg::messages::{BOOL, encode};
@@ -22,17 +21,9 @@ fn read(signals: Vec<SignalSpec>) -> Result<Vec<Arc<Subscription>>, String> {
 
 fn read_all(signals: Vec<SignalSpec>, topics: Vec<TopicSpec>) -> Result<Vec<Arc<Subscription>>, String> {
     let parts = Parts {
-        vehicle_id: "v".into(),
-        vehicle_name: Text::plain("v"),
-        stages: StageModel::None,
         signals,
-        groups: Vec::new(),
-        modules: Vec::new(),
         watched: Watched { topics: topics.into_iter().map(Arc::new).collect(), ..Watched::default() },
-        driving: Driving::default(),
-        discovered: Policy::default(),
-        other: Default::default(),
-        limits: Limits::default(),
+        ..Parts::empty("v", StageModel::None)
     };
     let model = Model::new(parts).expect("nothing depends on anything");
     let plan = Plan::of(&model, &Definitions::default());

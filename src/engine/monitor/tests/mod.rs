@@ -17,7 +17,7 @@ use crate::engine::model::sample::{
     FieldValue, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
 };
 use crate::engine::model::{
-    Combine, Driving, GroupId, GroupSpec, Limits, Model, ModuleId, ModuleSpec, Parts, Policy, StageModel,
+    Combine, GroupId, GroupSpec, Model, ModuleId, ModuleSpec, Parts, Policy, StageModel,
 };
 use crate::engine::snapshot::{ModuleView, Snapshot};
 use crate::engine::state::State;
@@ -112,17 +112,10 @@ pub(super) fn parts(modules: Vec<(MonitorSpec, Policy)>) -> Parts {
         monitor: monitor.into(),
     };
     Parts {
-        vehicle_id: "v".into(),
-        vehicle_name: Text::plain("V"),
-        stages: StageModel::None,
-        signals: Vec::new(),
         groups: vec![group],
         modules: modules.into_iter().enumerate().map(module).collect(),
         watched: watched(),
-        driving: Driving::default(),
-        discovered: Policy::default(),
-        other: Default::default(),
-        limits: Limits::default(),
+        ..Parts::empty("v", StageModel::None)
     }
 }
 

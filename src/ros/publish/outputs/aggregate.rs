@@ -224,9 +224,7 @@ mod tests {
 
     use crate::engine::Engine;
     use crate::engine::input::Input;
-    use crate::engine::model::monitors::Watched;
-    use crate::engine::model::{Driving, Limits, Model, Parts, Policy, StageModel};
-    use crate::engine::text::Text;
+    use crate::engine::model::{Model, Parts, StageModel};
 
     /// Levels of the tree by path, and of the whole, with these levels reported.
     fn levels(config: &str, reported: &[(&str, u8)], locked: bool) -> (Vec<(String, u8, String)>, u8) {
@@ -308,19 +306,7 @@ groups:
 
     #[test]
     fn what_nothing_claims_is_there_only_when_it_is_and_silence_is_said() {
-        let parts = Parts {
-            vehicle_id: "v".into(),
-            vehicle_name: Text::plain("V"),
-            stages: StageModel::None,
-            signals: Vec::new(),
-            groups: Vec::new(),
-            modules: Vec::new(),
-            watched: Watched::default(),
-            driving: Driving::default(),
-            discovered: Policy::default(),
-            other: Default::default(),
-            limits: Limits::default(),
-        };
+        let parts = Parts::empty("v", StageModel::None);
         let model = Arc::new(Model::new(parts).expect("nothing depends on anything"));
         let mut engine = Engine::new(model, Timestamp::ZERO);
         let others = |engine: &mut Engine| -> Vec<(String, String)> {

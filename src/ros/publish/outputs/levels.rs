@@ -131,29 +131,15 @@ mod tests {
     use super::*;
     use crate::engine::Engine;
     use crate::engine::model::countermeasure::Request;
-    use crate::engine::model::monitors::Watched;
-    use crate::engine::model::{Driving, Limits, Model, Parts, Policy, StageModel};
+    use crate::engine::model::{Model, Parts, StageModel};
     use crate::engine::snapshot::{Countermeasure, CountermeasureState};
-    use crate::engine::text::Text;
 
     fn at(ms: u64) -> Timestamp {
         Timestamp::from_millis(ms)
     }
 
     fn calm() -> Snapshot {
-        let parts = Parts {
-            vehicle_id: "v".into(),
-            vehicle_name: Text::plain("V"),
-            stages: StageModel::Shuttle,
-            signals: Vec::new(),
-            groups: Vec::new(),
-            modules: Vec::new(),
-            watched: Watched::default(),
-            driving: Driving::default(),
-            discovered: Policy::default(),
-            other: Default::default(),
-            limits: Limits::default(),
-        };
+        let parts = Parts::empty("v", StageModel::Shuttle);
         let model = Arc::new(Model::new(parts).expect("nothing depends on anything"));
         (*Engine::new(model, Timestamp::ZERO).snapshot()).clone()
     }
