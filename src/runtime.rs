@@ -8,7 +8,7 @@ use std::time::SystemTime;
 
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
-use crate::clock::Clock;
+use crate::clock::{Clock, wall_at};
 use crate::engine::Engine;
 use crate::engine::input::{Input, OperatorAction, Refusal, Response};
 use crate::engine::model::{Model, Stage};
@@ -33,22 +33,65 @@ pub const RELOAD_QUEUE: usize = 1;
 /// Inputs handled before the others get their turn and a changed state is published.
 const BATCH_MAX: usize = 32;
 
-/// Turns of the vehicle that may wait for their receiver. Past it the oldest are lost, and the receiver is
-/// told how many.
+/// Changes of the stage and of requests that may wait for their receiver. Past it the oldest are lost, and
+/// the receiver is told how many.
 const TURN_QUEUE: usize = 256;
 
-/// New words and values, without a new state, wait this long for others.
+/// New words and values without a new state are published at most this often.
 const WORDS_EVERY: Span = Span::from_millis(100);
 
-/// A snapshot is published this often even if nothing changed: the pages know by that
-/// that the engine lives, and reads ages no older than this.
+/// A snapshot is published this often even if nothing changed, so that pages know that the engine lives, and
+/// ages are no older than this.
 pub const PULSE_EVERY: Span = Span::from_millis(250);
 
-/// The latest snapshot with the wall time at which it was taken.
+/// A snapshot as it is shown. Its own times may be those of a recording.
 #[derive(Debug, Clone)]
 pub struct Published {
     pub snapshot: Arc<Snapshot>,
+    /// The wall time at the snapshot's `now`.
     pub at: SystemTime,
+    /// When this process received the snapshot, by the clock of this process.
+    pub received: Timestamp,
+    /// Grows whenever the source goes back in time; 0 for a running engine.
+    pub epoch: u64,
+}
+
+/// The place of a state, or of its words, in what a source shows. After a step back in time the numbers
+/// of snapshots come again, in a later epoch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+pub struct Version {
+    pub epoch: u64,
+    pub number: u64,
+}
+
+/// A number of a running engine, which never goes back.
+impl From<u64> for Version {
+    fn from(number: u64) -> Version {
+        Version { epoch: 0, number }
+    }
+}
+
+impl Published {
+    /// A snapshot that nobody received from an engine of this process: one of a recording or a test.
+    pub fn recorded(snapshot: Arc<Snapshot>, at: SystemTime) -> Published {
+        Published { snapshot, at, received: Timestamp::ZERO, epoch: 0 }
+    }
+
+    fn now(snapshot: Arc<Snapshot>, clock: &Clock) -> Published {
+        let received = clock.now();
+        let at = wall_at(clock.wall(), received, snapshot.now);
+        Published { snapshot, at, received, epoch: 0 }
+    }
+
+    /// Grows with every state.
+    pub fn seq(&self) -> Version {
+        Version { epoch: self.epoch, number: self.snapshot.seq }
+    }
+
+    /// Grows with every state and with all words.
+    pub fn revision(&self) -> Version {
+        Version { epoch: self.epoch, number: self.snapshot.revision }
+    }
 }
 
 /// An operator's action that waits for the engine's answer.
@@ -58,18 +101,18 @@ pub struct Command {
     pub reply: oneshot::Sender<Response>,
 }
 
-/// An operator's action that is to be judged and not done.
+/// An operator's action that is judged and not done.
 #[derive(Debug)]
 pub struct Rehearsal {
     pub action: OperatorAction,
     pub reply: oneshot::Sender<Result<Preview, Vec<Refusal>>>,
 }
 
-/// Another configuration for the engine, to be taken whole. What was wrong with it was said before.
+/// Another configuration for the engine, which is free of errors and is taken whole.
 #[derive(Debug)]
 pub struct Reload {
     pub model: Arc<Model>,
-    /// Told when the engine runs by it and has published a snapshot of it.
+    /// Answered when the engine runs by it and has published a snapshot of it.
     pub done: oneshot::Sender<()>,
 }
 
@@ -108,7 +151,7 @@ pub struct ConfigurationText {
     pub text: String,
 }
 
-/// What the rest of the program holds of the engine. Clones feed and watch the same one.
+/// The connection of the rest of the program to the engine. Clones lead to the same engine.
 #[derive(Debug, Clone)]
 pub struct Link {
     pub inputs: mpsc::Sender<Stamped>,
@@ -117,8 +160,8 @@ pub struct Link {
     pub reloads: mpsc::Sender<Reload>,
     /// Holds at most the latest; a slow reader skips what lies between.
     pub snapshots: watch::Receiver<Published>,
-    /// Every state in which the stage or what is asked of the vehicle was another one than before,
-    /// also those that were over before anybody saw them.
+    /// Every snapshot in which the stage or the requests to the vehicle changed, also if the next one followed
+    /// before a reader of `snapshots` saw it.
     pub turns: broadcast::Sender<Published>,
 }
 
@@ -127,13 +170,13 @@ pub fn start(model: Arc<Model>, clock: Clock) -> Link {
     run(Engine::begin(model, clock.now()), clock, None)
 }
 
-/// [`start`], and hands on what happens. A full queue loses records, which are counted: the engine
-/// never waits for a disk.
+/// [`start`] with records for a history. A full queue loses records, which are counted: the engine never
+/// waits for a disk.
 pub fn start_recorded(model: Arc<Model>, clock: Clock, records: Option<SyncSender<Vec<Record>>>) -> Link {
     run(Engine::begin(model, clock.now()), clock, records)
 }
 
-/// [`start_recorded`] where an earlier run of the program ended.
+/// [`start_recorded`] from the state at the end of an earlier run of the program.
 pub fn resume(
     model: Arc<Model>,
     restored: &Restored,
@@ -149,7 +192,7 @@ fn run(mut engine: Engine, clock: Clock, records: Option<SyncSender<Vec<Record>>
     let (rehearsals, rehearsals_rx) = mpsc::channel(COMMAND_QUEUE);
     let (reloads, reloads_rx) = mpsc::channel(RELOAD_QUEUE);
     let recorder = Recorder::start(&mut engine, records, clock.now());
-    let first = Published { snapshot: engine.snapshot(), at: clock.wall() };
+    let first = Published::now(engine.snapshot(), &clock);
     let (publish, snapshots) = watch::channel(first);
     let turns = broadcast::Sender::new(TURN_QUEUE);
     let mut turn = Loop {
@@ -232,7 +275,7 @@ impl Loop {
         }
     }
 
-    /// When the loop has to turn next, even if nothing comes.
+    /// When the loop has work again, even if nothing arrives.
     fn next_turn(&self) -> Timestamp {
         let words = self.engine.revision() != self.published_revision;
         let publish = self.published_at + if words { WORDS_EVERY } else { PULSE_EVERY };
@@ -268,7 +311,7 @@ impl Loop {
         }
         self.requests = requests;
         // Nobody may listen, as in a test.
-        let _ = self.turns.send(Published { snapshot: self.engine.snapshot(), at: self.clock.wall() });
+        let _ = self.turns.send(Published::now(self.engine.snapshot(), &self.clock));
     }
 
     fn publish_if_due(&mut self) {
@@ -282,7 +325,7 @@ impl Loop {
         self.published_seq = self.engine.seq();
         self.published_revision = self.engine.revision();
         self.published_at = now;
-        self.publish.send_replace(Published { snapshot: self.engine.snapshot(), at: self.clock.wall() });
+        self.publish.send_replace(Published::now(self.engine.snapshot(), &self.clock));
     }
 }
 
@@ -290,25 +333,11 @@ impl Loop {
 mod tests {
     use super::*;
     use crate::engine::input::{Input, StatusArray};
-    use crate::engine::model::monitors::Watched;
-    use crate::engine::model::{Driving, Limits, NodeId, Parts, Policy, StageModel};
+    use crate::engine::model::{NodeId, Parts, StageModel};
     use crate::engine::state::State;
-    use crate::engine::text::Text;
 
     fn empty_model() -> Arc<Model> {
-        let parts = Parts {
-            vehicle_id: "v".into(),
-            vehicle_name: Text::plain("V"),
-            stages: StageModel::Shuttle,
-            signals: Vec::new(),
-            groups: Vec::new(),
-            modules: Vec::new(),
-            watched: Watched::default(),
-            driving: Driving::default(),
-            discovered: Policy::default(),
-            other: Default::default(),
-            limits: Limits::default(),
-        };
+        let parts = Parts::empty("v", StageModel::Shuttle);
         Arc::new(Model::new(parts).unwrap())
     }
 

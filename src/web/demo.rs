@@ -11,13 +11,13 @@ use serde::Deserialize;
 use serde_json::json;
 use tokio::sync::mpsc;
 
-use super::AppState;
 use super::admission::peer::{Peer, source_of};
 use super::http::errors::HttpError;
 use super::http::guard::SignedIn;
 use super::http::respond::{Reader, Speaks, json_answer, refusal};
 use super::pages::page_context;
 use super::view::{self, DemoFault};
+use super::{AppState, Live};
 use crate::store::audit::{Action, Record};
 
 /// The faults of the simulated shuttle, and the channel that switches them.
@@ -77,7 +77,7 @@ pub struct FaultForm {
 
 /// `POST /demo/fault`
 pub async fn fault(
-    State(app): State<AppState>,
+    app: Live,
     peer: Option<Extension<Peer>>,
     SignedIn(session): SignedIn,
     reader: Reader,

@@ -12,6 +12,7 @@ mod operator;
 mod pages;
 mod router;
 mod serve;
+mod source;
 mod vehicle_memory;
 pub mod view;
 
@@ -24,13 +25,14 @@ use tokio::sync::{Semaphore, mpsc, watch};
 use self::view::Trends;
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
-use crate::runtime::{Link, Reread};
+use crate::runtime::Reread;
 use crate::store::{History, Store};
 use admission::login_throttle::Throttle;
 use auth::handover::HandOvers;
 use auth::session_ends::SessionEnds;
 use live::byte_budget::Accounts;
 use live::displays::Displays;
+use live::first_changes::FirstChanges;
 use live::frame::Frames;
 use operator::act::PLACES;
 use operator::pending_clearance::PendingClearance;
@@ -46,22 +48,23 @@ pub use http::origins::{NoOrigin, Origins};
 pub use router::{BODY_BYTES_MAX, Route, router, routes};
 pub use serve::accept::serve;
 pub use serve::tls::{RENEW_BEFORE, Tls, TlsError, Validity};
+pub use source::{Live, Player, Replay, Source};
 
-/// What the command line says about the server.
+/// The settings of the server from the command line.
 #[derive(Debug)]
 pub struct Settings {
     pub origins: Origins,
-    /// Browsers come over TLS: cookies are for that alone.
+    /// Browsers connect over TLS, so cookies are marked for TLS only.
     pub secure: bool,
-    /// Where a PIN will do.
+    /// The displays at which a PIN is enough.
     pub enrolled: Enrolled,
     /// Switches of the simulated shuttle; `None` on a vehicle.
     pub demo: Option<DemoFaults>,
-    /// Who reads the configuration's file again; `None` where it comes from no file.
+    /// Requests to read the configuration file again; `None` without a file.
     pub rereads: Option<mpsc::Sender<Reread>>,
-    /// What happened; `None` where it cannot be kept.
+    /// The history; `None` if it cannot be stored.
     pub history: Option<History>,
-    /// What DDS discovery sees; `None` without DDS.
+    /// The participants and topics that DDS discovery knows; `None` without DDS.
     pub discovery: Option<watch::Receiver<Arc<Discovery>>>,
 }
 
@@ -71,13 +74,14 @@ pub struct AppState(Arc<Shared>);
 
 #[derive(Debug)]
 pub struct Shared {
-    pub link: Link,
+    pub source: Source,
     pub store: Store,
     pub clock: Clock,
     pub settings: Settings,
     pub frames: Frames,
     pub displays: Displays,
-    /// What the accounts may still send over their sockets.
+    first_changes: FirstChanges,
+    /// The budgets of bytes that accounts may send over their sockets.
     accounts: Accounts,
     pub session_ends: SessionEnds,
     pub trends: Trends,
@@ -105,14 +109,15 @@ pub struct Shared {
 }
 
 impl AppState {
-    pub fn new(link: Link, store: Store, clock: Clock, settings: Settings) -> AppState {
+    pub fn new(source: impl Into<Source>, store: Store, clock: Clock, settings: Settings) -> AppState {
         AppState(Arc::new(Shared {
-            link,
+            source: source.into(),
             store,
             clock,
             settings,
             frames: Frames::default(),
             displays: Displays::default(),
+            first_changes: FirstChanges::default(),
             accounts: Accounts::default(),
             session_ends: SessionEnds::default(),
             trends: Trends::default(),

@@ -44,7 +44,7 @@ const READY_TIMEOUT: Duration = Duration::from_millis(1500);
 
 /// `GET /readyz`: the engine and the store work.
 pub async fn readyz(State(app): State<AppState>) -> (StatusCode, &'static str) {
-    if app.is_engine_alive() && timeout(READY_TIMEOUT, app.store.is_ready()).await.unwrap_or(false) {
+    if app.is_source_alive() && timeout(READY_TIMEOUT, app.store.is_ready()).await.unwrap_or(false) {
         (StatusCode::OK, "ready\n")
     } else {
         (StatusCode::SERVICE_UNAVAILABLE, "not ready\n")

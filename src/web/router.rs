@@ -27,7 +27,7 @@ use crate::store::Role::{Authority, Developer, Operator};
 
 /// The largest body of a request.
 pub const BODY_BYTES_MAX: usize = 16 * 1024;
-/// For a whole request with its body, sockets apart.
+/// The time for a whole request with its body. Sockets have none.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// One row of the table.
@@ -100,7 +100,7 @@ pub fn router(app: AppState) -> Router {
         .with_state(app)
 }
 
-/// Files are compressed already, or not worth it: they alone have a tag.
+/// Whether an answer was made for this request. Files have a tag; they are compressed already, or too small.
 fn is_made_now(_: StatusCode, _: Version, headers: &HeaderMap, _: &Extensions) -> bool {
     !headers.contains_key(header::ETAG)
 }

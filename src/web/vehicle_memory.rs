@@ -9,7 +9,7 @@ use tokio::sync::{oneshot, watch};
 use tokio::task::JoinHandle;
 use tokio::time::{sleep, timeout};
 
-use super::AppState;
+use super::source::Live;
 use crate::engine::model::Stage;
 use crate::engine::restart::preview::Preview;
 use crate::runtime::Published;
@@ -35,7 +35,7 @@ pub struct VehicleMemoryTask {
 }
 
 impl VehicleMemoryTask {
-    pub fn start(app: AppState) -> VehicleMemoryTask {
+    pub fn start(app: Live) -> VehicleMemoryTask {
         let (end, ends) = oneshot::channel();
         VehicleMemoryTask { end, task: tokio::spawn(follow(app, ends)) }
     }
@@ -51,7 +51,7 @@ impl VehicleMemoryTask {
     }
 }
 
-impl AppState {
+impl Live {
     /// The vehicle's present state, to be stored.
     pub fn memory(&self) -> VehicleMemory {
         memory_of(&self.published())
@@ -68,7 +68,7 @@ impl AppState {
     }
 }
 
-async fn follow(app: AppState, mut ends: oneshot::Receiver<()>) {
+async fn follow(app: Live, mut ends: oneshot::Receiver<()>) {
     let mut turns = app.link.turns.subscribe();
     let mut snapshots = app.link.snapshots.clone();
     let mut last = LastSeen::default();
@@ -105,7 +105,7 @@ impl LastSeen {
     /// Records and stores what is new. Returns whether the disk had to take anything.
     async fn store_changes(
         &mut self,
-        app: &AppState,
+        app: &Live,
         snapshots: &mut watch::Receiver<Published>,
         turns: &mut broadcast::Receiver<Published>,
     ) -> bool {
@@ -201,7 +201,7 @@ mod tests {
     use crate::web::view::tests::sample::Sample;
 
     fn published(vehicle: &mut Sample) -> Published {
-        Published { snapshot: vehicle.snapshot(), at: SystemTime::UNIX_EPOCH }
+        Published::recorded(vehicle.snapshot(), SystemTime::UNIX_EPOCH)
     }
 
     #[test]

@@ -78,7 +78,7 @@ fn a_flood_of_long_values_takes_no_more_than_its_share_and_hides_no_state() {
     assert_eq!(memory.own, State::Warning);
     assert!(memory.report.message.contains("limits.status_bytes is 67108864"), "{}", memory.report.message);
 
-    let published = Published { snapshot: snapshot.clone(), at: UNIX_EPOCH };
+    let published = Published::recorded(snapshot.clone(), UNIX_EPOCH);
     let json = Frames::default().json(&published);
     assert!(json.as_str().len() < 16 << 20, "{}", json.as_str().len());
     let answer: serde_json::Value = serde_json::from_str(json.as_str()).unwrap();
@@ -95,7 +95,7 @@ fn a_flood_of_long_values_takes_no_more_than_its_share_and_hides_no_state() {
     }
     let snapshot: Arc<Snapshot> = engine.snapshot();
     assert_eq!((snapshot.counters.cut_statuses, view(&snapshot, "telltale/memory").own), (0, State::Ok));
-    let published = Published { snapshot, at: UNIX_EPOCH };
+    let published = Published::recorded(snapshot, UNIX_EPOCH);
     let answer: serde_json::Value =
         serde_json::from_str(Frames::default().json(&published).as_str()).unwrap();
     assert_eq!(answer.get("left_out"), None);

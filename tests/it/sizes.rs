@@ -65,7 +65,7 @@ fn flooded(stage: Stage, letter: char, levels: [u8; 2], values: u32, others: u32
         values,
         (0..others).map(|it| format!("{} {it} {letter}", 1 + it % 7)),
     );
-    Published { snapshot: engine.snapshot(), at: UNIX_EPOCH }
+    Published::recorded(engine.snapshot(), UNIX_EPOCH)
 }
 
 fn context() -> PageContext {
@@ -156,7 +156,7 @@ fn an_answer_leaves_out_what_makes_it_too_large() {
     let said = answer("few", &{
         let mut engine = engine(Stage::Active);
         say(&mut engine, 1, 0, "fine", 2, std::iter::once("1 a".to_owned()));
-        Published { snapshot: engine.snapshot(), at: UNIX_EPOCH }
+        Published::recorded(engine.snapshot(), UNIX_EPOCH)
     });
     assert_eq!(said.get("left_out"), None);
 }

@@ -10,8 +10,8 @@ use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{Role, Session, SessionKind, Token};
-use crate::web::AppState;
 use crate::web::view::words::session_end::SessionEnd;
+use crate::web::{AppState, Live, Source};
 
 const CHECK_EVERY: Duration = Duration::from_millis(500);
 
@@ -47,9 +47,15 @@ impl AppState {
         if has_idled_out(session, self.clock.now()) {
             return true;
         }
-        let published = self.link.snapshots.borrow();
-        let drives = published.snapshot.stage == Stage::Active && is_in_charge(session, &published.snapshot);
-        session.expires <= self.clock.now() && !drives
+        session.expires <= self.clock.now() && !self.drives(session)
+    }
+
+    /// Whether this is a session of the operator of a vehicle that drives now. A recording says nothing about
+    /// the sessions of its readers.
+    fn drives(&self, session: &Session) -> bool {
+        let Source::Live(link) = &self.source else { return false };
+        let published = link.snapshots.borrow();
+        published.snapshot.stage == Stage::Active && is_in_charge(session, &published.snapshot)
     }
 
     /// Why a session that has expired did so.
@@ -59,7 +65,7 @@ impl AppState {
 }
 
 /// Runs as long as the server. Sessions end in memory first, so none of this waits for the disk.
-pub async fn watch(app: AppState) {
+pub async fn watch(app: Live) {
     tokio::join!(end_overdue(&app), lock_empty(&app), note_use(&app));
 }
 
@@ -69,7 +75,7 @@ fn checks() -> Interval {
     checks
 }
 
-async fn end_overdue(app: &AppState) {
+async fn end_overdue(app: &Live) {
     let mut checks = checks();
     loop {
         checks.tick().await;
@@ -86,7 +92,7 @@ async fn end_overdue(app: &AppState) {
     }
 }
 
-async fn lock_empty(app: &AppState) {
+async fn lock_empty(app: &Live) {
     let mut checks = checks();
     loop {
         checks.tick().await;
@@ -96,7 +102,7 @@ async fn lock_empty(app: &AppState) {
 
 /// Locks a vehicle whose operator has no session any more. If the engine does not answer or refuses, the
 /// next check tries again.
-async fn lock_if_empty(app: &AppState) {
+async fn lock_if_empty(app: &Live) {
     let _change = app.operator_change.lock().await;
     let snapshot = app.published().snapshot;
     // A vehicle that drives keeps its operator; the engine would refuse anyway.
@@ -112,7 +118,7 @@ async fn lock_if_empty(app: &AppState) {
 }
 
 /// Stores the last activity of developers, so that a restart gives nobody another quarter of an hour.
-async fn note_use(app: &AppState) {
+async fn note_use(app: &Live) {
     let mut checks = interval(NOTE_USE_EVERY);
     checks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut noted = app.clock.now();

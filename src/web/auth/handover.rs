@@ -12,7 +12,7 @@ use crate::engine::input::{OperatorAction, Response};
 use crate::engine::time::{Span, Timestamp};
 use crate::store::Session;
 use crate::store::audit::{Action, Record};
-use crate::web::AppState;
+use crate::web::Live;
 use crate::web::view::words::session_end::SessionEnd;
 
 /// The time from the announcement to the hand-over.
@@ -44,7 +44,7 @@ pub struct HandOvers(watch::Sender<Option<HandOver>>);
 
 /// Withdraws the announcement when it is dropped.
 #[derive(Debug)]
-struct Announced(AppState);
+struct Announced(Live);
 
 impl Default for HandOvers {
     fn default() -> HandOvers {
@@ -69,7 +69,7 @@ impl HandOvers {
 }
 
 /// Announces that the operator with this login takes over, and carries it out when that is due.
-pub fn begin(app: &AppState, session: &Session, source: IpAddr, from: &str) {
+pub fn begin(app: &Live, session: &Session, source: IpAddr, from: &str) {
     let due = app.clock.now() + ANNOUNCED_BEFORE;
     let announced = HandOver { session: session.clone(), source, from: from.into(), due };
     app.hand_overs.0.send_replace(Some(announced.clone()));
@@ -98,7 +98,7 @@ impl HandOver {
     }
 
     /// Puts the operator in charge: judged again, written, then done; not done if the disk takes too long.
-    async fn take(&self, app: &AppState) -> Result<(), String> {
+    async fn take(&self, app: &Live) -> Result<(), String> {
         let late = || "it waited too long for others".to_owned();
         let until = self.due + DONE_WITHIN;
         let _change = app.clock.by(until, app.lock_operator()).await.ok_or_else(late)?;

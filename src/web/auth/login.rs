@@ -22,7 +22,6 @@ use crate::engine::model::Stage;
 use crate::engine::time::Span;
 use crate::store::audit::{Action, Record};
 use crate::store::{Caller, Role, SESSION_LIFE, Session, SessionKind, Token, Verified, is_pin};
-use crate::web::AppState;
 use crate::web::admission::login_throttle::Source;
 use crate::web::admission::peer::{Peer, source_of};
 use crate::web::http::errors::HttpError;
@@ -31,6 +30,7 @@ use crate::web::http::respond::{Reader, Speaks, cookie, json_answer, refusal, re
 use crate::web::view;
 use crate::web::view::words::session_end::SessionEnd;
 use crate::web::view::{LoginContext, LoginFailure};
+use crate::web::{AppState, Live};
 
 /// The cookie outlives the session: the server judges when a session ends, and that of an operator who
 /// drives lasts longer.
@@ -78,7 +78,7 @@ fn no_users(app: &AppState) -> LoginFailure {
 
 /// `POST /login`
 pub async fn login(
-    State(app): State<AppState>,
+    app: Live,
     peer: Option<Extension<Peer>>,
     headers: HeaderMap,
     reader: Reader,
@@ -131,7 +131,7 @@ pub async fn login(
 
 /// `POST /logout`
 pub async fn logout(
-    State(app): State<AppState>,
+    app: Live,
     peer: Option<Extension<Peer>>,
     SignedIn(session): SignedIn,
     reader: Reader,
@@ -141,7 +141,7 @@ pub async fn logout(
 
 /// `POST /vehicle/shutdown`: the operator ends the work with the vehicle, and leaves it.
 pub async fn shutdown(
-    State(app): State<AppState>,
+    app: Live,
     peer: Option<Extension<Peer>>,
     SignedIn(session): SignedIn,
     reader: Reader,
@@ -159,7 +159,7 @@ async fn recorded_name(app: &AppState, name: &str) -> String {
 }
 
 async fn leave(
-    app: AppState,
+    app: Live,
     peer: Option<Extension<Peer>>,
     session: Session,
     reader: &Reader,

@@ -13,7 +13,7 @@ use crate::engine::model::Stage;
 use crate::engine::time::{Span, Timestamp};
 use crate::store::audit::{Action, Record};
 use crate::store::{Caller, Entering, Role, Session, StoreError, Token, VehicleMemory, Verified, Written};
-use crate::web::AppState;
+use crate::web::Live;
 use crate::web::engine_link::NoAnswer;
 use crate::web::view::words::session_end::SessionEnd;
 
@@ -58,7 +58,7 @@ const LATE: &str = "the disk did not answer in time";
 ///
 /// # Errors
 /// Why there is none.
-pub async fn log_in(app: &AppState, attempt: LoginAttempt) -> Result<(Token, Session), NotOpened> {
+pub async fn log_in(app: &Live, attempt: LoginAttempt) -> Result<(Token, Session), NotOpened> {
     let (reply, answer) = oneshot::channel();
     let app = app.clone();
     tokio::spawn(async move {
@@ -78,7 +78,7 @@ pub async fn log_in(app: &AppState, attempt: LoginAttempt) -> Result<(Token, Ses
 /// # Errors
 /// Why the session goes on.
 pub async fn leave(
-    app: &AppState,
+    app: &Live,
     session: &Session,
     source: IpAddr,
     action: OperatorAction,
@@ -103,7 +103,7 @@ impl LoginAttempt {
     /// Opens a session. An operator takes charge, which unlocks the vehicle.
     async fn open(
         self,
-        app: &AppState,
+        app: &Live,
         is_waited_for: impl Fn() -> bool + Send,
     ) -> Result<(Token, Session), NotOpened> {
         let _change = app.clock.by(self.until, app.lock_operator()).await.ok_or(NotOpened::Busy)?;
@@ -168,7 +168,7 @@ impl LoginAttempt {
     /// in charge with an open page.
     fn entering<'a>(
         &'a self,
-        app: &AppState,
+        app: &Live,
         vehicle: Option<VehicleMemory>,
         from: Option<&'a str>,
     ) -> Entering<'a> {
@@ -180,7 +180,7 @@ impl LoginAttempt {
 
     /// Whether this login is refused as a logout of a driving vehicle's operator would be: another role logs
     /// in in the operator's browser.
-    fn is_refused_logout(&self, app: &AppState) -> Option<Refusal> {
+    fn is_refused_logout(&self, app: &Live) -> Option<Refusal> {
         let snapshot = app.published().snapshot;
         let leaves = self.before.as_ref().is_some_and(|before| is_in_charge(before, &snapshot));
         let is_refused = leaves && self.user.role() != Role::Operator && snapshot.stage == Stage::Active;
@@ -198,7 +198,7 @@ impl LoginAttempt {
     /// stays.
     async fn take_charge(
         &self,
-        app: &AppState,
+        app: &Live,
         other: Option<&str>,
         is_waited_for: impl Fn() -> bool + Send,
     ) -> Result<(Token, Written), NotOpened> {
@@ -238,7 +238,7 @@ impl LoginAttempt {
     /// Writes a login in time or not at all: a login that the disk takes later is undone.
     async fn write(
         &self,
-        app: &AppState,
+        app: &Live,
         entering: Entering<'_>,
         records: Vec<Record>,
     ) -> Result<(Token, Written), NotOpened> {
@@ -263,12 +263,7 @@ impl LoginAttempt {
 }
 
 /// Ends a session. The operator in charge logs out at all displays, if the vehicle permits.
-async fn close(
-    app: AppState,
-    session: Session,
-    source: IpAddr,
-    action: OperatorAction,
-) -> Result<(), NotOpened> {
+async fn close(app: Live, session: Session, source: IpAddr, action: OperatorAction) -> Result<(), NotOpened> {
     let until = app.clock.now() + DONE_WITHIN;
     let _change = app.clock.by(until, app.lock_operator()).await.ok_or(NotOpened::Busy)?;
     let record = Record::of_session(&session, Action::Logout, source);
@@ -313,7 +308,7 @@ async fn close(
     Err(not_closed)
 }
 
-impl AppState {
+impl Live {
     /// Locks the operator in charge for a change, once a change that the disk took too late is undone.
     pub(in crate::web) async fn lock_operator(&self) -> tokio::sync::MutexGuard<'_, ()> {
         let change = self.operator_change.lock().await;

@@ -1,7 +1,7 @@
 //! Reads the configuration file again: `POST /developer/configuration/reload`.
 
 use axum::extract::rejection::FormRejection;
-use axum::extract::{Extension, Form, State};
+use axum::extract::{Extension, Form};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{Html, IntoResponse, Response};
 use serde::Deserialize;
@@ -10,7 +10,7 @@ use serde_json::json;
 use crate::engine::time::Span;
 use crate::runtime::Rereading;
 use crate::store::audit::{Action, Record};
-use crate::web::AppState;
+use crate::web::Live;
 use crate::web::admission::peer::{Peer, source_of};
 use crate::web::http::errors::HttpError;
 use crate::web::http::guard::bearer;
@@ -29,7 +29,7 @@ pub struct ReloadForm {
 /// the digest of what it showed, and nothing else is taken. A program may leave it out and takes the file as
 /// it is.
 pub async fn post(
-    State(app): State<AppState>,
+    app: Live,
     peer: Option<Extension<Peer>>,
     headers: HeaderMap,
     request: PageRequest,
@@ -114,7 +114,7 @@ const RECORD_WITHIN: Span = Span::from_secs(4);
 /// Has the file taken, if it is what was shown. The request is on the disk before that, so an error means
 /// that nothing was changed; another result than the expected one is recorded after.
 async fn have_taken(
-    app: AppState,
+    app: Live,
     shown: Option<String>,
     record: Record,
 ) -> Result<(Rereading, Found), HttpError> {

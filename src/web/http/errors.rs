@@ -31,6 +31,8 @@ pub enum HttpError {
     /// Too many wait already.
     Busy,
     Unavailable,
+    /// A recording is shown, in which nothing can be done.
+    Replay,
 }
 
 impl From<StoreError> for HttpError {
@@ -47,6 +49,7 @@ impl HttpError {
             HttpError::NoSession => StatusCode::UNAUTHORIZED,
             HttpError::Forbidden | HttpError::ForeignOrigin => StatusCode::FORBIDDEN,
             HttpError::ForeignHost => StatusCode::MISDIRECTED_REQUEST,
+            HttpError::Replay => StatusCode::CONFLICT,
             HttpError::BadForm => StatusCode::UNPROCESSABLE_ENTITY,
             HttpError::BadRequest => StatusCode::BAD_REQUEST,
             HttpError::TooSlow => StatusCode::REQUEST_TIMEOUT,
@@ -171,6 +174,14 @@ impl HttpError {
             (HttpError::Unavailable, Lang::De) => {
                 ("Nicht verfügbar", "Der Server kann das gerade nicht. Bitte noch einmal versuchen.")
             }
+            (HttpError::Replay, Lang::En) => (
+                "This is a replay",
+                "A recording is shown, so nothing was done. Act at the live display of the vehicle.",
+            ),
+            (HttpError::Replay, Lang::De) => (
+                "Dies ist eine Aufzeichnung",
+                "Eine Aufzeichnung wird gezeigt, daher wurde nichts getan. An der Live-Anzeige des Fahrzeugs handeln.",
+            ),
         }
     }
 }

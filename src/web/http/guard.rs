@@ -21,11 +21,11 @@ use super::errors::HttpError;
 use super::respond::{Reader, Speaks, cookies, header, refusal};
 use crate::store::audit::{Action, Record};
 use crate::store::{Role, Session, SessionKind, Token};
-use crate::web::AppState;
 use crate::web::admission::connections::ConnectionHandle;
 use crate::web::admission::peer::{Peer, source_of};
 use crate::web::assets;
 use crate::web::view::Lang;
+use crate::web::{AppState, Live};
 
 /// Who may use a route.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,6 +72,15 @@ impl<S: Sync> FromRequestParts<S> for SignedIn {
     }
 }
 
+/// Refuses a request that would act on a vehicle where a recording is shown.
+impl FromRequestParts<AppState> for Live {
+    type Rejection = Response;
+
+    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Live, Response> {
+        app.live().ok_or_else(|| refusal(&Reader::of(&parts.uri, &parts.headers), HttpError::Replay))
+    }
+}
+
 /// The middleware around all routes and unknown paths.
 pub async fn guard(
     State((app, table)): State<(AppState, Arc<AccessTable>)>,
@@ -96,7 +105,7 @@ pub async fn guard(
     };
     if caller.is_false {
         let (source, record) = refused(&request, None, "the token is not, or no longer, valid");
-        app.store.record(record.by_anybody(app.caller(source)), None).await;
+        app.record_refused(record, source).await;
     }
     if needs_session && caller.session.is_none() {
         return not_signed_in(&reader, &request);
@@ -112,7 +121,7 @@ pub async fn guard(
     };
     if let Some(trouble) = trouble {
         let (source, record) = refused(&request, caller.session.as_ref(), trouble.say(Lang::En).1);
-        app.store.record(record.by_anybody(app.caller(source)), None).await;
+        app.record_refused(record, source).await;
         return refusal(&reader, trouble);
     }
     let mut request = match admitted(request, caller.session.as_ref()).await {

@@ -13,7 +13,7 @@ use tokio::sync::watch;
 use crate::clock::Clock;
 use crate::engine::time::Timestamp;
 
-/// A bucket of bytes that fills up again. A page says about 600 bytes a second.
+/// A token bucket of bytes. A page sends about 600 bytes a second.
 #[derive(Debug)]
 struct Rate {
     burst_bytes: u64,
@@ -35,7 +35,7 @@ impl Bucket {
         Bucket { rate, left_bytes: rate.burst_bytes, filled: now }
     }
 
-    /// Takes so many bytes out. Returns whether they were there.
+    /// Takes bytes out of the bucket. Returns whether it held as many.
     fn spend(&mut self, now: Timestamp, bytes: u64) -> bool {
         let refill = now.since(self.filled).as_millis() * self.rate.bytes_per_s / 1000;
         if refill > 0 {
@@ -48,7 +48,7 @@ impl Bucket {
     }
 }
 
-/// What the accounts with open sockets have left, by name.
+/// The buckets of the accounts with open sockets, by name.
 #[derive(Debug, Default)]
 pub struct Accounts(Mutex<HashMap<Arc<str>, Weak<Mutex<Bucket>>>>);
 
@@ -65,7 +65,7 @@ impl Accounts {
     }
 }
 
-/// The meter of one connection. It counts from the moment in which that becomes a socket.
+/// Counts the bytes of one connection, from the moment when it becomes a socket.
 #[derive(Debug, Clone)]
 pub struct Meter(Arc<Mutex<Option<Budget>>>, watch::Sender<bool>);
 
@@ -83,7 +83,7 @@ impl Default for Meter {
 }
 
 impl Meter {
-    /// Counts from now on, for this user. What is returned turns true once too much has come.
+    /// Starts counting for this user. The returned flag turns true when a budget is spent.
     pub fn begin(&self, accounts: &Accounts, user: &Arc<str>, clock: Clock) -> watch::Receiver<bool> {
         let now = clock.now();
         let budget = Budget { clock, socket: Bucket::new(&SOCKET, now), account: accounts.of(user, now) };

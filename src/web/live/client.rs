@@ -8,13 +8,13 @@ use tokio::time::timeout;
 
 use crate::store::Session;
 
-/// A client that answers none of so many pings in a row does not read.
+/// A client that leaves this many pings in a row unanswered does not read.
 const PINGS_UNANSWERED_MAX: u32 = 5;
-/// A message that the socket does not take for this long finds nobody who reads.
+/// Time for the socket to take one message; after it, the client counts as not reading.
 const SEND_TIMEOUT: Duration = Duration::from_secs(5);
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// A socket and the session that it lives by.
+/// A socket and the session that it belongs to.
 pub struct Client {
     pub socket: WebSocket,
     pub session: Session,
@@ -22,7 +22,7 @@ pub struct Client {
 }
 
 impl Client {
-    /// Sends what there is, and says whether there was anything.
+    /// Sends a message, if there is one. Returns whether there was.
     pub async fn send_some(&mut self, text: Option<Utf8Bytes>) -> Result<bool, Ending> {
         let Some(text) = text else { return Ok(false) };
         self.send(Message::Text(text)).await.map(|()| true)
@@ -52,7 +52,7 @@ impl Client {
         self.send(Message::Ping(axum::body::Bytes::new())).await
     }
 
-    /// Says why and waits a little for the answer, so that the client reads the reason.
+    /// Sends a close frame with the reason, and waits briefly for the client's own.
     pub async fn close(mut self, ending: Ending) {
         let (code, reason) = match ending {
             Ending::Revoked => (close_code::POLICY, "the session has ended"),
@@ -83,7 +83,7 @@ pub enum Ending {
     Closing,
     /// The engine ended; there is nothing to show.
     NoEngine,
-    /// The client said something that is no answer.
+    /// The client sent a message that the server does not know.
     Nonsense,
     /// The client sends more than it may.
     Flood,

@@ -9,13 +9,13 @@ use tokio::time::{MissedTickBehavior, interval};
 
 use crate::engine::input::Input;
 use crate::engine::time::{Span, Timestamp};
-use crate::runtime::Stamped;
+use crate::runtime::{Stamped, Version};
 use crate::store::{Role, Session};
-use crate::web::AppState;
+use crate::web::Live;
 
-/// How many sockets of one sort may be open: of one login (a browser that reloads leaves old ones
-/// behind for a moment), of one user, of all operators, and of all others. Operators and others are
-/// counted apart, pages and streams of programs too: none of them takes the places of another.
+/// The largest numbers of open sockets: of one login (a browser that reloads leaves old sockets behind for a
+/// moment), of one user, of all operators, and of all others. Operators and others are counted apart, and so
+/// are pages and streams, so that none takes the places of another.
 #[derive(Debug)]
 struct Bounds {
     session: usize,
@@ -24,16 +24,16 @@ struct Bounds {
     others: usize,
 }
 
-/// Two hundred browsers of two users at one vehicle are served.
+/// Enough for two hundred browsers of two users.
 const PAGES: Bounds = Bounds { session: 16, user: 112, operators: 64, others: 256 };
 const STREAMS: Bounds = Bounds { session: 16, user: 32, operators: 32, others: 96 };
 
-/// A display that shows nothing younger than this is not live.
+/// A display is live if it shows a state that is younger than this.
 pub const LIVE_WITHIN: Span = Span::from_secs(2);
-/// A display that was late is live again when it was in time for this long.
+/// A late display is live again after it was in time for this long.
 const LIVE_AGAIN_AFTER: Span = Span::from_secs(5);
 const CHECK_EVERY: Duration = Duration::from_millis(250);
-/// States that were sent and not confirmed are noted at most this often, and at most so many.
+/// The shortest time between two noted states that are not confirmed yet, and their largest number.
 const NOTED_EVERY: Span = Span::from_millis(100);
 const NOTED_MAX: usize = 32;
 
@@ -53,26 +53,26 @@ struct Table {
 struct Display {
     session: Session,
     is_stream: bool,
-    /// What was sent and is not confirmed. Past the limit the oldest stay: they are what the
-    /// display is late with.
+    /// The states that were sent and are not confirmed. Past the limit the oldest stay: they tell how late the
+    /// display is.
     sent: VecDeque<Sent>,
-    /// The beat that was sent last, and whether the page says which of them came: a `seq` may stand
-    /// still, and an old confirmation of it would pass for one of now.
+    /// The last beat that was sent, and whether the page confirms beats by their numbers. While a `seq` stands
+    /// still, an old confirmation of it looks like a new one.
     beat: u64,
     says_beats: bool,
-    /// When that was sent which the page shows now.
+    /// When the state was sent that the page shows now.
     shows_as_of: Option<Timestamp>,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Sent {
-    seq: u64,
-    /// The first beat that cannot have come before this.
+    seq: Version,
+    /// The first beat that was sent after this state.
     beat: u64,
     at: Timestamp,
 }
 
-/// The place of one socket in the table; it is free again when this is dropped.
+/// The place of one socket in the table. Dropping it frees the place.
 #[derive(Debug)]
 pub struct Place {
     displays: Displays,
@@ -120,7 +120,7 @@ impl Displays {
         self.newest(|display| display.session.is(session))
     }
 
-    /// Whether a display of a login lives: it confirmed a recent state.
+    /// Whether a display of this login confirmed a recent state.
     pub fn is_live(&self, session: &Session, now: Timestamp) -> bool {
         self.shows_as_of(session).is_some_and(|shown| now.since(shown) < LIVE_WITHIN)
     }
@@ -131,8 +131,8 @@ impl Displays {
         table.open.values().any(|display| !display.is_stream && display.session.is(session))
     }
 
-    /// Whether the user who logged in sees the vehicle as it is: on a display of this login, or
-    /// on another one of theirs where this login has none.
+    /// Whether the user sees the present state: on a display of this login or, if this login has none, on
+    /// another display of the same user.
     pub fn is_live_for(&self, session: &Session, now: Timestamp) -> bool {
         let has_own = {
             let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -145,7 +145,7 @@ impl Displays {
         self.newest(of).is_some_and(|shown| now.since(shown) < LIVE_WITHIN)
     }
 
-    /// Whether a page of this user is open and none of theirs says that it shows anything.
+    /// Whether this user has an open page, and none that confirmed a recent state.
     pub fn is_late(&self, user: &str, now: Timestamp) -> bool {
         let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let mut late = false;
@@ -186,8 +186,8 @@ impl Table {
     }
 }
 
-/// Tells the engine while the operator's display shows nothing, for as long as the server runs.
-pub async fn watch(app: AppState) {
+/// Tells the engine when the operator's display becomes late, and when it is in time again.
+pub async fn watch(app: Live) {
     let mut checks = interval(CHECK_EVERY);
     checks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut lateness = Lateness::default();
@@ -207,8 +207,8 @@ pub async fn watch(app: AppState) {
     }
 }
 
-/// Whose display is said to be late. A delay around the limit must not make the warning come and
-/// go: it is said at once and taken back once the display was in time for a while.
+/// The operator whose display was reported late. A delay around the limit must not make the warning come and
+/// go: it is reported at once, and withdrawn after the display was in time for a while.
 #[derive(Debug, Default)]
 struct Lateness {
     of: Option<Box<str>>,
@@ -216,7 +216,7 @@ struct Lateness {
 }
 
 impl Lateness {
-    /// Takes whose display is late now, if any is. Returns whether that says something new.
+    /// Takes the operator whose display is late now, if there is one. Returns whether the report changes.
     fn judge(&mut self, late: Option<&str>, now: Timestamp) -> bool {
         match late {
             Some(_) => self.late_last = now,
@@ -233,20 +233,20 @@ impl Lateness {
 
 impl Place {
     /// The state `seq` was sent.
-    pub fn sent(&self, seq: u64, now: Timestamp) {
+    pub fn sent(&self, seq: Version, now: Timestamp) {
         self.change(|display| display.note(seq, display.beat + 1, now));
     }
 
-    /// The state `seq` was said to be the present one still.
-    pub fn beat(&self, beat: u64, seq: u64, now: Timestamp) {
+    /// A beat was sent, which says that the state `seq` is still the present one.
+    pub fn beat(&self, beat: u64, seq: Version, now: Timestamp) {
         self.change(|display| {
             display.beat = beat;
             display.note(seq, beat, now);
         });
     }
 
-    /// The page says that it shows `seq`, and so everything that was sent up to it.
-    pub fn confirm(&self, seq: u64) {
+    /// The page confirms that it shows `seq`, and with it everything that was sent before.
+    pub fn confirm(&self, seq: Version) {
         self.change(|display| {
             if !display.says_beats {
                 display.confirm(|sent| sent.seq <= seq);
@@ -254,9 +254,9 @@ impl Place {
         });
     }
 
-    /// The page says that this beat came and that it shows all that was sent before it, up to `seq`
-    /// if it names one.
-    pub fn confirm_beat(&self, beat: u64, seq: Option<u64>) {
+    /// The page confirms a beat, and that it shows everything that was sent before the beat, up to `seq` if it
+    /// names one.
+    pub fn confirm_beat(&self, beat: u64, seq: Option<Version>) {
         self.change(|display| {
             display.says_beats = true;
             display.confirm(|sent| sent.beat <= beat && seq.is_none_or(|seq| sent.seq <= seq));
@@ -272,7 +272,7 @@ impl Place {
 }
 
 impl Display {
-    fn note(&mut self, seq: u64, beat: u64, at: Timestamp) {
+    fn note(&mut self, seq: Version, beat: u64, at: Timestamp) {
         let due = self.sent.back().is_none_or(|noted| at.since(noted.at) >= NOTED_EVERY);
         if due && self.sent.len() < NOTED_MAX {
             self.sent.push_back(Sent { seq, beat, at });
@@ -307,24 +307,30 @@ mod tests {
         let user = store.authenticate("operator", "246810").await.unwrap().unwrap();
         let (_, session) = store.open_session(&user).await.unwrap();
         let displays = Displays::default();
-        let at = Timestamp::from_millis;
+        let (at, seq) = (Timestamp::from_millis, Version::from);
         assert!(!displays.is_live_for(&session, at(0)) && !displays.is_late("operator", at(9_000)));
         let place = displays.enter(&session).unwrap();
-        place.sent(1, at(1_000));
+        place.sent(seq(1), at(1_000));
         assert!(!displays.is_live_for(&session, at(1_000)), "nothing is confirmed");
-        place.confirm(1);
+        place.confirm(seq(1));
         assert!(displays.is_live_for(&session, at(2_999)) && !displays.is_live_for(&session, at(3_000)));
         for ms in (2_000..9_000).step_by(100) {
-            place.sent(ms, at(ms));
+            place.sent(seq(ms), at(ms));
         }
         // It goes on to answer, but shows what is old.
-        place.confirm(2_000);
+        place.confirm(seq(2_000));
         assert!(!displays.is_live_for(&session, at(4_000)) && displays.is_late("operator", at(4_100)));
-        place.confirm(8_900);
+        place.confirm(seq(8_900));
         assert_eq!(displays.shows_as_of(&session).map(|shown| shown > at(5_000)), Some(true));
-        place.sent(9_000, at(9_000));
-        place.confirm(9_000);
+        place.sent(seq(9_000), at(9_000));
+        place.confirm(seq(9_000));
         assert!(displays.is_live_for(&session, at(9_500)) && !displays.is_late("operator", at(10_900)));
+        // A step back in time: what was confirmed before it says nothing about what was sent after it.
+        place.sent(Version { epoch: 1, number: 5 }, at(11_000));
+        place.confirm(seq(9_000));
+        assert!(!displays.is_live_for(&session, at(11_500)));
+        place.confirm(Version { epoch: 1, number: 5 });
+        assert!(displays.is_live_for(&session, at(11_500)));
         drop(place);
         assert!(!displays.is_live_for(&session, at(9_500)) && !displays.is_late("operator", at(20_000)));
     }
@@ -339,13 +345,13 @@ mod tests {
             let displays = Displays::default();
             let place = displays.enter(&session).unwrap();
             let (mut lateness, mut told, mut late) = (Lateness::default(), Vec::new(), 0);
-            let (mut seq, mut on_the_way) = (1, VecDeque::new());
+            let (mut seq, mut on_the_way) = (Version::from(1), VecDeque::new());
             for ms in (0..90_000_u64).step_by(50) {
                 let now = Timestamp::from_millis(10_000 + ms);
                 let delay_ms = if (10_000..60_000).contains(&ms) { DELAY_MS } else { 100 };
                 if ms % 250 == 0 {
                     // The state stands still for seconds on end.
-                    seq += u64::from(ms % 4_000 == 0);
+                    seq.number += u64::from(ms % 4_000 == 0);
                     place.beat(ms / 250, seq, now);
                     on_the_way.push_back((ms + delay_ms, ms / 250, seq));
                 }

@@ -4,6 +4,7 @@
 pub(super) mod byte_budget;
 pub(super) mod client;
 pub(super) mod displays;
+pub(super) mod first_changes;
 pub mod frame;
 pub(super) mod pacing;
 pub(super) mod socket;

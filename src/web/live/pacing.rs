@@ -4,26 +4,29 @@ use std::time::Duration;
 
 use crate::engine::time::{Span, Timestamp};
 
-/// No more states in a second than eyes see.
+/// Between two states: people see no more in a second.
 const APART: Span = Span::from_millis(60);
-/// Where there is no end of them: a display that takes in each of them does little else.
+/// Between two states under continuous change, which would keep a display busy.
 const APART_LONG: Span = Span::from_millis(125);
-/// Until then there is an end of them.
+/// The backlog from which a change counts as continuous.
 const BACKLOG_MAX: Span = Span::from_millis(500);
 
-/// A state goes out at once where none went before it for [`APART`], and while they come without a
-/// pause [`APART_LONG`] after the last. What comes meanwhile is not sent later: the newest is.
+/// A state is sent at once if the last one was sent more than [`APART`] ago; under continuous change, a state
+/// is sent every [`APART_LONG`]. After a pause only the newest state is sent. The first change of a state does
+/// not wait for the end of a pause ([`first_changes`](super::first_changes)); words do.
 #[derive(Debug, Default)]
 pub struct Pacing {
-    /// Until when all that was sent would have taken at the long distance.
+    /// When the states that were sent would all be out, if each took [`APART_LONG`].
     backlog_until: Timestamp,
 }
 
 impl Pacing {
-    /// How long to wait after the state of now, which was sent if there was anything to see in it.
+    /// The pause after the present state. It was sent if there was something to see in it.
     pub fn pause(&mut self, now: Timestamp, sent: bool) -> Duration {
         if sent {
-            self.backlog_until = self.backlog_until.max(now) + APART_LONG;
+            // First changes do not wait, and must not make the pauses after them longer and longer.
+            let backlog_max = now + BACKLOG_MAX + APART_LONG;
+            self.backlog_until = (self.backlog_until.max(now) + APART_LONG).min(backlog_max);
         }
         let pause = (self.backlog_until.since(now) - BACKLOG_MAX).max(APART);
         Duration::from_nanos(pause.as_nanos())
@@ -50,6 +53,13 @@ mod tests {
         };
         let pauses = (0..count).map(|_| pause()).collect();
         (pauses, now_ms)
+    }
+
+    #[test]
+    fn states_that_do_not_wait_make_no_pause_longer() {
+        let mut pacing = Pacing::default();
+        let longest = (0..1000).map(|number| pacing.pause(Timestamp::from_millis(50 * number), true)).max();
+        assert_eq!(longest, Some(Duration::from_millis(125)));
     }
 
     #[test]

@@ -19,9 +19,9 @@ use tokio::time::{MissedTickBehavior, interval, sleep};
 use super::byte_budget::Meter;
 use super::client::{Client, Ending};
 use super::displays::Place;
-use super::frame;
+use super::frame::{self, Form, Sent};
 use super::pacing::Pacing;
-use crate::runtime::Published;
+use crate::runtime::{Published, Version};
 use crate::store::audit::{Action, Record};
 use crate::store::{Role, Session};
 use crate::web::admission::peer::{Peer, source_of};
@@ -36,20 +36,33 @@ use crate::web::{AppState, turned};
 
 /// The largest message that a client may send.
 pub const INBOUND_BYTES_MAX: usize = 16 * 1024;
-/// What is read of a socket at a time, so that one that sends without an end keeps nobody waiting.
+/// The bytes that are read of a socket at a time, so that a client that never stops sending delays nobody.
 const READ_BYTES: usize = 4 * 1024;
-/// A page that hears nothing for 1 s says that it is not live.
+/// The time between two beats. A page without a beat for 1 s says that it is not live.
 const BEAT_EVERY: Duration = Duration::from_millis(250);
 /// A ping goes out with every fourth beat.
 const BEATS_PER_PING: u64 = 4;
-/// What stands behind the tiles has more time.
+/// The time between two updates of the hidden panels behind the tiles.
 const DETAILS_EVERY: Duration = Duration::from_millis(500);
-/// Taps on STOP of one page that may wait for their answer.
+/// Taps on STOP of one page that may wait for an answer at the same time.
 const STOPS_AT_ONCE: usize = 4;
 
 #[derive(Debug, Deserialize)]
 pub struct PageQuery {
     lang: Option<String>,
+}
+
+/// The form of a stream. A key in the address is enough; its value says nothing.
+#[derive(Debug, Deserialize)]
+pub struct StreamQuery {
+    groups: Option<String>,
+    deltas: Option<String>,
+}
+
+impl StreamQuery {
+    fn form(&self) -> Form {
+        Form { groups: self.groups.is_some(), deltas: self.deltas.is_some() }
+    }
 }
 
 /// `GET /ws`
@@ -61,9 +74,8 @@ pub async fn page(
     query: Result<Query<PageQuery>, QueryRejection>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Response {
-    let asked = query.ok().and_then(|Query(query)| query.lang);
-    let lang = asked.as_deref().and_then(Lang::from_word).unwrap_or(reader.lang);
-    open(app, from, session, &reader, upgrade, Feed::Page { lang, shown: None, details: 0 })
+    let lang = lang_of(query, &reader);
+    open(app, from, session, &reader, upgrade, Feed::Page { lang, shown: None, details: Version::default() })
 }
 
 /// `GET /api/v1/stream`
@@ -72,9 +84,11 @@ pub async fn stream(
     from: From,
     SignedIn(session): SignedIn,
     reader: Reader,
+    query: Result<Query<StreamQuery>, QueryRejection>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Response {
-    open(app, from, session, &reader, upgrade, Feed::Snapshots)
+    let form = query.map(|Query(query)| query.form()).unwrap_or_default();
+    open(app, from, session, &reader, upgrade, Feed::Snapshots { form, sent: None })
 }
 
 /// `GET /developer/live`
@@ -86,12 +100,17 @@ pub async fn pulse(
     query: Result<Query<PageQuery>, QueryRejection>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Response {
-    let asked = query.ok().and_then(|Query(query)| query.lang);
-    let lang = asked.as_deref().and_then(Lang::from_word).unwrap_or(reader.lang);
+    let lang = lang_of(query, &reader);
     open(app, from, session, &reader, upgrade, Feed::Pulse { lang })
 }
 
-/// The connection that is to become a socket.
+/// The language that a page names in its address, or that of its user.
+fn lang_of(query: Result<Query<PageQuery>, QueryRejection>, reader: &Reader) -> Lang {
+    let named = query.ok().and_then(|Query(query)| query.lang);
+    named.as_deref().and_then(Lang::from_word).unwrap_or(reader.lang)
+}
+
+/// Where a request came from, and the meter of its connection.
 type From = (Option<Extension<Peer>>, Option<Extension<Meter>>);
 
 fn open(
@@ -107,7 +126,7 @@ fn open(
         Err(rejection) => return rejection.into_response(),
     };
     let place = match feed {
-        Feed::Snapshots => app.displays.enter_stream(&session),
+        Feed::Snapshots { .. } => app.displays.enter_stream(&session),
         Feed::Page { .. } | Feed::Pulse { .. } => app.displays.enter(&session),
     };
     let Some(place) = place else { return refusal(reader, HttpError::TooManySockets) };
@@ -120,24 +139,25 @@ fn open(
     upgrade.on_upgrade(move |socket| async move {
         let client = Client { socket, session, pings_unanswered: 0 };
         let stops = JoinSet::new();
-        Connection { app, source, over, client, feed, place, seq: 0, beat: 0, stops }.run().await;
+        let seq = Version::default();
+        Connection { app, source, over, client, feed, place, seq, seq_max: 0, beat: 0, stops }.run().await;
     })
 }
 
 /// What a connection carries.
 #[derive(Debug)]
 enum Feed {
-    /// Fragments of the operator's page: `shown` is the revision that was sent last, and `details`
-    /// that of what stands behind the tiles.
-    Page { lang: Lang, shown: Option<u64>, details: u64 },
-    /// Whole snapshots as JSON.
-    Snapshots,
-    /// Beats alone, which say what there is to ask for.
+    /// Fragments of the operator's page: `shown` is the revision that was sent last, `details` that of the
+    /// panels behind the tiles.
+    Page { lang: Lang, shown: Option<Version>, details: Version },
+    /// Snapshots as JSON, and what was sent of them last.
+    Snapshots { form: Form, sent: Option<Sent> },
+    /// Beats alone, with the revision that a developer's page can request.
     Pulse { lang: Lang },
 }
 
 impl Feed {
-    /// Programs get every snapshot that they keep up with.
+    /// Whether states are sent with pauses. Programs get every snapshot that they keep up with.
     fn is_paced(&self) -> bool {
         matches!(self, Feed::Page { .. })
     }
@@ -146,13 +166,15 @@ impl Feed {
 struct Connection {
     app: AppState,
     source: IpAddr,
-    /// Turns true once the client has sent too much.
+    /// Turns true when the client has sent too much.
     over: watch::Receiver<bool>,
     client: Client,
     feed: Feed,
     place: Place,
-    /// Of the state that was sent last.
-    seq: u64,
+    /// The state that was sent last.
+    seq: Version,
+    /// The largest number of a state that was sent: after a step back in time it is an earlier epoch's.
+    seq_max: u64,
     /// The number of the beat that was sent last.
     beat: u64,
     /// Taps on STOP that are not answered yet.
@@ -169,7 +191,7 @@ impl Connection {
         if ending == Ending::Flood {
             let record = Record::of_session(&self.client.session, Action::Request, self.source).on("socket");
             let record = record.refused("it sent more than a socket may");
-            self.app.store.record(record.by_anybody(self.app.caller(self.source)), None).await;
+            self.app.record_refused(record, self.source).await;
         }
         // The place is free before the close frame: a client may take its time to answer it.
         let Connection { client, place, .. } = self;
@@ -178,7 +200,7 @@ impl Connection {
     }
 
     async fn serve(&mut self) -> Result<std::convert::Infallible, Ending> {
-        let mut snapshots = self.app.link.snapshots.clone();
+        let mut snapshots = self.app.snapshots().clone();
         let mut closing = self.app.closing.subscribe();
         let mut beats = interval(BEAT_EVERY);
         // After a stop of the whole process there is one beat to make up for, not all.
@@ -189,6 +211,7 @@ impl Connection {
         let mut pacing = Pacing::default();
         let mut details_due = false;
         let mut hand_overs = self.app.hand_overs.subscribe();
+        let mut first_changes = self.app.first_changes.subscribe();
         self.show(&latest(&mut snapshots)).await?;
         self.say(&mut hand_overs, false).await?;
         loop {
@@ -199,6 +222,7 @@ impl Connection {
                 () = turned(&mut closing) => return Err(Ending::Closing),
                 () = turned(&mut self.over) => return Err(Ending::Flood),
                 () = &mut pause, if is_paused => details_due,
+                Ok(()) = first_changes.changed(), if is_paused => true,
                 changed = snapshots.changed(), if !is_paused => {
                     changed.map_err(|_| Ending::NoEngine)?;
                     true
@@ -230,6 +254,7 @@ impl Connection {
                 }
             };
             if shows {
+                first_changes.mark_unchanged();
                 let published = latest(&mut snapshots);
                 let sent = match std::mem::take(&mut details_due) {
                     true => self.show_details(&published).await?,
@@ -242,7 +267,7 @@ impl Connection {
         }
     }
 
-    /// Sends what this client does not have yet, if there is any.
+    /// Sends what is new for this client. Returns whether there was anything.
     async fn show(&mut self, published: &Published) -> Result<bool, Ending> {
         match &mut self.feed {
             Feed::Page { lang, shown, details, .. } => {
@@ -255,19 +280,19 @@ impl Connection {
                     }
                 };
                 *shown = Some(frame.revision());
-                self.seq = frame.seq();
-                self.place.sent(self.seq, self.app.clock.now());
+                self.sends(frame.seq());
                 self.client.send_some(message).await
             }
             Feed::Pulse { .. } => Ok(false),
-            Feed::Snapshots => {
-                let json = self.app.frames.json(published);
-                self.client.send_some(Some(json)).await
+            Feed::Snapshots { form, sent } => {
+                let (message, has) = self.app.frames.stream(published, *form, *sent);
+                *sent = Some(has);
+                self.client.send_some(Some(message)).await
             }
         }
     }
 
-    /// Tells a page who takes over, or that nobody does any more if it was told before.
+    /// Tells a page which operator takes over, or that the announced one does not.
     async fn say(
         &mut self,
         said: &mut watch::Receiver<Option<HandOver>>,
@@ -279,29 +304,44 @@ impl Connection {
         self.client.send_some(message).await.map(|_| ())
     }
 
-    /// What stands behind the tiles, and with it all else that is new.
+    /// Sends the panels behind the tiles, with everything else that is new.
     async fn show_details(&mut self, published: &Published) -> Result<bool, Ending> {
         let Feed::Page { lang, shown: Some(shown), details, .. } = &mut self.feed else { return Ok(false) };
         let frame = self.app.frames.html(published, *lang, &self.app.trends);
         let message = frame.since_with_details(*shown, *details);
         (*shown, *details) = (frame.revision(), frame.revision());
-        self.seq = frame.seq();
-        self.place.sent(self.seq, self.app.clock.now());
+        self.sends(frame.seq());
         self.client.send_some(message).await
     }
 
-    /// Says that this server and its engine live. A page that hears nothing is covered by its own
-    /// script, so nothing is said while the engine is silent.
+    /// Notes which state the page gets.
+    fn sends(&mut self, seq: Version) {
+        self.seq = seq;
+        self.seq_max = self.seq_max.max(seq.number);
+        self.place.sent(seq, self.app.clock.now());
+    }
+
+    /// The state that a page says it shows. A number that was not sent since the last step back in time is
+    /// of an earlier epoch.
+    fn sent(&self, number: u64) -> Result<Version, Ending> {
+        match number {
+            _ if number <= self.seq.number => Ok(Version { number, ..self.seq }),
+            _ if number <= self.seq_max => Ok(Version { number, epoch: self.seq.epoch.saturating_sub(1) }),
+            _ => Err(Ending::Nonsense),
+        }
+    }
+
+    /// Sends a beat while the engine lives. A page without beats covers itself, so a silent engine gets none.
     async fn beat(&mut self, number: u64) -> Result<(), Ending> {
         let now = self.app.clock.now();
         let beat = match self.feed {
-            _ if !self.app.is_engine_alive() => None,
+            _ if !self.app.is_source_alive() => None,
             Feed::Page { .. } => {
                 self.place.beat(number, self.seq, now);
-                Some(frame::beat(number, self.seq, now, self.app.clock.wall()))
+                Some(frame::beat(number, self.seq.number, now, self.app.wall()))
             }
             Feed::Pulse { lang } => Some(frame::pulse(number, &self.app.published(), now, lang)),
-            Feed::Snapshots => None,
+            Feed::Snapshots { .. } => None,
         };
         if let Some(beat) = beat {
             self.client.send(Message::Text(beat)).await?;
@@ -324,14 +364,12 @@ impl Connection {
                     Said::Stop { stop } => return self.stop(stop, *lang),
                     Said::Shown(said) => said,
                 };
-                if said.shown.is_some_and(|seq| seq > self.seq) {
-                    return Err(Ending::Nonsense);
-                }
-                match said {
-                    Shown { beat: Some(beat), .. } if beat > self.beat => return Err(Ending::Nonsense),
-                    Shown { beat: Some(beat), shown } => self.place.confirm_beat(beat, shown),
-                    Shown { beat: None, shown: Some(seq) } => self.place.confirm(seq),
-                    Shown { beat: None, shown: None } => return Err(Ending::Nonsense),
+                let shown = said.shown.map(|number| self.sent(number)).transpose()?;
+                match (said.beat, shown) {
+                    (Some(beat), _) if beat > self.beat => return Err(Ending::Nonsense),
+                    (Some(beat), shown) => self.place.confirm_beat(beat, shown),
+                    (None, Some(seq)) => self.place.confirm(seq),
+                    (None, None) => return Err(Ending::Nonsense),
                 }
                 Ok(())
             }
@@ -339,22 +377,28 @@ impl Connection {
         }
     }
 
-    /// Requests a stop as a tap over HTTP does; the answer is what that would get. Stops past the bound
-    /// are left to that way.
+    /// Requests a stop as `POST /vehicle/stop` does, with the same answer. Taps past the bound get none here:
+    /// the page sends each tap over HTTP too.
     fn stop(&mut self, form: StopForm, lang: Lang) -> Result<(), Ending> {
         let session = &self.client.session;
         let Some(name) = form.tap.clone().filter(|_| session.role == Role::Operator) else {
             return Err(Ending::Nonsense);
         };
+        let Some(live) = self.app.live() else {
+            let reader = Tap::socket_reader(lang);
+            self.stops
+                .spawn(async move { frame::answered(&name, refusal(&reader, HttpError::Replay)).await });
+            return Ok(());
+        };
         if self.stops.len() < STOPS_AT_ONCE {
-            let tap = Tap::over_socket(&self.app, session, self.source, lang);
+            let tap = Tap::over_socket(live, session, self.source, lang);
             self.stops.spawn(async move { frame::answered(&name, request_stop(tap, form).await).await });
         }
         Ok(())
     }
 }
 
-/// What a page says over its socket.
+/// A message from a page.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
 enum Said {
@@ -365,7 +409,7 @@ enum Said {
     Shown(Shown),
 }
 
-/// What a page answers once it shows a message: its `seq`, and of a beat its number too.
+/// A page confirms a message that it shows: its `seq`, and the number of a beat.
 #[derive(Debug, Deserialize)]
 struct Shown {
     shown: Option<u64>,

@@ -2,11 +2,11 @@
 
 use crate::web::AppState;
 
-/// Runs for as long as the server does. The engine publishes often enough to be the clock of this.
+/// Runs for as long as the server does, at the pace of the snapshots.
 pub async fn watch(app: AppState) {
-    let mut snapshots = app.link.snapshots.clone();
+    let mut snapshots = app.snapshots().clone();
     while snapshots.changed().await.is_ok() {
         let published = snapshots.borrow_and_update().clone();
-        app.trends.sample(&published.snapshot);
+        app.trends.sample(&published);
     }
 }

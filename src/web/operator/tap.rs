@@ -13,13 +13,13 @@ use crate::engine::input::OperatorAction;
 use crate::engine::time::{Span, Timestamp};
 use crate::store::Session;
 use crate::store::audit::{Action, Record};
-use crate::web::AppState;
 use crate::web::admission::peer::{Peer, source_of};
 use crate::web::auth::expiry::is_in_charge;
 use crate::web::http::guard::SignedIn;
 use crate::web::http::respond::{Reader, Speaks};
 use crate::web::view::versions::Aspect;
 use crate::web::view::{Lang, PagePart, Palette};
+use crate::web::{AppState, Live};
 
 /// Twice the time after which a page without heartbeats covers itself.
 const TAP_LATE_MAX: Span = Span::from_secs(4);
@@ -35,7 +35,7 @@ pub struct Versioned {
 /// A tap on a button, over HTTP or over the socket of the page.
 #[derive(Debug, Clone)]
 pub struct Tap {
-    pub app: AppState,
+    pub app: Live,
     pub session: Session,
     source: IpAddr,
     pub reader: Reader,
@@ -72,18 +72,23 @@ impl FromRequestParts<AppState> for Tap {
     async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Tap, Response> {
         let arrived = app.clock.now();
         let SignedIn(session) = SignedIn::from_request_parts(parts, app).await?;
+        let app = Live::from_request_parts(parts, app).await?;
         let source = source_of(parts.extensions.get::<Peer>().copied());
         let reader = Reader::of(&parts.uri, &parts.headers);
-        Ok(Tap { app: app.clone(), session, source, reader, arrived })
+        Ok(Tap { app, session, source, reader, arrived })
     }
 }
 
 impl Tap {
     /// A tap that came over the socket of a page.
-    pub fn over_socket(app: &AppState, session: &Session, source: IpAddr, lang: Lang) -> Tap {
-        let reader =
-            Reader { speaks: Speaks::Json, lang, palette: Palette::default(), part: PagePart::default() };
-        Tap { app: app.clone(), session: session.clone(), source, reader, arrived: app.clock.now() }
+    pub fn over_socket(app: Live, session: &Session, source: IpAddr, lang: Lang) -> Tap {
+        let (reader, arrived) = (Tap::socket_reader(lang), app.clock.now());
+        Tap { app, session: session.clone(), source, reader, arrived }
+    }
+
+    /// How the answer to a tap over the socket is written.
+    pub fn socket_reader(lang: Lang) -> Reader {
+        Reader { speaks: Speaks::Json, lang, palette: Palette::default(), part: PagePart::default() }
     }
 
     /// The conditions under which this tap counts. A tap that was delayed on its way was made while the

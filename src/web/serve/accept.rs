@@ -26,7 +26,7 @@ use crate::web::admission::connections::{ConnectionPlace, Connections};
 use crate::web::admission::peer::Peer;
 use crate::web::auth::expiry;
 use crate::web::live::byte_budget::{Meter, Metered};
-use crate::web::live::{displays, trend_sampling};
+use crate::web::live::{displays, first_changes, trend_sampling};
 use crate::web::router::router;
 use crate::web::vehicle_memory::VehicleMemoryTask;
 use crate::web::{AppState, turned};
@@ -60,12 +60,13 @@ pub async fn serve(
     let router = router(app.clone());
     let places = Connections::default();
     let mut connections = JoinSet::new();
-    let vehicle_memory_task = VehicleMemoryTask::start(app.clone());
-    let watches = [
-        tokio::spawn(expiry::watch(app.clone())),
-        tokio::spawn(displays::watch(app.clone())),
-        tokio::spawn(trend_sampling::watch(app.clone())),
-    ];
+    // A replay has none of the tasks that command the engine or write to the store.
+    let vehicle_memory_task = app.live().map(VehicleMemoryTask::start);
+    let live_watches = app
+        .live()
+        .map(|live| [tokio::spawn(expiry::watch(live.clone())), tokio::spawn(displays::watch(live))]);
+    let watches =
+        [tokio::spawn(first_changes::watch(app.clone())), tokio::spawn(trend_sampling::watch(app.clone()))];
     let mut shutdown = pin!(shutdown);
     loop {
         tokio::select! {
@@ -98,7 +99,7 @@ pub async fn serve(
         }
     }
     drop(listener);
-    watches.iter().for_each(tokio::task::JoinHandle::abort);
+    live_watches.iter().flatten().chain(&watches).for_each(tokio::task::JoinHandle::abort);
     app.closing.send_replace(true);
     let drained = async {
         app.displays.all_gone().await;
@@ -107,7 +108,9 @@ pub async fn serve(
     if timeout(DRAIN_TIMEOUT, drained).await.is_err() {
         tracing::warn!("some connections did not end in time");
     }
-    vehicle_memory_task.end().await;
+    if let Some(task) = vehicle_memory_task {
+        task.end().await;
+    }
     Ok(())
 }
 

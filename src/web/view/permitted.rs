@@ -47,5 +47,5 @@ pub fn permitted(published: &Published) -> Published {
         reception: Arc::new([]),
         counters: snapshot.counters,
     };
-    Published { snapshot: Arc::new(withheld), at: published.at }
+    Published { snapshot: Arc::new(withheld), ..published.clone() }
 }

@@ -4,8 +4,9 @@ use std::collections::{HashMap, VecDeque};
 use std::fmt::Write as _;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::engine::snapshot::{Layout, Report, Snapshot};
+use crate::engine::snapshot::{Layout, Report};
 use crate::engine::time::{Span, Timestamp};
+use crate::runtime::Published;
 
 /// One sample of every value in this time.
 pub const SAMPLE_EVERY: Span = Span::from_secs(2);
@@ -34,6 +35,7 @@ pub struct Trends(Mutex<Sampled>);
 
 #[derive(Debug, Default)]
 struct Sampled {
+    epoch: u64,
     last: Option<Timestamp>,
     layout: Option<Arc<Layout>>,
     /// By `ModuleId` of `layout`.
@@ -58,9 +60,13 @@ pub struct Trend {
 }
 
 impl Trends {
-    /// Takes a sample, if the last one is old enough.
-    pub fn sample(&self, snapshot: &Snapshot) {
+    /// Takes a sample, if the last one is old enough. After a step back in time the past begins anew.
+    pub fn sample(&self, published: &Published) {
+        let snapshot = &published.snapshot;
         let mut inner = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if inner.epoch != published.epoch {
+            *inner = Sampled { epoch: published.epoch, ..Sampled::default() };
+        }
         if inner.last.is_some_and(|last| snapshot.now.since(last) < SAMPLE_EVERY) {
             return;
         }
@@ -184,8 +190,14 @@ fn draw(key: &str, samples: &VecDeque<f32>, points: usize) -> Option<Trend> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::SystemTime;
+
     use super::*;
     use crate::web::view::tests::sample::Sample;
+
+    fn recorded(sample: &mut Sample) -> Published {
+        Published::recorded(sample.snapshot(), SystemTime::UNIX_EPOCH)
+    }
 
     #[test]
     fn a_number_gets_a_past_and_silence_a_gap() {
@@ -196,8 +208,8 @@ mod tests {
             sample = sample
                 .report("can/battery", 0, "fine", &[(&long, "1"), ("v", value), ("word", "high")])
                 .pass(2);
-            trends.sample(&sample.snapshot());
-            trends.sample(&sample.snapshot());
+            trends.sample(&recorded(&mut sample));
+            trends.sample(&recorded(&mut sample));
         }
         let snapshot = sample.snapshot();
         let index = snapshot.layout.modules.iter().position(|info| &*info.id == "can/battery").unwrap();
@@ -208,7 +220,7 @@ mod tests {
         assert!(trends.of(index, "another", SAMPLES).is_empty());
 
         let mut sample = sample.silence("can/battery").pass(8);
-        trends.sample(&sample.snapshot());
+        trends.sample(&recorded(&mut sample));
         let trend = trends.of(index, "can/battery", SAMPLES).remove(0);
         assert_eq!(trend.line, "M89.7 19.0L93.1 1.0L96.6 10.0", "the present is unknown");
     }

@@ -10,6 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::engine::model::{GroupId, NodeId};
 use crate::engine::snapshot::{Alarm, Snapshot};
+use crate::runtime::{Published, Version};
 
 /// A part of the state on which an operator's decision depends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -30,7 +31,8 @@ pub struct Versions(Mutex<Latest>);
 
 #[derive(Debug, Default)]
 struct Latest {
-    seen: Seen,
+    seq: Version,
+    since: Arc<HashMap<Aspect, u64>>,
     digests: HashMap<Aspect, u64>,
 }
 
@@ -60,20 +62,25 @@ impl Seen {
 
 impl Versions {
     /// Takes each snapshot before a page shows it.
-    pub fn observe(&self, snapshot: &Snapshot) -> Seen {
+    pub fn observe(&self, published: &Published) -> Seen {
+        let (seq, snapshot) = (published.seq(), &published.snapshot);
         let mut latest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if snapshot.seq > latest.seen.seq || latest.digests.is_empty() {
+        if seq.epoch > latest.seq.epoch {
+            *latest = Latest::default();
+        }
+        if seq > latest.seq || latest.digests.is_empty() {
             let digests = digests(snapshot);
             let since = digests.iter().map(|(aspect, digest)| {
                 let same = latest.digests.get(aspect) == Some(digest);
-                let since = latest.seen.since.get(aspect).copied().filter(|_| same);
+                let since = latest.since.get(aspect).copied().filter(|_| same);
                 (*aspect, since.unwrap_or(snapshot.seq))
             });
             let since = Arc::new(since.collect());
-            *latest = Latest { seen: Seen { seq: snapshot.seq, since }, digests };
+            *latest = Latest { seq, since, digests };
         }
-        // An older snapshot has no version that is newer than itself.
-        Seen { seq: snapshot.seq, since: latest.seen.since.clone() }
+        // An older snapshot has no version that is newer than itself, or of a later epoch.
+        let since = if seq.epoch == latest.seq.epoch { latest.since.clone() } else { Arc::default() };
+        Seen { seq: snapshot.seq, since }
     }
 }
 

@@ -64,8 +64,8 @@ impl Vehicle {
         let (displays, now) = (&self.fixture.app.displays, self.fixture.clock.now());
         let place = displays.enter(&self.session()).unwrap();
         let seq = self.fixture.link.snapshots.borrow().snapshot.seq;
-        place.sent(seq, now);
-        place.confirm(seq);
+        place.sent(seq.into(), now);
+        place.confirm(seq.into());
         std::mem::forget(place);
     }
 

@@ -159,7 +159,7 @@ async fn an_operator_who_drives_stays_in_charge_over_a_restart() {
         let operator = fixture.cookie_of("operator").await;
         let authority = fixture.cookie_of("authority").await;
         fixture.drive(drives).await;
-        fixture.store.remember(fixture.app.memory()).await.unwrap();
+        fixture.store.remember(fixture.app.live().unwrap().memory()).await.unwrap();
         disk.run("UPDATE sessions SET created_ms = 1, expires_ms = 2");
 
         let resumed = Fixture::in_folder_by(&disk.folder, Clock::start()).await;

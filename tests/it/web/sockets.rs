@@ -7,9 +7,10 @@ use futures_util::{SinkExt, StreamExt};
 use serde_json::Value;
 use telltale::engine::model::Stage;
 use telltale::engine::state::State;
+use telltale::engine::time::Span;
 use telltale::store::{DemoSecrets, Role, Store, Token};
 use telltale::web::view::{Fragment, Lang, fragments};
-use telltale::web::{AppState, Origins, serve};
+use telltale::web::{AppState, Origins, Source, serve};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
 use tokio::time::timeout;
@@ -28,8 +29,8 @@ pub struct Server {
     pub fixture: Fixture,
     pub app: AppState,
     pub address: SocketAddr,
-    shutdown: oneshot::Sender<()>,
-    served: tokio::task::JoinHandle<std::io::Result<()>>,
+    pub shutdown: oneshot::Sender<()>,
+    pub served: tokio::task::JoinHandle<std::io::Result<()>>,
 }
 
 pub type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
@@ -42,10 +43,16 @@ impl Server {
     }
 
     pub async fn with(fixture: Fixture, store: Store) -> Server {
+        let link = fixture.link.clone();
+        Server::showing(link, fixture, store).await
+    }
+
+    /// Shows another source than the fixture's engine.
+    pub async fn showing(source: impl Into<Source>, fixture: Fixture, store: Store) -> Server {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let settings = settings(Origins::of_listener(address, false), false);
-        let app = AppState::new(fixture.link.clone(), store, fixture.clock, settings);
+        let app = AppState::new(source, store, fixture.clock, settings);
         let (shutdown, ended) = oneshot::channel::<()>();
         let served = tokio::spawn(serve(listener, None, app.clone(), async {
             let _ = ended.await;
@@ -53,7 +60,7 @@ impl Server {
         Server { fixture, app, address, shutdown, served }
     }
 
-    fn origin(&self) -> String {
+    pub fn origin(&self) -> String {
         format!("http://{}", self.address)
     }
 
@@ -77,7 +84,7 @@ impl Server {
         self.try_connect(path, &[("cookie", cookie), ("origin", &self.origin())]).await.unwrap()
     }
 
-    async fn break_lidar(&self) {
+    pub async fn break_lidar(&self) {
         self.fixture.status("lidar", 2, "no packets").await;
         self.fixture.until(|snapshot| snapshot.overall == State::Error).await;
     }
@@ -99,7 +106,7 @@ pub async fn next_json(socket: &mut Socket, condition: impl Fn(&Value) -> bool) 
     }
 }
 
-async fn next_content(socket: &mut Socket) -> Value {
+pub async fn next_content(socket: &mut Socket) -> Value {
     next_json(socket, |value| value.get("content").is_some()).await
 }
 
@@ -200,16 +207,24 @@ async fn beats_count_up_and_time_alone_sends_no_page() {
 }
 
 #[tokio::test]
-async fn a_program_gets_whole_snapshots() {
-    let server = Server::new().await;
-    let cookie = server.fixture.cookie_of("operator").await;
-    let mut socket = server.connect("/api/v1/stream", &cookie).await;
-    let first = next_json(&mut socket, |_| true).await;
-    assert_eq!(first["groups"].as_array().unwrap().len(), 3);
-    server.break_lidar().await;
-    let broken = next_json(&mut socket, |snapshot| snapshot["overall"] == "error").await;
-    assert_eq!(broken["roots"][0]["node"], "sensors/lidar");
-    assert_eq!(broken["groups"][0]["modules"][0]["message"], "no packets");
+async fn the_first_change_of_a_state_waits_for_no_pause() {
+    // No pause ends.
+    let (fixture, hand, _timers) = Fixture::without_time().await;
+    let store = fixture.store.clone();
+    let cookie = fixture.cookie_of("operator").await;
+    let server = Server::with(fixture, store).await;
+    let mut page = server.connect("/ws", &cookie).await;
+    next_content(&mut page).await;
+    for round in 0..6 {
+        hand.advance(Span::from_millis(200));
+        let (level, own) = if round % 2 == 0 { (2, State::Error) } else { (0, State::Ok) };
+        // Words go with the next state.
+        server.fixture.status("imu", 0, &format!("fine, round {round}")).await;
+        server.fixture.status("lidar", level, "no packets").await;
+        let seq = server.fixture.until(|it| it.modules[0].own == own).await.seq;
+        let shown = next_json(&mut page, |it| it["seq"].as_u64() >= Some(seq)).await;
+        assert!(shown.get("content").is_some(), "{shown}");
+    }
 }
 
 #[tokio::test]
@@ -365,31 +380,4 @@ async fn sockets_are_bounded_and_the_end_of_the_server_is_told() {
         assert_eq!(closed(socket).await, CloseCode::Restart);
     }
     timeout(PATIENCE, server.served).await.expect("it ends in time").unwrap().unwrap();
-}
-
-#[tokio::test]
-async fn streams_of_programs_take_no_place_of_a_page() {
-    let server = Server::new().await;
-    let operator = server.fixture.cookie_of("operator").await;
-    let mut streams = Vec::new();
-    for login in 0..3 {
-        let cookie = server.fixture.cookie_of("authority").await;
-        let origin = server.origin();
-        let headers = [("cookie", cookie.as_str()), ("origin", origin.as_str())];
-        for number in 0..16 {
-            match server.try_connect("/api/v1/stream", &headers).await {
-                Ok(stream) => streams.push(stream),
-                Err(status) => {
-                    assert_eq!((status, login), (StatusCode::SERVICE_UNAVAILABLE, 2), "{number}");
-                }
-            }
-        }
-        let mut page = server.connect("/ws", &cookie).await;
-        next_content(&mut page).await;
-    }
-    assert_eq!(streams.len(), 32, "of one user");
-    let mut page = server.connect("/ws", &operator).await;
-    next_content(&mut page).await;
-    let mut stream = server.connect("/api/v1/stream", &operator).await;
-    next_json(&mut stream, |value| value.get("groups").is_some()).await;
 }

@@ -44,8 +44,8 @@ impl Operator {
     fn look(&self) {
         let (displays, now) = (&self.fixture.app.displays, self.fixture.clock.now());
         let place = displays.enter(&self.session()).unwrap();
-        place.sent(self.seq(), now);
-        place.confirm(self.seq());
+        place.sent(self.seq().into(), now);
+        place.confirm(self.seq().into());
         // The socket stays open as long as the test runs.
         std::mem::forget(place);
     }

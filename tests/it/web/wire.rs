@@ -15,7 +15,7 @@ use super::fixture::model;
 const AT_MS: u64 = 1_795_176_005_123;
 
 fn read(engine: &mut Engine) -> Value {
-    let published = Published { snapshot: engine.snapshot(), at: UNIX_EPOCH + Duration::from_millis(AT_MS) };
+    let published = Published::recorded(engine.snapshot(), UNIX_EPOCH + Duration::from_millis(AT_MS));
     serde_json::from_str(Frames::default().json(&published).as_str()).unwrap()
 }
 
@@ -121,7 +121,7 @@ fn a_wall_clock_far_out_of_range_breaks_nothing() {
         (UNIX_EPOCH - Duration::from_secs(1), "1970-01-01T00:00:00.000Z"),
         (UNIX_EPOCH + Duration::from_secs(400_000_000_000), "9999-12-31T23:59:59.999Z"),
     ] {
-        let published = Published { snapshot: engine.snapshot(), at };
+        let published = Published::recorded(engine.snapshot(), at);
         let json: Value = serde_json::from_str(Frames::default().json(&published).as_str()).unwrap();
         assert_eq!(json["at"], json!(expected));
     }

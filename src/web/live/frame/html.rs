@@ -5,18 +5,19 @@ use std::sync::{Arc, OnceLock};
 
 use axum::extract::ws::Utf8Bytes;
 
+use crate::runtime::Version;
 use crate::web::view::{DETAIL, Fragment, SHEET};
 
-/// All fragments at one snapshot, each with the revision of its last change. Words change
-/// without a new `seq`, so `seq` is what pages are told and the revision is what decides.
+/// All fragments of one snapshot, each with the revision of its last change. Pages are told the `seq`, but
+/// words change without a new `seq`, so revisions decide which fragments are new.
 #[derive(Debug)]
 pub struct Frame {
-    seq: u64,
-    revision: u64,
-    /// Revision of the frame that came before this one, if one did.
-    previous: Option<u64>,
+    seq: Version,
+    revision: Version,
+    /// The revision of the frame before this one, if there was one.
+    previous: Option<Version>,
     parts: Vec<Part>,
-    /// The message that most listeners need: they showed the previous frame.
+    /// The message for pages that show the previous frame: most of them do.
     step: OnceLock<Option<Utf8Bytes>>,
     full: OnceLock<Utf8Bytes>,
 }
@@ -27,24 +28,29 @@ struct Part {
     html: String,
     /// `html` as the inside of a JSON string.
     escaped: Arc<str>,
-    changed: u64,
+    changed: Version,
 }
 
 impl Part {
-    /// What stands behind a tile.
+    /// Whether it is a panel behind a tile.
     fn is_detail(&self) -> bool {
         self.id.starts_with(DETAIL)
     }
 
-    /// What is seen only where somebody opened it.
+    /// Whether it is visible only after somebody opened it.
     fn is_behind(&self) -> bool {
         self.is_detail() || self.id.starts_with(SHEET)
     }
 }
 
 impl Frame {
-    /// The frame of these fragments; those that are as they were keep the revision of their change.
-    pub(super) fn new(seq: u64, revision: u64, fragments: Vec<Fragment>, before: Option<&Frame>) -> Frame {
+    /// The frame of these fragments. Unchanged fragments keep the revision of their last change.
+    pub(super) fn new(
+        seq: Version,
+        revision: Version,
+        fragments: Vec<Fragment>,
+        before: Option<&Frame>,
+    ) -> Frame {
         let parts = fragments.into_iter().enumerate().map(|(index, Fragment { id, html })| {
             let old = before.and_then(|before| before.part(index, &id)).filter(|old| old.html == html);
             match old {
@@ -62,34 +68,34 @@ impl Frame {
         }
     }
 
-    pub fn seq(&self) -> u64 {
+    pub fn seq(&self) -> Version {
         self.seq
     }
 
-    pub fn revision(&self) -> u64 {
+    pub fn revision(&self) -> Version {
         self.revision
     }
 
-    /// Everything, for who just connected.
+    /// All fragments, for a new connection.
     pub fn full(&self) -> Utf8Bytes {
         self.full.get_or_init(|| self.message(self.parts.iter())).clone()
     }
 
-    /// What changed since the frame of the revision `shown`, without what stands behind the tiles;
-    /// `None` if nothing did.
-    pub fn since(&self, shown: u64) -> Option<Utf8Bytes> {
+    /// The fragments that changed since the revision `shown`, without the panels behind the tiles; `None` if
+    /// there are none.
+    pub fn since(&self, shown: Version) -> Option<Utf8Bytes> {
         if self.previous == Some(shown) {
             return self.step.get_or_init(|| self.changes(shown, None)).clone();
         }
         self.changes(shown, None)
     }
 
-    /// [`since`](Frame::since), and of what stands behind the tiles since the revision `details`.
-    pub fn since_with_details(&self, shown: u64, details: u64) -> Option<Utf8Bytes> {
+    /// [`since`](Frame::since), with the panels behind the tiles that changed since the revision `details`.
+    pub fn since_with_details(&self, shown: Version, details: Version) -> Option<Utf8Bytes> {
         self.changes(shown, Some(details))
     }
 
-    fn changes(&self, shown: u64, details: Option<u64>) -> Option<Utf8Bytes> {
+    fn changes(&self, shown: Version, details: Option<Version>) -> Option<Utf8Bytes> {
         let is_new = |part: &&Part| {
             let shown = if part.is_detail() { details } else { Some(shown) };
             shown.is_some_and(|shown| part.changed > shown)
@@ -99,8 +105,8 @@ impl Frame {
         Some(self.message(changed()))
     }
 
-    /// What is always in sight in one piece, and what stands behind it by its ids: the page takes that
-    /// in when somebody opens it.
+    /// The visible fragments in one piece, and the hidden ones by their ids: the page updates those when
+    /// somebody opens them.
     fn message<'a>(&self, parts: impl Iterator<Item = &'a Part>) -> Utf8Bytes {
         let (mut content, mut behind) = (String::new(), String::new());
         for part in parts {
@@ -112,7 +118,7 @@ impl Frame {
                 content.push_str(&part.escaped);
             }
         }
-        let mut message = format!("{{\"seq\":{}", self.seq);
+        let mut message = format!("{{\"seq\":{}", self.seq.number);
         if !content.is_empty() {
             let _ = write!(message, ",\"content\":\"{content}\"");
         }
@@ -123,7 +129,7 @@ impl Frame {
         Utf8Bytes::from(message)
     }
 
-    /// Fragments keep their places nearly always, so the search is the exception.
+    /// Fragments nearly always keep their positions, so the search is rare.
     fn part(&self, index: usize, id: &str) -> Option<&Part> {
         let here = self.parts.get(index).filter(|part| part.id == id);
         here.or_else(|| self.parts.iter().find(|part| part.id == id))
@@ -149,9 +155,11 @@ fn escape(text: &str) -> String {
 mod tests {
     use super::*;
 
-    fn frame(revision: u64, parts: &[(&str, &str)], before: Option<&Frame>) -> Frame {
+    fn frame(revision: impl Into<Version>, parts: &[(&str, &str)], before: Option<&Frame>) -> Frame {
         let fragment = |(id, html): &(&str, &str)| Fragment { id: (*id).into(), html: (*html).into() };
-        Frame::new(40 + revision, revision, parts.iter().map(fragment).collect(), before)
+        let revision = revision.into();
+        let seq = Version { number: 40 + revision.number, ..revision };
+        Frame::new(seq, revision, parts.iter().map(fragment).collect(), before)
     }
 
     #[test]
@@ -171,11 +179,18 @@ mod tests {
             (&same, 2, Some("<b2>")),
             (&more, 6, Some("<c1>")),
         ] {
-            let expected = expected.map(|html| format!("{{\"seq\":{},\"content\":\"{html}\"}}", frame.seq));
-            let message = frame.since(since);
+            let expected =
+                expected.map(|html| format!("{{\"seq\":{},\"content\":\"{html}\"}}", frame.seq.number));
+            let message = frame.since(since.into());
             assert_eq!(message.as_ref().map(Utf8Bytes::as_str), expected.as_deref(), "{since}");
         }
         assert_eq!(third.full().as_str(), "{\"seq\":45,\"content\":\"<a2><b2>\"}");
+        // A step back in time: the same revision of another epoch is another frame.
+        let back = Version { epoch: 1, number: 2 };
+        let again = frame(back, &[("a", "<a2>"), ("b", "<b1>")], Some(&third));
+        let sent = |shown: Version| again.since(shown).map(|it| it.as_str().to_owned());
+        assert_eq!(sent(5.into()).as_deref(), Some("{\"seq\":42,\"content\":\"<b1>\"}"));
+        assert_eq!(sent(back), None);
     }
 
     #[test]
@@ -187,14 +202,14 @@ mod tests {
         let said = |message: Option<Utf8Bytes>| message.map(|it| it.as_str()[9..].to_owned());
         let whole = r#","content":"<a1>","behind":{"all-x":"<x1>","detail-a":"<d1>","detail-b":"<b>"}}"#;
         assert_eq!(said(Some(first.full())).as_deref(), Some(whole));
-        assert_eq!(second.since(1), None);
+        assert_eq!(second.since(1.into()), None);
         let front = r#","content":"<a2>","behind":{"all-x":"<x2>"}}"#;
-        assert_eq!(said(third.since(2)).as_deref(), Some(front));
+        assert_eq!(said(third.since(2.into())).as_deref(), Some(front));
         let both = r#","content":"<a2>","behind":{"all-x":"<x2>","detail-a":"<d2>"}}"#;
-        assert_eq!(said(third.since_with_details(2, 1)).as_deref(), Some(both));
+        assert_eq!(said(third.since_with_details(2.into(), 1.into())).as_deref(), Some(both));
         let behind = r#","behind":{"detail-a":"<d2>"}}"#;
-        assert_eq!(said(third.since_with_details(3, 1)).as_deref(), Some(behind));
-        assert_eq!(third.since_with_details(3, 3), None);
+        assert_eq!(said(third.since_with_details(3.into(), 1.into())).as_deref(), Some(behind));
+        assert_eq!(third.since_with_details(3.into(), 3.into()), None);
     }
 
     #[test]

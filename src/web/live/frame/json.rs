@@ -1,55 +1,27 @@
-//! The snapshot as JSON for programs, written straight from the engine's types.
+//! The parts of the JSON that programs read, as borrowed structs: a field of the wire stands here once.
 
+use std::borrow::Cow;
 use std::collections::HashSet;
-use std::io::{self, ErrorKind, Write};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use humantime::format_rfc3339_millis;
-use serde::ser::{Serialize, SerializeMap, SerializeStruct, Serializer};
+use serde::Serialize;
+use serde::ser::{SerializeMap, Serializer};
 
 use crate::clock::wall_at;
 use crate::engine::input::TroubleKind;
-use crate::engine::model::countermeasure::Request;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
-use crate::engine::snapshot::{Alarm, Countermeasure, NotRelevant, Reason, RootCause, Snapshot};
-use crate::engine::state::State;
+use crate::engine::snapshot::{self, NotRelevant, Reason, Snapshot};
 use crate::engine::time::Timestamp;
-use crate::runtime::Published;
 
 /// More values than this in one status are searched for double keys by hash.
 const VALUES_SCANNED_MAX: usize = 16;
-/// Where statuses hold more than this, an answer leaves out their KeyValues: it would be too large to be
-/// made and sent four times a second.
-const VALUES_BYTES_MAX: u64 = 16 << 20;
-/// An answer is never larger, but for what the configuration itself makes of it.
-const ANSWER_BYTES_MAX: usize = 16 << 20;
 /// What is left of a message where words are left out.
 const MESSAGE_BYTES: usize = 200;
 
-pub(super) fn encode(published: &Published) -> String {
-    encode_within(published, ANSWER_BYTES_MAX)
-}
-
-/// Leaves out what an answer is the least worse without, until it is small enough.
-fn encode_within(published: &Published, bytes_max: usize) -> String {
-    let Published { snapshot, at } = published;
-    let many = snapshot.counters.status_bytes > VALUES_BYTES_MAX;
-    let first = if many { LeftOut::Values } else { LeftOut::Nothing };
-    for left_out in [LeftOut::Nothing, LeftOut::Values, LeftOut::Words].into_iter().filter(|&it| it >= first)
-    {
-        let mut answer = Answer { bytes: Vec::new(), bytes_max };
-        let context = Context { snapshot, at: *at, left_out };
-        if serde_json::to_writer(&mut answer, &Wire(&context)).is_ok() {
-            return String::from_utf8(answer.bytes).expect("JSON of strings is a string");
-        }
-    }
-    let context = Context { snapshot, at: *at, left_out: LeftOut::Modules };
-    serde_json::to_string(&Wire(&context)).expect("maps have string keys and nothing here fails by itself")
-}
-
 /// What an answer lacks because it would be too large; each lacks what those before it lack.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum LeftOut {
+pub(super) enum LeftOut {
     Nothing,
     /// KeyValues.
     Values,
@@ -60,236 +32,312 @@ enum LeftOut {
 }
 
 impl LeftOut {
-    const fn as_str(self) -> &'static str {
+    pub(super) const ALL: [LeftOut; 4] =
+        [LeftOut::Nothing, LeftOut::Values, LeftOut::Words, LeftOut::Modules];
+
+    /// The word on the wire.
+    const fn as_str(self) -> Option<&'static str> {
         match self {
-            LeftOut::Nothing => "",
-            LeftOut::Values => "values",
-            LeftOut::Words => "words",
-            LeftOut::Modules => "modules",
+            LeftOut::Nothing => None,
+            LeftOut::Values => Some("values"),
+            LeftOut::Words => Some("words"),
+            LeftOut::Modules => Some("modules"),
         }
     }
 }
 
-/// Bytes up to a limit.
-struct Answer {
-    bytes: Vec<u8>,
-    bytes_max: usize,
+/// A snapshot, its wall time, and what is left out.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Context<'a> {
+    pub snapshot: &'a Snapshot,
+    pub at: SystemTime,
+    pub left_out: LeftOut,
 }
 
-impl Write for Answer {
-    fn write(&mut self, part: &[u8]) -> io::Result<usize> {
-        if self.bytes.len() + part.len() > self.bytes_max {
-            return Err(ErrorKind::FileTooLarge.into());
+/// What stands before the groups.
+#[derive(Serialize)]
+pub(super) struct Head<'a> {
+    seq: u64,
+    /// In a message that says only what changed: the `seq` of the state to which the changes apply.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    base: Option<u64>,
+    at: Wall,
+    stage: &'static str,
+    operator: Option<&'a str>,
+    overall: &'static str,
+    recording: bool,
+}
+
+/// What stands after the groups. In a message that says only what changed, a list that did not is not there.
+#[derive(Serialize)]
+pub(super) struct Tail<'a> {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    roots: Option<Vec<Root<'a>>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    alarms: Option<Vec<Alarm<'a>>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    countermeasures: Option<Vec<Countermeasure<'a>>>,
+    counters: Counters,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    left_out: Option<&'static str>,
+}
+
+/// Something of each list that follows the groups.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Lists<T> {
+    pub roots: T,
+    pub alarms: T,
+    pub countermeasures: T,
+}
+
+/// A group; its modules and groups follow.
+#[derive(Serialize)]
+pub(super) struct Group<'a> {
+    id: &'a str,
+    name: &'a str,
+    state: &'static str,
+    own: &'static str,
+    since: Wall,
+    ok: u32,
+    counted: u32,
+    reason: Option<Why<'a>>,
+    paths: Vec<Vec<&'a str>>,
+}
+
+/// A module up to its `age_ms`, which alone changes with time.
+#[derive(Serialize)]
+pub(super) struct ModuleHead<'a> {
+    id: &'a str,
+    state: &'static str,
+    own: &'static str,
+    since: Wall,
+    message: Cow<'a, str>,
+}
+
+/// A module after its `age_ms`.
+#[derive(Serialize)]
+pub(super) struct ModuleTail<'a> {
+    /// To the tenth: what is finer is in `age_ms`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    silent_s: Option<f64>,
+    reason: Option<Why<'a>>,
+    class: Class,
+    values: Values<'a>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cut: Option<usize>,
+}
+
+#[derive(Serialize)]
+struct Class {
+    location: &'static str,
+    information: &'static str,
+    flow: Option<&'static str>,
+}
+
+#[derive(Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+enum Why<'a> {
+    Masked { by: Vec<&'a str> },
+    NotRelevant { because: String },
+}
+
+#[derive(Serialize)]
+struct Root<'a> {
+    node: &'a str,
+    masks: u32,
+    since: Wall,
+}
+
+#[derive(Serialize)]
+struct Alarm<'a> {
+    id: u64,
+    node: &'a str,
+    raised: Wall,
+    acknowledged: bool,
+    active: bool,
+    repeats: u32,
+}
+
+#[derive(Serialize)]
+struct Countermeasure<'a> {
+    request: &'static str,
+    mps2: Option<f64>,
+    /// The one that the page names; a stop may be the operator's alone.
+    cause: &'a str,
+    state: &'static str,
+    by_operator: bool,
+    since: Wall,
+    causes: Vec<&'a str>,
+    held: bool,
+}
+
+/// What was received since the start, and what of it was lost or could not be read.
+#[derive(Serialize)]
+struct Counters {
+    arrays: u64,
+    statuses: u64,
+    dropped_names: u64,
+    merged_alarms: u64,
+    dropped_alarms: u64,
+    malformed: u64,
+    wrong_type: u64,
+    lost: u64,
+}
+
+impl<'a> Context<'a> {
+    pub(super) fn head(&self, base: Option<u64>) -> Head<'a> {
+        let snapshot = self.snapshot;
+        Head {
+            seq: snapshot.seq,
+            base,
+            at: Wall(self.at),
+            stage: snapshot.stage.as_str(),
+            operator: snapshot.operator.as_deref(),
+            overall: snapshot.overall.as_str(),
+            recording: false,
         }
-        self.bytes.extend_from_slice(part);
-        Ok(part.len())
     }
 
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
-
-#[derive(Clone, Copy)]
-struct Context<'a> {
-    snapshot: &'a Snapshot,
-    at: SystemTime,
-    left_out: LeftOut,
-}
-
-impl Context<'_> {
-    fn wall(&self, then: Timestamp) -> String {
-        rfc3339(wall_at(self.at, self.snapshot.now, then))
+    pub(super) fn tail(&self, lists: Lists<bool>) -> Tail<'a> {
+        Tail {
+            roots: lists.roots.then(|| self.roots()),
+            alarms: lists.alarms.then(|| self.alarms()),
+            countermeasures: lists.countermeasures.then(|| self.countermeasures()),
+            counters: self.counters(),
+            left_out: self.left_out.as_str(),
+        }
     }
 
-    fn name(&self, node: NodeId) -> &str {
+    pub(super) fn group(&self, id: GroupId) -> Group<'a> {
+        let (info, view) = self.snapshot.group(id);
+        Group {
+            id: &info.path,
+            name: &info.name.en,
+            state: view.state.as_str(),
+            own: view.own.as_str(),
+            since: self.wall(view.since),
+            ok: view.ok,
+            counted: view.counted,
+            reason: view.reason.as_ref().map(|reason| self.why(reason)),
+            paths: self.told(&view.paths).iter().map(|path| self.names(path)).collect(),
+        }
+    }
+
+    pub(super) fn module(&self, id: ModuleId) -> (ModuleHead<'a>, ModuleTail<'a>) {
+        let (info, view) = self.snapshot.module(id);
+        let now = self.snapshot.now;
+        let mut message = view.says(now);
+        if self.lacks(LeftOut::Words) {
+            let end = message.floor_char_boundary(MESSAGE_BYTES);
+            message.to_mut().truncate(end);
+        }
+        let head = ModuleHead {
+            id: &info.id,
+            state: view.state.as_str(),
+            own: view.own.as_str(),
+            since: self.wall(view.since),
+            message,
+        };
+        let tail = ModuleTail {
+            silent_s: view.silent_for(now).map(|silent| (silent.as_millis() / 100) as f64 / 10.0),
+            reason: view.reason.as_ref().map(|reason| self.why(reason)),
+            class: Class {
+                location: info.class.location,
+                information: info.class.information,
+                flow: info.class.flow,
+            },
+            values: Values(if self.lacks(LeftOut::Values) { &[] } else { &view.report.values }),
+            cut: (view.report.cut > 0).then_some(view.report.cut),
+        };
+        (head, tail)
+    }
+
+    fn roots(&self) -> Vec<Root<'a>> {
+        let root = |it: &snapshot::RootCause| Root {
+            node: self.name(it.node),
+            masks: it.masks,
+            since: self.wall(it.since),
+        };
+        self.snapshot.roots.iter().map(root).collect()
+    }
+
+    fn alarms(&self) -> Vec<Alarm<'a>> {
+        let alarm = |it: &snapshot::Alarm| Alarm {
+            id: it.id,
+            node: self.name(it.node),
+            raised: self.wall(it.raised),
+            acknowledged: it.acknowledged,
+            active: it.active,
+            repeats: it.repeats,
+        };
+        self.snapshot.alarms.iter().map(alarm).collect()
+    }
+
+    fn countermeasures(&self) -> Vec<Countermeasure<'a>> {
+        let countermeasure = |it: &snapshot::Countermeasure| Countermeasure {
+            request: it.request.as_str(),
+            mps2: it.request.mps2(),
+            cause: it.causes.first().map_or("operator", |cause| self.name(cause.node)),
+            state: it.state.as_str(),
+            by_operator: it.by_operator,
+            since: self.wall(it.since),
+            causes: it.causes.iter().map(|cause| self.name(cause.node)).collect(),
+            held: it.latched,
+        };
+        self.snapshot.countermeasures.iter().map(countermeasure).collect()
+    }
+
+    fn counters(&self) -> Counters {
+        let Snapshot { counters, reception, .. } = self.snapshot;
+        let trouble =
+            |kind: TroubleKind| reception.iter().filter(|it| it.kind == kind).map(|it| it.count).sum();
+        Counters {
+            arrays: counters.arrays,
+            statuses: counters.statuses,
+            dropped_names: counters.dropped_names,
+            merged_alarms: counters.merged_alarms,
+            dropped_alarms: counters.dropped_alarms,
+            malformed: trouble(TroubleKind::Malformed),
+            wrong_type: trouble(TroubleKind::WrongType),
+            lost: trouble(TroubleKind::Lost),
+        }
+    }
+
+    fn why(&self, reason: &Reason) -> Why<'a> {
+        match reason {
+            Reason::Masked { by } => Why::Masked { by: self.names(self.told(by)) },
+            Reason::NotRelevant(NotRelevant::Stage(stage)) => {
+                Why::NotRelevant { because: format!("stage {}", stage.as_str()) }
+            }
+            Reason::NotRelevant(NotRelevant::Signal { name, value }) => {
+                Why::NotRelevant { because: format!("signal {name} {value}") }
+            }
+        }
+    }
+
+    fn wall(&self, then: Timestamp) -> Wall {
+        Wall(wall_at(self.at, self.snapshot.now, then))
+    }
+
+    fn name(&self, node: NodeId) -> &'a str {
         self.snapshot.node_name(node)
+    }
+
+    fn names(&self, nodes: &[NodeId]) -> Vec<&'a str> {
+        nodes.iter().map(|&node| self.name(node)).collect()
     }
 
     fn lacks(&self, what: LeftOut) -> bool {
         self.left_out >= what
     }
 
-    /// What is told of a list whose first entry is the one that counts.
+    /// The nodes or paths that are named: where words are left out, the first one, which counts.
     fn told<'l, T>(&self, all: &'l [T]) -> &'l [T] {
         if self.lacks(LeftOut::Words) { &all[..all.len().min(1)] } else { all }
     }
 }
 
-/// A list that is written from an iterator.
-struct List<F>(F);
-
-impl<F, I> Serialize for List<F>
-where
-    F: Fn() -> I,
-    I: Iterator,
-    I::Item: Serialize,
-{
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_seq((self.0)())
-    }
-}
-
-struct Wire<'a>(&'a Context<'a>);
-
-impl Serialize for Wire<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let context = self.0;
-        let snapshot = context.snapshot;
-        // The tiles; then the statuses that nothing claims, once there are some, and the diagnosis
-        // of the diagnosis, once something is wrong with it.
-        let tops = || {
-            let others = (0..snapshot.layout.groups.len() as u32).map(GroupId).filter(|&id| {
-                let (info, view) = snapshot.group(id);
-                !info.counted && !info.modules.is_empty() || info.is_system && view.state != State::Ok
-            });
-            snapshot.tiles().chain(others).map(|id| Group(context, id))
-        };
-        let mut wire =
-            serializer.serialize_struct("snapshot", 11 + usize::from(context.lacks(LeftOut::Values)))?;
-        wire.serialize_field("seq", &snapshot.seq)?;
-        wire.serialize_field("at", &rfc3339(context.at))?;
-        wire.serialize_field("stage", snapshot.stage.as_str())?;
-        wire.serialize_field("operator", &snapshot.operator.as_deref())?;
-        wire.serialize_field("overall", snapshot.overall.as_str())?;
-        wire.serialize_field("recording", &false)?;
-        wire.serialize_field("groups", &List(tops))?;
-        wire.serialize_field("roots", &List(|| snapshot.roots.iter().map(|root| Root(context, root))))?;
-        let alarms = || snapshot.alarms.iter().map(|alarm| AlarmEntry(context, alarm));
-        wire.serialize_field("alarms", &List(alarms))?;
-        let countermeasures = || snapshot.countermeasures.iter().map(|it| CountermeasureWire(context, it));
-        wire.serialize_field("countermeasures", &List(countermeasures))?;
-        wire.serialize_field("counters", &Counts(context))?;
-        if context.lacks(LeftOut::Values) {
-            wire.serialize_field("left_out", context.left_out.as_str())?;
-        }
-        wire.end()
-    }
-}
-
-struct CountermeasureWire<'a>(&'a Context<'a>, &'a Countermeasure);
-
-impl Serialize for CountermeasureWire<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let CountermeasureWire(context, it) = *self;
-        let mps2 = match it.request {
-            Request::Decelerate { mps2 } => Some(mps2),
-            Request::Notify | Request::ManeuverStop => None,
-        };
-        // The first cause is the one that the page names; a stop may be the operator's alone.
-        let cause = it.causes.first().map_or("operator", |cause| context.name(cause.node));
-        let mut wire = serializer.serialize_struct("countermeasure", 8)?;
-        wire.serialize_field("request", it.request.as_str())?;
-        wire.serialize_field("mps2", &mps2)?;
-        wire.serialize_field("cause", cause)?;
-        wire.serialize_field("state", it.state.as_str())?;
-        wire.serialize_field("by_operator", &it.by_operator)?;
-        wire.serialize_field("since", &context.wall(it.since))?;
-        wire.serialize_field("causes", &List(|| it.causes.iter().map(|cause| context.name(cause.node))))?;
-        wire.serialize_field("held", &it.latched)?;
-        wire.end()
-    }
-}
-
-/// What was received since the start, and what of it was lost or could not be read.
-struct Counts<'a>(&'a Context<'a>);
-
-impl Serialize for Counts<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let snapshot = self.0.snapshot;
-        let trouble = |kind: TroubleKind| -> u64 {
-            snapshot.reception.iter().filter(|it| it.kind == kind).map(|it| it.count).sum()
-        };
-        let mut counts = serializer.serialize_struct("counters", 8)?;
-        counts.serialize_field("arrays", &snapshot.counters.arrays)?;
-        counts.serialize_field("statuses", &snapshot.counters.statuses)?;
-        counts.serialize_field("dropped_names", &snapshot.counters.dropped_names)?;
-        counts.serialize_field("merged_alarms", &snapshot.counters.merged_alarms)?;
-        counts.serialize_field("dropped_alarms", &snapshot.counters.dropped_alarms)?;
-        counts.serialize_field("malformed", &trouble(TroubleKind::Malformed))?;
-        counts.serialize_field("wrong_type", &trouble(TroubleKind::WrongType))?;
-        counts.serialize_field("lost", &trouble(TroubleKind::Lost))?;
-        counts.end()
-    }
-}
-
-struct Group<'a>(&'a Context<'a>, GroupId);
-
-impl Serialize for Group<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let Group(context, id) = *self;
-        let (info, view) = context.snapshot.group(id);
-        let mut group = serializer.serialize_struct("group", 11)?;
-        group.serialize_field("id", &*info.path)?;
-        group.serialize_field("name", &*info.name.en)?;
-        group.serialize_field("state", view.state.as_str())?;
-        group.serialize_field("own", view.own.as_str())?;
-        group.serialize_field("since", &context.wall(view.since))?;
-        group.serialize_field("ok", &view.ok)?;
-        group.serialize_field("counted", &view.counted)?;
-        group.serialize_field("reason", &view.reason.as_ref().map(|reason| Why(context, reason)))?;
-        group.serialize_field(
-            "paths",
-            &List(|| context.told(&view.paths).iter().map(|path| Nodes(context, path))),
-        )?;
-        let told = if context.lacks(LeftOut::Modules) { &[][..] } else { &info.modules };
-        let modules = || told.iter().map(|&id| Module(context, id));
-        group.serialize_field("modules", &List(modules))?;
-        group.serialize_field("groups", &List(|| info.groups.iter().map(|&id| Group(context, id))))?;
-        group.end()
-    }
-}
-
-struct Module<'a>(&'a Context<'a>, ModuleId);
-
-impl Serialize for Module<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let Module(context, id) = *self;
-        let (info, view) = context.snapshot.module(id);
-        let age_ms = view.received.map(|received| context.snapshot.now.since(received).as_millis());
-        let silent = view.silent_for(context.snapshot.now);
-        let mut module = serializer.serialize_struct(
-            "module",
-            9 + usize::from(silent.is_some()) + usize::from(view.report.cut > 0),
-        )?;
-        module.serialize_field("id", &*info.id)?;
-        module.serialize_field("state", view.state.as_str())?;
-        module.serialize_field("own", view.own.as_str())?;
-        module.serialize_field("since", &context.wall(view.since))?;
-        let message = view.says(context.snapshot.now);
-        let end = if context.lacks(LeftOut::Words) { MESSAGE_BYTES } else { message.len() };
-        module.serialize_field("message", &message[..message.floor_char_boundary(end)])?;
-        module.serialize_field("age_ms", &age_ms)?;
-        if let Some(silent) = silent {
-            // To the tenth: what is finer is in `age_ms`.
-            module.serialize_field("silent_s", &((silent.as_millis() / 100) as f64 / 10.0))?;
-        }
-        module.serialize_field("reason", &view.reason.as_ref().map(|reason| Why(context, reason)))?;
-        module.serialize_field("class", &ClassEntry(info.class))?;
-        module.serialize_field(
-            "values",
-            &Values(if context.lacks(LeftOut::Values) { &[] } else { &view.report.values }),
-        )?;
-        if view.report.cut > 0 {
-            module.serialize_field("cut", &view.report.cut)?;
-        }
-        module.end()
-    }
-}
-
-struct ClassEntry(crate::engine::model::monitors::Class);
-
-impl Serialize for ClassEntry {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut class = serializer.serialize_struct("class", 3)?;
-        class.serialize_field("location", self.0.location)?;
-        class.serialize_field("information", self.0.information)?;
-        class.serialize_field("flow", &self.0.flow)?;
-        class.end()
-    }
-}
-
-/// A status may name a key twice; an object must not. The first one counts.
+/// The KeyValues of a status as an object. A status may name a key twice, an object must not: the first counts.
 struct Values<'a>(&'a [(Box<str>, Box<str>)]);
 
 impl Serialize for Values<'_> {
@@ -311,72 +359,23 @@ impl Serialize for Values<'_> {
     }
 }
 
-struct Why<'a>(&'a Context<'a>, &'a Reason);
+/// Wall time on the wire: `2026-11-20T12:00:00.123Z`.
+struct Wall(SystemTime);
 
-impl Serialize for Why<'_> {
+impl Serialize for Wall {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut why = serializer.serialize_struct("reason", 2)?;
-        match self.1 {
-            Reason::Masked { by } => {
-                why.serialize_field("kind", "masked")?;
-                why.serialize_field("by", &Nodes(self.0, self.0.told(by)))?;
-            }
-            Reason::NotRelevant(because) => {
-                why.serialize_field("kind", "not_relevant")?;
-                let because = match because {
-                    NotRelevant::Stage(stage) => format!("stage {}", stage.as_str()),
-                    NotRelevant::Signal { name, value } => format!("signal {name} {value}"),
-                };
-                why.serialize_field("because", &because)?;
-            }
-        }
-        why.end()
+        serializer.collect_str(&format_rfc3339_millis(on_wire(self.0)))
     }
 }
 
-/// Names of nodes, in order.
-struct Nodes<'a>(&'a Context<'a>, &'a [NodeId]);
-
-impl Serialize for Nodes<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_seq(self.1.iter().map(|&node| self.0.name(node)))
-    }
-}
-
-struct Root<'a>(&'a Context<'a>, &'a RootCause);
-
-impl Serialize for Root<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let Root(context, cause) = *self;
-        let mut root = serializer.serialize_struct("root", 3)?;
-        root.serialize_field("node", context.name(cause.node))?;
-        root.serialize_field("masks", &cause.masks)?;
-        root.serialize_field("since", &context.wall(cause.since))?;
-        root.end()
-    }
-}
-
-struct AlarmEntry<'a>(&'a Context<'a>, &'a Alarm);
-
-impl Serialize for AlarmEntry<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let AlarmEntry(context, alarm) = *self;
-        let mut entry = serializer.serialize_struct("alarm", 6)?;
-        entry.serialize_field("id", &alarm.id)?;
-        entry.serialize_field("node", context.name(alarm.node))?;
-        entry.serialize_field("raised", &context.wall(alarm.raised))?;
-        entry.serialize_field("acknowledged", &alarm.acknowledged)?;
-        entry.serialize_field("active", &alarm.active)?;
-        entry.serialize_field("repeats", &alarm.repeats)?;
-        entry.end()
-    }
-}
-
-/// Wall time on the wire: `2026-11-20T12:00:00.123Z`. A clock that is set out of the years 1970 to
-/// 9999 shows their first or last instant.
+/// Wall time on the wire, as text.
 pub(super) fn rfc3339(time: SystemTime) -> String {
-    let since = time.duration_since(UNIX_EPOCH).unwrap_or_default().min(YEAR_9999_END);
-    format_rfc3339_millis(UNIX_EPOCH + since).to_string()
+    format_rfc3339_millis(on_wire(time)).to_string()
+}
+
+/// A clock that is set out of the years 1970 to 9999 shows their first or last instant.
+fn on_wire(time: SystemTime) -> SystemTime {
+    UNIX_EPOCH + time.duration_since(UNIX_EPOCH).unwrap_or_default().min(YEAR_9999_END)
 }
 
 const YEAR_9999_END: Duration = Duration::from_millis(253_402_300_799_999);

@@ -1,10 +1,13 @@
-//! The frames that are sent: the only place that knows their format.
+//! The messages to pages and programs. Only this folder knows their format.
 //!
-//! Every frame is made once for each snapshot and shared by all listeners. The first listener that needs it
-//! makes it, so without a listener nothing is made, and nobody waits for another task.
+//! Every frame is made once for each snapshot and shared by all connections. The first connection that needs
+//! a frame makes it, so without connections nothing is made.
 
 mod html;
 mod json;
+mod parts;
+#[cfg(test)]
+mod tests;
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::SystemTime;
@@ -14,34 +17,34 @@ use axum::extract::ws::Utf8Bytes;
 use axum::response::Response;
 
 pub use html::Frame;
+pub use parts::{Form, Sent};
 
-use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Timestamp;
 use crate::runtime::Published;
 use crate::web::view;
 use crate::web::view::versions::{Seen, Versions};
 use crate::web::view::{Lang, Trends, permitted};
+use parts::Parts;
 
 /// The latest frames, one per form.
 #[derive(Debug, Default)]
 pub struct Frames {
     html: [Mutex<Option<Arc<Frame>>>; Lang::ALL.len()],
-    json: Mutex<Option<(Arc<Snapshot>, Utf8Bytes)>>,
+    parts: Mutex<Option<Parts>>,
     versions: Versions,
 }
 
 impl Frames {
-    /// The frame of this snapshot, or of a newer one that another listener has seen already.
+    /// The frame of this snapshot, or of a newer one that another connection got already.
     pub fn html(&self, published: &Published, lang: Lang, trends: &Trends) -> Arc<Frame> {
         let mut latest = self.html[lang as usize].lock().unwrap_or_else(PoisonError::into_inner);
         match &*latest {
-            Some(frame) if frame.revision() >= published.snapshot.revision => frame.clone(),
+            Some(frame) if frame.revision() >= published.revision() => frame.clone(),
             before => {
-                let Published { snapshot, .. } = published;
                 let seen = self.observe(published);
                 let fragments = view::fragments(&permitted(published), &seen, lang, trends);
                 let frame =
-                    Arc::new(Frame::new(snapshot.seq, snapshot.revision, fragments, before.as_deref()));
+                    Arc::new(Frame::new(published.seq(), published.revision(), fragments, before.as_deref()));
                 *latest = Some(frame.clone());
                 frame
             }
@@ -50,26 +53,41 @@ impl Frames {
 
     /// The versions by which commands about this snapshot are given.
     pub fn observe(&self, published: &Published) -> Seen {
-        self.versions.observe(&published.snapshot)
+        self.versions.observe(published)
     }
 
-    /// The snapshot as JSON.
+    /// The whole snapshot as JSON.
     pub fn json(&self, published: &Published) -> Utf8Bytes {
-        let mut latest = self.json.lock().unwrap_or_else(PoisonError::into_inner);
-        match &*latest {
-            Some((of, json))
-                if of.revision >= published.snapshot.revision && of.now >= published.snapshot.now =>
-            {
-                json.clone()
+        self.with_parts(published, |parts| parts.whole(false))
+    }
+
+    /// The next message for a program that has `sent`, and what it has then.
+    pub fn stream(&self, published: &Published, form: Form, sent: Option<Sent>) -> (Utf8Bytes, Sent) {
+        self.with_parts(published, |parts| parts.message(form, sent))
+    }
+
+    fn with_parts<T>(&self, published: &Published, make: impl FnOnce(&mut Parts) -> T) -> T {
+        let mut latest = self.parts.lock().unwrap_or_else(PoisonError::into_inner);
+        match &mut *latest {
+            Some(parts) => {
+                if !is_as_late(parts.published(), published) {
+                    self.observe(published);
+                    parts.follow(permitted(published));
+                }
+                make(parts)
             }
-            _ => {
+            none => {
                 self.observe(published);
-                let json = Utf8Bytes::from(json::encode(&permitted(published)));
-                *latest = Some((published.snapshot.clone(), json.clone()));
-                json
+                make(none.insert(Parts::new(permitted(published))))
             }
         }
     }
+}
+
+/// Whether neither the words nor the ages in `of` are of an earlier instant.
+fn is_as_late(of: &Published, published: &Published) -> bool {
+    of.revision() >= published.revision()
+        && (of.epoch, of.snapshot.now) >= (published.epoch, published.snapshot.now)
 }
 
 /// A sign of life for a page that shows everything up to `seq`; `number` grows by one each time.
@@ -79,7 +97,7 @@ pub fn beat(number: u64, seq: u64, now: Timestamp, at: SystemTime) -> Utf8Bytes 
     Utf8Bytes::from(format!("{{\"beat\":{number},\"seq\":{seq},\"ms\":{ms},\"at\":\"{at}\"}}"))
 }
 
-/// What became of a tap that came over the socket, as HTTP would have answered it:
+/// The answer to a tap that came over the socket, as HTTP would have answered it:
 /// `{"tap": NAME, "status": 200, "said": {...}}`.
 pub async fn answered(tap: &str, answer: Response) -> Utf8Bytes {
     let status = answer.status().as_u16();
@@ -90,17 +108,17 @@ pub async fn answered(tap: &str, answer: Response) -> Utf8Bytes {
     Utf8Bytes::from(format!("{{\"tap\":{tap},\"status\":{status},\"said\":{said}}}"))
 }
 
-/// Who takes over a vehicle that drives, in words: `{"hand_over": "..."}`, or `null`.
+/// The announcement that an operator takes over a driving vehicle: `{"hand_over": "..."}`, or `null`.
 pub fn hand_over(words: Option<&str>) -> Utf8Bytes {
     Utf8Bytes::from(serde_json::json!({ "hand_over": words }).to_string())
 }
 
-/// The words of a refusal are few.
+/// Enough for any refusal.
 const ANSWER_BYTES_MAX: usize = 64 * 1024;
 
-/// A sign of life for a page that asks for what it shows: what there is to ask for, and the stage.
+/// A sign of life for a developer's page, with the newest revision and the stage.
 pub fn pulse(number: u64, published: &Published, now: Timestamp, lang: Lang) -> Utf8Bytes {
-    let Published { snapshot, at } = permitted(published);
+    let Published { snapshot, at, .. } = permitted(published);
     let (stage, overall) = (snapshot.stage, snapshot.overall);
     let pulse = serde_json::json!({
         "beat": number, "seq": snapshot.seq, "revision": snapshot.revision,

@@ -51,14 +51,12 @@ fn an_error_that_is_held_offers_its_reset_and_says_when_it_is_refused() {
     check(&over.published(), Lang::En, "detail-can", &[], &["Held", "/reset"]);
 
     let mut fault = fault;
-    let during =
-        Published { snapshot: fault.snapshot(), at: SystemTime::UNIX_EPOCH + Duration::from_secs(86_400) };
+    let during = Published::recorded(fault.snapshot(), SystemTime::UNIX_EPOCH + Duration::from_secs(86_400));
     let expect = ["Held until reset", r#"action="/modules/can/bus/reset""#, r#"aria-disabled="true""#];
     check(&during, Lang::En, "detail-can", &expect, &[]);
 
     let mut over = fault.report("can/bus", 0, "fine", &[]).pass(6);
-    let after =
-        Published { snapshot: over.snapshot(), at: SystemTime::UNIX_EPOCH + Duration::from_secs(86_400) };
+    let after = Published::recorded(over.snapshot(), SystemTime::UNIX_EPOCH + Duration::from_secs(86_400));
     check(&after, Lang::De, "detail-can", &["Gehalten bis zum Zurücksetzen", "/reset"], &["aria-disabled"]);
     check(&after, Lang::En, "causes", &["Over. Held until reset: touch here."], &["Take over."]);
     let reset = OperatorAction::Reset { module: "can/bus".into() };
@@ -76,10 +74,10 @@ fn numbers_of_the_last_minutes_are_drawn_within_bounds() {
             .map(|key| (key, if key == "word" { "high" } else { value }))
             .to_vec();
         sample = sample.report("can/battery", 2, "low", &values).pass(3);
-        trends.sample(&sample.snapshot());
+        trends.sample(&Published::recorded(sample.snapshot(), SystemTime::UNIX_EPOCH));
     }
     let published = sample.published();
-    let seen = Versions::default().observe(&published.snapshot);
+    let seen = Versions::default().observe(&published);
     let all = super::super::fragments(&published, &seen, Lang::En, &trends);
     let html = all.into_iter().find(|it| it.id == "detail-can").expect("it is there").html;
     assert!(html.contains(r#"aria-label="a: 1.5 &ndash; 4, last 5 minutes""#), "{html}");

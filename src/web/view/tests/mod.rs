@@ -32,16 +32,11 @@ pub fn context(lang: Lang, palette: Palette) -> PageContext {
 
 /// The page as it is for somebody to whom nothing was shown before.
 pub fn operator_page(published: &Published, context: &PageContext) -> String {
-    super::operator_page(
-        published,
-        &Versions::default().observe(&published.snapshot),
-        context,
-        &Trends::default(),
-    )
+    super::operator_page(published, &Versions::default().observe(published), context, &Trends::default())
 }
 
 pub fn fragments(published: &Published, lang: Lang) -> Vec<Fragment> {
-    super::fragments(published, &Versions::default().observe(&published.snapshot), lang, &Trends::default())
+    super::fragments(published, &Versions::default().observe(published), lang, &Trends::default())
 }
 
 pub fn fragment(published: &Published, lang: Lang, id: &str) -> String {

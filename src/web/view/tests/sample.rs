@@ -423,7 +423,7 @@ impl Sample {
         // A fixed day, plus what has passed: pages say times by it.
         let start = SystemTime::UNIX_EPOCH + Duration::from_secs(1_795_176_000);
         let at = start + Duration::from_nanos(self.now.as_nanos());
-        Published { snapshot: self.engine.snapshot(), at }
+        Published::recorded(self.engine.snapshot(), at)
     }
 
     fn input(&mut self, input: &Input) {
