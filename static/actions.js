@@ -1,6 +1,6 @@
 // Sends the operator's taps: each is one POST with the version of the state it was shown with, sent at once
-// or not at all; a stop also goes over the socket. Nothing is queued, and nothing is sent while the display
-// is not live.
+// or not at all, and none while the display is not live. A stop is different: it is sent in every state of the
+// display, over HTTP and over the socket, until it is answered.
 (() => {
   "use strict";
   const ANSWER_MS = 2000;
@@ -10,6 +10,7 @@
   const NOTICE_MS = 12000;
   const MISSED_MS = 3000;
   const REFUSED_MS = 6000;
+  const STOP_AGAIN_MS = 500;
   // A browser has few connections to one server, and a stop needs one.
   const SENT_MAX = 3;
 
@@ -80,13 +81,15 @@
     if (bar.querySelector("[name=checks]")) document.getElementById("sheet-checks").showPopover();
   };
 
-  // --- the second step of a clearance
+  // --- the second step of a clearance or a release
 
+  let first = "";
   let confirmedVersion = null;
   let until = 0;
   let countdown = 0;
 
-  const version = () => document.getElementById("step").dataset.version;
+  // The version of the button of the first step; none if it is not offered any more.
+  const version = () => document.querySelector(`#step form[data-act="${first}"] [name=version]`)?.value;
 
   const closeConfirmation = () => {
     confirmation.hidden = true;
@@ -101,8 +104,10 @@
     if (left_s <= 0) closeConfirmation();
   };
 
-  const askForConfirmation = ({ token, expires_s }, asked) => {
+  const askForConfirmation = (act, { token, expires_s }, asked) => {
+    first = act;
     confirmedVersion = asked;
+    confirmation.action = `/vehicle/${act}/confirm`;
     until = performance.now() + expires_s * 1000;
     confirmation.elements.token.value = token;
     confirmation.hidden = false;
@@ -132,14 +137,13 @@
 
   const bySocket = (fields) =>
     new Promise((resolve, reject) => {
-      const { socket } = live;
+      const socket = live?.socket;
       if (socket?.readyState !== WebSocket.OPEN) return reject(new Error("no socket is open"));
       const tap = fields.get("tap");
       const forget = (settle, value) => pendingTaps.delete(tap) && settle(value);
       pendingTaps.set(tap, (answer) => forget(resolve, answer));
       setTimeout(forget, ANSWER_MS, reject, new Error("no answer in time"));
-      const version = Number(fields.get("version"));
-      return socket.send(JSON.stringify({ stop: { version, beat: fields.get("beat"), tap } }));
+      return socket.send(JSON.stringify({ stop: { tap } }));
     });
 
   const byPost = async (address, fields, priority) => {
@@ -157,23 +161,33 @@
   };
 
   // If no other connection is possible, the open socket takes the stop. The server does it once, and gives
-  // both ways the same answer.
-  const stopByBoth = (address, fields) => {
+  // every attempt the same answer.
+  const stopUntilAnswered = async (address, fields) => {
     fields.set("tap", `${Date.now()}-${Math.random()}`);
-    return Promise.any([byPost(address, fields, "high"), bySocket(fields)]);
+    for (;;) {
+      try {
+        const answer = await Promise.any([byPost(address, fields, "high"), bySocket(fields)]);
+        if (answer.status !== 408 && answer.status !== 429) return answer;
+      } catch {
+        // Nothing arrived, or no answer came back.
+      }
+      show("stop", address);
+      await new Promise((resolve) => setTimeout(resolve, STOP_AGAIN_MS));
+    }
   };
 
   const send = async (form, button) => {
     const { act } = form.dataset;
     const address = form.action;
     const fields = new URLSearchParams(new FormData(form, button));
-    fields.set("beat", live.beatAt);
-    const { status, said } = await (act === "stop" ? stopByBoth(address, fields) : byPost(address, fields, "auto"));
+    if (act !== "stop") fields.set("beat", live.beatAt);
+    const sending = act === "stop" ? stopUntilAnswered(address, fields) : byPost(address, fields, "auto");
+    const { status, said } = await sending;
     if (status === 401) return location.assign("/login");
     if (status === 200) {
       if (noticeOf === address) hideNotice();
       if (bar.contains(form)) quiet(AFTER_ACTION_MS, "second");
-      if (act === "clearance") askForConfirmation(said, fields.get("version"));
+      if (act === "clearance" || act === "release") askForConfirmation(act, said, fields.get("version"));
       else closeConfirmation();
       if (act === "localize") document.getElementById("sheet-stops").hidePopover();
       if (act === "logout" || act === "shutdown") location.assign("/login");
@@ -192,10 +206,15 @@
     if (!form) return;
     event.preventDefault();
     const address = form.action;
-    if (!live?.isLive) return show("unsent", address);
-    // A stop waits for no answer.
-    const waits = form.dataset.act !== "stop" && (sent.has(address) || sent.size >= SENT_MAX);
-    if (waits) return show("waiting", address);
+    // A stop waits for nothing. Further taps on it are the same stop, as long as it is not answered.
+    if (form.dataset.act === "stop") {
+      if (sent.has(address)) return undefined;
+    } else if (!live?.isLive) {
+      return show("unsent", address);
+    } else if (sent.has(address) || sent.size >= SENT_MAX) {
+      return show("waiting", address);
+    }
+    if (form === confirmation) document.dispatchEvent(new CustomEvent("telltale:departure"));
     sent.add(address);
     form.dataset.sending = "";
     body.dataset.unanswered = "";

@@ -1,5 +1,5 @@
-// Sounds once for each new alarm. Masked modules, alarms that move to their cause and further alarms of a
-// component at the same time do not sound. The tones are generated, so no file is needed.
+// Sounds before the vehicle moves, and once for each new alarm. Masked modules, alarms that move to their cause
+// and further alarms of a component at the same time do not sound. The tones are generated, so no file is needed.
 (() => {
   "use strict";
   const HEARD = "telltale.heard";
@@ -44,6 +44,15 @@
     body.dataset.sounded = Number(body.dataset.sounded ?? 0) + 1;
   };
 
+  // The vehicle is about to move: rising tones, unlike a fault.
+  const departure = () => {
+    if (!isOn()) return;
+    const start = Math.max(context.currentTime, playsUntil);
+    [523, 659, 784].forEach((hertz, index) => beep(start + 0.28 * index, hertz));
+    playsUntil = start + APART_S;
+    body.dataset.departures = Number(body.dataset.departures ?? 0) + 1;
+  };
+
   const heard = () => Number(sessionStorage.getItem(HEARD) ?? 0);
 
   const listen = () => {
@@ -75,6 +84,7 @@
     mark();
   });
   document.addEventListener("htmx:after:swap", listen);
+  document.addEventListener("telltale:departure", departure);
   mark();
   // A login by touch permits sound on the page it leads to, and a kiosk may permit it always:
   // silence that is permitted tells.

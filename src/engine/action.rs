@@ -31,7 +31,19 @@ pub enum OperatorAction {
     },
     /// Requests the maneuver component's own safe stop.
     RequestStop,
-    /// Acknowledges an alarm, accepts a WARNING, or agrees to the release of a countermeasure.
+    /// Takes the clearance back before the vehicle drives.
+    Withdraw,
+    /// The first step of a release: checks everything and changes nothing.
+    AskRelease {
+        display_live: bool,
+        storage_ok: bool,
+    },
+    /// The second step: checks everything again, and ends every request that keeps the vehicle from driving.
+    Release {
+        display_live: bool,
+        storage_ok: bool,
+    },
+    /// Takes note of an alarm, or accepts a WARNING. It moves nothing.
     Acknowledge {
         alarm: AlarmRef,
     },
@@ -55,11 +67,9 @@ pub enum Place {
 pub enum AlarmRef {
     /// The number of an alarm.
     Number(u64),
-    /// A node by its name: its alarm, its WARNING (of a group: the WARNINGs inside), and the
-    /// countermeasures that it causes.
+    /// A node by its name: its alarm, its WARNING (of a group: the WARNINGs inside), and its part in
+    /// countermeasures.
     Node(Box<str>),
-    /// The stop that the operator requested.
-    OperatorStop,
 }
 
 /// The engine's answer to an input.
@@ -122,8 +132,12 @@ pub enum Refusal {
     NoSuchNode(Box<str>),
     /// The node has no alarm and no WARNING, and causes no countermeasure.
     NothingToAcknowledge(Box<str>),
-    /// The operator requested no stop.
-    NoStopRequested,
+    /// No request keeps the vehicle from driving.
+    NothingToRelease,
+    /// A cause of a request is still there.
+    CauseRemains {
+        node: Box<str>,
+    },
     /// There is no module of this name.
     NoSuchModule(Box<str>),
     /// The module holds no latched ERROR.

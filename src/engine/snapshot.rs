@@ -50,6 +50,8 @@ pub struct Snapshot {
     pub clearance: bool,
     /// The reasons against a clearance now, without those that only the display and the store know.
     pub clearance_refusals: Arc<[Refusal]>,
+    /// Every check of a release that fails now, but for display and store. Empty: a release is offered.
+    pub release_refusals: Arc<[Refusal]>,
     /// Outputs without a receiver, and why.
     pub unreached: Arc<[(Output, Unreached)]>,
     /// Outputs with a reader on the vehicle. In the first seconds this is not known.

@@ -4,17 +4,17 @@ use crate::engine::input::{AlarmRef, OperatorAction, Place};
 use crate::yaml::decode::{scalar, word};
 use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem};
 
-/// The word that acknowledges the stop that the operator asked for.
-const OPERATOR_STOP: &str = "operator_stop";
-
 const CLEAR: OperatorAction = OperatorAction::Clear { display_live: true, storage_ok: true };
+const RELEASE: OperatorAction = OperatorAction::Release { display_live: true, storage_ok: true };
 
 /// An action without a value may be written alone: `operator: logout`.
-const PLAIN: [(&str, OperatorAction); 4] = [
+const PLAIN: [(&str, OperatorAction); 6] = [
     ("logout", OperatorAction::Logout),
     ("shutdown", OperatorAction::Shutdown),
+    ("withdraw", OperatorAction::Withdraw),
     ("stop", OperatorAction::RequestStop),
     ("clearance", CLEAR),
+    ("release", RELEASE),
 ];
 
 pub(super) fn operator(node: &Node, log: &mut Log) -> Option<OperatorAction> {
@@ -24,13 +24,16 @@ pub(super) fn operator(node: &Node, log: &mut Log) -> Option<OperatorAction> {
     }
     let mut fields = Fields::of(node, "an operator's action", log)?;
     let mut found = Vec::new();
-    for (key, action) in PLAIN.into_iter().filter(|(key, _)| *key != "clearance") {
-        found.extend(fields.node(key).map(|_| action));
+    for (key, action) in PLAIN {
+        if matches!(key, "clearance" | "release") {
+            found.extend(fields.node(key).and_then(|node| in_two_steps(node, action, fields.log)));
+        } else {
+            found.extend(fields.node(key).map(|_| action));
+        }
     }
     found.extend(fields.optional("login").map(|name: String| OperatorAction::Login { name: name.into() }));
     found.extend(fields.optional("reset").map(|name: String| OperatorAction::Reset { module: name.into() }));
     found.extend(fields.optional("localize").map(|LocalizeTarget(place)| OperatorAction::Localize { place }));
-    found.extend(fields.optional("clearance").map(|Clearance(action)| action));
     found.extend(
         fields.optional("acknowledge").map(|AcknowledgeTarget(alarm)| OperatorAction::Acknowledge { alarm }),
     );
@@ -57,32 +60,29 @@ impl FromNode for LocalizeTarget {
     }
 }
 
-/// The second step of a clearance, with the state of display and store, which are fine unless the step says
-/// otherwise. `ask: true` is the first step.
-struct Clearance(OperatorAction);
-
-impl FromNode for Clearance {
-    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        if node.is_null() {
-            return Some(Clearance(CLEAR));
-        }
-        if !matches!(node.kind, Kind::Mapping(_)) {
-            return bool::from_node(node, log).map(|_| Clearance(CLEAR));
-        }
-        let mut fields = Fields::of(node, "a clearance", log)?;
-        let mut flag = |key, default| fields.optional::<bool>(key).unwrap_or(default);
-        let (display_live, storage_ok) = (flag("display_live", true), flag("storage_ok", true));
-        let ask = flag("ask", false);
-        fields.finish();
-        Some(Clearance(if ask {
-            OperatorAction::AskClearance { display_live, storage_ok }
-        } else {
-            OperatorAction::Clear { display_live, storage_ok }
-        }))
+/// The second step of a clearance or a release, with the state of display and store, which are fine unless
+/// the step says otherwise. `ask: true` is the first step.
+fn in_two_steps(node: &Node, action: OperatorAction, log: &mut Log) -> Option<OperatorAction> {
+    if node.is_null() {
+        return Some(action);
     }
+    if !matches!(node.kind, Kind::Mapping(_)) {
+        return bool::from_node(node, log).map(|_| action);
+    }
+    let mut fields = Fields::of(node, "a step that sets the vehicle in motion", log)?;
+    let mut flag = |key, default| fields.optional::<bool>(key).unwrap_or(default);
+    let (display_live, storage_ok) = (flag("display_live", true), flag("storage_ok", true));
+    let ask = flag("ask", false);
+    fields.finish();
+    Some(match (action, ask) {
+        (OperatorAction::Release { .. }, true) => OperatorAction::AskRelease { display_live, storage_ok },
+        (OperatorAction::Release { .. }, false) => OperatorAction::Release { display_live, storage_ok },
+        (_, true) => OperatorAction::AskClearance { display_live, storage_ok },
+        (_, false) => OperatorAction::Clear { display_live, storage_ok },
+    })
 }
 
-/// A number, a node, or the stop that the operator asked for.
+/// A number, or the name of a node.
 struct AcknowledgeTarget(AlarmRef);
 
 impl FromNode for AcknowledgeTarget {
@@ -90,7 +90,6 @@ impl FromNode for AcknowledgeTarget {
         let text = String::from_node(node, log)?;
         Some(AcknowledgeTarget(match text.parse() {
             Ok(number) => AlarmRef::Number(number),
-            Err(_) if text == OPERATOR_STOP => AlarmRef::OperatorStop,
             Err(_) => AlarmRef::Node(text.into()),
         }))
     }

@@ -35,8 +35,8 @@ use live::displays::Displays;
 use live::first_changes::FirstChanges;
 use live::frame::Frames;
 use operator::act::PLACES;
-use operator::pending_clearance::PendingClearance;
 use operator::stop_once::Stops;
+use operator::two_steps::PendingConfirmation;
 
 pub use admission::peer::Peer;
 pub use admission::proxies::{Network, NoNetwork, Proxies};
@@ -85,7 +85,7 @@ pub struct Shared {
     accounts: Accounts,
     pub session_ends: SessionEnds,
     pub trends: Trends,
-    pub pending: PendingClearance,
+    pub pending: PendingConfirmation,
     pub stops: Stops,
     pub hand_overs: HandOvers,
     pub throttle: Mutex<Throttle>,
@@ -121,7 +121,7 @@ impl AppState {
             accounts: Accounts::default(),
             session_ends: SessionEnds::default(),
             trends: Trends::default(),
-            pending: PendingClearance::default(),
+            pending: PendingConfirmation::default(),
             stops: Stops::default(),
             hand_overs: HandOvers::default(),
             throttle: Mutex::default(),

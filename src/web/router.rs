@@ -50,6 +50,9 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_post("/vehicle/localize", Roles(&[Operator]), actions::localize),
         on_post("/vehicle/clearance", Roles(&[Operator]), actions::clearance),
         on_post("/vehicle/clearance/confirm", Roles(&[Operator]), actions::confirm),
+        on_post("/vehicle/clearance/withdraw", Roles(&[Operator]), actions::withdraw),
+        on_post("/vehicle/release", Roles(&[Operator]), actions::release),
+        on_post("/vehicle/release/confirm", Roles(&[Operator]), actions::confirm_release),
         on_post("/vehicle/stop", Roles(&[Operator]), actions::stop),
         on_post("/vehicle/shutdown", Roles(&[Operator]), login::shutdown),
         // Ids hold slashes: these end in `/acknowledge` and `/reset`.

@@ -197,7 +197,7 @@ mod tests {
     use std::time::SystemTime;
 
     use super::*;
-    use crate::engine::action::{AlarmRef, OperatorAction};
+    use crate::engine::action::OperatorAction;
     use crate::web::view::tests::sample::Sample;
 
     fn published(vehicle: &mut Sample) -> Published {
@@ -211,7 +211,7 @@ mod tests {
         vehicle = vehicle.act(OperatorAction::RequestStop);
         records.extend(last.look(&published(&mut vehicle)));
         records.extend(last.look(&published(&mut vehicle)));
-        vehicle = vehicle.act(OperatorAction::Acknowledge { alarm: AlarmRef::OperatorStop });
+        vehicle = vehicle.act(OperatorAction::Release { display_live: true, storage_ok: true });
         records.extend(last.look(&published(&mut vehicle)));
         let records: Vec<_> = records.iter().map(|record| (record.action, &*record.target)).collect();
         let expected = [

@@ -152,6 +152,20 @@ def clear(page):
     assert page.evaluate(CLEARED), "the clearance is taken back again and again"
 
 
+def release(page):
+    """Both steps. STOP stays where it is meanwhile."""
+    offered = page.locator("#step button[name=release]")
+    for _ in range(5):
+        try:
+            offered.tap(timeout=10_000)
+            expect(page.locator("#step button[name=stop]")).to_be_visible()
+            step(page, "confirm").tap(timeout=3_000)
+            return expect(offered).to_have_count(0)
+        except (TimeoutError, AssertionError):
+            continue
+    raise AssertionError("a release is taken back again and again")
+
+
 def acknowledge_all(page):
     """One tap for each alarm, and each does what it says: the button goes, or means another one."""
     button = page.locator("#causes button[name=acknowledge]")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from playwright.sync_api import expect, sync_playwright
 
-from operating import DEMO_OPERATOR, DISPLAY, acknowledge_all, clear, localize, stage, step, type_by_touch
+from operating import DEMO_OPERATOR, DISPLAY, acknowledge_all, clear, localize, release, stage, step, type_by_touch
 from vehicle import CHROMIUM, ROOT, Client, Server, own_domain
 
 SCALE = 0.625
@@ -96,10 +96,11 @@ def story(page, server, camera):
     camera.take("two")
     client.post("/demo/fault", name="sensor_outage", active="false")
     client.post("/demo/fault", name="low_battery", active="false")
-    expect(page.locator("#countermeasure .confirmed")).to_have_text(re.compile("Quittieren|Acknowledge"))
+    expect(page.locator("#countermeasure .confirmed")).to_have_text(re.compile("Weiterfahren|Continue"))
     expect(page.locator("#causes [data-node]")).to_have_count(0)
     camera.take("held")
     acknowledge_all(page)
+    release(page)
     client.post("/demo/fault", name="localization_jump", active="true")
     expect(page.locator("#tile-execution")).to_have_attribute("data-reason", "masked")
     expect(page.locator("#countermeasure")).to_have_attribute("data-state", "engaged")

@@ -104,6 +104,7 @@ def test_a_demo_that_was_put_to_sleep_wakes_up_whole(demo, client, stream):
     stream.wait(lambda s: time.monotonic() - woken > 4 and healthy(s), 10, "all is well again")
     # Nothing was heard for a moment, in the middle of a drive: the shuttle was asked to slow down.
     acknowledge_all(client)
+    client.release()
     stream.wait(lambda s: not s["countermeasures"], 5, "countermeasures are released")
 
 
@@ -119,6 +120,7 @@ class Faults:
         self.set(name, False)
         seen = stream.wait(healthy, 10, "all is well again")
         acknowledge_all(self.client)
+        self.client.release()
         return seen
 
 

@@ -7,7 +7,18 @@ import signal
 import pytest
 from playwright.sync_api import expect
 
-from operating import DEMO_OPERATOR, acknowledge_all, clear, localize, log_in_by_touch, stage, step, touch_context, watch
+from operating import (
+    DEMO_OPERATOR,
+    acknowledge_all,
+    clear,
+    localize,
+    log_in_by_touch,
+    release,
+    stage,
+    step,
+    touch_context,
+    watch,
+)
 from vehicle import Client, Server, own_domain
 
 
@@ -62,19 +73,27 @@ def test_the_story_by_touch_alone(demo, display, trouble):
 
     client.post("/demo/fault", name="localization_jump", active="false")
     expect(page.locator("#tile-localization")).to_have_attribute("data-state", "ok", timeout=20_000)
-    expect(banner).to_contain_text("Acknowledge to release")
-    expect(page.locator("#step .text")).to_have_text("Still held back. Acknowledge to release.")
-    # Each resulting alarm is acknowledged by itself.
+    expect(banner).to_contain_text("The cause is gone. Continue?")
+    # Each resulting alarm is acknowledged by itself. That moves nothing.
     acknowledge_all(page)
+    expect(banner).to_be_visible()
+    departures = int(page.locator("body").get_attribute("data-departures") or 0)
+    release(page)
     expect(banner).to_have_count(0)
+    assert int(page.locator("body").get_attribute("data-departures")) > departures, "a tone before it moves"
     assert sounded(page) == before + 1
 
     expect(step(page, "logout")).to_have_count(0)
-    step(page, "stop").tap()
+    # Four taps on STOP are a stop: it never changes into something else under the finger.
+    place = step(page, "stop").bounding_box()
+    for _ in range(4):
+        step(page, "stop").tap()
     expect(page.locator("#countermeasure[data-request=maneuver_stop]")).to_be_visible()
-    expect(step(page, "release")).to_be_visible()
-    step(page, "release").tap()
-    expect(step(page, "stop")).to_be_visible()
+    expect(step(page, "stop")).to_have_attribute("aria-pressed", "true")
+    assert step(page, "stop").bounding_box() == place
+    release(page)
+    expect(page.locator("#countermeasure[data-request=maneuver_stop]")).to_have_count(0)
+    assert step(page, "stop").bounding_box() == place
     stage(page, "standby", 90)
     # A tap right after a change does not count.
     expect(page.locator("#actions[data-quiet]")).to_have_count(0)

@@ -1,5 +1,7 @@
 """Simultaneous taps: a stop waits for nothing, and a tap that is not sent says so."""
 
+import signal
+
 import pytest
 from playwright.sync_api import expect
 
@@ -56,11 +58,47 @@ def test_a_stop_is_sent_right_after_what_it_stood_beside_was_done(driving, troub
     assert len(stops) == 1
 
 
+def test_a_stop_is_sent_by_a_dead_display_until_it_is_answered(server, driving, trouble):
+    page, stop = driving, step(driving, "stop")
+    server.send(signal.SIGSTOP)
+    try:
+        expect(page.locator("body")).to_have_attribute("data-live", "dead")
+        expect(page.locator("#causes")).to_be_hidden()
+        expect(stop).to_be_visible()
+        stop.click()
+        expect(page.locator("#notice")).to_contain_text("The stop has not arrived and is sent again. Take over.")
+    finally:
+        server.send(signal.SIGCONT)
+    expect(page.locator("#countermeasure[data-request=maneuver_stop]")).to_be_visible(timeout=10_000)
+    expect(page.locator("#notice")).to_be_hidden()
+    trouble.expect("WebSocket", "ERR_", "409", "readyz")
+
+
+def test_a_double_tap_on_continue_releases_nothing(driving):
+    page, confirm = driving, step(driving, "confirm")
+    step(page, "stop").click()
+    expect(step(page, "release")).to_be_visible()
+    expect(page.locator("#actions[data-quiet]")).to_have_count(0)
+    box = step(page, "release").bounding_box()
+    for share in (0.1, 0.5, 0.9):
+        step(page, "release").click(position={"x": box["width"] * share, "y": box["height"] / 2})
+        expect(confirm).to_be_visible()
+        other = confirm.bounding_box()
+        assert not other["x"] <= box["x"] + box["width"] * share <= other["x"] + other["width"], "Confirm lies under the finger"
+        step(page, "cancel").click(force=True, timeout=5_000)
+        expect(confirm).to_be_hidden()
+        expect(page.locator("#actions[data-quiet]")).to_have_count(0)
+    expect(page.locator("#countermeasure[data-request=maneuver_stop]")).to_be_visible()
+
+
 def test_two_quick_taps_are_one_and_the_second_says_so(driving, trouble):
     page, notice = driving, driving.locator("#notice")
-    box = step(page, "stop").bounding_box()
-    page.mouse.click(box["x"] + 20, box["y"] + 20)
+    step(page, "stop").click()
     expect(step(page, "release")).to_be_visible()
+    expect(page.locator("#actions[data-quiet]")).to_have_count(0)
+    box = step(page, "release").bounding_box()
+    step(page, "release").click()
+    step(page, "cancel").click()
     page.mouse.click(box["x"] + 20, box["y"] + 20)
     expect(notice).to_contain_text("Only the first tap counted.")
     expect(notice).to_be_hidden(timeout=5_000)

@@ -19,6 +19,9 @@ import urllib.parse
 import urllib.request
 from pathlib import Path
 
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
 ROOT = Path(__file__).resolve().parents[2]
 TELLTALE = os.environ.get("TELLTALE", str(ROOT / "target/debug/telltale"))
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium")
@@ -209,6 +212,23 @@ class Client:
         """Requests a stop, which counts as sent as soon as somebody of the vehicle listens."""
         until(self.was_stop_sent, 20, "the vehicle listens")
 
+    def release(self):
+        """Lets the vehicle go on, before a display that confirms what it is shown."""
+        with Display(self.server, self):
+            until(self.was_released, 20, "the release is granted")
+
+    def was_released(self):
+        if all(it["request"] == "notify" for it in self.snapshot()["countermeasures"]):
+            return True
+        try:
+            token = json.loads(self.post("/vehicle/release", version=self.snapshot()["seq"]))["token"]
+            self.post("/vehicle/release/confirm", token=token)
+        except urllib.error.HTTPError as error:
+            # The display has confirmed nothing yet, or something has changed.
+            assert error.code == 409, error.read()
+            return False
+        return True
+
     def was_stop_sent(self):
         try:
             self.post("/vehicle/stop", version=self.snapshot()["seq"])
@@ -220,6 +240,30 @@ class Client:
     def snapshot(self):
         with self.opener.open(self.server.url + "/api/v1/snapshot", timeout=10) as answer:
             return json.load(answer)
+
+
+class Display:
+    """A page on the socket of the operator's screen, without a browser: it confirms every message."""
+
+    def __init__(self, server, client):
+        url = server.url.replace("http", "ws", 1) + "/ws"
+        self.socket = connect(url, additional_headers={"Cookie": client.cookie()}, origin=server.url, max_size=2**22)
+        self.thread = threading.Thread(target=self.confirm)
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *error):
+        self.socket.close()
+        self.thread.join()
+
+    def confirm(self):
+        with contextlib.suppress(ConnectionClosed):
+            for message in self.socket:
+                said = json.loads(message)
+                if "seq" in said:
+                    self.socket.send(json.dumps({"shown": said["seq"], **({"beat": said["beat"]} if "beat" in said else {})}))
 
 
 class Writer:

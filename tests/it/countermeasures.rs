@@ -62,6 +62,10 @@ impl Vehicle {
         self.does(OperatorAction::Acknowledge { alarm: AlarmRef::Node(node.into()) })
     }
 
+    fn release(&mut self) -> Response {
+        self.does(OperatorAction::Release { display_live: true, storage_ok: true })
+    }
+
     fn clear(&mut self) -> Response {
         self.does(OperatorAction::Clear { display_live: true, storage_ok: true })
     }
@@ -107,6 +111,8 @@ fn a_masked_node_lets_its_root_ask_for_what_it_would_have_asked() {
     vehicle.report(&[("lidar", 0), ("planner", 0)]);
     assert_eq!(asked(&vehicle.look()), Some(("decelerate", vec!["sensors/lidar"], true)));
     assert_eq!(vehicle.acknowledge("sensors/lidar"), Response::Done);
+    assert_eq!(vehicle.look().countermeasures.len(), 2, "that moves nothing");
+    assert_eq!(vehicle.release(), Response::Done);
     assert_eq!(vehicle.look().countermeasures.len(), 0);
 }
 
@@ -121,6 +127,8 @@ fn a_request_stays_while_the_cause_that_was_named_for_it_is_there() {
     assert_eq!(vehicle.acknowledge("sensors/lidar"), Response::Done);
     assert_eq!(asked(&vehicle.look()), held);
     vehicle.report(&[("lidar", 0)]);
+    assert_eq!(asked(&vehicle.look()), Some(("decelerate", vec!["sensors/lidar"], true)));
+    assert_eq!(vehicle.release(), Response::Done);
     assert_eq!(asked(&vehicle.look()), None);
 }
 
@@ -133,7 +141,7 @@ fn silence_lets_a_rule_for_unknown_ask() {
     let mut vehicle = Vehicle { engine, now: Timestamp::ZERO };
     vehicle.report(&[("lidar", 0), ("planner", 1)]);
     assert!(asked(&vehicle.look()).is_some(), "nothing was heard at the start");
-    vehicle.acknowledge("planning/planner");
+    assert_eq!(vehicle.release(), Response::Done);
     assert_eq!(asked(&vehicle.look()), None, "a WARNING is better than UNKNOWN");
     vehicle.now = vehicle.now + Span::from_secs(9);
     vehicle.report(&[("lidar", 0)]);
@@ -176,7 +184,7 @@ fn a_restart_in_the_middle_of_a_fault_takes_nothing_back() {
     assert_eq!(state(&vehicle.look(), "telltale/active"), State::Ok);
     assert_eq!(vehicle.look().alarms[0].id, 1, "the same alarm");
     vehicle.report(&[("planner", 0)]);
-    assert_eq!(vehicle.acknowledge("planning/planner"), Response::Done);
+    assert_eq!(vehicle.release(), Response::Done);
     assert_eq!(asked(&vehicle.look()), None);
 }
 
@@ -338,10 +346,9 @@ fn what_is_worse_asks_for_more_after_a_reload_too() {
     engine.start_in(Stage::Active);
     let mut vehicle = Vehicle { engine, now: Timestamp::ZERO };
     vehicle.report(&[("lidar", 1), ("planner", 0)]);
-    vehicle.acknowledge("sensors/lidar");
-    for node in ["planning", "planning/planner", "sensors"] {
-        vehicle.acknowledge(node);
-    }
+    // What nobody had said anything of at the start is well now.
+    vehicle.report(&[("lidar", 0), ("planner", 0)]);
+    assert_eq!(vehicle.release(), Response::Done);
     vehicle.report(&[("lidar", 1), ("planner", 0)]);
     assert_eq!(vehicle.look().deceleration(), Some(1.0));
     vehicle.engine.reload(model(), vehicle.now);
@@ -369,7 +376,6 @@ countermeasures:
     assert_eq!(asked(&vehicle.look()), Some(("maneuver_stop", causes.clone(), false)));
     vehicle.report(&[("rear", 0)]);
     assert_eq!(asked(&vehicle.look()), Some(("maneuver_stop", causes, true)));
-    vehicle.acknowledge("sensors/front");
-    vehicle.acknowledge("sensors/rear");
+    assert_eq!(vehicle.release(), Response::Done);
     assert_eq!(asked(&vehicle.look()), None);
 }

@@ -1,11 +1,11 @@
-//! Requests that wait for an acknowledgement stay held: over restarts, reloads, other causes and old
-//! alarms.
+//! Requests stay held until the operator releases them: over restarts, reloads, other causes and
+//! acknowledgements.
 
 use std::sync::Arc;
 
 use telltale::config;
 use telltale::engine::Engine;
-use telltale::engine::input::{AlarmRef, Input, OperatorAction, Response, StatusArray};
+use telltale::engine::input::{AlarmRef, Input, OperatorAction, Refusal, Response, StatusArray};
 use telltale::engine::model::{Model, Stage};
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State;
@@ -43,6 +43,12 @@ impl Vehicle {
         Vehicle { engine, now: Timestamp::ZERO }
     }
 
+    fn in_stage(stage: Stage) -> Vehicle {
+        let mut engine = Engine::new(model(CONFIG), Timestamp::ZERO);
+        engine.start_in(stage);
+        Vehicle { engine, now: Timestamp::ZERO }
+    }
+
     fn input(&mut self, input: &Input) -> Response {
         self.now = self.now + Span::from_millis(1);
         self.engine.handle(input, self.now)
@@ -63,6 +69,21 @@ impl Vehicle {
 
     fn knows_node(&mut self, node: &str) {
         self.knows(AlarmRef::Node(node.into()));
+    }
+
+    /// Both steps, which get the same answer.
+    fn release(&mut self) -> Response {
+        let (display_live, storage_ok) = (true, true);
+        let asked = self.input(&Input::Operator(OperatorAction::AskRelease { display_live, storage_ok }));
+        let done = self.input(&Input::Operator(OperatorAction::Release { display_live, storage_ok }));
+        assert_eq!(asked, done);
+        done
+    }
+
+    /// Requires that a release is refused because of this cause alone.
+    fn keeps(&mut self, node: &str) {
+        let remains = Refusal::CauseRemains { node: node.into() };
+        assert_eq!(self.release(), Response::Refused(vec![remains]));
     }
 
     fn restart(&mut self, text: &str) {
@@ -117,11 +138,15 @@ fn a_restart_keeps_what_a_discovered_module_caused() {
         vehicle.report(0, 0);
         assert_eq!(vehicle.asked(), cause(X, false));
         vehicle.restart(CONFIG);
+        vehicle.keeps(X);
         vehicle.report(0, 0);
         assert_eq!(vehicle.asked(), cause(X, false));
         vehicle.knows(AlarmRef::Number(1));
-        assert_eq!(vehicle.asked(), None);
+        assert_eq!(vehicle.asked(), Some((vec![(X.to_owned(), false, true)], true)), "it moves nothing");
         assert_eq!(vehicle.alarms(), []);
+        assert_eq!(vehicle.release(), Response::Done);
+        assert_eq!(vehicle.asked(), None);
+        assert_eq!(vehicle.release(), Response::Refused(vec![Refusal::NothingToRelease]));
     }
 }
 
@@ -146,7 +171,7 @@ fn a_restart_keeps_what_the_second_of_a_name_caused() {
     report(&mut vehicle, 0);
     assert_eq!(vehicle.asked(), cause(second, false));
     vehicle.knows_node(second);
-    assert_eq!((vehicle.asked(), vehicle.alarms()), (None, vec![]));
+    assert_eq!((vehicle.release(), vehicle.asked(), vehicle.alarms()), (Response::Done, None, vec![]));
 }
 
 #[test]
@@ -161,10 +186,11 @@ fn a_discovered_module_that_finds_no_place_any_more_leaves_its_request_to_its_gr
         vehicle.report(0, 0);
         assert_eq!(vehicle.asked().map(|(causes, _)| causes[0].0.clone()), Some("sensors".to_owned()));
         vehicle.report(0, 0);
-        vehicle.knows_node("sensors");
-        let asks = vehicle.asked().is_some();
         // Statuses that are dropped make the group a WARNING, and that may be the cause itself.
-        assert_eq!(asks, text == &no_room);
+        match text == &no_room {
+            true => vehicle.keeps("sensors"),
+            false => assert_eq!(vehicle.release(), Response::Done),
+        }
     }
 }
 
@@ -196,8 +222,7 @@ fn a_reload_that_renames_or_removes_the_cause_releases_nothing() {
             ["own", "another", "/sensors/x"].iter().for_each(|name| array.push_status(0, name, "", ""));
             vehicle.input(&Input::Diagnostics(array));
             assert!(vehicle.asked().is_some(), "{text}");
-            vehicle.knows_node(place);
-            assert_eq!(vehicle.asked(), None, "{text}");
+            assert_eq!((vehicle.release(), vehicle.asked()), (Response::Done, None), "{text}");
         }
     }
 }
@@ -212,14 +237,11 @@ fn a_fault_that_lasts_over_its_modules_new_name_is_asked_for_throughout() {
     vehicle.report(2, 0);
     vehicle.report(0, 0);
     assert_eq!(vehicle.look().deceleration(), Some(1.5));
-    vehicle.knows_node("sensors/renamed");
-    assert_eq!(vehicle.look().deceleration(), Some(1.5), "nobody knows what became of the one before");
-    vehicle.knows_node("sensors");
-    assert_eq!(vehicle.asked(), None);
+    assert_eq!((vehicle.release(), vehicle.asked()), (Response::Done, None));
 }
 
 #[test]
-fn of_two_causes_one_after_the_other_both_have_to_be_known() {
+fn of_two_causes_one_after_the_other_both_are_named_until_the_release() {
     let mut vehicle = Vehicle::driving();
     vehicle.report(0, 2);
     vehicle.report(0, 0);
@@ -232,6 +254,83 @@ fn of_two_causes_one_after_the_other_both_have_to_be_known() {
     vehicle.report(0, 0);
     assert_eq!(vehicle.asked(), Some((causes(false), true)));
     vehicle.knows_node(X);
+    assert_eq!(vehicle.asked(), Some((causes(true), true)));
+    assert_eq!((vehicle.release(), vehicle.asked()), (Response::Done, None));
+}
+
+#[test]
+fn a_release_needs_every_cause_gone_a_live_display_and_a_store() {
+    let mut vehicle = Vehicle::driving();
+    vehicle.report(2, 2);
+    let remains = |node: &str| Refusal::CauseRemains { node: node.into() };
+    assert_eq!(vehicle.release(), Response::Refused(vec![remains("sensors/own"), remains(X)]));
+    vehicle.report(0, 2);
+    vehicle.keeps(X);
+    // The operator's own stop does not hide that.
+    assert_eq!(vehicle.input(&Input::Operator(OperatorAction::RequestStop)), Response::Done);
+    vehicle.keeps(X);
+    vehicle.report(0, 0);
+    assert_eq!(*vehicle.look().release_refusals, []);
+    let blind = OperatorAction::Release { display_live: false, storage_ok: false };
+    let besides = vec![Refusal::DisplayNotLive, Refusal::StorageNotWritable];
+    assert_eq!(vehicle.input(&Input::Operator(blind)), Response::Refused(besides));
+    assert_eq!(vehicle.look().countermeasures.len(), 2);
+    assert_eq!((vehicle.release(), vehicle.asked()), (Response::Done, None));
+    // A new fault asks anew.
+    vehicle.report(2, 0);
+    assert_eq!(vehicle.asked(), cause("sensors/own", true));
+}
+
+#[test]
+fn at_a_stop_a_request_ends_with_its_cause() {
+    let mut vehicle = Vehicle::driving();
+    vehicle.report(2, 0);
+    vehicle.input(&Input::Signal { name: "active".into(), value: false });
+    vehicle.report(0, 0);
+    assert_eq!(vehicle.asked(), cause("sensors/own", false), "it may drive on");
+    vehicle.now = vehicle.now + Span::from_secs(4);
+    vehicle.report(0, 0);
+    assert_eq!((vehicle.look().stage, vehicle.asked()), (Stage::Standby, None));
+    vehicle.input(&Input::Signal { name: "active".into(), value: true });
+    vehicle.report(2, 0);
+    vehicle.input(&Input::Signal { name: "active".into(), value: false });
+    vehicle.now = vehicle.now + Span::from_secs(4);
+    vehicle.report(2, 0);
+    assert_eq!(vehicle.asked(), cause("sensors/own", true), "the cause is there");
+    vehicle.keeps("sensors/own");
+}
+
+#[test]
+fn before_the_vehicle_drives_a_clearance_is_withdrawn_and_a_stop_is_held_until_it_surely_stands() {
+    let mut vehicle = Vehicle::in_stage(Stage::Cleared);
+    vehicle.report(0, 0);
+    let withdraw = |vehicle: &mut Vehicle| vehicle.input(&Input::Operator(OperatorAction::Withdraw));
+    assert_eq!(withdraw(&mut vehicle), Response::Done);
+    assert_eq!((vehicle.look().stage, vehicle.look().clearance), (Stage::Standby, false));
+    assert_eq!(withdraw(&mut vehicle), Response::Refused(vec![Refusal::WrongStage(Stage::Standby)]));
+    for drives in [false, true] {
+        let mut vehicle = Vehicle::in_stage(Stage::Cleared);
+        vehicle.report(0, 0);
+        assert_eq!(vehicle.input(&Input::Operator(OperatorAction::RequestStop)), Response::Done);
+        assert_eq!((vehicle.look().stage, vehicle.look().maneuver_stop()), (Stage::Standby, true));
+        // It may have set off before the stop came.
+        vehicle.input(&Input::Signal { name: "active".into(), value: drives });
+        vehicle.now = vehicle.now + Span::from_secs(4);
+        vehicle.report(0, 0);
+        assert_eq!(vehicle.look().maneuver_stop(), drives);
+    }
+}
+
+#[test]
+fn a_stop_that_is_released_before_the_vehicle_surely_stands_is_over() {
+    let mut vehicle = Vehicle::driving();
+    vehicle.report(0, 0);
+    assert_eq!(vehicle.input(&Input::Operator(OperatorAction::RequestStop)), Response::Done);
+    vehicle.input(&Input::Signal { name: "active".into(), value: false });
+    assert_eq!((vehicle.release(), vehicle.asked()), (Response::Done, None));
+    // The engine once waited for the arrival without an end.
+    vehicle.now = vehicle.now + Span::from_secs(9);
+    vehicle.report(0, 0);
     assert_eq!(vehicle.asked(), None);
 }
 
@@ -253,17 +352,12 @@ fn more_causes_than_are_named_are_not_forgotten() {
         }
         let (causes, _) = vehicle.asked().expect("it is held");
         assert_eq!((causes.len(), &*causes[63].0), (64, "sensors"));
-        for (name, ..) in &causes[..63] {
-            vehicle.knows_node(name);
-        }
-        assert!(vehicle.asked().is_some(), "nobody knows of the others");
-        vehicle.knows_node("sensors");
-        assert_eq!(vehicle.asked(), None);
+        assert_eq!((vehicle.release(), vehicle.asked()), (Response::Done, None));
     }
 }
 
 #[test]
-fn an_old_alarm_releases_nothing_of_today() {
+fn an_old_alarm_says_nothing_of_today() {
     let mut vehicle = Vehicle::driving();
     vehicle.report(0, 2);
     vehicle.report(0, 0);
@@ -274,11 +368,11 @@ fn an_old_alarm_releases_nothing_of_today() {
     vehicle.report(0, 0);
     assert_eq!(vehicle.asked(), cause(X, false));
     vehicle.knows(AlarmRef::Number(2));
-    assert_eq!(vehicle.asked(), None);
+    assert_eq!(vehicle.asked(), Some((vec![(X.to_owned(), false, true)], true)));
 }
 
 #[test]
-fn an_alarm_from_before_the_request_does_not_release_it() {
+fn an_alarm_from_before_the_request_says_nothing_of_it() {
     let text = CONFIG.replace("groups: [sensors], state: error", "modules: [sensors/own], state: warning");
     let mut engine = Engine::new(model(&text), Timestamp::ZERO);
     engine.start_in(Stage::Standby);
@@ -291,8 +385,7 @@ fn an_alarm_from_before_the_request_does_not_release_it() {
     vehicle.knows(AlarmRef::Number(1));
     vehicle.report(0, 0);
     assert_eq!(vehicle.asked(), cause("sensors/own", false));
-    vehicle.knows_node("sensors/own");
-    assert_eq!(vehicle.asked(), None);
+    assert_eq!((vehicle.release(), vehicle.asked()), (Response::Done, None));
 }
 
 #[test]

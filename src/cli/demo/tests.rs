@@ -163,7 +163,7 @@ fn a_low_battery_is_a_warning_and_no_more() {
 
 /// The fault and what is asked of the shuttle, at last.
 #[test]
-fn a_fault_stops_the_shuttle_until_it_is_over_and_acknowledged() {
+fn a_fault_stops_the_shuttle_until_it_is_over_and_the_operator_releases_it() {
     let table = [
         (Fault::PlannerStall, "planning/planner_submitted", RequestKind::Decelerate, 1.0),
         (Fault::CanLoss, "can/bus", RequestKind::Decelerate, 1.0),
@@ -191,13 +191,16 @@ fn a_fault_stops_the_shuttle_until_it_is_over_and_acknowledged() {
         story.pass(2_000);
         let fell_mps2 = (before_mps - story.true_speed_mps()) * 1000.0 / (story.now_ms - before_ms) as f64;
         assert!((fell_mps2 - mps2).abs() < 0.05, "{fault:?}: {fell_mps2} m/s²");
-        story.pass(15_000);
-        assert_eq!(story.true_speed_mps(), 0.0, "{fault:?}");
-        story.set_fault(fault, false);
-        story.pass(10_000);
-        assert_eq!(story.true_speed_mps(), 0.0, "{fault:?}: nobody has acknowledged it");
         let acknowledge = OperatorAction::Acknowledge { alarm: AlarmRef::Node(cause.into()) };
         assert_eq!(story.act(&acknowledge), Response::Done, "{fault:?}");
+        story.pass(15_000);
+        assert_eq!(story.true_speed_mps(), 0.0, "{fault:?}");
+        let release = OperatorAction::Release { display_live: true, storage_ok: true };
+        assert!(matches!(story.act(&release), Response::Refused(_)), "{fault:?}");
+        story.set_fault(fault, false);
+        story.pass(10_000);
+        assert_eq!(story.true_speed_mps(), 0.0, "{fault:?}: nobody has released it");
+        assert_eq!(story.act(&release), Response::Done, "{fault:?}");
         story.pass(8_000);
         assert!(story.snapshot().countermeasures.iter().all(|it| !it.request.kind().moves()));
         assert!(story.true_speed_mps() > 3.0, "{fault:?}: it drives on, {}", story.true_speed_mps());

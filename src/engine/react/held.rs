@@ -1,7 +1,8 @@
-//! The requests in force, and their causes.
+//! Countermeasures that are held, and their release by the operator.
 //!
-//! The request of each rule is held separately, until its own cause is gone and acknowledged. The strongest
-//! held request counts, so no request ends while its cause is present.
+//! The request of each rule is held by itself. While the vehicle drives, or may set off, a request that moves
+//! it is held until the operator releases it, which is granted once its causes are gone. At a stop, where a
+//! clearance is needed anyway, it ends with its causes. The strongest held request wins.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::Arc;
@@ -25,8 +26,7 @@ pub(in crate::engine) struct HeldRequest {
     pub(in crate::engine) by: RequestOrigin,
     pub(in crate::engine) since: Timestamp,
     pub(in crate::engine) present: bool,
-    /// Never empty, except for the operator's stop: a request without a named cause could not be released by
-    /// anybody.
+    /// Empty only for a stop of the operator.
     pub(in crate::engine) causes: Vec<RequestCause>,
 }
 
@@ -55,11 +55,6 @@ pub(in crate::engine) struct Acknowledged<'a> {
 }
 
 impl HeldRequest {
-    fn is_over(&self) -> bool {
-        let is_known = || !self.causes.is_empty() && self.causes.iter().all(|it| it.acknowledged);
-        !self.present && (self.request.kind() == RequestKind::Notify || is_known())
-    }
-
     /// Checks whether the named causes are still present. A failing member inside a node that is well again,
     /// such as one of a redundancy set, is no cause any more.
     fn look_at_causes(&mut self, net: &Net, state: State, by_itself: Option<NodeId>) {
@@ -197,7 +192,8 @@ impl Countermeasures {
     }
 
     pub(in crate::engine) fn is_idle(&self) -> bool {
-        self.dirty.is_empty() && self.held.is_empty() && self.asked == [None; 3]
+        let is_over = self.held.is_empty() && self.arrives.is_none();
+        self.dirty.is_empty() && is_over && self.asked == [None; 3]
     }
 
     /// Updates the held requests to the present states of the nodes. `causes` names the root causes of a node.
@@ -212,7 +208,7 @@ impl Countermeasures {
         if stage == Stage::Active {
             self.arrives = None;
         } else if self.arrives.take_if(|at| *at <= now).is_some() {
-            self.release_stop();
+            self.held.retain(|held| held.by != RequestOrigin::Operator);
         }
         for node in std::mem::take(&mut self.dirty) {
             for &index in &self.rules[&node] {
@@ -246,18 +242,15 @@ impl Countermeasures {
                 RequestOrigin::Operator => {}
             }
         }
-        self.let_go();
+        if self.arrives.is_none() {
+            let may_drive = matches!(stage, Stage::Cleared | Stage::Active);
+            self.held.retain(|held| held.present || may_drive && held.request.kind().moves());
+        }
     }
 
     /// The drive has ended, unless it continues before `certain`.
     pub(in crate::engine) fn arrive(&mut self, certain: Timestamp) {
         self.arrives = Some(certain).filter(|_| !self.held.is_empty());
-    }
-
-    fn let_go(&mut self) {
-        if self.arrives.is_none() {
-            self.held.retain(|held| !held.is_over());
-        }
     }
 
     /// Holds a stop that the operator requested, once.
@@ -278,8 +271,27 @@ impl Countermeasures {
         self.held.iter().any(|held| held.by == RequestOrigin::Operator)
     }
 
-    pub(in crate::engine) fn release_stop(&mut self) {
-        self.held.retain(|held| held.by != RequestOrigin::Operator);
+    /// Ends every request that moves the vehicle and has no cause any more, and the operator's stop.
+    pub(in crate::engine) fn release(&mut self) {
+        let stays = |held: &HeldRequest| {
+            !held.request.kind().moves() || held.present && held.by != RequestOrigin::Operator
+        };
+        self.held.retain(stays);
+    }
+
+    /// Nodes whose failure forbids a release, each once: the causes that are still there.
+    pub(in crate::engine) fn remaining_causes(&self) -> Vec<NodeId> {
+        let moving = self.held.iter().filter(|held| held.present && held.request.kind().moves());
+        let nodes = moving.flat_map(|held| {
+            let present = held.causes.iter().filter(|cause| cause.present).map(|cause| cause.node);
+            let about = match held.by {
+                RequestOrigin::Rule(_, node) if held.causes.iter().all(|cause| !cause.present) => Some(node),
+                RequestOrigin::Rule(..) | RequestOrigin::Past | RequestOrigin::Operator => None,
+            };
+            present.chain(about)
+        });
+        let mut seen = HashSet::new();
+        nodes.filter(|&node| seen.insert(node)).take(CAUSES_MAX).collect()
     }
 
     /// Whether a node causes a held request that the operator can acknowledge.
@@ -289,10 +301,9 @@ impl Countermeasures {
         self.held.iter().any(has_part)
     }
 
-    /// Notes that the operator acknowledges a node.
+    /// Notes that the operator acknowledges a node. That releases nothing.
     pub(in crate::engine) fn acknowledge(&mut self, known: Acknowledged<'_>) {
         self.held.iter_mut().for_each(|held| held.acknowledge(known));
-        self.let_go();
     }
 
     pub(in crate::engine) fn take_news(&mut self, news: &OutputReport) {
@@ -324,26 +335,20 @@ impl Countermeasures {
         let measure =
             |asked: &ActiveRequest| {
                 let of_kind = || self.held.iter().filter(|held| held.request.kind() == asked.request.kind());
-                let since = asked.since;
-                let mut all = HeldRequest {
-                    request: asked.request,
-                    by: RequestOrigin::Past,
-                    since,
-                    present: false,
-                    causes: Vec::new(),
-                };
+                let (request, by, since) = (asked.request, RequestOrigin::Past, asked.since);
+                let mut all = HeldRequest { request, by, since, present: false, causes: Vec::new() };
                 of_kind().flat_map(|held| &held.causes).for_each(|cause| all.add(*cause));
                 all.cut(others);
                 let cause = |&RequestCause { node, acknowledged, present }: &RequestCause| {
                     CountermeasureCause { node, acknowledged, present }
                 };
                 Countermeasure {
-                    request: asked.request,
+                    request,
                     by_operator: of_kind().any(|held| held.by == RequestOrigin::Operator),
                     causes: all.causes.iter().map(cause).collect(),
                     since,
                     state: asked.state,
-                    latched: of_kind().all(|held| !held.present),
+                    latched: of_kind().all(|held| !held.present || held.by == RequestOrigin::Operator),
                 }
             };
         self.asked.iter().rev().flatten().map(measure).collect()
@@ -355,9 +360,6 @@ impl Countermeasures {
 
     /// Takes over a request from before a restart or a reload.
     pub(in crate::engine) fn hold(&mut self, held: HeldRequest, others: NodeId) {
-        if held.is_over() && self.arrives.is_none() {
-            return;
-        }
         let same = |it: &&mut HeldRequest| {
             it.by == held.by && (held.by != RequestOrigin::Past || it.request == held.request)
         };

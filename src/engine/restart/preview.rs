@@ -48,9 +48,16 @@ impl Engine {
             OperatorAction::Clear { .. } => {
                 vehicle.raise(Event::Clearance);
             }
+            OperatorAction::Withdraw => {
+                vehicle.raise(Event::Withdrawn);
+            }
+            OperatorAction::Release { .. } => {
+                after.countermeasures = self.list_after(Countermeasures::release)
+            }
             OperatorAction::Acknowledge { alarm } => self.preview_acknowledged(alarm, &mut after),
             // These change nothing that is stored; and a stop does not wait for the disk.
             OperatorAction::AskClearance { .. }
+            | OperatorAction::AskRelease { .. }
             | OperatorAction::Reset { .. }
             | OperatorAction::RequestStop => {}
         }
@@ -77,10 +84,6 @@ impl Engine {
 
     fn preview_acknowledged(&mut self, alarm: &AlarmRef, after: &mut Snapshot) {
         let known: Vec<(NodeId, Option<u64>)> = match alarm {
-            AlarmRef::OperatorStop => {
-                after.countermeasures = self.list_after(|held| held.release_stop());
-                return;
-            }
             AlarmRef::Number(number) => {
                 let numbers = self.of_one_status(*number).into_iter();
                 numbers.filter_map(|number| Some((self.alarms.node(number)?, Some(number)))).collect()

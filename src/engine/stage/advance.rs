@@ -36,6 +36,7 @@ pub(in crate::engine) struct VehicleView {
     pub(in crate::engine) localization: Localization,
     pub(in crate::engine) clearance: bool,
     pub(in crate::engine) clearance_refusals: Arc<[Refusal]>,
+    pub(in crate::engine) release_refusals: Arc<[Refusal]>,
     pub(in crate::engine) unreached: Arc<[(Output, Unreached)]>,
     pub(in crate::engine) listened: Arc<[Output]>,
 }
@@ -49,8 +50,11 @@ impl Engine {
         }
         let to = self.vehicle.stage;
         self.events.push(self.now, EventKind::Stage { from, to });
-        if from == Stage::Active {
-            self.arrived();
+        match from {
+            Stage::Active => self.arrived(),
+            // The vehicle may have set off already.
+            Stage::Cleared => self.countermeasures.arrive(self.now + ARRIVAL),
+            Stage::Locked | Stage::Localizing | Stage::Standby => {}
         }
         self.stage_changed();
         true
@@ -201,6 +205,7 @@ impl Engine {
             localization: self.vehicle.localization,
             clearance: self.vehicle.stage == Stage::Cleared,
             clearance_refusals: self.clearance_refusals().into(),
+            release_refusals: self.release_refusals().into(),
             unreached: self.unreached().into(),
             listened: self.countermeasures.listened.iter().copied().collect(),
         });

@@ -45,10 +45,14 @@ impl Engine {
                 self.vehicle.localize(pose, self.now);
                 self.set_posed();
             }
-            OperatorAction::AskClearance { .. } => {}
+            OperatorAction::AskClearance { .. } | OperatorAction::AskRelease { .. } => {}
             OperatorAction::Clear { .. } => {
                 self.step(Event::Clearance);
             }
+            OperatorAction::Withdraw => {
+                self.step(Event::Withdrawn);
+            }
+            OperatorAction::Release { .. } => self.countermeasures.release(),
             OperatorAction::RequestStop => self.countermeasures.request_stop(self.now),
             OperatorAction::Acknowledge { alarm } => self.acknowledge(alarm),
             OperatorAction::Reset { module } => {
@@ -73,11 +77,11 @@ impl Engine {
             OperatorAction::Localize { place } => self.may_localize(place),
             OperatorAction::AskClearance { display_live, storage_ok }
             | OperatorAction::Clear { display_live, storage_ok } => {
-                self.check_clearance(*display_live, *storage_ok)
+                refuse(self.clearance_refusals(), *display_live, *storage_ok)
             }
             OperatorAction::RequestStop => {
                 self.need_operator()?;
-                if self.vehicle.stage != Stage::Active {
+                if !matches!(self.vehicle.stage, Stage::Cleared | Stage::Active) {
                     return Err(vec![Refusal::NotDriving]);
                 }
                 // Without a reader the request is still made: it is sent as soon as there is one.
@@ -85,6 +89,17 @@ impl Engine {
                     Some(Unreached::Unpublished) => Err(vec![Refusal::StopNotPublished]),
                     Some(Unreached::Unheard) | None => Ok(()),
                 }
+            }
+            OperatorAction::Withdraw => {
+                self.need_operator()?;
+                match self.vehicle.stage {
+                    Stage::Cleared => Ok(()),
+                    stage => Err(vec![Refusal::WrongStage(stage)]),
+                }
+            }
+            OperatorAction::AskRelease { display_live, storage_ok }
+            | OperatorAction::Release { display_live, storage_ok } => {
+                refuse(self.release_refusals(), *display_live, *storage_ok)
             }
             OperatorAction::Acknowledge { alarm } => {
                 self.need_operator()?;
@@ -155,8 +170,6 @@ impl Engine {
 
     fn acknowledgeable(&self, alarm: &AlarmRef) -> Result<(), Refusal> {
         match alarm {
-            AlarmRef::OperatorStop if self.countermeasures.is_requested() => Ok(()),
-            AlarmRef::OperatorStop => Err(Refusal::NoStopRequested),
             AlarmRef::Number(number) => {
                 self.alarms.node(*number).map(drop).ok_or(Refusal::NoSuchAlarm(*number))
             }
@@ -181,11 +194,10 @@ impl Engine {
     /// One status in several groups is one fault: an acknowledgement in one place counts in all.
     fn acknowledge(&mut self, alarm: &AlarmRef) {
         match alarm {
-            AlarmRef::OperatorStop => self.countermeasures.release_stop(),
             AlarmRef::Number(number) => {
                 for number in self.of_one_status(*number) {
                     let Some(node) = self.alarms.node(number) else { continue };
-                    // An acknowledgement of an old alarm does not release a new request.
+                    // The alarm of an earlier failure says nothing about the present one.
                     let latest = self.alarms.latest(number);
                     self.alarms.acknowledge(|alarm| alarm.id == number, self.now, &mut self.events);
                     if let Some(alarm) = &latest {
@@ -251,11 +263,15 @@ impl Engine {
         Ok(id)
     }
 
-    fn check_clearance(&self, display_live: bool, storage_ok: bool) -> Result<(), Vec<Refusal>> {
-        let mut reasons = self.clearance_refusals();
-        let besides = [(display_live, Refusal::DisplayNotLive), (storage_ok, Refusal::StorageNotWritable)];
-        reasons.extend(besides.into_iter().filter(|(holds, _)| !holds).map(|(_, reason)| reason));
-        if reasons.is_empty() { Ok(()) } else { Err(reasons) }
+    /// Every check of a release that fails and that the vehicle's state decides.
+    pub(in crate::engine) fn release_refusals(&self) -> Vec<Refusal> {
+        let mut reasons = self.need_operator().err().unwrap_or_default();
+        if self.countermeasures.moving().next().is_none() {
+            reasons.push(Refusal::NothingToRelease);
+        }
+        let remaining = self.countermeasures.remaining_causes().into_iter();
+        reasons.extend(remaining.map(|node| Refusal::CauseRemains { node: self.views.name(node).into() }));
+        reasons
     }
 
     /// Every failed check of a clearance that depends on the vehicle's state.
@@ -309,4 +325,11 @@ impl Engine {
         let causes = |node| responsible::roots(net, &masked_by, node);
         self.countermeasures.follow(&self.model, net, self.vehicle.stage, self.now, causes);
     }
+}
+
+/// Adds the checks that the vehicle's state does not decide.
+fn refuse(mut reasons: Vec<Refusal>, display_live: bool, storage_ok: bool) -> Result<(), Vec<Refusal>> {
+    let besides = [(display_live, Refusal::DisplayNotLive), (storage_ok, Refusal::StorageNotWritable)];
+    reasons.extend(besides.into_iter().filter(|(holds, _)| !holds).map(|(_, reason)| reason));
+    if reasons.is_empty() { Ok(()) } else { Err(reasons) }
 }

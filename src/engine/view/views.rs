@@ -119,6 +119,7 @@ impl Views {
             localization: self.vehicle.localization,
             clearance: self.vehicle.clearance,
             clearance_refusals: self.vehicle.clearance_refusals.clone(),
+            release_refusals: self.vehicle.release_refusals.clone(),
             unreached: self.vehicle.unreached.clone(),
             listened: self.vehicle.listened.clone(),
             signals: self.signals.clone(),

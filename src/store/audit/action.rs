@@ -28,6 +28,9 @@ actions! {
     Localize: "localize", "The operator gave the position of the vehicle.";
     ClearanceAsked: "clearance asked", "The first step of the clearance.";
     Clearance: "clearance", "The second step: the vehicle was cleared to drive.";
+    ClearanceWithdrawn: "clearance withdrawn", "The operator took the clearance back.";
+    ReleaseAsked: "release asked", "The first step of a release.";
+    Release: "release", "The second step: the requests that kept the vehicle from driving ended.";
     Stop: "stop", "The operator stopped the vehicle.";
     Acknowledge: "acknowledge", "The operator acknowledged an alarm.";
     Reset: "reset", "A latched error was forgotten.";

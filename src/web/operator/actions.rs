@@ -9,8 +9,8 @@ use serde_json::{Value, json};
 
 use super::act::act;
 use super::not_done::{InvalidTap, NotDone};
-use super::pending_clearance::CONFIRM_WITHIN;
 use super::tap::{Tap, TappedAction, Validity, Versioned};
+use super::two_steps::{CONFIRM_WITHIN, TwoSteps};
 use crate::engine::input::{AlarmRef, OperatorAction, Place};
 use crate::engine::model::NodeId;
 use crate::engine::snapshot::Snapshot;
@@ -37,11 +37,9 @@ pub struct LocalizeForm {
     beat: Option<String>,
 }
 
-/// A stop, over HTTP or over the socket of the page.
+/// A stop, over HTTP or over the socket of the page. It counts whatever the page showed, and however late.
 #[derive(Debug, Deserialize)]
 pub struct StopForm {
-    pub version: u64,
-    pub beat: Option<String>,
     /// The tap's own name: what comes with the same one again is the same tap.
     pub tap: Option<Box<str>>,
 }
@@ -86,8 +84,7 @@ pub async fn stop(tap: Tap, form: FormOf<StopForm>) -> Response {
 
 /// Requests a stop, once for each tap, whichever way it came.
 pub async fn request_stop(tap: Tap, form: StopForm) -> Response {
-    let shown = Versioned { version: form.version, beat: form.beat };
-    let validity = Validity { is_stop: true, ..tap.validity(&shown, Aspect::Stage) };
+    let validity = tap.validity_of_stop();
     let record = tap.record(Action::Stop);
     let stopping =
         act(TappedAction { tap: tap.clone(), validity, action: OperatorAction::RequestStop, record });
@@ -101,18 +98,47 @@ pub async fn request_stop(tap: Tap, form: StopForm) -> Response {
 
 /// `POST /vehicle/clearance`: the first step; the answer holds the token for the second.
 pub async fn clearance(tap: Tap, form: FormOf<Versioned>) -> Response {
+    request(tap, form, TwoSteps::Clearance).await
+}
+
+/// `POST /vehicle/release`: the first step; the answer holds the token for the second.
+pub async fn release(tap: Tap, form: FormOf<Versioned>) -> Response {
+    request(tap, form, TwoSteps::Release).await
+}
+
+/// `POST /vehicle/clearance/confirm`: the second step.
+pub async fn confirm(tap: Tap, form: FormOf<ConfirmForm>) -> Response {
+    confirm_step(tap, form, TwoSteps::Clearance).await
+}
+
+/// `POST /vehicle/release/confirm`: the second step.
+pub async fn confirm_release(tap: Tap, form: FormOf<ConfirmForm>) -> Response {
+    confirm_step(tap, form, TwoSteps::Release).await
+}
+
+/// `POST /vehicle/clearance/withdraw`
+pub async fn withdraw(tap: Tap, form: FormOf<Versioned>) -> Response {
+    let shown = match form {
+        Ok(Form(shown)) => shown,
+        Err(rejection) => return bad_form(&tap.reader, &rejection),
+    };
+    let (validity, record) = (tap.validity(&shown, Aspect::Stage), tap.record(Action::ClearanceWithdrawn));
+    done(tap, validity, OperatorAction::Withdraw, record).await
+}
+
+async fn request(tap: Tap, form: FormOf<Versioned>, steps: TwoSteps) -> Response {
     let shown = match form {
         Ok(Form(shown)) => shown,
         Err(rejection) => return bad_form(&tap.reader, &rejection),
     };
     let (display_live, storage_ok) = tap.conditions();
-    let action = OperatorAction::AskClearance { display_live, storage_ok };
-    let (validity, record) = (tap.validity(&shown, Aspect::Clearance), tap.record(Action::ClearanceAsked));
+    let (action, record) = steps.request(display_live, storage_ok);
+    let (validity, record) = (tap.validity(&shown, steps.aspect()), tap.record(record));
     let granted = act(TappedAction { tap: tap.clone(), validity, action, record }).await;
     if granted.is_err() {
         return answer(&tap, granted, &Value::Null);
     }
-    match tap.app.pending.request(&tap.session, shown.version, tap.app.clock.now()) {
+    match tap.app.pending.request(steps, &tap.session, shown.version, tap.app.clock.now()) {
         Ok(token) => {
             let token = json!({ "token": token, "expires_s": CONFIRM_WITHIN.as_millis() / 1000 });
             answer(&tap, Ok(()), &token)
@@ -124,14 +150,15 @@ pub async fn clearance(tap: Tap, form: FormOf<Versioned>) -> Response {
     }
 }
 
-/// `POST /vehicle/clearance/confirm`: the second step.
-pub async fn confirm(tap: Tap, form: FormOf<ConfirmForm>) -> Response {
+async fn confirm_step(tap: Tap, form: FormOf<ConfirmForm>, steps: TwoSteps) -> Response {
     let form = match form {
         Ok(Form(form)) => form,
         Err(rejection) => return bad_form(&tap.reader, &rejection),
     };
-    let redeemed = tap.app.pending.redeem(&form.token, &tap.session, tap.app.clock.now());
-    let record = tap.record(Action::Clearance);
+    let redeemed = tap.app.pending.redeem(steps, &form.token, &tap.session, tap.app.clock.now());
+    let (display_live, storage_ok) = tap.conditions();
+    let (action, record) = steps.confirm(display_live, storage_ok);
+    let record = tap.record(record);
     let (requested, confirmed_until) = match redeemed {
         Ok(redeemed) => redeemed,
         Err(invalid) => {
@@ -139,15 +166,14 @@ pub async fn confirm(tap: Tap, form: FormOf<ConfirmForm>) -> Response {
             return answer(&tap, Err(invalid.into()), &Value::Null);
         }
     };
-    let (display_live, storage_ok) = tap.conditions();
     let version = form.version.map_or(requested, |version| version.min(requested));
     let shown = Versioned { version, beat: form.beat };
-    let validity = Validity { confirmed_until, ..tap.validity(&shown, Aspect::Clearance) };
-    done(tap, validity, OperatorAction::Clear { display_live, storage_ok }, record).await
+    let validity = Validity { confirmed_until, ..tap.validity(&shown, steps.aspect()) };
+    done(tap, validity, action, record).await
 }
 
-/// `POST /alarms/{id}/acknowledge`, where the id is the number of an alarm, the name of a node
-/// with a WARNING, or `stop` for the stop that the operator asked for.
+/// `POST /alarms/{id}/acknowledge`, where the id is the number of an alarm, or the name of a node
+/// with a WARNING.
 pub async fn acknowledge(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Response {
     let Some(id) = inner(&path, "/acknowledge") else { return refusal(&tap.reader, HttpError::NotFound) };
     let shown = match form {
@@ -157,7 +183,6 @@ pub async fn acknowledge(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Res
     let snapshot = tap.app.published().snapshot;
     let (alarm, aspect) = match id.parse() {
         Ok(number) => (AlarmRef::Number(number), Aspect::Alarm(number)),
-        Err(_) if id == "stop" => (AlarmRef::OperatorStop, Aspect::Stage),
         Err(_) => (AlarmRef::Node(id.into()), of_node(&snapshot, id)),
     };
     let record = tap.record(Action::Acknowledge).on(with_places(&snapshot, &alarm, id));
@@ -170,7 +195,6 @@ fn with_places(snapshot: &Snapshot, alarm: &AlarmRef, id: &str) -> String {
     let node = match alarm {
         AlarmRef::Number(number) => snapshot.alarms.iter().find(|it| it.id == *number).map(|it| it.node),
         AlarmRef::Node(name) => snapshot.node(name),
-        AlarmRef::OperatorStop => None,
     };
     let places = node.map(|node| snapshot.places_of(node)).unwrap_or_default();
     if places.len() < 2 {

@@ -3,6 +3,7 @@
 pub(super) mod act;
 pub(super) mod actions;
 pub(super) mod not_done;
-pub(super) mod pending_clearance;
+
 pub(super) mod stop_once;
 pub(super) mod tap;
+pub(super) mod two_steps;

@@ -62,7 +62,7 @@ pub struct Validity {
     pub until: Timestamp,
     /// For a second step: after this the first one does not count any more.
     pub confirmed_until: Timestamp,
-    /// It is a stop, which also counts from the operator who takes over next.
+    /// It is a stop, which counts whatever was shown and however late, and from the next operator too.
     pub is_stop: bool,
 }
 
@@ -99,7 +99,13 @@ impl Tap {
         Validity { aspect, version: shown.version, until, confirmed_until: until, is_stop: false }
     }
 
-    /// The age of a heartbeat when the tap arrived. One that cannot be read is as old as possible.
+    /// A stop counts whatever the page showed, and however late it comes.
+    pub fn validity_of_stop(&self) -> Validity {
+        let never = Timestamp::MAX;
+        Validity { aspect: Aspect::Stage, version: 0, until: never, confirmed_until: never, is_stop: true }
+    }
+
+    /// How old a heartbeat was when the tap arrived. What cannot be read is as old as can be.
     fn age(&self, beat: &str) -> Span {
         let Ok(beat) = humantime::parse_rfc3339(beat) else { return TAP_LATE_MAX };
         let clock = &self.app.clock;
@@ -118,6 +124,9 @@ impl Tap {
         let is_next = validity.is_stop && app.hand_overs.is_successor(&self.session);
         if !is_next && !is_in_charge(&self.session, &published.snapshot) {
             return Err(InvalidTap::NotInCharge);
+        }
+        if validity.is_stop {
+            return Ok(());
         }
         if now >= validity.until {
             return Err(InvalidTap::Late);
@@ -153,6 +162,8 @@ impl TappedAction {
         Ok(match &self.action {
             OperatorAction::AskClearance { .. } => OperatorAction::AskClearance { display_live, storage_ok },
             OperatorAction::Clear { .. } => OperatorAction::Clear { display_live, storage_ok },
+            OperatorAction::AskRelease { .. } => OperatorAction::AskRelease { display_live, storage_ok },
+            OperatorAction::Release { .. } => OperatorAction::Release { display_live, storage_ok },
             other => other.clone(),
         })
     }

@@ -41,6 +41,7 @@ pub fn permitted(published: &Published) -> Published {
         localization: Localization::default(),
         clearance: snapshot.clearance,
         clearance_refusals: Arc::new([]),
+        release_refusals: Arc::new([]),
         unreached: Arc::new([]),
         listened: Arc::new([]),
         signals: Arc::new([]),

@@ -19,6 +19,8 @@ pub enum Aspect {
     Stage,
     /// Everything that a clearance depends on.
     Clearance,
+    /// All that is judged before a release.
+    Release,
     /// One alarm, by its number: which fault it is of, and whether it is there still.
     Alarm(u64),
     /// What a top-level group shows.
@@ -105,6 +107,8 @@ fn digests(snapshot: &Snapshot) -> HashMap<Aspect, u64> {
     let words = format!("{:?} {:?}", snapshot.clearance_refusals, snapshot.countermeasures);
     let judged = (steps, tiles, roots, alarms, &snapshot.accepted, words);
     digests.insert(Aspect::Clearance, digest(&judged));
+    let words = format!("{:?} {:?}", snapshot.release_refusals, snapshot.countermeasures);
+    digests.insert(Aspect::Release, digest(&(steps, words)));
     digests
 }
 

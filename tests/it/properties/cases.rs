@@ -283,7 +283,7 @@ fn writers(choices: &mut Choices<'_>) -> WriterList {
 
 fn action(choices: &mut Choices<'_>) -> OperatorAction {
     let (display_live, storage_ok) = (!choices.one_in(8), !choices.one_in(8));
-    match choices.below(12) {
+    match choices.below(14) {
         0..3 => OperatorAction::Login { name: "anna".into() },
         3 => OperatorAction::Logout,
         4 => OperatorAction::Shutdown,
@@ -297,11 +297,12 @@ fn action(choices: &mut Choices<'_>) -> OperatorAction {
         8 => OperatorAction::AskClearance { display_live, storage_ok },
         9 => OperatorAction::Clear { display_live, storage_ok },
         10 => OperatorAction::RequestStop,
+        11 => OperatorAction::Withdraw,
+        12 => OperatorAction::Release { display_live, storage_ok },
         _ => OperatorAction::Acknowledge {
-            alarm: match choices.below(4) {
-                0 => AlarmRef::OperatorStop,
-                1 => AlarmRef::Number(choices.below(4) as u64),
-                2 => AlarmRef::Node("g0".into()),
+            alarm: match choices.below(3) {
+                0 => AlarmRef::Number(choices.below(4) as u64),
+                1 => AlarmRef::Node("g0".into()),
                 _ => AlarmRef::Node(format!("g0/m{}", choices.below(3)).into()),
             },
         },

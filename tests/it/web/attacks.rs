@@ -125,11 +125,9 @@ async fn a_stop_over_the_socket_is_a_tap_and_over_both_ways_is_one() {
     let same = rest(stream).await;
     assert!(same.starts_with("HTTP/1.1 200"), "{same}");
     assert_eq!(stops_recorded(&server.fixture).await, ["done"]);
-    // Another tap, on what was shown before.
+    // Another tap counts too, whatever was shown.
     say(&mut page, &json!({ "stop": { "version": 0, "tap": "second" } })).await;
-    let stale = answered(&mut page, "second").await;
-    assert_eq!(stale["status"], json!(409), "{stale}");
-    assert!(stale["said"]["refused"][0].as_str().unwrap().contains("Things have changed"), "{stale}");
+    assert_eq!(answered(&mut page, "second").await["status"], json!(200));
     say(&mut page, &json!({ "stop": { "version": version(&server), "tap": "x".repeat(65) } })).await;
     let long = next_json(&mut page, |value| value.get("tap").is_some()).await;
     assert_eq!(long["status"], json!(422), "{long}");
@@ -146,7 +144,7 @@ async fn a_user_who_is_not_in_charge_stops_nothing_over_a_socket() {
         say(&mut page, &stop).await;
         assert_eq!(closed(&mut page).await, CloseCode::Unsupported, "{name}");
     }
-    for nonsense in [json!({ "stop": { "version": shown } }), json!({ "stop": { "tap": "x" } })] {
+    for nonsense in [json!({ "stop": { "version": shown } }), json!({ "stop": { "tap": 7 } })] {
         let mut page = server.connect("/ws", &operator).await;
         say(&mut page, &nonsense).await;
         assert_eq!(closed(&mut page).await, CloseCode::Unsupported, "{nonsense}");

@@ -67,15 +67,27 @@ impl Operator {
     }
 
     async fn token(&self) -> String {
-        let answer = json(&self.post("/vehicle/clearance", "").await, StatusCode::OK);
+        self.token_for("/vehicle/clearance").await
+    }
+
+    async fn token_for(&self, path: &str) -> String {
+        let answer = json(&self.post(path, "").await, StatusCode::OK);
         assert_eq!(answer["expires_s"], 10);
         answer["token"].as_str().unwrap().to_owned()
     }
 
     async fn confirm(&self, token: &str) -> Answer {
-        let request =
-            form_request("/vehicle/clearance/confirm", Some(&self.cookie), &format!("token={token}"));
+        self.confirm_at("/vehicle/clearance", token).await
+    }
+
+    async fn confirm_at(&self, path: &str, token: &str) -> Answer {
+        let request = form_request(&format!("{path}/confirm"), Some(&self.cookie), &format!("token={token}"));
         self.fixture.send(as_program(request)).await
+    }
+
+    async fn requests(&self) -> usize {
+        let snapshot = self.fixture.get_json("/api/v1/snapshot", &self.cookie).await;
+        snapshot["countermeasures"].as_array().unwrap().len()
     }
 }
 
@@ -104,9 +116,60 @@ async fn the_way_from_the_login_to_a_stop_on_the_road() {
     let snapshot = operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
     assert_eq!(snapshot["countermeasures"][0]["request"], "maneuver_stop");
     assert_eq!(snapshot["countermeasures"][0]["cause"], "operator");
-    assert_eq!(operator.post("/alarms/stop/acknowledge", "").await.status, StatusCode::OK);
-    let snapshot = operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
-    assert_eq!(snapshot["countermeasures"].as_array().unwrap().len(), 0);
+    operator.look();
+    let release = "/vehicle/release";
+    let token = operator.token_for(release).await;
+    assert_eq!(operator.requests().await, 1, "the first step releases nothing");
+    refused(&operator.confirm(&token).await);
+    assert_eq!(operator.confirm_at(release, &token).await.status, StatusCode::OK);
+    assert_eq!(operator.requests().await, 0);
+    assert_eq!(refused(&operator.post(release, "").await), ["Nothing keeps the vehicle from driving on."]);
+    let log = operator.fixture.store.audit_entries(None, 100).await.unwrap();
+    let done: Vec<&str> = log.iter().filter(|it| it.outcome == "done").map(|it| &*it.action).collect();
+    assert!(done.contains(&"release asked") && done.contains(&"release"), "{done:?}");
+}
+
+#[tokio::test]
+async fn an_acknowledgement_releases_nothing_and_a_token_of_before_neither() {
+    let operator = Operator::standing().await;
+    operator.look();
+    operator.fixture.drive(true).await;
+    assert_eq!(operator.post("/vehicle/stop", "").await.status, StatusCode::OK);
+    operator.fixture.status("lidar", 2, "broken").await;
+    operator.fixture.until(|snapshot| !snapshot.alarms.is_empty()).await;
+    assert_eq!(operator.post("/alarms/1/acknowledge", "").await.status, StatusCode::OK);
+    assert_eq!(operator.requests().await, 1);
+    // A token of before is no use once things have changed.
+    operator.look();
+    let token = operator.token_for("/vehicle/release").await;
+    operator.fixture.drive(false).await;
+    operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
+    refused(&operator.confirm_at("/vehicle/release", &token).await);
+}
+
+#[tokio::test]
+async fn a_clearance_is_withdrawn_before_the_vehicle_drives_and_a_stop_does_that_too() {
+    for path in ["/vehicle/clearance/withdraw", "/vehicle/stop"] {
+        let operator = Operator::standing().await;
+        operator.look();
+        refused(&operator.post(path, "").await);
+        let token = operator.token().await;
+        assert_eq!(operator.confirm(&token).await.status, StatusCode::OK);
+        assert_eq!(operator.fixture.stage(), Stage::Cleared);
+        assert_eq!(operator.post(path, "").await.status, StatusCode::OK, "{path}");
+        assert_eq!(operator.fixture.stage(), Stage::Standby, "{path}");
+    }
+}
+
+#[tokio::test]
+async fn a_stop_counts_whatever_was_shown_and_however_late() {
+    for fields in ["version=0", "version=99999999", "", "version=0&beat=2020-01-01T00:00:00.000Z&tap=late"] {
+        let operator = Operator::standing().await;
+        operator.fixture.drive(true).await;
+        let request = form_request("/vehicle/stop", Some(&operator.cookie), fields);
+        assert_eq!(operator.fixture.send(as_program(request)).await.status, StatusCode::OK, "{fields}");
+        assert_eq!(operator.requests().await, 1, "{fields}");
+    }
 }
 
 #[tokio::test]
@@ -177,7 +240,8 @@ async fn a_tap_on_an_older_state_does_nothing_and_says_so() {
     for (path, fields) in [
         ("/vehicle/localize", "stop=depot"),
         ("/vehicle/clearance", ""),
-        ("/vehicle/stop", ""),
+        ("/vehicle/release", ""),
+        ("/vehicle/clearance/withdraw", ""),
         ("/alarms/1/acknowledge", ""),
         ("/alarms/sensors/acknowledge", ""),
         ("/modules/sensors/lidar/reset", ""),
@@ -203,8 +267,9 @@ async fn what_does_not_concern_an_action_does_not_make_its_tap_late() {
     }
     operator.fixture.until(|snapshot| snapshot.seq > shown + 2).await;
     operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
-    let answer = operator.post_at(shown, "/vehicle/stop", "").await;
-    assert_eq!(answer.status, StatusCode::OK, "{}", answer.body);
+    let answer = operator.post_at(shown, "/vehicle/localize", "stop=depot").await;
+    let wrong_stage = "The vehicle drives. Wait until it has arrived.";
+    assert_eq!(refused(&answer), [wrong_stage], "it is not called stale");
 }
 
 #[tokio::test]
@@ -241,7 +306,7 @@ async fn what_is_no_form_or_no_place_is_told_apart() {
     }
     let german = format!("{}; lang=de", operator.cookie);
     for (cookie, words) in [(&operator.cookie, "Missing or wrong: version."), (&german, "falsch: version.")] {
-        let answer = operator.fixture.send(form_request("/vehicle/stop", Some(cookie), "")).await;
+        let answer = operator.fixture.send(form_request("/vehicle/clearance", Some(cookie), "")).await;
         assert_eq!(answer.status, StatusCode::UNPROCESSABLE_ENTITY);
         assert!(answer.body.contains(words), "{}", answer.body);
     }

@@ -5,7 +5,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use serde_json::Value;
 
 use super::{Form, Frames};
-use crate::engine::action::{AlarmRef, OperatorAction};
+use crate::engine::action::OperatorAction;
 use crate::engine::input::TroubleKind;
 use crate::runtime::Published;
 use crate::web::view::tests::sample::{Sample, parts};
@@ -37,7 +37,7 @@ fn drive() -> Vec<Published> {
         |it| it.report("stray", 1, "gone mad", &[("k", "v")]).pass(2),
         |it| it.trouble("/diagnostics", TroubleKind::Lost, 3, "lost").pass(1),
         |it| it.report("sensors/velodyne_packet_alive", 0, "fine", &[]).pass(9),
-        |it| it.act(OperatorAction::Acknowledge { alarm: AlarmRef::OperatorStop }).pass(1),
+        |it| it.act(OperatorAction::Release { display_live: true, storage_ok: true }).pass(1),
         |it| it.signal("active", false).pass(5),
     ];
     for (number, step) in (0..).zip(steps) {

@@ -34,6 +34,7 @@ struct StepHtml {
     swap: bool,
     version: u64,
     clearance_version: u64,
+    release_version: u64,
     step: NextStep,
     /// Logging out works in every stage but one.
     logout: bool,
@@ -47,10 +48,20 @@ enum NextStep {
     Locating { title: String, text: String },
     /// Give clearance; `ready` if no check fails.
     Clear { ready: bool, checks: Vec<Check>, more: usize },
-    /// Request a stop, or take it back.
-    Stop { requested: bool, icon: &'static str, title: &'static str, text: String },
+    /// The vehicle may drive: stop it, or let it go on.
+    Drive(Drive),
     /// No step: the condition of the vehicle.
     Watch { icon: &'static str, title: &'static str, text: String },
+}
+
+struct Drive {
+    /// The button that stops the vehicle, and whether a stop is requested already.
+    stop: Option<bool>,
+    release: bool,
+    withdraw: bool,
+    icon: &'static str,
+    title: &'static str,
+    text: String,
 }
 
 pub fn step(view: &View<'_>) -> Fragment {
@@ -61,6 +72,7 @@ pub fn step(view: &View<'_>) -> Fragment {
         swap: view.swap,
         version: view.seen.of(Aspect::Stage),
         clearance_version: view.seen.of(Aspect::Clearance),
+        release_version: view.seen.of(Aspect::Release),
         step: of_stage(view),
         logout: snapshot.operator.is_some() && (snapshot.stage != Stage::Active || !view.has_stages()),
     });
@@ -82,34 +94,44 @@ fn of_stage(view: &View<'_>) -> NextStep {
             NextStep::Localize { stops: all.into_iter().take(shown).collect(), more }
         }
         Stage::Standby => clear(view),
-        Stage::Cleared => NextStep::Watch { icon: "ready", title: steps.may_start, text: condition(view) },
         // A machine without stages is not driven, and has no mission that could be asked to stop.
-        Stage::Active if !view.has_stages() && !snapshot.stop_requested() => {
+        Stage::Active if !view.has_stages() && !countermeasure::has_banner(view) => {
             NextStep::Watch { icon: "ready", title: steps.runs, text: condition(view) }
         }
-        Stage::Active if snapshot.operator.is_none() => {
+        Stage::Active if view.has_stages() && snapshot.operator.is_none() => {
             NextStep::Watch { icon: "drive", title: steps.drives, text: condition(view) }
         }
-        Stage::Active => stop(view),
+        Stage::Cleared | Stage::Active => NextStep::Drive(drive(view)),
     }
 }
 
-/// A stop that the vehicle cannot receive is not offered. A requested stop can always be taken back.
-fn stop(view: &View<'_>) -> NextStep {
+/// A stop that the vehicle cannot receive is not offered. It stays offered once it is requested: another tap
+/// changes nothing.
+fn drive(view: &View<'_>) -> Drive {
+    let snapshot = view.snapshot;
     let steps = view.lang.steps();
-    let requested = view.snapshot.stop_requested();
-    let unreached = view.snapshot.unreached(Output::ManeuverStop).map(|why| match why {
+    let requested = snapshot.stop_requested();
+    let unreached = snapshot.unreached(Output::ManeuverStop).map(|why| match why {
         Unreached::Unheard => steps.no_listener.to_owned(),
         Unreached::Unpublished => steps.not_stoppable.to_owned(),
     });
-    match unreached {
-        Some(text) if !requested => NextStep::Watch { icon: "drive", title: steps.drives, text },
-        unreached => NextStep::Stop {
-            requested,
-            icon: "drive",
-            title: if requested { steps.stop_requested } else { steps.drives },
-            text: unreached.unwrap_or_else(|| condition(view)),
-        },
+    let is_offered = view.has_stages() && (requested || unreached.is_none());
+    let cleared = snapshot.stage == Stage::Cleared;
+    let release = countermeasure::waits_for_release(view);
+    let (icon, title) = match () {
+        () if cleared => ("ready", steps.may_start),
+        () if release && !requested => ("ready", steps.cause_gone),
+        () if requested => ("stop", steps.stop_requested),
+        () if countermeasure::has_banner(view) => ("stop", steps.held_back),
+        () => ("drive", steps.drives),
+    };
+    Drive {
+        stop: is_offered.then_some(requested),
+        release,
+        withdraw: cleared,
+        icon,
+        title,
+        text: unreached.unwrap_or_else(|| condition(view)),
     }
 }
 
@@ -164,10 +186,6 @@ fn clear(view: &View<'_>) -> NextStep {
 fn condition(view: &View<'_>) -> String {
     let steps = view.lang.steps();
     match view.snapshot.overall {
-        State::Ok | State::Ignore | State::Warning if countermeasure::waits_for_acknowledgement(view) => {
-            steps.held_acknowledge.to_owned()
-        }
-        State::Ok | State::Ignore if countermeasure::has_banner(view) => steps.held_stop.to_owned(),
         State::Ok | State::Ignore => steps.nothing_wrong.to_owned(),
         State::Unknown => steps.no_sight.to_owned(),
         state @ (State::Warning | State::Error) => {

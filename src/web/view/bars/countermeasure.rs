@@ -38,9 +38,9 @@ pub fn has_banner(view: &View<'_>) -> bool {
     view.snapshot.countermeasure().is_some_and(|it| it.request.kind().moves())
 }
 
-/// Whether a countermeasure holds only because nobody has acknowledged its cause.
-pub fn waits_for_acknowledgement(view: &View<'_>) -> bool {
-    view.snapshot.countermeasure().is_some_and(|it| it.latched && it.request.kind().moves())
+/// Whether the operator may end what keeps the vehicle from driving.
+pub fn waits_for_release(view: &View<'_>) -> bool {
+    view.snapshot.release_refusals.is_empty()
 }
 
 fn of(view: &View<'_>, it: &Countermeasure) -> Banner {
@@ -83,7 +83,7 @@ fn of(view: &View<'_>, it: &Countermeasure) -> Banner {
             CountermeasureState::Unconfirmed if unheard => steps.unheard_standing,
             CountermeasureState::Unconfirmed if view.drives() => steps.unconfirmed,
             CountermeasureState::Unconfirmed => steps.unconfirmed_standing,
-            _ if it.latched => steps.held,
+            _ if waits_for_release(view) && !it.causes.is_empty() => steps.held,
             CountermeasureState::Engaged => steps.engaged,
             CountermeasureState::Requested if is_received => steps.asked,
             CountermeasureState::Requested => steps.not_received_yet,

@@ -78,7 +78,7 @@ pub fn causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
     let acknowledge = acknowledge(view, entries);
     let all_over = entries.iter().all(|entry| entry.over);
     // The banner says that the vehicle is held back, so no text here takes room from alarms that are over.
-    let held = !entries.is_empty() && countermeasure::waits_for_acknowledgement(view);
+    let held = !entries.is_empty() && countermeasure::waits_for_release(view);
     let calm = (all_over && !held).then(|| calm(view));
     let banner = if countermeasure::has_banner(view) { BANNER } else { 0 };
     let calm_height = calm.as_ref().map_or(0, |(_, text)| GAP + (LARGE + 1) * lines(text, LARGE_EM, 4));
@@ -239,8 +239,8 @@ fn of_entry(view: &View<'_>, entry: &FaultEntry) -> EntryHtml {
 
 /// "All okay" is said only where every component that matters shows OK.
 fn calm(view: &View<'_>) -> (bool, String) {
-    if countermeasure::waits_for_acknowledgement(view) {
-        return (false, view.lang.steps().held_calm.to_owned());
+    if countermeasure::has_banner(view) {
+        return (false, view.lang.steps().held_back.to_owned());
     }
     let states = view.board.tiles.iter().map(|&id| view.snapshot.group(id).1.state);
     // An ignored component is not relevant in this stage: with a mask there would be a root cause.

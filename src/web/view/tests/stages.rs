@@ -76,9 +76,15 @@ fn the_way_from_the_login_to_the_drive_has_one_step_at_a_time() {
     );
     let clear = OperatorAction::Clear { display_live: true, storage_ok: true };
     let cleared = Sample::shuttle(false).act(clear).published();
-    check(&cleared, Lang::En, "step", &["may start at any moment", "logout"], &[r#"name="clearance""#]);
+    check(
+        &cleared,
+        Lang::En,
+        "step",
+        &["may start at any moment", "logout", r#"name="stop""#, r#"name="withdraw""#],
+        &[r#"name="clearance""#],
+    );
     let stopping = Sample::shuttle(true).act(OperatorAction::RequestStop).published();
-    check(&stopping, Lang::En, "step", &[r#"name="release""#, "Stop requested"], &[r#"name="stop""#]);
+    check(&stopping, Lang::En, "step", &[r#"name="release""#, "Stop requested", r#"name="stop""#], &[]);
     check(
         &stopping,
         Lang::En,

@@ -25,11 +25,13 @@ words! {
     shutdown_title: "End the work with this vehicle?", "Arbeit mit diesem Fahrzeug beenden?";
     shutdown_text: "The vehicle is locked and you are logged out. Before the next drive somebody has to log in and say where it stands. Its computers stay on.", "Das Fahrzeug wird gesperrt, und Sie werden abgemeldet. Vor der nächsten Fahrt muss sich jemand anmelden und angeben, wo es steht. Die Rechner bleiben an.";
     shutdown_confirm: "Lock it and leave", "Sperren und gehen";
-    stop: "Request a stop", "Anhalten anfordern";
+    stop: "Stop vehicle", "Fahrzeug anhalten";
     stop_requested: "Stop requested", "Anhalten angefordert";
     no_listener: "No vehicle listens: it cannot be stopped from here. Be ready to take over.", "Kein Fahrzeug hört zu: Von hier lässt es sich nicht anhalten. Bereit sein zu übernehmen.";
     not_stoppable: "It cannot be stopped from here. Be ready to take over.", "Von hier lässt es sich nicht anhalten. Bereit sein zu übernehmen.";
-    stop_back: "Take the stop back", "Anhalten zurücknehmen";
+    go_on: "Continue driving", "Weiterfahren";
+    withdraw: "Withdraw clearance", "Freigabe zurücknehmen";
+    stop_not_sent: "The stop has not arrived and is sent again. Take over.", "Das Anhalten ist nicht angekommen und wird erneut gesendet. Übernehmen.";
     acknowledge: "Acknowledge", "Quittieren";
     over: "Over", "Vorbei";
     held_error: "Held until reset", "Gehalten bis zum Zurücksetzen";
@@ -66,9 +68,8 @@ words! {
     runs: "In operation", "In Betrieb";
     may_start: "The vehicle may start at any moment", "Das Fahrzeug kann jederzeit anfahren";
     nothing_wrong: "Nothing is wrong", "Keine Störung";
-    held_acknowledge: "Still held back. Acknowledge to release.", "Wird noch gehalten. Quittieren gibt frei.";
-    held_stop: "Held until the stop is taken back", "Gilt, bis es zurückgenommen wird";
-    held_calm: "The cause is over, the vehicle still held back", "Ursache vorbei, Fahrzeug noch gehalten";
+    cause_gone: "Cause gone. Continue?", "Ursache behoben. Weiterfahren?";
+    held_back: "The vehicle is held back", "Das Fahrzeug wird gehalten";
     no_sight: "Something is unknown", "Etwas ist unbekannt";
     take_over_ready: "Be ready to take over.", "Bereit sein zu übernehmen.";
     go_on_alert: "You may go on. Stay alert.", "Weiterfahren möglich. Aufmerksam bleiben.";
@@ -88,7 +89,7 @@ words! {
     unconfirmed_standing: "Not confirmed by the vehicle.", "Vom Fahrzeug nicht bestätigt.";
     unheard: "Nobody listens: not received. Take over.", "Niemand hört zu: nicht angekommen. Übernehmen.";
     unheard_standing: "Nobody listens: not received.", "Niemand hört zu: nicht angekommen.";
-    held: "The cause is gone. Acknowledge to release it.", "Ursache behoben. Quittieren hebt sie auf.";
+    held: "The cause is gone. Continue?", "Ursache behoben. Weiterfahren?";
 }
 
 impl Lang {
@@ -211,13 +212,13 @@ impl Lang {
         }
     }
 
-    /// Why a confirmation of a clearance is refused.
+    /// Why a confirmation is refused.
     pub fn not_pending(self, too_late: bool) -> String {
         let words = match (self, too_late) {
-            (Lang::En, true) => "The confirmation came later than 10 s. Give clearance again.",
-            (Lang::De, true) => "Die Bestätigung kam später als 10 s. Freigabe erneut erteilen.",
-            (Lang::En, false) => "This clearance does not wait for a confirmation. Give clearance again.",
-            (Lang::De, false) => "Diese Freigabe wartet auf keine Bestätigung. Freigabe erneut erteilen.",
+            (Lang::En, true) => "The confirmation came later than 10 s. Begin again.",
+            (Lang::De, true) => "Die Bestätigung kam später als 10 s. Bitte neu beginnen.",
+            (Lang::En, false) => "Nothing waits for this confirmation. Begin again.",
+            (Lang::De, false) => "Auf diese Bestätigung wartet nichts. Bitte neu beginnen.",
         };
         words.to_owned()
     }

@@ -31,6 +31,12 @@ impl Lang {
             (Lang::De, Refusal::Warning { module }) => {
                 format!("{} meldet eine Warnung. Zuerst quittieren.", name(module))
             }
+            (Lang::En, Refusal::CauseRemains { node }) => {
+                format!("The cause is still there: {}.", name(node))
+            }
+            (Lang::De, Refusal::CauseRemains { node }) => {
+                format!("Die Ursache besteht noch: {}.", name(node))
+            }
             (Lang::En, Refusal::NoSuchAlarm(number)) => format!("There is no alarm {number}."),
             (Lang::De, Refusal::NoSuchAlarm(number)) => format!("Es gibt keinen Alarm {number}."),
             (Lang::En, Refusal::NoSuchNode(node)) => format!("There is nothing called {}.", name(node)),
@@ -100,12 +106,12 @@ impl Lang {
                 ("A warning is on the screen.", "Eine Warnung wird angezeigt.")
             }
             Refusal::Countermeasure(RequestKind::ManeuverStop) => (
-                "A stop is requested. Mend the cause and acknowledge it.",
-                "Ein Anhalten ist angefordert. Ursache beheben und quittieren.",
+                "A stop is requested. It ends when its cause is gone.",
+                "Ein Anhalten ist angefordert. Es endet, wenn die Ursache behoben ist.",
             ),
             Refusal::Countermeasure(RequestKind::Decelerate) => (
-                "The vehicle is being slowed down. Mend the cause and acknowledge it.",
-                "Das Fahrzeug wird verzögert. Ursache beheben und quittieren.",
+                "The vehicle is being slowed down. That ends when the cause is gone.",
+                "Das Fahrzeug wird verzögert. Das endet, wenn die Ursache behoben ist.",
             ),
             Refusal::NobodyListens(RequestKind::Decelerate) => (
                 "No vehicle hears a request to slow down. Call the control room.",
@@ -127,7 +133,9 @@ impl Lang {
                 "Nothing can be recorded. Call the control room.",
                 "Es kann nichts aufgezeichnet werden. Leitstelle rufen.",
             ),
-            Refusal::NoStopRequested => ("No stop is requested.", "Es ist kein Anhalten angefordert."),
+            Refusal::NothingToRelease => {
+                ("Nothing keeps the vehicle from driving on.", "Nichts hindert das Fahrzeug am Weiterfahren.")
+            }
             // Those that name something have words above.
             _ => ("This is not possible now.", "Das ist jetzt nicht möglich."),
         };
