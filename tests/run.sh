@@ -95,7 +95,7 @@ rust_tests() {
     # Tests with peers wait most of the time.
     local threads
     threads=$(nproc)
-    export RUST_TEST_THREADS=$((threads < 3 ? 12 : 4 * threads))
+    export RUST_TEST_THREADS=$((threads < 3 ? 8 : 4 * threads))
     cargo test --locked --no-fail-fast 2>&1 | tee "$work/cargo.log"
     local code=${PIPESTATUS[0]} sums
     read -r -a sums < <(awk '/^test result:/ { for (i = 2; i <= NF; i++) {
@@ -122,7 +122,7 @@ scenarios() {
 # their limits (`pytest.mark.alone`) run last, with nothing beside them.
 browser_tests() {
     say "the whole program side by side: foreign DDS peers, real browser"
-    browser_part together -m "not alone and not timed" --numprocesses 4 --dist worksteal
+    browser_part together -m "not alone and not timed" --numprocesses 3 --dist worksteal
     say "the whole program, where limits are seconds"
     browser_part timed -m timed --numprocesses 2 --dist loadfile
     say "the whole program, where times are measured"

@@ -1,4 +1,4 @@
-"""If the page's own scripts do not run, everything about the vehicle is covered after a time."""
+"""If the page's own scripts do not run, everything about the vehicle is covered after a time. STOP stays."""
 
 import pytest
 from playwright.sync_api import expect
@@ -8,7 +8,7 @@ from vehicle import OPERATOR, Client, until
 
 # What may still be visible in place of the vehicle.
 BRIGHT = """() => [...document.querySelectorAll(".countermeasure *, .countermeasure, .tile > .icon, .cause, .actions *, .panel *")]
-  .filter(it => it.checkVisibility({ checkVisibilityCSS: true })).map(it => it.outerHTML.slice(0, 80))"""
+  .filter(it => !it.closest("[name=stop]") && it.checkVisibility({ checkVisibilityCSS: true })).map(it => it.outerHTML.slice(0, 80))"""
 # Colours that are not quite transparent, of what surrounds a tile.
 BORDERS = """() => [...document.querySelectorAll(".tile")].map(it => getComputedStyle(it))
   .flatMap(style => [style.borderTopColor, style.boxShadow])
@@ -45,6 +45,7 @@ def test_a_page_whose_scripts_do_not_run_is_covered(server, session, chromium, w
     page.locator("#tile-sensors").click(force=True)
     until(lambda: page.evaluate(SETTLED), 5, "no colour fades any more")
     assert page.evaluate(BRIGHT) == []
+    expect(page.locator("#step button[name=stop]")).to_be_visible()
     assert page.evaluate(BORDERS) == []
     for cover in page.locator(".tile .cover").all():
         expect(cover).to_be_visible()

@@ -329,11 +329,11 @@ def test_what_is_outside_of_the_configuration_is_one_quiet_line(tmp_path, chromi
         clean_in_both_palettes(page, "other")
         # It stands below the faults, and none of them is cut for it.
         writer.write(statuses=[status("brake", 2), status("motor", 2), status("stray", 2)])
-        expect(page.locator(".cause")).to_have_count(2)
+        expect(page.locator("#causes .cause")).to_have_count(2)
         check_sizes(page, "other and what is wrong")
         bottom = lambda where: (box := page.locator(where).bounding_box())["y"] + box["height"]
         top = lambda where: page.locator(where).bounding_box()["y"]
-        assert bottom(".cause:last-child") <= top("#causes-aside") + 1
+        assert bottom("#causes .cause:last-child") <= top("#causes-aside") + 1
         assert bottom("#causes-aside") <= top("#causes-row") + 1
         for width, height in ((390, 844), (800, 1280), (1920, 1080)):
             page.set_viewport_size({"width": width, "height": height})

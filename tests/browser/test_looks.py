@@ -24,6 +24,8 @@ VISIBLE = """selector => [...document.querySelectorAll(selector)].filter(it => {
 
 # Relative luminance by WCAG 2, of a text on the nearest background that is not transparent.
 CONTRAST = """selector => {
+  // A colour that fades meanwhile counts as what it becomes.
+  document.getAnimations().filter(it => it instanceof CSSTransition).forEach(it => it.finish());
   const rgb = color => color.match(/[\\d.]+/g).map(Number);
   const linear = c => (c /= 255) <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4;
   const light = ([r, g, b]) => 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);

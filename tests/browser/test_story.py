@@ -21,6 +21,9 @@ from operating import (
 )
 from vehicle import Client, Server, own_domain
 
+# The simulation lives in real time.
+pytestmark = pytest.mark.timed
+
 
 @pytest.fixture
 def demo(tmp_path):
@@ -103,7 +106,6 @@ def test_the_story_by_touch_alone(demo, display, trouble):
     expect(page.locator(".digits")).to_be_visible()
 
 
-@pytest.mark.timed
 def test_a_refused_clearance_lists_every_check_and_a_double_tap_clears_nothing(demo, display, trouble):
     page = display
     client = Client(demo, *DEMO_OPERATOR)
@@ -145,7 +147,6 @@ def test_a_refused_clearance_lists_every_check_and_a_double_tap_clears_nothing(d
     stage(page, "standby")
 
 
-@pytest.mark.timed
 def test_a_confirmation_that_is_not_given_in_time_is_gone(demo, display, trouble):
     page = display
     localize(page)
@@ -156,7 +157,6 @@ def test_a_confirmation_that_is_not_given_in_time_is_gone(demo, display, trouble
     stage(page, "standby")
 
 
-@pytest.mark.timed
 def test_a_tap_while_the_server_hangs_is_not_kept_for_later(demo, display, trouble):
     page = display
     stage(page, "localizing")
