@@ -142,8 +142,19 @@ def faults(client):
     return Faults(client)
 
 
-def test_a_stalled_planner_matters_only_while_driving(stream, faults):
-    stream.wait(lambda s: s["stage"] == "standby" and healthy(s), A_LEG_S, "all is well at a stop")
+def wait_for_a_stop(stream, client):
+    """A busy machine may be late enough for a fault of its own: the shuttle goes on once it is over."""
+    for _ in range(5):
+        held = lambda s: any(it["request"] != "notify" for it in s["countermeasures"])
+        reached = lambda s: healthy(s) and (s["stage"] == "standby" or held(s))
+        if not held(stream.wait(reached, A_LEG_S, "all is well at a stop")[-1]):
+            return
+        client.release()
+    raise AssertionError("the shuttle is stopped again and again")
+
+
+def test_a_stalled_planner_matters_only_while_driving(client, stream, faults):
+    wait_for_a_stop(stream, client)
     faults.set("planner_stall", True)
     seen = stream.wait(lambda s: s["stage"] == "active", DEPARTURE_S, "departure")
     for snapshot in seen[:-1]:
