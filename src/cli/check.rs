@@ -166,6 +166,7 @@ fn text(loaded: &Loaded, found: &Soundness) -> String {
     for signal in &model.signals {
         let _ = writeln!(out, "signal {}: {}", signal.name, words::signal(model, signal));
     }
+    let _ = writeln!(out, "motion: {}", words::motion(model));
     if model.stages == StageModel::Shuttle {
         out.push_str(&stages_text());
     }

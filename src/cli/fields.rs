@@ -9,6 +9,7 @@ use crate::config::{Examined, Loaded, ModelPlace, expression};
 use crate::engine::model::monitors::{
     AgreementRule, Condition, MonitorSpec, ScalarKind, TopicId, ValueRule, ValueSource,
 };
+use crate::engine::model::motion::WatchedField;
 use crate::engine::model::sample::FieldValue;
 use crate::engine::model::{Model, ModuleId};
 use crate::msg::fields::{Definitions, FieldError, FieldsError};
@@ -148,6 +149,14 @@ impl Kinds<'_> {
                     .map(|(text, help)| (ModelPlace::Module(id), format!("module `{name}`: {text}"), help)),
             );
         }
+        if let Some(WatchedField { topic, field }) = self.model.driving.speed.map(|speed| speed.value) {
+            let source = ValueSource::Field { topic, field };
+            let problem = self.kind(&source).filter(|kind| *kind != ScalarKind::Number).map(|kind| {
+                let text = format!("`{}` is {}, and a speed is a number", self.path(&source), name(kind));
+                (ModelPlace::Field(topic, field), text, "name a field that is a number, in m/s".to_owned())
+            });
+            found.extend(problem);
+        }
         for (index, signal) in self.model.signals.iter().enumerate() {
             let Some(condition) = signal.source.condition() else { continue };
             let problems = self.unanswered(condition).into_iter().chain(self.beyond(condition));
@@ -280,6 +289,23 @@ groups:
             lines.len() == 1 && lines[0].contains("signal `s`: `b > 1` can never be judged"),
             "{lines:?}"
         );
+    }
+
+    #[test]
+    fn a_speed_is_a_number() {
+        let of = |field: &str| {
+            let speed = format!("topic: /odom, type: nav_msgs/msg/Odometry, field: {field}");
+            let text = format!(
+                "motion: {{ speed: {{ {speed} }} }}\ngroups: [{{ id: a, match: [{{ name: s }}] }}]\n"
+            );
+            let loaded = config::parse("c", &text).unwrap_or_else(|problems| panic!("{problems}"));
+            check(&loaded, &Definitions::default()).map(|problems| problems.lines()).unwrap_or_default()
+        };
+        assert_eq!(of("twist.twist.linear.x"), [""; 0]);
+        let lines = of("header.frame_id");
+        assert!(lines.len() == 1 && lines[0].contains("is a text, and a speed is a number"), "{lines:?}");
+        let lines = of("twist.twist.linear.w");
+        assert!(lines.len() == 1 && lines[0].starts_with("c:1:69: "), "{lines:?}");
     }
 
     #[test]

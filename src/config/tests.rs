@@ -4,6 +4,7 @@ mod diagnostics;
 mod difference;
 mod expression;
 mod monitors;
+mod motion;
 mod nodes;
 mod publishing;
 mod schema;

@@ -17,6 +17,7 @@ impl Engine {
         self.report_on_self(SystemCheck::Dds, state, words);
         let was_down = std::mem::replace(&mut self.dds_fault, fault).is_some();
         if self.dds_fault.is_some() {
+            self.motion.lose_speed();
             self.cut_off();
         } else if was_down {
             self.restart_measurements();

@@ -27,18 +27,27 @@ impl Engine {
             return false;
         }
         let mut judge = std::mem::take(&mut self.watching.judge);
-        let (taken, heard) = match received {
+        let (mut sampled, mut heard) = (None, true);
+        let taken = match received {
             Received::Sample(sample) => {
                 self.counters.samples += 1;
-                (self.watching.take_sample(sample, self.now, &mut judge), true)
+                let topic = self.watching.take_sample(sample, self.now, &mut judge);
+                sampled = topic.map(|topic| (topic, sample));
+                topic.map(|_| ())
             }
-            Received::Topic(news) => (self.watching.take_news(news, self.now, &mut judge), false),
-            Received::Probe(probe) => (self.watching.take_probe(probe, self.now, &mut judge), true),
+            Received::Topic(news) => {
+                heard = false;
+                self.watching.take_news(news, self.now, &mut judge)
+            }
+            Received::Probe(probe) => self.watching.take_probe(probe, self.now, &mut judge),
         };
         self.counters.dropped_samples += u64::from(taken.is_none());
         let mut changed = false;
         for &index in &judge {
             changed |= self.judge_monitor(index, heard);
+        }
+        if let Some((topic, sample)) = sampled {
+            changed |= self.take_motion(topic, sample);
         }
         judge.clear();
         self.watching.judge = judge;

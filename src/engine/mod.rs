@@ -16,6 +16,7 @@ mod membership;
 pub mod model;
 pub mod module;
 pub mod monitor;
+mod motion;
 pub mod persistent;
 mod react;
 pub mod restart;
@@ -44,6 +45,7 @@ use module::overflow::Overflow;
 use module::system::{ReceptionCheck, SystemCheck};
 use module::writers::WriterReport;
 use monitor::feeds::Watching;
+use motion::MotionState;
 use react::alarms::Alarms;
 use react::held::Countermeasures;
 use react::warnings::Warnings;
@@ -64,6 +66,7 @@ pub struct Engine {
     now: Timestamp,
     vehicle: Vehicle,
     signals: Signals,
+    motion: MotionState,
     active_signal: Option<usize>,
     goal_signal: Option<usize>,
     localization_group: Option<GroupId>,
@@ -119,6 +122,7 @@ impl Engine {
         let mut engine = Engine {
             now,
             vehicle: Vehicle::new(model.stages),
+            motion: MotionState::default(),
             active_signal: signals.index(ACTIVE_SIGNAL),
             goal_signal: signals.index(GOAL_SIGNAL),
             localization_group: localization_group(&model),
@@ -247,6 +251,7 @@ impl Engine {
             TimerKey::Localization | TimerKey::Countermeasures | TimerKey::Active | TimerKey::Searched => {
                 self.vehicle_changed = true;
             }
+            TimerKey::Motion => {}
             TimerKey::Monitor(index) => {
                 self.judge_monitor(index, false);
             }
@@ -344,6 +349,7 @@ impl Engine {
         if self.release_awaited_alarms() {
             self.follow_alarms();
         }
+        self.show_motion();
         self.show_vehicle();
         self.views.settle(&self.vehicle, &self.net);
     }

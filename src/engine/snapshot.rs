@@ -2,6 +2,8 @@
 //!
 //! A snapshot is cheap to make and to keep: it shares unchanged parts with the one before.
 
+mod motion;
+
 use super::model::monitors::Class;
 use std::sync::Arc;
 
@@ -15,6 +17,7 @@ use super::persistent::PersistentVec;
 use super::state::State;
 use super::text::Text;
 use super::time::Timestamp;
+pub use motion::{Motion, Moving};
 
 /// The state of the whole vehicle at one instant.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,6 +49,7 @@ pub struct Snapshot {
     /// The requests to the vehicle, strongest first; at most one of each kind.
     pub countermeasures: Arc<[Countermeasure]>,
     pub localization: Localization,
+    pub motion: Motion,
     /// The vehicle may start; a level for its topic.
     pub clearance: bool,
     /// The reasons against a clearance now, without those that only the display and the store know.
@@ -78,6 +82,11 @@ impl Snapshot {
     /// not end it.
     pub fn maneuver_stop(&self) -> bool {
         self.countermeasures.iter().any(|it| it.request.kind() == RequestKind::ManeuverStop)
+    }
+
+    /// The stop that the vehicle drives to, or is to drive to.
+    pub fn destination(&self) -> Option<&Stop> {
+        self.layout.stops.get(self.motion.destination?)
     }
 
     /// Whether the operator requested a stop that is not over.

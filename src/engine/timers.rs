@@ -16,6 +16,7 @@ pub(super) enum TimerKey {
     Countermeasures,
     Active,
     Searched,
+    Motion,
     Monitor(u32),
     Module(u32),
     Group(u32),
@@ -29,7 +30,7 @@ const SUPERSEDED_MAX: usize = 64;
 #[derive(Debug, Clone, Default)]
 pub(super) struct Timers {
     heap: BinaryHeap<Reverse<(Timestamp, TimerKey)>>,
-    queued: [Vec<Option<Timestamp>>; 10],
+    queued: [Vec<Option<Timestamp>>; 11],
     live: usize,
 }
 
@@ -91,6 +92,7 @@ impl Timers {
             TimerKey::Searched => (7, 0),
             TimerKey::Group(index) => (8, index as usize),
             TimerKey::Disputes => (9, 0),
+            TimerKey::Motion => (10, 0),
         };
         let slots = &mut self.queued[kind];
         if slots.len() <= index {
@@ -114,7 +116,8 @@ fn key(kind: usize, index: usize) -> TimerKey {
         7 => TimerKey::Searched,
         8 => TimerKey::Group(index),
         9 => TimerKey::Disputes,
-        _ => unreachable!("`Timers::slot` knows ten kinds"),
+        10 => TimerKey::Motion,
+        _ => unreachable!("`Timers::slot` knows eleven kinds"),
     }
 }
 
@@ -134,6 +137,7 @@ mod tests {
             TimerKey::Monitor(1),
             TimerKey::Active,
             TimerKey::Searched,
+            TimerKey::Motion,
         ];
         for round in 0..10_000 {
             for &key in &keys {

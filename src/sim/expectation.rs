@@ -20,6 +20,13 @@ pub(super) fn compare(snapshot: &Snapshot, alarms: u64, what: &Expected) -> Resu
             let got = snapshot.countermeasure().map(|it| it.request.kind());
             plain("the countermeasure", word(*kind), word(got))
         }
+        Expected::Moving(moving) => {
+            plain("the motion", moving.as_str().into(), snapshot.motion.moving.as_str().into())
+        }
+        Expected::Destination(stop) => {
+            let got = snapshot.destination().map_or("none", |stop| &*stop.id).to_owned();
+            plain("the destination", stop.as_deref().unwrap_or("none").to_owned(), got)
+        }
         Expected::ActiveAlarms(wanted) => {
             let active = snapshot.alarms.iter().filter(|alarm| alarm.active);
             let got: Vec<String> =

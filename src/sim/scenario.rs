@@ -15,7 +15,7 @@ use crate::engine::event;
 use crate::engine::input::{Input, Response};
 use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::model::{GroupId, Model, NodeId, Stage};
-use crate::engine::snapshot::{Reason, Snapshot};
+use crate::engine::snapshot::{Moving, Reason, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 use crate::yaml;
@@ -93,6 +93,9 @@ pub enum Expected {
     Alarms(u64),
     /// The strongest countermeasure that is held.
     Countermeasure(Option<RequestKind>),
+    Moving(Moving),
+    /// The id of a stop.
+    Destination(Option<String>),
     /// All active alarms: their numbers and nodes.
     ActiveAlarms(Vec<(String, String)>),
 }

@@ -247,12 +247,24 @@ impl Bind<'_> {
                 Expected::ActiveAlarms(alarms) => {
                     alarms.iter().for_each(|(_, name)| self.check_node(name, *span, log));
                 }
+                Expected::Destination(Some(stop)) => self.check_stop(stop, *span, log),
                 Expected::Stage(_)
                 | Expected::Overall(_)
+                | Expected::Moving(_)
+                | Expected::Destination(None)
                 | Expected::Alarms(_)
                 | Expected::Countermeasure(_) => {}
             }
             expectations.push(Expectation { span: *span, at, what: what.clone() });
+        }
+    }
+
+    fn check_stop(&self, name: &str, span: Span, log: &mut Log) {
+        let known = || self.model.driving.stops.iter().map(|stop| &*stop.id);
+        if !known().any(|known| known == name) {
+            let problem = Problem::at(span, format!("the configuration has no stop `{name}`"));
+            let help = suggest(name, known()).map_or("declare it under `stops`".into(), did_you_mean);
+            log.push(problem.help(help));
         }
     }
 

@@ -8,6 +8,7 @@ use super::scenario_sample::{RawListeners, RawProbe, RawPublishers, RawSample, S
 use crate::engine::input::OperatorAction;
 use crate::engine::model::Stage;
 use crate::engine::model::countermeasure::RequestKind;
+use crate::engine::snapshot::Moving;
 use crate::engine::state::State;
 use crate::engine::time::{self, Timestamp};
 use crate::yaml::decode::{Entries, scalar, scaled, word};
@@ -333,6 +334,14 @@ impl FromNode for RawExpect {
             );
             let kind = word(node, fields.log, "countermeasure", &words.collect::<Vec<_>>());
             what.extend(kind.map(|kind| (node.span, Expected::Countermeasure(kind))));
+        }
+        if let Some(node) = fields.node("motion") {
+            let moving = word(node, fields.log, "motion", &Moving::ALL.map(|it| (it.as_str(), it)));
+            what.extend(moving.map(|moving| (node.span, Expected::Moving(moving))));
+        }
+        if let Some(stop) = fields.optional::<Spanned<String>>("destination") {
+            let named = (stop.value != "none").then_some(stop.value);
+            what.push((stop.span, Expected::Destination(named)));
         }
         if matches!(&node.kind, Kind::Mapping(entries) if entries.len() < 2) {
             let problem = Problem::at(fields.span(), "this expects nothing");

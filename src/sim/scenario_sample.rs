@@ -304,7 +304,7 @@ fn topic<'m>(name: &Spanned<String>, model: &'m Model, log: &mut Log) -> Option<
         let known = model.watched.topics.iter().map(|topic| &*topic.topic);
         let problem = Problem::at(name.span, format!("nothing watches the topic `{}`", name.value));
         let help = suggest(&name.value, known)
-            .map_or("add a monitor that does, or a signal with `when`".into(), did_you_mean);
+            .map_or("add a monitor that does, a signal with `when`, or `motion`".into(), did_you_mean);
         log.push(problem.help(help));
     }
     found

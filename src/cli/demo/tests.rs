@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use crate::engine::input::{AlarmRef, OperatorAction, Response};
 use crate::engine::model::Stage;
 use crate::engine::model::countermeasure::RequestKind;
-use crate::engine::snapshot::{CountermeasureState, Snapshot};
+use crate::engine::snapshot::{CountermeasureState, Moving, Snapshot};
 use crate::engine::state::State;
 use crate::sim::shuttle::Fault;
 use story::{Story, masked_by, state};
@@ -26,6 +26,48 @@ fn the_whole_story_and_a_healthy_shuttle_raises_nothing_on_four_journeys() {
     }
     assert_eq!((story.roots.len(), story.alarms), (0, 0), "{:?}", story.roots);
     assert_eq!(story.bad, BTreeSet::new());
+}
+
+#[test]
+fn the_motion_is_that_of_the_shuttle_from_stop_to_stop() {
+    let mut story = Story::begin();
+    let at_stop =
+        |snapshot: &Snapshot| (snapshot.motion.moving, snapshot.motion.speed_kmh) == (Moving::No, Some(0));
+    let leads_to = |snapshot: &Snapshot| snapshot.destination().map(|stop| stop.id.to_string());
+    assert!(
+        at_stop(&story.snapshot()) && story.snapshot().destination().is_none(),
+        "{:?}",
+        story.snapshot().motion
+    );
+    story.until(10_000, |snapshot| snapshot.clearance_refusals.is_empty()).expect("there is a goal");
+    assert!(at_stop(&story.snapshot()) && leads_to(&story.snapshot()).as_deref() == Some("station"));
+    story.drive();
+    let driving = story.snapshot();
+    assert_eq!((driving.motion.moving, leads_to(&driving).as_deref()), (Moving::Yes, Some("station")));
+    let kmh = driving.motion.speed_kmh.expect("it moves");
+    assert!(
+        (f64::from(kmh) - story.true_speed_mps() * 3.6).abs() < 1.5,
+        "{kmh} of {}",
+        story.true_speed_mps()
+    );
+    // Fifty speeds a second with their noise are no change that a person could see.
+    assert!(story.until(3_000, |snapshot| snapshot.motion != driving.motion).is_none());
+    story.until(120_000, |snapshot| snapshot.stage == Stage::Standby).expect("it arrives");
+    assert_eq!(story.snapshot().destination(), None);
+    story.until(600, at_stop).expect("it stands");
+}
+
+#[test]
+fn without_the_bus_nobody_says_that_the_shuttle_drives() {
+    let mut story = Story::begin();
+    story.drive();
+    story.set_fault(Fault::CanLoss, true);
+    let unknown = |snapshot: &Snapshot| snapshot.motion.moving == Moving::Unknown;
+    let after_ms = story.until(2_000, unknown).expect("nothing is heard");
+    assert!((980..=1_050).contains(&after_ms), "{after_ms}");
+    let motion = story.snapshot().motion;
+    assert!(motion.has_source && motion.speed_kmh.is_none() && motion.destination.is_some(), "{motion:?}");
+    assert!(story.until(5_000, |snapshot| !unknown(snapshot)).is_none(), "not even that it stands");
 }
 
 #[test]

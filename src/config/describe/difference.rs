@@ -94,6 +94,7 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
             ("limits.status_bytes", status_bytes.to_string()),
             ("limits.source_bytes", source_bytes.to_string()),
             ("localized_after", words::span(driving.localized_after)),
+            ("motion", words::motion(&loaded.model)),
             ("message_folders", listed(&folders)),
         ];
         let publishing = &loaded.publishing;

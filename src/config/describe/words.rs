@@ -9,6 +9,7 @@ pub use self::monitor::monitor;
 use crate::engine::model::countermeasure::{ConfirmedBy, Request, Rule};
 use crate::engine::model::filter::Filter;
 use crate::engine::model::monitors::DiagnosticsTopic;
+use crate::engine::model::motion::SpeedSource;
 use crate::engine::model::{
     Dependency, DependsOn, Match, Model, NodeId, Other, POSED_SIGNAL, Policy, SignalSource, SignalSpec, When,
 };
@@ -35,6 +36,16 @@ pub fn signal(model: &Model, signal: &SignalSpec) -> String {
         let _ = write!(text, ", unknown when older than {}", span(timeout));
     }
     text
+}
+
+/// ``twist.linear.x of /can/speed (geometry_msgs/msg/TwistStamped), unknown when older than 1s, standing below
+/// 0.1 m/s``
+pub fn motion(model: &Model) -> String {
+    let Some(SpeedSource { value, timeout, standing_below_mps }) = &model.driving.speed else {
+        return "no speed is configured".into();
+    };
+    let (of, old) = (monitor::field(model, value.topic, value.field), span(*timeout));
+    format!("{of}, unknown when older than {old}, standing below {standing_below_mps} m/s")
 }
 
 /// The type, or a note that the publisher announces it.

@@ -6,6 +6,7 @@ pub(super) mod bands;
 pub(super) mod countermeasure;
 mod forms;
 pub(super) mod monitors;
+pub(super) mod motion;
 pub(super) mod nodes;
 pub(super) mod policy;
 pub(super) mod publishing;
@@ -27,6 +28,7 @@ use crate::yaml::schema::{Json, default, least, most, one_of, words};
 use crate::yaml::{Fields, FromNode, Kind, Log, Members, Node, Problem, Schema, Span, Spanned, key, map};
 use countermeasure::RawRule;
 use forms::{ID, default_span, with_about};
+use motion::RawMotion;
 pub(super) use nodes::{
     Dependency, DependsOn, Filter, FilterKind, Group, Module, TILE_MAX, Tile, When, Writers,
 };
@@ -42,6 +44,7 @@ pub(super) struct File {
     pub vehicle: Option<Vehicle>,
     pub signals: Entries<Signal>,
     pub stops: Vec<Stop>,
+    pub motion: Option<RawMotion>,
     pub defaults: Option<Defaults>,
     pub limits: Option<Limits>,
     pub localized_after: Option<time::Span>,
@@ -75,8 +78,17 @@ impl FromNode for File {
             let problem = Problem::at(span, "a module stands in no group");
             fields.log.push(problem.help("move `modules` into one of the `groups`"));
         }
-        let main_only =
-            ["vehicle", "defaults", "limits", "localized_after", "other", "publish", "diagnostics", "clock"];
+        let main_only = [
+            "vehicle",
+            "motion",
+            "defaults",
+            "limits",
+            "localized_after",
+            "other",
+            "publish",
+            "diagnostics",
+            "clock",
+        ];
         let main_only = main_only.into_iter().filter_map(|key| Some((key, fields.key_span(key)?)));
         let file = File {
             main_only: main_only.collect(),
@@ -84,6 +96,7 @@ impl FromNode for File {
             vehicle: fields.optional("vehicle"),
             signals: fields.or_default(key("signals").about("Named truth values of the vehicle, each from a topic or from a condition over values.").rules(|| vec![("propertyNames", Json::Object(vec![("$ref", "#/$defs/id".into())]))])),
             stops: fields.or_default(key("stops").about("Where the vehicle stops and may be localized.")),
+            motion: fields.optional("motion"),
             defaults: fields.optional("defaults"),
             limits: fields.optional("limits"),
             localized_after: fields.optional(key("localized_after").about("Localization counts as done when its group was OK for this long.").rules(|| vec![default_span(Driving::default().localized_after)])),

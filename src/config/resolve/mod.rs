@@ -3,6 +3,7 @@
 mod countermeasures;
 mod filters;
 mod monitors;
+mod motion;
 mod names;
 mod publishing;
 mod relations;
@@ -49,13 +50,17 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     let countermeasures = countermeasures::rules(&file.countermeasures, &names, &index, log);
     let localized_after = file.localized_after.unwrap_or(Driving::default().localized_after);
     let (stops, unpublished) = (stops(file, log), Vec::new());
-    let mut driving = Driving { stops, localized_after, countermeasures, unpublished };
+    let speed = motion::speed(file.motion.as_ref(), &mut topics, log);
+    let mut driving = Driving { stops, localized_after, countermeasures, unpublished, speed, goal: None };
     let groups = groups(&names, &index, &discovered, log);
     let modules = modules(&names, &index, &declared, &mut topics, log);
     let stages = vehicle.and_then(|vehicle| vehicle.stages).unwrap_or(StageModel::Shuttle);
     let rules = &driving.countermeasures;
     let publishing = publishing::publishing(file.publish.as_ref(), stages, rules, &topics, log);
     signals::complete(&mut signals, &topics);
+    if !driving.stops.is_empty() {
+        driving.goal = motion::goal(&signals, &mut topics, log);
+    }
     driving.unpublished = publishing.switched_off();
     let (watched, topics) = topics.finish();
     let limits = limits(file.limits.as_ref(), log);

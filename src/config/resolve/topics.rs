@@ -111,6 +111,11 @@ impl Topics {
         self.types.get(name).map_or("", |(type_name, _)| type_name)
     }
 
+    /// The name of a watched topic.
+    pub fn name_of(&self, id: TopicId) -> &str {
+        &self.watched[id.0 as usize].topic
+    }
+
     /// The first place of this topic's name.
     pub fn place(&self, name: &str) -> Option<Span> {
         self.types.get(name).and_then(|(_, first)| first.map(|(name, _)| name))

@@ -33,6 +33,7 @@ stops: [{ id: depot, name: Depot, x: 1.5, y: 2 }, { id: home, x: 0, y: 0 }]
 defaults: { timeout: 2s, stale: error }
 limits: { discovered_modules: 9 }
 localized_after: 5s
+motion: { speed: { topic: /v, type: std_msgs/msg/Float64 } }
 groups:
   - { id: a, combine: any, tile: { column: 1, row: 2 }, match: [{ regex: 'a.*' }], modules: [{ id: m, status: other, help: Stop., latch: 1s }] }
   - { id: b, depends_on: [{ on: a, masks_when: [error, unknown] }, { any_of: [a/m] }], when: { stages: [active] }, modules: [{ id: m, status: t, stale: unknown, depends_on: [a/m] }] }
@@ -42,7 +43,7 @@ groups:
         old,
         new,
         &[
-            "the vehicle: name from \"Van\" to \"Van\" / \"Bus\"; stages from shuttle to none; defaults from unknown after 2s of silence to error after 2s of silence; limits.discovered_modules from 4096 to 9; localized_after from 2s to 5s",
+            "the vehicle: name from \"Van\" to \"Van\" / \"Bus\"; stages from shuttle to none; defaults from unknown after 2s of silence to error after 2s of silence; limits.discovered_modules from 4096 to 9; localized_after from 2s to 5s; motion from no speed is configured to data of /v (std_msgs/msg/Float64), unknown when older than 1s, standing below 0.1 m/s",
             "signal `old` is gone",
             "signal `active`: source from /a std_msgs/msg/Bool.data to /a std_msgs/msg/Bool.data, unknown when older than 3s",
             "signal `new` is new",

@@ -4,6 +4,7 @@
 pub mod countermeasure;
 pub mod filter;
 pub mod monitors;
+pub mod motion;
 pub mod order;
 pub mod output;
 pub mod sample;
@@ -18,6 +19,8 @@ use countermeasure::Rule;
 use filter::Filter;
 use monitors::Watched;
 pub use monitors::{ModuleMonitor, MonitorSpec};
+pub use motion::Stop;
+use motion::{SpeedSource, WatchedField};
 use order::{Cycle, Order, Visit};
 use output::Output;
 use wording::Wording;
@@ -359,6 +362,9 @@ pub struct Driving {
     pub countermeasures: Vec<Rule>,
     /// Outputs that the configuration switches off.
     pub unpublished: Vec<Output>,
+    pub speed: Option<SpeedSource>,
+    /// The pose in the goal's messages: the nearest stop is the destination.
+    pub goal: Option<WatchedField>,
 }
 
 impl Default for Driving {
@@ -368,18 +374,10 @@ impl Default for Driving {
             localized_after: Span::from_secs(2),
             countermeasures: Vec::new(),
             unpublished: Vec::new(),
+            speed: None,
+            goal: None,
         }
     }
-}
-
-/// A place at which an operator may localize the vehicle: metres and degrees in the map's frame.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Stop {
-    pub id: Arc<str>,
-    pub name: Text,
-    pub x_m: f64,
-    pub y_m: f64,
-    pub yaw_deg: f64,
 }
 
 /// Parts whose references exist and whose dependencies have an order.

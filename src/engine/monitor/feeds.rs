@@ -230,13 +230,14 @@ impl Watching {
         (Arc::ptr_eq(spec, source) || spec == source).then_some(TopicId(index))
     }
 
-    /// Takes a message; returns the monitors to judge, or `None` if it was read for another configuration.
+    /// Takes a message and adds the monitors to judge. Returns its topic, or `None` if it was read for another
+    /// configuration.
     pub(in crate::engine) fn take_sample(
         &mut self,
         sample: &Sample,
         now: Timestamp,
         judge: &mut Vec<u32>,
-    ) -> Option<()> {
+    ) -> Option<TopicId> {
         let id = self.topic(&sample.source)?;
         let topic = &mut self.topics[id.0 as usize];
         if sample.values.len() != topic.spec.fields.len() {
@@ -265,7 +266,7 @@ impl Watching {
                 judge.push(reader.watch);
             }
         }
-        Some(())
+        Some(id)
     }
 
     /// Takes a report of discovery; `None` if it is about a topic of another configuration.

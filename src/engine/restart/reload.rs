@@ -38,6 +38,7 @@ impl Engine {
         next.active_by = self.active_by;
         next.timers.arm(TimerKey::Active, next.active_by);
         next.take_signals(self);
+        next.keep_motion(self);
         // New topics have to be discovered first, as after a start.
         next.search_until((self.now + DISCOVERY).max(self.watching.searching_until.unwrap_or(self.now)));
         next.watching.keep_topics(&self.watching);

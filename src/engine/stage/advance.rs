@@ -78,6 +78,7 @@ impl Engine {
     /// The goal is used up: the next drive needs its own. Requests stay until the end of the drive is certain.
     fn arrived(&mut self) {
         self.countermeasures.arrive(self.now + ARRIVAL);
+        self.forget_destination();
         let Some(goal) = self.goal_signal else { return };
         if self.signals.forget(goal) {
             self.events.push(self.now, EventKind::Signal { index: goal, value: self.signals.value(goal) });

@@ -17,7 +17,7 @@ use crate::engine::monitor::Words;
 use crate::engine::persistent::PersistentVec;
 use crate::engine::signals::Signals;
 use crate::engine::snapshot::{
-    Alarm, Counters, GroupView, Layout, ModuleView, Reason, Reception, Report, RootCause, Snapshot,
+    Alarm, Counters, GroupView, Layout, ModuleView, Motion, Reason, Reception, Report, RootCause, Snapshot,
 };
 use crate::engine::stage::advance::VehicleView;
 use crate::engine::stage::machine::Vehicle;
@@ -40,6 +40,7 @@ pub(in crate::engine) struct Views {
     roots: Arc<[RootCause]>,
     alarms: Arc<[Alarm]>,
     vehicle: VehicleView,
+    motion: Motion,
     signals: Arc<[(Box<str>, Option<bool>)]>,
     pub(in crate::engine) reception: Arc<[Reception]>,
     overall: State,
@@ -74,6 +75,7 @@ impl Views {
             roots: Arc::from([]),
             alarms: Arc::from([]),
             vehicle: VehicleView::default(),
+            motion: Motion::default(),
             signals: Arc::from([]),
             reception: Arc::from([]),
             overall: State::Unknown,
@@ -117,6 +119,7 @@ impl Views {
             accepted: self.vehicle.accepted.clone(),
             countermeasures: self.vehicle.countermeasures.clone(),
             localization: self.vehicle.localization,
+            motion: self.motion,
             clearance: self.vehicle.clearance,
             clearance_refusals: self.vehicle.clearance_refusals.clone(),
             release_refusals: self.vehicle.release_refusals.clone(),
@@ -348,6 +351,15 @@ impl Views {
             self.vehicle = vehicle;
             self.seq_changed = true;
         }
+    }
+
+    /// Sets the motion. An operator decides by the destination; the speed is only shown. Returns whether
+    /// anything changed.
+    pub(in crate::engine) fn set_motion(&mut self, motion: Motion) -> bool {
+        let before = std::mem::replace(&mut self.motion, motion);
+        self.seq_changed |= before.destination != motion.destination;
+        self.revision_changed |= before != motion;
+        before != motion
     }
 
     /// Whether something that an operator decides by changed since [`Views::settle`].

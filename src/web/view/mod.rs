@@ -24,7 +24,7 @@ use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::Timestamp;
 use crate::runtime::Published;
-use bars::{action_bar, countermeasure, top_bar};
+use bars::{action_bar, countermeasure, motion, top_bar};
 use board::{Board, tile, tile_detail};
 use faults::{entries, list};
 use versions::Seen;
@@ -111,6 +111,7 @@ impl<'a> View<'a> {
 
 /// The elements of the operator's page.
 struct Parts {
+    motion: Fragment,
     top: Fragment,
     countermeasure: Fragment,
     arrows: Fragment,
@@ -128,6 +129,7 @@ impl Parts {
     fn of(view: &View<'_>) -> Parts {
         let entries = entries::entries(view);
         Parts {
+            motion: motion::motion(view),
             top: top_bar::top(view),
             countermeasure: countermeasure::countermeasure(view),
             arrows: tile::arrows(view),
@@ -142,7 +144,7 @@ impl Parts {
     }
 
     fn into_fragments(self) -> Vec<Fragment> {
-        let mut all = vec![self.top, self.countermeasure, self.arrows];
+        let mut all = vec![self.motion, self.top, self.countermeasure, self.arrows];
         all.extend(self.tiles);
         all.extend([self.causes, self.step, self.stops, self.checks, self.all_causes]);
         all.extend(self.details);

@@ -39,6 +39,7 @@ pub fn permitted(published: &Published) -> Published {
         accepted: Arc::new([]),
         countermeasures: Arc::new([]),
         localization: Localization::default(),
+        motion: snapshot.motion,
         clearance: snapshot.clearance,
         clearance_refusals: Arc::new([]),
         release_refusals: Arc::new([]),

@@ -5,6 +5,7 @@ mod cases;
 mod clones;
 mod driving;
 mod monitors;
+mod motion;
 mod oracle;
 mod soundness;
 mod writers;
@@ -205,7 +206,12 @@ fn told(snapshot: &Snapshot) -> Vec<String> {
         let told = (it.id, it.raised, it.ended, it.acknowledged, it.active, it.repeats);
         format!("{} {told:?}", name(&it.node))
     });
-    groups.chain(modules).chain(roots).chain(alarms).chain([snapshot.stage.as_str().to_owned()]).collect()
+    groups
+        .chain(modules)
+        .chain(roots)
+        .chain(alarms)
+        .chain([format!("{} {:?}", snapshot.stage.as_str(), snapshot.motion)])
+        .collect()
 }
 
 fn note_relevance(snapshot: &Snapshot, inputs: usize, since: &mut [Option<Since>]) {

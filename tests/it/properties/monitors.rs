@@ -10,6 +10,7 @@ use telltale::engine::model::monitors::{
     AgreementRule, Bands, Condition, FieldKind, FieldSpec, ProbeTarget, TopicId, TopicSpec, ValueRule,
     ValueSource, WatchdogId, WatchdogSpec, Watched,
 };
+use telltale::engine::model::motion::{SpeedSource, WatchedField};
 use telltale::engine::model::sample::{
     FieldValue, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
 };
@@ -46,6 +47,9 @@ pub fn watch(parts: &mut Parts, choices: &mut Choices<'_>) {
         watchdogs: vec![watchdog()],
         ..Watched::default()
     };
+    let value = WatchedField { topic: TopicId(0), field: 0 };
+    let timeout = Span::from_millis(300);
+    parts.driving.speed = Some(SpeedSource { value, timeout, standing_below_mps: 1.0 });
     for module in &mut parts.modules {
         if choices.one_in(2) {
             module.monitor = monitor(choices).into();

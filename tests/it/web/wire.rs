@@ -48,6 +48,7 @@ fn a_snapshot_reads_as_documented() {
         ("stage", json!("localizing")),
         ("operator", json!("anna")),
         ("overall", json!("error")),
+        ("motion", json!({ "moving": "unknown", "speed_mps": null, "destination": null })),
         ("recording", json!(false)),
         ("roots", json!([{ "node": "sensors/lidar", "masks": 2, "since": then }])),
         (

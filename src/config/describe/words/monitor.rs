@@ -80,17 +80,20 @@ fn topic(model: &Model, id: TopicId) -> String {
     }
 }
 
+/// A field of a watched topic.
+pub(super) fn field(model: &Model, id: TopicId, field: u32) -> String {
+    let field = &model.watched.topics[id.0 as usize].fields[field as usize];
+    let what = match field.kind {
+        FieldKind::Scalar => "",
+        FieldKind::Pose => "the pose ",
+        FieldKind::Positions => "the positions in ",
+    };
+    format!("{what}{} of {}", field.path, topic(model, id))
+}
+
 fn value(model: &Model, source: &ValueSource) -> String {
     match source {
-        ValueSource::Field { topic: id, field } => {
-            let field = &model.watched.topics[id.0 as usize].fields[*field as usize];
-            let what = match field.kind {
-                FieldKind::Scalar => "",
-                FieldKind::Pose => "the pose ",
-                FieldKind::Positions => "the positions in ",
-            };
-            format!("{what}{} of {}", field.path, topic(model, *id))
-        }
+        ValueSource::Field { topic, field } => self::field(model, *topic, *field),
         ValueSource::Key { status, key, unit } => {
             let unit = unit.as_ref().map_or(String::new(), |unit| format!(" in {unit}"));
             format!("'{key}'{unit} of the status '{status}'")

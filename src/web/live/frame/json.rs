@@ -65,7 +65,16 @@ pub(super) struct Head<'a> {
     stage: &'static str,
     operator: Option<&'a str>,
     overall: &'static str,
+    motion: Motion<'a>,
     recording: bool,
+}
+
+#[derive(Serialize)]
+struct Motion<'a> {
+    moving: &'static str,
+    /// Of the whole km/h that the page shows, to the tenth.
+    speed_mps: Option<f64>,
+    destination: Option<&'a str>,
 }
 
 /// What stands after the groups. In a message that says only what changed, a list that did not is not there.
@@ -194,6 +203,11 @@ impl<'a> Context<'a> {
             stage: snapshot.stage.as_str(),
             operator: snapshot.operator.as_deref(),
             overall: snapshot.overall.as_str(),
+            motion: Motion {
+                moving: snapshot.motion.moving.as_str(),
+                speed_mps: snapshot.motion.speed_kmh.map(|kmh| (f64::from(kmh) / 3.6 * 10.0).round() / 10.0),
+                destination: snapshot.destination().map(|stop| &*stop.id),
+            },
             recording: false,
         }
     }

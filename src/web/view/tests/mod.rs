@@ -4,6 +4,7 @@ mod arrows;
 mod causes;
 mod details;
 mod hostile;
+mod motion;
 mod pages;
 pub mod sample;
 mod stages;

@@ -2,6 +2,7 @@
 
 pub(in crate::web) mod action_words;
 mod lang;
+pub(in crate::web) mod motion_words;
 pub(in crate::web) mod refusals;
 pub(in crate::web) mod session_end;
 

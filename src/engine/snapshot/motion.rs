@@ -1,0 +1,35 @@
+//! The vehicle's motion as it is shown.
+
+/// Whether the vehicle moves, how fast, and where to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Motion {
+    pub moving: Moving,
+    /// Whole km/h without a sign; `None` while unknown. A moving vehicle has at least 1, a standing one 0.
+    pub speed_kmh: Option<u32>,
+    /// The configuration names the source of the speed.
+    pub has_source: bool,
+    /// By position in [`Layout::stops`](super::Layout).
+    pub destination: Option<usize>,
+}
+
+/// Whether the vehicle moves. Nothing is concluded from what was not heard.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Moving {
+    Yes,
+    No,
+    #[default]
+    Unknown,
+}
+
+impl Moving {
+    pub const ALL: [Moving; 3] = [Moving::Yes, Moving::No, Moving::Unknown];
+
+    /// The word on the wire.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Moving::Yes => "yes",
+            Moving::No => "no",
+            Moving::Unknown => "unknown",
+        }
+    }
+}
