@@ -305,7 +305,7 @@ groups:
         let lines = of("header.frame_id");
         assert!(lines.len() == 1 && lines[0].contains("is a text, and a speed is a number"), "{lines:?}");
         let lines = of("twist.twist.linear.w");
-        assert!(lines.len() == 1 && lines[0].starts_with("c:1:69: "), "{lines:?}");
+        assert!(lines.len() == 1 && lines[0].starts_with("c:1:70: "), "{lines:?}");
     }
 
     #[test]

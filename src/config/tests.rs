@@ -8,19 +8,19 @@ mod motion;
 mod nodes;
 mod publishing;
 mod schema;
+mod shuttle;
 mod signals;
 mod slips;
 mod soundness;
 mod watchdogs;
 mod watching;
 
-use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use super::*;
 use crate::engine::model::filter::Filter;
 use crate::engine::model::wording::Wording;
-use crate::engine::model::{Combine, DependsOn, GroupId, ModuleId, ModuleSpec, NodeId, Policy, Stage};
+use crate::engine::model::{Combine, DependsOn, GroupId, ModuleId, NodeId, Policy, Stage};
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::time;
@@ -124,44 +124,6 @@ groups:
     assert_eq!(depends, expected);
 }
 
-/// What the operator reads of a module of the shipped configuration: other words at each level, for
-/// what is unknown too, and nothing to take over where the vehicle stands.
-fn check_words(module: &ModuleSpec) {
-    let id = &module.id;
-    let (name, help) = (module.name.as_ref().unwrap(), module.help.as_ref().unwrap());
-    for stage in [Stage::Localizing, Stage::Standby, Stage::Cleared, Stage::Active] {
-        let names = [State::Error, State::Unknown].map(|state| name.of(state, stage));
-        assert!(names.iter().all(Option::is_some) && names[0] != names[1], "{id}: {names:?}");
-        assert!(!names.contains(&name.of(State::Warning, stage)), "{id}: {names:?}");
-        let drives = matches!(stage, Stage::Cleared | Stage::Active);
-        // Planning and Execution matter while driving alone.
-        let matters = drives || !["planning/", "execution/"].iter().any(|group| id.starts_with(group));
-        for state in [State::Warning, State::Error, State::Unknown] {
-            let said = help.of(state, stage);
-            assert!(said.is_some() || !matters || state == State::Warning, "{id} {state:?} {stage:?}");
-            let Some(Text { en, de }) = said.filter(|_| !drives) else { continue };
-            for driving in ["Take over", "Watch the road", "take over", "Be ready"] {
-                assert!(!en.contains(driving), "{id} {state:?} {stage:?}: {en}");
-            }
-            for driving in ["bernehmen", "Straße beobachten", "ereit sein", "Bremsbereit"] {
-                assert!(!de.contains(driving), "{id} {state:?} {stage:?}: {de}");
-            }
-        }
-    }
-}
-
-#[test]
-fn the_shuttle_is_valid() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/shuttle.yaml");
-    let loaded = load(&path).unwrap_or_else(|problems| panic!("{problems}"));
-    let tiles = loaded.model.groups.iter().filter(|group| group.tile.is_some());
-    assert_eq!(tiles.count(), 8);
-    loaded.model.modules.iter().for_each(check_words);
-    // It is the example of what can be diagnosed: every kind is in it.
-    let kinds: BTreeSet<_> = loaded.model.modules.iter().map(|it| it.monitor.kind()).collect();
-    assert_eq!(kinds.len(), file::monitors::KINDS.len());
-}
-
 #[test]
 fn all_problems_come_at_once_in_the_order_of_the_file() {
     check(
@@ -201,7 +163,7 @@ fn keys_must_be_known_and_stand_once() {
     check_beside_group(
         "colour: red\n",
         &[
-            "2:1: unknown key `colour` in a configuration (known here: include, vehicle, signals, stops, defaults, limits, localized_after, other, groups, countermeasures, publish, diagnostics, clock, message_folders)",
+            "2:1: unknown key `colour` in a configuration (known here: include, vehicle, signals, stops, motion, defaults, limits, localized_after, other, groups, countermeasures, publish, diagnostics, clock, message_folders)",
         ],
     );
     check_beside_group("groups: []\n", &["2:1: `groups` stands twice (keep one of the two)"]);

@@ -11,7 +11,7 @@ pub use super::counters::{Counters, Reception};
 use super::input::Refusal;
 use super::model::countermeasure::{Request, RequestKind};
 use super::model::output::Output;
-use super::model::wording::Wording;
+use super::model::wording::{Advice, Wording};
 use super::model::{DependsOn, GroupId, ModuleId, NodeId, NodeNames, Other, Stage, Stop};
 use super::persistent::PersistentVec;
 use super::state::State;
@@ -209,7 +209,7 @@ impl GroupInfo {
 pub struct ModuleInfo {
     pub id: Arc<str>,
     pub name: Option<Arc<Wording>>,
-    pub help: Option<Arc<Wording>>,
+    pub help: Option<Arc<Wording<Advice>>>,
     pub group: GroupId,
     /// The status of the module, if it has one. Filters may overlap, so other modules may have the same.
     pub status: Option<Arc<str>>,

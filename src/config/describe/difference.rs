@@ -7,7 +7,7 @@ use super::words;
 use crate::config::Loaded;
 use crate::engine::model::monitors::StampClock;
 use crate::engine::model::output::Publication;
-use crate::engine::model::wording::{ByStage, Wording};
+use crate::engine::model::wording::{Advice, ByStage, Wording};
 use crate::engine::model::{
     Combine, Dependency, GroupSpec, Limits, Model, ModuleSpec, Parts, SignalSpec, StageModel, Stop, When,
 };
@@ -163,8 +163,8 @@ fn modules(old: &Model, new: &Model, found: &mut Vec<Difference>) {
         // The group is in the id.
         let ModuleSpec { id: _, name, help, group: _, policy, when, depends_on, monitor } = module;
         vec![
-            ("name", wording(name.as_deref(), Wording::name)),
-            ("help", wording(help.as_deref(), Wording::help)),
+            ("name", wording(name.as_deref(), text, Wording::name)),
+            ("help", wording(help.as_deref(), advice, Wording::help)),
             ("policy", words::policy(policy)),
             ("when", condition(model, when.as_deref())),
             ("depends_on", dependencies(model, depends_on)),
@@ -253,10 +253,19 @@ fn text(text: &Text) -> String {
     if text.en == text.de { format!("\"{}\"", text.en) } else { format!("\"{}\" / \"{}\"", text.en, text.de) }
 }
 
+fn advice(advice: &Advice) -> String {
+    let urgency = advice.urgency.map_or(String::new(), |urgency| format!(" ({})", urgency.as_str()));
+    format!("{}{urgency}", text(&advice.text))
+}
+
 /// The wording as one text, if the file has one text.
-fn wording(wording: Option<&Wording>, of_text: fn(Text) -> Wording) -> String {
+fn wording<T: Clone + PartialEq>(
+    wording: Option<&Wording<T>>,
+    text: fn(&T) -> String,
+    of_text: fn(T) -> Wording<T>,
+) -> String {
     let Some(wording) = wording else { return "none".into() };
-    let texts = |words: &ByStage| match words {
+    let texts = |words: &ByStage<T>| match words {
         ByStage::None => Vec::new(),
         ByStage::Always(always) => vec![(None, always.clone())],
         ByStage::In(texts) => texts.iter().map(|(stage, text)| (Some(*stage), text.clone())).collect(),
@@ -265,7 +274,7 @@ fn wording(wording: Option<&Wording>, of_text: fn(Text) -> Wording) -> String {
     if let Some((_, plain)) = error.first().filter(|(_, it)| of_text(it.clone()) == *wording) {
         return text(plain);
     }
-    let level = |(state, words): (State, &ByStage)| {
+    let level = |(state, words): (State, &ByStage<T>)| {
         let words: Vec<String> = texts(words)
             .iter()
             .map(|(stage, it)| match stage {

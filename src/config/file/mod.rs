@@ -250,6 +250,17 @@ impl FromNode for Limits {
     }
 }
 
+/// A text in `en` and `de`; in one language, it serves both.
+fn languages(fields: &mut Fields) -> Option<Text> {
+    let (en, de): (Option<String>, Option<String>) = (fields.optional("en"), fields.optional("de"));
+    if fields.key_span("en").is_none() && fields.key_span("de").is_none() {
+        let problem = Problem::at(fields.span(), "a text needs `en` or `de`");
+        fields.log.push(problem.help("write the text alone, or `{ en: ..., de: ... }`"));
+    }
+    let (en, de) = (en.as_ref().or(de.as_ref())?.as_str(), de.as_ref().or(en.as_ref())?.as_str());
+    Some(Text { en: en.into(), de: de.into() })
+}
+
 impl FromNode for Text {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         if scalar(node).is_some() || !matches!(node.kind, Kind::Mapping(_)) {
@@ -260,15 +271,9 @@ impl FromNode for Text {
             map("languages", "a text in two languages").rules(|| vec![("minProperties", 1.into())]),
             log,
         )?;
-        let (en, de): (Option<String>, Option<String>) = (fields.optional("en"), fields.optional("de"));
-        if fields.key_span("en").is_none() && fields.key_span("de").is_none() {
-            let problem = Problem::at(node.span, "a text needs `en` or `de`");
-            fields.log.push(problem.help("write the text alone, or `{ en: ..., de: ... }`"));
-        }
+        let text = languages(&mut fields);
         fields.finish();
-        // A text in one language serves both.
-        let (en, de) = (en.as_ref().or(de.as_ref())?.as_str(), de.as_ref().or(en.as_ref())?.as_str());
-        Some(Text { en: en.into(), de: de.into() })
+        text
     }
 
     fn form(schema: &mut Schema) -> Members {

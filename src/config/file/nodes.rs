@@ -7,6 +7,7 @@ use super::policy::Policy;
 use super::wording::RawWording;
 use crate::config::glob;
 use crate::config::glob::is_glob;
+use crate::engine::model::wording::Advice;
 use crate::engine::model::{Combine, Stage};
 use crate::engine::state::State;
 use crate::engine::text::Text;
@@ -302,8 +303,8 @@ impl FromNode for Stage {
 pub(in crate::config) struct Module {
     pub span: Span,
     pub id: Option<Spanned<String>>,
-    pub name: Option<RawWording>,
-    pub help: Option<RawWording>,
+    pub name: Option<RawWording<Text>>,
+    pub help: Option<RawWording<Advice>>,
     pub policy: Policy,
     pub writers: Option<Writers>,
     pub when: Option<When>,

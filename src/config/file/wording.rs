@@ -1,21 +1,56 @@
 //! `name` and `help` of a module as they are written: one text, or different texts by level and stage.
 
 use super::forms::with_about;
+use super::languages;
 use crate::engine::model::Stage;
-use crate::engine::model::wording::{ByStage, Wording};
+use crate::engine::model::wording::{Advice, ByStage, Urgency, Wording};
 use crate::engine::text::Text;
-use crate::yaml::schema::one_of;
-use crate::yaml::{Fields, FromNode, Kind, Log, Members, Node, Problem, Schema, map};
+use crate::yaml::decode::word;
+use crate::yaml::schema::{one_of, words};
+use crate::yaml::{
+    Fields, FromNode, KeyDoc, Kind, Log, MapDoc, Members, Node, Problem, Schema, Spanned, key, map,
+};
+
+/// The texts of a key with levels and stages.
+pub(in crate::config) trait Said: FromNode + Clone {
+    /// The names of the definitions in the schema: of the whole, and of one level.
+    const NAMES: [&str; 2];
+    const LEVELS: MapDoc;
+    const STAGES: MapDoc;
+
+    /// Whether it asks something of the operator that only a driving vehicle needs.
+    fn is_urgent(&self) -> bool;
+}
+
+impl Said for Text {
+    const NAMES: [&str; 2] = ["wording", "stage_wording"];
+    const LEVELS: MapDoc = map("levels", "words for levels");
+    const STAGES: MapDoc = map("stage_words", "words for stages");
+
+    fn is_urgent(&self) -> bool {
+        false
+    }
+}
+
+impl Said for Advice {
+    const NAMES: [&str; 2] = ["advice_wording", "stage_advice"];
+    const LEVELS: MapDoc = map("levels_of_advice", "advice for levels");
+    const STAGES: MapDoc = map("stages_of_advice", "advice for stages");
+
+    fn is_urgent(&self) -> bool {
+        self.urgency.is_some()
+    }
+}
 
 /// The meaning of a single text depends on the key.
 #[derive(Debug)]
-pub(in crate::config) enum RawWording {
-    Text(Text),
-    Levels(Wording),
+pub(in crate::config) enum RawWording<T> {
+    Text(T),
+    Levels(Wording<T>),
 }
 
-impl RawWording {
-    pub fn resolve(&self, of_text: fn(Text) -> Wording) -> Wording {
+impl<T: Said> RawWording<T> {
+    pub fn resolve(&self, of_text: impl FnOnce(T) -> Wording<T>) -> Wording<T> {
         match self {
             RawWording::Text(text) => of_text(text.clone()),
             RawWording::Levels(wording) => wording.clone(),
@@ -23,21 +58,14 @@ impl RawWording {
     }
 }
 
-impl FromNode for RawWording {
+impl<T: Said> FromNode for RawWording<T> {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         if is_text(node) {
-            return Text::from_node(node, log).map(RawWording::Text);
+            return T::from_node(node, log).map(RawWording::Text);
         }
-        let mut fields = Fields::of(
-            node,
-            map("levels", "words for levels").rules(|| vec![("minProperties", 1.into())]),
-            log,
-        )?;
-        let wording = Wording {
-            warning: fields.or_default("warning"),
-            error: fields.or_default("error"),
-            unknown: fields.or_default("unknown"),
-        };
+        let mut fields = Fields::of(node, T::LEVELS.rules(|| vec![("minProperties", 1.into())]), log)?;
+        let mut level = |name: &'static str| fields.optional(name).unwrap_or(ByStage::None);
+        let wording = Wording { warning: level("warning"), error: level("error"), unknown: level("unknown") };
         let named = ["warning", "error", "unknown"].iter().any(|level| fields.key_span(level).is_some());
         if !named {
             let problem = Problem::at(node.span, "there are words for no level");
@@ -48,8 +76,8 @@ impl FromNode for RawWording {
     }
 
     fn form(schema: &mut Schema) -> Members {
-        schema.define("wording", |schema| {
-            let forms = one_of([Text::form(schema), schema.decoder(Self::from_node)]);
+        schema.define(T::NAMES[0], |schema| {
+            let forms = one_of([T::form(schema), schema.decoder(Self::from_node)]);
             with_about(
                 "One text, or different words for each level; a level without words has general ones.",
                 forms,
@@ -58,19 +86,25 @@ impl FromNode for RawWording {
     }
 }
 
-impl FromNode for ByStage {
+impl<T: Said> FromNode for ByStage<T> {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         if is_text(node) {
-            return Text::from_node(node, log).map(ByStage::Always);
+            return T::from_node(node, log).map(ByStage::Always);
         }
         let about =
             "Without words of its own, `cleared` has those of `active`, and `localizing` those of `standby`.";
-        let doc =
-            map("stage_words", "words for stages").about(about).rules(|| vec![("minProperties", 1.into())]);
+        let doc = T::STAGES.about(about).rules(|| vec![("minProperties", 1.into())]);
         let mut fields = Fields::of(node, doc, log)?;
         let stages = [Stage::Localizing, Stage::Standby, Stage::Cleared, Stage::Active];
-        let texts: Vec<(Stage, Text)> =
-            stages.into_iter().filter_map(|stage| Some((stage, fields.optional(stage.as_str())?))).collect();
+        let mut texts: Vec<(Stage, T)> = Vec::new();
+        for stage in stages {
+            let Some(text) = fields.optional::<Spanned<T>>(stage.as_str()) else { continue };
+            if text.value.is_urgent() && matches!(stage, Stage::Localizing | Stage::Standby) {
+                let problem = Problem::at(text.span, "nobody takes over a vehicle that stands");
+                fields.log.push(problem.help("remove `urgency` here; it is for `cleared` and `active`"));
+            }
+            texts.push((stage, text.value));
+        }
         if stages.iter().all(|stage| fields.key_span(stage.as_str()).is_none()) {
             let problem = Problem::at(node.span, "there are words for no stage");
             fields.log.push(problem.help("write one text, or `{ standby: ..., active: ... }`"));
@@ -80,10 +114,46 @@ impl FromNode for ByStage {
     }
 
     fn form(schema: &mut Schema) -> Members {
-        schema.define("stage_wording", |schema| {
-            let forms = one_of([Text::form(schema), schema.decoder(Self::from_node)]);
+        schema.define(T::NAMES[1], |schema| {
+            let forms = one_of([T::form(schema), schema.decoder(Self::from_node)]);
             with_about("One text for every stage, or different words for each.", forms)
         })
+    }
+}
+
+const URGENCY: KeyDoc = key("urgency").about(
+    "What it asks of the operator of a driving vehicle: to take over at once, or to be ready for it. It has no effect at a stop.",
+);
+
+/// A text, or `{ en: Take over., de: Übernehmen., urgency: take_over }`
+impl FromNode for Advice {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        if !matches!(node.kind, Kind::Mapping(_)) {
+            return Text::from_node(node, log).map(Advice::from);
+        }
+        let mut fields = Fields::of(node, map("advice", "advice in two languages"), log)?;
+        let text = languages(&mut fields);
+        let urgency = fields.optional(URGENCY);
+        fields.finish();
+        Some(Advice { text: text?, urgency })
+    }
+
+    fn form(schema: &mut Schema) -> Members {
+        schema.define("advice_text", |schema| {
+            let plain = vec![("type", vec!["string", "number"].into())];
+            let forms = one_of([plain, schema.decoder(Self::from_node)]);
+            with_about("One text, or one in each language, with its urgency.", forms)
+        })
+    }
+}
+
+impl FromNode for Urgency {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        word(node, log, "urgency", &Urgency::ALL.map(|urgency| (urgency.as_str(), urgency)))
+    }
+
+    fn form(_: &mut Schema) -> Members {
+        words(Urgency::ALL.map(Urgency::as_str))
     }
 }
 

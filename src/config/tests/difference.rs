@@ -200,9 +200,9 @@ fn other_words_at_one_level_are_a_difference() {
     };
     check(
         &text("H"),
-        &text("{ warning: W, error: { standby: S, active: { en: A, de: B } } }"),
+        &text("{ warning: W, error: { standby: S, active: { en: A, de: B, urgency: be_ready } } }"),
         &[
-            "module `a/m`: help from \"H\" to warning \"W\", error \"S\" in standby and \"A\" / \"B\" in active",
+            "module `a/m`: help from \"H\" to warning \"W\", error \"S\" in standby and \"A\" / \"B\" (be_ready) in active",
         ],
     );
 }

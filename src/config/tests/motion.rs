@@ -35,8 +35,8 @@ fn what_makes_no_motion_is_said_at_its_place() {
     check_beside_group(
         &format!("motion: {{ speed: {{ {SPEED}, timeout: 0s }}, standing_below: -1 }}\n"),
         &[
-            "2:111: an older speed says nothing about the present motion (write a duration above 0 and up to 10s)",
-            "2:133: -1 m/s is no limit of standing (write a speed above 0 and up to 1, for example `0.1`)",
+            "2:109: an older speed says nothing about the present motion (write a duration above 0 and up to 10s)",
+            "2:131: -1 m/s is no limit of standing (write a speed above 0 and up to 1, for example `0.1`)",
         ],
     );
     check_beside_group(

@@ -1,6 +1,7 @@
 //! Tests of mistakes in groups, modules and signals.
 
 use super::*;
+use crate::engine::model::wording::{Advice, ByStage, Urgency};
 
 #[test]
 fn ids_are_safe_and_unique() {
@@ -309,21 +310,37 @@ fn words_are_written_for_all_or_for_each_level_and_stage() {
     let plain = of("name: N, help: { en: H, de: G }");
     assert_eq!(plain.name, Some(Wording::name("N".into()).into()));
     assert_eq!(plain.help, Some(Wording::help(Text { en: "H".into(), de: "G".into() }).into()));
+    let urgent = of("help: { error: { active: { en: Take over., urgency: take_over }, standby: Stay. } }");
+    let urgency = |stage| urgent.help.as_ref().unwrap().of(State::Error, stage).unwrap().urgency;
+    assert_eq!((urgency(Stage::Cleared), urgency(Stage::Standby)), (Some(Urgency::TakeOver), None));
+    assert_eq!(of("help: { en: H, urgency: be_ready }").help.unwrap().error, {
+        let advice = Advice { text: "H".into(), urgency: Some(Urgency::BeReady) };
+        ByStage::In(vec![(Stage::Active, advice)])
+    });
+    check(
+        &module(
+            "name: { en: N, urgency: take_over }, help: { error: { standby: { en: S, urgency: now }, localizing: { en: L, urgency: be_ready } } }",
+        ),
+        &[
+            "1:64: unknown key `urgency` in a text in two languages (known here: en, de)",
+            "1:130: unknown urgency `now` (one of: be_ready, take_over)",
+            "1:149: nobody takes over a vehicle that stands (remove `urgency` here; it is for `cleared` and `active`)",
+        ],
+    );
     let each = of(
         "name: { error: E }, help: { warning: W, error: { standby: S, active: { en: A, de: B } }, unknown: U }",
     );
-    let said = |wording: &Option<Arc<Wording>>, state, stage| {
-        wording.as_ref().unwrap().of(state, stage).map_or(String::new(), |text| text.de.to_string())
-    };
-    assert_eq!(said(&each.name, State::Warning, Stage::Active), "");
-    assert_eq!(said(&each.name, State::Error, Stage::Standby), "E");
+    let named = |state, stage| each.name.as_ref().unwrap().of(state, stage).map(|text| &*text.de);
+    assert_eq!(named(State::Warning, Stage::Active), None);
+    assert_eq!(named(State::Error, Stage::Standby), Some("E"));
+    let advised = |state, stage| each.help.as_ref().unwrap().of(state, stage).map(|it| &*it.text.de);
     for (state, stage, words) in [
         (State::Warning, Stage::Active, "W"),
         (State::Error, Stage::Localizing, "S"),
         (State::Error, Stage::Cleared, "B"),
         (State::Unknown, Stage::Standby, "U"),
     ] {
-        assert_eq!(said(&each.help, state, stage), words, "{state:?} {stage:?}");
+        assert_eq!(advised(state, stage), Some(words), "{state:?} {stage:?}");
     }
     check(
         &module("name: { eror: E }, help: { error: { actve: A } }"),
@@ -331,7 +348,7 @@ fn words_are_written_for_all_or_for_each_level_and_stage() {
             "1:55: there are words for no level (write one text, or `{ warning: ..., error: ..., unknown: ... }`)",
             "1:57: unknown key `eror` in words for levels (did you mean `error`?)",
             "1:83: there are words for no stage (write one text, or `{ standby: ..., active: ... }`)",
-            "1:85: unknown key `actve` in words for stages (did you mean `active`?)",
+            "1:85: unknown key `actve` in advice for stages (did you mean `active`?)",
         ],
     );
     check(

@@ -23,7 +23,7 @@ pub use motion::Stop;
 use motion::{SpeedSource, WatchedField};
 use order::{Cycle, Order, Visit};
 use output::Output;
-use wording::Wording;
+use wording::{Advice, Wording};
 
 /// Index of a group in [`Parts::groups`]. Parents stand before their children.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -283,7 +283,7 @@ pub struct ModuleSpec {
     /// The name of its fault.
     pub name: Option<Arc<Wording>>,
     /// Advice to the operator.
-    pub help: Option<Arc<Wording>>,
+    pub help: Option<Arc<Wording<Advice>>>,
     pub group: GroupId,
     pub policy: Policy,
     pub when: Option<Box<When>>,

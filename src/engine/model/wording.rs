@@ -5,23 +5,56 @@ use super::Stage;
 use crate::engine::state::State;
 use crate::engine::text::Text;
 
-/// The words of a module that is not OK. The page has general words for the rest.
+/// The words of a module that is not OK: names, or [`Advice`]. The page has general words for the rest.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct Wording {
-    pub warning: ByStage,
-    pub error: ByStage,
-    pub unknown: ByStage,
+pub struct Wording<T = Text> {
+    pub warning: ByStage<T>,
+    pub error: ByStage<T>,
+    pub unknown: ByStage<T>,
 }
 
 /// The words of one level.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub enum ByStage {
+pub enum ByStage<T = Text> {
     #[default]
     None,
     /// In every stage.
-    Always(Text),
+    Always(T),
     /// In these stages. `cleared` falls back to the words of `active`, and `localizing` to those of `standby`.
-    In(Vec<(Stage, Text)>),
+    In(Vec<(Stage, T)>),
+}
+
+/// What to do about a fault.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Advice {
+    pub text: Text,
+    /// What it asks of the operator of a driving vehicle, if the configuration says so.
+    pub urgency: Option<Urgency>,
+}
+
+/// How soon the operator of a driving vehicle has to act.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Urgency {
+    BeReady,
+    TakeOver,
+}
+
+impl Urgency {
+    pub const ALL: [Urgency; 2] = [Urgency::BeReady, Urgency::TakeOver];
+
+    /// The word in files and on pages.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Urgency::BeReady => "be_ready",
+            Urgency::TakeOver => "take_over",
+        }
+    }
+}
+
+impl From<Text> for Advice {
+    fn from(text: Text) -> Advice {
+        Advice { text, urgency: None }
+    }
 }
 
 impl Wording {
@@ -33,14 +66,18 @@ impl Wording {
             unknown: ByStage::None,
         }
     }
+}
 
+impl Wording<Advice> {
     /// Advice without levels: for an ERROR, while the vehicle drives or may start.
-    pub fn help(text: Text) -> Wording {
-        Wording { error: ByStage::In(vec![(Stage::Active, text)]), ..Wording::default() }
+    pub fn help(advice: impl Into<Advice>) -> Wording<Advice> {
+        Wording { error: ByStage::In(vec![(Stage::Active, advice.into())]), ..Wording::default() }
     }
+}
 
+impl<T: PartialEq> Wording<T> {
     /// The words for a state in a stage.
-    pub fn of(&self, state: State, stage: Stage) -> Option<&Text> {
+    pub fn of(&self, state: State, stage: Stage) -> Option<&T> {
         match state {
             State::Warning => self.warning.of(stage),
             State::Error => self.error.of(stage),
@@ -50,15 +87,15 @@ impl Wording {
     }
 
     /// The levels that have words, in order.
-    pub fn levels(&self) -> impl Iterator<Item = (State, &ByStage)> {
+    pub fn levels(&self) -> impl Iterator<Item = (State, &ByStage<T>)> {
         let all =
             [(State::Warning, &self.warning), (State::Error, &self.error), (State::Unknown, &self.unknown)];
         all.into_iter().filter(|(_, words)| **words != ByStage::None)
     }
 }
 
-impl ByStage {
-    fn of(&self, stage: Stage) -> Option<&Text> {
+impl<T> ByStage<T> {
+    fn of(&self, stage: Stage) -> Option<&T> {
         let texts = match self {
             ByStage::None => return None,
             ByStage::Always(text) => return Some(text),
@@ -85,22 +122,25 @@ mod tests {
 
     #[test]
     fn words_without_levels_are_said_where_they_are_true() {
-        let (name, help) = (Wording::name("Bus dead".into()), Wording::help("Take over.".into()));
+        let name = Wording::name("Bus dead".into());
+        let help = Wording::help(Text::plain("Take over."));
         for stage in Stage::ALL {
             assert_eq!(said(&name, State::Warning, stage), "Bus dead");
             assert_eq!(said(&name, State::Error, stage), "Bus dead");
             assert_eq!(said(&name, State::Unknown, stage), "");
             let drives = matches!(stage, Stage::Cleared | Stage::Active);
-            assert_eq!(said(&help, State::Error, stage), if drives { "Take over." } else { "" });
+            let advice = |state| help.of(state, stage).map_or("", |advice| &advice.text.en);
+            assert_eq!(advice(State::Error), if drives { "Take over." } else { "" });
             for state in [State::Ok, State::Ignore, State::Warning, State::Unknown] {
-                assert_eq!(said(&help, state, stage), "", "{state:?} {stage:?}");
+                assert_eq!(advice(state), "", "{state:?} {stage:?}");
             }
         }
     }
 
     #[test]
     fn a_stage_without_words_has_those_of_the_stage_that_is_like_it() {
-        let texts = vec![(Stage::Standby, "Wait.".into()), (Stage::Active, "Take over.".into())];
+        let texts: Vec<(Stage, Text)> =
+            vec![(Stage::Standby, "Wait.".into()), (Stage::Active, "Take over.".into())];
         let help = Wording { error: In(texts.clone()), ..Wording::default() };
         let all = Stage::ALL.map(|stage| said(&help, State::Error, stage).to_owned());
         assert_eq!(all, ["", "Wait.", "Wait.", "Take over.", "Take over."]);

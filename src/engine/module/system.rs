@@ -1,7 +1,7 @@
 //! The group `telltale` with Telltale's own modules. Nothing masks it.
 
 use crate::engine::input::ReceptionTrouble;
-use crate::engine::model::wording::{ByStage, Wording};
+use crate::engine::model::wording::{Advice, ByStage, Urgency, Wording};
 use crate::engine::model::{Limits, Policy, Stage};
 use crate::engine::state::State;
 use crate::engine::text::Text;
@@ -111,12 +111,18 @@ impl SystemCheck {
     }
 
     /// Advice: while driving, and at a stop, where the operator has nothing to take over.
-    pub(in crate::engine) fn help(self) -> Wording {
-        let always = |en: &str, de: &str| ByStage::Always(Text { en: en.into(), de: de.into() });
+    pub(in crate::engine) fn help(self) -> Wording<Advice> {
+        let urgency = match self {
+            SystemCheck::Active | SystemCheck::Countermeasure | SystemCheck::Dds => Some(Urgency::TakeOver),
+            SystemCheck::Outputs | SystemCheck::Display => Some(Urgency::BeReady),
+            _ => None,
+        };
+        let advice =
+            |en: &str, de: &str, urgency| Advice { text: Text { en: en.into(), de: de.into() }, urgency };
+        let always = |en: &str, de: &str| ByStage::Always(advice(en, de, None));
         let driving = |en: &str, de: &str, (stop_en, stop_de): (&str, &str)| {
-            let driving = Text { en: en.into(), de: de.into() };
-            let standing = Text { en: stop_en.into(), de: stop_de.into() };
-            ByStage::In(vec![(Stage::Standby, standing), (Stage::Active, driving)])
+            let standing = advice(stop_en, stop_de, None);
+            ByStage::In(vec![(Stage::Standby, standing), (Stage::Active, advice(en, de, urgency))])
         };
         const STAY: (&str, &str) =
             ("Do not drive off. Call the control room.", "Nicht losfahren. Leitstelle rufen.");

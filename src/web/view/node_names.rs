@@ -1,5 +1,6 @@
 //! Names, icons, messages and reasons of groups and modules, for all parts of a page.
 
+use crate::engine::model::wording::Urgency;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::{ModuleInfo, ModuleView, Reason, Report};
 use crate::engine::state::State;
@@ -153,11 +154,12 @@ impl View<'_> {
         self.lang.with_silence(self.last_message(module), module.silent_for(self.snapshot.now))
     }
 
-    /// The configuration's `help` for a node in this state and stage.
-    pub(super) fn help(&self, node: NodeId, state: State) -> Option<String> {
+    /// The configuration's `help` for a node in this state and stage, and what it asks of the operator; nothing
+    /// where the vehicle stands.
+    pub(super) fn help(&self, node: NodeId, state: State) -> Option<(String, Option<Urgency>)> {
         let NodeId::Module(id) = node else { return None };
         let help = self.snapshot.module(id).0.help.as_ref()?.of(state, self.snapshot.stage)?;
-        Some(self.lang.pick(help, 120))
+        Some((self.lang.pick(&help.text, 120), help.urgency.filter(|_| self.drives())))
     }
 
     /// Why a node is ignored: `waits for Localization`, `not driving`. Empty where it is not.

@@ -194,7 +194,7 @@ fn help(view: &View<'_>, node: NodeId, state: State) -> String {
     if is_held(view, node) {
         return view.lang.steps().reset_here.to_owned();
     }
-    view.help(node, state).unwrap_or_else(|| advice(view, node, state).to_owned())
+    view.help(node, state).map_or_else(|| advice(view, node, state).to_owned(), |(text, _)| text)
 }
 
 /// The page's own advice. To take over is advised only while the vehicle drives.

@@ -1,7 +1,8 @@
 //! Tests of the motion in words and numbers.
 
 use super::*;
-use crate::engine::snapshot::{Motion, Moving};
+use crate::engine::model::countermeasure::Request;
+use crate::engine::snapshot::{Countermeasure, CountermeasureState, Motion, Moving};
 
 /// The sample as if this were known of its motion; `destination` is the Main Station.
 fn moved(sample: Sample, moving: Moving, speed_kmh: u32) -> Published {
@@ -42,13 +43,19 @@ fn a_request_says_what_the_vehicle_does_while_it_moves() {
     check_motion(&moved(stopping(), Moving::Yes, 9), Lang::En, "yes", "Stopping · 9 km/h · Main Station");
     check_motion(&moved(stopping(), Moving::Yes, 9), Lang::De, "yes", "Hält an · 9 km/h · Hauptbahnhof");
     check_motion(&moved(stopping(), Moving::No, 0), Lang::En, "no", "Standing · next: Main Station");
-    check_motion(
-        &moved(jump().pass(4), Moving::Yes, 9),
-        Lang::En,
-        "yes",
-        "Slowing down · 9 km/h · Main Station",
-    );
-    check_motion(&moved(jump().pass(4), Moving::Yes, 9), Lang::De, "yes", "Bremst · 9 km/h · Hauptbahnhof");
+    let slowing = Countermeasure {
+        request: Request::Decelerate { mps2: 1.0 },
+        by_operator: false,
+        causes: [].into(),
+        since: Timestamp::ZERO,
+        state: CountermeasureState::Requested,
+        latched: false,
+    };
+    let driving = moved(Sample::shuttle(true), Moving::Yes, 9);
+    let snapshot = Snapshot { countermeasures: [slowing].into(), ..(*driving.snapshot).clone() };
+    let slowing = Published { snapshot: snapshot.into(), ..driving };
+    check_motion(&slowing, Lang::En, "yes", "Slowing down · 9 km/h · Main Station");
+    check_motion(&slowing, Lang::De, "yes", "Bremst · 9 km/h · Hauptbahnhof");
 }
 
 #[test]

@@ -104,7 +104,8 @@ fn a_warning_has_no_words_of_the_error() {
     bus.name = Some(
         Wording { warning: always("Bus slow"), unknown: always("Bus unknown"), ..Wording::default() }.into(),
     );
-    bus.help = Some(Wording { warning: always("Drive on."), ..Wording::default() }.into());
+    let advice = ByStage::Always(Text::plain("Drive on.").into());
+    bus.help = Some(Wording { warning: advice, ..Wording::default() }.into());
     let of = |level| driving(parts.clone()).report("can/bus", level, "m", &[]).pass(1).published();
     check(&of(1), Lang::En, "causes", &["Bus slow", "Drive on."], &["You may go on"]);
     check(&of(2), Lang::En, "causes", &["CAN: Error", "Be ready to take over."], &["Bus slow", "Drive on."]);
