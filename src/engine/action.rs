@@ -67,6 +67,8 @@ pub enum Place {
 pub enum AlarmRef {
     /// The number of an alarm.
     Number(u64),
+    /// All alarms that are over, up to this number: later ones were shown to nobody.
+    Over { last: u64 },
     /// A node by its name: its alarm, its WARNING (of a group: the WARNINGs inside), and its part in
     /// countermeasures.
     Node(Box<str>),

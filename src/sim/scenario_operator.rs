@@ -82,7 +82,7 @@ fn in_two_steps(node: &Node, action: OperatorAction, log: &mut Log) -> Option<Op
     })
 }
 
-/// A number, or the name of a node.
+/// A number, the name of a node, or `over` for all alarms that are over.
 struct AcknowledgeTarget(AlarmRef);
 
 impl FromNode for AcknowledgeTarget {
@@ -90,6 +90,7 @@ impl FromNode for AcknowledgeTarget {
         let text = String::from_node(node, log)?;
         Some(AcknowledgeTarget(match text.parse() {
             Ok(number) => AlarmRef::Number(number),
+            Err(_) if text == "over" => AlarmRef::Over { last: u64::MAX },
             Err(_) => AlarmRef::Node(text.into()),
         }))
     }

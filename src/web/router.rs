@@ -55,6 +55,7 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_post("/vehicle/release/confirm", Roles(&[Operator]), actions::confirm_release),
         on_post("/vehicle/stop", Roles(&[Operator]), actions::stop),
         on_post("/vehicle/shutdown", Roles(&[Operator]), login::shutdown),
+        on_post("/alarms/acknowledge-over", Roles(&[Operator]), actions::acknowledge_over),
         // Ids hold slashes: these end in `/acknowledge` and `/reset`.
         on_post("/alarms/{*path}", Roles(&[Operator]), actions::acknowledge),
         on_post("/modules/{*path}", Roles(&[Operator]), actions::reset),

@@ -36,6 +36,7 @@ mod memory;
 mod monitoring;
 mod network;
 mod observed;
+mod over;
 mod peer;
 mod properties;
 mod publishers;

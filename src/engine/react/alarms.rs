@@ -79,6 +79,11 @@ impl Alarms {
         (latest.id == id).then(|| alarm.clone())
     }
 
+    /// The numbers of the alarms that are over, up to this one.
+    pub(in crate::engine) fn over(&self, last: u64) -> Vec<u64> {
+        self.list.iter().filter(|it| !it.active && it.id <= last).map(|it| it.id).collect()
+    }
+
     /// Acknowledges alarms; one that has ended is then removed. Returns whether there was any.
     pub(in crate::engine) fn acknowledge(
         &mut self,

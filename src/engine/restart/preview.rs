@@ -84,8 +84,8 @@ impl Engine {
 
     fn preview_acknowledged(&mut self, alarm: &AlarmRef, after: &mut Snapshot) {
         let known: Vec<(NodeId, Option<u64>)> = match alarm {
-            AlarmRef::Number(number) => {
-                let numbers = self.of_one_status(*number).into_iter();
+            AlarmRef::Number(_) | AlarmRef::Over { .. } => {
+                let numbers = self.numbers(alarm).into_iter();
                 numbers.filter_map(|number| Some((self.alarms.node(number)?, Some(number)))).collect()
             }
             AlarmRef::Node(name) => {

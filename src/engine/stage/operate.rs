@@ -173,6 +173,8 @@ impl Engine {
             AlarmRef::Number(number) => {
                 self.alarms.node(*number).map(drop).ok_or(Refusal::NoSuchAlarm(*number))
             }
+            // If somebody else has acknowledged them, nothing is left to do.
+            AlarmRef::Over { .. } => Ok(()),
             AlarmRef::Node(name) => {
                 let node = self.node_named(name).ok_or_else(|| Refusal::NoSuchNode(name.clone()))?;
                 let has_something = |&node: &NodeId| {
@@ -194,8 +196,8 @@ impl Engine {
     /// One status in several groups is one fault: an acknowledgement in one place counts in all.
     fn acknowledge(&mut self, alarm: &AlarmRef) {
         match alarm {
-            AlarmRef::Number(number) => {
-                for number in self.of_one_status(*number) {
+            AlarmRef::Number(_) | AlarmRef::Over { .. } => {
+                for number in self.numbers(alarm) {
                     let Some(node) = self.alarms.node(number) else { continue };
                     // The alarm of an earlier failure says nothing about the present one.
                     let latest = self.alarms.latest(number);
@@ -219,8 +221,17 @@ impl Engine {
         self.views.set_alarms(self.alarms.list());
     }
 
+    /// The numbers of the alarms that are acknowledged together, unless a node is acknowledged by its name.
+    pub(in crate::engine) fn numbers(&self, alarm: &AlarmRef) -> Vec<u64> {
+        match alarm {
+            AlarmRef::Number(number) => self.of_one_status(*number),
+            AlarmRef::Over { last } => self.alarms.over(*last),
+            AlarmRef::Node(_) => Vec::new(),
+        }
+    }
+
     /// An alarm, and those that the same status raised in other groups meanwhile.
-    pub(in crate::engine) fn of_one_status(&self, number: u64) -> Vec<u64> {
+    fn of_one_status(&self, number: u64) -> Vec<u64> {
         let list = self.alarms.list();
         let Some(alarm) = list.iter().find(|alarm| alarm.id == number) else { return vec![number] };
         let places = self.places_of(alarm.node);

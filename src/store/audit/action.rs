@@ -33,6 +33,7 @@ actions! {
     Release: "release", "The second step: the requests that kept the vehicle from driving ended.";
     Stop: "stop", "The operator stopped the vehicle.";
     Acknowledge: "acknowledge", "The operator acknowledged an alarm.";
+    AcknowledgeOver: "acknowledge over", "The operator acknowledged all alarms that were over.";
     Reset: "reset", "A latched error was forgotten.";
     Stage: "stage", "The vehicle came into another stage.";
     Countermeasure: "countermeasure", "A countermeasure was requested or ended.";

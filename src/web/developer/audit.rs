@@ -148,6 +148,7 @@ fn word(written: &str, lang: Lang) -> &str {
         "release" => "Weiterfahrt",
         "stop" => "Anhalten",
         "acknowledge" => "Quittierung",
+        "acknowledge over" => "Quittierung aller behobenen",
         "reset" => "Zurücksetzen",
         "stage" => "Phase",
         "countermeasure" => "Gegenmaßnahme",

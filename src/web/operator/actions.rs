@@ -45,6 +45,13 @@ pub struct StopForm {
 }
 
 #[derive(Debug, Deserialize)]
+pub struct AcknowledgeOverForm {
+    /// The highest number of an alarm that the page showed as over.
+    last: u64,
+    beat: Option<String>,
+}
+
+#[derive(Debug, Deserialize)]
 pub struct ConfirmForm {
     token: String,
     version: Option<u64>,
@@ -190,11 +197,26 @@ pub async fn acknowledge(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Res
     done(tap, validity, OperatorAction::Acknowledge { alarm }, record).await
 }
 
+/// `POST /alarms/acknowledge-over`: all alarms that are over, up to the last one that the page showed. The
+/// number says what it is about, so it counts whatever has changed since.
+pub async fn acknowledge_over(tap: Tap, form: FormOf<AcknowledgeOverForm>) -> Response {
+    let AcknowledgeOverForm { last, beat } = match form {
+        Ok(Form(form)) => form,
+        Err(rejection) => return bad_form(&tap.reader, &rejection),
+    };
+    let snapshot = tap.app.published().snapshot;
+    let count = snapshot.alarms.iter().filter(|it| !it.active && it.id <= last).count();
+    let record = tap.record(Action::AcknowledgeOver).on(format!("{count} up to {last}"));
+    let validity = tap.validity(&Versioned { version: 0, beat }, Aspect::Nothing);
+    done(tap, validity, OperatorAction::Acknowledge { alarm: AlarmRef::Over { last } }, record).await
+}
+
 /// The acknowledged alarm for the log, with all nodes that its status feeds.
 fn with_places(snapshot: &Snapshot, alarm: &AlarmRef, id: &str) -> String {
     let node = match alarm {
         AlarmRef::Number(number) => snapshot.alarms.iter().find(|it| it.id == *number).map(|it| it.node),
         AlarmRef::Node(name) => snapshot.node(name),
+        AlarmRef::Over { .. } => None,
     };
     let places = node.map(|node| snapshot.places_of(node)).unwrap_or_default();
     if places.len() < 2 {

@@ -25,6 +25,8 @@ pub enum Aspect {
     Alarm(u64),
     /// What a top-level group shows.
     Component(GroupId),
+    /// No part: the action itself says what it may be about.
+    Nothing,
 }
 
 /// The aspects of the newest snapshot that a page was shown.
@@ -58,7 +60,7 @@ impl Seen {
 
     /// Whether a command that was shown with `version` was shown with this aspect as it is.
     pub fn holds(&self, aspect: Aspect, version: u64) -> bool {
-        (self.of(aspect)..=self.seq).contains(&version)
+        aspect == Aspect::Nothing || (self.of(aspect)..=self.seq).contains(&version)
     }
 }
 

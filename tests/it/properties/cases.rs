@@ -300,9 +300,10 @@ fn action(choices: &mut Choices<'_>) -> OperatorAction {
         11 => OperatorAction::Withdraw,
         12 => OperatorAction::Release { display_live, storage_ok },
         _ => OperatorAction::Acknowledge {
-            alarm: match choices.below(3) {
+            alarm: match choices.below(4) {
                 0 => AlarmRef::Number(choices.below(4) as u64),
-                1 => AlarmRef::Node("g0".into()),
+                1 => AlarmRef::Over { last: choices.below(6) as u64 },
+                2 => AlarmRef::Node("g0".into()),
                 _ => AlarmRef::Node(format!("g0/m{}", choices.below(3)).into()),
             },
         },

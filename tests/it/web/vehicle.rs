@@ -337,6 +337,32 @@ async fn alarms_and_warnings_are_acknowledged_by_number_and_by_name() {
 }
 
 #[tokio::test]
+async fn alarms_that_are_over_are_acknowledged_together_whatever_was_shown_since() {
+    let operator = Operator::standing().await;
+    for _ in 0..3 {
+        for level in [2, 0] {
+            operator.fixture.status("lidar", level, "now and then").await;
+            operator.fixture.until(|snapshot| snapshot.alarms.iter().all(|it| it.active == (level == 2))).await;
+        }
+    }
+    operator.fixture.status("lidar", 2, "broken").await;
+    operator.fixture.until(|snapshot| snapshot.alarms.len() == 4).await;
+    for _ in 0..2 {
+        let answer = operator.post_at(0, "/alarms/acknowledge-over", "last=2").await;
+        assert_eq!(json(&answer, StatusCode::OK), serde_json::json!({}));
+        let left = operator.fixture.until(|snapshot| snapshot.alarms.len() == 2).await;
+        let left: Vec<_> = left.alarms.iter().map(|it| (it.id, it.active, it.acknowledged)).collect();
+        assert_eq!(left, [(3, false, false), (4, true, false)]);
+    }
+    let records = operator.fixture.store.audit_entries(None, 2).await.unwrap();
+    let written: Vec<_> = records.iter().map(|it| (&*it.action, &*it.target, &*it.outcome)).collect();
+    let word = "acknowledge over";
+    assert_eq!(written, [(word, "0 up to 2", "done"), (word, "2 up to 2", "done")]);
+    let answer = operator.post("/alarms/acknowledge-over", "").await;
+    assert_eq!(answer.status, StatusCode::UNPROCESSABLE_ENTITY);
+}
+
+#[tokio::test]
 async fn a_browser_without_scripts_is_led_back_to_its_page() {
     let operator = Operator::localizing().await;
     operator.fixture.get("/", Some(&operator.cookie)).await;
