@@ -1,5 +1,4 @@
-// The login by touch: keys that fill the form, and the names that were used at this display. The form also
-// works without it.
+// The login by touch: keys that fill the form, and names to choose from. The form also works without it.
 (() => {
   "use strict";
   const NAMES_KEPT = 3;
@@ -9,8 +8,11 @@
   const pad = document.querySelector(".pad");
   const known = document.querySelector(".known");
   const { name, secret } = form.elements;
+  // The question whether to take over has nothing to type.
+  if (!secret) return;
 
-  const names = () => {
+  // The names that were used here, the last one first.
+  const used = () => {
     try {
       const kept = JSON.parse(localStorage.getItem(KEPT));
       return Array.isArray(kept) ? kept.filter((it) => typeof it === "string").slice(0, NAMES_KEPT) : [];
@@ -45,7 +47,7 @@
   // A touch on a key leaves the field its focus, so that a keyboard goes on where it was.
   pad.addEventListener("pointerdown", (event) => event.preventDefault());
 
-  // --- the names that were used here
+  // --- names to choose from
 
   const choose = (who) => {
     name.value = who;
@@ -60,28 +62,35 @@
     }
   };
 
-  for (const who of names()) {
+  const offer = (who) => {
     const button = document.createElement("button");
     button.type = "button";
     button.textContent = who;
     button.addEventListener("click", () => choose(who));
-    known.append(button);
-  }
-  known.hidden = known.children.length === 0;
-  if (!name.value && known.firstElementChild) {
-    choose(known.firstElementChild.textContent);
+    return button;
+  };
+
+  // The server names the operators at the vehicle's own displays; those who were here last stand first.
+  const offered = [...known.children].map((button) => button.textContent);
+  const usedHere = used().filter((who) => offered.length === 0 || offered.includes(who));
+  const all = [...new Set([...usedHere, ...offered])];
+  known.replaceChildren(...all.map(offer));
+  known.hidden = all.length === 0;
+  // Nobody types a PIN for a name that was not chosen.
+  const [likely] = all.length === 1 ? all : usedHere;
+  if (!name.value && likely) {
+    choose(likely);
     secret.focus();
   }
   name.addEventListener("input", mark);
   mark();
 
-  // Missing input is reported in the page's words, in place of the last error, but below the operator to be
-  // replaced.
+  // Missing input is reported in the page's words, in place of the last error.
   form.noValidate = true;
   const failure = form.querySelector(".failure:not(.missing, .unfit)");
   const missing = form.querySelector(".missing");
   const sayMissing = (input) => {
-    failure.hidden = !form.elements.take_over;
+    failure.hidden = true;
     for (const text of missing.children) text.hidden = text.dataset.missing !== input.name;
     missing.hidden = false;
     turnTo(input);

@@ -30,6 +30,7 @@ use crate::store::{History, Store};
 use admission::login_throttle::Throttle;
 use auth::handover::HandOvers;
 use auth::session_ends::SessionEnds;
+use auth::take_over::TakeOvers;
 use live::byte_budget::Accounts;
 use live::displays::Displays;
 use live::first_changes::FirstChanges;
@@ -88,6 +89,7 @@ pub struct Shared {
     pub pending: PendingConfirmation,
     pub stops: Stops,
     pub hand_overs: HandOvers,
+    pub take_overs: TakeOvers,
     pub throttle: Mutex<Throttle>,
     /// Makes numbers of names that are no user's, by a key of this run.
     unknown_names: RandomState,
@@ -124,6 +126,7 @@ impl AppState {
             pending: PendingConfirmation::default(),
             stops: Stops::default(),
             hand_overs: HandOvers::default(),
+            take_overs: TakeOvers::default(),
             throttle: Mutex::default(),
             unknown_names: RandomState::new(),
             audit_readers: tokio::sync::Mutex::default(),

@@ -58,7 +58,9 @@ pub struct Session {
 }
 
 impl Token {
-    pub(super) fn random() -> Result<Token, StoreError> {
+    /// # Errors
+    /// If the operating system gives no random numbers.
+    pub fn random() -> Result<Token, StoreError> {
         let mut bytes = [0; 32];
         getrandom::fill(&mut bytes).map_err(StoreError::Random)?;
         Ok(Token(bytes.iter().map(|byte| format!("{byte:02x}")).collect()))

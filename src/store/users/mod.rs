@@ -124,6 +124,22 @@ impl Store {
         .await
     }
 
+    /// The names of the operators; none if there are more than `most`.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn operators(&self, most: usize) -> Result<Vec<String>, StoreError> {
+        let sql = "SELECT name FROM users WHERE role = ?1 ORDER BY name LIMIT ?2";
+        let names: Vec<String> = self
+            .call_from(Caller::Vehicle, move |database| {
+                let mut query = database.connection.prepare(sql)?;
+                let rows = query.query_map(params![Role::Operator.as_str(), most as i64 + 1], |row| row.get(0))?;
+                Ok(rows.collect::<Result<_, _>>()?)
+            })
+            .await?;
+        Ok(if names.len() > most { Vec::new() } else { names })
+    }
+
     /// Whether this is a user's name. Anybody may cause this query.
     ///
     /// # Errors

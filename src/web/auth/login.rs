@@ -28,7 +28,6 @@ use crate::web::http::errors::HttpError;
 use crate::web::http::guard::{SignedIn, cookie_name, cookie_session, device_cookie_name};
 use crate::web::http::respond::{Reader, Speaks, cookie, json_answer, refusal, refused};
 use crate::web::view;
-use crate::web::view::words::session_end::SessionEnd;
 use crate::web::view::{LoginContext, LoginFailure};
 use crate::web::{AppState, Live};
 
@@ -44,13 +43,23 @@ const DEVICE_WITHIN: Duration = Duration::from_secs(1);
 #[derive(Deserialize)]
 pub struct LoginForm {
     name: String,
-    secret: String,
+    secret: Option<String>,
     /// Given by an operator who was told that another one is in charge, and takes over.
     take_over: Option<String>,
+    /// In place of the secret: the token of the question whether to take over.
+    confirm: Option<String>,
 }
 
+/// Operators whose names the vehicle's own displays offer. If there are more, none is offered.
+const NAMES_MAX: usize = 4;
+
 /// `GET /login`
-pub async fn page(State(app): State<AppState>, headers: HeaderMap, reader: Reader) -> Response {
+pub async fn page(
+    State(app): State<AppState>,
+    peer: Option<Extension<Peer>>,
+    headers: HeaderMap,
+    reader: Reader,
+) -> Response {
     // While the vehicle is locked an operator may follow somebody else at the same display.
     let locked = app.published().snapshot.stage == Stage::Locked;
     if !locked && cookie_session(&app, &headers).is_some() {
@@ -61,8 +70,21 @@ pub async fn page(State(app): State<AppState>, headers: HeaderMap, reader: Reade
         Err(error) if error.is_of_storage() => Some(LoginFailure::Storage),
         _ => None,
     };
-    let session_end = session_ends::of(&app, &headers).await;
-    login_page(&app, &reader, StatusCode::OK, "", nobody, session_end)
+    let shown = LoginContext {
+        failure: nobody,
+        session_end: session_ends::of(&app, &headers).await,
+        names: names(&app, source_of(peer.map(|Extension(peer)| peer))).await,
+        ..LoginContext::new(reader.lang, reader.palette, app.settings.demo.is_some())
+    };
+    Html(view::login_page(&shown)).into_response()
+}
+
+/// The names that a display offers, so that an operator types none. Only the vehicle's own displays get them.
+async fn names(app: &AppState, source: IpAddr) -> Vec<String> {
+    match app.caller(source) {
+        Caller::Vehicle => app.store.operators(NAMES_MAX).await.unwrap_or_default(),
+        Caller::Elsewhere => Vec::new(),
+    }
 }
 
 /// The hint for a vehicle without users. The name of the folder is quoted for a shell.
@@ -93,20 +115,31 @@ pub async fn login(
     };
     let source = source_of(peer.map(|Extension(peer)| peer));
     let device = known_device(&app, &headers, source, &form.name).await;
-    let user = match prove(&app, &form, source, device.clone()).await {
-        Ok(user) => user,
+    let proven = match (&form.secret, &form.confirm) {
+        (Some(secret), _) => {
+            let proven = prove(&app, &form.name, secret, source, device.clone()).await;
+            proven.map(|user| (user, form.take_over.is_some()))
+        }
+        (None, Some(token)) => confirmed(&app, token, &form.name, source).ok_or(LoginFailure::TakeOverLate),
+        (None, None) => return refusal(&reader, HttpError::BadForm),
+    };
+    let page = Failing { app: &app, reader: &reader, name: &form.name, source };
+    let (user, takes_over) = match proven {
+        Ok(proven) => proven,
         Err(failure) => {
             let name = recorded_name(&app, &form.name).await;
             let record = Record::of(Action::Login, source.to_string()).on(name).refused(failure.as_str());
             app.store.record(record.by_anybody(app.caller(source)), None).await;
-            return failed(&app, &reader, &form.name, failure);
+            return page.failed(failure).await;
         }
     };
+    let before = cookie_session(&app, &headers);
+    let has_session = before.is_some();
     let attempt = LoginAttempt {
         user: user.clone(),
         source,
-        takes_over: form.take_over.is_some(),
-        before: cookie_session(&app, &headers),
+        takes_over,
+        before,
         until: app.clock.now() + sign_in_out::DONE_WITHIN,
     };
     match sign_in_out::log_in(&app, attempt).await {
@@ -119,14 +152,22 @@ pub async fn login(
         }
         Err(NotOpened::Refused(reasons)) => refused(&reader, &reasons),
         Err(NotOpened::OtherOperator(by)) => {
-            failed(&app, &reader, &form.name, LoginFailure::OtherOperator { by })
+            let asked = app.take_overs.ask(&user, &by, source, app.clock.now());
+            let Ok(token) = asked else { return page.failed(LoginFailure::Unavailable).await };
+            page.failed(LoginFailure::OtherOperator { by, token, has_session }).await
         }
-        Err(NotOpened::Drives) => failed(&app, &reader, &form.name, LoginFailure::Drives),
-        Err(NotOpened::Storage) => failed(&app, &reader, &form.name, LoginFailure::Storage),
-        Err(NotOpened::Busy | NotOpened::Unavailable) => {
-            failed(&app, &reader, &form.name, LoginFailure::Unavailable)
-        }
+        Err(NotOpened::Drives) => page.failed(LoginFailure::Drives).await,
+        Err(NotOpened::Storage) => page.failed(LoginFailure::Storage).await,
+        Err(NotOpened::Busy | NotOpened::Unavailable) => page.failed(LoginFailure::Unavailable).await,
     }
+}
+
+/// The operator who confirms a take-over, and whether it is from the one that was named: if somebody else is in
+/// charge by now, the question is asked again.
+fn confirmed(app: &AppState, token: &str, name: &str, source: IpAddr) -> Option<(Verified, bool)> {
+    let (user, from) = app.take_overs.answer(&Token::parse(token)?, name, source, app.clock.now())?;
+    let is_from = app.published().snapshot.operator.as_deref() == Some(&*from);
+    Some((user, is_from))
 }
 
 /// `POST /logout`
@@ -207,12 +248,13 @@ async fn make_known(app: &AppState, user: &Verified, answer: &mut Response) {
 
 async fn prove(
     app: &AppState,
-    form: &LoginForm,
+    name: &str,
+    secret: &str,
     source: IpAddr,
     device: Option<Token>,
 ) -> Result<Verified, LoginFailure> {
     // The user sees that it is a PIN: this says nothing of anybody's secret.
-    if is_pin(&form.secret) && app.caller(source) == Caller::Elsewhere {
+    if is_pin(secret) && app.caller(source) == Caller::Elsewhere {
         return Err(LoginFailure::PinElsewhere);
     }
     let at = app.caller(source);
@@ -220,12 +262,12 @@ async fn prove(
     let caller = if device.is_some() { Caller::Vehicle } else { at };
     let from = Source { ip: source, caller: at, device };
     let throttle = || app.throttle.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Err(wait) = throttle().attempt(app.clock.now(), &form.name, &from) {
+    if let Err(wait) = throttle().attempt(app.clock.now(), name, &from) {
         return Err(LoginFailure::Wait { seconds: whole_seconds(wait) });
     }
-    match app.store.authenticate_from(caller, &form.name, &form.secret).await {
+    match app.store.authenticate_from(caller, name, secret).await {
         Ok(Some(user)) => {
-            throttle().succeeded(&form.name, &from);
+            throttle().succeeded(name, &from);
             Ok(user)
         }
         Ok(None) => {
@@ -261,54 +303,55 @@ fn set_cookie(answer: &mut Response, app: &AppState, name: &str, value: &str, ag
     answer.headers_mut().append(SET_COOKIE, cookie);
 }
 
-fn failed(app: &AppState, reader: &Reader, name: &str, failure: LoginFailure) -> Response {
-    let status = match failure {
-        LoginFailure::Wrong => StatusCode::UNAUTHORIZED,
-        LoginFailure::PinElsewhere => StatusCode::FORBIDDEN,
-        LoginFailure::OtherOperator { .. } | LoginFailure::Drives => StatusCode::CONFLICT,
-        LoginFailure::Wait { .. } => StatusCode::TOO_MANY_REQUESTS,
-        LoginFailure::Storage | LoginFailure::Unavailable | LoginFailure::NoUsers { .. } => {
-            StatusCode::SERVICE_UNAVAILABLE
-        }
-    };
-    let wait = if let LoginFailure::Wait { seconds } = failure { Some(seconds) } else { None };
-    let mut answer = match (reader.speaks, &failure) {
-        (Speaks::Json, LoginFailure::OtherOperator { by }) => {
-            let refused = format!("{by} is the operator; take_over=1 takes over");
-            json_answer(status, &json!({ "refused": [refused], "operator": by }))
-        }
-        (Speaks::Json, LoginFailure::Drives) => {
-            json_answer(status, &json!({ "refused": [failure.as_str()] }))
-        }
-        (Speaks::Json, LoginFailure::Wait { seconds }) => {
-            json_answer(status, &json!({ "error": failure.as_str(), "seconds": seconds }))
-        }
-        (Speaks::Json, _) => json_answer(status, &json!({ "error": failure.as_str() })),
-        (Speaks::Html, _) => login_page(app, reader, status, name, Some(failure), None),
-    };
-    if let Some(seconds) = wait {
-        answer.headers_mut().insert(RETRY_AFTER, HeaderValue::from(seconds));
-    }
-    answer
+/// A login that does not work, for its answer.
+struct Failing<'a> {
+    app: &'a AppState,
+    reader: &'a Reader,
+    /// The name that was given.
+    name: &'a str,
+    source: IpAddr,
 }
 
-fn login_page(
-    app: &AppState,
-    reader: &Reader,
-    status: StatusCode,
-    name: &str,
-    failure: Option<LoginFailure>,
-    session_end: Option<SessionEnd>,
-) -> Response {
-    let context = LoginContext {
-        lang: reader.lang,
-        palette: reader.palette,
-        name: name.chars().take(NAME_SHOWN_CHARS_MAX).collect(),
-        failure,
-        session_end,
-        demo: app.settings.demo.is_some(),
-    };
-    (status, Html(view::login_page(&context))).into_response()
+impl Failing<'_> {
+    async fn failed(&self, failure: LoginFailure) -> Response {
+        let status = match failure {
+            LoginFailure::Wrong | LoginFailure::TakeOverLate => StatusCode::UNAUTHORIZED,
+            LoginFailure::PinElsewhere => StatusCode::FORBIDDEN,
+            LoginFailure::OtherOperator { .. } | LoginFailure::Drives => StatusCode::CONFLICT,
+            LoginFailure::Wait { .. } => StatusCode::TOO_MANY_REQUESTS,
+            LoginFailure::Storage | LoginFailure::Unavailable | LoginFailure::NoUsers { .. } => {
+                StatusCode::SERVICE_UNAVAILABLE
+            }
+        };
+        let wait = if let LoginFailure::Wait { seconds } = failure { Some(seconds) } else { None };
+        let mut answer = match (self.reader.speaks, &failure) {
+            (Speaks::Json, LoginFailure::OtherOperator { by, .. }) => {
+                let refused = format!("{by} is the operator; take_over=1 takes over");
+                json_answer(status, &json!({ "refused": [refused], "operator": by }))
+            }
+            (Speaks::Json, LoginFailure::Drives) => {
+                json_answer(status, &json!({ "refused": [failure.as_str()] }))
+            }
+            (Speaks::Json, LoginFailure::Wait { seconds }) => {
+                json_answer(status, &json!({ "error": failure.as_str(), "seconds": seconds }))
+            }
+            (Speaks::Json, _) => json_answer(status, &json!({ "error": failure.as_str() })),
+            (Speaks::Html, _) => {
+                let Failing { app, reader, name, source } = *self;
+                let shown = LoginContext {
+                    name: name.chars().take(NAME_SHOWN_CHARS_MAX).collect(),
+                    failure: Some(failure),
+                    names: names(app, source).await,
+                    ..LoginContext::new(reader.lang, reader.palette, app.settings.demo.is_some())
+                };
+                (status, Html(view::login_page(&shown))).into_response()
+            }
+        };
+        if let Some(seconds) = wait {
+            answer.headers_mut().insert(RETRY_AFTER, HeaderValue::from(seconds));
+        }
+        answer
+    }
 }
 
 /// A longer name is not a user's; it is shown cut.

@@ -122,6 +122,72 @@ async fn one_operator_is_in_charge_and_is_replaced_in_so_many_words() {
 }
 
 #[tokio::test]
+async fn a_take_over_is_confirmed_once_soon_and_on_the_page_that_asked() {
+    let (fixture, hand) = Fixture::with_hand().await;
+    fixture.store.add_user("bert", Role::Operator, "975310").await.unwrap();
+    fixture.store.add_user("carl", Role::Operator, "864209").await.unwrap();
+    fixture.cookie_of("operator").await;
+    let token = async || {
+        let asked = fixture.log_in("bert", "975310").await;
+        assert_eq!(asked.status, StatusCode::CONFLICT);
+        assert!(!asked.body.contains(r#"name="secret""#), "the secret was given");
+        let (_, rest) = asked.body.split_once(r#"name="confirm" value=""#).unwrap();
+        rest.split_once('"').unwrap().0.to_owned()
+    };
+    let confirm = async |name: &str, source: &str, token: &str| {
+        let form = format!("name={name}&take_over=1&confirm={token}");
+        log_in_from(&fixture, source, &form).await.status
+    };
+    let mut first = token().await;
+    for (name, source, token) in [
+        ("bert", "127.0.0.1", ""),
+        ("bert", "127.0.0.1", &*"0".repeat(64)),
+        ("carl", "127.0.0.1", &*first),
+        ("bert", "10.0.0.7", &*first),
+    ] {
+        assert_eq!(confirm(name, source, token).await, StatusCode::UNAUTHORIZED, "{name} {source}");
+    }
+    hand.advance(Span::from_secs(30));
+    assert_eq!(confirm("bert", "127.0.0.1", &first).await, StatusCode::UNAUTHORIZED, "too late");
+    // Another one has taken over meanwhile: the question was about somebody else.
+    first = token().await;
+    let taken = log_in_from(&fixture, "127.0.0.1", "name=carl&secret=864209&take_over=1").await;
+    assert_eq!(taken.status, StatusCode::OK);
+    assert_eq!(confirm("bert", "127.0.0.1", &first).await, StatusCode::CONFLICT);
+    first = token().await;
+    assert_eq!(confirm("bert", "127.0.0.1", &first).await, StatusCode::OK);
+    fixture.until(|snapshot| snapshot.operator.as_deref() == Some("bert")).await;
+    assert_eq!(confirm("bert", "127.0.0.1", &first).await, StatusCode::UNAUTHORIZED, "it is good once");
+    // A secret that was changed meanwhile proves nothing.
+    fixture.log_in("operator", "246810&take_over=1").await;
+    fixture.until(|snapshot| snapshot.operator.as_deref() == Some("operator")).await;
+    first = token().await;
+    fixture.store.change_secret("bert", "246975").await.unwrap();
+    assert_ne!(confirm("bert", "127.0.0.1", &first).await, StatusCode::OK);
+    assert_eq!(fixture.link.snapshots.borrow().snapshot.operator.as_deref(), Some("operator"));
+}
+
+#[tokio::test]
+async fn the_vehicles_own_displays_offer_the_operators_names_and_others_nobodys() {
+    let fixture = Fixture::new().await;
+    let page = async |source: &str| {
+        let mut page = request(Method::GET, "/login", None);
+        page.extensions_mut().insert(Peer(SocketAddr::new(source.parse().unwrap(), 40_000)));
+        fixture.send(page).await.body
+    };
+    fixture.store.add_user("bert", Role::Operator, "975310").await.unwrap();
+    let near = page("127.0.0.1").await;
+    let offers = |page: &str, name: &str| page.contains(&format!(">{name}</button>"));
+    assert!(offers(&near, "bert") && offers(&near, "operator") && !offers(&near, "developer"), "{near}");
+    let far = page("10.0.0.7").await;
+    assert!(!far.contains("bert") && !offers(&far, "operator"), "{far}");
+    for name in ["carl", "dora", "emil"] {
+        fixture.store.add_user(name, Role::Operator, "975310").await.unwrap();
+    }
+    assert!(!page("127.0.0.1").await.contains("bert"), "too many to choose from");
+}
+
+#[tokio::test]
 async fn a_developer_who_does_nothing_is_logged_out_and_nobody_else_is() {
     let (fixture, hand) = Fixture::with_hand().await;
     let developer = fixture.cookie_of("developer").await;

@@ -4,6 +4,7 @@ use askama::Template;
 
 use super::Palette;
 use super::frame::PageFrame;
+use crate::store::Token;
 use crate::web::view::text::{NAME, clean};
 use crate::web::view::words::session_end::SessionEnd;
 use crate::web::view::{Lang, html};
@@ -18,7 +19,17 @@ pub struct LoginContext {
     pub failure: Option<LoginFailure>,
     /// Why the session that the browser had is over.
     pub session_end: Option<SessionEnd>,
+    /// Names to choose from.
+    pub names: Vec<String>,
     pub demo: bool,
+}
+
+impl LoginContext {
+    /// The page before anybody has typed anything.
+    pub fn new(lang: Lang, palette: Palette, demo: bool) -> LoginContext {
+        let (name, failure, session_end, names) = (String::new(), None, None, Vec::new());
+        LoginContext { lang, palette, name, failure, session_end, names, demo }
+    }
 }
 
 /// Why a login did not work. It never says whether the name exists.
@@ -30,8 +41,11 @@ pub enum LoginFailure {
     PinElsewhere,
     /// Too many failures: the next try counts after this many seconds.
     Wait { seconds: u64 },
-    /// Another operator is logged in; the secret was right, so this one may take over.
-    OtherOperator { by: String },
+    /// Another operator is logged in; the secret was right, so this one may take over with the token. A browser
+    /// with a session still shows the vehicle.
+    OtherOperator { by: String, token: Token, has_session: bool },
+    /// The confirmation of a take-over came too late, or from elsewhere.
+    TakeOverLate,
     /// The vehicle drives: it can be taken over at its own displays only.
     Drives,
     /// The login cannot be recorded: the disk is full, or the database is broken.
@@ -50,6 +64,7 @@ impl LoginFailure {
             LoginFailure::PinElsewhere => "a PIN will do at the vehicle's own displays only; give a password",
             LoginFailure::Wait { .. } => "too many failures; wait",
             LoginFailure::OtherOperator { .. } => "another operator has the vehicle",
+            LoginFailure::TakeOverLate => "the take-over was confirmed too late; give the secret again",
             LoginFailure::Drives => "the vehicle drives; take it over at one of its own displays",
             LoginFailure::Storage => {
                 "nothing can be written: the disk is full or the database broken; nothing was changed"
@@ -68,19 +83,27 @@ struct LoginHtml {
     name: String,
     failure: Option<String>,
     session_end: Option<&'static str>,
-    /// Words of the button, if the login takes over from another operator.
-    take_over: Option<&'static str>,
+    names: Vec<String>,
+    /// The question whether to take over from another operator: its token, and whether this browser shows the
+    /// vehicle.
+    take_over: Option<(String, bool)>,
     demo: bool,
 }
 
 pub fn login_page(context: &LoginContext) -> String {
     let words = context.lang.words();
-    let is_taken = matches!(context.failure, Some(LoginFailure::OtherOperator { .. }));
+    let take_over = match &context.failure {
+        Some(LoginFailure::OtherOperator { token, has_session, .. }) => {
+            Some((token.as_str().to_owned(), *has_session))
+        }
+        _ => None,
+    };
     let failure = context.failure.as_ref().map(|failure| match failure {
         LoginFailure::Wrong => words.login_wrong.to_owned(),
         LoginFailure::PinElsewhere => words.login_pin_elsewhere.to_owned(),
         LoginFailure::Wait { seconds } => context.lang.login_wait(*seconds),
-        LoginFailure::OtherOperator { by } => context.lang.login_other_operator(&clean(by, NAME)),
+        LoginFailure::TakeOverLate => words.login_late.to_owned(),
+        LoginFailure::OtherOperator { by, .. } => context.lang.login_other_operator(&clean(by, NAME)),
         LoginFailure::Drives => words.login_drives.to_owned(),
         LoginFailure::Storage => words.login_storage.to_owned(),
         LoginFailure::Unavailable => words.login_unavailable.to_owned(),
@@ -94,7 +117,8 @@ pub fn login_page(context: &LoginContext) -> String {
         name: clean(&context.name, NAME),
         failure,
         session_end: context.session_end.map(|why| context.lang.session_end(why)),
-        take_over: is_taken.then_some(words.login_take_over),
+        names: context.names.iter().map(|name| clean(name, NAME)).collect(),
+        take_over,
         demo: context.demo,
     })
 }

@@ -46,9 +46,7 @@ struct OperatorHtml {
 /// The operator's screen. In the stage `locked` it is the login: nothing of the vehicle shows.
 pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, trends: &Trends) -> String {
     if published.snapshot.stage == Stage::Locked {
-        let name = String::new();
-        let PageContext { lang, palette, demo, .. } = *context;
-        return login_page(&LoginContext { lang, palette, name, failure: None, session_end: None, demo });
+        return login_page(&LoginContext::new(context.lang, context.palette, context.demo));
     }
     let view = View { seen: seen.clone(), trends: Some(trends), ..View::new(published, context.lang, false) };
     let parts = Parts::of(&view);

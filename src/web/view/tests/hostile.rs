@@ -23,12 +23,10 @@ fn text_from_outside_is_text_and_nothing_else() {
     ));
     pages.push(message_page(404, evil, evil, Lang::En, Palette::Day));
     pages.push(login_page(&LoginContext {
-        lang: Lang::En,
-        palette: Palette::Day,
         name: evil.to_owned(),
+        names: vec![evil.to_owned()],
         failure: Some(LoginFailure::Wrong),
-        session_end: None,
-        demo: false,
+        ..LoginContext::new(Lang::En, Palette::Day, false)
     }));
     for html in &pages {
         assert!(!html.contains("<script>") && !html.contains("\"' onload"), "{html}");

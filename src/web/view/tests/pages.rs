@@ -74,14 +74,7 @@ fn small() -> Vec<(String, String)> {
     for lang in Lang::ALL {
         for palette in [Palette::Day, Palette::Night] {
             let file = |name: &str| format!("{name}-{}-{}", lang.as_str(), palette.as_str());
-            let login = LoginContext {
-                lang,
-                palette,
-                name: String::new(),
-                failure: None,
-                session_end: None,
-                demo: true,
-            };
+            let login = LoginContext::new(lang, palette, true);
             pages.push((file("login"), login_page(&login)));
             let failed =
                 LoginContext { name: "operator".to_owned(), failure: Some(LoginFailure::Wrong), ..login };
@@ -178,15 +171,8 @@ fn the_demo_switches_each_fault_to_the_other_side() {
 #[test]
 fn a_login_that_failed_says_why_and_keeps_the_name() {
     let login = |failure| {
-        let name = "anna".to_owned();
-        login_page(&LoginContext {
-            lang: Lang::De,
-            palette: Palette::Day,
-            name,
-            failure,
-            session_end: None,
-            demo: false,
-        })
+        let new = LoginContext::new(Lang::De, Palette::Day, false);
+        login_page(&LoginContext { name: "anna".to_owned(), failure, ..new })
     };
     assert!(login(Some(LoginFailure::Wrong)).contains("Name oder PIN ist falsch."));
     assert!(login(Some(LoginFailure::Wait { seconds: 30 })).contains("30 s warten"));

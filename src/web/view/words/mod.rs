@@ -97,6 +97,7 @@ words! {
     login_storage: "The disk is full or broken, so nothing was changed. Call the control room.", "Speicher voll oder defekt, daher nichts geändert. Leitstelle rufen.";
     login_drives: "The vehicle drives. Take it over at a display in the vehicle, or after it has arrived.", "Das Fahrzeug fährt. Übernehmen nur an einer Anzeige im Fahrzeug oder nach der Ankunft.";
     login_pin_elsewhere: "A PIN works at the displays in the vehicle only. Here a password is needed.", "Eine PIN gilt nur an den Anzeigen im Fahrzeug. Hier ist ein Passwort nötig.";
+    login_late: "That took too long. Enter the PIN or password again.", "Das hat zu lange gedauert. PIN oder Passwort noch einmal eingeben.";
     login_take_over: "Take over", "Übernehmen";
     login_no_users: "No user exists yet. On the vehicle: telltale user add NAME --role operator", "Noch kein Benutzer. Auf dem Fahrzeug: telltale user add NAME --role operator";
     display: "Display", "Anzeige";
@@ -108,6 +109,7 @@ words! {
     refused_late: "This waited too long and was not done. Look again.", "Das hat zu lange gewartet und wurde nicht ausgeführt. Neu hinsehen.";
     login_demo: "Demo: operator with PIN 246810", "Demo: operator mit PIN 246810";
     back: "Back to the vehicle", "Zurück zum Fahrzeug";
+    not_now: "Cancel", "Abbrechen";
 
     demo_title: "Faults of the simulated shuttle", "Fehler des simulierten Shuttles";
     demo_text: "Each button switches one fault. The vehicle's page shows what becomes of it.", "Jeder Knopf schaltet einen Fehler. Die Seite des Fahrzeugs zeigt, was daraus wird.";
@@ -279,13 +281,11 @@ impl Lang {
         }
     }
 
-    /// Another operator has the vehicle; the form below asks again and takes it over.
+    /// Another operator has the vehicle; the button below takes it over.
     pub fn login_other_operator(self, by: &str) -> String {
         match self {
-            Lang::En => format!("{by} is the operator. To take over, enter the secret again."),
-            Lang::De => {
-                format!("{by} begleitet die Fahrt. Zum Übernehmen das Geheimnis noch einmal eingeben.")
-            }
+            Lang::En => format!("{by} is the operator. Take over?"),
+            Lang::De => format!("{by} begleitet die Fahrt. Übernehmen?"),
         }
     }
 
