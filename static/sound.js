@@ -1,19 +1,45 @@
-// Sounds before the vehicle moves, and once for each new alarm. Masked modules, alarms that move to their cause
-// and further alarms of a component at the same time do not sound. The tones are generated, so no file is needed.
+// Sounds for a take-over, a fault, a dead display, and before the vehicle moves. Each new alarm calls once; one
+// sound repeats for all that nobody has acknowledged. Masked modules, alarms that move to their cause and further
+// alarms of a component at the same time do not call. The tones are computed, so no file is needed.
 (() => {
   "use strict";
   const HEARD = "telltale.heard";
-  const APART_S = 1.2;
-  const AT_ONCE_MAX = 3;
+  const LOOK_MS = 100;
+  const REPEAT_MS = 5000;
+  const APART_S = 1.4;
+  const RATE_HZ = 16000;
+  // Without a look for this long the scripts hang, and the display is dead. It is put off more often than that.
+  const HANGS_S = 2.5;
+  const PUT_OFF_MS = 500;
+
+  // The tones of each pattern: when they begin in seconds, their pitch in Hz, and how long they last.
+  const PATTERNS = {
+    // Quick and high, three and two.
+    take_over: [0, 0.17, 0.34, 0.65, 0.82].map((start) => [start, 1175, 0.13]),
+    // Two falling tones.
+    fault: [[0, 880, 0.28], [0.32, 660, 0.28]],
+    // Low and long, to and fro.
+    dead: [[0, 330, 0.6], [0.6, 247, 0.6], [1.2, 330, 0.6]],
+    // Rising, unlike any fault: the vehicle is about to move.
+    departure: [[0, 523, 0.28], [0.28, 659, 0.28], [0.56, 784, 0.28]],
+  };
+  const RANKS = ["", "fault", "take_over", "dead"];
 
   const body = document.body;
   const tool = document.querySelector("[data-tool=sound]");
   const silence = new URL("silence.wav", document.currentScript.src);
   // Created when sound is permitted: before, the browser would log a warning.
   let context = null;
+  let buffers = {};
   // A user who only looks on hears nothing unless they want to.
   let wanted = body.dataset.role === "operator";
   let playsUntil = 0;
+  let playedAt = -Infinity;
+  // The pattern that has to sound since the last look.
+  let sounding = "";
+  // The tone of a dead display, started ahead of time and put off again and again.
+  let deadTone = null;
+  let putOffAt = -Infinity;
 
   const isOn = () => wanted && context?.state === "running";
 
@@ -21,50 +47,129 @@
     tool.dataset.sound = isOn() ? "on" : "off";
   };
 
-  const beep = (start, hertz) => {
-    const tone = context.createOscillator();
-    const level = context.createGain();
-    tone.type = "triangle";
-    tone.frequency.value = hertz;
-    level.gain.setValueAtTime(0, start);
-    level.gain.linearRampToValueAtTime(0.5, start + 0.02);
-    level.gain.setValueAtTime(0.5, start + 0.2);
-    level.gain.linearRampToValueAtTime(0, start + 0.28);
-    tone.connect(level).connect(context.destination);
-    tone.start(start);
-    tone.stop(start + 0.3);
+  const count = (what) => {
+    body.dataset[what] = Number(body.dataset[what] ?? 0) + 1;
   };
 
-  const sound = () => {
+  // Fills as many seconds as pass from one repetition to the next.
+  const computed = (tones) => {
+    const buffer = context.createBuffer(1, (REPEAT_MS / 1000) * RATE_HZ, RATE_HZ);
+    const samples = buffer.getChannelData(0);
+    for (const [start, hertz, lasts] of tones) {
+      for (let index = 0; index < lasts * RATE_HZ; index += 1) {
+        const at = index / RATE_HZ;
+        const level = 0.5 * Math.min(1, at / 0.02, (lasts - at) / 0.03);
+        const phase = 2 * Math.PI * hertz * at;
+        samples[Math.round(start * RATE_HZ) + index] = level * (Math.sin(phase) + Math.sin(3 * phase) / 4);
+      }
+    }
+    return buffer;
+  };
+
+  const begin = (pattern, at, loop) => {
+    const source = context.createBufferSource();
+    source.buffer = buffers[pattern] ??= computed(PATTERNS[pattern]);
+    source.loop = loop;
+    source.connect(context.destination);
+    source.start(at);
+    return source;
+  };
+
+  const play = (pattern) => {
     const start = Math.max(context.currentTime, playsUntil);
-    if (start - context.currentTime > APART_S * (AT_ONCE_MAX - 1)) return;
-    beep(start, 880);
-    beep(start + 0.32, 660);
+    begin(pattern, start, false);
     playsUntil = start + APART_S;
-    body.dataset.sounded = Number(body.dataset.sounded ?? 0) + 1;
+    playedAt = performance.now() + (start - context.currentTime) * 1000;
+    body.dataset.tones = pattern;
   };
 
-  // The vehicle is about to move: rising tones, unlike a fault.
+  // One call plays and one waits; further ones share these.
+  const call = () => {
+    if (playsUntil - context.currentTime <= APART_S) play(sounding);
+    count("sounded");
+  };
+
   const departure = () => {
     if (!isOn()) return;
-    const start = Math.max(context.currentTime, playsUntil);
-    [523, 659, 784].forEach((hertz, index) => beep(start + 0.28 * index, hertz));
-    playsUntil = start + APART_S;
-    body.dataset.departures = Number(body.dataset.departures ?? 0) + 1;
+    play("departure");
+    count("departures");
   };
+
+  // --- what has to sound
 
   const heard = () => Number(sessionStorage.getItem(HEARD) ?? 0);
 
-  const listen = () => {
-    const causes = document.getElementById("causes");
-    if (!causes) return;
-    const numbers = causes.dataset.alarms.split(" ").filter(Boolean).map(Number);
-    // Numbers only grow; smaller ones come from a server that started anew.
-    const raised = Number(causes.dataset.lastAlarm);
+  const causes = () => document.getElementById("causes")?.dataset;
+
+  // The numbers of the alarms that nobody has acknowledged.
+  const openAlarms = () => (causes()?.alarms ?? "").split(" ").filter(Boolean).map(Number);
+
+  // How many of them did not call yet. Numbers only grow; smaller ones come from a server that started anew.
+  const takeFresh = (open) => {
+    const raised = Number(causes()?.lastAlarm ?? 0);
     const last = raised < heard() ? 0 : heard();
-    const fresh = numbers.filter((number) => number > last);
-    sessionStorage.setItem(HEARD, String(raised));
-    if (isOn()) for (const _ of fresh) sound();
+    if (raised !== heard()) sessionStorage.setItem(HEARD, String(raised));
+    return open.filter((number) => number > last).length;
+  };
+
+  const due = (open) => {
+    const { live } = body.dataset;
+    if (live === "dead") return "dead";
+    if (live === "replay") return "";
+    if (document.getElementById("instruction")?.dataset.urgency === "take_over") return "take_over";
+    return open.length > 0 ? "fault" : "";
+  };
+
+  const silenceDeadTone = () => {
+    deadTone?.stop();
+    deadTone = null;
+  };
+
+  const beginDeadTone = (after_s) => {
+    silenceDeadTone();
+    deadTone = begin("dead", context.currentTime + after_s, true);
+  };
+
+  // The audio goes on while scripts hang, so the tone of a dead display begins unless it is put off. A browser may
+  // slow a page down that is out of sight.
+  const putOffDeadTone = (now) => {
+    putOffAt = now;
+    if (document.hidden) silenceDeadTone();
+    else beginDeadTone(HANGS_S);
+  };
+
+  const lookWhileDead = (now, isNew) => {
+    if (isNew) beginDeadTone(0);
+    else if (now - playedAt >= REPEAT_MS) count("repeats");
+    else return;
+    playedAt = now;
+    body.dataset.tones = "dead";
+  };
+
+  const look = () => {
+    if (!isOn()) {
+      silenceDeadTone();
+      // Once the sound is on, it begins anew.
+      sounding = "";
+      return undefined;
+    }
+    const now = performance.now();
+    const open = openAlarms();
+    const before = sounding;
+    sounding = due(open);
+    const isWorse = RANKS.indexOf(sounding) > RANKS.indexOf(before);
+    if (sounding === "dead") return lookWhileDead(now, isWorse);
+    if (before === "dead" || now - putOffAt >= PUT_OFF_MS) putOffDeadTone(now);
+    if (sounding === "") return undefined;
+    const fresh = takeFresh(open);
+    for (let made = 0; made < fresh; made += 1) call();
+    if (fresh > 0) return undefined;
+    if (isWorse) return play(sounding);
+    if (open.length > 0 && now - playedAt >= REPEAT_MS) {
+      play(sounding);
+      count("repeats");
+    }
+    return undefined;
   };
 
   const unlock = () => {
@@ -83,11 +188,10 @@
     unlock();
     mark();
   });
-  document.addEventListener("htmx:after:swap", listen);
   document.addEventListener("telltale:departure", departure);
   mark();
   // A login by touch permits sound on the page it leads to, and a kiosk may permit it always:
   // silence that is permitted tells.
   const ready = navigator.userActivation?.hasBeenActive ? Promise.resolve() : new Audio(silence).play();
-  ready.then(unlock, mark).finally(listen);
+  ready.then(unlock, mark).finally(() => setInterval(look, LOOK_MS));
 })();

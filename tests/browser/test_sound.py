@@ -1,0 +1,211 @@
+"""The page calls for each root cause once, repeats until somebody acknowledges, and tells by itself that it is dead."""
+
+import re
+import signal
+
+import pytest
+from playwright.sync_api import expect
+
+from operating import acknowledge_all, expect_standing, expect_tile, log_in
+from stall import stalled
+from vehicle import until
+
+# The repetition is in real time.
+pytestmark = pytest.mark.timed
+
+NAME = "velodyne_packet_alive"
+
+# When each attribute of the sounds changed, in seconds.
+NOTE = """() => {
+  window.noted = [];
+  const look = records => { for (const { attributeName: name } of records)
+    window.noted.push([performance.now() / 1000, name.slice(5), document.body.getAttribute(name)]) };
+  new MutationObserver(look).observe(document.body, { attributes: true,
+    attributeFilter: ['data-sounded', 'data-repeats', 'data-tones', 'data-live'] });
+}"""
+
+
+def count(page, what):
+    return int(page.locator("body").get_attribute(f"data-{what}") or 0)
+
+
+def times(page, what):
+    return page.evaluate("what => window.noted.filter(([, name]) => name === what).map(([at]) => at)", what)
+
+
+def aloud(page, server):
+    """An operator at a page that may sound."""
+    log_in(page, server)
+    expect_standing(page)
+    expect(page.locator("[data-tool=sound]")).to_have_attribute("data-sound", "on")
+    page.evaluate(NOTE)
+    return page
+
+
+def urgency(page):
+    """What the page's instruction asks for; a page without one asks for nothing."""
+    found = page.locator("#instruction")
+    return found.get_attribute("data-urgency") if found.count() else "none"
+
+
+def test_a_fault_sounds_every_five_seconds_until_it_is_acknowledged(server, vehicle, page, trouble):
+    aloud(page, server)
+    with stalled(page) as stall:
+        vehicle.set(NAME, 2, "Only 2.0 scans per second")
+        until(lambda: count(page, "repeats") == 2, 30, "it repeats")
+    assert count(page, "sounded") == 1, "one call for one root cause, none for what it masks"
+    [called] = times(page, "sounded")
+    first, second = times(page, "repeats")
+    for before, after in ((called, first), (first, second)):
+        assert 4.9 < after - before < 5.3 + stall(), f"{after - before:.2f} s apart; the page stood still for {stall():.2f} s"
+    acknowledge_all(page)
+    expect(page.locator("#causes")).to_have_attribute("data-alarms", "")
+    repeats = count(page, "repeats")
+    # The fault is there still. Longer than from one repetition to the next:
+    page.wait_for_timeout(6_000)
+    assert (count(page, "sounded"), count(page, "repeats")) == (1, repeats)
+    expect_tile(page, "sensors", "error")
+    # It ends and comes back: a new alarm calls anew.
+    vehicle.set(NAME, 0)
+    expect_tile(page, "sensors", "ok")
+    vehicle.set(NAME, 2, "Only 2.0 scans per second")
+    until(lambda: count(page, "sounded") == 2, 20, "it calls")
+
+
+def test_sound_off_is_silent_and_says_so_and_sound_on_tells_what_is_open(server, vehicle, page, trouble):
+    aloud(page, server)
+    tool = page.locator("[data-tool=sound]")
+    tool.click()
+    expect(tool).to_have_attribute("data-sound", "off")
+    expect(tool.get_by_text("Sound off").filter(visible=True)).to_be_visible()
+    vehicle.set(NAME, 2, "Only 2.0 scans per second")
+    expect_tile(page, "sensors", "error")
+    page.wait_for_timeout(1_000)
+    assert (count(page, "sounded"), count(page, "repeats")) == (0, 0)
+    tool.click()
+    until(lambda: count(page, "sounded") == 1, 5, "what nobody has acknowledged calls")
+
+
+# What the instruction asks for, whatever the server says: what sounds follows from the page alone.
+INSTRUCT = """urgency => {
+  const set = () => {
+    const it = document.getElementById('instruction') ?? document.body.appendChild(document.createElement('section'));
+    it.id = 'instruction';
+    if (it.dataset.urgency !== urgency) it.dataset.urgency = urgency;
+  };
+  clearInterval(window.instructing);
+  window.instructing = setInterval(set, 10);
+  set();
+}"""
+
+
+def test_the_instruction_decides_which_pattern_sounds(server, vehicle, page, trouble):
+    aloud(page, server)
+    body = page.locator("body")
+    page.evaluate(INSTRUCT, "be_ready")
+    vehicle.set(NAME, 2, "Only 2.0 scans per second")
+    expect(body).to_have_attribute("data-tones", "fault")
+    # Worse sounds at once, and is no new root cause.
+    page.evaluate(INSTRUCT, "take_over")
+    expect(body).to_have_attribute("data-tones", "take_over", timeout=4_000)
+    assert count(page, "sounded") == 1
+    page.evaluate(INSTRUCT, "act")
+    expect(body).to_have_attribute("data-tones", "fault")
+    page.evaluate("() => clearInterval(window.instructing)")
+
+
+def test_a_dead_display_sounds_without_a_server_until_it_is_live_again(server, vehicle, page, trouble):
+    aloud(page, server)
+    body = page.locator("body")
+    server.pause()
+    expect(body).to_have_attribute("data-live", "dead")
+    expect(body).to_have_attribute("data-tones", "dead")
+    until(lambda: count(page, "repeats") == 2, 30, "it repeats with the server stopped")
+    first, second = times(page, "repeats")
+    assert 4.9 < second - first, f"{second - first:.2f} s apart"
+    server.send(signal.SIGCONT)
+    expect(body).to_have_attribute("data-live", "live")
+    expect_standing(page)
+    # All is well again: nothing repeats.
+    repeats = count(page, "repeats")
+    page.wait_for_timeout(6_000)
+    assert (count(page, "sounded"), count(page, "repeats")) == (0, repeats)
+    trouble.expect("WebSocket", "ERR_", "htmx:ws:error")
+
+
+# Listens at the output of the page.
+LISTEN = """() => {
+  const connect = AudioNode.prototype.connect;
+  AudioNode.prototype.connect = function (to, ...more) {
+    if (to instanceof AudioDestinationNode) {
+      window.analyser ??= Object.assign(this.context.createAnalyser(), { fftSize: 32768 });
+      connect.call(this, window.analyser);
+    }
+    return connect.call(this, to, ...more);
+  };
+}"""
+LOUDEST = """ms => {
+  for (const end = performance.now() + ms; performance.now() < end; );
+  const samples = new Float32Array(window.analyser.fftSize);
+  window.analyser.getFloatTimeDomainData(samples);
+  return Math.max(...samples.map(Math.abs));
+}"""
+
+
+def test_a_page_whose_scripts_hang_sounds_all_the_same(server, vehicle, page, trouble):
+    page.add_init_script(f"({LISTEN})()")
+    aloud(page, server)
+    page.wait_for_function("() => window.analyser")
+    assert page.evaluate(LOUDEST, 500) < 0.01, "a page that is live is silent"
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+    # Its tone begins 2.5 s after it was put off last, and lasts for 1.8 s.
+    assert page.evaluate(LOUDEST, 3_400) > 0.1
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+    until(lambda: page.evaluate(LOUDEST, 0) < 0.01, 10, "it is silent again")
+
+
+def test_the_situations_of_the_paper_call_once_for_each_fault(server, vehicle, page, trouble):
+    """Scenarios 2 to 6. Without dependencies, in scenario 1, each component is a root cause of its own."""
+    aloud(page, server)
+    stage = lambda name: expect(page.locator("body")).to_have_attribute("data-stage", name)
+    expected = 0
+
+    def injected(calls):
+        nonlocal expected
+        expected += calls
+        # A further call would come within the time in which its cause shows itself.
+        page.wait_for_timeout(1_500)
+        assert count(page, "sounded") == expected
+
+    # 4: the planner fails while it does not matter.
+    vehicle.set("planner_submitted", 2, "no plan was submitted")
+    injected(0)
+    vehicle.set("planner_submitted", 0)
+    # 5: the vehicle becomes active.
+    vehicle.drive(True)
+    stage("active")
+    injected(0)
+    # 2: Localization notices a sensor outage before the sensor's own diagnosis does.
+    vehicle.set("localization: tf_quality", 2, "jump")
+    expect_tile(page, "localization", "error")
+    vehicle.set("perception: costmap_delay", 2, "late")
+    vehicle.set(NAME, 2, "Only 2.0 scans per second")
+    expect_tile(page, "localization", "ignore", "masked")
+    injected(1)
+    for name in ("localization: tf_quality", "perception: costmap_delay", NAME):
+        vehicle.set(name, 0)
+    expect_tile(page, "execution", "ok")
+    # 3: Localization fails by itself, and what depends on it notices.
+    vehicle.set("localization: tf_quality", 2, "jump")
+    vehicle.set("perception: costmap_delay", 2, "late")
+    vehicle.set("planner_submitted", 2, "no plan was submitted")
+    expect_tile(page, "localization", "error")
+    injected(1)
+    for name in ("localization: tf_quality", "perception: costmap_delay", "planner_submitted"):
+        vehicle.set(name, 0)
+    expect_tile(page, "execution", "ok")
+    # 6: the planner fails while the vehicle drives.
+    vehicle.set("planner_submitted", 2, "no plan was submitted")
+    expect_tile(page, "planning", "error")
+    injected(1)
+    assert not re.search("dead", page.locator("body").get_attribute("data-tones"))
