@@ -38,6 +38,16 @@
     }
   };
 
+  // --- what is wrong, spoken: no times, so that it changes with the meaning alone
+
+  const said = document.getElementById("said");
+
+  const announce = () => {
+    const faults = [...document.querySelectorAll("#causes-list [data-node]:not([data-over]) .title")];
+    const all = faults.length > 0 ? faults : [...document.querySelectorAll("#causes-calm")];
+    Live.setText(said, all.map((it) => it.textContent.trim()).join(". "));
+  };
+
   // --- live, stale, dead
 
   const judged = (is, now) => {
@@ -136,6 +146,7 @@
     outdated = layout !== body.dataset.layout;
     renew();
     tickTimes();
+    announce();
   });
 
   document.addEventListener(
