@@ -30,7 +30,7 @@
   const silence = new URL("silence.wav", document.currentScript.src);
   // Created when sound is permitted: before, the browser would log a warning.
   let context = null;
-  let buffers = {};
+  const buffers = {};
   // A user who only looks on hears nothing unless they want to.
   let wanted = body.dataset.role === "operator";
   let playsUntil = 0;

@@ -103,7 +103,7 @@ def let_colours_settle(page):
     page.wait_for_function("() => !document.getAnimations().some(it => it instanceof CSSTransition)")
 
 
-def stage(page, name, seconds=10):
+def stage(page, name, seconds=20):
     expect(page.locator("body")).to_have_attribute("data-stage", name, timeout=seconds * 1000)
 
 

@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import expect
 
 from accessible import violations
-from operating import DEMO_OPERATOR, ask_for_clearance, enter, localize, log_in_by_touch, stage, step, touch_context, watch
+from operating import DEMO_OPERATOR, ask_for_clearance, enter, localize, log_in, log_in_by_touch, stage, step, touch_context, watch
 from vehicle import CONFIG, OPERATOR, Client, Server, Vehicle, own_domain, until
 
 DEVELOPER = ("dora", "lantern-48-harbour")
@@ -123,12 +123,17 @@ def test_what_refuses_and_who_is_not_logged_in(broken, chromium, trouble, lang, 
     page.locator("[name=secret]").press("Enter")
     expect(page.locator(".failure:visible")).not_to_be_empty()
     check(page, "a wrong secret")
+    other = f"berta-{lang}-{palette}"
+    server.add_user(other, "864213")
+    log_in(page, server, other, "864213")
+    expect(page.locator("a.back")).to_be_visible()
+    check(page, "whether to take over")
     enter(page, server, *OPERATOR)
     for path, status in (("/developer", 403), ("/nowhere", 404), ("/vehicle/localize", 405)):
         answer = page.goto(server.url + path)
         assert answer.status == status
         check(page, f"{status}")
-    trouble.expect("403", "404", "405", "401")
+    trouble.expect("403", "404", "405", "401", "409")
     context.close()
 
 
@@ -157,8 +162,10 @@ def test_what_opens_over_the_operators_page(chromium, trouble, tmp_path, lang, p
         page = context.new_page()
         watch(page, trouble)
         page.goto(server.url + "/login")
-        expect(page.locator(".letters")).to_be_visible()
-        check(page, "the pad")
+        for field, keys in (("secret", "digits"), ("name", "letters")):
+            page.locator(f"[name={field}]").tap()
+            expect(page.locator(f".{keys}")).to_be_visible()
+            check(page, f"the pad's {keys}")
         log_in_by_touch(page, server, *DEMO_OPERATOR)
         stage(page, "localizing")
         client = Client(server, *DEMO_OPERATOR)

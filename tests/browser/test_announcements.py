@@ -45,7 +45,7 @@ def test_live_regions_are_silent_while_nothing_changes_its_meaning(server, vehic
     expect_tile(page, "sensors", "error")
     expect_tile(page, "mission", "unknown")
     expect(page.locator("#said")).to_contain_text("LiDAR data missing")
-    expect(page.locator("#said")).to_contain_text("Battery is low")
+    expect(page.locator("#said")).to_contain_text("Mission")
     assert page.evaluate("() => window.changes"), "the changes are counted"
     page.locator("#tile-mission").click()
     expect(page.locator("#panel-mission")).to_be_visible()

@@ -247,5 +247,5 @@ def test_the_drivers_page_says_that_somebody_takes_over_and_lets_them_stop(serve
         assert notice.evaluate(fits), (width, height)
         if SCREENS:
             driving.screenshot(path=f"{SCREENS}/handover-{width}x{height}.png")
-    expect(driving).to_have_url(server.url + "/login", timeout=10_000)
+    expect(driving).to_have_url(server.url + "/login")
     assert time.monotonic() - said > 3.5

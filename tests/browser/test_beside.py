@@ -320,7 +320,7 @@ def test_a_file_of_the_database_that_vanishes_is_a_fault_that_is_shown(server, n
         client.post("/vehicle/localize", version=client.snapshot()["seq"], stop="depot")
     assert refused.value.code == 503 and "nothing was changed" in refused.value.read().decode()
     first = client.snapshot()["at"]
-    until(lambda: client.snapshot()["at"] > first, 2, "the snapshots go on")
+    until(lambda: client.snapshot()["at"] > first, 5, "the snapshots go on")
     if how == "removed" and name != FILES[0]:
         # Acknowledged data are in the database file itself by now.
         server.kill()

@@ -41,7 +41,7 @@ def test_a_page_whose_scripts_do_not_run_is_covered(server, session, chromium, w
     page.route(f"**/{without}", lambda route: route.abort())
     page.goto(server.url + "/")
     expect(page.locator("#tile-sensors")).to_have_attribute("data-state", "error")
-    expect(page.locator(".banner .when-dead").filter(visible=True)).to_have_text("Display not live - take over", timeout=5_000)
+    expect(page.locator(".banner .when-dead").filter(visible=True)).to_have_text("Display not live - take over", timeout=10_000)
     page.locator("#tile-sensors").click(force=True)
     until(lambda: page.evaluate(SETTLED), 5, "no colour fades any more")
     assert page.evaluate(BRIGHT) == []

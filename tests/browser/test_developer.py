@@ -121,7 +121,7 @@ def test_a_page_whose_server_hangs_says_so_and_comes_back(server, vehicle, devel
     page = developer
     visit(page, server, "/developer")
     server.send(signal.SIGSTOP)
-    expect(page.locator("body")).to_have_attribute("data-live", "dead", timeout=4000)
+    expect(page.locator("body")).to_have_attribute("data-live", "dead")
     expect(page.locator(".late")).to_be_visible()
     server.send(signal.SIGCONT)
     expect(page.locator("body")).to_have_attribute("data-live", "live")

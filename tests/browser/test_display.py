@@ -131,7 +131,7 @@ def test_a_lost_session_leads_to_the_login(demo, display, chromium, trouble):
     stage(page, "localizing")
     page.context.clear_cookies()
     step(page, "localize").first.tap()
-    page.wait_for_url(demo.url + "/login*", timeout=5_000)
+    page.wait_for_url(demo.url + "/login*")
     expect(page.locator(".session-end")).to_have_count(0)
     trouble.expect("401", "403", "Failed to load resource")
 
@@ -219,7 +219,7 @@ def test_a_browser_without_sockets_says_that_it_shows_nothing_live(demo, display
     page = display
     page.add_init_script("delete window.WebSocket")
     page.reload()
-    expect(page.locator("body")).to_have_attribute("data-live", "dead", timeout=5_000)
+    expect(page.locator("body")).to_have_attribute("data-live", "dead")
     expect(page.locator(".banner .when-dead").filter(visible=True)).to_contain_text("take over")
     unfit = page.locator(".unfit span").filter(visible=True)
     expect(unfit).to_contain_text("Use another one")

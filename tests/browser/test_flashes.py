@@ -89,5 +89,5 @@ def test_states_that_come_and_go_do_not_flash(server, vehicle, chromium, palette
         assert flashes(seen) <= FLASHES_MAX, f"{name}: {flashes(seen)} in a second"
     # The colour leaves in the end.
     color = lambda: page.evaluate("() => getComputedStyle(document.getElementById('tile-sensors'), '::after').opacity")
-    until(lambda: color() == "0", 3, "the tile is calm")
+    until(lambda: color() == "0", 20, "the tile is calm")
     context.close()

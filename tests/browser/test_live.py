@@ -2,12 +2,13 @@
 
 import json
 import signal
+import time
 import urllib.error
 
 import pytest
 from playwright.sync_api import expect
 
-from operating import expect_standing, log_in
+from operating import expect_standing, log_in, touch_context, watch
 from vehicle import OPERATOR, Client, until
 
 pytestmark = pytest.mark.alone
@@ -67,6 +68,38 @@ def test_a_server_that_was_killed_is_found_again_without_a_new_login(server, veh
     expect_standing(page)
     assert page.evaluate("() => window.sockets.length") == 2, "browsers hold sockets back after some that failed"
     trouble.expect("ERR_CONNECTION_REFUSED")
+
+
+AWAY_S = 25
+PAGES = 5
+
+
+def test_after_a_long_absence_the_page_is_live_within_two_seconds(server, vehicle, chromium, trouble):
+    """Ten returns: five pages, two restarts. Browsers hold sockets back after some that failed, so the page opens
+    none while the server is away."""
+    contexts = [touch_context(chromium) for _ in range(PAGES)]
+    pages = [context.new_page() for context in contexts]
+    for page in pages:
+        watch(page, trouble)
+        page.add_init_script(SOCKETS)
+        log_in(page, server)
+        expect(page.locator("body")).to_have_attribute("data-live", "live")
+    for returns in (1, 2):
+        server.kill()
+        for page in pages:
+            expect(page.locator("body")).to_have_attribute("data-live", "dead")
+        time.sleep(AWAY_S)
+        for page in pages:
+            page.evaluate(WATCH)
+        server.start()
+        returned = [page.evaluate("() => performance.now()") for page in pages]
+        for page, since_ms in zip(pages, returned):
+            live_s = reached(page, "live", since_ms)
+            assert live_s < 2, f"live {live_s:.2f} s after the server answered"
+            assert page.evaluate("() => window.sockets.length") == 1 + returns
+    trouble.expect("ERR_CONNECTION_REFUSED", "ERR_")
+    for context in contexts:
+        context.close()
 
 
 def test_a_renderer_that_hangs_is_noticed_by_the_server_and_forbids_a_clearance(server, vehicle, page, trouble):

@@ -69,7 +69,7 @@ def test_the_path_from_the_cause_to_what_it_masks_is_drawn(server, vehicle, page
     expect_tile(page, "execution", "ignore", "masked")
     way = lambda arrow: (arrow.get_attribute("data-from"), arrow.get_attribute("data-to"))
     ways = lambda: {way(arrow) for arrow in drawn.all()}
-    until(lambda: reaches(ways(), "sensors") == set(BEHIND_SENSORS), 5, lambda: f"the path is {ways()}")
+    until(lambda: reaches(ways(), "sensors") == set(BEHIND_SENSORS), 20, lambda: f"the path is {ways()}")
     for arrow in drawn.all():
         box = arrow.bounding_box()
         assert box and box["width"] + box["height"] > 10, f"{way(arrow)} cannot be seen: {box}"

@@ -62,7 +62,7 @@ def test_a_link_brings_the_other_page_and_the_history_leads_back_and_forward(ser
     visit(page, server, "/developer?level=ok")
     page.evaluate(MARK)
     page.mouse.wheel(0, 300)
-    until(lambda: scrolled(page) == 300, 5, lambda: scrolled(page))
+    until(lambda: scrolled(page) == 300, 20, lambda: scrolled(page))
     page.get_by_role("link", name="Graph", exact=True).click()
     at(page, "/developer/graph", "Graph")
     assert current(page) == ["Graph"] and scrolled(page) == 0
@@ -81,7 +81,7 @@ def test_a_link_brings_the_other_page_and_the_history_leads_back_and_forward(ser
     expect(page.locator("#graph")).to_be_visible()
     page.go_back()
     at(page, "/developer?level=ok", "Statuses")
-    until(lambda: scrolled(page) == 300, 5, lambda: scrolled(page))
+    until(lambda: scrolled(page) == 300, 20, lambda: scrolled(page))
     expect(page.locator("select[name=level]")).to_have_value("ok")
     page.go_forward()
     at(page, "/developer/graph", "Graph")
@@ -93,7 +93,7 @@ def test_a_link_brings_the_other_page_and_the_history_leads_back_and_forward(ser
     page.go_back()
     expect(page.locator("main h2")).to_have_text("Statuses")
     expect(page.locator("select[name=level]")).to_have_value("ok")
-    until(lambda: scrolled(page) == 300, 5, lambda: scrolled(page))
+    until(lambda: scrolled(page) == 300, 20, lambda: scrolled(page))
 
 
 def test_what_stands_around_a_page_is_loaded_anew_where_it_is_another(server, vehicle, developer, trouble):
@@ -157,7 +157,7 @@ def test_what_a_page_has_of_its_own_works_after_it_came_by_a_link(server, vehicl
     assert abs(width() - fitted) < 1
     page.locator("#picture").hover()
     page.mouse.wheel(0, -100)
-    until(lambda: width() > fitted, 5, width)
+    until(lambda: width() > fitted, 20, width)
     page.locator(".toggle").first.click()
     page.wait_for_url(re.compile("open="))
     page.keyboard.press("3")
@@ -223,7 +223,7 @@ def test_a_page_that_cannot_be_brought_is_left_to_the_browser(server, vehicle, d
     page.evaluate(MARK)
     server.send(signal.SIGSTOP)
     page.get_by_role("link", name="Masking", exact=True).click()
-    expect(page.locator("body")).to_have_attribute("data-live", "dead", timeout=4000)
+    expect(page.locator("body")).to_have_attribute("data-live", "dead")
     assert page.url.endswith("/developer")
     server.send(signal.SIGCONT)
     at(page, "/developer/masking", "Masking")

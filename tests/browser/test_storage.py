@@ -90,7 +90,7 @@ def storage(client):
 def goes_on(client):
     """The display lives: what is published grows older and is replaced."""
     first = client.snapshot()["at"]
-    until(lambda: client.snapshot()["at"] > first, 2, "the snapshots go on")
+    until(lambda: client.snapshot()["at"] > first, 5, "the snapshots go on")
 
 
 def test_a_full_disk_is_a_warning_and_the_display_goes_on(mounted):

@@ -153,7 +153,7 @@ def test_a_confirmation_that_is_not_given_in_time_is_gone(demo, display, trouble
     expect(page.locator("#actions button[name=clearance]:not([aria-disabled])")).to_be_visible(timeout=40_000)
     step(page, "clearance").tap()
     expect(page.locator("#confirm .left")).to_have_text(re.compile("^(10|9|8)$"))
-    expect(page.locator("#confirm")).to_be_hidden(timeout=11_500)
+    expect(page.locator("#confirm")).to_be_hidden(timeout=15_000)
     stage(page, "standby")
 
 
@@ -163,7 +163,7 @@ def test_a_tap_while_the_server_hangs_is_not_kept_for_later(demo, display, troub
     demo.pause()
     # The display still counts as live: the tap is sent, and waits at the server.
     step(page, "localize").first.tap()
-    expect(page.locator("body")).to_have_attribute("data-live", "dead", timeout=5_000)
+    expect(page.locator("body")).to_have_attribute("data-live", "dead")
     # A tap counts for 4 s after the last heartbeat that the page had.
     page.wait_for_function("() => performance.now() - telltale.live.lastBeat > 4_200")
     demo.send(signal.SIGCONT)

@@ -69,7 +69,7 @@ def test_a_stop_is_sent_by_a_dead_display_until_it_is_answered(server, driving, 
         expect(page.locator("#notice")).to_contain_text("The stop has not arrived and is sent again. Take over.")
     finally:
         server.send(signal.SIGCONT)
-    expect(page.locator("#countermeasure[data-request=maneuver_stop]")).to_be_visible(timeout=10_000)
+    expect(page.locator("#countermeasure[data-request=maneuver_stop]")).to_be_visible()
     expect(page.locator("#notice")).to_be_hidden()
     trouble.expect("WebSocket", "ERR_", "409", "readyz")
 
@@ -101,5 +101,5 @@ def test_two_quick_taps_are_one_and_the_second_says_so(driving, trouble):
     step(page, "cancel").click()
     page.mouse.click(box["x"] + 20, box["y"] + 20)
     expect(notice).to_contain_text("Only the first tap counted.")
-    expect(notice).to_be_hidden(timeout=5_000)
+    expect(notice).to_be_hidden()
     expect(step(page, "release")).to_be_visible()

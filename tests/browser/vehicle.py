@@ -22,6 +22,8 @@ from pathlib import Path
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from stall import MACHINE
+
 ROOT = Path(__file__).resolve().parents[2]
 TELLTALE = os.environ.get("TELLTALE", str(ROOT / "target/debug/telltale"))
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium")
@@ -34,13 +36,13 @@ STOP = "rt/telltale/maneuver_stop_request"
 
 
 def until(condition, seconds, what):
-    """Waits for a condition, at most so long; returns what it returned."""
-    deadline = time.monotonic() + seconds
+    """Waits for a condition, at most so long while the machine runs; returns what it returned."""
+    deadline = time.monotonic() + seconds - MACHINE.total_s
     while True:
         value = condition()
         if value:
             return value
-        assert time.monotonic() < deadline, f"not within {seconds} s: {what() if callable(what) else what}"
+        assert time.monotonic() < deadline + MACHINE.total_s, f"not within {seconds} s: {what() if callable(what) else what}"
         time.sleep(0.02)
 
 

@@ -22,7 +22,8 @@ fn all_that_is_over_is_acknowledged_up_to_the_last_that_was_shown() {
     let model = config::parse("c", CONFIG).unwrap_or_else(|problems| panic!("{problems}")).model;
     let mut engine = Engine::new(model, Timestamp::ZERO);
     // One status in two places: at one it is over, at the other it stays.
-    for (at_ms, lidar, radar) in [(0, 0, 0), (100, 2, 0), (200, 0, 2), (300, 0, 0), (400, 0, 2), (500, 0, 0)] {
+    for (at_ms, lidar, radar) in [(0, 0, 0), (100, 2, 0), (200, 0, 2), (300, 0, 0), (400, 0, 2), (500, 0, 0)]
+    {
         let mut array = StatusArray::default();
         array.push_status(lidar, "lidar", "", "");
         array.push_status(radar, "radar", "", "");

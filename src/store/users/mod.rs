@@ -133,7 +133,8 @@ impl Store {
         let names: Vec<String> = self
             .call_from(Caller::Vehicle, move |database| {
                 let mut query = database.connection.prepare(sql)?;
-                let rows = query.query_map(params![Role::Operator.as_str(), most as i64 + 1], |row| row.get(0))?;
+                let rows =
+                    query.query_map(params![Role::Operator.as_str(), most as i64 + 1], |row| row.get(0))?;
                 Ok(rows.collect::<Result<_, _>>()?)
             })
             .await?;

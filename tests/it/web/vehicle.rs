@@ -342,7 +342,10 @@ async fn alarms_that_are_over_are_acknowledged_together_whatever_was_shown_since
     for _ in 0..3 {
         for level in [2, 0] {
             operator.fixture.status("lidar", level, "now and then").await;
-            operator.fixture.until(|snapshot| snapshot.alarms.iter().all(|it| it.active == (level == 2))).await;
+            operator
+                .fixture
+                .until(|snapshot| snapshot.alarms.iter().all(|it| it.active == (level == 2)))
+                .await;
         }
     }
     operator.fixture.status("lidar", 2, "broken").await;
