@@ -34,6 +34,8 @@ def test_a_fault_over_dds_turns_its_tile_red_and_what_waits_for_it_grey(server, 
     expect(page.locator("body")).to_have_attribute("data-stage", "active")
     for name in TILES:
         expect_tile(page, name, "ok")
+    # Its configuration names no speed: nothing is said of driving.
+    expect(page.locator("#motion[data-moving=unknown]")).to_have_text("No speed signal")
 
     vehicle.set("velodyne_packet_alive", 2, "Only 2.0 scans per second")
     expect_tile(page, "sensors", "error")
